@@ -151,7 +151,10 @@ def _question(part: DesignPart, problem: Problem, linked: Problem) -> Any:
     age = feedback_of(linked.system)
     if linked is not problem and age is not None:  # only then: older files do not have it
         asked["feedback_age"] = age_in_words(age)
-    return json.loads(json.dumps(asked | asdict(problem.design_constraints)))
+    constraints = asdict(problem.design_constraints)
+    # where there are none: older files do not have them
+    later = [key for key in ("damping", "within") if constraints[key] is None]
+    return json.loads(json.dumps(asked | {k: constraints[k] for k in constraints if k not in later}))
 
 
 def _kept(

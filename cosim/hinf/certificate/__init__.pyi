@@ -60,6 +60,10 @@ from .control_limits import (
     proved_peaks as proved_peaks,
     too_many_offsets as too_many_offsets,
 )
+from .damping import (
+    Damping as Damping,
+    checked_damping as checked_damping,
+)
 from .decay import (
     Decay as Decay,
     acting_delays as acting_delays,

@@ -26,7 +26,7 @@ from cosim.hinf.certificate.ages_terms import (
 )
 from cosim.hinf.certificate.analysis_certificate import check_null, loop_from_json, order_from_json
 from cosim.hinf.certificate.block_multipliers import eps_from_json, eps_to_json, exact_eps
-from cosim.hinf.certificate.proof import CertificateCheck, judged
+from cosim.hinf.certificate.proof import CertificateCheck
 from cosim.hinf.certificate.rational import (
     exact,
     exact_matrix,
@@ -108,12 +108,10 @@ def check_ages(data: dict[str, Any]) -> CertificateCheck:
     """
     system, gain, more = loop_from_json(data)
     v = _variables(system, data["variables"])
-    claim = ages_claim(system, v) | more.claim()
-
-    def reason() -> str | None:
-        return ages_proved(system, gain, v).reason or more.failure(system, gain)
-
-    return judged(data, claim, v.symmetric_matrices(), reason)
+    claim, symmetric = ages_claim(system, v), v.symmetric_matrices()
+    return more.judged(
+        data, (system, gain), claim, symmetric, lambda: ages_proved(system, gain, v).reason
+    )
 
 
 def _variables(system: DelaySystem, data: Any) -> AgesVariables:

@@ -25,7 +25,7 @@ from cosim.hinf.certificate.analysis_proof import (
 )
 from cosim.hinf.certificate.block_multipliers import eps_from_json, eps_to_json, exact_eps
 from cosim.hinf.certificate.guarantees import Guarantees, guarantees_from_json
-from cosim.hinf.certificate.proof import CertificateCheck, judged
+from cosim.hinf.certificate.proof import CertificateCheck
 from cosim.hinf.certificate.rational import (
     exact,
     exact_symmetric,
@@ -96,12 +96,10 @@ def check_analysis(data: dict[str, Any]) -> CertificateCheck:
     """
     system, gain, more = loop_from_json(data)
     v = _variables(system, data["variables"])
-    claim = analysis_claim(system, v) | more.claim()
-
-    def reason() -> str | None:
-        return analysis_proved(system, gain, v).reason or more.failure(system, gain)
-
-    return judged(data, claim, v.matrices(), reason)
+    claim = analysis_claim(system, v)
+    return more.judged(
+        data, (system, gain), claim, v.matrices(), lambda: analysis_proved(system, gain, v).reason
+    )
 
 
 def loop_from_json(data: dict[str, Any]) -> tuple[DelaySystem, Matrix, Guarantees]:

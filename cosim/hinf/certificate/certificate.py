@@ -150,14 +150,14 @@ def check_certificate(data: Any) -> CertificateCheck:
     gain = _gain(rows if m or rows.size else np.zeros((0, n)), system)
     v, Y = _variables_from_json(system, data["variables"])
     more = guarantees_from_json(data, system)
-    claim = claim_of(system, v.gamma) | more.claim()
 
     def reason() -> str | None:
         if exact_matrix(gain) * v.X != Y:
             return "Y is not K X"
-        return proved(system, gain, v).reason or more.failure(system, gain)
+        return proved(system, gain, v).reason
 
-    return judged(data, claim, v.matrices(), reason)
+    claim = claim_of(system, v.gamma)
+    return more.judged(data, (system, gain), claim, v.matrices(), reason)
 
 
 def read_certificate(path: str | Path) -> Any:

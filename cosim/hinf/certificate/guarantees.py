@@ -1,4 +1,4 @@
-"""Guarantees that a certificate may prove beside gamma: decay, a bound on |K|, peaks of u.
+"""Guarantees that a certificate may prove beside gamma: decay, damping, |K|, peaks of u.
 
 In the JSON of a certificate each has its own proof and its own claim:
 
@@ -7,7 +7,7 @@ In the JSON of a certificate each has its own proof and its own claim:
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -17,13 +17,17 @@ from cosim.hinf.certificate.control_limits import (
     gain_limit_from_json,
     peak_control_from_json,
 )
+from cosim.hinf.certificate.damping import Damping, damping_from_json
 from cosim.hinf.certificate.decay import Decay, decay_from_json
+from cosim.hinf.certificate.proof import CertificateCheck, judged
 from cosim.hinf.certificate.system_json import known_keys
+from cosim.hinf.certificate.theorem import theorem_of
 from cosim.models import DelaySystem, Matrix
 
 KEY = "guarantees"
 _READERS: dict[str, Callable[[Any, DelaySystem, str], Any]] = {
     "decay": decay_from_json,
+    "damping": damping_from_json,
     "gain_limit": gain_limit_from_json,
     "peak_control": peak_control_from_json,
 }
@@ -34,10 +38,11 @@ class Guarantees:
     """The guarantees of a design; None where a constraint was not set."""
 
     decay: Decay | None = None
+    damping: Damping | None = None
     gain_limit: GainLimit | None = None
     peak_control: PeakControl | None = None
 
-    def _each(self) -> list[tuple[str, Decay | GainLimit | PeakControl]]:
+    def _each(self) -> list[tuple[str, Decay | Damping | GainLimit | PeakControl]]:
         named = [(field.name, getattr(self, field.name)) for field in fields(self)]
         return [(name, value) for name, value in named if value is not None]
 
@@ -48,6 +53,12 @@ class Guarantees:
     def to_json(self) -> dict[str, Any]:
         """Return the part of a certificate: empty, or the key `guarantees` with the proofs."""
         return {KEY: {name: one.to_json() for name, one in self._each()}} if self._each() else {}
+
+    def beside(self, certificate: dict[str, Any]) -> dict[str, Any]:
+        """Return a certificate with these in its claim and its theorem, and their proofs."""
+        claim = certificate["claim"] | self.claim()
+        stated = {"theorem": theorem_of(claim), "claim": claim}
+        return certificate | stated | self.to_json()
 
     def failure(self, system: DelaySystem, gain: Matrix) -> str | None:
         """Return the first that is not proved, and why; None if all are.
@@ -61,6 +72,21 @@ class Guarantees:
             if reason is not None:
                 return f"{name}: {reason}"
         return None
+
+    def judged(
+        self,
+        data: dict[str, Any],
+        loop: tuple[DelaySystem, Matrix],
+        claim: dict[str, Any],
+        matrices: Iterable[tuple[str, Any]],
+        reason: Callable[[], str | None],
+    ) -> CertificateCheck:
+        """Check a file that claims these guarantees beside `claim`; arguments as of `judged`.
+
+        loop : the system and the gain (m, n) that they are about.
+        """
+        whole = claim | self.claim()
+        return judged(data, whole, matrices, lambda: reason() or self.failure(*loop))
 
 
 def guarantees_from_json(data: dict[str, Any], system: DelaySystem) -> Guarantees:

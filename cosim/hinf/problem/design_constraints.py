@@ -1,4 +1,4 @@
-"""Design constraints beside gamma: a rate of decay, a bound on |K|, peaks of u."""
+"""Design constraints beside gamma: a rate of decay, damping, a bound on |K|, peaks of u."""
 
 from __future__ import annotations
 
@@ -8,10 +8,16 @@ from dataclasses import dataclass
 from typing import Any
 
 from cosim.core import InputError
-from cosim.hinf.certificate import MAX_OFFSETS, growth_of, number, too_many_offsets
+from cosim.hinf.certificate import (
+    MAX_OFFSETS,
+    checked_damping,
+    growth_of,
+    number,
+    too_many_offsets,
+)
 from cosim.models import DelaySystem
 
-KEYS = ("decay", "gain_limit", "peak_control", "offset", "energy")
+KEYS = ("decay", "damping", "within", "gain_limit", "peak_control", "offset", "energy")
 
 
 @dataclass(frozen=True)
@@ -19,6 +25,9 @@ class DesignConstraints:
     """What a gain must meet beside gamma; None where there is no constraint.
 
     decay : least rate [1/s] at which every solution decays.
+    damping : least damping ratio, between 0 and 1, of every root s of the nominal loop with
+        Re s >= -within.
+    within : how far to the left roots count [1/s].
     gain_limit : bound on the largest singular value of K.
     peak_control : bound on |u_i(t)|, one number per input, for every initial state of the box
         and every disturbance of the energy below.
@@ -31,6 +40,8 @@ class DesignConstraints:
     peak_control: tuple[float, ...] | None = None
     offset: tuple[float, ...] | None = None
     energy: float | None = None
+    damping: float | None = None
+    within: float | None = None
 
     @property
     def any(self) -> bool:
@@ -46,25 +57,28 @@ def design_constraints_of(
     peak_control: Sequence[float] | float | None = None,
     offset: Sequence[float] | None = None,
     energy: float | None = None,
+    damping: float | None = None,
+    within: float | None = None,
     where: str = "",
 ) -> DesignConstraints:
     """Check constraints against a system; one number for `peak_control` applies to every input.
 
     Raises
     ------
-    InputError : a number out of range, a length that does not fit, or a peak of u without an
-        offset and an energy.
+    InputError : a number out of range, a length that does not fit, a peak of u without an
+        offset and an energy, damping without `within` or with a sampled age.
     """
     prefix = f"{where}." if where else ""
     if decay is not None:
         growth_of(system, decay)
+    checked_damping(system, damping, within, prefix)
     if gain_limit is not None:
         _positive(gain_limit, f"{prefix}gain_limit")
     if peak_control is not None:
         values = [peak_control] if isinstance(peak_control, int | float) else list(peak_control)
         peaks = _peaks(system, values, f"{prefix}peak_control")
         box, strength = _start(system, offset, energy, prefix)
-        return DesignConstraints(decay, gain_limit, peaks, box, strength)
+        return DesignConstraints(decay, gain_limit, peaks, box, strength, damping, within)
     for name, value in (("offset", offset), ("energy", energy)):
         if value is not None:
             raise InputError(
@@ -72,7 +86,7 @@ def design_constraints_of(
                 where=f"{prefix}{name}",
                 expected="peak_control as well",
             )
-    return DesignConstraints(decay, gain_limit)
+    return DesignConstraints(decay, gain_limit, damping=damping, within=within)
 
 
 def _peaks(system: DelaySystem, values: Sequence[float], where: str) -> tuple[float, ...]:

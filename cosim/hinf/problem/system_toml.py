@@ -51,6 +51,8 @@ Optional settings of a design, k1 and k2 one number per delay, with its constrai
     k2 = [0.2]
     gamma = 5.05
     decay = 0.5         # 1/s
+    damping = 0.6       # least damping ratio of the nominal loop's roots s
+    within = 2.0        # 1/s, with Re s >= -within
     gain_limit = 2.0    # on |K|
     peak_control = 3.0  # on every |u_i|, from offset and energy
     offset = [1.0, 0.0]

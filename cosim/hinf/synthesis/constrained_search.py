@@ -15,7 +15,13 @@ from typing import Any
 import numpy as np
 
 from cosim.core import NotAchievableError
-from cosim.hinf.certificate import GainLimit, Guarantees, exact, norm_above, theorem_of
+from cosim.hinf.certificate import (
+    Damping,
+    GainLimit,
+    Guarantees,
+    exact,
+    norm_above,
+)
 from cosim.hinf.lmi import (
     FAILED,
     Answer,
@@ -45,7 +51,8 @@ def prove_constraints(
 ) -> tuple[Guarantees | None, str]:
     """Prove the design constraints for the gain as it is; or return None and why.
 
-    at : k1, k2 to begin with; any may do, since the gain is given. None for a limit of it alone.
+    at : k1, k2 to begin with; any may do, since the gain is given. None where neither a decay nor
+        a peak is asked for.
     """
     system, K = found.system, found.K
     scalars = [] if at is None else starts(at)
@@ -55,6 +62,12 @@ def prove_constraints(
         if limit.failure(system, K) is not None:
             return None, f"gain_limit: the norm of K is {norm_above(K):.6g}"
         made["gain_limit"] = limit
+    if design_constraints.damping is not None and design_constraints.within is not None:
+        damping = Damping(exact(design_constraints.damping), exact(design_constraints.within))
+        failed = damping.failure(system, K)
+        if failed is not None:
+            return None, f"damping: {failed}"
+        made["damping"] = damping
     if design_constraints.peak_control is not None:
         peak, reason = proved_peak_control(system, K, design_constraints, scalars)
         if peak is None:
@@ -90,9 +103,7 @@ def constrained(
 
 def with_guarantees(found: Design, guarantees: Guarantees) -> Design:
     """Return the design with the guarantees in its claim, their proofs in its certificate."""
-    claim = found.certificate["claim"] | guarantees.claim()
-    stated = {"theorem": theorem_of(claim), "claim": claim}
-    certificate = found.certificate | stated | guarantees.to_json()
+    certificate = guarantees.beside(found.certificate)
     return replace(found, guarantees=guarantees, certificate=certificate)
 
 
@@ -268,6 +279,8 @@ def describe_constraints(design_constraints: DesignConstraints) -> str:
     parts = []
     if d.decay is not None:
         parts.append(f"decay at {d.decay:g} 1/s")
+    if d.damping is not None:
+        parts.append(f"a damping ratio of {d.damping:g} where Re s >= -{d.within:g}/s")
     if d.gain_limit is not None:
         parts.append(f"|K| <= {d.gain_limit:g}")
     if d.peak_control is not None:

@@ -5,8 +5,10 @@ for a full gain they lose what their multipliers lose. Here K itself is the unkn
 
 1. from every start, the spectral abscissa is made negative, where it is not;
 2. with uncertainty, the gain from p to q, scaled where F has several blocks, is brought below one;
-3. the exact norm of the loop, with uncertainty its scaled gain (`loop_gain`), is made small over
-   K and the scalings.
+3. where constraints are given that depend on K alone (decay, damping, |K|), what misses them
+   most is made negative, the gain from p to q kept below one;
+4. the exact norm of the loop, with uncertainty its scaled gain (`loop_gain`), is made small over
+   K and the scalings, with a penalty on what misses a constraint.
 
 Each stage is a nonsmooth minimisation (`nonsmooth`) with a fixed number of evaluations: the same
 input proposes the same gains. Nothing here is a proof; the analysis of a proposal is.
@@ -21,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.hinf.lmi import units_of
+from cosim.hinf.problem import DesignConstraints
 from cosim.hinf.synthesis.loop_gain import LoopGain, Value
 from cosim.hinf.synthesis.nonsmooth import minimised
 from cosim.models import DelaySystem, Matrix
@@ -32,6 +35,9 @@ _RANDOM = 4  # starts beside those given
 _SMALL = 1e-5  # weight of |K|^2, in own units: the norm alone may be least at infinity
 _STABLE = 0.05  # the abscissa is made less than minus this share of the loop's speed
 _SURELY = -0.2  # log of the gain from p to q that is low enough
+_PENALTY = 20.0  # of what misses a constraint, against the logarithm of the norm
+_ROOM = 0.01  # by which constraints are met, as shares of them
+_NO_CONSTRAINTS = DesignConstraints()
 _SCALINGS = np.linspace(-9.0, 9.0, 37)  # log e tried before the descent
 
 
@@ -41,6 +47,7 @@ def proposals(
     *,
     drawn: int = _RANDOM,
     evaluations: int = _EVALUATIONS,
+    constraints: DesignConstraints = _NO_CONSTRAINTS,
 ) -> Iterator[Matrix]:
     """Yield gains (m, n) with the zeros of the system's feedback, one per start that succeeds.
 
@@ -50,8 +57,9 @@ def proposals(
     starts : gains to start from, their other columns made zero.
     drawn : further starts: zero, and so many less one that are drawn from a fixed seed.
     evaluations : of each stage, at most.
+    constraints : what the nominal loop must meet, but for the peak of the control.
     """
-    descent = _Descent(system, evaluations)
+    descent = _Descent(system, evaluations, constraints)
     seeded = np.random.default_rng(2013)
     zero = np.zeros(system.B.T.shape)
     others = (seeded.normal(size=zero.shape) * descent.units if k else zero for k in range(drawn))
@@ -67,7 +75,13 @@ class _Descent:
     units : (m, n).
     """
 
-    def __init__(self, system: DelaySystem, evaluations: int) -> None:
+    def __init__(
+        self, system: DelaySystem, evaluations: int, constraints: DesignConstraints
+    ) -> None:
+        self._asked = constraints
+        self._is_constrained = any(
+            x is not None for x in (constraints.decay, constraints.damping, constraints.gain_limit)
+        )
         own = units_of(system)[0]
         self.units: Matrix = own.input[:, None] / own.state
         self._evaluations = evaluations
@@ -94,6 +108,10 @@ class _Descent:
                 K, log_e, value = self._minimised(alone.gain, K, log_e, below=_SURELY)
                 if not value < 0:
                     return None
+        if self._is_constrained:
+            K, log_e, value = self._minimised(self._missed_most, K, log_e, below=-_ROOM)
+            if not value < 0:
+                return None
         if not self._loop.has_gain:
             return K
         if self._loop.has_scaling:
@@ -102,7 +120,44 @@ class _Descent:
             log_e = log_e + _SCALINGS[int(np.argmin(values))]
         if not np.isfinite(self._loop.gain(K, log_e).value):
             return None
-        return self._minimised(self._loop.gain, K, log_e)[0]
+        if not self._is_constrained:
+            return self._minimised(self._loop.gain, K, log_e)[0]
+        last = self._minimised(self._penalised, K, log_e)[0]
+        return last if self._missed(last).value < 0 else K
+
+    def _missed(self, K: Matrix) -> Value:
+        """Return by which share K misses a constraint, the most of all; negative: it meets them."""
+        d, loop = self._asked, self._loop
+        found: list[Value] = []
+        if d.damping is not None and d.within is not None:
+            found.append(loop.excess(K, d.damping, d.within))
+        if d.decay is not None:
+            v = loop.abscissa(K)
+            found.append(v._replace(value=v.value / d.decay + 1, in_gain=v.in_gain / d.decay))
+        if d.gain_limit is not None:
+            u, s, v = np.linalg.svd(K, full_matrices=False)
+            slope = np.outer(u[:, 0], v[0]) / d.gain_limit
+            found.append(Value(s[0] / d.gain_limit - 1, slope, np.zeros(loop.scalings)))
+        return max(found, key=lambda x: x.value)
+
+    def _missed_most(self, K: Matrix, log_e: Reals) -> Value:
+        """Return `_missed`, or the gain from p to q where that is higher."""
+        missed = self._missed(K)
+        if self._alone is None:
+            return missed
+        alone = self._alone.gain(K, log_e)
+        alone = alone._replace(value=alone.value - _SURELY / 2)
+        return max(missed, alone, key=lambda x: x.value)
+
+    def _penalised(self, K: Matrix, log_e: Reals) -> Value:
+        """Return the gain, with a penalty on what misses a constraint."""
+        gain, missed = self._loop.gain(K, log_e), self._missed(K)
+        more = missed.value + _ROOM
+        if not more > 0:
+            return gain
+        return gain._replace(
+            value=gain.value + _PENALTY * more, in_gain=gain.in_gain + _PENALTY * missed.in_gain
+        )
 
     def _minimised(
         self,

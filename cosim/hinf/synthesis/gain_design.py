@@ -38,6 +38,7 @@ from cosim.hinf.synthesis.constrained_search import (
     with_guarantees,
 )
 from cosim.hinf.synthesis.cvxpy_lmi import cvxpy_design
+from cosim.hinf.synthesis.damped_gains import damped_design
 from cosim.hinf.synthesis.designs import (
     Design,
     check_achievable,
@@ -79,6 +80,8 @@ def design(
     order: int | Literal["auto"] | None = "auto",
     solver: Literal["clarabel", "cvxpy"] = "clarabel",
     decay: float | None = None,
+    damping: float | None = None,
+    within: float | None = None,
     gain_limit: float | None = None,
     peak_control: Sequence[float] | float | None = None,
     offset: Sequence[float] | None = None,
@@ -103,6 +106,9 @@ def design(
         constraints are proved for ages up to their bounds.
     solver : "cvxpy" solves the plain LMI of Theorem 2 with cvxpy and Clarabel.
     decay : alpha [1/s]; with w = 0 every solution decays at least as e^{-alpha t}.
+    damping : least damping ratio -Re s / |s|, between 0 and 1, of every characteristic root s of
+        the nominal loop (F = 0, each age constant, exactly d) with Re s >= -`within`.
+    within : how far to the left roots count [1/s]; no sector holds all of them.
     gain_limit : bound on the largest singular value of K.
     peak_control : bound on every |u_i(t)|, one number or one per input, in the units of u;
         needs `offset`, `energy` or both.
@@ -137,12 +143,12 @@ def design(
             refuse_structure(
                 system, "Theorem 2", "leave out k1, k2, search, solver, decay and peak_control"
             )
-        design_constraints_of(system, gain_limit=gain_limit)
+        structured = design_constraints_of(
+            system, gain_limit=gain_limit, damping=damping, within=within
+        )
         if gamma is not None:
             check_achievable(gamma, system)
-        return structured_design(
-            system, "auto" if order is None else order, gamma, gain, gain_limit
-        )
+        return structured_design(system, order, gamma, gain, structured)
     given = k1 is not None or k2 is not None
     one, two, look = initial_scalars(system, k1, k2, search)
     design_constraints = design_constraints_of(
@@ -152,6 +158,8 @@ def design(
         peak_control=peak_control,
         offset=offset,
         energy=energy,
+        damping=damping,
+        within=within,
     )
     _check_combination(design_constraints, solver)
     if gamma is not None:
@@ -166,14 +174,27 @@ def design(
     theorem_2.checked_scalars(system, one, two)
     if gain is not None:
         return _proved_with_constraints(asked, gain, design_constraints, order, search=look)
-    plain: Design | None = None
-    # without a constraint the best gain may be unbounded
-    with suppress(NotAchievableError):
-        plain = theorem_2.design(system, one, two, gamma=gamma, search=look)
-    found = _constrained(
-        asked, plain, design_constraints, order, search=look, may_search=search is None
+
+    def by_lmi(constraints: DesignConstraints) -> Design:
+        if not constraints.any:
+            return _designed(asked, order, solver, search=look)
+        plain: Design | None = None
+        # without a constraint the best gain may be unbounded
+        with suppress(NotAchievableError):
+            plain = theorem_2.design(system, one, two, gamma=gamma, search=look)
+        found = _constrained(
+            asked, plain, constraints, order, search=look, may_search=search is None
+        )
+        return _sharpest(found, gamma, order)
+
+    if damping is None:
+        return by_lmi(design_constraints)
+    return damped_design(
+        system,
+        design_constraints,
+        by_lmi,
+        lambda K: _proved_with_constraints(asked, K, design_constraints, order, search=look),
     )
-    return _sharpest(found, gamma, order)
 
 
 def _sharpest(found: Design, gamma: float | None, order: Order | None) -> Design:

@@ -1,4 +1,4 @@
-"""The two functions of K that a descent makes small, with their gradients.
+"""The functions of K that a descent makes small, with their gradients.
 
 The loop is that of Eq. (7) with u = K sum_i S_i x(t-d_i), the delays taken as constants:
 
@@ -7,6 +7,9 @@ The loop is that of Eq. (7) with u = K sum_i S_i x(t-d_i), the delays taken as c
 **Abscissa.** For a simple root s with left and right null vectors u, v of H(s),
 
     ds = u* B dK phi(s) v / (u* H'(s) v).
+
+**Excess.** For a damping ratio zeta of every root with Re s >= -sigma: the greatest, over the
+roots, of the lesser of zeta + Re s/|s| and 1 + Re s/sigma. It is negative where all are damped so.
 
 **Gain.** F enters through p = F q. With the transfer functions G_z, G_q from (w, p) to z and q,
 and a scaling e_i > 0 for each block of F as in the LMI (eps_i = gamma e_i^2; L_p and L_q have e_i^2
@@ -47,7 +50,8 @@ _PEAKS = 3
 _ROUNDS, _POINTS = 9, 9  # of the refinement: each round shrinks an interval to a quarter
 _ROUNDS_OF_ALL = 2  # after which the highest peak alone is refined
 _WIDEST = 100.0  # |log e| that a line search may try: further away e overflows
-_POLISH = 3  # Newton steps for the rightmost root
+_POLISH = 3  # Newton steps for a root
+_MORE_NODES, _WORST = 20, 4  # for roots further to the left; how many of them are polished
 
 
 class Value(NamedTuple):
@@ -139,10 +143,27 @@ class LoopGain:
                 return found[-1]
         return max(found, key=lambda x: x.value)
 
-    def _roots(self, K: Matrix, ages: Reals) -> Complexes:
+    def excess(self, K: Matrix, ratio: float, within: float) -> Value:
+        """Return by how much the damping of a root of the nominal loop misses `ratio`.
+
+        within : how far to the left roots count [1/s]; ages are constant, the greatest.
+        """
+        ages = self._ages[0]
+        roots = self._roots(K, ages, _MORE_NODES)
+        worst = np.argsort(-_excess(roots, ratio, within), kind="stable")[:_WORST]
+        polished = np.array([self._polished(K, complex(s), ages) for s in roots[worst]])
+        values = _excess(polished, ratio, within)
+        s, value = complex(polished[values.argmax()]), float(values.max())
+        slope, size = self._root_slope(K, s, ages), abs(s) + 1e-300
+        gradient = slope.real / within
+        if value < 1 + s.real / within:
+            gradient = slope.real / size - s.real * (s.conjugate() * slope).real / size**3
+        return Value(value, np.asarray(gradient * self.free), np.zeros(self.scalings))
+
+    def _roots(self, K: Matrix, ages: Reals, nodes: int = _NODES) -> Complexes:
         BK = self._B @ K
         A = [M + BK * S for M, S in zip(self._A, self._S, strict=True)]
-        return approximate_roots(ClosedLoop(A, ages.tolist()), _NODES)
+        return approximate_roots(ClosedLoop(A, ages.tolist()), nodes)
 
     def _at(self, K: Matrix, s: Any, ages: Reals) -> tuple[Any, Any, Any]:
         """Return the weights e^{-s d_i}, phi and H at each s."""
@@ -153,7 +174,12 @@ class LoopGain:
         return weights, phi, H
 
     def _abscissa_at(self, K: Matrix, ages: Reals) -> Value:
-        root = complex(self._roots(K, ages)[0])
+        root = self._polished(K, complex(self._roots(K, ages)[0]), ages)
+        slope = self._root_slope(K, root, ages).real * self.free
+        return Value(root.real, np.asarray(slope), np.zeros(self.scalings))
+
+    def _polished(self, K: Matrix, root: complex, ages: Reals) -> complex:
+        """Return the root near an approximate one."""
         for _ in range(_POLISH):
             _, _, H = self._at(K, np.array([root]), ages)
             mu = scipy.linalg.eigvals(H[0], self._derivative(K, root, ages))
@@ -162,12 +188,15 @@ class LoopGain:
             if abs(step) > 0.1 * (abs(root) + 1.0):
                 break  # another root: the seed was a poor one
             root -= step
+        return root
+
+    def _root_slope(self, K: Matrix, root: complex, ages: Reals) -> Complexes:
+        """Return the derivative (m, n) of a root by the entries of K; zero at a multiple one."""
         _, phi, H = self._at(K, np.array([root]), ages)
         left, _, right = np.linalg.svd(H[0])
         u, v = left[:, -1].conj(), right[-1].conj()
         slope = u @ self._derivative(K, root, ages) @ v
-        gradient = np.outer(u @ self._B, phi[0] * v) / slope if slope else np.zeros(K.shape)
-        return Value(root.real, np.asarray(gradient.real * self.free), np.zeros(self.scalings))
+        return np.outer(u @ self._B, phi[0] * v) / slope if slope else np.zeros(K.shape, complex)
 
     def _derivative(self, K: Matrix, s: complex, ages: Reals) -> Complexes:
         """Return H'(s)."""
@@ -298,3 +327,9 @@ class LoopGain:
         except np.linalg.LinAlgError:
             return np.inf, np.zeros(z.shape[1], dtype=np.complex128)
         return float(np.sqrt(max(values[-1], 0.0))), vectors[:, -1]
+
+
+def _excess(roots: Complexes, ratio: float, within: float) -> Reals:
+    """Return by how much each root misses a damping ratio; negative where it does not count."""
+    misses = ratio + roots.real / (np.abs(roots) + 1e-300)
+    return np.asarray(np.minimum(misses, 1 + roots.real / within), dtype=np.float64)

@@ -21,6 +21,7 @@ from cosim.hinf.synthesis import theorem_2
 from cosim.hinf.synthesis.ages_gains import is_past_the_best
 from cosim.hinf.synthesis.analysis import Analysis, Order
 from cosim.hinf.synthesis.constrained_search import constrained
+from cosim.hinf.synthesis.damped_gains import damped_design
 from cosim.hinf.synthesis.descent import proposals
 from cosim.hinf.synthesis.designs import (
     Design,
@@ -42,33 +43,38 @@ _SAME = 1e-3  # gains closer than this, relative, are one
 
 def structured_design(
     system: DelaySystem,
-    order: Order,
+    order: Order | None,
     gamma: float | None,
     gain: ArrayLike | None,
-    gain_limit: float | None = None,
+    constraints: DesignConstraints,
 ) -> Design:
     """Design a gain with the zeros of the system's feedback, or take a given one, and prove it.
 
     Parameters
     ----------
     system : Eq. (7) with feedback of single states.
-    order : of the analysis.
+    order : of the analysis; None: "auto".
     gamma : a bound to meet instead of the least one.
     gain : (m, n) a gain to analyse instead of designing one.
-    gain_limit : bound on the largest singular value of K, which is in the certificate then.
+    constraints : a bound on |K| or damping, which are in the certificate then.
 
     Raises
     ------
     InputError : numbers that do not fit the system.
     NotAchievableError : no gain could be certified.
     """
+    own = "auto" if order is None else order
+
+    def proved(K: ArrayLike) -> Design:
+        return constrained(given_gain_design(system, K, gamma, own), constraints)
+
     if gain is not None:
-        found = given_gain_design(system, gain, gamma, order)
-    else:
-        found = descent_design(system, gamma, order, gain_limit)
-    if gain_limit is None:
-        return found
-    return constrained(found, DesignConstraints(gain_limit=gain_limit))
+        return proved(gain)
+    if constraints.damping is not None:
+        return damped_design(
+            system, constraints, lambda c: descent_design(system, gamma, own, c.gain_limit), proved
+        )
+    return constrained(descent_design(system, gamma, own, constraints.gain_limit), constraints)
 
 
 def descent_design(
