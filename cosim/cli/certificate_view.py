@@ -73,10 +73,12 @@ def certificate_view(
     covered = "every F(t) with F'F <= I" if claim["uncertain"] else "none"
     facts.add_row("uncertainty", covered, f"F block diagonal: {blocks}" if blocks else "")
     for name, more in claim.get("guarantees", {}).items():
-        exact = more.get("rate", more.get("bound", more.get("bounds")))
-        values = exact if isinstance(exact, list) else [exact]
-        outward = at_least if "rate" in more else at_most
+        key = next(key for key in ("rate", "ratio", "bound", "bounds") if key in more)
+        values = more[key] if isinstance(more[key], list) else [more[key]]
+        outward = at_least if key in {"rate", "ratio"} else at_most
         formatted = ", ".join(outward(value) for value in values)
+        if "within" in more:
+            formatted += f" within {at_least(more['within'])} 1/s"
         facts.add_row(name.replace("_", " "), formatted, more["property"])
     if "K" in found.data:  # a refutation is about every gain
         facts.add_row("gain", "K in the certificate", _WHOSE[found.container])

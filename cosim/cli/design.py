@@ -71,6 +71,17 @@ DelayLimitOption = Annotated[
     float, typer.Option(help="Largest delay that --max-delay tries, in seconds.")
 ]
 
+DampingOption = Annotated[
+    float | None,
+    typer.Option(
+        help="Least damping ratio, between 0 and 1, of every characteristic root s of the nominal "
+        "loop with Re s >= -WITHIN (--within); no sector holds all roots of a loop with a delay."
+    ),
+]
+WithinOption = Annotated[
+    float | None,
+    typer.Option(help="How far to the left --damping is for, in 1/s: roots with Re s >= -WITHIN."),
+]
 MeasuredOption = Annotated[
     str | None,
     typer.Option(help="Numbers of the states that are fed back, from 1: K is zero for the others."),
@@ -161,6 +172,8 @@ def design(
         float | None,
         typer.Option(help="Least rate of decay of every solution with w = 0, in 1/s."),
     ] = None,
+    damping: DampingOption = None,
+    within: WithinOption = None,
     gain_limit: Annotated[
         float | None, typer.Option(help="Bound on |K|, the largest singular value of K.")
     ] = None,
@@ -203,8 +216,8 @@ def design(
     rational arithmetic for the gain that is printed and saved. The exact norm and the abscissa
     of the nominal loop are shown beside it. If neither the system nor the command line gives k1
     and k2, they are searched. Where nothing is found, other conditions are tried; the best proof
-    is claimed. The same certificate proves the design constraints --decay, --gain-limit, and
-    --peak-control with --offset or --energy.
+    is claimed. The same certificate proves the design constraints --decay, --damping with
+    --within, --gain-limit, and --peak-control with --offset or --energy.
 
     Exit code 5: the design cannot be achieved. If that is proved, --save-refutation saves the
     proof.
@@ -228,6 +241,8 @@ def design(
     )
     asked = {
         "decay": decay,
+        "damping": damping,
+        "within": within,
         "gain_limit": gain_limit,
         "peak_control": None if peak_control is None else numbers("--peak-control", peak_control),
         "offset": None if offset is None else numbers("--offset", offset),
@@ -251,7 +266,7 @@ def design(
                 raise InputError(
                     "the greatest delay can be found for gamma alone",
                     where="--max-delay",
-                    expected="no decay, gain limit or peak of the control",
+                    expected="no decay, damping, gain limit or peak of the control",
                     hint="try them at a given delay: --delays",
                 )
             greatest = greatest_delay(
@@ -390,6 +405,8 @@ def analyse(
         ),
     ] = False,
     delay_limit: DelayLimitOption = DELAY_LIMIT,
+    damping: DampingOption = None,
+    within: WithinOption = None,
     save: Annotated[
         Path | None, typer.Option(help="Write the exact certificate to this file, if there is one.")
     ] = None,
@@ -401,7 +418,8 @@ def analyse(
     The result is the least gamma that can be certified for every admissible uncertainty, or
     stability if the system has no w and z. The verdict is "certified", "unstable" (a root of the
     nominal loop is proved to have a positive real part) or "undecided": a bound that is not
-    certified may still hold, and a root on the imaginary axis decides nothing.
+    certified may still hold, and a root on the imaginary axis decides nothing. --damping is
+    proved, or not, beside it.
 
     Exit code 0: there is a verdict, whichever; 2: bad input.
     """
@@ -418,13 +436,20 @@ def analyse(
     with progress() as report_progress:
         report_progress(f"analysis of {name}", 0.0)
         if max_delay:
+            if damping is not None or within is not None:
+                raise InputError(
+                    "the greatest delay can be found for gamma or stability alone",
+                    where="--max-delay",
+                    expected="no damping",
+                    hint="try it at a given delay: --delays",
+                )
             varied = _varied_delay(system)
             greatest = certified_delay(
                 system, K, gamma, delay_index=varied, order=condition, limit=delay_limit
             )
             found = greatest.analysis
         else:
-            found = make_analysis(system, K, gamma, order=condition)
+            found = make_analysis(system, K, gamma, order=condition, damping=damping, within=within)
     saved = save if found.certified else None
     if saved is not None:
         write_json(saved, found.certificate)

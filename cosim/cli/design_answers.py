@@ -39,6 +39,7 @@ def design_json(
         "certified": found.certified,
         "certificate": None if save is None else str(save),
         "decay": None if more.decay is None else float(more.decay.rate),
+        **_damping(found),
         "gain_limit": None if more.gain_limit is None else float(more.gain_limit.bound),
         "peak_control": None if peak is None else [float(x) for x in peak.bounds],
         "offset": None if peak is None else [float(x) for x in peak.offset],
@@ -79,7 +80,18 @@ def analysis_json(
         "not_certified_at": None if greatest is None else greatest.not_certified_at,
         "terms": _terms(found.system),
         "least_gamma": found.least_gamma,
+        **_damping(found),
+        "damping_reason": found.damping_reason,
         **_nominal_figures(found),
+    }
+
+
+def _damping(found: Design | Analysis) -> dict[str, Any]:
+    """Return the damping ratio that is proved, and for which roots; None without one."""
+    proved = found.guarantees.damping
+    return {
+        "damping": None if proved is None else float(proved.ratio),
+        "within": None if proved is None else float(proved.within),
     }
 
 

@@ -65,6 +65,10 @@ def _guarantees(more: Guarantees) -> list[tuple[str, str, str]]:
     if more.decay is not None:
         text = "certified: with w = 0 every solution decays at least as exp(-rate t)"
         rows.append(("rate of decay", f"{at_least(str(more.decay.rate))} 1/s", text))
+    if more.damping is not None:
+        within = at_least(str(more.damping.within))
+        text = f"certified: of every root of the nominal loop with Re s >= -{within} 1/s"
+        rows.append(("damping ratio", at_least(str(more.damping.ratio)), text))
     if more.gain_limit is not None:
         rows.append(("|K|", at_most(str(more.gain_limit.bound)), "certified: at most this"))
     if more.peak_control is not None:
@@ -97,6 +101,10 @@ def analysis_view(
     if analysis.certified:
         gamma = "stability only" if analysis.gamma is None else at_most(analysis.gamma)
         facts.add_row("gamma", gamma, "certified: exact rational proof for this gain")
+    for row in _guarantees(analysis.guarantees):
+        facts.add_row(*row)
+    if analysis.damping_reason is not None:
+        facts.add_row("damping ratio", "not proved", analysis.damping_reason)
     _nominal_rows(facts, analysis)
     for i, delay in enumerate(analysis.system.delays):
         facts.add_row(

@@ -151,10 +151,10 @@ def _question(part: DesignPart, problem: Problem, linked: Problem) -> Any:
     age = feedback_of(linked.system)
     if linked is not problem and age is not None:  # only then: older files do not have it
         asked["feedback_age"] = age_in_words(age)
-    constraints = asdict(problem.design_constraints)
-    # where there are none: older files do not have them
-    later = [key for key in ("damping", "within") if constraints[key] is None]
-    return json.loads(json.dumps(asked | {k: constraints[k] for k in constraints if k not in later}))
+    for key, value in asdict(problem.design_constraints).items():
+        if value is not None or key not in {"damping", "within"}:  # older files do not have these
+            asked[key] = value
+    return json.loads(json.dumps(asked))
 
 
 def _kept(

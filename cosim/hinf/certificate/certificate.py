@@ -34,7 +34,6 @@ from cosim.hinf.certificate.proof import (
     Variables,
     claim_of,
     exact_variables,
-    judged,
     proved,
 )
 from cosim.hinf.certificate.rational import exact_matrix, matrix_from_text, matrix_to_text

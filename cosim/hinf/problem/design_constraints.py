@@ -10,7 +10,9 @@ from typing import Any
 from cosim.core import InputError
 from cosim.hinf.certificate import (
     MAX_OFFSETS,
+    Damping,
     checked_damping,
+    exact,
     growth_of,
     number,
     too_many_offsets,
@@ -47,6 +49,13 @@ class DesignConstraints:
     def any(self) -> bool:
         """Whether there is any constraint."""
         return self != DesignConstraints()
+
+    @property
+    def damping_to_prove(self) -> Damping | None:
+        """The damping as the claim that a proof decides; None without one."""
+        if self.damping is None or self.within is None:
+            return None
+        return Damping(exact(self.damping), exact(self.within))
 
 
 def design_constraints_of(

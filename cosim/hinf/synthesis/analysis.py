@@ -12,14 +12,21 @@ the nominal loop are given beside it.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cosim.core import InputError
-from cosim.hinf.certificate import MAX_ORDER, check_measured, covers_smaller
+from cosim.hinf.certificate import (
+    MAX_ORDER,
+    Damping,
+    Guarantees,
+    check_measured,
+    checked_damping,
+    covers_smaller,
+)
 from cosim.hinf.lmi import not_found, solver_words
 from cosim.hinf.nominal import (
     NominalFigures,
@@ -63,6 +70,9 @@ class Analysis:
     abscissa, exact_norm, exact_norm_upper, norm_frequency, delay_margin : of the nominal loop
         (`cosim.hinf.nominal.nominal_figures`).
     certificate : the proof as JSON values, for `check_certificate`; None if not certified.
+    guarantees : the damping, where it was asked for and is proved; also in the certificate, if
+        there is one.
+    damping_reason : why the damping that was asked for is not proved; None if it is, or none was.
     """
 
     system: DelaySystem
@@ -78,6 +88,8 @@ class Analysis:
     norm_frequency: float | None
     delay_margin: tuple[float | None, ...] | None
     certificate: dict[str, Any] | None
+    guarantees: Guarantees = field(default_factory=Guarantees)
+    damping_reason: str | None = None
 
     @property
     def covers_smaller_delays(self) -> bool:
@@ -103,6 +115,8 @@ def analyse(
     gamma: float | None = None,
     *,
     order: Order = "auto",
+    damping: float | None = None,
+    within: float | None = None,
 ) -> Analysis:
     """Certify the least gamma of u = K x, or stability where there is no w or no z.
 
@@ -117,6 +131,8 @@ def analyse(
         are taken as they are from order 1 on, and at any order where more is known of one than
         its bound (`cosim.hinf.synthesis.conditions`). "auto": the best proof of the orders that
         take a few seconds at most.
+    damping, within : also prove that every characteristic root s of the nominal loop with
+        Re s >= -within [1/s] has a damping ratio above `damping`, between 0 and 1.
 
     Raises
     ------
@@ -127,6 +143,7 @@ def analyse(
     check_order_of_analysis(order)
     if gamma is not None:
         check_gamma(gamma, system)
+    asked = checked_damping(system, damping, within)
     figures = nominal_figures_of(system, K)
     try:
         with np.errstate(over="raise", invalid="raise"):
@@ -136,7 +153,19 @@ def analyse(
         first = AFFORDABLE_ORDERS[0] if order == "auto" else order
         nothing: dict[str, Any] = dict.fromkeys(("gamma", "least_gamma", "certificate"))
         found = Analysis(system, K, first, False, reason, **nothing, **figures._asdict())  # noqa: FBT003
+    if asked is not None:
+        found = _with_damping(found, K, asked)
     return found if gain is not None else replace(found, K=None)
+
+
+def _with_damping(found: Analysis, K: Matrix, asked: Damping) -> Analysis:
+    """Return an analysis with the damping that is proved of its gain, or why it is not."""
+    reason = asked.failure(found.system, K)
+    if reason is not None:
+        return replace(found, damping_reason=reason)
+    proved, certificate = Guarantees(damping=asked), found.certificate
+    whole = None if certificate is None else proved.beside(certificate)
+    return replace(found, guarantees=proved, certificate=whole)
 
 
 def check_order_of_analysis(order: Order) -> None:

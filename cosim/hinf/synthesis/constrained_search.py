@@ -15,13 +15,7 @@ from typing import Any
 import numpy as np
 
 from cosim.core import NotAchievableError
-from cosim.hinf.certificate import (
-    Damping,
-    GainLimit,
-    Guarantees,
-    exact,
-    norm_above,
-)
+from cosim.hinf.certificate import GainLimit, Guarantees, exact, norm_above
 from cosim.hinf.lmi import (
     FAILED,
     Answer,
@@ -62,8 +56,8 @@ def prove_constraints(
         if limit.failure(system, K) is not None:
             return None, f"gain_limit: the norm of K is {norm_above(K):.6g}"
         made["gain_limit"] = limit
-    if design_constraints.damping is not None and design_constraints.within is not None:
-        damping = Damping(exact(design_constraints.damping), exact(design_constraints.within))
+    damping = design_constraints.damping_to_prove
+    if damping is not None:
         failed = damping.failure(system, K)
         if failed is not None:
             return None, f"damping: {failed}"

@@ -35,7 +35,7 @@ _RANDOM = 4  # starts beside those given
 _SMALL = 1e-5  # weight of |K|^2, in own units: the norm alone may be least at infinity
 _STABLE = 0.05  # the abscissa is made less than minus this share of the loop's speed
 _SURELY = -0.2  # log of the gain from p to q that is low enough
-_PENALTY = 20.0  # of what misses a constraint, against the logarithm of the norm
+_PENALTY = 5.0  # of what misses a constraint, against the logarithm of the norm
 _ROOM = 0.01  # by which constraints are met, as shares of them
 _NO_CONSTRAINTS = DesignConstraints()
 _SCALINGS = np.linspace(-9.0, 9.0, 37)  # log e tried before the descent
@@ -92,6 +92,26 @@ class _Descent:
 
     def from_start(self, start: Matrix) -> Matrix | None:
         """Return the gain that the stages reach; None where one of them fails."""
+        found = self._admissible(start)
+        if found is None or not self._loop.has_gain:
+            return None if found is None else found[0]
+        K, log_e = found
+        if self._loop.has_scaling:
+            log_e = log_e - log_e.mean()
+            values = [self._loop.gain(K, log_e + e).value for e in _SCALINGS]
+            log_e = log_e + _SCALINGS[int(np.argmin(values))]
+        if not np.isfinite(self._loop.gain(K, log_e).value):
+            return K if self._is_constrained else None
+        if not self._is_constrained:
+            return self._minimised(self._loop.gain, K, log_e)[0]
+        last = self._minimised(self._penalised, K, log_e)[0]
+        return last if self._missed(last).value < 0 else K
+
+    def _admissible(self, start: Matrix) -> tuple[Matrix, Reals] | None:
+        """Return the gain of the stages before the last, with its scalings.
+
+        Where it misses a constraint it is the nearest: whether it meets them its proof decides.
+        """
         K = np.where(self._loop.free, start, 0.0)
         target, log_e = -_STABLE * self._speed, np.zeros(self._loop.scalings)
         if self._loop.abscissa(K).value > target:
@@ -109,21 +129,8 @@ class _Descent:
                 if not value < 0:
                     return None
         if self._is_constrained:
-            K, log_e, value = self._minimised(self._missed_most, K, log_e, below=-_ROOM)
-            if not value < 0:
-                return None
-        if not self._loop.has_gain:
-            return K
-        if self._loop.has_scaling:
-            log_e = log_e - log_e.mean()
-            values = [self._loop.gain(K, log_e + e).value for e in _SCALINGS]
-            log_e = log_e + _SCALINGS[int(np.argmin(values))]
-        if not np.isfinite(self._loop.gain(K, log_e).value):
-            return None
-        if not self._is_constrained:
-            return self._minimised(self._loop.gain, K, log_e)[0]
-        last = self._minimised(self._penalised, K, log_e)[0]
-        return last if self._missed(last).value < 0 else K
+            K, log_e, _ = self._minimised(self._missed_most, K, log_e, below=-_ROOM)
+        return K, log_e
 
     def _missed(self, K: Matrix) -> Value:
         """Return by which share K misses a constraint, the most of all; negative: it meets them."""
@@ -135,9 +142,9 @@ class _Descent:
             v = loop.abscissa(K)
             found.append(v._replace(value=v.value / d.decay + 1, in_gain=v.in_gain / d.decay))
         if d.gain_limit is not None:
-            u, s, v = np.linalg.svd(K, full_matrices=False)
-            slope = np.outer(u[:, 0], v[0]) / d.gain_limit
-            found.append(Value(s[0] / d.gain_limit - 1, slope, np.zeros(loop.scalings)))
+            left, sizes, right = np.linalg.svd(K, full_matrices=False)
+            slope = np.outer(left[:, 0], right[0]) / d.gain_limit
+            found.append(Value(sizes[0] / d.gain_limit - 1, slope, np.zeros(loop.scalings)))
         return max(found, key=lambda x: x.value)
 
     def _missed_most(self, K: Matrix, log_e: Reals) -> Value:

@@ -143,12 +143,6 @@ def design(
             refuse_structure(
                 system, "Theorem 2", "leave out k1, k2, search, solver, decay and peak_control"
             )
-        structured = design_constraints_of(
-            system, gain_limit=gain_limit, damping=damping, within=within
-        )
-        if gamma is not None:
-            check_achievable(gamma, system)
-        return structured_design(system, order, gamma, gain, structured)
     given = k1 is not None or k2 is not None
     one, two, look = initial_scalars(system, k1, k2, search)
     design_constraints = design_constraints_of(
@@ -164,6 +158,8 @@ def design(
     _check_combination(design_constraints, solver)
     if gamma is not None:
         check_achievable(gamma, system)
+    if system.is_structured:
+        return structured_design(system, order, gamma, gain, design_constraints)
     if isinstance(order, int):
         check_order(order, system)
     asked = Request(system, one, two, given, look or search, gamma)
@@ -171,30 +167,35 @@ def design(
         if gain is None:
             return _designed(asked, order, solver, search=look)
         return _proved(asked, gain, order, solver, search=look)
-    theorem_2.checked_scalars(system, one, two)
-    if gain is not None:
-        return _proved_with_constraints(asked, gain, design_constraints, order, search=look)
+    return _with_constraints(asked, gain, design_constraints, order, search=look, given=search)
 
-    def by_lmi(constraints: DesignConstraints) -> Design:
+
+def _with_constraints(
+    asked: Request,
+    gain: ArrayLike | None,
+    design_constraints: DesignConstraints,
+    order: Order | None,
+    *,
+    search: bool,
+    given: bool | None,
+) -> Design:
+    """Design or prove a gain with design constraints; `given`: what was asked of the search."""
+    theorem_2.checked_scalars(asked.system, asked.k1, asked.k2)
+
+    def proved(K: ArrayLike) -> Design:
+        return _proved_with_constraints(asked, K, design_constraints, order, search=search)
+
+    def undamped(constraints: DesignConstraints) -> Design:
         if not constraints.any:
-            return _designed(asked, order, solver, search=look)
-        plain: Design | None = None
-        # without a constraint the best gain may be unbounded
-        with suppress(NotAchievableError):
-            plain = theorem_2.design(system, one, two, gamma=gamma, search=look)
-        found = _constrained(
-            asked, plain, constraints, order, search=look, may_search=search is None
-        )
-        return _sharpest(found, gamma, order)
+            return _designed(asked, order, "clarabel", search=search)
+        return _constrained(asked, constraints, order, search=search, may_search=given is None)
 
+    if gain is not None:
+        return proved(gain)
+    damping = design_constraints.damping_to_prove
     if damping is None:
-        return by_lmi(design_constraints)
-    return damped_design(
-        system,
-        design_constraints,
-        by_lmi,
-        lambda K: _proved_with_constraints(asked, K, design_constraints, order, search=look),
-    )
+        return undamped(design_constraints)
+    return damped_design(asked.system, design_constraints, damping, undamped, proved)
 
 
 def _sharpest(found: Design, gamma: float | None, order: Order | None) -> Design:
@@ -265,6 +266,25 @@ def _check_combination(design_constraints: DesignConstraints, solver: str) -> No
 
 
 def _constrained(
+    asked: Request,
+    design_constraints: DesignConstraints,
+    order: Order | None,
+    *,
+    search: bool,
+    may_search: bool,
+) -> Design:
+    """Design with constraints by Theorem 2, the gamma of its gain proved as it is asked for."""
+    plain: Design | None = None
+    # without a constraint the best gain may be unbounded
+    with suppress(NotAchievableError):
+        plain = theorem_2.design(asked.system, asked.k1, asked.k2, gamma=asked.gamma, search=search)
+    found = _by_theorem_2(
+        asked, plain, design_constraints, order, search=search, may_search=may_search
+    )
+    return _sharpest(found, asked.gamma, order)
+
+
+def _by_theorem_2(
     asked: Request,
     plain: Design | None,
     design_constraints: DesignConstraints,

@@ -63,18 +63,21 @@ def structured_design(
     InputError : numbers that do not fit the system.
     NotAchievableError : no gain could be certified.
     """
-    own = "auto" if order is None else order
+    own: Order = "auto" if order is None else order
 
     def proved(K: ArrayLike) -> Design:
         return constrained(given_gain_design(system, K, gamma, own), constraints)
 
     if gain is not None:
         return proved(gain)
-    if constraints.damping is not None:
-        return damped_design(
-            system, constraints, lambda c: descent_design(system, gamma, own, c.gain_limit), proved
-        )
-    return constrained(descent_design(system, gamma, own, constraints.gain_limit), constraints)
+
+    def undamped(asked: DesignConstraints) -> Design:
+        return constrained(descent_design(system, gamma, own, asked.gain_limit), asked)
+
+    damping = constraints.damping_to_prove
+    if damping is None:
+        return undamped(constraints)
+    return damped_design(system, constraints, damping, undamped, proved)
 
 
 def descent_design(
