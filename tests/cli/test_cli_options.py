@@ -59,11 +59,36 @@ def test_all_constraints_together_are_proved_and_checked_from_the_file(tmp_path:
         assert word in people
 
 
+def test_damping_is_proved_by_both_verbs_and_checked_from_the_file(tmp_path: Path) -> None:
+    """In the file, the command line last; for people with the roots it is for; not proved: why."""
+    text = SYSTEM.replace("decay = 0.3", "damping = 0.5\nwithin = 9.0")
+    (tmp_path / "my-system.toml").write_text(text, "utf-8")
+    done = cosim(
+        *("design", "my-system.toml", "--damping", "0.6", "--save", "gain.json", "--json"),
+        cwd=tmp_path,
+    )
+    assert done.code == 0, done.err
+    assert (done.json["damping"], done.json["within"]) == (0.6, 9.0)
+    seen = cosim("certificate", "check", "gain.json", cwd=tmp_path).out
+    assert "0.6 within 9 1/s" in seen
+    assert "damping ratio -Re s / |s| > ratio" in " ".join(seen.split())
+    loop = ("analyse", "my-system.toml", "--gain", json.dumps(done.json["K"]), "--within", "9")
+    people = cosim(*loop, "--damping", "0.55", "--save", "loop.json", cwd=tmp_path).out
+    assert "damping ratio" in people
+    assert "Re s >= -9" in people
+    checked = cosim("certificate", "check", "loop.json", "--json", cwd=tmp_path).json
+    assert checked["claim"]["guarantees"]["damping"]["within"] == "9"
+    missed = cosim(*loop, "--damping", "0.999", "--json", cwd=tmp_path).json
+    assert (missed["certified"], missed["damping"]) == (True, None)
+    assert "characteristic roots" in missed["damping_reason"]
+    assert "not proved" in cosim(*loop, "--damping", "0.999", cwd=tmp_path).out
+
+
 def test_without_design_constraints_nothing_is_reported(tmp_path: Path) -> None:
     """All of them null."""
     found = cosim(*PAPER, "--json", cwd=tmp_path).json
-    names = ("decay", "gain_limit", "peak_control", "offset", "energy", "weights")
-    assert [found[name] for name in names] == [None] * 6
+    names = ("decay", "damping", "within", "gain_limit", "peak_control", "offset", "energy")
+    assert [found[name] for name in (*names, "weights")] == [None] * 8
 
 
 def test_a_system_file_needs_no_k1_k2(tmp_path: Path) -> None:
@@ -87,6 +112,8 @@ def test_a_system_file_needs_no_k1_k2(tmp_path: Path) -> None:
     ("options", "code", "word"),
     [
         (("--decay", "-1"), 2, "rate of decay"),
+        (("--damping", "0.5"), 2, "give both"),
+        (("--damping", "2", "--within", "1"), 2, "between 0 and 1"),
         (("--gain-limit", "0"), 2, "gain_limit"),
         (("--peak-control", "1"), 2, "from nothing"),
         (("--peak-control", "1,2", "--energy", "1"), 2, "one per input"),

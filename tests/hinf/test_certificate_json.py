@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import copy
 import json
-from collections.abc import Callable, Iterator
 from fractions import Fraction
 from typing import Any
 
 import numpy as np
 import pytest
+from changed_json import changed, leaves, refused
 from solver_points import benchmark, solved
 
 from cosim.core.errors import InputError
@@ -41,31 +41,6 @@ def test_a_certificate_survives_its_file(paper_json: Any, tmp_path: Any) -> None
     assert certificate.claim == paper_json["claim"]
 
 
-def _leaves(data: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
-    items = data.items() if isinstance(data, dict) else enumerate(data)
-    for key, value in items:
-        if isinstance(value, dict | list):
-            yield from _leaves(value, (*path, key))
-        else:
-            yield (*path, key)
-
-
-def _changed(data: Any, path: tuple[Any, ...], change: Callable[[Any], Any]) -> Any:
-    result = copy.deepcopy(data)
-    place = result
-    for key in path[:-1]:
-        place = place[key]
-    place[path[-1]] = change(place[path[-1]])
-    return result
-
-
-def _refused(data: Any) -> bool:
-    try:
-        return not check_certificate(data).valid
-    except InputError:
-        return True
-
-
 def _much_worse(value: Any) -> Any:
     """A well-formed value of the same kind under which the claim is false or unproved."""
     if isinstance(value, bool):
@@ -80,9 +55,9 @@ def _much_worse(value: Any) -> Any:
 
 def test_changing_any_entry_invalidates_the_proof(paper_json: Any) -> None:
     """A well-formed change of any single entry that breaks the proof is refused."""
-    leaves = [path for path in _leaves(paper_json) if path != ("system", "name")]
-    assert {path[0] for path in leaves} == {"theorem", "claim", "system", "variables", "K"}
-    accepted = [path for path in leaves if not _refused(_changed(paper_json, path, _much_worse))]
+    places = [path for path in leaves(paper_json) if path != ("system", "name")]
+    assert {path[0] for path in places} == {"theorem", "claim", "system", "variables", "K"}
+    accepted = [path for path in places if not refused(changed(paper_json, path, _much_worse))]
     assert accepted == []
 
 
@@ -112,14 +87,14 @@ def test_changing_any_entry_invalidates_the_proof(paper_json: Any) -> None:
 )
 def test_garbage_in_any_place_is_refused_at_once(paper_json: Any, garbage: Any) -> None:
     """What is no number, or one too long, is bad input wherever it stands; nothing hangs."""
-    places = [path for path in _leaves(paper_json) if path != ("system", "name")]
+    places = [path for path in leaves(paper_json) if path != ("system", "name")]
     places += [("variables", key) for key in paper_json["variables"]]
     places += [("system", key) for key in paper_json["system"]]
     places += [(key,) for key in paper_json]
     for path in places:
         if path == ("system", "name") and isinstance(garbage, str):
             continue  # a name is any text, and nothing is claimed about it
-        assert _refused(_changed(paper_json, path, lambda _: garbage)), path
+        assert refused(changed(paper_json, path, lambda _: garbage)), path
 
 
 def test_a_missing_key_is_named(paper_json: Any) -> None:
@@ -137,7 +112,7 @@ def test_a_missing_key_is_named(paper_json: Any) -> None:
     for key in paper_json["claim"]:
         data = copy.deepcopy(paper_json)
         del data["claim"][key]
-        assert _refused(data)
+        assert refused(data)
 
 
 def test_symmetry_and_the_product_with_the_deployed_gain_are_exact(paper_json: Any) -> None:
@@ -152,12 +127,10 @@ def test_symmetry_and_the_product_with_the_deployed_gain_are_exact(paper_json: A
         (("variables", "R", 0, 1, 0), "R[0] is not symmetric"),
         (("variables", "Y", 0, 0), "Y is not K X"),
     ):
-        assert check_certificate(_changed(paper_json, path, nudged)).reason == reason
-    bit = _changed(paper_json, ("K", 0, 0), lambda k: float(np.nextafter(k, 1)))
+        assert check_certificate(changed(paper_json, path, nudged)).reason == reason
+    bit = changed(paper_json, ("K", 0, 0), lambda k: float(np.nextafter(k, 1)))
     assert check_certificate(bit).reason == "Y is not K X"
-    lower = _changed(
-        paper_json, ("claim", "gamma"), lambda g: str(Fraction(g) - Fraction(1, 2**60))
-    )
+    lower = changed(paper_json, ("claim", "gamma"), lambda g: str(Fraction(g) - Fraction(1, 2**60)))
     assert "claim" in str(check_certificate(lower).reason)
 
 

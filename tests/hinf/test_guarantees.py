@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import copy
 import json
-from collections.abc import Callable, Iterator
 from fractions import Fraction
 from typing import Any
 
 import numpy as np
 import pytest
+from changed_json import changed, leaves, refused
 
 from cosim.core.errors import InputError
 from cosim.hinf import (
@@ -33,6 +33,8 @@ def found() -> Design:
         (0.6,),
         (0.2,),
         decay=1.0,
+        damping=0.6,
+        within=6.0,
         gain_limit=0.5,
         peak_control=0.6,
         offset=[1.0, 0.5],
@@ -46,31 +48,6 @@ def saved(found: Design) -> Any:
     return json.loads(json.dumps(design_to_json(found)))
 
 
-def _leaves(data: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
-    items = data.items() if isinstance(data, dict) else enumerate(data)
-    for key, value in items:
-        if isinstance(value, dict | list):
-            yield from _leaves(value, (*path, key))
-        else:
-            yield (*path, key)
-
-
-def _changed(data: Any, path: tuple[Any, ...], change: Callable[[Any], Any]) -> Any:
-    result = copy.deepcopy(data)
-    place = result
-    for key in path[:-1]:
-        place = place[key]
-    place[path[-1]] = change(place[path[-1]])
-    return result
-
-
-def _refused(data: Any) -> bool:
-    try:
-        return not check_certificate(data).valid
-    except InputError:
-        return True
-
-
 def _worse(value: Any) -> Any:
     try:
         return str(-Fraction(value) * 1000 - 7)
@@ -81,7 +58,7 @@ def _worse(value: Any) -> Any:
 def test_a_design_with_guarantees_survives_its_file(found: Design, saved: Any) -> None:
     """Read back it is the same, proofs and all; its claim lists what is proved."""
     assert check_certificate(saved).valid
-    assert set(saved["claim"]["guarantees"]) == {"decay", "gain_limit", "peak_control"}
+    assert set(saved["claim"]["guarantees"]) == {"decay", "damping", "gain_limit", "peak_control"}
     again = design_from_json(saved, where="file")
     assert design_to_json(again) == design_to_json(found)
     assert again.guarantees.decay is not None
@@ -90,10 +67,10 @@ def test_a_design_with_guarantees_survives_its_file(found: Design, saved: Any) -
 
 def test_changing_any_entry_of_the_guarantees_invalidates_the_proof(saved: Any) -> None:
     """Any single one changed for the worse: refused, in the proofs and in the claim."""
-    paths = [("guarantees", *path) for path in _leaves(saved["guarantees"])]
-    paths += [("claim", "guarantees", *path) for path in _leaves(saved["claim"]["guarantees"])]
+    paths = [("guarantees", *path) for path in leaves(saved["guarantees"])]
+    paths += [("claim", "guarantees", *path) for path in leaves(saved["claim"]["guarantees"])]
     assert len(paths) > 40
-    assert [path for path in paths if not _refused(_changed(saved, path, _worse))] == []
+    assert [path for path in paths if not refused(changed(saved, path, _worse))] == []
 
 
 def test_a_claim_a_little_better_than_its_proof_is_refused(saved: Any) -> None:
@@ -108,10 +85,16 @@ def test_a_claim_a_little_better_than_its_proof_is_refused(saved: Any) -> None:
 
     less, more = 1 - Fraction(1, 1000), 1 + Fraction(1, 1000)
     assert check_certificate(both("decay", "rate", None, less)).valid
+    assert check_certificate(both("damping", "ratio", None, less)).valid
     assert check_certificate(both("peak_control", "energy", None, less)).valid
     for data, word in (
         (both("decay", "rate", None, 1 + Fraction(1, 2**40)), "growth"),
         (both("decay", "rate", None, Fraction(20)), "growth"),
+        (both("damping", "ratio", None, Fraction(2)), "damping: the ratio"),
+        (both("damping", "ratio", None, Fraction(8, 5)), "damping: 2 characteristic roots"),
+        (both("damping", "within", None, Fraction(3)), "characteristic roots"),
+        (both("damping", "within", None, Fraction(-1)), "within is not positive"),
+        (both("damping", "within", None, Fraction(100)), "too great for the longest delay"),
         (both("gain_limit", "bound", None, less), "gain_limit"),
         (both("peak_control", "bounds", 0, less), "peak_control: bounds"),
         (both("peak_control", "offset", 0, more), "peak_control: bounds"),
@@ -156,15 +139,15 @@ def test_garbage_among_the_guarantees_is_bad_input_or_refused(saved: Any, garbag
     paths: list[tuple[Any, ...]] = [("guarantees", name) for name in saved["guarantees"]]
     for name, table in saved["guarantees"].items():
         paths += [("guarantees", name, key) for key in table]
-        paths += [("guarantees", name, *path) for path in _leaves(table)]
+        paths += [("guarantees", name, *path) for path in leaves(table)]
         if "variables" in table:
             paths += [("guarantees", name, "variables", key) for key in table["variables"]]
     paths.remove(("guarantees", "decay", "variables", "gamma"))  # null is what belongs there
     paths.remove(("guarantees", "decay", "variables", "gamma"))
     for path in paths:
-        assert _refused(_changed(saved, path, lambda _: garbage)), path
+        assert refused(changed(saved, path, lambda _: garbage)), path
     if garbage != {}:
-        assert _refused({**saved, "guarantees": garbage})
+        assert refused({**saved, "guarantees": garbage})
 
 
 def test_an_unknown_guarantee_is_named(saved: Any) -> None:
@@ -181,7 +164,7 @@ def test_guarantees_of_another_gain_are_refused(saved: Any) -> None:
     data = json.loads(json.dumps(design_to_json(other)))
     data["guarantees"] = saved["guarantees"]
     data["claim"]["guarantees"] = saved["claim"]["guarantees"]
-    data["theorem"] += saved["theorem"][-3:]
+    data["theorem"] += saved["theorem"][-4:]
     proof = check_certificate(data)
     assert not proof.valid
     assert "gain_limit" in str(proof.reason)
@@ -212,4 +195,4 @@ def test_guarantees_stand_beside_any_proof_of_gamma(age: dict[str, Any], order: 
     content = json.dumps(again.certificate).encode()
     assert standalone.check(content)["guarantees"] == saved["claim"]["guarantees"]
     saved["guarantees"]["decay"]["rate"] = "1/2"
-    assert _refused(saved)
+    assert refused(saved)

@@ -204,8 +204,10 @@ class _Sector:
         for part in parts:
             for det in self._determinants(part):
                 steps += 1
-                if det is None or steps > _MOST_STEPS:
+                if det is None:
                     return _ON_THE_BOUNDARY
+                if steps > _MOST_STEPS:
+                    return f"more than {_MOST_STEPS} steps: within is great, or a root too near"
                 turned += (det / last).arg() if last is not None else 0
                 last = det
         Z = corner + flint.acb(0, height)

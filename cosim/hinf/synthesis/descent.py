@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,7 +36,7 @@ _RANDOM = 4  # starts beside those given
 _SMALL = 1e-5  # weight of |K|^2, in own units: the norm alone may be least at infinity
 _STABLE = 0.05  # the abscissa is made less than minus this share of the loop's speed
 _SURELY = -0.2  # log of the gain from p to q that is low enough
-_PENALTY = 5.0  # of what misses a constraint, against the logarithm of the norm
+_PENALTIES = (5.0, 50.0)  # of what misses a constraint, against the logarithm of the norm
 _ROOM = 0.01  # by which constraints are met, as shares of them
 _NO_CONSTRAINTS = DesignConstraints()
 _SCALINGS = np.linspace(-9.0, 9.0, 37)  # log e tried before the descent
@@ -104,8 +105,12 @@ class _Descent:
             return K if self._is_constrained else None
         if not self._is_constrained:
             return self._minimised(self._loop.gain, K, log_e)[0]
-        last = self._minimised(self._penalised, K, log_e)[0]
-        return last if self._missed(last).value < 0 else K
+        last = K
+        for weight in _PENALTIES:
+            last, log_e, _ = self._minimised(partial(self._penalised, weight), last, log_e)
+            if self._missed(last).value < 0:
+                return last
+        return K
 
     def _admissible(self, start: Matrix) -> tuple[Matrix, Reals] | None:
         """Return the gain of the stages before the last, with its scalings.
@@ -156,14 +161,14 @@ class _Descent:
         alone = alone._replace(value=alone.value - _SURELY / 2)
         return max(missed, alone, key=lambda x: x.value)
 
-    def _penalised(self, K: Matrix, log_e: Reals) -> Value:
+    def _penalised(self, weight: float, K: Matrix, log_e: Reals) -> Value:
         """Return the gain, with a penalty on what misses a constraint."""
         gain, missed = self._loop.gain(K, log_e), self._missed(K)
         more = missed.value + _ROOM
         if not more > 0:
             return gain
         return gain._replace(
-            value=gain.value + _PENALTY * more, in_gain=gain.in_gain + _PENALTY * missed.in_gain
+            value=gain.value + weight * more, in_gain=gain.in_gain + weight * missed.in_gain
         )
 
     def _minimised(

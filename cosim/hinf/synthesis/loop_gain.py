@@ -51,6 +51,7 @@ _ROUNDS, _POINTS = 9, 9  # of the refinement: each round shrinks an interval to 
 _ROUNDS_OF_ALL = 2  # after which the highest peak alone is refined
 _WIDEST = 100.0  # |log e| that a line search may try: further away e overflows
 _POLISH = 3  # Newton steps for a root
+_AT_ZERO = 1e-9  # of `within`: a root nearer to 0 is taken to be at this distance
 _MORE_NODES, _WORST = 20, 4  # for roots further to the left; how many of them are polished
 
 
@@ -154,10 +155,11 @@ class LoopGain:
         polished = np.array([self._polished(K, complex(s), ages) for s in roots[worst]])
         values = _excess(polished, ratio, within)
         s, value = complex(polished[values.argmax()]), float(values.max())
-        slope, size = self._root_slope(K, s, ages), abs(s) + 1e-300
+        slope, size = self._root_slope(K, s, ages), abs(s) + _AT_ZERO * within
         gradient = slope.real / within
         if value < 1 + s.real / within:
-            gradient = slope.real / size - s.real * (s.conjugate() * slope).real / size**3
+            turned = s.conjugate() / size * slope
+            gradient = (slope.real - s.real / size * turned.real) / size
         return Value(value, np.asarray(gradient * self.free), np.zeros(self.scalings))
 
     def _roots(self, K: Matrix, ages: Reals, nodes: int = _NODES) -> Complexes:
