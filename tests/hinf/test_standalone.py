@@ -220,9 +220,10 @@ def test_both_refuse_garbage(made: Any, garbage: Any) -> None:
 
 
 def test_it_runs_away_from_the_package(tmp_path: Path) -> None:
-    """Three files in a folder, no site packages: exit 0 with the claim, 1 with the reason."""
+    """Four files in a folder, no site packages: exit 0 with the claim, 1 with the reason."""
     folder = Path(standalone.__file__).parent
-    for name in ("standalone.py", "standalone_numbers.py", "standalone_analysis.py"):
+    names = ("standalone", "standalone_numbers", "standalone_analysis", "standalone_damping")
+    for name in (f"{name}.py" for name in names):
         shutil.copy(folder / name, tmp_path)
     command = [sys.executable, "-E", "-S", "standalone.py"]
     design_file = ROOT / "cosim/scenario/library/designs/paper-late.json"

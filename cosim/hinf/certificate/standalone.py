@@ -16,9 +16,11 @@ from pathlib import Path
 if __package__:
     from cosim.hinf.certificate import standalone_numbers as sn
     from cosim.hinf.certificate.standalone_analysis import analysis_proved
+    from cosim.hinf.certificate.standalone_damping import damped
 else:
     import standalone_numbers as sn
     from standalone_analysis import analysis_proved
+    from standalone_damping import damped
 M, need, total = sn.M, sn.need, sn.total
 
 UP_TO, ANY = "constant, up to d", "any, however it varies, up to d"
@@ -98,7 +100,8 @@ def design(c, s):
 
 
 def guarantees(c, s):
-    readers = {"decay": decay, "gain_limit": gain_limit, "peak_control": peak_control}
+    readers = {"decay": decay, "damping": damping, "gain_limit": gain_limit}
+    readers["peak_control"] = peak_control
     more = {name: readers[name](s, table) for name, table in c.get("guarantees", {}).items()}
     return {"guarantees": more} if more else {}
 
@@ -125,6 +128,14 @@ def decay(s, table):
         theorem_2(s, *v, rate=rate, growth=corner)
     words = "every solution with w = 0 decays at least as exp(-rate t)"
     return {"property": words, "rate": str(rate)}
+
+
+def damping(s, table):
+    ratio, within = (sn.text(x) for x in sn.values(table, "ratio within"))
+    damped(s, ratio, within)
+    words = "nominal loop (F = 0, every age constant, exactly d): every characteristic root s with "
+    words += "Re s >= -within has a damping ratio -Re s / |s| > ratio"
+    return {"property": words, "ratio": str(ratio), "within": str(within)}
 
 
 def gain_limit(s, table):
