@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from fractions import Fraction
 from typing import Any
 
 import flint
@@ -22,7 +23,10 @@ from cosim.hinf import (
     design_from_json,
     design_to_json,
 )
+from cosim.hinf.certificate import standalone_numbers
 from cosim.hinf.certificate.damping import Damping
+from cosim.hinf.certificate.standalone_damping import damped
+from cosim.hinf.certificate.system_json import system_to_json
 from cosim.hinf.synthesis.damped_gains import greatest_ratio
 
 NO_GAIN = np.zeros((0, 1))
@@ -41,13 +45,19 @@ def _true_ratio(system: DelaySystem, K: Any, within: float) -> float:
 
 @pytest.mark.parametrize(("a", "d", "within"), [(1.0, 1.0, 4.0), (2.0, 0.7, 0.4), (0.3, 1.0, 4.0)])
 def test_the_ratio_is_sharp_where_the_roots_are_known(a: float, d: float, within: float) -> None:
-    """x' = -a x(t-d): s = W_k(-a d)/d. Proved a billionth below the truth, refused above."""
+    """x' = -a x(t-d): s = W_k(-a d)/d. Proved a billionth below the truth, refused above, twice."""
     loop = DelaySystem([[0.0]], delays=[Delay(d, [[-a]])])
     roots = [complex(lambertw(-a * d, k)) / d for k in range(-40, 40)]
     true = min(-s.real / abs(s) for s in roots if s.real >= -within)
     assert _asked(true * (1 - 1e-9), within).failure(loop, NO_GAIN) is None
     reason = str(_asked(true * (1 + 1e-9), within).failure(loop, NO_GAIN))
     assert "2 characteristic roots" in reason
+    second = standalone_numbers.Loop(
+        standalone_numbers.loaded(json.dumps(system_to_json(loop)).encode())
+    )
+    damped(second, Fraction(true * (1 - 1e-9)), Fraction(within))
+    with pytest.raises(standalone_numbers.RefusedError, match="2 roots"):
+        damped(second, Fraction(true * (1 + 1e-9)), Fraction(within))
     assert greatest_ratio(loop, NO_GAIN, _asked(0.5, within).within) == int(1000 * true) / 1000
 
 

@@ -59,8 +59,8 @@ def theorem_2() -> Any:
 def guaranteed() -> Any:
     """With every guarantee."""
     constraints: dict[str, Any] = {"decay": 1.0, "gain_limit": 0.5, "peak_control": 0.6}
-    start: dict[str, Any] = {"offset": [1.0, 0.5], "energy": 0.1}
-    return design(paper_example.system(), (0.6,), (0.2,), **constraints, **start).certificate
+    more: dict[str, Any] = {"offset": [1.0, 0.5], "energy": 0.1, "damping": 0.6, "within": 2.0}
+    return design(paper_example.system(), (0.6,), (0.2,), **constraints, **more).certificate
 
 
 def refused_at(gamma: float) -> Any:

@@ -5,7 +5,7 @@ floating point, which decides nothing: what they prove is verified in integers a
 every error counted. The ray lies a little outside the sector, where its direction is rational.
 """
 # mypy: ignore-errors
-# ruff: noqa: ANN001, ANN201, ANN202, ANN204, B905, D102, D103, N817
+# ruff: noqa: ANN001, ANN201, ANN204, B905, D102, D103, N817
 
 from __future__ import annotations
 
