@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import stat
 import struct
+import threading
 import zlib
 from collections.abc import Iterator
 from io import BytesIO
@@ -224,6 +225,16 @@ def _as_far_as(decompressor: Any, packed: memoryview) -> bytes:
     return b"".join(found)
 
 
+class _Own(threading.local):
+    """What each thread has for itself; zstd's are not thread-safe, and cost some to make."""
+
+    def __init__(self) -> None:
+        self.decompressor = zstandard.ZstdDecompressor()
+
+
+_own = _Own()
+
+
 def _decompress(compression: str, packed: memoryview, size: int) -> bytes:
     if compression == "":
         return bytes(packed)
@@ -232,7 +243,7 @@ def _decompress(compression: str, packed: memoryview, size: int) -> bytes:
     if compression == "zstd":
         if zstandard.frame_content_size(packed) not in (-1, size):
             raise DamageError("a chunk's compressed frame is not of the size it claims")
-        return zstandard.ZstdDecompressor().decompress(packed, max_output_size=size)
+        return _own.decompressor.decompress(packed, max_output_size=size)
     if compression == "lz4":
         unpacked: bytes = lz4.frame.LZ4FrameDecompressor().decompress(packed, max_length=size)
         return unpacked
