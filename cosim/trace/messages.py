@@ -214,9 +214,9 @@ def entries_of(content: bytes | memoryview) -> tuple[int, NDArray[np.uint64]] | 
     if len(content) < _INDEX.size:
         return None
     channel, size = _INDEX.unpack_from(content)
-    if size != len(content) - _INDEX.size or size % 16:
+    if size > len(content) - _INDEX.size or size % 16:  # what follows is a later format's
         return None
-    return channel, np.frombuffer(content, "<u8", offset=_INDEX.size).reshape(-1, 2)
+    return channel, np.frombuffer(content, "<u8", size // 8, _INDEX.size).reshape(-1, 2)
 
 
 def _indexed(index: Sequence[bytes | memoryview]) -> NDArray[np.uint64] | None:
