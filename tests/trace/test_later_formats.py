@@ -74,8 +74,10 @@ def test_a_length_that_is_too_small_is_damage() -> None:
     for length in range(int.from_bytes(content[5:9], "little") // 2 + 1):  # an entry is missing
         with pytest.raises(DamageError):
             parsed(Metadata, content[:5] + length.to_bytes(4, "little") + content[9:])
-    content = written(ATTACHMENT)[9:]
-    at = content.index(b"text" + b"\x04") + 4
-    for length in range(4):
-        with pytest.raises(DamageError):
-            parsed(Attachment, content[:at] + length.to_bytes(8, "little") + content[at + 8 :])
+    for data in (b"text", bytes(8)):  # zeros in place of a checksum would stand for none
+        attached = Attachment(log_time=2, create_time=1, name="a", media_type="b", data=data)
+        content = written(attached)[9:]
+        at = content.index(len(data).to_bytes(8, "little"))
+        for length in range(len(data)):
+            with pytest.raises(DamageError):
+                parsed(Attachment, content[:at] + length.to_bytes(8, "little") + content[at + 8 :])
