@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import json
+import math
 from fractions import Fraction
+from itertools import pairwise
 from typing import Any
+from unittest.mock import patch
 
 import flint
 import numpy as np
@@ -24,7 +27,7 @@ from cosim.hinf import (
     design_to_json,
 )
 from cosim.hinf.certificate import standalone_numbers
-from cosim.hinf.certificate.damping import Damping
+from cosim.hinf.certificate.damping import Damping, _Part, _Sector
 from cosim.hinf.certificate.standalone_damping import damped
 from cosim.hinf.certificate.system_json import system_to_json
 from cosim.hinf.synthesis.damped_gains import greatest_ratio
@@ -101,6 +104,25 @@ def test_a_root_at_zero_or_on_the_line_of_the_sector_is_no_proof() -> None:
     assert _asked(0.5999999, 5.0).failure(oscillator, np.zeros((0, 2))) is None
 
 
+def test_no_step_is_longer_than_its_bound() -> None:
+    """x' = -x(t-10), where e^{-d Re s} triples on a step: det H changes by less than itself."""
+    loop = DelaySystem([[0.0]], delays=[Delay(10.0, [[-1.0]])])
+    sector, way = _Sector(loop, NO_GAIN, _asked(0.99, 2.0)), complex(-0.99, math.sqrt(1 - 0.99**2))
+    points: list[complex] = []
+    true = sector._H
+
+    def recorded(c: Any) -> Any:
+        points.append(complex(c))
+        return true(c)
+
+    with patch.object(sector, "_H", recorded):
+        list(sector._determinants(_Part(flint.acb(0), flint.acb(way), flint.arb(2 / 0.99))))
+    assert len(points) > 20
+    for c, following in pairwise(points):
+        s = c + np.linspace(0, 1, 50) * (following - c)
+        assert np.abs((s + np.exp(-10 * s)) / (c + np.exp(-10 * c)) - 1).max() < 1
+
+
 NETWORKED = DelaySystem(
     [[0, 1], [0, -0.1]],
     [[0], [0.1]],
@@ -134,6 +156,20 @@ def test_a_design_meets_the_damping_that_the_least_gamma_misses(plain: Design) -
     other["claim"] = {**other["claim"], "guarantees": saved["claim"]["guarantees"]}
     del other["theorem"]
     assert "damping: 2 characteristic roots" in str(check_certificate(other).reason)
+
+
+def test_a_gamma_to_meet_goes_with_damping() -> None:
+    """2.5 is met."""
+    assert design(NETWORKED, gamma=2.5, damping=0.6, within=3.0).gamma == 2.5
+
+
+@pytest.mark.slow
+def test_a_gamma_that_damping_does_not_leave_is_refused(plain: Design) -> None:
+    """Hardly above that of the design without damping: the message says so."""
+    assert plain.gamma is not None
+    with pytest.raises(NotAchievableError, match="design constraints") as refused:
+        design(NETWORKED, gamma=1.01 * plain.gamma, damping=0.8, within=3.0, order=None)
+    assert "was not reached" in str(refused.value.got)
 
 
 def test_a_gain_that_is_damped_already_is_kept(plain: Design) -> None:

@@ -38,8 +38,8 @@ _DRAWN = 4  # starts
 _REGULATORS = 2  # starts
 _SHARES = (0.0, 0.5, 1.0, 1.5)  # of `within`, by which a regulator's roots lie further to the left
 _WEIGHTS = (0.01, 0.1, 1.0, 10.0, 100.0)  # of the control
-_DIGITS = 3
-"""Decimals of a ratio that is named in a message."""
+_RATIOS = 1000
+"""A ratio that is named in a message is a multiple of 1 / this."""
 
 
 def damped_design(
@@ -93,16 +93,16 @@ def damped_design(
 
 
 def greatest_ratio(system: DelaySystem, gain: Matrix, within: Any) -> float:
-    """Return the greatest damping ratio, to `_DIGITS` decimals, that is proved; 0 where none is.
+    """Return the greatest damping ratio, a multiple of 1/1000, that is proved; 0 where none is.
 
     within : how far to the left roots count [1/s], a `fmpq`.
     """
-    low, high = 0, 10**_DIGITS
+    low, high = 0, _RATIOS
     while high - low > 1:
         middle = (low + high) // 2
-        tried = Damping(exact(middle / 10**_DIGITS), within)
+        tried = Damping(exact(middle / _RATIOS), within)
         low, high = (middle, high) if tried.failure(system, gain) is None else (low, middle)
-    return low * 10.0**-_DIGITS
+    return low / _RATIOS
 
 
 def _ranked(
