@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from contextlib import nullcontext
 from fractions import Fraction
 from itertools import pairwise
 from typing import Any
@@ -102,6 +103,18 @@ def test_a_root_at_zero_or_on_the_line_of_the_sector_is_no_proof() -> None:
     on = Damping(flint.fmpq(3, 5), flint.fmpq(5))
     assert on.failure(oscillator, np.zeros((0, 2))) is not None
     assert _asked(0.5999999, 5.0).failure(oscillator, np.zeros((0, 2))) is None
+
+
+def test_units_of_the_states_change_nothing() -> None:
+    """A pair of 0.6 whose states count in mm and km: both checkers balance, and need few steps."""
+    T = np.diag([1e-6, 1e6])
+    system = DelaySystem(np.linalg.inv(T) @ [[-3.0, 4.0], [-4.0, -3.0]] @ T)
+    data = standalone_numbers.loaded(json.dumps(system_to_json(system)).encode())
+    for ratio, holds in ((0.599, True), (0.601, False)):
+        assert (_asked(ratio, 5.0).failure(system, np.zeros((0, 2))) is None) == holds
+        outcome = nullcontext() if holds else pytest.raises(standalone_numbers.RefusedError)
+        with outcome:
+            damped(standalone_numbers.Loop(data), Fraction(ratio), Fraction(5))
 
 
 def test_no_step_is_longer_than_its_bound() -> None:

@@ -48,6 +48,7 @@ if TYPE_CHECKING:
 
 _BITS = 128
 _MOST_STEPS = 10_000
+_ROUNDS = 10  # of balancing
 _LARGEST_GROWTH = 1e9
 _ON_THE_BOUNDARY = "a root on the boundary of the region, or as good as"
 _KEYS = ("ratio", "within")
@@ -159,6 +160,30 @@ def exceeds_growth(within: Any, system: DelaySystem) -> bool:
     return bool(within * exact(longest) > exact(math.log(_LARGEST_GROWTH)))
 
 
+def _balanced(matrices: list[Any]) -> list[Any]:
+    """Return T^-1 A T of each `fmpq_mat`, T one diagonal of powers of two: det H is the same.
+
+    States in very different units make norms large, and steps short. Osborne's iteration on the
+    sum of the sizes; which T it finds is of no account to the proof.
+    """
+    n = matrices[0].nrows()
+    exponents = [0] * n
+    sizes = [
+        [sum(abs(float(A[i, j])) for A in matrices) * (i != j) for j in range(n)] for i in range(n)
+    ]
+    for i in list(range(n)) * _ROUNDS:
+        row, column = sum(sizes[i]), sum(line[i] for line in sizes)
+        if row > 0 and column > 0:
+            k = round(math.log2(row / column) / 2)
+            exponents[i] += k
+            sizes[i] = [x * 2.0**-k for x in sizes[i]]
+            for line in sizes:
+                line[i] *= 2.0**k
+    T = [flint.fmpq(2) ** k for k in exponents]
+    both = [(i, j) for i in range(n) for j in range(n)]
+    return [flint.fmpq_mat(n, n, [A[i, j] * T[j] / T[i] for i, j in both]) for A in matrices]
+
+
 class _Part(NamedTuple):
     """A straight part of the boundary: `start` + t `way`, t from 0 to `end`; all of them balls."""
 
@@ -174,7 +199,7 @@ class _Sector:
         terms = exact_terms(system, gain)
         self._n = n = system.A.shape[0]
         self._delays = [flint.arb(d) for d in terms]
-        self._A = [balls(A) for A, _ in terms.values()]
+        self._A = [balls(A) for A in _balanced([A for A, _ in terms.values()])]
         self._eye = flint.acb_mat([[int(i == j) for j in range(n)] for i in range(n)])
         self._ratio, self._within = flint.arb(asked.ratio), flint.arb(asked.within)
         self._root = flint.arb(n).sqrt()

@@ -107,13 +107,26 @@ def inverse(A):
     return [row[n:] for row in rows]
 
 
+def balance(matrices, n):
+    """Return t_i, powers of two, for which A_ij t_j / t_i are small; the roots are the same."""
+    T = [F(1)] * n
+    for k in [*range(n)] * 10:
+        each = [(i, j, float(abs(x) * T[j] / T[i])) for A in matrices for (i, j), x in A.items()]
+        row = sum(x for i, j, x in each if i == k != j)
+        column = sum(x for i, j, x in each if j == k != i)
+        if row > 0 and column > 0:
+            T[k] *= F(2) ** round(math.log2(row / column) / 2)
+    return T
+
+
 class Walk:
     """The turn of det H along straight parts, step by step."""
 
     def __init__(self, s, within):
-        self.n, self.within, merged = s.n, within, {}
+        self.n, self.within, merged, T = s.n, within, {}, balance(s.A, s.n)
         for d, A in zip(s.d, s.A):
-            merged[d] = merged.get(d, type(A)()) + A
+            same = type(A)({(i, j): x * T[j] / T[i] for (i, j), x in A.items()})
+            merged[d] = merged.get(d, type(A)()) + same
         self.d = list(merged)
         self.A = [
             [[C(int(A.get((i, j), 0) * UNIT // 1)) for j in range(s.n)] for i in range(s.n)]
