@@ -30,15 +30,19 @@ from .info_view import render as render
 from .layout import (
     CERTIFICATE_ATTACHMENT as CERTIFICATE_ATTACHMENT,
     CERTIFICATE_HASH as CERTIFICATE_HASH,
+    COMPUTED as COMPUTED,
     DESIGN_ATTACHMENT as DESIGN_ATTACHMENT,
     DROPPED_SIGNALS as DROPPED_SIGNALS,
+    LINK_STATE_SIGNALS as LINK_STATE_SIGNALS,
     RESULT as RESULT,
     SCENARIO_ATTACHMENT as SCENARIO_ATTACHMENT,
+    VEHICLE as VEHICLE,
     Signal as Signal,
     certificate_entries as certificate_entries,
     component_of as component_of,
     dropped_topic as dropped_topic,
     input_topic as input_topic,
+    link_state_topic as link_state_topic,
     link_topic as link_topic,
     output_topic as output_topic,
     result_of_link as result_of_link,
@@ -81,6 +85,7 @@ from .run_events import (
     EventKind as EventKind,
     RunEvent as RunEvent,
 )
+from .scene import Thinned as Thinned
 from .table import (
     Series as Series,
     Table as Table,

@@ -83,7 +83,7 @@ def diff(
     ----------
     tolerances : none by default: values must be equal.
     prefix : a is part of a run; compare it with the first rows of b.
-    topics : compare only these; all by default.
+    topics : compare only these; by default all that do not follow from others.
 
     Raises
     ------
@@ -100,7 +100,8 @@ def diff(
         log_lines = _log_lines(one, two) if topics is None else (0, 0)
         context = context_of(one, two)
         return Diff(paths, hashes, identical=True, context=context, log_lines=log_lines)
-    chosen = set(one.topics) | set(two.topics) if topics is None else set(topics)
+    everything = (set(one.topics) | set(two.topics)) - _computed(one) - _computed(two)
+    chosen = everything if topics is None else set(topics)
     both = [t for t in one.topics if t in two.topics and t in chosen]
     readable = [t for t in both if _readable(one, t) and _readable(two, t) and t != LOG_TOPIC]
     ends = _end_ns(one, chosen), _end_ns(two, chosen)
@@ -135,6 +136,11 @@ def diff(
         log_lines=_log_lines(one, two) if topics is None else (0, 0),
         prefix=prefix,
     )
+
+
+def _computed(trace: Trace) -> set[str]:
+    """Return the topics whose messages follow from those of others: the scene."""
+    return {topic for topic, info in trace.topics.items() if info.is_computed}
 
 
 def _topics_only(trace: Trace, other: Trace, chosen: set[str]) -> list[str]:

@@ -40,7 +40,16 @@ SCENARIO_ATTACHMENT, DESIGN_ATTACHMENT = "scenario.toml", "design.json"
 CERTIFICATE_ATTACHMENT, CERTIFICATE_HASH = "certificate.json", "certificate.sha256"
 """Attachments of a run with a design, and the key of `cosim.run` with the proof's SHA-256."""
 
-LOG_TOPIC, POSE_TOPIC, FRAME_TOPIC = "/log", "/auv/pose", "/tf"
+LOG_TOPIC, FRAME_TOPIC = "/log", "/tf"
+
+SCENE_SCHEMAS = "cosim.scene."
+"""Beginning of the schema names of rows that tell about the run; not part of the content hash."""
+
+VEHICLE = "auv"
+"""Frame of the vehicle, where a run has one, and the first part of its topics."""
+
+COMPUTED: Mapping[str, str] = {"computed": "from the topics of components and links"}
+"""Metadata of a channel whose messages follow from those of others."""
 
 DTYPES: Mapping[Kind, Any] = {"float": float, "int": np.int64, "bool": bool, "string": object}
 """NumPy type of a column, by the kind of its signal."""
@@ -96,6 +105,22 @@ class Signal:
             )
 
 
+LINK_STATE_SIGNALS = (
+    Signal("age_s", unit="s", description="time since the message in use was sent"),
+    Signal("in_flight", kind="int", description="messages sent that are neither here nor dropped"),
+    Signal("delivered", kind="int", description="messages delivered so far"),
+    Signal(
+        "lost", kind="int", description="messages known to be lost so far, each when it was due"
+    ),
+    Signal(
+        "dropped", kind="int", description="messages not used so far: lost, overtaken, late, ..."
+    ),
+    Signal(
+        "outage", kind="bool", description="whether the scenario keeps the link from delivering"
+    ),
+)
+"""Signals of `/link/<name>/state`."""
+
 DROPPED_SIGNALS = (
     Signal("reason", kind="string", description="why the message was not used: lost, overtaken"),
 )
@@ -120,6 +145,31 @@ def link_topic(link: str) -> str:
 def dropped_topic(link: str) -> str:
     """Return the topic of a link's dropped messages: `/link/<name>/dropped`."""
     return f"/link/{link}/dropped"
+
+
+def link_state_topic(link: str) -> str:
+    """Return the topic of a link's age and counts: `/link/<name>/state`."""
+    return f"/link/{link}/state"
+
+
+def pose_topic(vehicle: str) -> str:
+    """Return the topic of a vehicle's pose: `/auv/pose`."""
+    return f"/{vehicle}/pose"
+
+
+def reference_topic(vehicle: str) -> str:
+    """Return the topic of the pose that a vehicle is to have: `/auv/reference`."""
+    return f"/{vehicle}/reference"
+
+
+def hull_topic(vehicle: str) -> str:
+    """Return the topic of a vehicle's hull: `/auv/hull`."""
+    return f"/{vehicle}/hull"
+
+
+def path_topic(vehicle: str) -> str:
+    """Return the topic of the path that a vehicle has flown so far: `/auv/path`."""
+    return f"/{vehicle}/path"
 
 
 def component_of(topic: str) -> str | None:
@@ -159,7 +209,8 @@ def field_names(names: Sequence[str]) -> list[str]:
 def file_descriptor(schema_name: str, signals: Sequence[Signal]) -> FileDescriptorProto:
     """Describe the flat proto3 message `schema_name` (`package.Message`) of a topic's rows.
 
-    Field i + 1 is signal i, `optional`, of the type of its kind.
+    Field i + 1 is signal i, `optional`, of the type of its kind. Its comment is the signal's name,
+    unit and description.
 
     Raises
     ------
@@ -192,12 +243,28 @@ def file_descriptor(schema_name: str, signals: Sequence[Signal]) -> FileDescript
             proto3_optional=True,
             oneof_index=i,
         )
-    return FileDescriptorProto(
+    file = FileDescriptorProto(
         name=f"{schema_name.replace('.', '/')}.proto",
         package=package,
         syntax="proto3",
         message_type=[message],
     )
+    for i, signal in enumerate(signals):
+        file.source_code_info.location.add(
+            path=(*_FIRST_MESSAGE, _FIELD, i), span=(i, 0, 0), leading_comments=_comment(signal)
+        )
+    return file
+
+
+_FIRST_MESSAGE = FileDescriptorProto.MESSAGE_TYPE_FIELD_NUMBER, 0
+_FIELD = DescriptorProto.FIELD_FIELD_NUMBER
+"""Place of a field in a file, as `SourceCodeInfo` gives it: message_type[0].field[i]."""
+
+
+def _comment(signal: Signal) -> str:
+    """Return the comment of a signal's field: ` eta.x [m]: position north`."""
+    unit = f" [{signal.unit}]" if signal.unit is not None else ""
+    return f" {signal.name}{unit}" + (f": {signal.description}" if signal.description else "")
 
 
 def message_class(files: FileDescriptorSet, schema_name: str) -> type[Any]:

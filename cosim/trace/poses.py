@@ -1,4 +1,4 @@
-"""Encode many poses as `foxglove.PoseInFrame` at once, byte for byte as protobuf does.
+"""Encode many poses at once, `foxglove.PoseInFrame` and `FrameTransform`, as protobuf does.
 
 proto3 omits zeros and writes integers in as few bytes as they need: poses with the same fields in
 the same widths have messages of one shape, and are encoded together.
@@ -12,7 +12,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.trace.wire import equal_rows, put_varints, varint_lengths
+from cosim.trace.wire import equal_rows, put_varints, varint, varint_lengths
 
 Reals = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -34,6 +34,33 @@ def pose_messages(
     psi : turn about z [rad], (m,).
     room : bytes left free in front of each message.
     """
+    for mine, stamp, place, turn in _by_shape(time_ns, position, psi):
+        pose = np.hstack([_message(0x0A, place), _message(0x12, turn)])
+        parts = [_message(0x0A, stamp), _text(0x12, frame, mine.size), _message(0x1A, pose)]
+        yield mine, np.hstack([np.zeros((mine.size, room), np.uint8), *parts])
+
+
+def transform_messages(
+    frames: tuple[str, str], time_ns: Integers, position: Reals, psi: Reals, room: int = 0
+) -> Iterator[tuple[NDArray[np.intp], Bytes]]:
+    """Yield the same poses as `foxglove.FrameTransform`: of a frame in its parent.
+
+    frames : parent_frame_id, child_frame_id; the other arguments as for `pose_messages`.
+    """
+    for mine, stamp, place, turn in _by_shape(time_ns, position, psi):
+        names = [
+            _text(tag, name, mine.size) for tag, name in zip((0x12, 0x1A), frames, strict=True)
+        ]
+        parts = [_message(0x0A, stamp), *names, _message(0x22, place), _message(0x2A, turn)]
+        yield mine, np.hstack([np.zeros((mine.size, room), np.uint8), *parts])
+
+
+def _by_shape(
+    time_ns: Integers, position: Reals, psi: Reals
+) -> Iterator[tuple[NDArray[np.intp], Bytes, Bytes, Bytes]]:
+    """Yield numbers, timestamps, positions and orientations of the poses of each shape."""
+    if not time_ns.size:
+        return
     seconds, nanos = np.divmod(time_ns, _SECOND)
     # sin and cos of the C library, as for a single pose: NumPy's differ in the last bit
     halves = (0.5 * psi).tolist()
@@ -47,12 +74,14 @@ def pose_messages(
         stamp = [_varint(0x08, seconds[mine], of_seconds), _varint(0x10, nanos[mine], of_nanos)]
         place = [_double(9 + 8 * j, doubles[mine, j]) for j in range(3) if given[j]]
         facing = [_double(25 + 8 * j, doubles[mine, 3 + j]) for j in range(2) if given[3 + j]]
-        pose = [_message(0x0A, place, mine.size), _message(0x12, facing, mine.size)]
-        name = np.frombuffer(frame.encode(), np.uint8)
-        label = np.tile(np.concatenate([[0x12, name.size], name]).astype(np.uint8), (mine.size, 1))
-        free = np.zeros((mine.size, room), np.uint8)
-        parts = [free, _message(0x0A, stamp, mine.size), label, _message(0x1A, pose, mine.size)]
-        yield mine, np.hstack(parts)
+        nothing = np.zeros((mine.size, 0), np.uint8)
+        yield mine, np.hstack(stamp), np.hstack([nothing, *place]), np.hstack([nothing, *facing])
+
+
+def _text(tag: int, text: str, count: int) -> Bytes:
+    encoded = text.encode()
+    field = np.frombuffer(bytes([tag]) + varint(len(encoded)) + encoded, np.uint8)
+    return np.tile(field, (count, 1))
 
 
 def _length(values: Integers) -> Integers:
@@ -75,8 +104,7 @@ def _double(tag: int, values: Reals) -> Bytes:
     return np.hstack([head, body])
 
 
-def _message(tag: int, parts: list[Bytes], count: int) -> Bytes:
+def _message(tag: int, body: Bytes) -> Bytes:
     """Encode a field that has a message of fewer than 128 bytes."""
-    body = np.hstack([np.zeros((count, 0), np.uint8), *parts])
-    head = np.tile(np.array([tag, body.shape[1]], np.uint8), (count, 1))
+    head = np.tile(np.array([tag, body.shape[1]], np.uint8), (len(body), 1))
     return np.hstack([head, body])

@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cosim.trace.layout import VEHICLE
+
 Integers = NDArray[np.int64]
 
 
@@ -52,8 +54,16 @@ class Lines:
 
 @dataclass
 class Poses:
-    """Poses of the vehicle: x, y, z [m] and psi [rad], (m, 4); the rest as in `Rows`."""
+    """Poses of a vehicle: x, y, z [m] and psi [rad], (m, 4); the rest as in `Rows`.
+
+    Attributes
+    ----------
+    vehicle : its frame, and the first part of its topics: `/auv/pose`.
+    reference : whether these are where it is to be, `/auv/reference`, not where it is.
+    """
 
     log_ns: Integers
     values: NDArray[np.float64]
     rank: Integers | tuple[int, ...] = (0,)
+    vehicle: str = VEHICLE
+    reference: bool = False

@@ -179,6 +179,11 @@ class McapStream:
         if self._chunk.count > self._chunk_bytes:
             self._close_chunk()
 
+    @property
+    def last_ns(self) -> int:
+        """Greatest log time of the closed chunks [ns]; 0 before the first."""
+        return self._last
+
     def flush(self) -> None:
         """Close the chunk in progress and hand everything to the operating system."""
         self._close_chunk()

@@ -11,7 +11,7 @@ from typing import Protocol
 from cosim.core import InputError
 from cosim.trace.declared import Channel
 from cosim.trace.gather import decoder_of
-from cosim.trace.layout import Signal
+from cosim.trace.layout import COMPUTED, Signal
 from cosim.trace.records import LATEST_NS
 from cosim.trace.table import Table
 
@@ -41,6 +41,11 @@ class TopicInfo:
         if channel.encoding == channel.schema.encoding == "protobuf":
             with suppress(ValueError):  # `read` reports what is wrong with the schema
                 self.signals = decoder_of(channel).signals
+
+    @property
+    def is_computed(self) -> bool:
+        """Whether the messages follow from those of other topics, as those of the scene do."""
+        return COMPUTED.items() <= self.metadata.items()
 
     @property
     def start_ns(self) -> int | None:

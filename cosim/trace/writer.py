@@ -257,11 +257,12 @@ class TraceWriter:
         self._add(topic_id, time_ns, data, None, 0)
 
     def pose(self, time_ns: int, x: float, y: float, z: float, psi: float) -> None:
-        """Write to `/auv/pose` (`foxglove.PoseInFrame`), in the frame `ned`.
+        """Write to `/auv/pose` (`foxglove.PoseInFrame`), in the frame `ned`, and to `/tf`.
 
         Position (x north, y east, z down) is in m, heading psi about z in rad. The first pose
         also writes the transform from `map` (x east, y north, z up) to `ned` to `/tf`: with `map`
-        as its display frame, a 3D view shows down as down.
+        as its display frame, a 3D view shows down as down; and the hull to `/auv/hull`. The path
+        so far is written to `/auv/path` every so often, and when the trace is finished.
         """
         row = np.array([[x, y, z, psi]], np.float64)
         self.write_rows([Poses(np.array([time_ns], np.int64), row)])
@@ -275,6 +276,10 @@ class TraceWriter:
         """Write `cosim.result`, close the file and rename it; returns the final path."""
         entries = _strings(layout.RESULT, result)
         with self._guard:
+            self._stream.flush()
+            now = self._stream.last_ns
+            for topic_id, data in self._foxglove.whole_paths(now):
+                self._stream.message(topic_id, now, now, 0, data)
             self._stream.flush()  # cosim.result comes after the last message
             self._stream.metadata(layout.RESULT, entries)
             self._stream.finish()

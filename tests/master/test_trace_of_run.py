@@ -50,6 +50,7 @@ def test_rows_of_the_trace_are_the_rows_of_the_run(fmus: Path, tmp_path: Path) -
         "/sea/output",
         "/link/sc",
         "/link/sc/dropped",
+        "/link/sc/state",
         "/log",
     }
     for component, direction, names in (
@@ -95,11 +96,11 @@ def test_messages_of_a_link_are_those_of_its_schedule(fmus: Path, tmp_path: Path
 def test_file_is_in_order_of_time_and_receivers_follow_deliveries(
     fmus: Path, tmp_path: Path
 ) -> None:
-    """Log times never go back; at one instant: outputs, deliveries, inputs."""
+    """Log times never go back; at one instant: outputs, deliveries, inputs, states of links."""
     recorded(section_5(fmus, step=0.05, stop=2.0, links=[LINK]), tmp_path / "a.mcap")
     messages = Trace(tmp_path / "a.mcap").messages()
     seen = [(log, c.topic) for c, _, log, _, _ in messages if c.topic != "/log"]
-    rank = {"output": 0, "sc": 1, "dropped": 1, "input": 2}
+    rank = {"output": 0, "sc": 1, "dropped": 1, "input": 2, "state": 3}
     for (t0, a), (t1, b) in pairwise(seen):
         assert t0 <= t1
         if t0 == t1 and "dropped" not in a + b:

@@ -170,10 +170,14 @@ def test_log_and_pose(tmp_path: Path) -> None:
     assert [(m[1].topic, m[0].name) for m in messages] == [
         ("/log", "foxglove.Log"),
         ("/tf", "foxglove.FrameTransform"),
+        ("/auv/hull", "foxglove.SceneUpdate"),
         ("/auv/pose", "foxglove.PoseInFrame"),
+        ("/tf", "foxglove.FrameTransform"),
         ("/auv/pose", "foxglove.PoseInFrame"),
+        ("/tf", "foxglove.FrameTransform"),
+        ("/auv/path", "foxglove.SceneUpdate"),
     ]
-    log, transform, pose = messages[0][3], messages[1][3], messages[2][3]
+    log, transform, pose = messages[0][3], messages[1][3], messages[3][3]
     assert (log.level, log.name, log.message) == (3, "link sc", "burst")
     assert (log.timestamp.seconds, log.timestamp.nanos) == (1, 500_000_000)
     assert (pose.timestamp.seconds, pose.timestamp.nanos) == (2, 1)
