@@ -6,18 +6,23 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import typer
+from rich.console import Group
 from rich.table import Table
 
 from cosim.cli.common import JsonOption, answer, progress
-from cosim.trace import WrittenTable, export as write_tables
+from cosim.core import InputError
+from cosim.trace import WrittenBag, WrittenTable, export as write_tables, export_bag
 
-TableFormat = Literal["csv", "parquet"]
+Format = Literal["csv", "parquet", "ros2"]
 
 
 def export(
     file: Annotated[Path, typer.Argument(help="A trace, or any MCAP file.")],
     to: Annotated[
-        TableFormat, typer.Option(help="Format of the tables; parquet needs the extra tables.")
+        Format,
+        typer.Option(
+            help="csv or parquet (needs the extra tables): tables; ros2: one bag of messages."
+        ),
     ] = "csv",
     out: Annotated[
         Path | None,
@@ -44,7 +49,7 @@ def export(
     ] = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Write the signals of a trace as CSV or Parquet tables.
+    """Write the signals of a trace as CSV or Parquet tables, or as a bag of ROS 2.
 
     Without --wide there is one table per topic, with its rows as recorded: time_s (delivered),
     sent_s (sent), sequence, and the signals. With --wide there is one table: at each instant at
@@ -52,10 +57,28 @@ def export(
     last one delivered. Missing values are empty. Parquet files contain the unit and description
     of each column, and the description of the run.
 
+    With --to ros2 there is one MCAP file of the profile ros2: poses, path, frames, odometry and the
+    log as messages of geometry_msgs, nav_msgs, tf2_msgs and rcl_interfaces, and every other signal
+    as a topic of std_msgs.
+
     \b
     cosim trace export traces/auv-acoustic.mcap --to parquet -o tables
     cosim trace export traces/auv-acoustic.mcap --signal plant.eta --wide -o path.csv
+    cosim trace export traces/auv-acoustic.mcap --to ros2
     """
+    if to == "ros2":
+        if wide or signals:
+            raise InputError(
+                "a bag has topics, no tables",
+                where="--wide" if wide else "--signal",
+                expected="--topic to choose what is written with --to ros2",
+            )
+        with progress() as report_progress:
+            bag = export_bag(
+                file, out, topics=topics, start=start, end=end, report_progress=report_progress
+            )
+        answer(as_json, lambda: _bag_json(file, bag), lambda: _bag_view(bag))
+        return
     with progress() as report_progress:
         written = write_tables(
             file,
@@ -71,7 +94,7 @@ def export(
     answer(as_json, lambda: _json(file, to, written), lambda: _view(written))
 
 
-def _json(file: Path, to: TableFormat, written: list[WrittenTable]) -> dict[str, Any]:
+def _json(file: Path, to: Format, written: list[WrittenTable]) -> dict[str, Any]:
     return {
         "trace": str(file),
         "format": to,
@@ -85,6 +108,28 @@ def _json(file: Path, to: TableFormat, written: list[WrittenTable]) -> dict[str,
             for one in written
         ],
     }
+
+
+def _bag_json(file: Path, bag: WrittenBag) -> dict[str, Any]:
+    return {
+        "trace": str(file),
+        "format": "ros2",
+        "path": str(bag.path),
+        "topics": dict(bag.topics),
+        "left_out": list(bag.left_out),
+    }
+
+
+def _bag_view(bag: WrittenBag) -> Group:
+    table = Table(box=None, pad_edge=False)
+    table.add_column("topic", overflow="fold")
+    table.add_column("messages", justify="right")
+    for topic, count in bag.topics.items():
+        table.add_row(topic, str(count))
+    lines = [f"bag: {bag.path}"]
+    if bag.left_out:
+        lines.append(f"left out, no message of ROS 2 for it: {', '.join(bag.left_out)}")
+    return Group(table, *lines)
 
 
 def _view(written: list[WrittenTable]) -> Table:

@@ -73,6 +73,10 @@ from .report import (
     Report as Report,
     write_report as write_report,
 )
+from .ros2 import (
+    WrittenBag as WrittenBag,
+    export_bag as export_bag,
+)
 from .rows import (
     Lines as Lines,
     Poses as Poses,

@@ -13,39 +13,18 @@ from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from mcap.reader import make_reader
 from mcap.writer import Writer
 from mcap_protobuf.decoder import DecoderFactory
-from shared import fmu_store, made_once
+from scene_run import scene_run
 
 from cosim.models.auv import TABLE_1
-from cosim.scenario import Outcome, run
 from cosim.trace import Trace, content_hash, diff
 from cosim.trace.scene import HULL_DIAMETER_M, HULL_LENGTH_M, MOST_POINTS, Path as Flown
 
-SCENARIO = """
-extends = "set-point-path"
-assertions = []
-[run]
-end = "20 s"
-[reference]
-target = "controller.reference"
-axes = ["x", "y", "z", "psi"]
-points = [["2 s", 0.0, 0.0, 0.0, 0.0], ["15 s", "2 m", "1 m", "-1 m", "20 deg"]]
-[[events]]
-at = "5 s"
-for = "3 s"
-outage = ["uplink"]
-"""
 S = 10**9
-
-
-def recorded(folder: Path) -> Outcome:
-    scenario = folder / "short-path.toml"
-    scenario.write_text(SCENARIO, encoding="utf-8")
-    return run(scenario, folder / "run.mcap", fmus=fmu_store(), supervise=False)
 
 
 @pytest.fixture(scope="module")
 def path() -> Path:
-    return made_once("runs/scene", recorded) / "run.mcap"
+    return scene_run()
 
 
 @pytest.fixture(scope="module")
