@@ -17,6 +17,7 @@ from cosim.cli.common import JsonOption, answer, progress
 from cosim.cli.terminal import console
 from cosim.cli.trace_diff import diff
 from cosim.cli.trace_export import export
+from cosim.cli.trace_layout import layout
 from cosim.cli.trace_view import recovery_view, report_view, verification_view
 from cosim.cli.verbs import TraceVerbs
 from cosim.core import CheckFailedError, LossError
@@ -253,7 +254,7 @@ def view(
     answer(as_json, viewed.to_json, lambda: Text(viewed.text()))
 
 
-for elsewhere in (export, diff):
+for elsewhere in (export, layout, diff):
     trace_app.command()(elsewhere)
 
 

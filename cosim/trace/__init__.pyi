@@ -109,6 +109,11 @@ from .verification import (
     Verification as Verification,
     verify as verify,
 )
+from .viewers import (
+    Viewer as Viewer,
+    WrittenLayout as WrittenLayout,
+    write_layout as write_layout,
+)
 from .writer import (
     Attachment as Attachment,
     TraceWriter as TraceWriter,
