@@ -99,6 +99,11 @@ class FoxgloveTopics:
             records.append(_record(topic_id, at, data, ranks[k]))
         return records
 
+    @property
+    def has_paths(self) -> bool:
+        """Whether a vehicle has had a pose."""
+        return bool(self._paths)
+
     def whole_paths(self, time_ns: int) -> list[tuple[int, bytes]]:
         """Return the topic and the bytes of the path of each vehicle, as of an instant [ns]."""
         return [self._path(time_ns, name, path.points) for name, path in self._paths.items()]
