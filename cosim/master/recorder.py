@@ -32,7 +32,7 @@ from cosim.trace import (
     output_topic,
 )
 
-_SENT, _POSED, _DELIVERED, _RECEIVED, _TOLD, _LOGGED = 0, 1, 2, 1 << 30, (1 << 30) + 1, 1 << 31
+_SENT, _POSED, _DELIVERED, _RECEIVED, _SCENE, _LOGGED = 0, 1, 2, 1 << 30, (1 << 30) + 1, 1 << 31
 """Order of records of the same time: outputs, poses, deliveries link by link, inputs, then
 references and states of links, and events."""
 _AT_ONCE = 4096
@@ -200,7 +200,7 @@ class _Posed:
             values = self.instance.outputs[own][:, self._places]
             return Poses(times, values, (_POSED,), self.vehicle)
         values = self.instance.inputs[own][:, self._places]
-        return Poses(times, values, (_TOLD,), self.vehicle, reference=True)
+        return Poses(times, values, (_SCENE,), self.vehicle, reference=True)
 
 
 def _named(posed: list[_Posed]) -> list[_Posed]:
@@ -317,7 +317,7 @@ class _Traffic:
             ]
         )
         self._lost, self._lost_ns = self._lost + lost_ns.size, []
-        return Rows(self._state, times, values, rank=(_TOLD,))
+        return Rows(self._state, times, values, rank=(_SCENE,))
 
     def _values(self, messages: Arrivals) -> Any:
         rows = self._comm_points.rows_at(messages.sent_ns)

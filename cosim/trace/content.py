@@ -75,8 +75,8 @@ def begins_with(whole: Trace, part: Trace) -> bool:
     The topic /log is not compared: a run that was stopped early logs that. Nor is the scene, which
     follows from the rest.
     """
-    told = {t: i for t, i in part.topics.items() if t != LOG_TOPIC and not i.is_computed}
-    counts = {topic: info.count for topic, info in told.items() if info.count}
+    covered = {t: i for t, i in part.topics.items() if t != LOG_TOPIC and not i.is_computed}
+    counts = {topic: info.count for topic, info in covered.items() if info.count}
     if any(t not in whole.topics or whole.topics[t].count < n for t, n in counts.items()):
         return False
     return _beginnings(whole, counts) == _beginnings(part, counts)

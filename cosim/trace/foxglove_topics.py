@@ -81,18 +81,18 @@ class FoxgloveTopics:
         """
         ranks = np.broadcast_to(np.asarray(part.rank, np.int64), (part.log_ns.size, _keys(part)))
         records = self._beginning(part, int(part.log_ns[0]), ranks[0])
-        told = self._thinned.setdefault((part.vehicle, part.reference), Thinned())(part.log_ns)
+        chosen = self._thinned.setdefault((part.vehicle, part.reference), Thinned())(part.log_ns)
         if part.reference:
-            messages = pose_messages(NED, *_columns(part, told), room=HEAD.size)
+            messages = pose_messages(NED, *_columns(part, chosen), room=HEAD.size)
             topic_id = self._topic(layout.reference_topic(part.vehicle), _POSE)
-            return records + _records(topic_id, part.log_ns[told], ranks[told], messages)
+            return records + _records(topic_id, part.log_ns[chosen], ranks[chosen], messages)
         messages = pose_messages(NED, *_columns(part, slice(None)), room=HEAD.size)
         topic_id = self._topic(layout.pose_topic(part.vehicle), _POSE)
         records += _records(topic_id, part.log_ns, ranks, messages)
         frames = NED, part.vehicle
-        messages = transform_messages(frames, *_columns(part, told), room=HEAD.size)
+        messages = transform_messages(frames, *_columns(part, chosen), room=HEAD.size)
         topic_id = self._topic(layout.FRAME_TOPIC, _FRAME)
-        records += _records(topic_id, part.log_ns[told], ranks[told], messages)
+        records += _records(topic_id, part.log_ns[chosen], ranks[chosen], messages)
         for k, points in self._paths[part.vehicle].add(part.values[:, :3]):
             at = int(part.log_ns[k])
             topic_id, data = self._path(at, part.vehicle, points)

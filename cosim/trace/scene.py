@@ -27,7 +27,7 @@ HULL_DIAMETER_M = 1.19
 MOST_POINTS = 256
 """Most points of a path; beyond, every second one is left out."""
 
-TOLD_EVERY_NS = 100_000_000
+SCENE_PERIOD_NS = 100_000_000
 """Frames, references and states of links are written at the first instant in each tenth second."""
 
 _POINTS_PER_METRE = 1024.0
@@ -95,7 +95,7 @@ class Thinned:
 
     def __call__(self, times_ns: Integers) -> NDArray[np.intp]:
         """Return which of the next instants are chosen, (k,)."""
-        tenths = times_ns // TOLD_EVERY_NS
+        tenths = times_ns // SCENE_PERIOD_NS
         chosen = np.flatnonzero(np.diff(tenths, prepend=self._latest) > 0)
         self._latest = int(tenths[-1]) if tenths.size else self._latest
         return chosen

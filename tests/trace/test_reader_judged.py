@@ -301,8 +301,8 @@ def plain_hash(path: Path) -> str:
             elif isinstance(record, records.Message):
                 channel = channels[record.channel_id]
                 schema = schemas.get(channel.schema_id)
-                told = schema and schema.name.startswith(("foxglove.", "cosim.scene."))
-                if channel.topic == "/log" or told:
+                computed = schema and schema.name.startswith(("foxglove.", "cosim.scene."))
+                if channel.topic == "/log" or computed:
                     continue
                 names = [channel.topic, channel.message_encoding]
                 names += [schema.name, schema.encoding] if schema else ["", ""]

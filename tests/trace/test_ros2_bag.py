@@ -97,8 +97,8 @@ def test_poses_frames_and_odometry_are_those_of_the_trace(bag: Bag) -> None:
     assert len(bag["/auv/reference"]) == 201
     path = bag["/auv/path"][-1][1]
     ends = [[p.pose.position.x, p.pose.position.y] for p in (path.poses[0], path.poses[-1])]
-    flown = np.column_stack([plant["eta.x"], plant["eta.y"]])
-    assert np.array(ends) == pytest.approx(flown[[0, -1]], abs=1e-3)
+    track = np.column_stack([plant["eta.x"], plant["eta.y"]])
+    assert np.array(ends) == pytest.approx(track[[0, -1]], abs=1e-3)
 
 
 def test_log_has_its_levels_and_texts(bag: Bag) -> None:

@@ -17,7 +17,7 @@ from scene_run import scene_run
 
 from cosim.models.auv import TABLE_1
 from cosim.trace import Trace, content_hash, diff
-from cosim.trace.scene import HULL_DIAMETER_M, HULL_LENGTH_M, MOST_POINTS, Path as Flown
+from cosim.trace.scene import HULL_DIAMETER_M, HULL_LENGTH_M, MOST_POINTS, Path as PathSoFar
 
 S = 10**9
 
@@ -84,13 +84,13 @@ def test_path_so_far_is_whole_small_and_ends_where_the_vehicle_is(
     path: Path, messages: dict[str, Any]
 ) -> None:
     plant = Trace(path).read("/plant/output")
-    flown = np.column_stack([plant[f"eta.{a}"] for a in "xyz"])
+    track = np.column_stack([plant[f"eta.{a}"] for a in "xyz"])
     updates = messages["/auv/path"]
     assert len(updates) > 3
     for time, update, _ in updates:
         points = update.entities[0].lines[0].points
         assert len(points) <= MOST_POINTS + 1
-        so_far = flown[plant.log_time_ns <= time]
+        so_far = track[plant.log_time_ns <= time]
         ends = np.array([[p.x, p.y, p.z] for p in (points[0], points[-1])])
         assert ends == pytest.approx(so_far[[0, -1]], abs=1e-3)
         for p in points:
@@ -131,7 +131,7 @@ def test_schemas_have_unit_and_description(path: Path) -> None:
     with path.open("rb") as stream:
         summary = make_reader(stream).get_summary()
     assert summary is not None
-    said = {}
+    comments = {}
     for channel in summary.channels.values():
         schema = summary.schemas[channel.schema_id]
         file = FileDescriptorSet.FromString(schema.data).file[-1]
@@ -139,10 +139,10 @@ def test_schemas_have_unit_and_description(path: Path) -> None:
             kind, message, inner, field = place.path
             assert (kind, message, inner) == (4, 0, 2)
             name = file.message_type[message].field[field].name
-            said[f"{channel.topic}.{name}"] = place.leading_comments
-    assert said["/plant/output.eta_x"].startswith(" eta.x [m]: ")
-    assert said["/link/uplink/state.age_s"].startswith(" age_s [s]: time since")
-    assert {topic for topic in said if topic.startswith(("/tf", "/auv"))} == set()
+            comments[f"{channel.topic}.{name}"] = place.leading_comments
+    assert comments["/plant/output.eta_x"].startswith(" eta.x [m]: ")
+    assert comments["/link/uplink/state.age_s"].startswith(" age_s [s]: time since")
+    assert {topic for topic in comments if topic.startswith(("/tf", "/auv"))} == set()
 
 
 def test_content_hash_and_diff_leave_the_scene_out(path: Path, tmp_path: Path) -> None:
@@ -178,7 +178,7 @@ def test_path_is_the_same_whatever_its_blocks() -> None:
     line = np.column_stack([np.arange(50_000) * 0.01] * 3)
     line[777] = np.nan
     line[40_000:] = 1e300
-    whole, cut = Flown(), Flown()
+    whole, cut = PathSoFar(), PathSoFar()
     at_once = whole.add(line)
     begins = [0, 1, 31, 32, 4096, 30_000, 50_000]
     in_parts = [

@@ -53,10 +53,10 @@ def lichtblick(path: Path, tmp_path: Path) -> dict[str, Any]:
     assert all(isinstance(found[key], dict) for key in ("configById", "globalVariables"))
     assert isinstance(found["playbackConfig"]["speed"], int | float)
     panels = found["configById"]
-    shown = leaves(found["layout"])
+    visible = leaves(found["layout"])
     for page in panels["Tab!plots"]["tabs"]:
-        shown += leaves(page["layout"])
-    assert sorted(shown) == sorted(panels)
+        visible += leaves(page["layout"])
+    assert sorted(visible) == sorted(panels)
     return panels
 
 

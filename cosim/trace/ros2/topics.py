@@ -150,8 +150,8 @@ class _Signals:
         for signal, (topic, kind, form) in self._topics.items():
             there = np.flatnonzero(table.present[signal.name])
             values = table[signal.name][there]
-            said = {"name": signal.name, "unit": signal.unit, "description": signal.description}
-            notes = {key: text for key, text in said.items() if text is not None}
+            known = {"name": signal.name, "unit": signal.unit, "description": signal.description}
+            notes = {key: text for key, text in known.items() if text is not None}
             if form:
                 lines = Message().value(form, column="data").filled(there.size, {"data": values})
                 yield Outgoing(topic, kind, there, lines, notes)

@@ -17,7 +17,7 @@ from cosim.trace.layout import LOG_TOPIC
 from cosim.trace.topic_info import TopicInfo
 from cosim.trace.viewers.plots import Curve, Plot, Tab
 
-_SHOWN = ("foxglove.PoseInFrame", "foxglove.SceneUpdate")
+_IN_3D = ("foxglove.PoseInFrame", "foxglove.SceneUpdate")
 _REFERENCE_COLOR = "#e8590cff"
 
 
@@ -26,8 +26,8 @@ def layout(topics: dict[str, TopicInfo], tabs: Sequence[Tab]) -> str:
     fixed = json.loads(resources.files(__package__).joinpath("lichtblick.json").read_text("utf-8"))
     panels: dict[str, Any] = {}
     left = []
-    if shown := {t: i for t, i in topics.items() if i.schema in _SHOWN and i.count}:
-        panels["3D!scene"] = {**fixed["3D"], **_scene(shown)}
+    if visible := {t: i for t, i in topics.items() if i.schema in _IN_3D and i.count}:
+        panels["3D!scene"] = {**fixed["3D"], **_scene(visible)}
         left.append("3D!scene")
     if LOG_TOPIC in topics:
         panels["RosOut!log"] = {**fixed["RosOut"], "topicToRender": LOG_TOPIC}
@@ -59,10 +59,10 @@ def message_path(curve: Curve) -> str:
     return f"{topic}.{curve.field}"
 
 
-def _scene(shown: dict[str, TopicInfo]) -> dict[str, Any]:
-    settings: dict[str, Any] = {topic: {"visible": True} for topic in shown}
+def _scene(visible: dict[str, TopicInfo]) -> dict[str, Any]:
+    settings: dict[str, Any] = {topic: {"visible": True} for topic in visible}
     vehicle = None
-    for topic, info in shown.items():
+    for topic, info in visible.items():
         place, _, kind = topic.strip("/").rpartition("/")
         if info.schema == "foxglove.PoseInFrame" and kind == "reference":
             settings[topic] |= {"type": "arrow", "color": _REFERENCE_COLOR}

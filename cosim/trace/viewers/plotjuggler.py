@@ -55,8 +55,8 @@ def _areas(window: ET.Element, title: str, count: int) -> list[ET.Element]:
 def _fill(area: ET.Element, of: Plot) -> None:
     area.set("name", f"{of.title} [{of.unit}]" if of.unit else of.title)
     # a value that is held is drawn as steps; one style for all curves of a plot
-    held = not any(curve.continuous for curve in of.curves)
-    plot = _plot(area, "TimeSeries", "Steps" if held else "Lines")
+    stepwise = not any(curve.continuous for curve in of.curves)
+    plot = _plot(area, "TimeSeries", "Steps" if stepwise else "Lines")
     for curve, color in zip(of.curves, _COLORS, strict=False):
         ET.SubElement(plot, "curve", name=series_name(curve), color=color)
 

@@ -63,7 +63,7 @@ def write_layout(trace: Path, viewer: Viewer, target: Path | None = None) -> Wri
     """
     found = Trace(trace)
     tabs, left_out = tabs_of(found.topics)
-    ending, layout = _LAYOUTS[viewer]
+    suffix, layout = _LAYOUTS[viewer]
     if not tabs:
         raise InputError(
             "the trace has nothing to plot",
@@ -72,7 +72,7 @@ def write_layout(trace: Path, viewer: Viewer, target: Path | None = None) -> Wri
             got=", ".join(found.topics) or "no topics",
         )
     stem = found.path.name.partition(".")[0]
-    target = target or found.path.with_name(f"{stem}.{viewer}.{ending}")
+    target = target or found.path.with_name(f"{stem}.{viewer}.{suffix}")
     if target.exists() and target.samefile(found.path):
         raise InputError("the layout would overwrite its trace", where=str(target))
     try:
