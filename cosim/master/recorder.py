@@ -156,9 +156,9 @@ class TraceRecorder(Observer):
         return own, self._points[own]
 
     def log(self, time_ns: int, level: str, name: str, message: str) -> None:
-        """Write a line to /log; a line of a link says that its outage begins (warning) or ends."""
+        """Write a line to /log; of a link, "outage ..." says that one begins (warning) or ends."""
         for traffic in self._traffic:
-            if name == traffic.link.name:
+            if name == traffic.link.name and message.startswith("outage "):
                 traffic.outage = level == "warning"
         if self.run_ended or self._writer.ended:
             self.log_after_end.append({"level": level, "name": name, "message": message})

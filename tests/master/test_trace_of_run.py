@@ -107,6 +107,18 @@ def test_file_is_in_order_of_time_and_receivers_follow_deliveries(
             assert rank[a.rsplit("/", 1)[1]] <= rank[b.rsplit("/", 1)[1]], (t0, a, b)
 
 
+def test_each_of_two_vehicles_has_its_own_frame(fmus: Path, tmp_path: Path) -> None:
+    """A single one is called auv; of several each has the name of its component."""
+    two = {name: ("AuvPlant", {"initial.eta.x": x}) for name, x in (("left", 1.0), ("right", 2.0))}
+    for given, vehicles in ((two, ["left", "right"]), ({"left": two["left"]}, ["auv"])):
+        recorded(system(fmus, given, [], step=0.1, stop=0.5), tmp_path / "a.mcap")
+        trace = Trace(tmp_path / "a.mcap")
+        for vehicle, x in zip(vehicles, (1.0, 2.0), strict=False):
+            assert trace.read(f"/{vehicle}/pose")["pose.position.x"][0] == x
+            assert {f"/{vehicle}/{kind}" for kind in ("hull", "path")} <= set(trace.topics)
+        assert set(trace.read("/tf")["child_frame_id"]) == {"ned", *vehicles}
+
+
 def test_channel_metadata_is_that_of_the_model_description(fmus: Path, tmp_path: Path) -> None:
     """FMI name, value reference, unit and hold of each signal; component of each topic."""
     given = system(

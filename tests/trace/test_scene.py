@@ -16,7 +16,8 @@ from mcap_protobuf.decoder import DecoderFactory
 from scene_run import scene_run
 
 from cosim.models.auv import TABLE_1
-from cosim.trace import Trace, content_hash, diff
+from cosim.trace import Trace, begins_with, content_hash, diff
+from cosim.trace.report.series import Recording
 from cosim.trace.scene import HULL_DIAMETER_M, HULL_LENGTH_M, MOST_POINTS, Path as PathSoFar
 
 S = 10**9
@@ -145,17 +146,18 @@ def test_schemas_have_unit_and_description(path: Path) -> None:
     assert {topic for topic in comments if topic.startswith(("/tf", "/auv"))} == set()
 
 
-def test_content_hash_and_diff_leave_the_scene_out(path: Path, tmp_path: Path) -> None:
-    """The same file without its scene, as an older version wrote it, is the same run."""
-    plain = tmp_path / "plain.mcap"
-    with path.open("rb") as source, plain.open("wb") as target:
-        reader, writer = make_reader(source), Writer(target)
+def copied(path: Path, target: Path, *, but_last: str | None = None, scene: bool = False) -> Path:
+    """The same file, without its scene as an older version wrote it; `but_last` of a topic."""
+    with path.open("rb") as source, target.open("wb") as stream:
+        reader, writer = make_reader(source), Writer(stream)
         writer.start()
         for metadata in reader.iter_metadata():
             writer.add_metadata(metadata.name, metadata.metadata)
         ids: dict[int, int] = {}
         for schema, channel, m in reader.iter_messages(log_time_order=False):
-            if "computed" in channel.metadata:
+            if "computed" in channel.metadata and not scene:
+                continue
+            if channel.topic == but_last and m.log_time == 20 * S:
                 continue
             if channel.id not in ids:
                 number = writer.register_schema(schema.name, schema.encoding, schema.data)
@@ -164,6 +166,11 @@ def test_content_hash_and_diff_leave_the_scene_out(path: Path, tmp_path: Path) -
                 )
             writer.add_message(ids[channel.id], m.log_time, m.data, m.publish_time, m.sequence)
         writer.finish()
+    return target
+
+
+def test_content_hash_and_diff_leave_the_scene_out(path: Path, tmp_path: Path) -> None:
+    plain = copied(path, tmp_path / "plain.mcap")
     assert set(Trace(path).topics) - set(Trace(plain).topics) == {
         "/tf",
         *(f"/auv/{name}" for name in ("pose", "reference", "hull", "path")),
@@ -171,6 +178,20 @@ def test_content_hash_and_diff_leave_the_scene_out(path: Path, tmp_path: Path) -
     }
     assert content_hash(path) == content_hash(plain)
     assert diff(path, plain).identical
+    assert begins_with(Trace(plain), Trace(path))
+    for scene in (False, True):
+        shorter = copied(path, tmp_path / "shorter.mcap", but_last="/sea/output", scene=scene)
+        found = diff(path, shorter)
+        assert (found.identical, found.only, found.other_bytes) == (False, ((), ()), ())
+        compared = {signal.topic for signal in found.signals}
+        assert "/sea/output" in compared
+        assert not [topic for topic in compared if Trace(path).topics[topic].is_computed]
+
+
+def test_report_draws_no_scene(path: Path) -> None:
+    drawn = {series.topic for series in Recording(Trace(path)).series}
+    assert "/plant/output" in drawn
+    assert not [topic for topic in drawn if Trace(path).topics[topic].is_computed]
 
 
 def test_path_is_the_same_whatever_its_blocks() -> None:
@@ -189,6 +210,7 @@ def test_path_is_the_same_whatever_its_blocks() -> None:
     assert [k for k, _ in at_once] == [k for k, _ in in_parts]
     for (_, a), (_, b) in zip(at_once, in_parts, strict=True):
         assert np.array_equal(a, b)
+        assert a[0].tolist() == [0.0] * 3
         assert len(a) <= MOST_POINTS + 1
         assert np.isfinite(a).all()
         assert np.abs(a).max() <= 400
