@@ -304,7 +304,8 @@ class _Traffic:
         """Return age and counts at some of these points, up to which `until` has returned all."""
         times = points_ns[self._thinned(points_ns)]
         name = self.link.name
-        found = self._comm_points.links[name].state(times)
+        # a run may break off where the delay of a message that is sent is not known yet
+        found = self._comm_points.links[name].state(times, broken_off=True)
         lost_ns = np.concatenate([np.zeros(0, np.int64), *self._lost_ns])
         values = np.column_stack(
             [

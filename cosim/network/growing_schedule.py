@@ -242,12 +242,14 @@ class GrowingSchedule:
     def in_flight(self, points_ns: ArrayLike) -> NDArray[np.int64]:
         """Return how many messages and copies were sent and neither came nor were dropped, int64.
 
+        Also at the horizon of a live link, as `state` of a run that is broken off.
+
         Raises
         ------
         InputError : as `state`.
         """
         points = np.asarray(points_ns, np.int64)
-        state = self.state(points)
+        state = self.state(points, broken_off=True)
         sent = [
             self._sendings.until(time) + self._copies_forgotten + bisect_right(self._copies, time)
             for time in points.tolist()
