@@ -17,6 +17,7 @@ from cosim.master.system import System
 from cosim.network import DELIVERED, LOST, REASONS, Arrivals, PacketLink
 from cosim.trace import (
     COMPUTED,
+    LINK_STATE_SCHEMA,
     LINK_STATE_SIGNALS,
     VEHICLE,
     Lines,
@@ -272,7 +273,7 @@ class _Traffic:
         self._state = writer.add_topic(
             link_state_topic(link.name),
             LINK_STATE_SIGNALS,
-            schema_name="cosim.scene.LinkState",
+            schema_name=LINK_STATE_SCHEMA,
             metadata={"link": link.name, **COMPUTED},
         )
         self._written_count = 0

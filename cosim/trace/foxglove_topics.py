@@ -117,7 +117,7 @@ class FoxgloveTopics:
         if not self._framed:
             self._framed = True
             data = foxglove.encoded(_FRAME, time_ns, _MAP_TO_NED)
-            topic_id = self._topic(layout.FRAME_TOPIC, _FRAME)
+            topic_id = self._topic(layout.FIXED_FRAME_TOPIC, _FRAME)
             records.append(_record(topic_id, time_ns, data, rank))
         if not part.reference and part.vehicle not in self._paths:
             self._paths[part.vehicle] = Path()

@@ -42,8 +42,16 @@ CERTIFICATE_ATTACHMENT, CERTIFICATE_HASH = "certificate.json", "certificate.sha2
 
 LOG_TOPIC, FRAME_TOPIC = "/log", "/tf"
 
-SCENE_SCHEMAS = "cosim.scene."
-"""Beginning of the schema names of rows that tell about the run; not part of the content hash."""
+FIXED_FRAME_TOPIC = "/tf_static"
+"""Frames that do not move, by themselves: a viewer that jumps gets the last message of a topic."""
+
+SCENE_SCHEMAS = "cosim.scene.link."
+"""Beginning of the schema names of rows that tell about the run; not part of the content hash.
+
+One part longer than that of any component, which may be called `scene`.
+"""
+
+LINK_STATE_SCHEMA = f"{SCENE_SCHEMAS}State"
 
 VEHICLE = "auv"
 """Frame of the vehicle, where a run has one, and the first part of its topics."""

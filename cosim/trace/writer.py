@@ -275,9 +275,9 @@ class TraceWriter:
         """Write to `/auv/pose` (`foxglove.PoseInFrame`), in the frame `ned`, and to `/tf`.
 
         Position (x north, y east, z down) is in m, heading psi about z in rad. The first pose
-        also writes the transform from `map` (x east, y north, z up) to `ned` to `/tf`: with `map`
-        as its display frame, a 3D view shows down as down; and the hull to `/auv/hull`. The path
-        so far is written to `/auv/path` every so often, and when the trace is finished.
+        also writes the transform from `map` (x east, y north, z up) to `ned` to `/tf_static`: with
+        `map` as its display frame, a 3D view shows down as down; and the hull to `/auv/hull`. The
+        path so far is written to `/auv/path` every so often, and when the trace is finished.
         """
         row = np.array([[x, y, z, psi]], np.float64)
         self.write_rows([Poses(np.array([time_ns], np.int64), row)])

@@ -116,7 +116,7 @@ def test_each_of_two_vehicles_has_its_own_frame(fmus: Path, tmp_path: Path) -> N
         for vehicle, x in zip(vehicles, (1.0, 2.0), strict=False):
             assert trace.read(f"/{vehicle}/pose")["pose.position.x"][0] == x
             assert {f"/{vehicle}/{kind}" for kind in ("hull", "path")} <= set(trace.topics)
-        assert set(trace.read("/tf")["child_frame_id"]) == {"ned", *vehicles}
+        assert set(trace.read("/tf")["child_frame_id"]) == {*vehicles}
 
 
 def test_channel_metadata_is_that_of_the_model_description(fmus: Path, tmp_path: Path) -> None:

@@ -52,7 +52,7 @@ def test_rerun_loads_every_message(tmp_path: Path) -> None:
         capture_output=True,
         text=True,
     ).stdout
-    scene = ("/auv/pose", "/auv/hull", "/auv/path", "/tf")
+    scene = ("/auv/pose", "/auv/hull", "/auv/path", "/tf", "/tf_static")
     for topic in ("/plant/output", "/link/sc", "/log", *scene):
         assert re.search(rf"^{re.escape(topic)}: ", reported, re.MULTILINE), reported
     rows, static = (

@@ -301,7 +301,7 @@ def plain_hash(path: Path) -> str:
             elif isinstance(record, records.Message):
                 channel = channels[record.channel_id]
                 schema = schemas.get(channel.schema_id)
-                computed = schema and schema.name.startswith(("foxglove.", "cosim.scene."))
+                computed = schema and schema.name.startswith(("foxglove.", "cosim.scene.link."))
                 if channel.topic == "/log" or computed:
                     continue
                 names = [channel.topic, channel.message_encoding]

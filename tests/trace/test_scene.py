@@ -16,7 +16,7 @@ from mcap_protobuf.decoder import DecoderFactory
 from scene_run import scene_run
 
 from cosim.models.auv import TABLE_1
-from cosim.trace import Trace, begins_with, content_hash, diff
+from cosim.trace import Signal, Trace, TraceWriter, begins_with, content_hash, diff
 from cosim.trace.report.series import Recording
 from cosim.trace.scene import HULL_DIAMETER_M, HULL_LENGTH_M, MOST_POINTS, Path as PathSoFar
 
@@ -40,9 +40,9 @@ def messages(path: Path) -> dict[str, list[tuple[int, Any, int]]]:
 
 
 def test_vehicle_moves_in_the_frames(path: Path, messages: dict[str, Any]) -> None:
-    """First how a view's map lies to north, then the vehicle in it, as its outputs say."""
-    (_, first, _), *moving = messages["/tf"]
-    assert (first.parent_frame_id, first.child_frame_id) == ("map", "ned")
+    """How a view's map lies to north, by itself, and the vehicle in it, as its outputs say."""
+    ((_, fixed, _),), moving = messages["/tf_static"], messages["/tf"]
+    assert (fixed.parent_frame_id, fixed.child_frame_id) == ("map", "ned")
     plant = Trace(path).read("/plant/output")
     rows = {int(t): k for k, t in enumerate(plant.log_time_ns)}
     tenths = [time // (S // 10) for time, _, _ in moving]
@@ -173,6 +173,7 @@ def test_content_hash_and_diff_leave_the_scene_out(path: Path, tmp_path: Path) -
     plain = copied(path, tmp_path / "plain.mcap")
     assert set(Trace(path).topics) - set(Trace(plain).topics) == {
         "/tf",
+        "/tf_static",
         *(f"/auv/{name}" for name in ("pose", "reference", "hull", "path")),
         *(f"/link/{name}/state" for name in ("uplink", "downlink")),
     }
@@ -186,6 +187,19 @@ def test_content_hash_and_diff_leave_the_scene_out(path: Path, tmp_path: Path) -
         compared = {signal.topic for signal in found.signals}
         assert "/sea/output" in compared
         assert not [topic for topic in compared if Trace(path).topics[topic].is_computed]
+
+
+def test_component_called_scene_is_in_the_hash(tmp_path: Path) -> None:
+    hashes = set()
+    for value in (1.0, 2.0):
+        with TraceWriter(tmp_path / "a.mcap", run={}) as writer:
+            topic = writer.add_topic(
+                "/scene/output", [Signal("x")], schema_name="cosim.scene.Output"
+            )
+            writer.write(topic, 0, [value])
+            writer.finish({})
+        hashes.add(content_hash(tmp_path / "a.mcap"))
+    assert len(hashes) == 2
 
 
 def test_report_draws_no_scene(path: Path) -> None:

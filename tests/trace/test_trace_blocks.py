@@ -236,7 +236,7 @@ def test_frame_comes_before_the_first_pose(tmp_path: Path) -> None:
         writer.pose(9, 1.0, 2.0, 3.0, 0.1)
         writer.finish({})
     assert [m[:2] for m in messages(path)] == [
-        ("/tf", 5),
+        ("/tf_static", 5),
         ("/auv/hull", 5),
         ("/auv/pose", 5),
         ("/tf", 5),

@@ -160,7 +160,7 @@ def test_links_in_the_trace(tmp_path: Path) -> None:
 
 
 def test_log_and_pose(tmp_path: Path) -> None:
-    """Log and pose are Foxglove messages; `/tf` turns down into down for a z-up view."""
+    """Log and pose are Foxglove messages; `/tf_static` turns down into down for a z-up view."""
     with TraceWriter(tmp_path / "a.mcap", run={}) as writer:
         writer.log(1_500_000_000, "warning", "link sc", "burst")
         writer.pose(2_000_000_001, 1.0, 2.0, 3.0, 0.5)
@@ -169,7 +169,7 @@ def test_log_and_pose(tmp_path: Path) -> None:
     messages = decoded(tmp_path / "a.mcap")
     assert [(m[1].topic, m[0].name) for m in messages] == [
         ("/log", "foxglove.Log"),
-        ("/tf", "foxglove.FrameTransform"),
+        ("/tf_static", "foxglove.FrameTransform"),
         ("/auv/hull", "foxglove.SceneUpdate"),
         ("/auv/pose", "foxglove.PoseInFrame"),
         ("/tf", "foxglove.FrameTransform"),

@@ -18,7 +18,13 @@ from numpy.typing import NDArray
 
 from cosim.core import InputError
 from cosim.trace.foxglove_topics import MAP, NED
-from cosim.trace.layout import VEHICLE, component_of, field_names
+from cosim.trace.layout import (
+    FIXED_FRAME_TOPIC,
+    FRAME_TOPIC,
+    VEHICLE,
+    component_of,
+    field_names,
+)
 from cosim.trace.ros2.cdr import Bytes, Message
 from cosim.trace.scene import Path
 from cosim.trace.table import Table
@@ -68,12 +74,13 @@ def converters(topics: Mapping[str, TopicInfo]) -> dict[str, list[Converter]]:
     names = _Names()
     vehicles = [t for t, i in readable.items() if _has(i, _ETA) and t.endswith("/output")]
     found: dict[str, list[Converter]] = {}
+    frames = _Frames(names.free(FRAME_TOPIC), names.free(FIXED_FRAME_TOPIC))
     for topic, info in readable.items():
         match info.schema:
             case "foxglove.PoseInFrame":
                 found[topic] = [_Poses(names.free(topic), names)]
             case "foxglove.FrameTransform":
-                found[topic] = [_Frames(names.free("/tf"), names.free("/tf_static"))]
+                found[topic] = [frames]
             case "foxglove.Log":
                 found[topic] = [_Log(names.free(topic))]
             case _:
