@@ -1,7 +1,28 @@
 "use strict";
-(() => {
-  const figures = JSON.parse(document.getElementById("figures").textContent);
+(async () => {
   const root = document.documentElement;
+  const bytesOf = (base64) => Uint8Array.from(atob(base64), (c) => c.charCodeAt(0));
+  const unpacked = (id) => new Response(
+    new Blob([bytesOf(document.getElementById(id).textContent)]).stream()
+      .pipeThrough(new DecompressionStream("gzip"))).text();
+  let figures;
+  try {
+    const library = document.createElement("script"); // runs only if it has the policy's hash
+    library.textContent = await unpacked("library");
+    figures = JSON.parse(await unpacked("figures"));
+    document.head.append(library);
+    if (typeof Plotly === "undefined") throw new Error("the library did not start");
+  } catch (error) {
+    const note = document.getElementById("undrawn");
+    note.textContent = typeof DecompressionStream === "undefined"
+      ? "The charts need a newer browser, which can unpack them (DecompressionStream: Chromium 80, "
+        + "Firefox 113, Safari 16.4); everything else of this report is complete."
+      : `The charts cannot be drawn: ${error.message}. Everything else of this report is complete.`;
+    note.hidden = false;
+    document.querySelector("main").prepend(note);
+    root.dataset.ready = "undrawn";
+    return;
+  }
   // Okabe and Ito's colours, told apart by all kinds of eyes; chosen for either background
   const themes = {
     light: {
@@ -22,10 +43,11 @@
     return themes[chosen || (dark.matches ? "dark" : "light")];
   };
   const narrow = () => window.innerWidth < 640;
+  const pointed = window.matchMedia("(hover: hover)").matches && !narrow();
   const config = {
     responsive: true,
     displaylogo: false,
-    displayModeBar: narrow() ? false : "hover",
+    displayModeBar: pointed ? "hover" : false, // without a mouse it would never go away
     showSendToCloud: false, // nothing of a run leaves the page
     plotlyServerURL: "",
     modeBarButtonsToRemove: ["lasso2d", "select2d", "autoScale2d"],
@@ -33,7 +55,7 @@
   };
 
   const numbers = (packed) => {
-    const bytes = Uint8Array.from(atob(packed.bdata), (c) => c.charCodeAt(0));
+    const bytes = bytesOf(packed.bdata);
     return packed.dtype === "f8" ? new Float64Array(bytes.buffer) : new Float32Array(bytes.buffer);
   };
   const axes = (packed) => Object.fromEntries(

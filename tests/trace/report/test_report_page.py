@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import base64
+import gzip
+import re
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -163,6 +166,31 @@ def test_everything_works_by_keyboard(page: Page, reports: dict[str, Path]) -> N
         (div) => div.getAttribute('aria-label').length > 20)""")
     assert page.ask("""[...document.querySelectorAll('a[href^="#"]')].every(
         (link) => document.getElementById(link.hash.slice(1)))""")
+
+
+def test_a_page_that_cannot_be_drawn_says_why(
+    page: Page, reports: dict[str, Path], tmp_path: Path
+) -> None:
+    """Another script in the place of the library is not run; an old browser is named."""
+    html = reports["paper"].read_text("utf-8")
+    other = base64.b64encode(gzip.compress(b"window.Plotly = {}; window.ran = true")).decode()
+    changed = tmp_path / "changed.html"
+    changed.write_text(re.sub(r'(id="library">)[^<]*', rf"\1{other}", html), "utf-8")
+    note = "document.getElementById('undrawn').textContent"
+    page.open(changed, ready="undrawn")
+    assert page.ask("window.ran") is None
+    assert "the library did not start" in page.ask(note)
+    page.errors.clear()
+    old = page.call(
+        "Page.addScriptToEvaluateOnNewDocument", source="delete window.DecompressionStream"
+    )
+    try:
+        page.open(reports["paper"], ready="undrawn")
+        assert "need a newer browser" in page.ask(note)
+        assert page.ask("document.getElementById('undrawn').checkVisibility()")
+        assert page.errors == []
+    finally:
+        page.call("Page.removeScriptToEvaluateOnNewDocument", identifier=old["identifier"])
 
 
 def test_path_is_drawn_without_webgl(tmp_path: Path, reports: dict[str, Path]) -> None:
