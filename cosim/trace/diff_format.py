@@ -82,6 +82,19 @@ def differences(found: Diff) -> Iterator[str]:
     yield from (f"{name}: the text differs" for name in found.context.texts)
 
 
+def further_differences(found: Diff) -> Iterator[str]:
+    """Yield what differs beside signals in both, messages of links, metadata and texts."""
+    for name, only in zip(("first", "second"), found.only, strict=True):
+        if only:
+            yield f"only in the {name} trace: {', '.join(only)}"
+    if found.other_bytes:
+        yield f"other messages: {', '.join(found.other_bytes)}"
+    if not found.same_end:
+        yield f"end: t = {found.ends_s[0]:g} s and {found.ends_s[1]:g} s"
+    if any(found.log_lines):
+        yield f"/log: {found.log_lines[0]} and {found.log_lines[1]} lines of its own each"
+
+
 def _signal_line(signal: SignalDiff) -> str:
     most = "unlike" if signal.max_abs is None else f"at most {signal.max_abs:.3g}"
     unit = f" {signal.unit}" if signal.unit and signal.max_abs is not None else ""

@@ -16,7 +16,7 @@ from os import PathLike
 from cosim.trace.content import content_hash_of
 from cosim.trace.diff_context import Context, context_of
 from cosim.trace.diff_links import LinkDiff, links_of
-from cosim.trace.diff_rows import SignalDiff, TopicDiff, in_step
+from cosim.trace.diff_rows import Seen, SignalDiff, TopicDiff, in_step
 from cosim.trace.layout import LOG_TOPIC, signal_name
 from cosim.trace.reader import Trace
 from cosim.trace.tolerance import Tolerances
@@ -76,6 +76,7 @@ def diff(
     *,
     prefix: bool = False,
     topics: Sequence[str] | None = None,
+    seen: Seen | None = None,
 ) -> Diff:
     """Compare two traces signal by signal, with their links, log, metadata and attachments.
 
@@ -84,6 +85,8 @@ def diff(
     tolerances : none by default: values must be equal.
     prefix : a is part of a run; compare it with the first rows of b.
     topics : compare only these; all by default.
+    seen : is given every difference of signals of numbers, part by part; nothing of identical
+        traces.
 
     Raises
     ------
@@ -106,7 +109,8 @@ def diff(
     ends = _end_ns(one, chosen), _end_ns(two, chosen)
     until = _ALWAYS if prefix else min(ends)
     compared = {
-        topic: TopicDiff(topic, allowed, _begin_ns(one, two, topic), until) for topic in readable
+        topic: TopicDiff(topic, allowed, _begin_ns(one, two, topic), until, seen)
+        for topic in readable
     }
     links = {} if topics is not None else links_of(one, two)
     for tables in in_step(one, two, readable, prefix=prefix):

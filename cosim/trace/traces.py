@@ -82,7 +82,7 @@ class Traces(Sequence[Trace]):
             words = {"status": "not finished", "headline": "not finished"}
             if ended is not None:
                 words = {"status": ended.status, "headline": ended.headline}
-            metrics = {k: v for k, v in _leaves(trace.metrics) if not isinstance(v, list)}
+            metrics = {k: v for k, v in leaves(trace.metrics) if not isinstance(v, list)}
             rows.append(words | metrics)
         values, names = self._index()
         return pd.DataFrame(rows, index=pd.MultiIndex.from_arrays(values, names=names))
@@ -175,14 +175,14 @@ def _known(trace: Trace) -> dict[str, Any]:
         found["seed"] = int(trace.run["seed"])
     text = trace.attachments.get(layout.SCENARIO_ATTACHMENT, b"").decode("utf-8", "replace")
     with suppress(tomllib.TOMLDecodeError):
-        found |= {k: v for k, v in _leaves(tomllib.loads(text)) if k not in _ELSEWHERE}
+        found |= {k: v for k, v in leaves(tomllib.loads(text)) if k not in _ELSEWHERE}
     return {k: json.dumps(v, default=str) if isinstance(v, list) else v for k, v in found.items()}
 
 
-def _leaves(values: Mapping[str, Any], within: str = "") -> Iterator[tuple[str, Any]]:
+def leaves(values: Mapping[str, Any], within: str = "") -> Iterator[tuple[str, Any]]:
     """Yield the dotted name and value of every entry that is no table."""
     for name, value in values.items():
         if isinstance(value, Mapping):
-            yield from _leaves(value, f"{within}{name}.")
+            yield from leaves(value, f"{within}{name}.")
         else:
             yield f"{within}{name}", value

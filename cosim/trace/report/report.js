@@ -152,19 +152,22 @@
   }
 
   // the path --------------------------------------------------------------------------------
-  const path = figures.path && axes(figures.path);
-  const wanted = figures.path && figures.path.reference && axes(figures.path.reference);
+  const paths = figures.paths.map((path) => ({ ...path, line: axes(path) }));
+  const several = paths.length > 1;
+  const reference = paths.find((path) => path.reference)?.reference;
+  const wanted = reference && axes(reference);
   const lengths = () => ["x", "y", "z"].map((k) => {
     let low = Infinity, high = -Infinity;
-    for (const v of path[k]) { if (v < low) low = v; if (v > high) high = v; }
+    for (const { line } of paths)
+      for (const v of line[k]) { if (v < low) low = v; if (v > high) high = v; }
     return high - low;
   });
   const trueToScale = () => Math.max(...lengths()) < 8 * Math.min(...lengths());
-  const strokes = () => {
+  const strokes = (path) => {
     const [north, east, depth] = lengths();
     const size = 0.06 * (Math.max(north, east) || depth || 1);
     const out = { x: [], y: [], z: [] };
-    for (const [x, y, z, psi] of figures.path.headings) {
+    for (const [x, y, z, psi] of path.headings) {
       out.x.push(x, x + size * Math.cos(psi), null);
       out.y.push(y, y + size * Math.sin(psi), null);
       out.z.push(z, z, null);
@@ -185,11 +188,15 @@
       marker: { color: colour, symbol, size: kind.type === "scatter3d" ? 6 : 11 } });
     const out = [];
     if (wanted) out.push(line("reference", wanted, t.reference, { dash: "dash", width: 2 }));
-    out.push(line("path", path, t.series[0], {}));
-    out.push(line("heading", strokes(), t.series[1], { width: 2 }));
-    out.push(mark("start", figures.path.start, t.start, "circle"));
-    out.push(mark("end", figures.path.end, t.end, "square"));
-    if (figures.path.target) out.push(mark("set point", figures.path.target, t.reference, "cross"));
+    for (const path of paths) {
+      const colour = t.series[path.role], own = several ? `, ${path.name}` : "";
+      out.push(line(path.name, path.line, colour, {}));
+      if (!several) out.push(line("heading", strokes(path), t.series[1], { width: 2 }));
+      out.push(mark(`start${own}`, path.start, several ? colour : t.start, "circle"));
+      out.push(mark(`end${own}`, path.end, several ? colour : t.end, "square"));
+    }
+    const target = paths.find((path) => path.target)?.target;
+    if (target) out.push(mark("set point", target, t.reference, "cross"));
     return out;
   };
   const plan = () => {
@@ -240,16 +247,16 @@
 
   // all of it, one after the other, so that the page answers meanwhile ------------------------
   const tasks = [];
-  if (path) tasks.push(plan, space);
+  if (paths.length) tasks.push(plan, space);
   overTime.forEach((div) => tasks.push(() => timeChart(div)));
   const visible = (div) => !div.closest("details:not([open])");
   const folded = overTime.filter((div) => !visible(div));
   const all = () => {
-    if (path) { plan(); space(); }
+    if (paths.length) { plan(); space(); }
     overTime.filter((div) => visible(div) || drawn.has(div)).forEach(timeChart);
   };
   const queue = tasks.filter((_, i) => {
-    const div = overTime[i - (path ? 2 : 0)];
+    const div = overTime[i - (paths.length ? 2 : 0)];
     return !div || !folded.includes(div);
   });
   const next = () => {
