@@ -11,17 +11,25 @@ from rich.table import Table
 from cosim.cli.common import JsonOption, answer, progress
 from cosim.trace import WrittenTable, export as write_tables
 
-TableFormat = Literal["csv", "parquet"]
+TableFormat = Literal["csv", "parquet", "mat"]
 
 
 def export(
     file: Annotated[Path, typer.Argument(help="A trace, or any MCAP file.")],
     to: Annotated[
-        TableFormat, typer.Option(help="Format of the tables; parquet needs the extra tables.")
-    ] = "csv",
+        TableFormat | None,
+        typer.Option(
+            help="Format of the tables (default: by the end of --out, else csv); parquet needs "
+            "the extra tables."
+        ),
+    ] = None,
     out: Annotated[
         Path | None,
-        typer.Option("--out", "-o", help="Folder to write to; or the file, if there is one table."),
+        typer.Option(
+            "--out",
+            "-o",
+            help="Folder to write to; or the file: of one table, or .mat.",
+        ),
     ] = None,
     topics: Annotated[
         list[str] | None, typer.Option("--topic", help="Export only this topic; may be repeated.")
@@ -44,7 +52,7 @@ def export(
     ] = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Write the signals of a trace as CSV or Parquet tables.
+    """Write the signals of a trace as CSV or Parquet tables, or as a MATLAB file.
 
     Without --wide there is one table per topic, with its rows as recorded: time_s (delivered),
     sent_s (sent), sequence, and the signals. With --wide there is one table: at each instant at
@@ -52,15 +60,21 @@ def export(
     last one delivered. Missing values are empty. Parquet files contain the unit and description
     of each column, and the description of the run.
 
+    A .mat file (format 5) has a struct for each table: the columns, under names that MATLAB takes,
+    and their own names, units and descriptions. A table may have 2 GiB there, and is in memory
+    while it is written.
+
     \b
     cosim trace export traces/auv-acoustic.mcap --to parquet -o tables
     cosim trace export traces/auv-acoustic.mcap --signal plant.eta --wide -o path.csv
+    cosim trace export traces/auv-acoustic.mcap -o run.mat
     """
+    chosen = to or _format_of(out)
     with progress() as report_progress:
         written = write_tables(
             file,
             out,
-            to,
+            chosen,
             topics=topics,
             signals=signals,
             start=start,
@@ -68,7 +82,13 @@ def export(
             wide=wide,
             report_progress=report_progress,
         )
-    answer(as_json, lambda: _json(file, to, written), lambda: _view(written))
+    answer(as_json, lambda: _json(file, chosen, written), lambda: _view(written))
+
+
+def _format_of(out: Path | None) -> TableFormat:
+    """Return the format by the end of a file's name; csv of any other."""
+    formats: dict[str, TableFormat] = {".parquet": "parquet", ".mat": "mat"}
+    return formats.get("" if out is None else out.suffix.lower(), "csv")
 
 
 def _json(file: Path, to: TableFormat, written: list[WrittenTable]) -> dict[str, Any]:

@@ -18,20 +18,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.core import InputError, LossError
-from cosim.trace import frames, layout, traffic
+from cosim.trace import layout, traffic
 from cosim.trace.contents import Segment
 from cosim.trace.contents_scan import by_scan
 from cosim.trace.declared import Channel
 from cosim.trace.file_parts import attachment_data, check_outer_records, read_segment, times_of
-from cosim.trace.frames import Align, Between
+from cosim.trace.frames import Align, Between, Framed, Joined
 from cosim.trace.gather import TopicRows
+from cosim.trace.join import joined_trace, window_ns
 from cosim.trace.layout import Signal
 from cosim.trace.messages import Messages, on_channels
 from cosim.trace.outcome import RunOutcome, outcome_of
 from cosim.trace.records import LATEST_NS, DamageError, open_trace
 from cosim.trace.summary import from_summary
-from cosim.trace.table import Index, Series, Table, series_of
-from cosim.trace.topic_info import TopicInfo, window_ns
+from cosim.trace.table import Series, Table, series_of
+from cosim.trace.topic_info import TopicInfo
 
 PART_BYTES = 2**23
 """Payload of the rows that a stream holds at once [bytes]."""
@@ -39,8 +40,10 @@ PART_BYTES = 2**23
 __all__ = ["Series", "Table", "TopicInfo", "Trace"]
 
 
-class Trace:
+class Trace(Framed):
     """A trace file: a recorded run, or any MCAP file.
+
+    As a data frame, an Arrow table or a dataset: see `cosim.trace.frames.Framed`.
 
     Parameters
     ----------
@@ -342,28 +345,25 @@ class Trace:
                 yield names[number], int(part.sizes.sum()) + 64 * mine.size
             yield None, 0
 
-    def to_pandas(
+    def _joined(
         self,
-        what: str | Sequence[str] | None = None,
-        *,
-        align: Align = "union",
-        between: Between = "hold",
-        index: Index = "seconds",
-        start: float | None = None,
-        end: float | None = None,
-    ) -> Any:
-        """Return a pandas DataFrame over time; see `cosim.trace.frames.to_pandas`.
-
-        what : a topic, or topics, signals and groups; by default outputs and inputs of all
-            components.
-        """
+        what: str | Sequence[str] | None,
+        align: Align,
+        between: Between,
+        start: float | None,
+        end: float | None,
+    ) -> tuple[Mapping[str, Sequence[Any]], Sequence[Joined]]:
+        """See `Framed`."""
         if what is None:
             what = [t for t in self.topics if layout.component_of(t)] or [
                 topic for topic, info in self.topics.items() if info.signals
             ]
-        return frames.to_pandas(
-            self, what, align=align, between=between, index=index, start=start, end=end
-        )
+        elif isinstance(what, str):
+            if what in self.topics and isinstance(align, str) and align == "union":
+                rows = self.read(what, start=start, end=end)
+                return rows._joined(None, align, between, None, None)  # noqa: SLF001 - the same
+            what = [what]
+        return {}, [joined_trace(self, what, align, between, start, end)]
 
     def age(
         self, link: str, at: NDArray[np.float64] | None = None

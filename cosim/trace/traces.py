@@ -11,12 +11,10 @@ from os import PathLike, fspath
 from pathlib import Path
 from typing import Any, overload
 
-from cosim.core import InputError
+from cosim.core import InputError, optional
 from cosim.trace import layout
-from cosim.trace.frames import Align, Between
+from cosim.trace.frames import Align, Between, Framed, Joined
 from cosim.trace.reader import Trace
-from cosim.trace.table import Index, pandas
-from cosim.trace.table_files import pyarrow
 
 _ABOVE = ("scenario", "seed")
 _ELSEWHERE = ("title", "description", "run.seed")
@@ -24,8 +22,10 @@ _NAME = "trace"
 """The level that tells traces apart where nothing else does: the file's name."""
 
 
-class Traces(Sequence[Trace]):
+class Traces(Framed, Sequence[Trace]):
     """Traces of several runs, in the order of their levels.
+
+    As a data frame, an Arrow table or a dataset: see `cosim.trace.frames.Framed`.
 
     Parameters
     ----------
@@ -75,7 +75,7 @@ class Traces(Sequence[Trace]):
 
         A metric that is not a number, text or truth value is left out.
         """
-        pd = pandas()
+        pd = optional("pandas", extra="tables", what="data frames need pandas")
         rows = []
         for trace in self:
             ended = trace.outcome
@@ -84,48 +84,24 @@ class Traces(Sequence[Trace]):
                 words = {"status": ended.status, "headline": ended.headline}
             metrics = {k: v for k, v in leaves(trace.metrics) if not isinstance(v, list)}
             rows.append(words | metrics)
-        values, names = self._index()
-        return pd.DataFrame(rows, index=pd.MultiIndex.from_arrays(values, names=names))
+        levels = list(self.levels.values())
+        return pd.DataFrame(rows, index=pd.MultiIndex.from_arrays(levels, names=[*self.levels]))
 
-    def to_pandas(
+    def _joined(
         self,
-        what: str | Sequence[str] | None = None,
-        *,
-        align: Align = "union",
-        between: Between = "hold",
-        index: Index = "seconds",
-        start: float | None = None,
-        end: float | None = None,
-    ) -> Any:
-        """Return one DataFrame of all traces: the levels, then the time, as its index.
-
-        Arguments as in `Trace.to_pandas`; a signal that a trace does not have is an error there.
-        """
-        pd = pandas()
-        given: dict[str, Any] = {"align": align, "between": between, "index": index}
-        frames = [trace.to_pandas(what, **given, start=start, end=end) for trace in self]
-        values, names = self._index()
-        keys = list(zip(*values, strict=True))
-        joined = pd.concat(frames, keys=keys, names=[*names, frames[0].index.name])
-        joined.attrs["units"] = {k: v for one in frames for k, v in one.attrs["units"].items()}
-        return joined
-
-    def to_arrow(self, what: str | Sequence[str] | None = None, **given: Any) -> Any:
-        """Return `to_pandas` as an Arrow table; the levels and the time are columns.
-
-        Units are in the metadata of the fields.
-        """
-        pa = pyarrow()
-        frame = self.to_pandas(what, **given)
-        units = frame.attrs.pop("units")
-        table = pa.Table.from_pandas(frame.reset_index(), preserve_index=False)
-        fields = [
-            f.with_metadata({"unit": units[f.name]}) if f.name in units else f for f in table.schema
+        what: str | Sequence[str] | None,
+        align: Align,
+        between: Between,
+        start: float | None,
+        end: float | None,
+    ) -> tuple[Mapping[str, Sequence[Any]], Sequence[Joined]]:
+        """See `Framed`; a signal that a trace does not have is an error there."""
+        parts = [
+            part
+            for trace in self
+            for part in trace._joined(what, align, between, start, end)[1]  # noqa: SLF001 - the same
         ]
-        return table.cast(pa.schema(fields))
-
-    def _index(self) -> tuple[list[list[Any]], list[str]]:
-        return list(self.levels.values()), list(self.levels)
+        return self.levels, parts
 
 
 def _paths(where: str) -> list[Path]:

@@ -45,8 +45,13 @@ def comparison_page(found: Comparison) -> str:
         c=found,
         verdict=diff_verdict(found.found),
         further=list(further_differences(found.found)),
+        texts=sorted(found.found.context.texts.items(), key=lambda item: _scenario_first(item[0])),
         most_rows=MAX_ROWS,
     )
+
+
+def _scenario_first(name: str) -> tuple[bool, str]:
+    return not name.endswith(".toml"), name
 
 
 def plotly_js() -> str:
