@@ -24,7 +24,7 @@ from cosim.trace.tolerance import Tolerances
 _ALWAYS = 2**63 - 1
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, repr=False)
 class Diff:
     """The comparison of two traces; pairs belong to the first trace and the second.
 
@@ -50,6 +50,10 @@ class Diff:
     ends_s: tuple[float, float] = (0.0, 0.0)
     log_lines: tuple[int, int] = (0, 0)
     prefix: bool = False
+
+    def __repr__(self) -> str:
+        found = f"{len(self.parted)} of {len(self.signals)} signals differ"
+        return f"<Diff {' and '.join(self.paths)}: {'identical' if self.identical else found}>"
 
     @property
     def parted(self) -> list[SignalDiff]:

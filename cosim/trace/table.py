@@ -15,6 +15,7 @@ from cosim.trace.join import joined_table
 from cosim.trace.layout import Signal
 
 Integers = NDArray[np.int64]
+_NAMED = 6
 
 
 @dataclass(frozen=True, slots=True, repr=False)
@@ -61,7 +62,10 @@ class Table(Framed):
         return self.publish_time_ns / 1e9
 
     def __repr__(self) -> str:
-        return f"<Table {self.topic}: {len(self)} rows, {', '.join(self.columns) or 'no columns'}>"
+        names = list(self.columns)
+        more = f", and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
+        listed = ", ".join(names[:_NAMED]) or "no columns"
+        return f"<Table {self.topic}: {len(self)} rows, {listed}{more}>"
 
     def _joined(
         self,

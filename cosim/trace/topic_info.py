@@ -39,6 +39,12 @@ class TopicInfo:
             with suppress(ValueError):  # `read` reports what is wrong with the schema
                 self.signals = decoder_of(channel).signals
 
+    def __repr__(self) -> str:
+        kind = f"{self.schema} ({self.encoding})"
+        return (
+            f"<TopicInfo {self.topic}: {self.count} messages, {len(self.signals)} signals, {kind}>"
+        )
+
     @property
     def start_ns(self) -> int | None:
         """Least log time [ns]; None without messages."""

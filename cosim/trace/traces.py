@@ -7,6 +7,7 @@ import json
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
+from html import escape
 from os import PathLike, fspath
 from pathlib import Path
 from typing import Any, overload
@@ -69,6 +70,17 @@ class Traces(Framed, Sequence[Trace]):
 
     def __repr__(self) -> str:
         return f"<Traces: {len(self)}, which differ in {', '.join(self.levels)}>"
+
+    def _repr_html_(self) -> str:
+        """Return a table of the traces, as notebooks show it: levels, and how each run ended."""
+        rows = []
+        for number, trace in enumerate(self):
+            ended = "not finished" if trace.outcome is None else trace.outcome.headline
+            cells = [*(values[number] for values in self.levels.values()), ended]
+            rows.append("".join(f"<td>{escape(str(cell))}</td>" for cell in cells))
+        head = "".join(f"<th>{escape(name)}</th>" for name in (*self.levels, "outcome"))
+        body = "".join(f"<tr>{row}</tr>" for row in rows)
+        return f"<p>{escape(repr(self)[1:-1])}</p><table><tr>{head}</tr>{body}</table>"
 
     def outcomes(self) -> Any:
         """Return a DataFrame with one row per trace: its levels as index, how it ended, metrics.
