@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,35 +12,64 @@ from numpy.typing import NDArray
 from cosim.core import InputError
 from cosim.trace.frames import Align, Between, Column, Joined
 from cosim.trace.hold import interpolated, rows_in_force, sample_and_hold
+from cosim.trace.layout import Signal
 from cosim.trace.records import LATEST_NS
-
-if TYPE_CHECKING:  # which are joined by this
-    from cosim.trace.table import Table
-    from cosim.trace.topic_info import Readable
 
 _MOST_POINTS = 100_000_000
 
 
-def joined_trace(
-    trace: Readable,
-    what: Sequence[str],
+class Recorded(Protocol):
+    """The part of a `Table` that is joined."""
+
+    @property
+    def topic(self) -> str:
+        """See `Table`."""
+
+    @property
+    def log_time_ns(self) -> NDArray[np.int64]:
+        """See `Table`."""
+
+    @property
+    def publish_time_ns(self) -> NDArray[np.int64]:
+        """See `Table`."""
+
+    @property
+    def sent(self) -> NDArray[np.float64]:
+        """See `Table`."""
+
+    @property
+    def columns(self) -> Mapping[str, NDArray[Any]]:
+        """See `Table`."""
+
+    @property
+    def present(self) -> Mapping[str, NDArray[np.bool_]]:
+        """See `Table`."""
+
+    @property
+    def signals(self) -> Mapping[str, Signal]:
+        """See `Table`."""
+
+    def __len__(self) -> int: ...
+
+    def part(self, which: NDArray[Any]) -> Recorded:
+        """See `Table`."""
+
+
+def joined(
+    where: str,
+    wanted: Sequence[tuple[str, str | None]],
+    names: Mapping[str, tuple[str, Signal]],
+    tables: Mapping[str, Recorded],
     align: Align,
     between: Between,
-    start: float | None,
-    end: float | None,
 ) -> Joined:
-    """Join topics, signals and groups of a trace; arguments as of `Framed`."""
-    wanted: list[tuple[str, str | None]] = []
-    for name in what:
-        if name in trace.topics:
-            wanted.append((name, None))
-        else:
-            wanted += map(trace.place, trace.members(name))
-    needed = dict.fromkeys(topic for topic, _ in wanted)
-    if isinstance(align, str) and align in trace.topics:
-        needed[align] = None
-    tables = trace.read_all(list(needed), start=start, end=end)
-    full = {(topic, signal.name): name for name, (topic, signal) in trace.signals.items()}
+    """Join columns of several topics.
+
+    wanted : topics and their columns, None for all.
+    names : topic and signal by the name of its column; `TOPIC:name` of others.
+    align, between : as of `Framed`; of a topic in `tables`.
+    """
+    full = {(topic, signal.name): name for name, (topic, signal) in names.items()}
     chosen = [
         (full.get((topic, own), f"{topic}:{own}"), tables[topic], own)
         for topic, name in wanted
@@ -48,11 +77,11 @@ def joined_trace(
     ]
     base = _base(align, tables, [tables[topic] for topic, _ in wanted])
     columns = [_on(base, name, table, own, between) for name, table, own in chosen]
-    return Joined(str(trace.path), base, list({column.name: column for column in columns}.values()))
+    return Joined(where, base, list({column.name: column for column in columns}.values()))
 
 
 def joined_table(
-    table: Table,
+    table: Recorded,
     what: str | Sequence[str] | None,
     align: Align,
     between: Between,
@@ -73,16 +102,18 @@ def joined_table(
     return Joined(where, base, columns)
 
 
-def _recorded(table: Table, what: str | Sequence[str] | None) -> Iterator[Column]:
+def _recorded(table: Recorded, what: str | Sequence[str] | None) -> Iterator[Column]:
     everywhere = np.ones(len(table), np.bool_)
     if what is None and (table.log_time_ns != table.publish_time_ns).any():
         yield Column("sent_s", "s", "time of sending", table.sent, everywhere)
     for name in _members(table, what):
         signal = table.signals[name]
-        yield Column(name, signal.unit, signal.description, table[name], table.present[name])
+        yield Column(
+            name, signal.unit, signal.description, table.columns[name], table.present[name]
+        )
 
 
-def _members(table: Table, what: str | Sequence[str] | None) -> list[str]:
+def _members(table: Recorded, what: str | Sequence[str] | None) -> list[str]:
     """Return the columns wanted: by name, or all of a group."""
     if what is None:
         return list(table.columns)
@@ -95,11 +126,13 @@ def _members(table: Table, what: str | Sequence[str] | None) -> list[str]:
     return list(found)
 
 
-def _on(base: NDArray[np.int64], name: str, table: Table, own: str, between: Between) -> Column:
+def _on(base: NDArray[np.int64], name: str, table: Recorded, own: str, between: Between) -> Column:
     """Return the values of a column at instants [ns]."""
     _check(between)
+    if own not in table.columns:
+        raise InputError.unknown("signal", own, table.columns, where=f"topic {table.topic}")
     there, signal = table.present[own], table.signals[own]
-    values, times = table[own][there], table.log_time_ns[there]
+    values, times = table.columns[own][there], table.log_time_ns[there]
     if between == "interpolate" and signal.hold == "continuous" and values.dtype.kind == "f":
         found = interpolated(values, times, base)
     else:
@@ -112,7 +145,9 @@ def _check(between: Between) -> None:
         raise InputError.unknown("way", str(between), ["hold", "interpolate"], where="between")
 
 
-def _base(align: Align, tables: Mapping[str, Table], chosen: Sequence[Table]) -> NDArray[np.int64]:
+def _base(
+    align: Align, tables: Mapping[str, Recorded], chosen: Sequence[Recorded]
+) -> NDArray[np.int64]:
     """Return the instants of the time base [ns], increasing."""
     every = np.unique(np.concatenate([t.log_time_ns for t in chosen] or [np.zeros(0, np.int64)]))
     if isinstance(align, str):

@@ -25,7 +25,7 @@ from cosim.trace.declared import Channel
 from cosim.trace.file_parts import attachment_data, check_outer_records, read_segment, times_of
 from cosim.trace.frames import Align, Between, Framed, Joined
 from cosim.trace.gather import TopicRows
-from cosim.trace.join import joined_trace, window_ns
+from cosim.trace.join import joined, window_ns
 from cosim.trace.layout import Signal
 from cosim.trace.messages import Messages, on_channels
 from cosim.trace.outcome import RunOutcome, outcome_of
@@ -363,7 +363,17 @@ class Trace(Framed):
                 rows = self.read(what, start=start, end=end)
                 return rows._joined(None, align, between, None, None)  # noqa: SLF001 - the same
             what = [what]
-        return {}, [joined_trace(self, what, align, between, start, end)]
+        wanted: list[tuple[str, str | None]] = []
+        for name in what:
+            if name in self.topics:
+                wanted.append((name, None))
+            else:
+                wanted += map(self.place, self.members(name))
+        needed = dict.fromkeys(topic for topic, _ in wanted)
+        if isinstance(align, str) and align in self.topics:
+            needed[align] = None
+        tables = self.read_all(list(needed), start=start, end=end)
+        return {}, [joined(str(self.path), wanted, self.signals, tables, align, between)]
 
     def age(
         self, link: str, at: NDArray[np.float64] | None = None

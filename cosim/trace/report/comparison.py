@@ -111,12 +111,12 @@ def comparison_of(a: Path, b: Path) -> Comparison:
     found = diff(a, b, seen=seen)
     names = (a.name, b.name) if a.name != b.name else (str(a), str(b))
     mine, theirs = _by_key(first), _by_key(second)
-    parted = sorted(found.parted, key=_most_telling)
+    parted = sorted(found.parted, key=_outputs_first)
     differing = {(signal.topic, signal.name) for signal in parted}
     both = [key for key in mine if key in theirs]
     drawable = [s for s in parted if (s.topic, s.name) in both]
     # inputs and links repeat the outputs, up to delays
-    told = [s for s in drawable if mine[s.topic, s.name].direction not in _COPIES] or drawable
+    chosen = [s for s in drawable if mine[s.topic, s.name].direction not in _COPIES] or drawable
     same = [
         key
         for key in both
@@ -136,7 +136,7 @@ def comparison_of(a: Path, b: Path) -> Comparison:
         parted=parted,
         apart=[
             _pair(number, signal, mine[key], theirs[key], _difference(first, differences[key]))
-            for number, signal in enumerate(told[:MAX_SIGNALS])
+            for number, signal in enumerate(chosen[:MAX_SIGNALS])
             for key in [(signal.topic, signal.name)]
         ],
         alike=[
@@ -159,7 +159,7 @@ def _by_key(content: Content) -> dict[_Key, Series]:
     return {(s.topic, signal_name(s.topic, s.name)): s for s in content.series}
 
 
-def _most_telling(signal: SignalDiff) -> tuple[bool, float]:
+def _outputs_first(signal: SignalDiff) -> tuple[bool, float]:
     """Sort outputs of components before their copies on links, and large differences first."""
     most = np.inf if signal.max_rel is None else signal.max_rel
     return not signal.topic.endswith("/output"), -most

@@ -59,14 +59,14 @@ def timeline_of(
     What the reason of the run says, and assertions, which have a list of their own, are left out.
     Of a run that left no events, the warnings and errors of its log.
     """
-    said = outcome.reason or ""
+    reason = outcome.reason or ""
     events = outcome.events or counted((x.t, x.level, x.name, x.message) for x in log)
     entries = [
         TimelineEntry(each.first_s, BAD if each.serious else OPEN, each.words)
         for each in events
-        if each.kind != "assertion" and each.message not in said
+        if each.kind != "assertion" and each.message not in reason
     ]
-    entries += [entry for entry in _beyond_numbers(recording) if entry.what not in said]
+    entries += [entry for entry in _beyond_numbers(recording) if entry.what not in reason]
     return sorted(entries, key=lambda entry: entry.t)
 
 

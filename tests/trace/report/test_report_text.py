@@ -178,8 +178,8 @@ def test_cause_of_a_failed_run_is_at_the_top() -> None:
     places.append(page_text.rindex(order[-1]))
     assert places == sorted(places)
     above, _, _ = page_text.partition("Log, the last")
-    for said in ("has lost its prime", "returned fmi2Error", "<i>tank</i>", "pump.x >= 0"):
-        assert above.count(said) == 1, said
+    for words_once in ("has lost its prime", "returned fmi2Error", "<i>tank</i>", "pump.x >= 0"):
+        assert above.count(words_once) == 1, words_once
     for empty in ("What went wrong", "Nothing out of the ordinary", "nothing is guaranteed"):
         assert empty not in page_text
     for markup in ("<b>run</b>", "<i>tank</i>", "<pump>"):
