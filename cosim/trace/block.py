@@ -94,9 +94,9 @@ class Block:
         )
 
 
-def in_order(parts: Sequence[Records]) -> Block:
-    """Order all records in one block: by log time, then by rank, then as given."""
-    if len(parts) == 1 and _is_ordered(part := parts[0]):
+def in_order(parts: Sequence[Records], *, by_time: bool = True) -> Block:
+    """Order all records in one block: by log time (if `by_time`), then by rank, then as given."""
+    if len(parts) == 1 and _is_ordered(part := parts[0], by_time=by_time):
         m, size = part.lines.shape
         ends = np.arange(1, m + 1, dtype=np.int64) * size
         channels = np.full(m, part.channel, np.int64)
@@ -106,7 +106,7 @@ def in_order(parts: Sequence[Records]) -> Block:
     log = np.concatenate([part.log_ns for part in parts])
     sizes = np.repeat([part.lines.shape[1] for part in parts], counts)
     channels = np.repeat([part.channel for part in parts], counts)
-    order = _order(parts, log)
+    order = _order(parts, log, by_time=by_time)
     ends = np.cumsum(sizes[order])
     starts = np.empty(log.size, np.int64)
     starts[order] = ends - sizes[order]
@@ -123,12 +123,12 @@ def in_order(parts: Sequence[Records]) -> Block:
     return Block(data.data, ends, channels[order], log[order])
 
 
-def _is_ordered(part: Records) -> bool:
-    steps = np.diff(part.log_ns)
+def _is_ordered(part: Records, *, by_time: bool) -> bool:
+    steps = np.diff(part.log_ns if by_time else part.rank[:, 0])
     return bool((steps > 0).all() or (part.rank.ndim == 1 and (steps >= 0).all()))
 
 
-def _order(parts: Sequence[Records], log: Integers) -> NDArray[np.intp]:
+def _order(parts: Sequence[Records], log: Integers, *, by_time: bool) -> NDArray[np.intp]:
     keys = max(part.rank.shape[-1] for part in parts)
     rank = np.zeros((keys, log.size), np.int64)
     begin = 0
@@ -136,4 +136,4 @@ def _order(parts: Sequence[Records], log: Integers) -> NDArray[np.intp]:
         end = begin + part.log_ns.size
         rank[: part.rank.shape[-1], begin:end] = part.rank.T.reshape(part.rank.shape[-1], -1)
         begin = end
-    return np.lexsort((*rank[::-1], log))
+    return np.lexsort((*rank[::-1], log) if by_time else rank[::-1])

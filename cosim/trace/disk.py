@@ -134,16 +134,24 @@ class Guard:
 
     def __enter__(self) -> None:
         self.lock.acquire()
-        if not self.open:
+        try:
+            self.check()
+        except BaseException:
             self.lock.release()
-            if self._failure is not None:
-                failure, self._failure = self._failure, None
-                raise self._loss(failure) from failure
-            raise InputError(
-                "the trace is closed",
-                where=str(self._file.path),
-                hint="write before finish() or close()",
-            )
+            raise
+
+    def check(self) -> None:
+        """Raise `LossError` if the disk has failed, `InputError` if the file is closed."""
+        if self.open:
+            return
+        if self._failure is not None:
+            failure, self._failure = self._failure, None
+            raise self._loss(failure) from failure
+        raise InputError(
+            "the trace is closed",
+            where=str(self._file.path),
+            hint="write before finish() or close()",
+        )
 
     def __exit__(self, _kind: object, error: BaseException | None, _trace: object) -> None:
         try:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import operator
 import struct
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -35,6 +35,15 @@ _CONVERT: dict[str, Callable[[Any], Any]] = {
 }
 
 
+_HEAD = struct.Struct("<BHIQQ")
+"""Head of a row that waits: what follows, channel, sequence, log and publish time [ns]."""
+
+_MESSAGE, _DOUBLES = 0, 1
+_HEAD_FIELDS = np.dtype(
+    [("what", "u1"), ("channel", "<u2"), ("sequence", "<u4"), ("log", "<u8"), ("publish", "<u8")]
+)
+
+
 class RowEncoder:
     """An encoder of the rows of one topic.
 
@@ -48,23 +57,30 @@ class RowEncoder:
         self._fields = field_names([signal.name for signal in signals])
         self._message = message
         tags = [tag(i + 1) for i in range(len(signals))]
-        self._doubles = all(signal.kind == "float" for signal in signals)
-        self._packer = struct.Struct("<" + "".join(f"{len(t)}sd" for t in tags))
-        self._parts: list[Any] = [part for t in tags for part in (t, 0.0)]
-        self._blank = np.frombuffer(self._packer.pack(*self._parts), np.uint8)
+        self._doubles = bool(signals) and all(signal.kind == "float" for signal in signals)
+        doubles = struct.Struct(f"{_HEAD.format}{len(tags)}d")
+        self._pack = doubles.pack if self._doubles else None
+        self._blank = np.frombuffer(b"".join(t + bytes(8) for t in tags), np.uint8)
         self._runs = _runs(tags)
 
-    def __call__(self, values: Sequence[Any]) -> bytes:
-        """Encode one row, None for absent; `InputError` at a wrong number or kind of values."""
+    def waiting(
+        self, channel: int, sequence: int, log_ns: int, publish_ns: int, values: Sequence[Any]
+    ) -> bytes:
+        """Check one row, None for absent, and return it as `laid_out` takes it.
+
+        Raises
+        ------
+        InputError : wrong number or kind of values.
+        struct.error : another number is none, or out of the range that MCAP has for it.
+        """
+        if self._pack is not None:
+            try:
+                return self._pack(_DOUBLES, channel, sequence, log_ns, publish_ns, *values)
+            except (struct.error, TypeError, OverflowError):  # we find out below what is wrong
+                pass
         if len(values) != len(self._signals):
             raise self._wrong_number(str(len(self._signals)), str(len(values)))
-        if self._doubles:
-            self._parts[1::2] = values
-            try:
-                return self._packer.pack(*self._parts)
-            except struct.error:  # a value is absent, or no number: `_general` finds out which
-                pass
-        return self._general(values)
+        return waiting_message(channel, sequence, log_ns, publish_ns, self._message_of(values))
 
     def many(
         self, rows: NDArray[np.float64] | Sequence[Sequence[Any]], room: int = 0
@@ -86,7 +102,7 @@ class RowEncoder:
                 count = f"rows of {len(self._signals)}"
                 raise self._wrong_number(count, f"shape {rows.shape}")
             if self._doubles:
-                yield slice(None), self._of_doubles(rows, room)
+                yield slice(None), self.of_doubles(rows, room)
                 return
             columns = columns_of_doubles(self._topic, self._signals, rows)
             yield from self._by_shape(columns, _shapes(columns, len(rows)), room)
@@ -99,7 +115,8 @@ class RowEncoder:
             return
         yield from self._by_shape(found, shapes, room)
 
-    def _of_doubles(self, rows: NDArray[np.float64], room: int) -> Bytes:
+    def of_doubles(self, rows: NDArray[np.float64], room: int) -> Bytes:
+        """Return rows of doubles, (m, signals), as uint8 (m, room + size)."""
         size = room + self._blank.size
         lines = np.empty((len(rows), size), np.uint8)
         lines[:, room:] = self._blank
@@ -122,13 +139,8 @@ class RowEncoder:
             yield mine, lines
 
     def _one_by_one(self, rows: Sequence[Sequence[Any]], room: int) -> Iterator[tuple[Mine, Bytes]]:
-        encoded = [self(row) for row in rows]
-        lengths = np.array([len(data) for data in encoded])
-        for length in np.unique(lengths).tolist():
-            mine = np.flatnonzero(lengths == length)
-            data = np.frombuffer(b"".join(encoded[i] for i in mine.tolist()), np.uint8)
-            lines = np.empty((mine.size, room + length), np.uint8)
-            lines[:, room:] = data.reshape(mine.size, length)
+        checked = [self.waiting(0, 0, 0, 0, row) for row in rows]
+        for mine, _, lines in laid_out(checked, {0: self}, room):
             yield mine, lines
 
     def _wrong_number(self, expected: str, got: str) -> InputError:
@@ -136,7 +148,7 @@ class RowEncoder:
             "wrong number of values", where=f"topic {self._topic}", expected=expected, got=got
         )
 
-    def _general(self, values: Sequence[Any]) -> bytes:
+    def _message_of(self, values: Sequence[Any]) -> bytes:
         message = self._message()
         for signal, field, value in zip(self._signals, self._fields, values, strict=True):
             if value is None:
@@ -152,6 +164,45 @@ class RowEncoder:
                 ) from error
         encoded: bytes = message.SerializeToString(deterministic=True)
         return encoded
+
+
+def waiting_message(
+    channel: int, sequence: int, log_ns: int, publish_ns: int, message: bytes
+) -> bytes:
+    """Return a message as `laid_out` takes it; `struct.error` as `RowEncoder.waiting`."""
+    return _HEAD.pack(_MESSAGE, channel, sequence, log_ns, publish_ns) + message
+
+
+def laid_out(
+    waiting: Sequence[bytes], encoders: Mapping[int, RowEncoder], room: int
+) -> Iterator[tuple[NDArray[np.intp], NDArray[np.void], Bytes]]:
+    """Yield numbers, heads and bytes, uint8 (k, room + size), of the rows of each shape.
+
+    Parameters
+    ----------
+    waiting : rows as `RowEncoder.waiting` and `waiting_message` returned them.
+    encoders : of their channels.
+    room : bytes left free in front of each row.
+    """
+    if not waiting:
+        return
+    sizes = np.fromiter(map(len, waiting), np.int64, len(waiting))
+    joined = np.frombuffer(b"".join(waiting), np.uint8)
+    places = np.cumsum(sizes) - sizes
+    heads = joined[places[:, None] + np.arange(_HEAD.size)].view(_HEAD_FIELDS)[:, 0]
+    for mine in equal_rows(np.column_stack([heads["what"], heads["channel"], sizes])):
+        count, first, own = mine.size, heads[mine[0]], joined
+        if count < len(waiting):
+            own = np.frombuffer(b"".join([waiting[i] for i in mine.tolist()]), np.uint8)
+        rows = own.reshape(count, -1)
+        if first["what"] == _DOUBLES:
+            shape, strides = (count, (rows.shape[1] - _HEAD.size) // 8), (rows.shape[1], 8)
+            values: NDArray[np.float64] = np.ndarray(shape, "<f8", own, _HEAD.size, strides)
+            lines = encoders[int(first["channel"])].of_doubles(values, room)
+        else:
+            lines = np.empty((count, room + rows.shape[1] - _HEAD.size), np.uint8)
+            lines[:, room:] = rows[:, _HEAD.size :]
+        yield mine, heads[mine], lines
 
 
 def _runs(tags: Sequence[bytes]) -> list[tuple[int, int, int, int]]:

@@ -31,6 +31,11 @@ class Flusher:
         self._stop = threading.Event()
         self._thread: threading.Thread | None = None
 
+    def asks(self) -> bool:
+        """Whether to call `due` for a row just written; for callers without the guard."""
+        since = self._since
+        return since is None or time.monotonic() - since >= self.after_s
+
     def due(self) -> bool:
         """Register a row just written, and return whether to flush now (guard held)."""
         if self._since is None:

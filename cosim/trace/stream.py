@@ -98,7 +98,7 @@ class McapStream:
 
     def metadata(self, name: str, entries: Mapping[str, str]) -> None:
         """Write a metadata record, before the messages of the chunk in progress."""
-        with self._undivided():
+        with self.undivided():
             offset = self.position
             length = self._record(Metadata(name=name, metadata=dict(entries)))
             self._metadata.append(MetadataIndex(offset=offset, length=length, name=name))
@@ -107,7 +107,7 @@ class McapStream:
         self, name: str, media_type: str, data: bytes, *, log_ns: int = 0, create_ns: int = 0
     ) -> None:
         """Write an attachment; its times are 0 unless given."""
-        with self._undivided():
+        with self.undivided():
             offset = self.position
             record = Attachment(
                 create_time=create_ns,
@@ -132,7 +132,7 @@ class McapStream:
     def schema(self, name: str, encoding: str, data: bytes) -> int:
         """Declare a schema and return its id."""
         schema = Schema(id=len(self._schemas) + 1, data=data, encoding=encoding, name=name)
-        with self._undivided():
+        with self.undivided():
             self._schemas.append(schema)
             self._declare(schema)
         return schema.id
@@ -148,7 +148,7 @@ class McapStream:
             metadata=dict(metadata),
             schema_id=schema_id,
         )
-        with self._undivided():
+        with self.undivided():
             self._channels.append(channel)
             self._declare(channel)
         return channel.id
@@ -157,7 +157,7 @@ class McapStream:
         """Write messages in the order of the block; chunks are closed as they fill."""
         sealed = []
         begin = 0
-        with self._undivided():
+        with self.undivided():
             while begin < block.size:
                 room = self._chunk_bytes - self._chunk.count
                 # as the package does: the message that fills a chunk is its last
@@ -222,7 +222,8 @@ class McapStream:
         self._write(MCAP0_MAGIC)
 
     @contextmanager
-    def _undivided(self) -> Iterator[None]:
+    def undivided(self) -> Iterator[None]:
+        """Do what an interruption must not divide: within, the stream is not `sound`."""
         self.sound = False
         yield
         self.sound = True
@@ -248,7 +249,7 @@ class McapStream:
 
     def _close_chunk(self) -> None:
         if self._chunk.messages:
-            with self._undivided():
+            with self.undivided():
                 sealed, self._chunk = self._chunk.seal(), OpenChunk()
                 self._write_chunks([sealed])
 

@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import contextlib
 import operator
+import struct
+from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from os import PathLike
@@ -22,12 +24,15 @@ from cosim.core import CosimError, InputError
 from cosim.trace import layout, process_exit
 from cosim.trace.block import HEAD, Records, in_order
 from cosim.trace.disk import Guard, PartialFile
-from cosim.trace.encode import RowEncoder
+from cosim.trace.encode import RowEncoder, laid_out, waiting_message
 from cosim.trace.flusher import Flusher
 from cosim.trace.foxglove_topics import FoxgloveTopics
 from cosim.trace.layout import Signal
 from cosim.trace.rows import Lines, Poses, Rows
 from cosim.trace.stream import COMPRESSIONS, McapStream
+
+_LAST = 2**63 - 1
+"""The latest time that a trace takes [ns]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,6 +110,8 @@ class TraceWriter:
         self._file = PartialFile(self.path, fsync=fsync)
         self.partial_path = self._file.partial_path
         self._stream = McapStream(self._file, chunk_bytes, compression, early=True)
+        self._chunk_bytes = chunk_bytes
+        self._waiting: deque[bytes] = deque()
         self._guard = Guard(self._file, self._stream)
         self._flusher = Flusher(self._guard, self._flush, flush_interval_s)
         self._foxglove = FoxgloveTopics(self._register)
@@ -182,7 +189,14 @@ class TraceWriter:
             out of range.
         """
         encoder = self._encoder(topic_id, "write")
-        self._add(topic_id, log_time_ns, encoder(values), publish_time_ns, sequence)
+        publish = log_time_ns if publish_time_ns is None else publish_time_ns
+        try:
+            row = encoder.waiting(topic_id, sequence, log_time_ns, publish, values)
+        except struct.error as error:
+            raise _wrong_numbers(log_time_ns, publish, sequence) from error
+        if log_time_ns > _LAST or publish > _LAST:
+            raise _wrong_numbers(log_time_ns, publish, sequence)
+        self._add(row)
 
     def write_rows(self, parts: Sequence[Rows | Poses | Lines]) -> None:
         """Write many rows of several topics, in order of log time, then of rank.
@@ -209,6 +223,7 @@ class TraceWriter:
             raise _out_of_range()
         block = in_order(records)
         with self._guard:
+            self._lay_out()
             self._stream.add(block)
             if self._flusher.due():
                 self._flush()
@@ -254,7 +269,7 @@ class TraceWriter:
         message : the text.
         """
         topic_id, data = self._foxglove.log(time_ns, level, name, message)
-        self._add(topic_id, time_ns, data, None, 0)
+        self._add(waiting_message(topic_id, 0, time_ns, time_ns, data))
 
     def pose(self, time_ns: int, x: float, y: float, z: float, psi: float) -> None:
         """Write to `/auv/pose` (`foxglove.PoseInFrame`), in the frame `ned`.
@@ -275,6 +290,7 @@ class TraceWriter:
         """Write `cosim.result`, close the file and rename it; returns the final path."""
         entries = _strings(layout.RESULT, result)
         with self._guard:
+            self._lay_out()
             self._stream.flush()  # cosim.result comes after the last message
             self._stream.metadata(layout.RESULT, entries)
             self._stream.finish()
@@ -288,6 +304,7 @@ class TraceWriter:
         if self._guard.open:
             with self._guard:
                 if self._stream.sound:
+                    self._lay_out()
                     self._stream.finish()
                 self._file.close()
                 self._guard.open = False
@@ -314,6 +331,7 @@ class TraceWriter:
                 self.close()
 
     def _flush(self) -> None:
+        self._lay_out()
         self._stream.flush()
         self._flusher.flushed()
 
@@ -338,31 +356,56 @@ class TraceWriter:
             )
         data = files.SerializeToString(deterministic=True)
         with self._guard:
+            self._lay_out()
             schema_id = self._stream.schema(schema_name, "protobuf", data)
             topic_id = self._stream.channel(topic, "protobuf", schema_id, metadata)
         self._topics.add(topic)
         return topic_id
 
-    def _add(
-        self, topic_id: int, log_ns: int, data: bytes, publish_ns: int | None, sequence: int
-    ) -> None:
-        try:  # before the chunk is touched: half a message in it would damage all later ones
-            log_ns, sequence = operator.index(log_ns), operator.index(sequence)
-            publish = log_ns if publish_ns is None else operator.index(publish_ns)
-        except TypeError as error:
-            raise InputError(
-                "times and sequence numbers are integers",
-                where="trace",
-                expected="int or numpy integer",
-                got=f"log time {log_ns!r}, publish time {publish_ns!r}, sequence {sequence!r}",
-            ) from error
-        if not (0 <= log_ns < 2**63 and 0 <= publish < 2**63 and 0 <= sequence < 2**32):
-            got = f"log time {log_ns}, publish time {publish}, sequence {sequence}"
-            raise _out_of_range(got)
-        with self._guard:
-            self._stream.message(topic_id, log_ns, publish, sequence, data)
-            if self._flusher.due():
-                self._flush()
+    def _add(self, row: bytes) -> None:
+        if not self._guard.open:
+            self._guard.check()
+        # not under the guard, which would be a tenth of the cost of a row
+        self._waiting.append(row)
+        enough = len(self._waiting) * len(row) >= self._chunk_bytes
+        if enough or self._flusher.asks():
+            with self._guard:
+                if self._flusher.due():
+                    self._flush()
+                elif enough:
+                    self._lay_out()
+
+    def _lay_out(self) -> None:
+        """Hand the rows that wait to the stream (guard held)."""
+        if not self._waiting:
+            return
+        with self._stream.undivided():
+            rows = [self._waiting.popleft() for _ in range(len(self._waiting))]
+            parts = [
+                Records(
+                    channel=int(heads["channel"][0]),
+                    log_ns=heads["log"].astype(np.int64),
+                    publish_ns=heads["publish"].astype(np.int64),
+                    sequence=heads["sequence"].astype(np.int64),
+                    lines=lines,
+                    rank=mine[:, None],
+                )
+                for mine, heads, lines in laid_out(rows, self._encoders, HEAD.size)
+            ]
+            self._stream.add(in_order(parts, by_time=False))
+
+
+def _wrong_numbers(log_ns: Any, publish_ns: Any, sequence: Any) -> InputError:
+    try:
+        numbers = [operator.index(number) for number in (log_ns, publish_ns, sequence)]
+    except TypeError:
+        return InputError(
+            "times and sequence numbers are integers",
+            where="trace",
+            expected="int or numpy integer",
+            got=f"log time {log_ns!r}, publish time {publish_ns!r}, sequence {sequence!r}",
+        )
+    return _out_of_range("log time {}, publish time {}, sequence {}".format(*numbers))
 
 
 def _out_of_range(got: str | None = None) -> InputError:

@@ -1,10 +1,11 @@
-"""What a record costs on its way out of an MCAP file into NumPy: 20 doubles each, three readers.
+"""What a record costs on its way out of an MCAP file into NumPy, by four readers.
 
 All read every record of a file of zstd chunks of 256 KiB, from the opening of the file to one
-float64 array per signal and one of times, whose values are compared with those written. Each
-case runs in a process of its own, the variants in turns; the figure is the median.
+float64 array per signal and one of times, whose values are compared with those written.
 
 * ours: `Trace.read` of a trace of this project;
+* frombuffer: no reader, the bound: the same file's chunks unpacked by zstandard and joined, and
+  `np.frombuffer` told where the doubles are; no index, no checksum, no damage is looked at;
 * mcap_protobuf_support: the official reader with the official protobuf decoder, the same file;
 * json: the official reader and `json.loads`, the same rows as JSON by the official writer.
 """
@@ -12,51 +13,53 @@ case runs in a process of its own, the variants in turns; the figure is the medi
 from __future__ import annotations
 
 import json
-import statistics
-import subprocess
 import sys
-import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import zstandard
+from mcap.opcode import Opcode
 from mcap.reader import make_reader
+from mcap.records import Chunk
+from mcap.stream_reader import StreamReader
 from mcap.writer import CompressionType, Writer
 from numpy.typing import NDArray
 
 from cosim.trace import Rows, Signal, Trace, TraceWriter
+from cosim.trace.encode import tag
 
-SIGNALS = 20
-COUNTS = {60_000: {"ours": 5, "others": 3}, 1_000_000: {"ours": 3, "others": 1}}
-"""Records, and how many times each variant reads them; the others take long."""
+sys.path.insert(0, str(Path(__file__).parents[2]))
 
-CHUNK = 256 * 1024
-TOPIC = "/bench"
-NAMES = [f"x[{i}]" for i in range(1, SIGNALS + 1)]
+from tests.benchmarks._trace_rows import (
+    CHUNK,
+    RECORDS,
+    TOPIC,
+    Figures,
+    Times,
+    Values,
+    measured,
+    names,
+    smooth,
+)
+
 Columns = tuple[NDArray[np.int64], list[NDArray[np.float64]]]
 
 
-def signals(count: int) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Instants [ns] and rows of smooth signals, the same every time."""
-    times = np.arange(count, dtype=np.int64) * 1_000_000
-    rates = 0.1 * np.arange(1, SIGNALS + 1)
-    return times, np.sin(np.outer(times / 1e9, rates) + np.sqrt(np.arange(SIGNALS)))
-
-
-def write_protobuf(path: Path, count: int) -> None:
+def write_protobuf(path: Path, times: Times, rows: Values) -> None:
     """A trace of this project."""
-    times, rows = signals(count)
+    signals = [Signal(name) for name in names(rows.shape[1])]
     with TraceWriter(path, run={}, chunk_bytes=CHUNK) as writer:
-        topic = writer.add_topic(TOPIC, [Signal(n) for n in NAMES], schema_name="bench.Row")
+        topic = writer.add_topic(TOPIC, signals, schema_name="bench.Row")
         writer.write_rows([Rows(topic, times, rows)])
         writer.finish({})
 
 
-def write_json(path: Path, count: int) -> None:
+def write_json(path: Path, times: Times, rows: Values) -> None:
     """The same rows as JSON."""
-    times, rows = signals(count)
+    keys = names(rows.shape[1])
     with path.open("wb") as stream:
         writer = Writer(stream, CHUNK, CompressionType.ZSTD)
         writer.start("", "benchmark")
@@ -65,22 +68,43 @@ def write_json(path: Path, count: int) -> None:
         )
         for t, row in zip(times.tolist(), rows.tolist(), strict=True):
             writer.add_message(
-                channel, t, json.dumps(dict(zip(NAMES, row, strict=True))).encode(), t
+                channel, t, json.dumps(dict(zip(keys, row, strict=True))).encode(), t
             )
         writer.finish()
 
 
-def ours(path: Path) -> Columns:
+def ours(path: Path, doubles: int) -> Columns:
     """The reader of this project."""
     table = Trace(path).read(TOPIC)
-    return table.log_time_ns, [table[name] for name in NAMES]
+    return table.log_time_ns, [table[name] for name in names(doubles)]
 
 
-def mcap_protobuf_support(path: Path) -> Columns:
+def frombuffer(path: Path, doubles: int) -> Columns:
+    """NumPy alone, told the layout."""
+    tags = [len(tag(i + 1)) for i in range(doubles)]
+    at = 31 + np.cumsum(tags) + 8 * np.arange(doubles)
+    size = int(at[-1]) + 8
+    unpack = zstandard.ZstdDecompressor().decompress
+    data = []
+    with path.open("rb") as stream:
+        for record in StreamReader(stream, emit_chunks=True).records:
+            if isinstance(record, Chunk):
+                chunk = unpack(record.data)
+                begin = 0
+                while chunk[begin] != Opcode.MESSAGE:  # what is declared stands first
+                    begin += 9 + int.from_bytes(chunk[begin + 1 : begin + 9], "little")
+                data.append(chunk[begin:])
+    layout = {"names": ["log", *names(doubles)], "offsets": [15, *at], "itemsize": size}
+    fields = np.dtype({**layout, "formats": ["<i8", *["<f8"] * doubles]})  # type: ignore[call-overload]
+    rows = np.frombuffer(b"".join(data), fields)
+    return rows["log"].copy(), [rows[name].copy() for name in names(doubles)]
+
+
+def mcap_protobuf_support(path: Path, doubles: int) -> Columns:
     """The official decoder."""
     from mcap_protobuf.decoder import DecoderFactory  # noqa: PLC0415 - a package of the tests
 
-    fields = [f"x_{i}" for i in range(1, SIGNALS + 1)]
+    fields = [f"x_{i}" for i in range(1, doubles + 1)]
     times: list[int] = []
     columns: list[list[float]] = [[] for _ in fields]
     with path.open("rb") as stream:
@@ -92,78 +116,58 @@ def mcap_protobuf_support(path: Path) -> Columns:
     return np.array(times), [np.array(column) for column in columns]
 
 
-def from_json(path: Path) -> Columns:
+def from_json(path: Path, doubles: int) -> Columns:
     """The official reader, and the standard library's JSON."""
     times: list[int] = []
-    columns: list[list[float]] = [[] for _ in NAMES]
+    columns: list[list[float]] = [[] for _ in range(doubles)]
     with path.open("rb") as stream:
         for _, _, message in make_reader(stream).iter_messages(log_time_order=False):
             times.append(message.log_time)
             row: Any = json.loads(message.data)
-            for column, name in zip(columns, NAMES, strict=True):
+            for column, name in zip(columns, names(doubles), strict=True):
                 column.append(row[name])
     return np.array(times), [np.array(column) for column in columns]
 
 
-VARIANTS: dict[str, tuple[Callable[[Path, int], None], Callable[[Path], Columns]]] = {
+Write = Callable[[Path, Times, Values], None]
+VARIANTS: dict[str, tuple[Write, Callable[[Path, int], Columns]]] = {
     "ours": (write_protobuf, ours),
+    "frombuffer": (write_protobuf, frombuffer),
     "mcap_protobuf_support": (write_protobuf, mcap_protobuf_support),
     "json": (write_json, from_json),
 }
 
 
-def case(variant: str, count: int, folder: str) -> dict[str, float]:
+def case(variant: str, doubles: int, folder: str) -> dict[str, float]:
     """Read one file, in this process."""
+    count = RECORDS[doubles]
     write, read = VARIANTS[variant]
-    path = Path(folder, f"{write.__name__}-{count}.mcap")
+    path = Path(folder, f"{write.__name__}-{doubles}.mcap")
     first = Path(folder, f"{write.__name__}-first.mcap")
+    expected_times, expected = smooth(doubles, count)
     for file, records in ((first, 100), (path, count)):
         if not file.exists():
-            write(file, records)
-    read(first)  # what is loaded and set up once in a process is no cost of a record
-    began = time.perf_counter()
-    times, columns = read(path)
-    seconds = time.perf_counter() - began
-    expected_times, expected = signals(count)
+            write(file, expected_times[:records], expected[:records])
+    read(first, doubles)  # what is loaded and set up once in a process is no cost of a record
+    began = time.process_time()
+    times, columns = read(path, doubles)
+    seconds = time.process_time() - began
     same = all(np.array_equal(c, e) for c, e in zip(columns, expected.T, strict=True))
     if not (same and np.array_equal(times, expected_times)):
         raise SystemExit(f"{variant} read something else than was written")
-    return {"seconds": seconds, "bytes": path.stat().st_size}
+    return {
+        "cpu_us_per_record": 1e6 * seconds / count,
+        "bytes_per_record": path.stat().st_size / count,
+    }
 
 
-def measure(tell: Callable[[str], None] = lambda _: None) -> dict[str, dict[str, dict[str, float]]]:
-    """{VARIANT: {COUNT: {records_per_s, bytes_per_record}}}."""
-    found: dict[str, dict[str, dict[str, float]]] = {variant: {} for variant in VARIANTS}
-    for count, repeats in COUNTS.items():
-        cases: dict[str, list[dict[str, float]]] = {variant: [] for variant in VARIANTS}
-        with tempfile.TemporaryDirectory() as folder:
-            for turn in range(max(repeats.values())):
-                for variant, done in cases.items():
-                    if turn >= repeats.get(variant, repeats["others"]):
-                        continue
-                    tell(f"reading {count} records, turn {turn + 1}: {variant}")
-                    done.append(_in_own_process(variant, count, folder))
-        for variant, done in cases.items():
-            seconds = statistics.median(one["seconds"] for one in done)
-            found[variant][str(count)] = {
-                "records_per_s": count / seconds,
-                "bytes_per_record": done[0]["bytes"] / count,
-            }
-    return found
-
-
-def _in_own_process(variant: str, count: int, folder: str) -> dict[str, float]:
-    done = subprocess.run(  # noqa: S603 - this very file
-        [sys.executable, __file__, variant, str(count), folder],
-        check=True,
-        stdout=subprocess.PIPE,
-    )
-    figures: dict[str, float] = json.loads(done.stdout)
-    return figures
+def measure(tell: Callable[[str], None] = lambda _: None) -> Figures:
+    """{VARIANT: {DOUBLES: {cpu_us_per_record, bytes_per_record}}}."""
+    return measured(__file__, VARIANTS, tell)
 
 
 if __name__ == "__main__":
     if len(sys.argv) == 4:
         print(json.dumps(case(sys.argv[1], int(sys.argv[2]), sys.argv[3])))
     else:
-        print(json.dumps(measure(lambda text: print(text, file=sys.stderr)), indent=1))
+        print("one half of trace.py, which measures both")

@@ -28,7 +28,7 @@ from cosim.trace import (
     link_topic,
 )
 from cosim.trace.decode import RowDecoder
-from cosim.trace.encode import RowEncoder
+from cosim.trace.encode import RowEncoder, laid_out
 from cosim.trace.layout import channel_metadata, file_descriptor, message_class
 
 ETA = [
@@ -213,7 +213,11 @@ def test_fast_rows_are_protobuf(rows: list[list[float | None]]) -> None:
     files = FileDescriptorSet(file=[file])
     message = message_class(files, "cosim.T")
     encode = RowEncoder("/t", signals, message)
-    payloads = [encode(row) for row in rows]
+    waiting = [encode.waiting(0, 0, 0, 0, row) for row in rows]
+    payloads = [b""] * len(rows)
+    for mine, _, lines in laid_out(waiting, {0: encode}, 0):
+        for i, line in zip(mine.tolist(), lines, strict=True):
+            payloads[i] = line.tobytes()
     for row, payload in zip(rows, payloads, strict=True):
         theirs = message(**{f"K_1_{i}": v for i, v in enumerate(row) if v is not None})
         assert payload == theirs.SerializeToString(deterministic=True)
