@@ -69,7 +69,8 @@ class MatFile:
     def __init__(self, path: Path, about: Mapping[str, str], tables: Iterable[str]) -> None:
         # scipy.io takes long to load
         self._savemat: Any = importlib.import_module("scipy.io").savemat
-        self._variables = matlab_names(tables, taken=("trace",))
+        tables = list(tables)
+        self._variables = dict(zip(tables, matlab_names(tables, taken=("trace",)), strict=True))
         self._stream = path.open("wb")
         self._stream.write(_HEADER)
         self._save("trace", dict(about))
@@ -85,23 +86,21 @@ class MatFile:
     ) -> None:
         self._stream.close()
 
-    def add(self, table: str, parts: Sequence[Sequence[Column]]) -> None:
-        """Write a table, given by the columns of each of its parts."""
-        named = matlab_names((column.name for column in parts[0]), taken=_ABOUT)
-        fields: dict[str, Any] = {"topic": table}
-        present: dict[str, Any] = {}
-        for number, column in enumerate(parts[0]):
-            field = named[column.name]
-            fields[field] = np.concatenate([part[number].values for part in parts])
-            there = np.concatenate([part[number].present for part in parts])
+    def add(self, table: str, parts: Sequence[list[Column]]) -> None:
+        """Write a table, given by the columns of each of its parts, which are taken out of them."""
+        names = [column.name for column in parts[0]]
+        columns: dict[str, Any] = {}
+        about: dict[str, dict[str, Any]] = {name: {} for name in _ABOUT if name != "topic"}
+        for name, field in zip(names, matlab_names(names, taken=_ABOUT), strict=True):
+            pieces = [part.pop(0) for part in parts]
+            columns[field] = np.concatenate([piece.values for piece in pieces])
+            there = np.concatenate([piece.present for piece in pieces])
             if not there.all():
-                present[field] = there
-        fields["names"] = {named[column.name]: column.name for column in parts[0]}
-        fields["units"] = {named[column.name]: column.unit or "" for column in parts[0]}
-        fields["descriptions"] = {
-            named[column.name]: column.description or "" for column in parts[0]
-        }
-        self._save(self._variables[table], fields | {"present": present})
+                about["present"][field] = there
+            about["names"][field] = name
+            about["units"][field] = pieces[0].unit or ""
+            about["descriptions"][field] = pieces[0].description or ""
+        self._save(self._variables[table], {"topic": table, **columns, **about})
 
     def _save(self, variable: str, fields: dict[str, Any]) -> None:
         # beyond the beginning of a file, savemat writes no header of its own
@@ -130,16 +129,16 @@ def check_size(table: str, size: int, where: Path) -> None:
         )
 
 
-def matlab_names(names: Iterable[str], taken: Collection[str] = ()) -> dict[str, str]:
+def matlab_names(names: Iterable[str], taken: Collection[str] = ()) -> list[str]:
     """Turn names into those of MATLAB: `eta.x` to `eta_x`, `K[1,3]` to `K_1_3`.
 
     Every character outside [A-Za-z0-9_] becomes `_`; what does not begin with a letter, or is a
     keyword, gets the prefix `x_`. Of more than 63 characters the first ones are kept. A name that
     is taken gets `_2`, `_3`, ...
     """
-    found: dict[str, str] = {}
+    found: list[str] = []
     used = set(taken)
-    for name in dict.fromkeys(names):
+    for name in names:
         base = re.sub(r"[^A-Za-z0-9_]", "_", name).strip("_")
         if not re.match(r"[A-Za-z]", base) or base in _KEYWORDS:
             base = f"x_{base}"
@@ -149,5 +148,5 @@ def matlab_names(names: Iterable[str], taken: Collection[str] = ()) -> dict[str,
             end = f"_{number}"
             candidate = base[: LONGEST_NAME - len(end)] + end
         used.add(candidate)
-        found[name] = candidate
+        found.append(candidate)
     return found

@@ -161,12 +161,14 @@ class Trace(Framed):
     def signals(self) -> dict[str, tuple[str, Signal]]:
         """Topic and description of every protobuf signal, by the name `signal` takes.
 
-        `component.variable` for outputs and inputs of components, `TOPIC:name` for the rest.
+        `component.variable` for outputs and inputs of components, `TOPIC:name` for the rest, and
+        for an input of the same name as an output.
         """
         found: dict[str, tuple[str, Signal]] = {}
         for topic, info in self.topics.items():
             for signal in info.signals:
-                found.setdefault(layout.signal_name(topic, signal.name), (topic, signal))
+                name = layout.signal_name(topic, signal.name)
+                found[f"{topic}:{signal.name}" if name in found else name] = topic, signal
         return found
 
     def place(self, name: str) -> tuple[str, str]:

@@ -24,7 +24,6 @@ from cosim.trace.content import CONTENT_HASH_VERSION, content_hash_of
 from cosim.trace.frames import Column
 from cosim.trace.hold import rows_in_force, sample_and_hold
 from cosim.trace.join import window_ns
-from cosim.trace.layout import signal_name
 from cosim.trace.mat_file import MatFile, bytes_of, check_size
 from cosim.trace.reader import Trace
 from cosim.trace.table import Table
@@ -37,7 +36,7 @@ _EXACT = 2**53
 _OPEN = 200
 _PART_BYTES = 2**24
 _WIDE = "signals"
-_TOGETHER = 2**28
+_TOGETHER = 2**27
 """Bytes of tables that are gathered in one pass, for a file that takes each of them whole."""
 
 
@@ -73,7 +72,7 @@ def export(
     target : a file for one table (one topic, or `wide`), else a folder; beside the trace if None.
         A file for all tables if `to` is "mat".
     to : CSV and Parquet are written part by part. A MATLAB file is written table by table: the
-        largest table, or 256 MiB of smaller ones, is in memory about twice.
+        largest table, or 128 MiB of smaller ones, is in memory about twice.
     topics : only these; by default all that have columns.
     signals : only these (`plant.eta.x`, or a group: `plant.eta`).
     start, end : least and greatest time of delivery [s].
@@ -164,9 +163,10 @@ def _write_mat(
                 sizes[table] += bytes_of(sheet.columns)
                 check_size(table, sizes[table], trace.path)
             for topic, columns in parts.items():
-                file.add(topic or _WIDE, columns)
                 rows = sum(part[0].values.size for part in columns)
-                yield WrittenTable(target, topic, rows, tuple(c.name for c in columns[0]))
+                written = WrittenTable(target, topic, rows, tuple(c.name for c in columns[0]))
+                file.add(topic or _WIDE, columns)
+                yield written
 
 
 def _together(trace: Trace, jobs: Jobs) -> Iterator[Jobs]:
@@ -304,6 +304,7 @@ def _wide(
     """Yield the wide table window by window: time_s, then every signal by its full name."""
     whole = any(trace.topics[topic].encoding != "protobuf" for topic in chosen)
     borders = [] if whole else [b for b in trace.borders(_PART_BYTES) if b < window[1]]
+    full = {(topic, signal.name): name for name, (topic, signal) in trace.signals.items()}
     in_force: dict[str, Table] = {}
     for tables in trace.windows(list(chosen), [*borders, window[1]], first_ns=window[0]):
         base = np.unique(np.concatenate([table.log_time_ns for table in tables.values()]))
@@ -317,7 +318,7 @@ def _wide(
                 there, signal = table.present[name], table.signals[name]
                 rows = rows_in_force(table.log_time_ns[there], base)
                 column = sample_and_hold(table[name][there], rows)
-                own = signal_name(topic, name)
+                own = full.get((topic, name), f"{topic}:{name}")
                 columns.append(Column(own, signal.unit, signal.description, *column))
             in_force[topic] = table.part(_in_force(table))
         yield Sheet(None, columns)
