@@ -104,8 +104,9 @@ def _block(block: Messages, heads: Mapping[int, bytes]) -> memoryview:
     for which, payloads in block.by_size():
         part = block.heads[which]
         head = np.zeros(which.size, _HEAD)
-        for channel in np.unique(part["channel"]).tolist():
-            head["channel"][part["channel"] == channel] = heads[channel]
+        found, own = np.unique(part["channel"], return_inverse=True)
+        names = b"".join([heads[channel] for channel in found.tolist()])
+        head["channel"] = np.frombuffer(names, head["channel"].dtype)[own]
         head["log"], head["publish"] = part["log"], part["publish"]
         head["sequence"], head["size"] = part["sequence"], payloads.shape[1]
         lines = np.hstack([head.view(np.uint8).reshape(which.size, _HEAD.itemsize), payloads])

@@ -154,6 +154,8 @@ class RowDecoder:
 
 def _few(sizes: NDArray[np.int64]) -> bool:
     """Whether there are so few lengths that rows of one length are decoded together."""
+    if sizes.size and (sizes == sizes[0]).all():
+        return True
     return bool(np.unique(sizes).size <= max(1, sizes.size // _WORTH))
 
 

@@ -20,8 +20,9 @@ from cosim.trace.table import Table
 
 _OTHER = {"ros1": "ROS 1", "cdr": "ROS 2 (CDR)"}
 _MAX_NS = 2**63 - 1
-_FEW, _MANY = 32, 4096
-"""Fewer messages than the first wait until there are as many as the second, to be decoded."""
+_FEW, _MANY, _MANY_BYTES = 32, 4096, 2**22
+"""Fewer messages of a chunk than the first wait until there are as many as the second, others
+until they have so many bytes, to be decoded together."""
 _ROOM = 2**28  # bytes that need no check of the memory
 
 
@@ -123,7 +124,9 @@ class _Source:
         self._decoder: RowDecoder | None = None
         self._parts: list[Any] = []
         self._places: list[NDArray[np.int64]] = []
-        self._waiting: list[bytes] = []
+        self._few: list[bytes] = []
+        self._waiting: list[Messages] = []
+        self._waiting_bytes = 0
         if channel.encoding == "json":
             return
         if not channel.encoding == channel.schema.encoding == "protobuf":
@@ -150,34 +153,43 @@ class _Source:
         self._places.append(places)
         if self._decoder is None:
             self._parts.append(messages)
-        elif len(messages) < _FEW:  # of many topics, a chunk has few messages each
-            self._waiting += messages.records()
-            if len(self._waiting) >= _MANY:
-                self._decode_waiting()
+            return
+        # to decode those of several chunks at once costs less
+        if len(messages) < _FEW:
+            self._few += messages.records()
         else:
-            self._decode_waiting()
-            self._decode(messages)
+            self._gather_few()
+            self._waiting.append(messages.compact())
+            self._waiting_bytes += len(self._waiting[-1].data)
+        if self._waiting_bytes >= _MANY_BYTES or len(self._few) >= _MANY:
+            self._decode()
 
-    def _decode_waiting(self) -> None:
-        if self._waiting:
-            ends = np.cumsum([len(record) for record in self._waiting])
-            data, self._waiting = b"".join(self._waiting), []
-            self._decode(Messages.at(data, np.append(0, ends[:-1])))
+    def _gather_few(self) -> None:
+        if self._few:
+            ends = np.cumsum([len(record) for record in self._few])
+            data, self._few = b"".join(self._few), []
+            self._waiting.append(Messages.at(data, np.append(0, ends[:-1])))
 
-    def _decode(self, messages: Messages) -> None:
+    def _decode(self) -> None:
+        """Decode the messages that wait."""
+        self._gather_few()
+        if self._decoder is None or not self._waiting:
+            return
+        messages, self._waiting, self._waiting_bytes = Messages.joined(self._waiting), [], 0
         try:
-            self._parts.append(messages if self._decoder is None else self._decoder(messages))
+            self._parts.append(self._decoder(messages))
         except ValueError as error:
             raise _unreadable(self._where, str(error)) from error
 
     def forget(self) -> None:
-        self._parts, self._places, self._waiting = [], [], []
+        self._parts, self._places, self._few, self._waiting = [], [], [], []
+        self._waiting_bytes = 0
 
     def columns(
         self,
     ) -> tuple[list[tuple[Signal, NDArray[Any], NDArray[np.bool_]]], NDArray[np.int64]]:
         """Return signal, values and presence of each column; and their rows in the topic."""
-        self._decode_waiting()
+        self._decode()
         places = np.concatenate(self._places) if self._places else np.zeros(0, np.int64)
         everywhere = np.ones(places.size, np.bool_)
         if self._decoder is None:
@@ -188,7 +200,9 @@ class _Source:
         for i, signal in enumerate(self._decoder.signals):
             empty = blanks(self._decoder.dtypes[i], 0), None
             parts = [part[i] for part in self._parts] or [empty]
-            values = np.concatenate([part for part, _ in parts])
+            values = parts[0][0]
+            if len(parts) > 1:
+                values = np.concatenate([part for part, _ in parts])
             there = everywhere
             if any(present is not None for _, present in parts):
                 there = np.concatenate(

@@ -66,19 +66,19 @@ class Messages:
 
     def by_channel(self) -> Iterator[tuple[int, Integers]]:
         """Yield the id of each channel, and the numbers of its messages in order, (k,)."""
-        channels = self.heads["channel"]
-        if channels.size and (channels == channels[0]).all():
-            yield int(channels[0]), np.arange(channels.size)
-            return
-        order = np.argsort(channels, kind="stable")
-        found, starts = np.unique(channels[order], return_index=True)
-        yield from zip(found.tolist(), np.split(order, starts[1:]), strict=False)
+        return groups(self.heads["channel"])
 
     def spans(self) -> Iterator[tuple[int, int, int, int]]:
         """Yield id, least and greatest log time, and number of messages of each channel."""
-        for channel, mine in self.by_channel():
-            times = self.heads["log"][mine]
-            yield channel, int(times.min()), int(times.max()), times.size
+        if not len(self):
+            return
+        order = np.argsort(self.heads["channel"], kind="stable")
+        found, starts = np.unique(self.heads["channel"][order], return_index=True)
+        times = self.heads["log"][order]
+        low, high = np.minimum.reduceat(times, starts), np.maximum.reduceat(times, starts)
+        counts = np.diff(starts, append=len(self))
+        columns = (column.tolist() for column in (found, low, high, counts))
+        yield from zip(*columns, strict=True)
 
     @property
     def sizes(self) -> Integers:
@@ -90,6 +90,29 @@ class Messages:
         ends = self.places + _BEFORE + self.heads["length"].astype(np.int64)
         for start, end in zip(self.places.tolist(), ends.tolist(), strict=True):
             yield self.data[start:end]
+
+    def compact(self) -> Messages:
+        """Return the same messages in a buffer that has nothing else."""
+        sizes = _BEFORE + self.heads["length"].astype(np.int64)
+        places = np.cumsum(sizes) - sizes
+        begin = int(self.places[0]) if len(self) else 0
+        if np.array_equal(self.places, places + begin):
+            data = self.data[begin : begin + int(sizes.sum())]
+        elif (sizes == sizes[0]).all():
+            data = structs_at(self.data, self.places, np.dtype(f"V{sizes[0]}")).tobytes()
+        else:
+            data = b"".join(self.records())
+        return Messages(data, places, self.heads)
+
+    @classmethod
+    def joined(cls, parts: Sequence[Messages]) -> Messages:
+        """Return the messages of several buffers in one."""
+        if len(parts) == 1:
+            return parts[0]
+        ends = np.cumsum([len(part.data) for part in parts])
+        places = [part.places + at for part, at in zip(parts, np.append(0, ends), strict=False)]
+        heads = np.concatenate([part.heads for part in parts])
+        return cls(b"".join([part.data for part in parts]), np.concatenate(places), heads)
 
     def payloads(self) -> Iterator[memoryview]:
         """Yield the payloads one by one."""
@@ -111,8 +134,34 @@ class Messages:
     def _matrix(self, places: Integers, size: int) -> NDArray[np.uint8]:
         if size == 0:
             return np.zeros((places.size, 0), np.uint8)
+        step = _step(places)
+        if step:
+            at, shape = int(places[0]) + HEAD.itemsize, (places.size, size)
+            return np.ndarray(shape, np.uint8, self.data, at, (step, 1))
         found = structs_at(self.data, places + HEAD.itemsize, np.dtype(f"V{size}"))
         return found.view(np.uint8).reshape(places.size, size)
+
+
+def groups(numbers: NDArray[Any]) -> Iterator[tuple[int, Integers]]:
+    """Yield each number, ascending, and the places of it, in order, (k,)."""
+    if numbers.size and (numbers == numbers[0]).all():
+        yield int(numbers[0]), np.arange(numbers.size)
+        return
+    order = np.argsort(numbers, kind="stable")
+    found, starts = np.unique(numbers[order], return_index=True)
+    yield from zip(found.tolist(), np.split(order, starts[1:]), strict=False)
+
+
+def together(blocks: Iterable[Messages], least_bytes: int) -> Iterator[Messages]:
+    """Join neighbours until they have so many bytes."""
+    waiting: list[Messages] = []
+    for block in blocks:
+        waiting.append(block)
+        if sum(len(each.data) for each in waiting) >= least_bytes:
+            yield Messages.joined(waiting)
+            waiting = []
+    if waiting:
+        yield Messages.joined(waiting)
 
 
 def on_channels(messages: Messages, channels: Iterable[int]) -> NDArray[np.bool_]:
@@ -128,9 +177,18 @@ def structs_at(data: bytes, places: Integers, dtype: np.dtype[Any]) -> NDArray[A
     count = len(data) - dtype.itemsize + 1
     if count < 1:
         return np.zeros(0, dtype)
+    step = _step(places)
+    if step:  # one distance between all of them: half the time
+        return np.ndarray(places.shape, dtype, data, int(places[0]), (step,)).copy()
     everywhere = np.ndarray((count,), dtype, data, strides=(1,))
     found: NDArray[Any] = everywhere[places]
     return found
+
+
+def _step(places: Integers) -> int:
+    """Return the distance between neighbours if it is everywhere the same, and else 0."""
+    steps = np.diff(places)
+    return int(steps[0]) if steps.size and (steps == steps[0]).all() else 0
 
 
 def find_messages(
@@ -156,9 +214,9 @@ def entries_of(content: bytes | memoryview) -> tuple[int, NDArray[np.uint64]] | 
     if len(content) < _INDEX.size:
         return None
     channel, size = _INDEX.unpack_from(content)
-    if size != len(content) - _INDEX.size or size % 16:
+    if size > len(content) - _INDEX.size or size % 16:  # what follows is a later format's
         return None
-    return channel, np.frombuffer(content, "<u8", offset=_INDEX.size).reshape(-1, 2)
+    return channel, np.frombuffer(content, "<u8", size // 8, _INDEX.size).reshape(-1, 2)
 
 
 def _indexed(index: Sequence[bytes | memoryview]) -> NDArray[np.uint64] | None:

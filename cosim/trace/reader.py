@@ -27,7 +27,7 @@ from cosim.trace.frames import Align, Between, Framed, Joined
 from cosim.trace.gather import TopicRows
 from cosim.trace.join import joined, window_ns
 from cosim.trace.layout import Signal
-from cosim.trace.messages import Messages, on_channels
+from cosim.trace.messages import Messages, groups, on_channels, together
 from cosim.trace.outcome import RunOutcome, outcome_of
 from cosim.trace.records import LATEST_NS, DamageError, open_trace
 from cosim.trace.summary import from_summary
@@ -36,6 +36,9 @@ from cosim.trace.topic_info import TopicInfo
 
 PART_BYTES = 2**23
 """Payload of the rows that a stream holds at once [bytes]."""
+
+_MANY_TOPICS, _TOGETHER_BYTES = 64, 2**22
+"""Of more topics, chunks have few messages each: so many bytes of them are gathered together."""
 
 __all__ = ["Series", "Table", "TopicInfo", "Trace"]
 
@@ -331,7 +334,10 @@ class Trace(Framed):
             places[list(each.channels)] = place
         names = list(gathered)
         wanted = {number for each in gathered.values() for number in each.channels}
-        for block in self._segments(wanted, first, last):
+        blocks = self._segments(wanted, first, last)
+        if len(gathered) > _MANY_TOPICS:
+            blocks = together(blocks, _TOGETHER_BYTES)
+        for block in blocks:
             messages, place = block, places[block.heads["channel"]]
             inside = place >= 0
             if first > 0 or last < LATEST_NS:
@@ -339,9 +345,7 @@ class Trace(Framed):
                 inside &= (log >= first) & (log <= last)
             if not inside.all():
                 messages, place = block.part(inside), place[inside]
-            order = np.argsort(place, kind="stable")
-            found, begins = np.unique(place[order], return_index=True)
-            for number, mine in zip(found.tolist(), np.split(order, begins[1:]), strict=False):
+            for number, mine in groups(place):
                 part = messages if mine.size == len(messages) else messages.part(mine)
                 gathered[names[number]].add(part)
                 yield names[number], int(part.sizes.sum()) + 64 * mine.size

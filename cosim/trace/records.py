@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import stat
 import struct
+import threading
 import zlib
 from collections.abc import Iterator
 from io import BytesIO
@@ -69,24 +70,42 @@ class Fields(ReadDataStream):
 def parsed(kind: type[Parsed], content: bytes | memoryview) -> Parsed:
     """Read the content of a record as a class of the mcap package.
 
+    Behind its fields a record may have those of a later format, which are passed over.
+
     Raises
     ------
     DamageError : a field is longer than the record, a text is not UTF-8, the checksum of an
-        attachment does not match, or metadata are shorter than their record.
+        attachment does not match, or more metadata follow than there should be.
     """
-    if kind is Attachment and int.from_bytes(content[-4:], "little") not in (
-        0,
-        zlib.crc32(memoryview(content)[:-4]),
-    ):
-        raise DamageError("the checksum of an attachment does not match")
     fields = Fields(content)
     try:
         found: Parsed = kind.read(fields)  # type: ignore[attr-defined]
     except UnicodeDecodeError:
         raise DamageError("a text is not UTF-8") from None
-    if kind is Metadata and fields.left:
+    if kind is Attachment and not _checksum_holds(content, fields.count):
+        raise DamageError("the checksum of an attachment does not match")
+    if kind is Metadata and fields.left and _entries_follow(fields):
         raise DamageError("a metadata record is longer than what is in it")
     return found
+
+
+def _checksum_holds(content: bytes | memoryview, end: int) -> bool:
+    """Whether the checksum of an attachment, whose fields end there, matches; 0 stands for none."""
+    given = int.from_bytes(content[end - 4 : end], "little")
+    if given == 0:  # where something follows, a wrong length may have led to this place
+        return end == len(content)
+    return given == zlib.crc32(memoryview(content)[: end - 4])
+
+
+def _entries_follow(fields: Fields) -> bool:
+    """Whether what is left reads as metadata: then the length before them is wrong."""
+    try:
+        while fields.left:
+            fields.read_prefixed_string()
+            fields.read_prefixed_string()
+    except (DamageError, UnicodeDecodeError):
+        return False
+    return True
 
 
 def open_trace(path: Path) -> BinaryIO:
@@ -224,6 +243,16 @@ def _as_far_as(decompressor: Any, packed: memoryview) -> bytes:
     return b"".join(found)
 
 
+class _Own(threading.local):
+    """What each thread has for itself; zstd's are not thread-safe, and cost some to make."""
+
+    def __init__(self) -> None:
+        self.decompressor = zstandard.ZstdDecompressor()
+
+
+_own = _Own()
+
+
 def _decompress(compression: str, packed: memoryview, size: int) -> bytes:
     if compression == "":
         return bytes(packed)
@@ -232,7 +261,7 @@ def _decompress(compression: str, packed: memoryview, size: int) -> bytes:
     if compression == "zstd":
         if zstandard.frame_content_size(packed) not in (-1, size):
             raise DamageError("a chunk's compressed frame is not of the size it claims")
-        return zstandard.ZstdDecompressor().decompress(packed, max_output_size=size)
+        return _own.decompressor.decompress(packed, max_output_size=size)
     if compression == "lz4":
         unpacked: bytes = lz4.frame.LZ4FrameDecompressor().decompress(packed, max_length=size)
         return unpacked

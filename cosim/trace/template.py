@@ -8,7 +8,8 @@ of numbers need another template.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import itertools
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -64,26 +65,27 @@ class Template:
     _fixed: list[int] = field(default_factory=list)
     _more: list[int] = field(default_factory=list)
     _last: list[int] = field(default_factory=list)
+    _slices: list[slice] = field(default_factory=list)
 
     def fits(self, rows: Bytes) -> NDArray[np.bool_]:
         """Return which messages, uint8 (m, size), have this layout."""
-        alike = (rows[:, self._fixed] == self.row[self._fixed]).all(axis=1)
+        alike = np.ones(len(rows), np.bool_)
+        for one_layout in self._slices:
+            same = rows[:, one_layout] == self.row[one_layout]
+            if not same.all():  # to ask row by row costs more
+                alike &= same.all(axis=1)
         for places, bit in ((self._more, 0x80), (self._last, 0)):
             if places:
                 alike &= ((rows[:, places] & 0x80) == bit).all(axis=1)
-        found: NDArray[np.bool_] = alike
-        return found
+        return alike
 
     def values(self, rows: Bytes) -> dict[int, Any]:
         """Return the values of messages that fit, by leaf; `ValueError` if a text is not UTF-8."""
         found: dict[int, Any] = {}
-        fixed = {s: f for s in self.slots if (f := _FIXED.get(self.leaves[s.leaf][-1].type))}
-        if fixed:
-            names = [str(slot.leaf) for slot in fixed]
-            layout = {"names": names, "formats": list(fixed.values())}
-            offsets = {"offsets": [s.at for s in fixed], "itemsize": rows.shape[1]}
-            view = np.ascontiguousarray(rows).view(np.dtype({**layout, **offsets}))[:, 0]  # type: ignore[call-overload]
-            found = {slot.leaf: view[str(slot.leaf)] for slot in fixed}
+        for slot in self.slots:
+            form = _FIXED.get(self.leaves[slot.leaf][-1].type)
+            if form is not None:
+                found[slot.leaf] = rows[:, slot.at : slot.at + slot.width].view(form)[:, 0]
         for slot in self.slots:
             kind = self.leaves[slot.leaf][-1].type
             if kind == FieldDescriptor.TYPE_STRING:
@@ -112,7 +114,25 @@ def template(message: Descriptor, leaves: Sequence[Path], row: Bytes) -> Templat
     for i, path in enumerate(leaves):
         if i not in seen and not path[-1].has_presence and path[:-1] in reader.messages:
             made.defaults.append(i)
+    made._slices = [*_slices(made._fixed)]  # noqa: SLF001 - made here
     return made
+
+
+def _slices(places: Sequence[int]) -> Iterator[slice]:
+    """Yield slices that together take ascending places: tags of doubles recur at one distance."""
+    left = dict.fromkeys(places)
+    while left:
+        first, *near = itertools.islice(left, 4)
+        runs = []
+        for step in [at - first for at in near] or [1]:
+            stop = first
+            while stop in left:
+                stop += step
+            runs.append(range(first, stop, step))
+        run = max(runs, key=len)
+        yield slice(run.start, run.stop, run.step)
+        for at in run:
+            del left[at]
 
 
 class _Reader:

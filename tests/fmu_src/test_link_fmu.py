@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from link_runs import INITIAL, Channel, build, expected, signal
+from shared import sampled
 
 from cosim.core.errors import InputError
 from cosim.fmu import component_module
@@ -182,7 +183,7 @@ def test_two_thousand_random_links_are_the_links_on_the_grid(channel: Path) -> N
     check_random_links(channel, range(2000))
 
 
-@pytest.mark.parametrize("seed", [0, 1, 2**31 - 1])
+@pytest.mark.parametrize("seed", sampled([2**31 - 1, 0, 1], 1))
 @pytest.mark.parametrize("name", ["a", "downlink-2", "Funkstrecke \u00fc " + "x" * 120])
 def test_draws_follow_name_and_seed(tmp_path: Path, name: str, seed: int) -> None:
     """Key of the stream: any length of name, any seed."""

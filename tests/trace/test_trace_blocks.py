@@ -58,7 +58,8 @@ def test_blocks_write_the_file_that_single_rows_write(
         for i in range(late.size)
     ]
     one, many = tmp_path / "one.mcap", tmp_path / "many.mcap"
-    with TraceWriter(one, run={}, chunk_bytes=chunk, compression=compression) as writer:
+    by_size_alone: Any = {"chunk_bytes": chunk, "compression": compression, "flush_interval_s": 1e6}
+    with TraceWriter(one, run={}, **by_size_alone) as writer:
         a, b = two_topics(writer)
         events = [(t, 1, i) for i, t in enumerate(times.tolist())]
         events += [(t, 0, i) for i, t in enumerate(late.tolist())]
@@ -68,7 +69,7 @@ def test_blocks_write_the_file_that_single_rows_write(
             else:
                 writer.write(b, t, mixed[i], publish_time_ns=t - 5, sequence=i)
         writer.finish({})
-    with TraceWriter(many, run={}, chunk_bytes=chunk, compression=compression) as writer:
+    with TraceWriter(many, run={}, **by_size_alone) as writer:
         a, b = two_topics(writer)
         writer.write_rows(
             [

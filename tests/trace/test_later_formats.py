@@ -1,0 +1,83 @@
+"""Fields of a later format, behind those that a record has today, are passed over."""
+
+from __future__ import annotations
+
+import zlib
+from pathlib import Path
+
+import pytest
+from mcap.data_stream import RecordBuilder
+from mcap.records import (
+    Attachment,
+    Channel,
+    Chunk,
+    DataEnd,
+    Footer,
+    Header,
+    McapRecord,
+    Message,
+    MessageIndex,
+    Metadata,
+    Schema,
+)
+
+from cosim.trace import Trace, recover, verify
+from cosim.trace.records import MAGIC, DamageError, parsed
+
+MORE = b"\x01\xff\xff"
+
+
+def written(record: McapRecord, more: bytes = b"") -> bytes:
+    builder = RecordBuilder()
+    record.write(builder)
+    data: bytes = builder.end()  # type: ignore[no-untyped-call]
+    return data[:1] + (len(data) - 9 + len(more)).to_bytes(8, "little") + data[9:] + more
+
+
+ATTACHMENT = Attachment(log_time=2, create_time=1, name="a.txt", media_type="text", data=b"text")
+METADATA = Metadata(name="m", metadata={"k": "v", "l": "w"})
+
+
+def test_a_file_with_longer_records_is_in_order(tmp_path: Path) -> None:
+    """As the conformance files of the MCAP project have them (variant `pad`)."""
+    path = tmp_path / "a.mcap"
+    message = written(Message(channel_id=1, sequence=3, log_time=7, publish_time=6, data=b"123"))
+    inner = written(Schema(id=1, name="S", encoding="x", data=b"s"), MORE)
+    inner += written(
+        Channel(id=1, topic="/t", message_encoding="y", schema_id=1, metadata={"a": "b"}), MORE
+    )
+    chunk = Chunk(
+        compression="",
+        data=inner + message,
+        message_start_time=7,
+        message_end_time=7,
+        uncompressed_crc=zlib.crc32(inner + message),
+        uncompressed_size=len(inner + message),
+    )
+    index = MessageIndex(channel_id=1, records=[(7, len(inner))])
+    data = MAGIC + written(Header(profile="", library=""), MORE) + written(ATTACHMENT, MORE)
+    data += written(METADATA, MORE) + written(chunk) + written(index, MORE)
+    data += written(DataEnd(data_section_crc=zlib.crc32(data)))
+    footer = Footer(summary_start=0, summary_offset_start=0, summary_crc=0)
+    path.write_bytes(data + written(footer) + MAGIC)
+    assert verify(path).verdict == "ok"
+    trace = Trace(path)
+    assert [bytes(p) for block in trace.blocks() for p in block.payloads()] == [b"123"]
+    assert trace.metadata == [("m", METADATA.metadata)]
+    assert trace.attachments["a.txt"] == b"text"
+    assert recover(path, tmp_path / "b.mcap").complete
+
+
+def test_a_length_that_is_too_small_is_damage() -> None:
+    """What it cuts off is no later format."""
+    content = written(METADATA)[9:]
+    for length in range(int.from_bytes(content[5:9], "little") // 2 + 1):  # an entry is missing
+        with pytest.raises(DamageError):
+            parsed(Metadata, content[:5] + length.to_bytes(4, "little") + content[9:])
+    for data in (b"text", bytes(8)):  # zeros in place of a checksum would stand for none
+        attached = Attachment(log_time=2, create_time=1, name="a", media_type="b", data=data)
+        content = written(attached)[9:]
+        at = content.index(len(data).to_bytes(8, "little"))
+        for length in range(len(data)):
+            with pytest.raises(DamageError):
+                parsed(Attachment, content[:at] + length.to_bytes(8, "little") + content[at + 8 :])
