@@ -51,6 +51,8 @@ def diff_verdict(found: Diff) -> str:
     if found.parted:
         first = found.parted[0]
         return f"the first to part is {first.name} at t = {first.first_s:g} s"
+    if not found.signals and any(found.only):
+        return "no signal is in both"
     if found.equal:
         return "equal within the tolerances"
     return "the signals agree; something else differs"

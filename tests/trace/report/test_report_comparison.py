@@ -91,6 +91,15 @@ def test_failed_runs_are_compared(tmp_path: Path) -> None:
     assert "would replace its trace" in refused.error["what"]
 
 
+def test_runs_without_a_signal_in_common_are_compared() -> None:
+    """What only one of them has is listed; outcomes and figures are beside each other."""
+    other = comparison_of(trace_of("auv-acoustic"), found("finished").trace)
+    text = words(comparison_page(other))
+    assert "no signal is in both" in text
+    assert "only in the second trace: /pump/output" in text
+    assert (other.apart, other.alike) == ([], [])
+
+
 def test_the_same_run_twice_is_identical() -> None:
     """And its outputs are still shown, once."""
     twice = comparison_of(*[found("finished").trace] * 2)
