@@ -176,14 +176,13 @@ class Framed(ABC):
         _, times = _times(first.time_ns, index)
         about = {"units": "s", "long_name": "time of delivery"} if index == "seconds" else {}
         coords["time"] = ("time", times, about)
-        order = _places(levels, coords) if dims == tuple(levels) else np.arange(len(parts))
         variables = {}
         for number, column in enumerate(first.columns):
             stacked = np.stack([_filled(part.columns[number]) for part in parts])
             notes = {"units": column.unit, "long_name": column.description}
             variables[column.name] = (
                 (*dims, "time"),
-                stacked[order].reshape(*shape, -1),
+                stacked.reshape(*shape, -1),
                 {key: text for key, text in notes.items() if text is not None},
             )
         return xr.Dataset(variables, coords)
@@ -278,7 +277,10 @@ def _check_alike(a: Joined, b: Joined) -> None:
 def _dimensions(
     levels: Mapping[str, Sequence[Any]], count: int
 ) -> tuple[tuple[str, ...], tuple[int, ...], dict[str, Any]]:
-    """Return dimensions before the time, their lengths, and the coordinates of the levels."""
+    """Return dimensions before the time, their lengths, and the coordinates of the levels.
+
+    Recordings are in the order of their levels, which is that of a grid.
+    """
     if not levels:
         return (), (), {}
     unique = {name: list(dict.fromkeys(values)) for name, values in levels.items()}
@@ -287,10 +289,3 @@ def _dimensions(
     if len(rows) == count == int(np.prod(shape)):
         return tuple(levels), shape, {name: (name, values) for name, values in unique.items()}
     return ("run",), (count,), {name: ("run", list(values)) for name, values in levels.items()}
-
-
-def _places(levels: Mapping[str, Sequence[Any]], coords: Mapping[str, Any]) -> NDArray[np.intp]:
-    """Return which recording stands at each place of the grid of levels."""
-    places = [[coords[name][1].index(v) for v in values] for name, values in levels.items()]
-    shape = [len(coords[name][1]) for name in levels]
-    return np.argsort(np.ravel_multi_index(places, shape)) if levels else np.zeros(1, np.intp)

@@ -106,6 +106,8 @@ def test_a_topic_a_trace_and_traces_take_the_same_arguments(tmp_path: Path) -> N
     assert several.to_pandas("plant.eta", **given).droplevel(0)["plant.eta.y"].tolist() == (
         frame["eta.y"].tolist()
     )
+    late = trace.to_pandas("/plant/output", align="/link/up")
+    assert late["plant.eta.x"].to_dict() == {0.5: 0.0, 1.5: 1.0, 2.5: 2.0}
     table = trace.to_arrow("plant.eta", **given)
     assert table.column_names == ["time", "plant.eta.x", "plant.eta.y"]
     assert table["plant.eta.y"].to_pylist() == frame["eta.y"].tolist()
