@@ -209,8 +209,17 @@ class Trace(Framed):
 
         Raises
         ------
-        InputError, LossError : no such signal, and as `read`.
+        InputError, LossError : no such signal, or a group of several, and as `read`.
         """
+        members = self.members(name)
+        if members != [name]:
+            raise InputError(
+                "a group, not a signal",
+                where=str(self.path),
+                expected=f"one of {', '.join(members[:8])}",
+                got=name,
+                hint=f"to_pandas({name!r}), to_arrow and to_xarray read groups",
+            )
         topic, own = self.place(name)
         return series_of(self.read(topic, start=start, end=end), own)
 

@@ -113,6 +113,8 @@ def test_a_topic_a_trace_and_traces_take_the_same_arguments(tmp_path: Path) -> N
     assert table["plant.eta.y"].to_pylist() == frame["eta.y"].tolist()
     assert rows.to_arrow("eta", **given)["eta.y"] == table["plant.eta.y"]
     assert table.schema.field("plant.eta.y").metadata == {b"unit": b"m"}
+    with pytest.raises(InputError, match=r"one of plant.eta.x, plant.eta.y"):
+        trace.signal("plant.eta")
     for kind in (rows, trace, several):
         with pytest.raises(InputError, match=r"zeta"):
             kind.to_pandas("plant.zeta")
