@@ -17,6 +17,7 @@ from .diff_format import (
     diff_json as diff_json,
     diff_verdict as diff_verdict,
     differences as differences,
+    further_differences as further_differences,
 )
 from .diff_picture import draw_diff as draw_diff
 from .diff_signals import (
@@ -71,7 +72,9 @@ from .recovery import (
     recover as recover,
 )
 from .report import (
+    ComparisonReport as ComparisonReport,
     Report as Report,
+    write_comparison as write_comparison,
     write_report as write_report,
 )
 from .ros2 import (

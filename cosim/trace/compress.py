@@ -24,8 +24,8 @@ _QUICK = zstandard.ZstdCompressionParameters(
 """How zstd looks for repetitions.
 
 What repeats in records is short: a tag, and sign, exponent and first digits of the double before
-it. The fast strategy looks for 6 bytes or more at zstd's levels 1 and 3; told to take 4, it makes
-traces as small as level 3 does (of smooth signals 4 to 10 hundredths smaller) in half its time.
+it. The fast strategy looks for 6 bytes or more at zstd's level 1; told to take 4, it needs half the
+time of level 3, for files from a tenth smaller (200 smooth signals) to 3 % larger (real runs).
 """
 
 

@@ -26,6 +26,12 @@ class Change:
     a: str | None
     b: str | None
 
+    @property
+    def informative(self) -> bool:
+        """Whether the entry tells a reader something: no hash, and no matrix of a proof."""
+        silent = ("variables.", "system.", "final.", "certificate.claim")
+        return not self.key.startswith(silent) and not self.key.endswith("sha256")
+
 
 @dataclass(frozen=True, slots=True)
 class Context:

@@ -51,6 +51,8 @@ def diff_verdict(found: Diff) -> str:
     if found.parted:
         first = found.parted[0]
         return f"the first to part is {first.name} at t = {first.first_s:g} s"
+    if not found.signals and any(found.only):
+        return "no signal is in both"
     if found.equal:
         return "equal within the tolerances"
     return "the signals agree; something else differs"
@@ -80,6 +82,19 @@ def differences(found: Diff) -> Iterator[str]:
     for change in found.context.entries:
         yield f"{change.where} {change.key}: {change.a} in the first, {change.b} in the second"
     yield from (f"{name}: the text differs" for name in found.context.texts)
+
+
+def further_differences(found: Diff) -> Iterator[str]:
+    """Yield what differs beside signals in both, messages of links, metadata and texts."""
+    for name, only in zip(("first", "second"), found.only, strict=True):
+        if only:
+            yield f"only in the {name} trace: {', '.join(only)}"
+    if found.other_bytes:
+        yield f"other messages: {', '.join(found.other_bytes)}"
+    if not found.same_end:
+        yield f"end: t = {found.ends_s[0]:g} s and {found.ends_s[1]:g} s"
+    if any(found.log_lines):
+        yield f"/log: {found.log_lines[0]} and {found.log_lines[1]} lines of its own each"
 
 
 def _signal_line(signal: SignalDiff) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +16,11 @@ from cosim.trace.table import Table
 from cosim.trace.tolerance import Tolerances, distances, exceeds
 
 Pair = tuple[Table, Table]
+Seen = Callable[[str, str, NDArray[np.int64], NDArray[np.float64]], None]
+"""Takes the topic and the name of a signal of numbers, instants [ns], and second minus first.
+
+The difference is NaN where one of them has no value.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,16 +163,25 @@ class TopicDiff:
     tolerances : by the name of a signal.
     begin_ns, until_ns : where values in force are compared [ns]: from where both have begun, to
         where the shorter trace ends.
+    seen : is given every difference, part by part.
 
     Attributes
     ----------
     only : names of the signals that only one of the traces has.
     """
 
-    def __init__(self, topic: str, tolerances: Tolerances, begin_ns: int, until_ns: int) -> None:
+    def __init__(
+        self,
+        topic: str,
+        tolerances: Tolerances,
+        begin_ns: int,
+        until_ns: int,
+        seen: Seen | None = None,
+    ) -> None:
         self.only: tuple[dict[str, None], dict[str, None]] = {}, {}
         self._topic, self._tolerances = topic, tolerances
         self._begin_ns, self._until_ns = begin_ns, until_ns
+        self._seen = seen
         self._alike = True
         self._in_force_before: Pair | None = None
         self._rows = [0, 0]
@@ -227,6 +241,11 @@ class TopicDiff:
             y, in_b = sample_and_hold(b[name], rows_b)
             in_a &= sample_and_hold(a.present[name], rows_a)[0]
             in_b &= sample_and_hold(b.present[name], rows_b)[0]
+            if self._seen is not None and x.dtype.kind in "fiub" and y.dtype.kind in "fiub":
+                with np.errstate(all="ignore"):
+                    apart = y.astype(np.float64) - x.astype(np.float64)
+                there = np.where(in_a & in_b, apart, np.nan)
+                self._seen(self._topic, signal_name(self._topic, name), instants, there)
             distance, relative = distances(x, y)
             distance[in_a != in_b] = relative[in_a != in_b] = np.inf
             distance[~in_a & ~in_b] = relative[~in_a & ~in_b] = 0.0

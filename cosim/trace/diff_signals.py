@@ -16,7 +16,7 @@ from os import PathLike
 from cosim.trace.content import content_hash_of
 from cosim.trace.diff_context import Context, context_of
 from cosim.trace.diff_links import LinkDiff, links_of
-from cosim.trace.diff_rows import SignalDiff, TopicDiff, in_step
+from cosim.trace.diff_rows import Seen, SignalDiff, TopicDiff, in_step
 from cosim.trace.layout import LOG_TOPIC, signal_name
 from cosim.trace.reader import Trace
 from cosim.trace.tolerance import Tolerances
@@ -24,7 +24,7 @@ from cosim.trace.tolerance import Tolerances
 _ALWAYS = 2**63 - 1
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, repr=False)
 class Diff:
     """The comparison of two traces; pairs belong to the first trace and the second.
 
@@ -51,6 +51,10 @@ class Diff:
     log_lines: tuple[int, int] = (0, 0)
     prefix: bool = False
 
+    def __repr__(self) -> str:
+        found = f"{len(self.parted)} of {len(self.signals)} signals differ"
+        return f"<Diff {' and '.join(self.paths)}: {'identical' if self.identical else found}>"
+
     @property
     def parted(self) -> list[SignalDiff]:
         """Signals that differ, in order of their first difference."""
@@ -76,6 +80,7 @@ def diff(
     *,
     prefix: bool = False,
     topics: Sequence[str] | None = None,
+    seen: Seen | None = None,
 ) -> Diff:
     """Compare two traces signal by signal, with their links, log, metadata and attachments.
 
@@ -84,6 +89,8 @@ def diff(
     tolerances : none by default: values must be equal.
     prefix : a is part of a run; compare it with the first rows of b.
     topics : compare only these; by default all that do not follow from others.
+    seen : is given every difference of signals of numbers, part by part; nothing of identical
+        traces.
 
     Raises
     ------
@@ -107,7 +114,8 @@ def diff(
     ends = _end_ns(one, chosen), _end_ns(two, chosen)
     until = _ALWAYS if prefix else min(ends)
     compared = {
-        topic: TopicDiff(topic, allowed, _begin_ns(one, two, topic), until) for topic in readable
+        topic: TopicDiff(topic, allowed, _begin_ns(one, two, topic), until, seen)
+        for topic in readable
     }
     links = {} if topics is not None else links_of(one, two)
     for tables in in_step(one, two, readable, prefix=prefix):

@@ -36,7 +36,7 @@ _LINK = "link."
 _STRUCTURES = ("metrics", "final", "cause", "assertions", "events")
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class RunOutcome:
     """The outcome of a run.
 
@@ -65,6 +65,10 @@ class RunOutcome:
     links: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     final: Mapping[str, float | None] = field(default_factory=dict)
     version: int = OUTCOME_VERSION
+
+    def __repr__(self) -> str:
+        at = "" if self.simulated_s is None else f" at {self.simulated_s:g} s"
+        return f"<RunOutcome {self.headline}{at}>"
 
     @property
     def assumptions(self) -> Mapping[str, Any]:

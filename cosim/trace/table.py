@@ -2,24 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.core import InputError, optional
+from cosim.core import InputError
+from cosim.trace.frames import Align, Between, Framed, Joined
+from cosim.trace.join import joined_table
 from cosim.trace.layout import Signal
 
 Integers = NDArray[np.int64]
-
-Index = Literal["seconds", "timedelta"]
-"""The time of a data frame: seconds as doubles, or exact nanoseconds."""
+_NAMED = 6
 
 
 @dataclass(frozen=True, slots=True, repr=False)
-class Table:
+class Table(Framed):
     """The rows of a topic in file order.
+
+    As a data frame, an Arrow table or a dataset: see `cosim.trace.frames.Framed`.
 
     Attributes
     ----------
@@ -59,11 +62,21 @@ class Table:
         return self.publish_time_ns / 1e9
 
     def __repr__(self) -> str:
-        return f"<Table {self.topic}: {len(self)} rows, {', '.join(self.columns) or 'no columns'}>"
+        names = list(self.columns)
+        more = f", and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
+        listed = ", ".join(names[:_NAMED]) or "no columns"
+        return f"<Table {self.topic}: {len(self)} rows, {listed}{more}>"
 
-    def to_pandas(self, *, index: Index = "seconds") -> Any:
-        """Return a pandas DataFrame of the rows, index `time_s` [s]; see `cosim.trace.frames`."""
-        return rows_frame(self, index)
+    def _joined(
+        self,
+        what: str | Sequence[str] | None,
+        align: Align,
+        between: Between,
+        start: float | None,
+        end: float | None,
+    ) -> tuple[Mapping[str, Sequence[Any]], Sequence[Joined]]:
+        """See `Framed`."""
+        return {}, [joined_table(self, what, align, between, start, end)]
 
     def part(self, which: NDArray[Any]) -> Table:
         """Return the rows that a mask or indices select."""
@@ -154,47 +167,3 @@ def series_of(table: Table, name: str) -> Series:
     return Series(
         name, table.topic, signal.unit, signal.description, signal.hold, values, log, sent
     )
-
-
-def pandas() -> Any:
-    """Import pandas; `InputError` if it is not installed."""
-    return optional("pandas", extra="tables", what="data frames need pandas")
-
-
-def index_of(times_ns: Integers, index: Index) -> Any:
-    """Return the index of a data frame: `time_s` [s], or `time`.
-
-    Raises
-    ------
-    InputError : an index of another kind, or pandas is not installed.
-    """
-    pd = pandas()
-    if index == "timedelta":
-        return pd.to_timedelta(pd.Index(times_ns, name="time"), unit="ns")
-    if index != "seconds":
-        raise InputError.unknown("index", str(index), ["seconds", "timedelta"], where="index")
-    return pd.Index(times_ns / 1e9, name="time_s")
-
-
-def rows_frame(table: Table, index: Index = "seconds") -> Any:
-    """Return the rows of one topic as a DataFrame; `InputError` without pandas."""
-    pd = pandas()
-    columns: dict[str, Any] = {}
-    if (table.log_time_ns != table.publish_time_ns).any():
-        columns["sent_s"] = table.sent
-    for name, values in table.columns.items():
-        columns[name] = with_gaps(values, table.present[name])
-    frame = pd.DataFrame(columns, index=index_of(table.log_time_ns, index))
-    frame.attrs["units"] = {n: s.unit for n, s in table.signals.items() if s.unit is not None}
-    return frame
-
-
-def with_gaps(values: NDArray[Any], there: NDArray[np.bool_]) -> NDArray[Any]:
-    """Return values with the missing ones as pandas marks them: NaN or None."""
-    if there.all() or values.dtype.kind == "f":
-        return values
-    if values.dtype.kind == "i":
-        return np.where(there, values.astype(np.float64), np.nan)
-    gaps = values.astype(object)
-    gaps[~there] = None
-    return gaps

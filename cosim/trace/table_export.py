@@ -1,4 +1,4 @@
-"""Export a trace as tables: CSV or Parquet.
+"""Export a trace as tables: CSV, Parquet, or a MATLAB file.
 
 Long form: a table per topic, with the rows as recorded. Wide form: one table of all signals chosen
 at the union of their instants, each with the value in force there (sample and hold, as in
@@ -7,8 +7,10 @@ at the union of their instants, each with the value in force there (sample and h
 
 from __future__ import annotations
 
+import json
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,23 +20,32 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.core import InputError, Progress, silent, written_beside
-from cosim.trace.content import content_hash_of
+from cosim.trace.content import CONTENT_HASH_VERSION, content_hash_of
+from cosim.trace.frames import Column
 from cosim.trace.hold import rows_in_force, sample_and_hold
-from cosim.trace.layout import signal_name
+from cosim.trace.join import window_ns
+from cosim.trace.mat_file import MatFile, bytes_of, check_size
 from cosim.trace.reader import Trace
 from cosim.trace.table import Table
-from cosim.trace.table_files import Column, CsvFile, ParquetFile, Sheet, pyarrow
-from cosim.trace.topic_info import window_ns
+from cosim.trace.table_files import CsvFile, ParquetFile, Sheet, pyarrow
 
-Format = Literal["csv", "parquet"]
+Format = Literal["csv", "parquet", "mat"]
+Jobs = list[tuple[str | None, Path]]
+"""Topics and their files; of the wide form no topic."""
 _EXACT = 2**53
 _OPEN = 200
 _PART_BYTES = 2**24
+_WIDE = "signals"
+_TOGETHER = 2**27
+"""Bytes of tables that are gathered in one pass, for a file that takes each of them whole."""
 
 
 @dataclass(frozen=True, slots=True)
 class WrittenTable:
-    """A table that was written to a file; `topic` is None for the wide form."""
+    """A table that was written to a file; `topic` is None for the wide form.
+
+    A MATLAB file contains all tables.
+    """
 
     path: Path
     topic: str | None
@@ -59,6 +70,9 @@ def export(
     Parameters
     ----------
     target : a file for one table (one topic, or `wide`), else a folder; beside the trace if None.
+        A file for all tables if `to` is "mat".
+    to : CSV and Parquet are written part by part. A MATLAB file is written table by table: the
+        largest table, or 128 MiB of smaller ones, is in memory about twice.
     topics : only these; by default all that have columns.
     signals : only these (`plant.eta.x`, or a group: `plant.eta`).
     start, end : least and greatest time of delivery [s].
@@ -67,41 +81,38 @@ def export(
     Raises
     ------
     InputError : there is nothing to write, a topic or signal does not exist, a file cannot be
-        written, or pyarrow is not installed.
+        written, a table is too large for the format, or pyarrow is not installed.
     LossError : the trace is damaged.
     """
     notify = report_progress or silent
     trace = Trace(path)
     chosen = _chosen(trace, topics, signals)
     arrow = pyarrow() if to == "parquet" else None
-    single = wide or len(chosen) == 1
-    if target is None:
-        stem = trace.path.name.partition(".")[0]
-        target = trace.path.with_name(f"{stem}.{to}" if single else f"{stem}-{to}")
-    jobs: list[tuple[str | None, Path]] = [(None, target)]
-    if not wide:
-        names = _file_names(list(chosen))
-        folder = target.is_dir() or not single
-        jobs = [(t, target / f"{names[t]}.{to}" if folder else target) for t in chosen]
-    content_hash = "" if arrow is None else content_hash_of(trace)
+    jobs = _places(trace, target, to, chosen, wide=wide)
+    content_hash = "" if to == "csv" else content_hash_of(trace)
+    window = window_ns(start, end)
 
     def file_of(path: Path, sheet: Sheet) -> CsvFile | ParquetFile:
         if arrow is None:
             return CsvFile(path, sheet)
         return ParquetFile(arrow, path, sheet, trace, content_hash)
 
-    window = window_ns(start, end)
+    def sheets_of(some: Jobs) -> Iterator[Sheet]:
+        if wide:
+            return _wide(trace, chosen, window)
+        return _long(trace, {t: chosen[t] for t, _ in some if t}, (start, end), window)
+
     written: list[WrittenTable] = []
     # files are open at the same time: so many that no system refuses
-    for first in range(0, len(jobs), _OPEN):
-        some = jobs[first : first + _OPEN]
+    step = len(jobs) if to == "mat" else _OPEN
+    for first in range(0, len(jobs), step):
+        some = jobs[first : first + step]
         notify(f"writing {some[0][1].name}", first / len(jobs))
-        if wide:
-            sheets = _wide(trace, chosen, window)
-        else:
-            sheets = _long(trace, {t: chosen[t] for t, _ in some if t}, (start, end), window)
         try:
-            written += _write(some, sheets, file_of)
+            if to == "mat":
+                written += _write_mat(trace, content_hash, some, sheets_of)
+            else:
+                written += _write(some, sheets_of(some), file_of)
         except OSError as error:
             raise InputError(
                 "the table cannot be written", where=str(some[0][1]), got=str(error)
@@ -109,8 +120,72 @@ def export(
     return written
 
 
+def _places(
+    trace: Trace, target: Path | None, to: Format, chosen: Collection[str], *, wide: bool
+) -> Jobs:
+    """Choose the file of each table."""
+    single = wide or len(chosen) == 1 or to == "mat"
+    stem = trace.path.name.partition(".")[0]
+    if target is None:
+        target = trace.path.with_name(f"{stem}.{to}" if single else f"{stem}-{to}")
+    if to == "mat":
+        whole = target / f"{stem}.mat" if target.is_dir() else target
+        return [(topic, whole) for topic in ([None] if wide else chosen)]
+    if wide:
+        return [(None, target)]
+    names = _file_names(list(chosen))
+    folder = target.is_dir() or not single
+    return [(t, target / f"{names[t]}.{to}" if folder else target) for t in chosen]
+
+
+def _write_mat(
+    trace: Trace, content_hash: str, jobs: Jobs, sheets_of: Callable[[Jobs], Iterator[Sheet]]
+) -> Iterator[WrittenTable]:
+    """Write all tables to one MATLAB file, as many in one pass as may be in memory together."""
+    target = jobs[0][1]
+    about = {
+        "file": trace.path.name,
+        "content_hash": content_hash,
+        "content_hash_version": str(CONTENT_HASH_VERSION),
+        "run": json.dumps(trace.run, sort_keys=True),
+    }
+    target.parent.mkdir(parents=True, exist_ok=True)
+    with (
+        written_beside(target) as partial,
+        MatFile(partial, about, [topic or _WIDE for topic, _ in jobs]) as file,
+    ):
+        for some in _together(trace, jobs):
+            parts: dict[str | None, list[list[Column]]] = {}
+            sizes: Counter[str] = Counter()
+            for sheet in sheets_of(some):
+                parts.setdefault(sheet.topic, []).append(sheet.columns)
+                table = sheet.topic or _WIDE
+                sizes[table] += bytes_of(sheet.columns)
+                check_size(table, sizes[table], trace.path)
+            for topic, columns in parts.items():
+                rows = sum(part[0].values.size for part in columns)
+                written = WrittenTable(target, topic, rows, tuple(c.name for c in columns[0]))
+                file.add(topic or _WIDE, columns)
+                yield written
+
+
+def _together(trace: Trace, jobs: Jobs) -> Iterator[Jobs]:
+    """Yield tables in groups of about so many bytes."""
+    some: Jobs = []
+    filled = 0
+    for topic, target in jobs:
+        info = trace.topics.get(topic or "")
+        size = 0 if info is None else 8 * info.count * (3 + len(info.signals))
+        if some and filled + size > _TOGETHER:
+            yield some
+            some, filled = [], 0
+        some.append((topic, target))
+        filled += size
+    yield some
+
+
 def _write(
-    jobs: list[tuple[str | None, Path]],
+    jobs: Jobs,
     sheets: Iterator[Sheet],
     file_of: Callable[[Path, Sheet], CsvFile | ParquetFile],
 ) -> Iterator[WrittenTable]:
@@ -229,6 +304,7 @@ def _wide(
     """Yield the wide table window by window: time_s, then every signal by its full name."""
     whole = any(trace.topics[topic].encoding != "protobuf" for topic in chosen)
     borders = [] if whole else [b for b in trace.borders(_PART_BYTES) if b < window[1]]
+    full = {(topic, signal.name): name for name, (topic, signal) in trace.signals.items()}
     in_force: dict[str, Table] = {}
     for tables in trace.windows(list(chosen), [*borders, window[1]], first_ns=window[0]):
         base = np.unique(np.concatenate([table.log_time_ns for table in tables.values()]))
@@ -242,7 +318,7 @@ def _wide(
                 there, signal = table.present[name], table.signals[name]
                 rows = rows_in_force(table.log_time_ns[there], base)
                 column = sample_and_hold(table[name][there], rows)
-                own = signal_name(topic, name)
+                own = full.get((topic, name), f"{topic}:{name}")
                 columns.append(Column(own, signal.unit, signal.description, *column))
             in_force[topic] = table.part(_in_force(table))
         yield Sheet(None, columns)

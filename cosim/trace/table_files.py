@@ -9,25 +9,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from cosim.core import optional
 from cosim.trace.content import CONTENT_HASH_VERSION
+from cosim.trace.frames import Column
 from cosim.trace.reader import Trace
 
 _ROWS = 20_000
-
-
-@dataclass(frozen=True, slots=True)
-class Column:
-    """A column of a table to be written: values, and where they are present."""
-
-    name: str
-    unit: str | None
-    description: str | None
-    values: NDArray[Any]
-    present: NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,18 +1,15 @@
-"""Topics of a trace: what each holds, what can be read of them, and windows of time."""
+"""Topics of a trace: what each holds, and what can be read of them."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Protocol
 
-from cosim.core import InputError
 from cosim.trace.declared import Channel
 from cosim.trace.gather import decoder_of
 from cosim.trace.layout import COMPUTED, Signal
-from cosim.trace.records import LATEST_NS
 from cosim.trace.table import Table
 
 Spans = Mapping[str, tuple[int, int]]
@@ -41,6 +38,12 @@ class TopicInfo:
         if channel.encoding == channel.schema.encoding == "protobuf":
             with suppress(ValueError):  # `read` reports what is wrong with the schema
                 self.signals = decoder_of(channel).signals
+
+    def __repr__(self) -> str:
+        kind = f"{self.schema} ({self.encoding})"
+        return (
+            f"<TopicInfo {self.topic}: {self.count} messages, {len(self.signals)} signals, {kind}>"
+        )
 
     @property
     def is_computed(self) -> bool:
@@ -85,21 +88,3 @@ class Readable(Protocol):
         end: float | None = None,
     ) -> dict[str, Table]:
         """See `Trace`."""
-
-
-def window_ns(start: float | None, end: float | None) -> tuple[int, int]:
-    """Return a time window in nanoseconds, both ends included; None is no bound."""
-    bounds = []
-    for name, seconds, default in (("start", start, 0), ("end", end, LATEST_NS)):
-        if seconds is None:
-            bounds.append(default)
-        elif math.isfinite(seconds):
-            bounds.append(min(max(round(seconds * 1e9), -1), LATEST_NS))
-        else:
-            raise InputError("not a time", where=name, expected="finite seconds", got=repr(seconds))
-    low, high = bounds
-    if start is not None and end is not None and end < start:
-        raise InputError(
-            "the window ends before it starts", expected="start <= end", got=f"{start:g}, {end:g}"
-        )
-    return max(low, 0), high

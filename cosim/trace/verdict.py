@@ -86,27 +86,25 @@ def assertions_of(outcome: RunOutcome) -> list[Check]:
 
 
 def figures_of(metrics: Mapping[str, Any]) -> Iterator[tuple[str, str, str]]:
-    """Yield the label, the value, and how it was obtained, of each figure of the run."""
-    worst = metrics.get("worst_case")
-    from_rest = "measured, zero-state run"
-    if isinstance(worst, dict) and (omega := _number(worst, "omega")) is not None:
-        from_rest += f", worst case at {omega:.4g} rad/s"
-    for key, label, unit, how in (
-        ("gain", "gain", "", from_rest),
-        ("exact_norm", "exact norm", "", "computed, nominal loop"),
-        ("gamma", "bound γ", "", "certified"),
-        ("norm_reached", "gain / exact norm", "%", "measured / computed"),
-        ("position_error_m", "final position error", "m", "measured"),
-        ("message_age_s", "oldest measurement used", "s", "measured"),
-        ("designed_age_s", "age designed for", "s", "certified up to it"),
-        ("saturated_fraction", "time at a limit", "%", "measured"),
-        ("abscissa", "spectral abscissa", "1/s", "computed, nominal loop"),
-        ("coupling_delay_s", "delay the coupling adds", "s", "measured, beyond the links"),
+    """Yield the label, the value, and how it was obtained, of further figures of the run.
+
+    They are those beside gain, norm and bound, and beside the numbers of the assumptions.
+    """
+    assumed = metrics.get("assumptions")
+    listed = assumed if isinstance(assumed, dict) else {}
+    for key, label, unit, how, within in (
+        ("norm_reached", "gain / exact norm", "%", "measured / computed", ""),
+        ("position_error_m", "final position error", "m", "measured", ""),
+        ("message_age_s", "oldest measurement used", "s", "measured", "message_age_within_design"),
+        ("saturated_fraction", "time at a limit", "%", "measured", "limits_not_reached"),
+        ("abscissa", "spectral abscissa", "1/s", "computed, nominal loop", ""),
+        ("coupling_delay_s", "delay the coupling adds", "s", "measured, beyond the links", ""),
     ):
         value = _number(metrics, key)
-        if value is not None:
-            formatted = f"{100 * value:.4g} %" if unit == "%" else f"{value:.5g} {unit}".strip()
-            yield label, formatted, how
+        if value is None or within in listed or (key == "coupling_delay_s" and value == 0.0):
+            continue
+        formatted = f"{100 * value:.4g} %" if unit == "%" else f"{value:.5g} {unit}".strip()
+        yield label, formatted, how
     for cut in metrics.get("cut_connections") or ():
         late = f"{cut.get('delay_s', 0.0):.5g} s"
         yield f"delay added to {cut.get('from')} -> {cut.get('to')}", late, "unknown feedthrough"

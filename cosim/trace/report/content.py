@@ -57,6 +57,7 @@ class Content:
     ----------
     info : as from `cosim.trace.describe`.
     outcome : of the run; one that says nothing where it left none.
+    series : every signal of numbers.
     span : first and last time shown [s].
     log : its lines, of all levels.
     left_out : what is not drawn, and why.
@@ -80,6 +81,7 @@ class Content:
     components: list[dict[str, str]]
     provenance: list[tuple[str, str]]
     rows: list[Row]
+    series: list[Series]
     span: tuple[float, float]
     origin_ns: int
     left_out: list[tuple[str, str]]
@@ -123,6 +125,7 @@ def content_of(path: Path) -> Content:
         components=_components(info["run"]),
         provenance=list(_provenance(info)),
         rows=[_row(series) for series in recording.series[:MAX_ROWS]],
+        series=recording.series,
         span=_span(recording),
         origin_ns=recording.origin_ns,
         left_out=list(_left_out(recording, sections)),
