@@ -147,7 +147,7 @@ def test_layouts_and_bags_say_what_they_left_out(tmp_path: Path) -> None:
     assert list(data["tabs"]) == ["plant", "controller", "sea", "links"]
     words = ("trace", "layout", trace, "--for", "plotjuggler", "-o", "a.xml")
     assert "a.xml" in cosim(*words, cwd=tmp_path).out
-    words = ("trace", "export", trace, "--to", "ros2", "-o", "bag.mcap")
+    words = ("trace", "export", trace, "-o", "bag.mcap")  # --to ros2, by the file's name
     data = cosim(*words, "--topic", "/auv/pose", "--end", "10", "--json", cwd=tmp_path).json
     assert list(data["topics"]) == ["/auv/pose", "/auv/path"]
     assert "left out, no message of ROS 2 for it: /auv/hull" in cosim(*words, cwd=tmp_path).out

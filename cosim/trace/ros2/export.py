@@ -95,7 +95,7 @@ def export_bag(
             "no topic can be written as messages of ROS 2",
             where=str(trace.path),
             expected="protobuf topics with values",
-            got=", ".join(wanted) or "no messages",
+            got=", ".join(sorted({info.encoding for info in wanted.values()})) or "no messages",
         )
     stem = trace.path.name.partition(".")[0]
     target = target or trace.path.with_name(f"{stem}.ros2.mcap")

@@ -69,7 +69,7 @@ def write_layout(trace: Path, viewer: Viewer, target: Path | None = None) -> Wri
             "the trace has nothing to plot",
             where=str(trace),
             expected="protobuf topics with numbers",
-            got=", ".join(found.topics) or "no topics",
+            got=", ".join(sorted({i.encoding for i in found.topics.values()})) or "no topics",
         )
     stem = found.path.name.partition(".")[0]
     target = target or found.path.with_name(f"{stem}.{viewer}.{suffix}")
