@@ -75,7 +75,7 @@ def test_every_path_of_lichtblick_is_in_the_trace(tmp_path: Path) -> None:
     scene = panels["3D!scene"]
     assert set(scene["topics"]) == {f"/auv/{n}" for n in ("pose", "reference", "hull", "path")}
     assert set(scene["topics"]) <= set(there)
-    assert scene["followTf"] == "auv"
+    assert scene["followTf"] == "map"  # of a frame with z down the view stands on its head
     assert panels["RosOut!log"]["topicToRender"] == "/log"
 
 

@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from importlib import resources
 from typing import Any
 
+from cosim.trace.foxglove_topics import MAP
 from cosim.trace.layout import LOG_TOPIC
 from cosim.trace.topic_info import TopicInfo
 from cosim.trace.viewers.plots import Curve, Plot, Tab
@@ -60,15 +61,13 @@ def message_path(curve: Curve) -> str:
 
 
 def _scene(visible: dict[str, TopicInfo]) -> dict[str, Any]:
+    """Return what is visible; seen in the frame with z up, which the vehicle's has not."""
     settings: dict[str, Any] = {topic: {"visible": True} for topic in visible}
-    vehicle = None
     for topic, info in visible.items():
-        place, _, kind = topic.strip("/").rpartition("/")
-        if info.schema == "foxglove.PoseInFrame" and kind == "reference":
+        if info.schema == "foxglove.PoseInFrame" and topic.endswith("/reference"):
             settings[topic] |= {"type": "arrow", "color": _REFERENCE_COLOR}
-        if info.schema == "foxglove.SceneUpdate" and kind == "hull":
-            vehicle = vehicle or place
-    return {"topics": settings, **({"followTf": vehicle} if vehicle else {})}
+    ours = any(info.is_computed for info in visible.values())
+    return {"topics": settings, **({"followTf": MAP} if ours else {})}
 
 
 def _plot(plot: Plot) -> dict[str, Any]:
