@@ -22,10 +22,10 @@ import numpy as np
 from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from google.protobuf.message import DecodeError
 
-from cosim.trace.declared import Channel
-from cosim.trace.layout import HOST_PREFIX, LOG_TOPIC, SCENE_SCHEMAS
-from cosim.trace.messages import Messages
+from cosim.trace.file.declared import Channel
+from cosim.trace.file.messages import Messages
 from cosim.trace.reader import Trace
+from cosim.trace.rows.layout import HOST_PREFIX, LOG_TOPIC, SCENE_SCHEMAS
 
 CONTENT_HASH_VERSION = 2
 """Changes when what is hashed changes: hashes of different versions cannot be compared."""

@@ -18,21 +18,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.core import InputError, LossError
-from cosim.trace import layout, traffic
-from cosim.trace.contents import Segment
-from cosim.trace.contents_scan import by_scan
-from cosim.trace.declared import Channel
-from cosim.trace.file_parts import attachment_data, check_outer_records, read_segment, times_of
-from cosim.trace.frames import Align, Between, Framed, Joined
-from cosim.trace.gather import TopicRows
-from cosim.trace.join import joined, window_ns
-from cosim.trace.layout import Signal
-from cosim.trace.messages import Messages, groups, on_channels, together
-from cosim.trace.outcome import RunOutcome, outcome_of
-from cosim.trace.records import LATEST_NS, DamageError, open_trace
-from cosim.trace.summary import from_summary
-from cosim.trace.table import Series, Table, series_of
-from cosim.trace.topic_info import TopicInfo
+from cosim.trace.file.contents import Segment
+from cosim.trace.file.contents_scan import by_scan
+from cosim.trace.file.declared import Channel
+from cosim.trace.file.file_parts import attachment_data, check_outer_records, read_segment, times_of
+from cosim.trace.file.messages import Messages, groups, on_channels, together
+from cosim.trace.file.records import LATEST_NS, DamageError, open_trace
+from cosim.trace.file.summary import from_summary
+from cosim.trace.outcome.run_outcome import RunOutcome, outcome_of
+from cosim.trace.rows import layout
+from cosim.trace.rows.layout import Signal
+from cosim.trace.tables import traffic
+from cosim.trace.tables.frames import Align, Between, Framed, Joined
+from cosim.trace.tables.gather import TopicRows
+from cosim.trace.tables.join import joined, window_ns
+from cosim.trace.tables.table import Series, Table, series_of
+from cosim.trace.tables.topic_info import TopicInfo
 
 PART_BYTES = 2**23
 """Payload of the rows that a stream holds at once [bytes]."""
@@ -46,7 +47,7 @@ __all__ = ["Series", "Table", "TopicInfo", "Trace"]
 class Trace(Framed):
     """A trace file: a recorded run, or any MCAP file.
 
-    As a data frame, an Arrow table or a dataset: see `cosim.trace.frames.Framed`.
+    As a data frame, an Arrow table or a dataset: see `cosim.trace.tables.frames.Framed`.
 
     Parameters
     ----------
@@ -393,11 +394,11 @@ class Trace(Framed):
     def age(
         self, link: str, at: NDArray[np.float64] | None = None
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return instants [s] and the age [s] of the message in use; see `cosim.trace.traffic`."""
+        """Return instants [s] and the age [s] of the message in use (see `tables.traffic`)."""
         return traffic.age(self, link, at)
 
     def dropped(self, link: str) -> Table:
-        """Read the messages that a link dropped, with the reason; see `cosim.trace.traffic`."""
+        """Read the messages that a link dropped, with the reason (see `tables.traffic`)."""
         return traffic.dropped(self, link)
 
     def messages(

@@ -13,9 +13,9 @@ from pathlib import Path
 from typing import Any, overload
 
 from cosim.core import InputError, optional
-from cosim.trace import layout
-from cosim.trace.frames import Align, Between, Framed, Joined
 from cosim.trace.reader import Trace
+from cosim.trace.rows import layout
+from cosim.trace.tables.frames import Align, Between, Framed, Joined
 
 _ABOVE = ("scenario", "seed")
 _ELSEWHERE = ("title", "description", "run.seed")
@@ -26,7 +26,7 @@ _NAME = "trace"
 class Traces(Framed, Sequence[Trace]):
     """Traces of several runs, in the order of their levels.
 
-    As a data frame, an Arrow table or a dataset: see `cosim.trace.frames.Framed`.
+    As a data frame, an Arrow table or a dataset: see `cosim.trace.tables.frames.Framed`.
 
     Parameters
     ----------

@@ -21,15 +21,16 @@ import numpy as np
 from google.protobuf.descriptor_pb2 import FileDescriptorSet
 
 from cosim.core import CosimError, InputError
-from cosim.trace import layout, process_exit
-from cosim.trace.block import HEAD, Records, in_order
-from cosim.trace.disk import Guard, PartialFile
-from cosim.trace.encode import RowEncoder, laid_out, waiting_message
-from cosim.trace.flusher import Flusher
-from cosim.trace.foxglove_topics import FoxgloveTopics
-from cosim.trace.layout import Signal
-from cosim.trace.rows import Lines, Poses, Rows
-from cosim.trace.stream import COMPRESSIONS, McapStream
+from cosim.trace.file import process_exit
+from cosim.trace.file.block import HEAD, Records, in_order
+from cosim.trace.file.disk import Guard, PartialFile
+from cosim.trace.file.flusher import Flusher
+from cosim.trace.file.stream import COMPRESSIONS, McapStream
+from cosim.trace.rows import layout
+from cosim.trace.rows.encode import RowEncoder, laid_out, waiting_message
+from cosim.trace.rows.foxglove_topics import FoxgloveTopics
+from cosim.trace.rows.layout import Signal
+from cosim.trace.rows.rows import Lines, Poses, Rows
 
 _LAST = 2**63 - 1
 """The latest time that a trace takes [ns]."""

@@ -14,8 +14,8 @@ from hypothesis import given, strategies as st
 from cosim.core.errors import InputError
 from cosim.network import GilbertElliott, Jitter, PacketLink, schedule
 from cosim.trace import DROPPED_SIGNALS, Rows, Signal, Trace, Traces, TraceWriter
-from cosim.trace.hold import rows_in_force, sample_and_hold
-from cosim.trace.table import Table
+from cosim.trace.rows.hold import rows_in_force, sample_and_hold
+from cosim.trace.tables.table import Table
 
 S = 10**9
 

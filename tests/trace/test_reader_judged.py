@@ -27,7 +27,7 @@ from written import side_by_side
 
 from cosim.core.errors import InputError, LossError
 from cosim.trace import Poses, Rows, Signal, Trace, TraceWriter, content_hash
-from cosim.trace.decode import RowDecoder
+from cosim.trace.rows.decode import RowDecoder
 
 if TYPE_CHECKING:
     from pathlib import Path

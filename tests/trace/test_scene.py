@@ -18,7 +18,7 @@ from scene_run import scene_run
 from cosim.models.auv import TABLE_1
 from cosim.trace import Signal, Trace, TraceWriter, begins_with, content_hash, diff
 from cosim.trace.report.series import Recording
-from cosim.trace.scene import HULL_DIAMETER_M, HULL_LENGTH_M, MOST_POINTS, Path as PathSoFar
+from cosim.trace.rows.scene import HULL_DIAMETER_M, HULL_LENGTH_M, MOST_POINTS, Path as PathSoFar
 
 S = 10**9
 

@@ -15,11 +15,11 @@ from mcap.writer import CompressionType, Writer
 
 from cosim.core.errors import InputError
 from cosim.trace import Poses, Rows, Signal, TraceWriter
-from cosim.trace.encode import RowEncoder
-from cosim.trace.foxglove import encoded, message_type
-from cosim.trace.layout import file_descriptor, message_class
-from cosim.trace.poses import pose_messages, transform_messages
-from cosim.trace.stream import McapStream
+from cosim.trace.file.stream import McapStream
+from cosim.trace.rows.encode import RowEncoder
+from cosim.trace.rows.foxglove import encoded, message_type
+from cosim.trace.rows.layout import file_descriptor, message_class
+from cosim.trace.rows.poses import pose_messages, transform_messages
 
 MIXED = [
     Signal("n", kind="int"),

@@ -19,8 +19,8 @@ from scipy.io import loadmat, whosmat
 
 from cosim.core.errors import InputError
 from cosim.trace import Rows, Signal, Trace, TraceWriter, content_hash
-from cosim.trace.mat_file import matlab_names
-from cosim.trace.table_export import export
+from cosim.trace.exports.export import export
+from cosim.trace.exports.mat_file import matlab_names
 
 KINDS = [
     Signal("x", unit="m", description="north"),
@@ -201,10 +201,10 @@ def test_limits_of_mat_are_errors(
 ) -> None:
     """A table beyond the size of a variable is refused; one pass or several give the same."""
     export(trace, tmp_path / "a.mat", "mat")
-    monkeypatch.setattr("cosim.trace.table_export._TOGETHER", 1)
+    monkeypatch.setattr("cosim.trace.exports.export._TOGETHER", 1)
     export(trace, tmp_path / "b.mat", "mat")
     assert (tmp_path / "a.mat").read_bytes() == (tmp_path / "b.mat").read_bytes()
-    monkeypatch.setattr("cosim.trace.mat_file.LARGEST", 1500)
+    monkeypatch.setattr("cosim.trace.exports.mat_file.LARGEST", 1500)
     with pytest.raises(InputError, match="/plant/output is too large for a MATLAB file"):
         export(trace, tmp_path / "c.mat", "mat")
     assert not (tmp_path / "c.mat").exists()

@@ -9,8 +9,9 @@ from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from hypothesis import given, strategies as st
 
 from cosim.core.errors import InputError
-from cosim.trace import Signal, foxglove, layout
-from cosim.trace.encode import tag
+from cosim.trace import Signal
+from cosim.trace.rows import foxglove, layout
+from cosim.trace.rows.encode import tag
 
 
 def test_field_names_of_the_design() -> None:

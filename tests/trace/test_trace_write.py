@@ -27,9 +27,9 @@ from cosim.trace import (
     dropped_topic,
     link_topic,
 )
-from cosim.trace.decode import RowDecoder
-from cosim.trace.encode import RowEncoder, laid_out
-from cosim.trace.layout import channel_metadata, file_descriptor, message_class
+from cosim.trace.rows.decode import RowDecoder
+from cosim.trace.rows.encode import RowEncoder, laid_out
+from cosim.trace.rows.layout import channel_metadata, file_descriptor, message_class
 
 ETA = [
     Signal("eta.x", 1, "m", hold="continuous", description="north"),

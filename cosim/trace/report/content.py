@@ -9,16 +9,16 @@ from typing import Any
 
 import numpy as np
 
-from cosim.trace import verdict
 from cosim.trace.info import description_of
-from cosim.trace.layout import HOST_PREFIX
-from cosim.trace.outcome import RunOutcome, outcome_of
+from cosim.trace.outcome import verdict
+from cosim.trace.outcome.run_outcome import RunOutcome, outcome_of
 from cosim.trace.reader import Trace
 from cosim.trace.report import generic, traffic, vehicle
 from cosim.trace.report.chart import LARGEST, Chart
 from cosim.trace.report.parameters import Change, Settings
 from cosim.trace.report.series import Recording, Series
 from cosim.trace.report.timeline import Line, TimelineEntry, log_of, timeline_of
+from cosim.trace.rows.layout import HOST_PREFIX
 
 MAX_ROWS = 400
 """Most rows of the table of signals."""

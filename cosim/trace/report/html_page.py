@@ -18,7 +18,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from cosim.core import optional
-from cosim.trace.diff_format import diff_verdict, further_differences
+from cosim.trace.comparison.format import diff_verdict, further_differences
 from cosim.trace.report.chart import Chart
 from cosim.trace.report.comparison import Comparison
 from cosim.trace.report.content import MAX_ROWS, Content

@@ -10,7 +10,9 @@ from numpy.typing import NDArray
 
 from cosim.core import InputError, LossError
 from cosim.trace import Table, Trace
-from cosim.trace.layout import (
+from cosim.trace.report.decimation import Indices, decimated
+from cosim.trace.report.link_record import LinkRecord, LoopRecord
+from cosim.trace.rows.layout import (
     FRAME_TOPIC,
     LOG_TOPIC,
     VEHICLE,
@@ -20,8 +22,6 @@ from cosim.trace.layout import (
     link_topic,
     pose_topic,
 )
-from cosim.trace.report.decimation import Indices, decimated
-from cosim.trace.report.link_record import LinkRecord, LoopRecord
 
 Reals = NDArray[np.float64]
 

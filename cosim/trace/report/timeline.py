@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cosim.trace import foxglove
-from cosim.trace.outcome import BAD, OPEN, RunOutcome
+from cosim.trace.outcome.run_events import counted
+from cosim.trace.outcome.run_outcome import BAD, OPEN, RunOutcome
 from cosim.trace.report.series import WILD, Recording
-from cosim.trace.run_events import counted
+from cosim.trace.rows import foxglove
 
 _LEVELS = {number: word for word, number in foxglove.LEVELS.items()}
 

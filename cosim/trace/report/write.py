@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import Any
 
 from cosim.core import InputError, write_whole
-from cosim.trace.diff_format import diff_verdict
+from cosim.trace.comparison.format import diff_verdict
+from cosim.trace.outcome.verdict import Check
 from cosim.trace.report.comparison import comparison_of
 from cosim.trace.report.content import content_of
 from cosim.trace.report.html_page import comparison_page, page
-from cosim.trace.verdict import Check
 
 
 @dataclass(frozen=True)

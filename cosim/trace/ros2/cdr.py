@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.trace.block import HEAD
+from cosim.trace.file.block import HEAD
 
 Bytes = NDArray[np.uint8]
 

@@ -9,13 +9,13 @@ from pathlib import Path
 import numpy as np
 
 from cosim.core import InputError, Progress, silent, written_beside
-from cosim.trace.block import Records, in_order
-from cosim.trace.layout import RESULT, RUN
+from cosim.trace.file.block import Records, in_order
+from cosim.trace.file.stream import McapStream
 from cosim.trace.reader import Trace
 from cosim.trace.ros2.definitions import definition
 from cosim.trace.ros2.topics import Converter, Outgoing, converters
-from cosim.trace.stream import McapStream
-from cosim.trace.table import Table
+from cosim.trace.rows.layout import RESULT, RUN
+from cosim.trace.tables.table import Table
 
 _PART_BYTES = 2**22
 _CHUNK_BYTES = 2**20

@@ -17,18 +17,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.core import InputError
-from cosim.trace.foxglove_topics import MAP, NED
-from cosim.trace.layout import (
+from cosim.trace.ros2.cdr import Bytes, Message
+from cosim.trace.rows.foxglove_topics import MAP, NED
+from cosim.trace.rows.layout import (
     FIXED_FRAME_TOPIC,
     FRAME_TOPIC,
     VEHICLE,
     component_of,
     field_names,
 )
-from cosim.trace.ros2.cdr import Bytes, Message
-from cosim.trace.scene import Path
-from cosim.trace.table import Table
-from cosim.trace.topic_info import TopicInfo
+from cosim.trace.rows.scene import Path
+from cosim.trace.tables.table import Table
+from cosim.trace.tables.topic_info import TopicInfo
 
 Numbers = NDArray[np.intp]
 

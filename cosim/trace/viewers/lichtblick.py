@@ -13,9 +13,9 @@ from collections.abc import Sequence
 from importlib import resources
 from typing import Any
 
-from cosim.trace.foxglove_topics import MAP
-from cosim.trace.layout import LOG_TOPIC
-from cosim.trace.topic_info import TopicInfo
+from cosim.trace.rows.foxglove_topics import MAP
+from cosim.trace.rows.layout import LOG_TOPIC
+from cosim.trace.tables.topic_info import TopicInfo
 from cosim.trace.viewers.plots import Curve, Plot, Tab
 
 _IN_3D = ("foxglove.PoseInFrame", "foxglove.SceneUpdate")

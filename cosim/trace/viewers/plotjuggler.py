@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from xml.etree import ElementTree as ET
 
-from cosim.trace.topic_info import TopicInfo
+from cosim.trace.tables.topic_info import TopicInfo
 from cosim.trace.viewers.plots import Curve, Plot, Tab
 
 _COLORS = (

@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
-from cosim.trace.layout import (
+from cosim.trace.rows.layout import (
     LINK_STATE_SIGNALS,
     LOG_TOPIC,
     Signal,
@@ -15,7 +15,7 @@ from cosim.trace.layout import (
     link_topic,
     output_topic,
 )
-from cosim.trace.topic_info import TopicInfo
+from cosim.trace.tables.topic_info import TopicInfo
 
 MOST_CURVES, MOST_PLOTS, MOST_TABS = 12, 8, 16
 """Most curves in a plot, plots in a tab, and tabs: thousands of curves show nothing."""

@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 from cosim.core import InputError, write_whole
 from cosim.trace.reader import Trace
-from cosim.trace.topic_info import TopicInfo
+from cosim.trace.tables.topic_info import TopicInfo
 from cosim.trace.viewers import lichtblick, plotjuggler
 from cosim.trace.viewers.plots import Tab, tabs_of
 

@@ -19,11 +19,11 @@ from shared import copied
 
 from cosim.core.errors import InputError
 from cosim.trace import RunOutcome, Trace, outcome_of
+from cosim.trace.outcome.verdict import assumptions_of
 from cosim.trace.report import write_report
 from cosim.trace.report.content import content_of
 from cosim.trace.report.html_page import MAX_BYTES, figures, page
 from cosim.trace.report.write import default_output
-from cosim.trace.verdict import assumptions_of
 
 
 class _Texts(HTMLParser):
