@@ -43,6 +43,13 @@ LOWER_ROOMS: dict[str, set[str]] = {
 }
 """Room of `cosim.hinf` -> the rooms that it may import from."""
 
+ROOMS_OF_TRACE = (
+    *("file", "rows", "outcome", "tables", "writer", "info_view", "reader"),
+    *("checks", "content", "picture", "traces", "ros2", "viewers"),
+    *("info", "recovery", "comparison", "exports", "report", "live"),
+)
+"""Rooms and modules of `cosim.trace`; each may import from those before it."""
+
 
 def files() -> list[tuple[str, Path]]:
     """Package ("components" for what lies in fmu_src) and path of every product module."""
@@ -123,6 +130,25 @@ def test_imports_between_the_rooms_point_one_way() -> None:
         if name.split(".")[2] not in LOWER_ROOMS[room] or len(name.split(".")) > 4
     ]
     assert wrong == []
+
+
+def test_imports_between_the_rooms_of_traces_point_one_way() -> None:
+    """From what a file is, through rows and tables, to what is done with a trace."""
+    modules = pkgutil.iter_modules([str(ROOT / "cosim" / "trace")])
+    assert {module.name for module in modules} == set(ROOMS_OF_TRACE)
+    places = [
+        (path.relative_to(ROOT / "cosim" / "trace").parts[0].removesuffix(".py"), path)
+        for path in ROOT.glob("cosim/trace/**/*.py")
+    ]
+    found = [
+        (room, name.split(".")[2], f"{path.relative_to(ROOT)}:{line}: {name}")
+        for room, path in places
+        for line, name in imported(path)
+        if name.startswith("cosim.trace.") and name.split(".")[2] in ROOMS_OF_TRACE
+    ]
+    assert len(found) > 200
+    order = ROOMS_OF_TRACE.index
+    assert [place for room, other, place in found if order(other) > order(room)] == []
 
 
 def test_the_prover_needs_no_solver() -> None:

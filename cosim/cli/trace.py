@@ -17,7 +17,8 @@ from cosim.cli.common import JsonOption, answer, progress
 from cosim.cli.terminal import console
 from cosim.cli.trace_diff import diff
 from cosim.cli.trace_export import export
-from cosim.cli.trace_view import recovery_view, report_view, verification_view
+from cosim.cli.trace_layout import layout
+from cosim.cli.trace_view import comparison_view, recovery_view, report_view, verification_view
 from cosim.cli.verbs import TraceVerbs
 from cosim.core import CheckFailedError, LossError
 from cosim.trace import (
@@ -27,6 +28,7 @@ from cosim.trace import (
     render,
     verify as verify_trace,
     view_in_rerun,
+    write_comparison,
     write_report,
 )
 
@@ -69,6 +71,14 @@ def report(
             "--out", "-o", help="File to write (default: run.html beside the trace run.mcap)."
         ),
     ] = None,
+    compare: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="OTHER",
+            help="Show this trace beside FILE: outcomes, figures, signals over each other, and "
+            "their difference (default file: run-other.html).",
+        ),
+    ] = None,
     *,
     show: Annotated[bool, typer.Option("--open", help="Open the page in the browser.")] = False,
     as_json: JsonOption = False,
@@ -76,16 +86,24 @@ def report(
     """Write one HTML page about a trace: status, guarantee, path, signals, links, provenance.
 
     The page contains everything it shows and needs no network, so it can be mailed and archived.
-    After a failed run it begins with the cause.
+    After a failed run it begins with the cause. With --compare it shows two traces side by side;
+    the exit code does not say whether they differ, as that of trace diff does.
 
     \b
     cosim trace report traces/auv-acoustic.mcap
     cosim trace report crashed.mcap.partial -o crashed.html --open
+    cosim trace report yesterday.mcap --compare today.mcap
     """
-    written = write_report(file, out)
-    answer(as_json, written.to_json, lambda: report_view(written))
+    if compare is None:
+        written = write_report(file, out)
+        output = written.output
+        answer(as_json, written.to_json, lambda: report_view(written))
+    else:
+        both = write_comparison(file, compare, out)
+        output = both.output
+        answer(as_json, both.to_json, lambda: comparison_view(both))
     if show:
-        webbrowser.open(written.output.absolute().as_uri())
+        webbrowser.open(output.absolute().as_uri())
 
 
 @trace_app.command()
@@ -253,7 +271,7 @@ def view(
     answer(as_json, viewed.to_json, lambda: Text(viewed.text()))
 
 
-for elsewhere in (export, diff):
+for elsewhere in (export, layout, diff):
     trace_app.command()(elsewhere)
 
 

@@ -1,4 +1,4 @@
-"""The command that writes a trace as tables: trace export."""
+"""The command that writes a trace as tables, or as a bag of ROS 2: trace export."""
 
 from __future__ import annotations
 
@@ -6,22 +6,32 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import typer
+from rich.console import Group
 from rich.table import Table
 
 from cosim.cli.common import JsonOption, answer, progress
-from cosim.trace import WrittenTable, export as write_tables
+from cosim.core import InputError
+from cosim.trace import WrittenBag, WrittenTable, export as write_tables, export_bag
 
-TableFormat = Literal["csv", "parquet"]
+Format = Literal["csv", "parquet", "mat", "ros2"]
 
 
 def export(
     file: Annotated[Path, typer.Argument(help="A trace, or any MCAP file.")],
     to: Annotated[
-        TableFormat, typer.Option(help="Format of the tables; parquet needs the extra tables.")
-    ] = "csv",
+        Format | None,
+        typer.Option(
+            help="Format of the tables (default: by the end of --out, else csv); parquet needs "
+            "the extra tables. ros2: one bag of messages, no tables."
+        ),
+    ] = None,
     out: Annotated[
         Path | None,
-        typer.Option("--out", "-o", help="Folder to write to; or the file, if there is one table."),
+        typer.Option(
+            "--out",
+            "-o",
+            help="Folder to write to; or the file: of one table, .mat, or .mcap (a bag).",
+        ),
     ] = None,
     topics: Annotated[
         list[str] | None, typer.Option("--topic", help="Export only this topic; may be repeated.")
@@ -44,7 +54,7 @@ def export(
     ] = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Write the signals of a trace as CSV or Parquet tables.
+    """Write the signals of a trace as CSV or Parquet tables, a MATLAB file or a bag of ROS 2.
 
     Without --wide there is one table per topic, with its rows as recorded: time_s (delivered),
     sent_s (sent), sequence, and the signals. With --wide there is one table: at each instant at
@@ -52,15 +62,29 @@ def export(
     last one delivered. Missing values are empty. Parquet files contain the unit and description
     of each column, and the description of the run.
 
+    A .mat file (format 5) has a struct for each table: the columns, under names that MATLAB takes,
+    and their own names, units and descriptions. A table may have 2 GiB there, and is in memory
+    while it is written.
+
+    With --to ros2 there is one MCAP file of the profile ros2: poses, path, frames, odometry and the
+    log as messages of geometry_msgs, nav_msgs, tf2_msgs and rcl_interfaces, and every other signal
+    as a topic of std_msgs.
+
     \b
     cosim trace export traces/auv-acoustic.mcap --to parquet -o tables
     cosim trace export traces/auv-acoustic.mcap --signal plant.eta --wide -o path.csv
+    cosim trace export traces/auv-acoustic.mcap --to ros2
+    cosim trace export traces/auv-acoustic.mcap -o run.mat
     """
+    chosen = to or _format_of(out)
+    if chosen == "ros2":
+        _write_bag(file, out, topics, (start, end), wide=wide, signals=signals, as_json=as_json)
+        return
     with progress() as report_progress:
         written = write_tables(
             file,
             out,
-            to,
+            chosen,
             topics=topics,
             signals=signals,
             start=start,
@@ -68,10 +92,40 @@ def export(
             wide=wide,
             report_progress=report_progress,
         )
-    answer(as_json, lambda: _json(file, to, written), lambda: _view(written))
+    answer(as_json, lambda: _json(file, chosen, written), lambda: _view(written))
 
 
-def _json(file: Path, to: TableFormat, written: list[WrittenTable]) -> dict[str, Any]:
+def _write_bag(
+    file: Path,
+    out: Path | None,
+    topics: list[str] | None,
+    window: tuple[float | None, float | None],
+    *,
+    wide: bool,
+    signals: list[str] | None,
+    as_json: bool,
+) -> None:
+    if wide or signals:
+        raise InputError(
+            "a bag has topics, no tables",
+            where="--wide" if wide else "--signal",
+            expected="--topic to choose what is written with --to ros2",
+        )
+    start, end = window
+    with progress() as report_progress:
+        bag = export_bag(
+            file, out, topics=topics, start=start, end=end, report_progress=report_progress
+        )
+    answer(as_json, lambda: _bag_json(file, bag), lambda: _bag_view(bag))
+
+
+def _format_of(out: Path | None) -> Format:
+    """Return the format by the end of a file's name; csv of any other."""
+    formats: dict[str, Format] = {".parquet": "parquet", ".mat": "mat", ".mcap": "ros2"}
+    return formats.get("" if out is None else out.suffix.lower(), "csv")
+
+
+def _json(file: Path, to: Format, written: list[WrittenTable]) -> dict[str, Any]:
     return {
         "trace": str(file),
         "format": to,
@@ -85,6 +139,28 @@ def _json(file: Path, to: TableFormat, written: list[WrittenTable]) -> dict[str,
             for one in written
         ],
     }
+
+
+def _bag_json(file: Path, bag: WrittenBag) -> dict[str, Any]:
+    return {
+        "trace": str(file),
+        "format": "ros2",
+        "path": str(bag.path),
+        "topics": dict(bag.topics),
+        "left_out": list(bag.left_out),
+    }
+
+
+def _bag_view(bag: WrittenBag) -> Group:
+    table = Table(box=None, pad_edge=False)
+    table.add_column("topic", overflow="fold")
+    table.add_column("messages", justify="right")
+    for topic, count in bag.topics.items():
+        table.add_row(topic, str(count))
+    lines = [f"bag: {bag.path}"]
+    if bag.left_out:
+        lines.append(f"left out, no message of ROS 2 for it: {', '.join(bag.left_out)}")
+    return Group(table, *lines)
 
 
 def _view(written: list[WrittenTable]) -> Table:

@@ -9,12 +9,13 @@ from rich.text import Text
 from cosim.cli.terminal import NONE, number, plain
 from cosim.trace import (
     RESULT,
-    Change,
+    ComparisonReport,
     Diff,
     Recovery,
     Report,
     Verification,
     diff_verdict,
+    further_differences,
 )
 
 _MOST, _MOST_DAMAGE = 25, 20
@@ -40,7 +41,7 @@ def diff_view(found: Diff) -> RenderableType:
         parts.append(Text(f"content hash {found.hashes[0]}"))
         return Group(*parts)
     parts += _signals(found)
-    parts += [plain(line) for line in _facts(found)]
+    parts += [plain(line) for line in further_differences(found)]
     parts += _links(found)
     parts += _context(found)
     return Group(*parts)
@@ -77,20 +78,6 @@ def _signals(found: Diff) -> list[RenderableType]:
     return parts
 
 
-def _facts(found: Diff) -> list[str]:
-    lines = []
-    for number_, name in ((0, "first"), (1, "second")):
-        if found.only[number_]:
-            lines.append(f"only in the {name} trace: {', '.join(found.only[number_])}")
-    if found.other_bytes:
-        lines.append(f"other messages: {', '.join(found.other_bytes)}")
-    if not found.same_end:
-        lines.append(f"end: t = {found.ends_s[0]:g} s and {found.ends_s[1]:g} s")
-    if any(found.log_lines):
-        lines.append(f"/log: {found.log_lines[0]} and {found.log_lines[1]} lines of its own each")
-    return lines
-
-
 def _links(found: Diff) -> list[RenderableType]:
     if not found.links:
         return []
@@ -123,7 +110,7 @@ def _context(found: Diff) -> list[RenderableType]:
                 colour = {"+": "green", "-": "red"}.get(line[:1], "dim")
                 parts.append(Text("  ").append_text(plain(line)))
                 parts[-1].stylize(colour)  # type: ignore[union-attr]
-    entries = [change for change in found.context.entries if _informative(change)]
+    entries = [change for change in found.context.entries if change.informative]
     if entries:
         table = Table(box=None, pad_edge=False)
         for column in ("entry", "first", "second"):
@@ -139,12 +126,6 @@ def _context(found: Diff) -> list[RenderableType]:
     if more:
         parts.append(Text(f"... and {more} more entries (--json has them)"))
     return parts
-
-
-def _informative(change: Change) -> bool:
-    """Return whether an entry is worth showing: not a hash, not a matrix of a proof."""
-    silent = ("variables.", "system.", "final.", "certificate.claim")
-    return not change.key.startswith(silent) and not change.key.endswith("sha256")
 
 
 def recovery_view(found: Recovery) -> Table:
@@ -188,6 +169,18 @@ def verification_view(found: Verification) -> Group:
     last = plain(f"{found.path}: {_WORDS[found.verdict]}")
     last.stylize(_COLOURS[found.verdict])
     return Group(view, last)
+
+
+def comparison_view(written: ComparisonReport) -> Text:
+    """Show where a page of two traces was written, how the runs ended, and whether they differ."""
+    first, second = written.statuses
+    return Text.assemble(
+        "report: ",
+        (str(written.output), "bold"),
+        f" ({written.bytes / 1e6:.1f} MB, {written.charts} charts)\n"
+        f"the first: {first}\nthe second: {second}\n",
+        (written.verdict, "green" if written.equal else "yellow"),
+    )
 
 
 def report_view(written: Report) -> Text:

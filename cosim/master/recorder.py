@@ -14,24 +14,32 @@ from cosim.master.communication_points import CommunicationPoints
 from cosim.master.component_instance import Column, ComponentInstance
 from cosim.master.observers import Observer
 from cosim.master.system import System
-from cosim.network import DELIVERED, REASONS, Arrivals, PacketLink
+from cosim.network import DELIVERED, LOST, REASONS, Arrivals, PacketLink
 from cosim.trace import (
+    COMPUTED,
+    LINK_STATE_SCHEMA,
+    LINK_STATE_SIGNALS,
+    VEHICLE,
     Lines,
     Poses,
     Rows,
     RunEvent,
     Signal,
+    Thinned,
     TraceWriter,
     input_topic,
+    link_state_topic,
     link_topic,
     output_topic,
 )
 
-_SENT, _POSED, _DELIVERED, _RECEIVED, _LOGGED = 0, 1, 2, 1 << 30, 1 << 31
-"""Order of records of the same time: outputs, poses, deliveries link by link, inputs, events."""
+_SENT, _POSED, _DELIVERED, _RECEIVED, _SCENE, _LOGGED = 0, 1, 2, 1 << 30, (1 << 30) + 1, 1 << 31
+"""Order of records of the same time: outputs, poses, deliveries link by link, inputs, then
+references and states of links, and events."""
 _AT_ONCE = 4096
 """Rows written at once: enough to be fast, few enough to stay in the cache."""
 _POSE = ("eta.x", "eta.y", "eta.z", "eta.psi")
+_REFERENCE = ("reference.x", "reference.y", "reference.z", "reference.psi")
 
 
 class TraceRecorder(Observer):
@@ -73,7 +81,7 @@ class TraceRecorder(Observer):
         ]
         self._send: list[tuple[ComponentInstance, int, _Cast]] = []
         self._receive: list[tuple[ComponentInstance, int, _Cast]] = []
-        self._poses = []
+        posed: list[_Posed] = []
         for instance in sorted(
             instances, key=lambda s: list(self._system.components).index(s.name)
         ):
@@ -90,9 +98,13 @@ class TraceRecorder(Observer):
                         metadata={"component": instance.name, "coupling": "held over a step"},
                     )
                     into.append((instance, topic_id, _cast(instance, columns)))
-            places = [c.name for c in instance.output_columns]
-            if all(name in places for name in _POSE):
-                self._poses.append((instance, [places.index(name) for name in _POSE]))
+            for signals, reference in ((_POSE, False), (_REFERENCE, True)):
+                columns = instance.input_columns if reference else instance.output_columns
+                places = [c.name for c in columns]
+                if all(name in places for name in signals):
+                    where = [places.index(name) for name in signals]
+                    posed.append(_Posed(instance, where, component, reference=reference))
+        self._posed = _named(posed)
         known = comm_points.final < comm_points.most and not comm_points.grows
         points = str(comm_points.count) if known else "as they come about"
         self._writer.log(
@@ -113,15 +125,16 @@ class TraceRecorder(Observer):
         for instance, topic_id, cast in self._send:
             own, times = self._own(instance, first, last)
             parts.append(Rows(topic_id, times, cast(instance.outputs[own]), rank=(_SENT,)))
-        for instance, places in self._poses:
-            own, times = self._own(instance, first, last)
-            parts.append(Poses(times, instance.outputs[own][:, places], rank=(_POSED,)))
+        for one in self._posed:
+            own, times = self._own(one.instance, first, last)
+            parts.append(one.poses(own, times))
         for number, traffic in enumerate(self._traffic):
             parts += traffic.until(int(self._points[last - 1]), _DELIVERED + number)
         for instance, topic_id, cast in self._receive:
             own, times = self._own(instance, first, last)
             values = cast(instance.inputs[own])
             parts.append(Rows(topic_id, times, values, rank=(_RECEIVED,)))
+        parts += [traffic.state(self._points[first:last]) for traffic in self._traffic]
         until_ns = int(self._points[last - 1])
         self._writer.write_rows([*parts, *self._event_lines(until_ns)])
         self._latest_ns = max(self._latest_ns, until_ns)
@@ -144,7 +157,10 @@ class TraceRecorder(Observer):
         return own, self._points[own]
 
     def log(self, time_ns: int, level: str, name: str, message: str) -> None:
-        """Write a line to /log."""
+        """Write a line to /log; of a link, "outage ..." says that one begins (warning) or ends."""
+        for traffic in self._traffic:
+            if name == traffic.link.name and message.startswith("outage "):
+                traffic.outage = level == "warning"
         if self.run_ended or self._writer.ended:
             self.log_after_end.append({"level": level, "name": name, "message": message})
             return
@@ -168,6 +184,34 @@ class TraceRecorder(Observer):
 
 
 _Cast = Callable[[Any], Any]
+
+
+class _Posed:
+    """A component whose outputs have a vehicle's pose, or whose inputs have its reference."""
+
+    def __init__(
+        self, instance: ComponentInstance, places: list[int], vehicle: str, *, reference: bool
+    ) -> None:
+        self.instance, self.vehicle, self.reference = instance, vehicle, reference
+        self._places = places
+
+    def poses(self, own: slice | NDArray[np.int64], times: NDArray[np.int64]) -> Poses:
+        """Return the poses in rows `own`, at these times."""
+        if not self.reference:
+            values = self.instance.outputs[own][:, self._places]
+            return Poses(times, values, (_POSED,), self.vehicle)
+        values = self.instance.inputs[own][:, self._places]
+        return Poses(times, values, (_SCENE,), self.vehicle, reference=True)
+
+
+def _named(posed: list[_Posed]) -> list[_Posed]:
+    """Call the only vehicle of a run auv; of several, each has the name of its component."""
+    vehicles = [one for one in posed if not one.reference]
+    references = [one for one in posed if one.reference]
+    if len(vehicles) == 1:
+        for one in vehicles + references * (len(references) == 1):
+            one.vehicle = VEHICLE
+    return posed
 
 
 def signal_of(port: Port, name: str | None = None) -> Signal:
@@ -206,7 +250,8 @@ class _Traffic:
         comm_points: CommunicationPoints,
         instances: Sequence[ComponentInstance],
     ) -> None:
-        self._link, self._comm_points = link, comm_points
+        self.link, self._comm_points = link, comm_points
+        self.outage = False
         by_name = {s.name: s for s in instances}
         sources = dict.fromkeys(c.source for c in system.connections if c.link == link.name)
         self._sources = []
@@ -225,15 +270,25 @@ class _Traffic:
         )
         self._cast = _cast(instances[0], columns)
         self._dropped = writer.add_dropped_topic(link.name)
+        self._state = writer.add_topic(
+            link_state_topic(link.name),
+            LINK_STATE_SIGNALS,
+            schema_name=LINK_STATE_SCHEMA,
+            metadata={"link": link.name, **COMPUTED},
+        )
         self._written_count = 0
+        self._thinned = Thinned()
+        self._lost_ns: list[NDArray[np.int64]] = []
+        self._lost = 0
 
     def until(self, until_ns: int, rank: int) -> list[Rows | Poses]:
         """Return arrivals and drops up to an instant that were not returned before."""
         first = self._written_count
-        found = self._comm_points.arrivals(self._link.name, first)
+        found = self._comm_points.arrivals(self.link.name, first)
         count = int(np.searchsorted(found.arrival_ns, until_ns, side="right"))
         self._written_count += count
         delivered = found.status[:count] == DELIVERED
+        self._lost_ns.append(found.arrival_ns[:count][found.status[:count] == LOST])
         parts: list[Rows | Poses] = []
         for topic_id, which, values in (
             (self._topic, np.flatnonzero(delivered), self._values),
@@ -246,12 +301,32 @@ class _Traffic:
             )
         return parts
 
+    def state(self, points_ns: NDArray[np.int64]) -> Rows:
+        """Return age and counts at some of these points, up to which `until` has returned all."""
+        times = points_ns[self._thinned(points_ns)]
+        name = self.link.name
+        # a run may break off where the delay of a message that is sent is not known yet
+        found = self._comm_points.links[name].state(times, broken_off=True)
+        lost_ns = np.concatenate([np.zeros(0, np.int64), *self._lost_ns])
+        values = np.column_stack(
+            [
+                found.age_s,
+                self._comm_points.links[name].in_flight(times),
+                found.delivered,
+                self._lost + np.searchsorted(lost_ns, times, side="right"),
+                found.dropped,
+                np.full(times.size, self.outage),
+            ]
+        )
+        self._lost, self._lost_ns = self._lost + lost_ns.size, []
+        return Rows(self._state, times, values, rank=(_SCENE,))
+
     def _values(self, messages: Arrivals) -> Any:
         rows = self._comm_points.rows_at(messages.sent_ns)
         values = np.empty((rows.size, len(self._sources)))
         for column, (instance, j) in enumerate(self._sources):
             values[:, column] = instance.outputs[instance.own_points.last[rows], j]
-        return self._cast(self._link.quantize(values))
+        return self._cast(self.link.quantize(values))
 
 
 def _reasons(messages: Arrivals) -> Any:

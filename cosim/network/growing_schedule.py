@@ -239,6 +239,23 @@ class GrowingSchedule:
         self._check_remembered(int(points.min(initial=self._horizon_ns)))
         return self._received_by(int(points.max(initial=0))).received().state(points)
 
+    def in_flight(self, points_ns: ArrayLike) -> NDArray[np.int64]:
+        """Return how many messages and copies were sent and neither came nor were dropped, int64.
+
+        Also at the horizon of a live link, as `state` of a run that is broken off.
+
+        Raises
+        ------
+        InputError : as `state`.
+        """
+        points = np.asarray(points_ns, np.int64)
+        state = self.state(points, broken_off=True)
+        sent = [
+            self._sendings.until(time) + self._copies_forgotten + bisect_right(self._copies, time)
+            for time in points.tolist()
+        ]
+        return np.array(sent, np.int64) - state.delivered - state.dropped
+
     def oldest_awaited_ns(self, time_ns: int) -> int:
         """When the oldest message was sent that is in use at an instant, or arrives later [ns].
 

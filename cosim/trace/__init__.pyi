@@ -1,53 +1,56 @@
-from .assertions import (
-    AssertionResult as AssertionResult,
-    Result as Result,
+from .checks.results import Check as Check
+from .checks.verification import (
+    Verification as Verification,
+    verify as verify,
 )
-from .cause import (
-    Cause as Cause,
-    CauseKind as CauseKind,
+from .comparison.context import Change as Change
+from .comparison.format import (
+    diff_json as diff_json,
+    diff_verdict as diff_verdict,
+    differences as differences,
+    further_differences as further_differences,
 )
-from .check_results import Check as Check
+from .comparison.picture import draw_diff as draw_diff
+from .comparison.signals import (
+    Diff as Diff,
+    diff as diff,
+)
+from .comparison.tolerance import (
+    Tolerance as Tolerance,
+    Tolerances as Tolerances,
+)
 from .content import (
     CONTENT_HASH_VERSION as CONTENT_HASH_VERSION,
     begins_with as begins_with,
     content_hash as content_hash,
 )
-from .diff_context import Change as Change
-from .diff_format import (
-    diff_json as diff_json,
-    diff_verdict as diff_verdict,
-    differences as differences,
+from .exports.export import (
+    WrittenTable as WrittenTable,
+    export as export,
 )
-from .diff_picture import draw_diff as draw_diff
-from .diff_signals import (
-    Diff as Diff,
-    diff as diff,
-)
-from .feedback_age import age_lines as age_lines
-from .hold import rows_in_force as rows_in_force
 from .info import describe as describe
 from .info_view import render as render
-from .layout import (
-    CERTIFICATE_ATTACHMENT as CERTIFICATE_ATTACHMENT,
-    CERTIFICATE_HASH as CERTIFICATE_HASH,
-    DESIGN_ATTACHMENT as DESIGN_ATTACHMENT,
-    DROPPED_SIGNALS as DROPPED_SIGNALS,
-    RESULT as RESULT,
-    SCENARIO_ATTACHMENT as SCENARIO_ATTACHMENT,
-    Signal as Signal,
-    certificate_entries as certificate_entries,
-    component_of as component_of,
-    dropped_topic as dropped_topic,
-    input_topic as input_topic,
-    link_topic as link_topic,
-    output_topic as output_topic,
-    result_of_link as result_of_link,
-)
 from .live import (
     Player as Player,
     view_in_rerun as view_in_rerun,
 )
-from .outcome import (
+from .outcome.assertions import (
+    AssertionResult as AssertionResult,
+    Result as Result,
+)
+from .outcome.cause import (
+    Cause as Cause,
+    CauseKind as CauseKind,
+)
+from .outcome.feedback_age import age_lines as age_lines
+from .outcome.run_events import (
+    CONCLUSION as CONCLUSION,
+    SERIOUS as SERIOUS,
+    EventCount as EventCount,
+    EventKind as EventKind,
+    RunEvent as RunEvent,
+)
+from .outcome.run_outcome import (
     RunOutcome as RunOutcome,
     outcome_of as outcome_of,
 )
@@ -66,39 +69,54 @@ from .recovery import (
     recover as recover,
 )
 from .report import (
+    ComparisonReport as ComparisonReport,
     Report as Report,
+    write_comparison as write_comparison,
     write_report as write_report,
 )
-from .rows import (
+from .ros2 import (
+    WrittenBag as WrittenBag,
+    export_bag as export_bag,
+)
+from .rows.hold import rows_in_force as rows_in_force
+from .rows.layout import (
+    CERTIFICATE_ATTACHMENT as CERTIFICATE_ATTACHMENT,
+    CERTIFICATE_HASH as CERTIFICATE_HASH,
+    COMPUTED as COMPUTED,
+    DESIGN_ATTACHMENT as DESIGN_ATTACHMENT,
+    DROPPED_SIGNALS as DROPPED_SIGNALS,
+    LINK_STATE_SCHEMA as LINK_STATE_SCHEMA,
+    LINK_STATE_SIGNALS as LINK_STATE_SIGNALS,
+    RESULT as RESULT,
+    SCENARIO_ATTACHMENT as SCENARIO_ATTACHMENT,
+    VEHICLE as VEHICLE,
+    Signal as Signal,
+    certificate_entries as certificate_entries,
+    component_of as component_of,
+    dropped_topic as dropped_topic,
+    input_topic as input_topic,
+    link_state_topic as link_state_topic,
+    link_topic as link_topic,
+    output_topic as output_topic,
+    result_of_link as result_of_link,
+)
+from .rows.rows import (
     Lines as Lines,
     Poses as Poses,
     Rows as Rows,
 )
-from .run_events import (
-    CONCLUSION as CONCLUSION,
-    SERIOUS as SERIOUS,
-    EventCount as EventCount,
-    EventKind as EventKind,
-    RunEvent as RunEvent,
-)
-from .table import (
+from .rows.scene import Thinned as Thinned
+from .tables.table import (
     Series as Series,
     Table as Table,
     series_of as series_of,
 )
-from .table_export import (
-    WrittenTable as WrittenTable,
-    export as export,
-)
-from .tolerance import (
-    Tolerance as Tolerance,
-    Tolerances as Tolerances,
-)
+from .tables.traffic import link_names as link_names
 from .traces import Traces as Traces
-from .traffic import link_names as link_names
-from .verification import (
-    Verification as Verification,
-    verify as verify,
+from .viewers import (
+    Viewer as Viewer,
+    WrittenLayout as WrittenLayout,
+    write_layout as write_layout,
 )
 from .writer import (
     Attachment as Attachment,

@@ -6,8 +6,9 @@ publish time, sequence, payload. Parts are length-prefixed, so that no two conte
 bytes.
 
 Not covered: topics that are computed from these or tell about them (/log, everything with a
-schema of Foxglove), comments of schemas, keys that begin with `host.`, metadata records and
-attachments, compression, chunking, schema and channel ids, indexes, the writing library.
+schema of Foxglove or of the scene), comments of schemas, keys that begin with `host.`, metadata
+records and attachments, compression, chunking, schema and channel ids, indexes, the writing
+library.
 """
 
 from __future__ import annotations
@@ -21,15 +22,15 @@ import numpy as np
 from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from google.protobuf.message import DecodeError
 
-from cosim.trace.declared import Channel
-from cosim.trace.layout import HOST_PREFIX, LOG_TOPIC
-from cosim.trace.messages import Messages
+from cosim.trace.file.declared import Channel
+from cosim.trace.file.messages import Messages
 from cosim.trace.reader import Trace
+from cosim.trace.rows.layout import HOST_PREFIX, LOG_TOPIC, SCENE_SCHEMAS
 
 CONTENT_HASH_VERSION = 2
 """Changes when what is hashed changes: hashes of different versions cannot be compared."""
 _VERSION = b"auv-cosim content %d" % CONTENT_HASH_VERSION
-_FOXGLOVE = "foxglove."
+_NOT_COVERED = ("foxglove.", SCENE_SCHEMAS)
 _HEAD = np.dtype(
     [
         ("channel", "V32"),
@@ -65,15 +66,17 @@ def content_hash_of(trace: Trace) -> str:
 
 
 def _is_covered(channel: Channel) -> bool:
-    return channel.topic != LOG_TOPIC and not channel.schema.name.startswith(_FOXGLOVE)
+    return channel.topic != LOG_TOPIC and not channel.schema.name.startswith(_NOT_COVERED)
 
 
 def begins_with(whole: Trace, part: Trace) -> bool:
     """Whether every topic of `part` is the beginning of the same topic of `whole`, bit for bit.
 
-    The topic /log is not compared: a run that was stopped early logs that.
+    The topic /log is not compared: a run that was stopped early logs that. Nor is the scene, which
+    follows from the rest.
     """
-    counts = {t: info.count for t, info in part.topics.items() if info.count and t != LOG_TOPIC}
+    covered = {t: i for t, i in part.topics.items() if t != LOG_TOPIC and not i.is_computed}
+    counts = {topic: info.count for topic, info in covered.items() if info.count}
     if any(t not in whole.topics or whole.topics[t].count < n for t, n in counts.items()):
         return False
     return _beginnings(whole, counts) == _beginnings(part, counts)

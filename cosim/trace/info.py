@@ -7,11 +7,11 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
-from cosim.trace import foxglove
 from cosim.trace.content import CONTENT_HASH_VERSION, content_hash_of
-from cosim.trace.layout import LOG_TOPIC, certificate_of, parsed_json
-from cosim.trace.outcome import outcome_of
+from cosim.trace.outcome.run_outcome import outcome_of
 from cosim.trace.reader import TopicInfo, Trace
+from cosim.trace.rows import foxglove
+from cosim.trace.rows.layout import LOG_TOPIC, certificate_of, parsed_json
 
 _LINK = "link."
 _STRUCTURED = ("metrics", "final", "assertions", "events", "cause")

@@ -11,10 +11,10 @@ from rich.table import Table as RichTable
 from rich.text import Text
 
 from cosim.core import at_most
-from cosim.trace.feedback_age import age_lines
-from cosim.trace.layout import HOST_PREFIX
-from cosim.trace.outcome import RunOutcome
-from cosim.trace.verdict import Check, status_of
+from cosim.trace.outcome.feedback_age import age_lines
+from cosim.trace.outcome.run_outcome import RunOutcome
+from cosim.trace.outcome.verdict import Check, status_of
+from cosim.trace.rows.layout import HOST_PREFIX
 
 _HEADLINES = ("title", "scenario", "seed", "software")
 _FIGURES = {

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from cosim.core import InputError, optional, written_beside
 from cosim.trace.reader import Trace
-from cosim.trace.table import Table
-from cosim.trace.traffic import deliveries, link_names, loop_age
+from cosim.trace.tables.table import Table
+from cosim.trace.tables.traffic import deliveries, link_names, loop_age
 
 _COLOURS = ("#0b6e99", "#d1495b", "#5f7a3d", "#8a5a9e")
 _FORCES = ("force.x", "force.y", "force.z", "moment.z")

@@ -18,20 +18,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.core import InputError, LossError
-from cosim.trace import frames, layout, traffic
-from cosim.trace.contents import Segment
-from cosim.trace.contents_scan import by_scan
-from cosim.trace.declared import Channel
-from cosim.trace.file_parts import attachment_data, check_outer_records, read_segment, times_of
-from cosim.trace.frames import Align, Between
-from cosim.trace.gather import TopicRows
-from cosim.trace.layout import Signal
-from cosim.trace.messages import Messages, groups, on_channels, together
-from cosim.trace.outcome import RunOutcome, outcome_of
-from cosim.trace.records import LATEST_NS, DamageError, open_trace
-from cosim.trace.summary import from_summary
-from cosim.trace.table import Index, Series, Table, series_of
-from cosim.trace.topic_info import TopicInfo, window_ns
+from cosim.trace.file.contents import Segment
+from cosim.trace.file.contents_scan import by_scan
+from cosim.trace.file.declared import Channel
+from cosim.trace.file.file_parts import attachment_data, check_outer_records, read_segment, times_of
+from cosim.trace.file.messages import Messages, groups, on_channels, together
+from cosim.trace.file.records import LATEST_NS, DamageError, open_trace
+from cosim.trace.file.summary import from_summary
+from cosim.trace.outcome.run_outcome import RunOutcome, outcome_of
+from cosim.trace.rows import layout
+from cosim.trace.rows.layout import Signal
+from cosim.trace.tables import traffic
+from cosim.trace.tables.frames import Align, Between, Framed, Joined
+from cosim.trace.tables.gather import TopicRows
+from cosim.trace.tables.join import joined, window_ns
+from cosim.trace.tables.table import Series, Table, series_of
+from cosim.trace.tables.topic_info import TopicInfo
 
 PART_BYTES = 2**23
 """Payload of the rows that a stream holds at once [bytes]."""
@@ -42,8 +44,10 @@ _MANY_TOPICS, _TOGETHER_BYTES = 64, 2**22
 __all__ = ["Series", "Table", "TopicInfo", "Trace"]
 
 
-class Trace:
+class Trace(Framed):
     """A trace file: a recorded run, or any MCAP file.
+
+    As a data frame, an Arrow table or a dataset: see `cosim.trace.tables.frames.Framed`.
 
     Parameters
     ----------
@@ -161,12 +165,14 @@ class Trace:
     def signals(self) -> dict[str, tuple[str, Signal]]:
         """Topic and description of every protobuf signal, by the name `signal` takes.
 
-        `component.variable` for outputs and inputs of components, `TOPIC:name` for the rest.
+        `component.variable` for outputs and inputs of components, `TOPIC:name` for the rest, and
+        for an input of the same name as an output.
         """
         found: dict[str, tuple[str, Signal]] = {}
         for topic, info in self.topics.items():
             for signal in info.signals:
-                found.setdefault(layout.signal_name(topic, signal.name), (topic, signal))
+                name = layout.signal_name(topic, signal.name)
+                found[f"{topic}:{signal.name}" if name in found else name] = topic, signal
         return found
 
     def place(self, name: str) -> tuple[str, str]:
@@ -204,8 +210,17 @@ class Trace:
 
         Raises
         ------
-        InputError, LossError : no such signal, and as `read`.
+        InputError, LossError : no such signal, or a group of several, and as `read`.
         """
+        members = self.members(name)
+        if members != [name]:
+            raise InputError(
+                "a group, not a signal",
+                where=str(self.path),
+                expected=f"one of {', '.join(members[:8])}",
+                got=name,
+                hint=f"to_pandas({name!r}), to_arrow and to_xarray read groups",
+            )
         topic, own = self.place(name)
         return series_of(self.read(topic, start=start, end=end), own)
 
@@ -346,37 +361,44 @@ class Trace:
                 yield names[number], int(part.sizes.sum()) + 64 * mine.size
             yield None, 0
 
-    def to_pandas(
+    def _joined(
         self,
-        what: str | Sequence[str] | None = None,
-        *,
-        align: Align = "union",
-        between: Between = "hold",
-        index: Index = "seconds",
-        start: float | None = None,
-        end: float | None = None,
-    ) -> Any:
-        """Return a pandas DataFrame over time; see `cosim.trace.frames.to_pandas`.
-
-        what : a topic, or topics, signals and groups; by default outputs and inputs of all
-            components.
-        """
+        what: str | Sequence[str] | None,
+        align: Align,
+        between: Between,
+        start: float | None,
+        end: float | None,
+    ) -> tuple[Mapping[str, Sequence[Any]], Sequence[Joined]]:
+        """See `Framed`."""
         if what is None:
             what = [t for t in self.topics if layout.component_of(t)] or [
                 topic for topic, info in self.topics.items() if info.signals
             ]
-        return frames.to_pandas(
-            self, what, align=align, between=between, index=index, start=start, end=end
-        )
+        elif isinstance(what, str):
+            if what in self.topics and isinstance(align, str) and align == "union":
+                rows = self.read(what, start=start, end=end)
+                return rows._joined(None, align, between, None, None)  # noqa: SLF001 - the same
+            what = [what]
+        wanted: list[tuple[str, str | None]] = []
+        for name in what:
+            if name in self.topics:
+                wanted.append((name, None))
+            else:
+                wanted += map(self.place, self.members(name))
+        needed = dict.fromkeys(topic for topic, _ in wanted)
+        if isinstance(align, str) and align in self.topics:
+            needed[align] = None
+        tables = self.read_all(list(needed), start=start, end=end)
+        return {}, [joined(str(self.path), wanted, self.signals, tables, align, between)]
 
     def age(
         self, link: str, at: NDArray[np.float64] | None = None
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return instants [s] and the age [s] of the message in use; see `cosim.trace.traffic`."""
+        """Return instants [s] and the age [s] of the message in use (see `tables.traffic`)."""
         return traffic.age(self, link, at)
 
     def dropped(self, link: str) -> Table:
-        """Read the messages that a link dropped, with the reason; see `cosim.trace.traffic`."""
+        """Read the messages that a link dropped, with the reason (see `tables.traffic`)."""
         return traffic.dropped(self, link)
 
     def messages(

@@ -11,13 +11,13 @@ from mcap.opcode import Opcode
 from mcap.records import Attachment, Header, Metadata
 
 from cosim.core import InputError, LossError, Progress, copy_whole, silent
-from cosim.trace import layout
-from cosim.trace.disk import PartialFile
-from cosim.trace.records import chunk_head, parsed
-from cosim.trace.stream import McapStream
-from cosim.trace.verification import verification_of
-from cosim.trace.verify_file import FileChecks
-from cosim.trace.walk import Damage, Policy, Record, Walk
+from cosim.trace.checks.of_file import FileChecks
+from cosim.trace.checks.verification import verification_of
+from cosim.trace.file.disk import PartialFile
+from cosim.trace.file.records import chunk_head, parsed
+from cosim.trace.file.stream import McapStream
+from cosim.trace.file.walk import Damage, Policy, Record, Walk
+from cosim.trace.rows import layout
 
 
 @dataclass(frozen=True)

@@ -7,16 +7,15 @@ import json
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
+from html import escape
 from os import PathLike, fspath
 from pathlib import Path
 from typing import Any, overload
 
-from cosim.core import InputError
-from cosim.trace import layout
-from cosim.trace.frames import Align, Between
+from cosim.core import InputError, optional
 from cosim.trace.reader import Trace
-from cosim.trace.table import Index, pandas
-from cosim.trace.table_files import pyarrow
+from cosim.trace.rows import layout
+from cosim.trace.tables.frames import Align, Between, Framed, Joined
 
 _ABOVE = ("scenario", "seed")
 _ELSEWHERE = ("title", "description", "run.seed")
@@ -24,8 +23,10 @@ _NAME = "trace"
 """The level that tells traces apart where nothing else does: the file's name."""
 
 
-class Traces(Sequence[Trace]):
+class Traces(Framed, Sequence[Trace]):
     """Traces of several runs, in the order of their levels.
+
+    As a data frame, an Arrow table or a dataset: see `cosim.trace.tables.frames.Framed`.
 
     Parameters
     ----------
@@ -70,62 +71,49 @@ class Traces(Sequence[Trace]):
     def __repr__(self) -> str:
         return f"<Traces: {len(self)}, which differ in {', '.join(self.levels)}>"
 
+    def _repr_html_(self) -> str:
+        """Return a table of the traces, as notebooks show it: levels, and how each run ended."""
+        rows = []
+        for number, trace in enumerate(self):
+            ended = "not finished" if trace.outcome is None else trace.outcome.headline
+            cells = [*(values[number] for values in self.levels.values()), ended]
+            rows.append("".join(f"<td>{escape(str(cell))}</td>" for cell in cells))
+        head = "".join(f"<th>{escape(name)}</th>" for name in (*self.levels, "outcome"))
+        body = "".join(f"<tr>{row}</tr>" for row in rows)
+        return f"<p>{escape(repr(self)[1:-1])}</p><table><tr>{head}</tr>{body}</table>"
+
     def outcomes(self) -> Any:
         """Return a DataFrame with one row per trace: its levels as index, how it ended, metrics.
 
         A metric that is not a number, text or truth value is left out.
         """
-        pd = pandas()
+        pd = optional("pandas", extra="tables", what="data frames need pandas")
         rows = []
         for trace in self:
             ended = trace.outcome
             words = {"status": "not finished", "headline": "not finished"}
             if ended is not None:
                 words = {"status": ended.status, "headline": ended.headline}
-            metrics = {k: v for k, v in _leaves(trace.metrics) if not isinstance(v, list)}
+            metrics = {k: v for k, v in leaves(trace.metrics) if not isinstance(v, list)}
             rows.append(words | metrics)
-        values, names = self._index()
-        return pd.DataFrame(rows, index=pd.MultiIndex.from_arrays(values, names=names))
+        levels = list(self.levels.values())
+        return pd.DataFrame(rows, index=pd.MultiIndex.from_arrays(levels, names=[*self.levels]))
 
-    def to_pandas(
+    def _joined(
         self,
-        what: str | Sequence[str] | None = None,
-        *,
-        align: Align = "union",
-        between: Between = "hold",
-        index: Index = "seconds",
-        start: float | None = None,
-        end: float | None = None,
-    ) -> Any:
-        """Return one DataFrame of all traces: the levels, then the time, as its index.
-
-        Arguments as in `Trace.to_pandas`; a signal that a trace does not have is an error there.
-        """
-        pd = pandas()
-        given: dict[str, Any] = {"align": align, "between": between, "index": index}
-        frames = [trace.to_pandas(what, **given, start=start, end=end) for trace in self]
-        values, names = self._index()
-        keys = list(zip(*values, strict=True))
-        joined = pd.concat(frames, keys=keys, names=[*names, frames[0].index.name])
-        joined.attrs["units"] = {k: v for one in frames for k, v in one.attrs["units"].items()}
-        return joined
-
-    def to_arrow(self, what: str | Sequence[str] | None = None, **given: Any) -> Any:
-        """Return `to_pandas` as an Arrow table; the levels and the time are columns.
-
-        Units are in the metadata of the fields.
-        """
-        pa = pyarrow()
-        frame = self.to_pandas(what, **given)
-        units = frame.attrs.pop("units")
-        table = pa.Table.from_pandas(frame.reset_index(), preserve_index=False)
-        fields = [
-            f.with_metadata({"unit": units[f.name]}) if f.name in units else f for f in table.schema
+        what: str | Sequence[str] | None,
+        align: Align,
+        between: Between,
+        start: float | None,
+        end: float | None,
+    ) -> tuple[Mapping[str, Sequence[Any]], Sequence[Joined]]:
+        """See `Framed`; a signal that a trace does not have is an error there."""
+        parts = [
+            part
+            for trace in self
+            for part in trace._joined(what, align, between, start, end)[1]  # noqa: SLF001 - the same
         ]
-        return table.cast(pa.schema(fields))
-
-    def _index(self) -> tuple[list[list[Any]], list[str]]:
-        return list(self.levels.values()), list(self.levels)
+        return self.levels, parts
 
 
 def _paths(where: str) -> list[Path]:
@@ -175,14 +163,14 @@ def _known(trace: Trace) -> dict[str, Any]:
         found["seed"] = int(trace.run["seed"])
     text = trace.attachments.get(layout.SCENARIO_ATTACHMENT, b"").decode("utf-8", "replace")
     with suppress(tomllib.TOMLDecodeError):
-        found |= {k: v for k, v in _leaves(tomllib.loads(text)) if k not in _ELSEWHERE}
+        found |= {k: v for k, v in leaves(tomllib.loads(text)) if k not in _ELSEWHERE}
     return {k: json.dumps(v, default=str) if isinstance(v, list) else v for k, v in found.items()}
 
 
-def _leaves(values: Mapping[str, Any], within: str = "") -> Iterator[tuple[str, Any]]:
+def leaves(values: Mapping[str, Any], within: str = "") -> Iterator[tuple[str, Any]]:
     """Yield the dotted name and value of every entry that is no table."""
     for name, value in values.items():
         if isinstance(value, Mapping):
-            yield from _leaves(value, f"{within}{name}.")
+            yield from leaves(value, f"{within}{name}.")
         else:
             yield f"{within}{name}", value

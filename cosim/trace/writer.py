@@ -21,15 +21,16 @@ import numpy as np
 from google.protobuf.descriptor_pb2 import FileDescriptorSet
 
 from cosim.core import CosimError, InputError
-from cosim.trace import layout, process_exit
-from cosim.trace.block import HEAD, Records, in_order
-from cosim.trace.disk import Guard, PartialFile
-from cosim.trace.encode import RowEncoder, laid_out, waiting_message
-from cosim.trace.flusher import Flusher
-from cosim.trace.foxglove_topics import FoxgloveTopics
-from cosim.trace.layout import Signal
-from cosim.trace.rows import Lines, Poses, Rows
-from cosim.trace.stream import COMPRESSIONS, McapStream
+from cosim.trace.file import process_exit
+from cosim.trace.file.block import HEAD, Records, in_order
+from cosim.trace.file.disk import Guard, PartialFile
+from cosim.trace.file.flusher import Flusher
+from cosim.trace.file.stream import COMPRESSIONS, McapStream
+from cosim.trace.rows import layout
+from cosim.trace.rows.encode import RowEncoder, laid_out, waiting_message
+from cosim.trace.rows.foxglove_topics import FoxgloveTopics
+from cosim.trace.rows.layout import Signal
+from cosim.trace.rows.rows import Lines, Poses, Rows
 
 _LAST = 2**63 - 1
 """The latest time that a trace takes [ns]."""
@@ -272,11 +273,12 @@ class TraceWriter:
         self._add(waiting_message(topic_id, 0, time_ns, time_ns, data))
 
     def pose(self, time_ns: int, x: float, y: float, z: float, psi: float) -> None:
-        """Write to `/auv/pose` (`foxglove.PoseInFrame`), in the frame `ned`.
+        """Write to `/auv/pose` (`foxglove.PoseInFrame`), in the frame `ned`, and to `/tf`.
 
         Position (x north, y east, z down) is in m, heading psi about z in rad. The first pose
-        also writes the transform from `map` (x east, y north, z up) to `ned` to `/tf`: with `map`
-        as its display frame, a 3D view shows down as down.
+        also writes the transform from `map` (x east, y north, z up) to `ned` to `/tf_static`: with
+        `map` as its display frame, a 3D view shows down as down; and the hull to `/auv/hull`. The
+        path so far is written to `/auv/path` every so often, and when the trace is finished.
         """
         row = np.array([[x, y, z, psi]], np.float64)
         self.write_rows([Poses(np.array([time_ns], np.int64), row)])
@@ -291,6 +293,11 @@ class TraceWriter:
         entries = _strings(layout.RESULT, result)
         with self._guard:
             self._lay_out()
+            if self._foxglove.has_paths:
+                self._stream.flush()  # it knows the latest instant then
+                now = self._stream.last_ns
+                for topic_id, data in self._foxglove.whole_paths(now):
+                    self._stream.message(topic_id, now, now, 0, data)
             self._stream.flush()  # cosim.result comes after the last message
             self._stream.metadata(layout.RESULT, entries)
             self._stream.finish()

@@ -29,7 +29,7 @@ from mcap.writer import CompressionType, Writer
 from numpy.typing import NDArray
 
 from cosim.trace import Rows, Signal, Trace, TraceWriter
-from cosim.trace.encode import tag
+from cosim.trace.rows.encode import tag
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
 

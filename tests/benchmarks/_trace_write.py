@@ -24,8 +24,8 @@ from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 
 from cosim.trace import Rows, Signal, TraceWriter
-from cosim.trace.encode import tag
-from cosim.trace.layout import file_descriptor
+from cosim.trace.rows.encode import tag
+from cosim.trace.rows.layout import file_descriptor
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
 

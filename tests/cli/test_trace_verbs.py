@@ -138,3 +138,18 @@ def test_help_shows_examples(verb: str, tmp_path: Path) -> None:
     result = cosim("trace", verb, "--help", cwd=tmp_path)
     assert result.code == 0
     assert f"cosim trace {verb} traces/" in result.out.replace("yesterday.mcap", "traces/")
+
+
+def test_layouts_and_bags_say_what_they_left_out(tmp_path: Path) -> None:
+    trace = trace_of(AWARE)
+    data = cosim("trace", "layout", trace, "--json", "-o", "a.json", cwd=tmp_path).json
+    assert (data["for"], data["left_out"]) == ("lichtblick", 0)
+    assert list(data["tabs"]) == ["plant", "controller", "sea", "links"]
+    words = ("trace", "layout", trace, "--for", "plotjuggler", "-o", "a.xml")
+    assert "a.xml" in cosim(*words, cwd=tmp_path).out
+    words = ("trace", "export", trace, "-o", "bag.mcap")  # --to ros2, by the file's name
+    data = cosim(*words, "--topic", "/auv/pose", "--end", "10", "--json", cwd=tmp_path).json
+    assert list(data["topics"]) == ["/auv/pose", "/auv/path"]
+    assert "left out, no message of ROS 2 for it: /auv/hull" in cosim(*words, cwd=tmp_path).out
+    refused = cosim(*words, "--wide", "--json", cwd=tmp_path)
+    assert (refused.code, refused.error["where"]) == (2, "--wide")

@@ -50,6 +50,7 @@ def test_rows_of_the_trace_are_the_rows_of_the_run(fmus: Path, tmp_path: Path) -
         "/sea/output",
         "/link/sc",
         "/link/sc/dropped",
+        "/link/sc/state",
         "/log",
     }
     for component, direction, names in (
@@ -95,15 +96,27 @@ def test_messages_of_a_link_are_those_of_its_schedule(fmus: Path, tmp_path: Path
 def test_file_is_in_order_of_time_and_receivers_follow_deliveries(
     fmus: Path, tmp_path: Path
 ) -> None:
-    """Log times never go back; at one instant: outputs, deliveries, inputs."""
+    """Log times never go back; at one instant: outputs, deliveries, inputs, states of links."""
     recorded(section_5(fmus, step=0.05, stop=2.0, links=[LINK]), tmp_path / "a.mcap")
     messages = Trace(tmp_path / "a.mcap").messages()
     seen = [(log, c.topic) for c, _, log, _, _ in messages if c.topic != "/log"]
-    rank = {"output": 0, "sc": 1, "dropped": 1, "input": 2}
+    rank = {"output": 0, "sc": 1, "dropped": 1, "input": 2, "state": 3}
     for (t0, a), (t1, b) in pairwise(seen):
         assert t0 <= t1
         if t0 == t1 and "dropped" not in a + b:
             assert rank[a.rsplit("/", 1)[1]] <= rank[b.rsplit("/", 1)[1]], (t0, a, b)
+
+
+def test_each_of_two_vehicles_has_its_own_frame(fmus: Path, tmp_path: Path) -> None:
+    """A single one is called auv; of several each has the name of its component."""
+    two = {name: ("AuvPlant", {"initial.eta.x": x}) for name, x in (("left", 1.0), ("right", 2.0))}
+    for given, vehicles in ((two, ["left", "right"]), ({"left": two["left"]}, ["auv"])):
+        recorded(system(fmus, given, [], step=0.1, stop=0.5), tmp_path / "a.mcap")
+        trace = Trace(tmp_path / "a.mcap")
+        for vehicle, x in zip(vehicles, (1.0, 2.0), strict=False):
+            assert trace.read(f"/{vehicle}/pose")["pose.position.x"][0] == x
+            assert {f"/{vehicle}/{kind}" for kind in ("hull", "path")} <= set(trace.topics)
+        assert set(trace.read("/tf")["child_frame_id"]) == {*vehicles}
 
 
 def test_channel_metadata_is_that_of_the_model_description(fmus: Path, tmp_path: Path) -> None:

@@ -295,6 +295,32 @@ def test_a_run_broken_off_counts_what_was_resolved(points: int | None) -> None:
             assert whole["sent"] == live.message
 
 
+def test_in_flight_is_what_was_sent_and_is_in_no_entry_yet() -> None:
+    """Copies, losses and a queue that refuses; also when what lies behind is forgotten."""
+    link = PacketLink(
+        *("busy", 10), delay_ns=35, jitter=Jitter("uniform", width_ns=30), loss=0.3, duplicate=0.4,
+        order="as-arrived", data_rate=10**9, frame_size=14, queue_limit=3, seed=4,
+    )  # fmt: skip
+    growing = GrowingSchedule(link, 4000)
+    growing.advance(4000)
+    entries = growing.arrivals()
+    points = np.arange(0, 3000, 7)
+    sent, come = (np.sort(c) for c in (entries.sent_ns, entries.arrival_ns))
+    expected = [int((sent <= t).sum() - (come <= t).sum()) for t in points]
+    assert growing.in_flight(points).tolist() == expected
+    assert max(expected) > min(expected[20:]) >= 0
+    growing.forget(1500)
+    assert growing.in_flight(points[300:]).tolist() == expected[300:]
+
+
+def test_in_flight_where_a_run_breaks_off() -> None:
+    """At the horizon of a live link the delay of what is sent there is not known yet."""
+    growing = GrowingSchedule(RANGING, 100)
+    growing.resolve(0, 15.0)
+    assert growing.horizon_ns == 10
+    assert growing.in_flight([0, 10]).tolist() == [1, 2]
+
+
 def test_live_refuses_what_schedule_and_align_refuse() -> None:
     """Bad ends and points are refused before the run."""
     for arguments, word in [

@@ -20,8 +20,8 @@ from shared import fmu_store, made_once
 
 from cosim.core import CosimError
 from cosim.trace import Trace
-from cosim.trace.foxglove import LEVELS
 from cosim.trace.report.content import content_of
+from cosim.trace.rows.foxglove import LEVELS
 
 TITLE = "A <b>run</b> & its </script> end"
 _PUMP = """

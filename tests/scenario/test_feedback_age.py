@@ -40,7 +40,7 @@ from cosim.scenario.preparation import prepare
 from cosim.scenario.read import load
 from cosim.scenario.schema import DesignPart
 from cosim.trace import describe, render
-from cosim.trace.verdict import assumptions_of
+from cosim.trace.outcome.verdict import assumptions_of
 
 STEP = ns(0.05)
 UP = [("plant.eta.x", "controller.eta.x"), ("plant.nu.u", "controller.nu.u")]

@@ -13,7 +13,7 @@ from shared import fmu_store, made_once
 
 from cosim.scenario.read import builtin_names, load
 from cosim.trace import CONCLUSION, Trace, describe, outcome_of, verify
-from cosim.trace.verdict import status_of
+from cosim.trace.outcome.verdict import status_of
 
 GALLERY = sorted(set(builtin_names()) - set(BUILT_IN))
 

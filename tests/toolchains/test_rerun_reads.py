@@ -52,10 +52,11 @@ def test_rerun_loads_every_message(tmp_path: Path) -> None:
         capture_output=True,
         text=True,
     ).stdout
-    for topic in ("/plant/output", "/link/sc", "/auv/pose", "/tf", "/log"):
+    scene = ("/auv/pose", "/auv/hull", "/auv/path", "/tf", "/tf_static")
+    for topic in ("/plant/output", "/link/sc", "/log", *scene):
         assert re.search(rf"^{re.escape(topic)}: ", reported, re.MULTILINE), reported
     rows, static = (
         int(re.sub(r"\D", "", re.search(rf"^{name} = (.*)$", reported, re.MULTILINE)[1]))
         for name in ("num_rows", "num_static")
     )
-    assert rows - static == 3000 + 300 + 30 + 1 + 1
+    assert rows - static == 3000 + 300 + 1 + 30 + 1 + 1 + 2

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +13,9 @@ from hypothesis import given, strategies as st
 
 from cosim.core.errors import InputError
 from cosim.network import GilbertElliott, Jitter, PacketLink, schedule
-from cosim.trace import DROPPED_SIGNALS, Rows, Signal, Trace, TraceWriter
-from cosim.trace.hold import rows_in_force, sample_and_hold
+from cosim.trace import DROPPED_SIGNALS, Rows, Signal, Trace, Traces, TraceWriter
+from cosim.trace.rows.hold import rows_in_force, sample_and_hold
+from cosim.trace.tables.table import Table
 
 S = 10**9
 
@@ -87,6 +89,50 @@ def test_align_takes_topic_period_and_instants(tmp_path: Path) -> None:
             trace.to_pandas(names, align=wrong)
     with pytest.raises(InputError):
         trace.to_pandas(["plant.eta.z"])
+
+
+def test_a_topic_a_trace_and_traces_take_the_same_arguments(tmp_path: Path) -> None:
+    """Groups, a time base, interpolation and windows, in every way of reading."""
+    trace = recorded(tmp_path / "a.mcap")
+    for name in ("to_pandas", "to_arrow", "to_xarray"):
+        takes = [inspect.signature(getattr(kind, name)) for kind in (Table, Trace, Traces)]
+        assert takes[0] == takes[1] == takes[2]
+    rows, several = trace.read("/plant/output"), Traces(trace.path)
+    given: dict[str, Any] = {"align": 0.5, "index": "timedelta", "start": 1.0, "end": 3.0}
+    frame = rows.to_pandas("eta", **given)
+    assert frame["eta.x"].tolist() == [1.0, 1.0, 2.0, 2.0, 3.0]
+    for other in (trace.to_pandas("plant.eta", **given), trace.to_pandas("/plant/output", **given)):
+        assert other.set_axis(frame.columns, axis=1).equals(frame)
+    assert several.to_pandas("plant.eta", **given).droplevel(0)["plant.eta.y"].tolist() == (
+        frame["eta.y"].tolist()
+    )
+    late = trace.to_pandas("/plant/output", align="/link/up")
+    assert late["plant.eta.x"].to_dict() == {0.5: 0.0, 1.5: 1.0, 2.5: 2.0}
+    table = trace.to_arrow("plant.eta", **given)
+    assert table.column_names == ["time", "plant.eta.x", "plant.eta.y"]
+    assert table["plant.eta.y"].to_pylist() == frame["eta.y"].tolist()
+    assert rows.to_arrow("eta", **given)["eta.y"] == table["plant.eta.y"]
+    assert table.schema.field("plant.eta.y").metadata == {b"unit": b"m"}
+    with pytest.raises(InputError, match=r"one of plant.eta.x, plant.eta.y"):
+        trace.signal("plant.eta")
+    for kind in (rows, trace, several):
+        with pytest.raises(InputError, match=r"zeta"):
+            kind.to_pandas("plant.zeta")
+        with pytest.raises(InputError, match="hold, interpolate"):
+            kind.to_arrow(between="spline")  # type: ignore[arg-type]
+
+
+def test_integers_with_gaps_stay_exact(tmp_path: Path) -> None:
+    """Beyond 2^53 a double has another value; what is missing is missing, and nothing else."""
+    large = 2**62 + 1
+    with TraceWriter(tmp_path / "a.mcap", run={}) as writer:
+        topic = writer.add_topic("/a/output", [Signal("n", kind="int")], schema_name="t.A")
+        writer.write(topic, 0, [None])
+        writer.write(topic, S, [large])
+        writer.finish({})
+    trace = Trace(tmp_path / "a.mcap")
+    assert trace.to_pandas("a.n")["a.n"].tolist() == [pd.NA, large]
+    assert trace.to_arrow("a.n")["a.n"].to_pylist() == [None, large]
 
 
 @given(st.lists(st.integers(0, 20), max_size=30), st.lists(st.integers(-3, 25), max_size=30))

@@ -22,7 +22,7 @@ from mcap.records import (
 )
 
 from cosim.trace import Trace, recover, verify
-from cosim.trace.records import MAGIC, DamageError, parsed
+from cosim.trace.file.records import MAGIC, DamageError, parsed
 
 MORE = b"\x01\xff\xff"
 

@@ -15,9 +15,10 @@ from mcap.writer import CompressionType, Writer
 from written import ETA, write
 
 from cosim.core.errors import CosimError, InputError, LossError
-from cosim.trace import Rows, Trace, TraceWriter, content_hash, file_parts
-from cosim.trace.contents_scan import by_scan
-from cosim.trace.summary import from_summary
+from cosim.trace import Rows, Trace, TraceWriter, content_hash
+from cosim.trace.file import file_parts
+from cosim.trace.file.contents_scan import by_scan
+from cosim.trace.file.summary import from_summary
 
 
 def two_topics(path: Path) -> Path:
@@ -207,7 +208,7 @@ def test_decompression_bombs_are_refused(tmp_path: Path, size: int, claimed: int
 
 def test_more_rows_than_memory_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("os.sysconf", lambda _name: 1)
-    monkeypatch.setattr("cosim.trace.gather._ROOM", 1000)
+    monkeypatch.setattr("cosim.trace.tables.gather._ROOM", 1000)
     with pytest.raises(InputError, match="memory"):
         Trace(two_topics(tmp_path / "a.mcap")).read("/plant/output")
 

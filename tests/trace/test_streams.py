@@ -14,7 +14,8 @@ from mcap.writer import CompressionType, Writer
 from recorded_runs import write_run, write_topics
 
 from cosim.core.errors import InputError
-from cosim.trace import Signal, Trace, TraceWriter, diff, diff_json, export, table_export, verify
+from cosim.trace import Signal, Trace, TraceWriter, diff, diff_json, export, verify
+from cosim.trace.exports import export as table_export
 from cosim.trace.live.timed import TimedMessages
 
 STEP = 10_000_000
@@ -116,7 +117,7 @@ def test_a_full_disk_leaves_no_file_under_a_final_name(
         if sheet.rows:
             raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("cosim.trace.table_files.CsvFile.append", full)
+    monkeypatch.setattr("cosim.trace.exports.files.CsvFile.append", full)
     out = tmp_path / "out"
     out.mkdir()
     (out / "plant.output.csv").write_text("old")

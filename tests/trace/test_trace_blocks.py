@@ -15,11 +15,11 @@ from mcap.writer import CompressionType, Writer
 
 from cosim.core.errors import InputError
 from cosim.trace import Poses, Rows, Signal, TraceWriter
-from cosim.trace.encode import RowEncoder
-from cosim.trace.foxglove import encoded, message_type
-from cosim.trace.layout import file_descriptor, message_class
-from cosim.trace.poses import pose_messages
-from cosim.trace.stream import McapStream
+from cosim.trace.file.stream import McapStream
+from cosim.trace.rows.encode import RowEncoder
+from cosim.trace.rows.foxglove import encoded, message_type
+from cosim.trace.rows.layout import file_descriptor, message_class
+from cosim.trace.rows.poses import pose_messages, transform_messages
 
 MIXED = [
     Signal("n", kind="int"),
@@ -212,6 +212,22 @@ def test_caller_may_use_its_arrays_again(tmp_path: Path) -> None:
     assert (last[2].log_time, last[2].data[1:]) == (4, np.float64(4.0).tobytes())
 
 
+def test_transforms_are_byte_for_byte_what_protobuf_writes() -> None:
+    times = np.array([0, 7, 10**9, 2 * 10**9 + 5], np.int64)
+    values = np.array([[0.0, -0.0, 3.0, 0.0], [1.0, 2.0, 0.0, 0.5], [0] * 4, [1.0, 2.0, 3.0, 4]])
+    made: dict[int, bytes] = {}
+    for mine, data in transform_messages(("ned", "auv"), times, values[:, :3], values[:, 3]):
+        made |= {i: line.tobytes() for i, line in zip(mine.tolist(), data, strict=True)}
+    for i, (t, (x, y, z, psi)) in enumerate(zip(times.tolist(), values.tolist(), strict=True)):
+        fields = {
+            "parent_frame_id": "ned",
+            "child_frame_id": "auv",
+            "translation": {"x": x, "y": y, "z": z},
+            "rotation": {"x": 0.0, "y": 0.0, "z": math.sin(psi / 2), "w": math.cos(psi / 2)},
+        }
+        assert made[i] == encoded("foxglove.FrameTransform", t, fields)
+
+
 def test_frame_comes_before_the_first_pose(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     with TraceWriter(path, run={}) as writer:
@@ -220,10 +236,13 @@ def test_frame_comes_before_the_first_pose(tmp_path: Path) -> None:
         writer.pose(9, 1.0, 2.0, 3.0, 0.1)
         writer.finish({})
     assert [m[:2] for m in messages(path)] == [
-        ("/tf", 5),
+        ("/tf_static", 5),
+        ("/auv/hull", 5),
         ("/auv/pose", 5),
+        ("/tf", 5),
         ("/auv/pose", 7),
         ("/auv/pose", 9),
+        ("/auv/path", 9),
     ]
 
 

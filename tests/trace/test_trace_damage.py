@@ -19,7 +19,7 @@ from cosim.trace import (
     content_hash,
     describe,
 )
-from cosim.trace.records import MAGIC
+from cosim.trace.file.records import MAGIC
 
 
 def test_cut_at_every_length(tmp_path: Path) -> None:

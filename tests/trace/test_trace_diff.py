@@ -24,8 +24,8 @@ from cosim.trace import (
     TraceWriter,
     diff,
 )
-from cosim.trace.diff_format import diff_json, diff_verdict, differences
-from cosim.trace.tolerance import distances, exceeds
+from cosim.trace.comparison.format import diff_json, diff_verdict, differences
+from cosim.trace.comparison.tolerance import distances, exceeds
 
 S = 10**9
 

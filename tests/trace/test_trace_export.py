@@ -1,10 +1,11 @@
-"""Tables that other readers give back to the bit: csv, pandas, pyarrow."""
+"""Tables that other readers give back to the bit: csv, pandas, pyarrow, scipy."""
 
 from __future__ import annotations
 
 import csv
 import json
 import math
+import re
 import sys
 from pathlib import Path
 from typing import Any
@@ -13,10 +14,13 @@ import numpy as np
 import pandas as pd
 import pyarrow.parquet as pq
 import pytest
+from cli.shell import cosim
+from scipy.io import loadmat, whosmat
 
 from cosim.core.errors import InputError
 from cosim.trace import Rows, Signal, Trace, TraceWriter, content_hash
-from cosim.trace.table_export import export
+from cosim.trace.exports.export import export
+from cosim.trace.exports.mat_file import matlab_names
 
 KINDS = [
     Signal("x", unit="m", description="north"),
@@ -141,3 +145,92 @@ def test_without_pyarrow_the_extra_is_named(
         export(trace, tmp_path / "x", "parquet")
     assert export(trace, tmp_path / "y", "csv")
     assert list((tmp_path / "y").iterdir())
+
+
+def test_mat_reads_back_to_the_same_bits(trace: Path, tmp_path: Path) -> None:
+    """All tables in one file, with units, descriptions and own names; the same bytes each time."""
+    written = export(trace, tmp_path / "run.mat", "mat")
+    assert [(w.path.name, w.topic, w.rows) for w in written] == [
+        ("run.mat", "/link/up", 4),
+        ("run.mat", "/plant/output", 50),
+    ]
+    found = loadmat(tmp_path / "run.mat", simplify_cells=True)
+    kinds, plant = found["link_up"], found["plant_output"]
+    read = Trace(trace).read_all()
+    for name, field in (("eta.x", "eta_x"), ("nu.u", "nu_u")):
+        assert plant[field].tobytes() == read["/plant/output"][name].tobytes()
+        assert plant["names"][field] == name
+    assert plant["time_s"].tobytes() == read["/plant/output"].delivered.tobytes()
+    assert (plant["units"]["eta_x"], plant["topic"]) == ("m", "/plant/output")
+    assert plant["present"] == {}
+    assert kinds["x"].tobytes() == read["/link/up"]["x"].tobytes()
+    assert kinds["n"].tolist() == [row[1] or 0 for row in ROWS]
+    assert kinds["present"]["n"].tolist() == [1, 1, 0, 1]
+    assert list(kinds["word"][:2]) == [row[3] for row in ROWS[:2]]
+    assert kinds["sent_s"].tolist() == [0.0, 1e-7, 2e-7, 3e-7]
+    assert (kinds["units"]["x"], kinds["descriptions"]["x"]) == ("m", "north")
+    assert found["trace"]["content_hash"] == content_hash(trace)
+    assert json.loads(found["trace"]["run"]) == {"seed": "1"}
+    classes = {name: kind for name, _, kind in whosmat(tmp_path / "run.mat")}
+    assert set(classes.values()) == {"struct"}
+    export(trace, tmp_path / "again.mat", "mat")
+    assert (tmp_path / "again.mat").read_bytes() == (tmp_path / "run.mat").read_bytes()
+
+
+def test_mat_takes_wide_tables_groups_and_windows(trace: Path, tmp_path: Path) -> None:
+    """By the command too, which knows the format by the end of the name."""
+    names = ["--signal", "plant.eta", "--signal", "/link/up:n", "--wide"]
+    done = cosim("trace", "export", trace, "-o", tmp_path / "w.mat", *names, "--json", cwd=tmp_path)
+    assert done.json["format"] == "mat"
+    signals = loadmat(tmp_path / "w.mat", simplify_cells=True)["signals"]
+    frame = Trace(trace).to_pandas(["plant.eta", "/link/up:n"])
+    assert signals["time_s"].tolist() == frame.index.tolist()
+    assert signals["link_up_n"].tolist() == frame["/link/up:n"].tolist()
+    there = frame["plant.eta.x"].notna().to_numpy()
+    assert not there.all()
+    assert signals["present"]["plant_eta_x"].astype(bool).tolist() == there.tolist()
+    assert signals["names"]["link_up_n"] == "/link/up:n"
+    export(trace, tmp_path, "mat", signals=["plant.nu"], start=5e-6, end=7e-6)
+    plant = loadmat(tmp_path / "run.mat", simplify_cells=True)["plant_output"]
+    assert plant["time_s"].tolist() == [5.4e-6, 6.4e-6]
+    assert "eta_x" not in plant
+
+
+def test_limits_of_mat_are_errors(
+    trace: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A table beyond the size of a variable is refused; one pass or several give the same."""
+    export(trace, tmp_path / "a.mat", "mat")
+    monkeypatch.setattr("cosim.trace.exports.export._TOGETHER", 1)
+    export(trace, tmp_path / "b.mat", "mat")
+    assert (tmp_path / "a.mat").read_bytes() == (tmp_path / "b.mat").read_bytes()
+    monkeypatch.setattr("cosim.trace.exports.mat_file.LARGEST", 1500)
+    with pytest.raises(InputError, match="/plant/output is too large for a MATLAB file"):
+        export(trace, tmp_path / "c.mat", "mat")
+    assert not (tmp_path / "c.mat").exists()
+
+
+def test_an_input_and_an_output_of_one_name_are_two_columns(tmp_path: Path) -> None:
+    """In a data frame and in every file alike."""
+    with TraceWriter(tmp_path / "run.mcap", run={}) as writer:
+        for number, direction in enumerate(("output", "input")):
+            topic = writer.add_topic(f"/p/{direction}", [Signal("u")], schema_name="t.P")
+            writer.write(topic, 0, [float(number)])
+        writer.finish({})
+    frame = Trace(tmp_path / "run.mcap").to_pandas()
+    assert frame.to_dict("list") == {"p.u": [0.0], "/p/input:u": [1.0]}
+    for to in ("csv", "parquet", "mat"):
+        (one,) = export(tmp_path / "run.mcap", None, to, wide=True)  # type: ignore[arg-type]
+        assert one.columns == ("time_s", *frame.columns)
+
+
+def test_names_for_matlab_are_valid_and_unique() -> None:
+    """At most 63 characters, no keyword, none twice, none of what stands beside."""
+    long = "plant." + "x" * 80
+    names = ["eta.x", "eta_x", "K[1,3]", "end", "1st", "units", "é", long, long + "y", "/a", "x_é"]
+    found = matlab_names([*names, "eta.x"], taken=("units",))
+    assert found[:7] == [
+        "eta_x", "eta_x_2", "K_1_3", "x_end", "x_1st", "units_2", "x_",
+    ]  # fmt: skip
+    assert len(set(found)) == len(names) + 1
+    assert all(re.fullmatch(r"[A-Za-z][A-Za-z0-9_]{0,62}", name) for name in found)

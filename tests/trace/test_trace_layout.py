@@ -9,8 +9,9 @@ from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from hypothesis import given, strategies as st
 
 from cosim.core.errors import InputError
-from cosim.trace import Signal, foxglove, layout
-from cosim.trace.encode import tag
+from cosim.trace import Signal
+from cosim.trace.rows import foxglove, layout
+from cosim.trace.rows.encode import tag
 
 
 def test_field_names_of_the_design() -> None:
@@ -74,6 +75,26 @@ def test_foxglove_numbers() -> None:
     for name, fields in published.items():
         descriptor = foxglove.message_type(name).DESCRIPTOR
         assert [(f.name, f.number, f.type) for f in descriptor.fields] == fields
+    update = foxglove.message_type("foxglove.SceneUpdate").DESCRIPTOR
+    assert [f.name for f in update.fields] == ["deletions", "entities"]
+    assert all(f.is_repeated for f in update.fields)
+    entity = update.fields_by_name["entities"].message_type
+    assert {f.name: f.number for f in entity.fields} == {
+        "timestamp": 1, "frame_id": 2, "id": 3, "lifetime": 4, "frame_locked": 5, "metadata": 6,
+        "arrows": 7, "cubes": 8, "spheres": 9, "cylinders": 10, "lines": 11, "triangles": 12,
+        "texts": 13, "models": 14,
+    }  # fmt: skip
+    line = entity.fields_by_name["lines"].message_type
+    assert [(f.name, f.type) for f in line.fields] == [
+        ("type", FieldDescriptor.TYPE_ENUM),
+        ("pose", FieldDescriptor.TYPE_MESSAGE),
+        ("thickness", FieldDescriptor.TYPE_DOUBLE),
+        ("scale_invariant", FieldDescriptor.TYPE_BOOL),
+        ("points", FieldDescriptor.TYPE_MESSAGE),
+        ("color", FieldDescriptor.TYPE_MESSAGE),
+        ("colors", FieldDescriptor.TYPE_MESSAGE),
+        ("indices", FieldDescriptor.TYPE_FIXED32),
+    ]
     levels = foxglove.message_type("foxglove.Log").DESCRIPTOR.enum_types_by_name["Level"]
     assert [(v.name, v.number) for v in levels.values] == [
         ("UNKNOWN", 0),

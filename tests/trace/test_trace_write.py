@@ -27,9 +27,9 @@ from cosim.trace import (
     dropped_topic,
     link_topic,
 )
-from cosim.trace.decode import RowDecoder
-from cosim.trace.encode import RowEncoder, laid_out
-from cosim.trace.layout import channel_metadata, file_descriptor, message_class
+from cosim.trace.rows.decode import RowDecoder
+from cosim.trace.rows.encode import RowEncoder, laid_out
+from cosim.trace.rows.layout import channel_metadata, file_descriptor, message_class
 
 ETA = [
     Signal("eta.x", 1, "m", hold="continuous", description="north"),
@@ -160,7 +160,7 @@ def test_links_in_the_trace(tmp_path: Path) -> None:
 
 
 def test_log_and_pose(tmp_path: Path) -> None:
-    """Log and pose are Foxglove messages; `/tf` turns down into down for a z-up view."""
+    """Log and pose are Foxglove messages; `/tf_static` turns down into down for a z-up view."""
     with TraceWriter(tmp_path / "a.mcap", run={}) as writer:
         writer.log(1_500_000_000, "warning", "link sc", "burst")
         writer.pose(2_000_000_001, 1.0, 2.0, 3.0, 0.5)
@@ -169,11 +169,15 @@ def test_log_and_pose(tmp_path: Path) -> None:
     messages = decoded(tmp_path / "a.mcap")
     assert [(m[1].topic, m[0].name) for m in messages] == [
         ("/log", "foxglove.Log"),
+        ("/tf_static", "foxglove.FrameTransform"),
+        ("/auv/hull", "foxglove.SceneUpdate"),
+        ("/auv/pose", "foxglove.PoseInFrame"),
         ("/tf", "foxglove.FrameTransform"),
         ("/auv/pose", "foxglove.PoseInFrame"),
-        ("/auv/pose", "foxglove.PoseInFrame"),
+        ("/tf", "foxglove.FrameTransform"),
+        ("/auv/path", "foxglove.SceneUpdate"),
     ]
-    log, transform, pose = messages[0][3], messages[1][3], messages[2][3]
+    log, transform, pose = messages[0][3], messages[1][3], messages[3][3]
     assert (log.level, log.name, log.message) == (3, "link sc", "burst")
     assert (log.timestamp.seconds, log.timestamp.nanos) == (1, 500_000_000)
     assert (pose.timestamp.seconds, pose.timestamp.nanos) == (2, 1)

@@ -23,7 +23,7 @@ from mcap.stream_reader import StreamReader
 
 from cosim.core.errors import InputError, LossError
 from cosim.trace import Rows, Signal, Trace, TraceWriter
-from cosim.trace.compress import Compressor
+from cosim.trace.file.compress import Compressor
 
 X = [Signal("x")]
 ROOT = str(Path(__file__).resolve().parents[2])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,7 @@ import pytest
 
 from cosim.core import InputError
 from cosim.scenario import run
-from cosim.trace import Trace, Traces
+from cosim.trace import Trace, Traces, diff
 
 DELAYS, SEEDS = ("200 ms", "400 ms"), (1, 2)
 
@@ -56,6 +57,49 @@ def test_one_frame_has_the_rows_of_every_run(runs: Path) -> None:
     assert table.column_names == ["seed", "links.uplink.delay", "time_s", "plant.eta.x"]
     assert table.num_rows == len(frame)
     assert table.schema.field("plant.eta.x").metadata == {b"unit": b"m"}
+
+
+def test_one_dataset_has_the_levels_as_dimensions(runs: Path) -> None:
+    """Where every combination is there; else they are coordinates along the runs."""
+    pytest.importorskip("xarray", reason="the extra xarray")
+    traces = Traces(runs)
+    found = traces.to_xarray(["plant.eta"], align=0.5)
+    assert dict(found.sizes) == {"seed": 2, "links.uplink.delay": 2, "time": 7}
+    assert found["plant.eta.psi"].attrs["units"] == "rad"
+    assert found["time"].attrs["units"] == "s"
+    for trace, seed, delay in zip(traces, *traces.levels.values(), strict=True):
+        one = found["plant.eta.x"].sel({"seed": seed, "links.uplink.delay": delay})
+        assert (
+            one.values.tolist() == trace.to_pandas("plant.eta.x", align=0.5)["plant.eta.x"].tolist()
+        )
+    three = Traces(*[trace.path for trace in traces][:3]).to_xarray("plant.eta.x", align=0.5)
+    assert dict(three.sizes) == {"run": 3, "time": 7}
+    assert three["seed"].values.tolist() == [1, 1, 2]
+    single = traces[0].to_xarray("plant.eta.x", index="timedelta")
+    assert single["time"].values.tolist() == traces[0]["plant.eta.x"].delivered_ns.tolist()
+    assert single["plant.eta.x"].values.tolist() == traces[0]["plant.eta.x"].values.tolist()
+
+
+def test_a_dataset_of_other_instants_is_refused(runs: Path) -> None:
+    """With the trace, what it has, and how to give all of them one time base."""
+    pytest.importorskip("xarray", reason="the extra xarray")
+    with pytest.raises(InputError, match=r"other instants(.|\n)*align=0\.1"):
+        Traces(runs).to_xarray("plant.eta")
+    with pytest.raises(
+        InputError, match=r"other signals(.|\n)*only one of them has controller\.reference"
+    ):
+        Traces("traces/reference/*.mcap").to_xarray(align=np.arange(3.0))
+
+
+def test_without_xarray_the_extra_is_named(runs: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As for pandas and pyarrow, whichever class is asked."""
+    trace = Trace(next(runs.iterdir()))
+    for name, way in (("xarray", "to_xarray"), ("pandas", "to_pandas"), ("pyarrow", "to_arrow")):
+        monkeypatch.setitem(sys.modules, name, None)
+        extra = "xarray" if name == "xarray" else "tables"
+        for kind in (trace, Traces(trace.path), trace.read("/plant/output")):
+            with pytest.raises(InputError, match=rf"auv-cosim\[{extra}\]"):
+                getattr(kind, way)()
 
 
 def test_outcomes_are_a_row_per_run(runs: Path) -> None:
@@ -127,4 +171,17 @@ def test_a_trace_says_what_it_is_in_one_line(runs: Path) -> None:
     assert trace.links["uplink"]["sent"] > 0
     page = trace._repr_html_()
     assert "<td>/plant/output</td><td>97</td><td>eta.x [m], eta.y [m]" in page
-    assert repr(trace.read("/plant/output")).startswith("<Table /plant/output: 97 rows, eta.x, ")
+    assert repr(trace.read("/plant/output")) == (
+        "<Table /plant/output: 97 rows, eta.x, eta.y, eta.z, eta.psi, nu.u, nu.v, and 2 more>"
+    )
+    assert repr(trace.outcome).startswith("<RunOutcome finished")
+    assert repr(trace.topics["/plant/output"]) == (
+        "<TopicInfo /plant/output: 97 messages, 8 signals, cosim.plant.Output (protobuf)>"
+    )
+    traces = Traces(runs)
+    assert repr(diff(traces[0].path, traces[1].path)).endswith("signals differ>")
+    for each in (trace.outcome, diff(path, path), *trace.topics.values()):
+        assert len(repr(each)) < 200
+    page = traces._repr_html_()
+    assert page.count("<tr>") == 5
+    assert f"<td>2</td><td>0.4</td><td>{traces[3].outcome.headline}</td>" in page  # type: ignore[union-attr]

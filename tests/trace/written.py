@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cosim.trace import Signal, TraceWriter
-from cosim.trace.messages import HEAD, Messages
+from cosim.trace.file.messages import HEAD, Messages
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -1,6 +1,5 @@
 """Inspect any FMU without loading it: what it is, what it needs, what is wrong with it."""
 
-from cosim.fmu.inspect.findings import Finding
-from cosim.fmu.inspect.inspection import Inspection, inspect_fmu
+import lazy_loader as _lazy
 
-__all__ = ["Finding", "Inspection", "inspect_fmu"]
+__getattr__, __dir__, __all__ = _lazy.attach_stub(__name__, __file__)

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import sparse
 
 from cosim.hinf.lmi.conic import Constraint
 from cosim.hinf.lmi.svec import Array, svec
@@ -41,12 +41,14 @@ class Affine:
 
     def constraint(self, width: int) -> Constraint:
         """Return M(y) >= 0 for the solver; y has `width` entries."""
-        columns = sparse.lil_array(
+        columns = scipy.sparse.lil_array(
             (self._constant.shape[0] * (len(self._constant) + 1) // 2, width)
         )
         for index, matrix in self._terms.items():
             columns[:, [index]] = svec(matrix)[:, None]
-        return Constraint(len(self._constant), svec(self._constant), sparse.csc_array(columns))
+        return Constraint(
+            len(self._constant), svec(self._constant), scipy.sparse.csc_array(columns)
+        )
 
 
 def _put(matrix: Array, row: int, column: int, block: Array) -> None:

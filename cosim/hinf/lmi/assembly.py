@@ -29,8 +29,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import sparse
 
 from cosim.hinf.lmi.conic import Constraint
 from cosim.hinf.lmi.svec import Array
@@ -110,14 +110,14 @@ class Structure:
         data = -(weights @ self._data)
         height = self.rows * (self.rows + 1) // 2
         ends = self._indptr
-        columns = sparse.csc_array(
+        columns = scipy.sparse.csc_array(
             (data[: ends[-2]], self._indices[: ends[-2]], ends[:-1]), shape=(height, self.size)
         )
         constant = np.zeros(height)
         constant[self._indices[ends[-2] :]] = data[ends[-2] :]
         return Constraint(self.rows, constant, columns)
 
-    def with_gain(self, gain: Matrix) -> sparse.csc_array:
+    def with_gain(self, gain: Matrix) -> scipy.sparse.csc_array:
         """Return S with y = S y' for Y = K X; the entries of y' at Y have no effect."""
         keep = np.ones(self.size)
         keep[self.Y.place.ravel()] = 0.0
@@ -129,7 +129,7 @@ class Structure:
                 columns.append(np.full(gain.shape[0], self.X.place[k, j]))
                 values.append(gain[:, k])
         entries = (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns)))
-        return sparse.csc_array(sparse.coo_array(entries, shape=(self.size, self.size)))
+        return scipy.sparse.csc_array(scipy.sparse.coo_array(entries, shape=(self.size, self.size)))
 
     def _symmetric(self, n: int) -> Unknown:
         place = np.zeros((n, n), dtype=np.int64)
@@ -328,7 +328,7 @@ class Structure:
         keys, slot = np.unique(columns * height + rows, return_inverse=True)
         entries = (values, (owner, slot))
         shape = (len(self._factors), len(keys))
-        self._data = sparse.csr_array(sparse.coo_array(entries, shape=shape))
+        self._data = scipy.sparse.csr_array(scipy.sparse.coo_array(entries, shape=shape))
         self._indices = keys % height
         self._indptr = np.searchsorted(keys // height, np.arange(self.size + 2))
 

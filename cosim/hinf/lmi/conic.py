@@ -16,7 +16,7 @@ from typing import Any
 
 import clarabel
 import numpy as np
-from scipy import sparse
+import scipy
 
 from cosim.hinf.lmi.solver_status import Status, count, status_of
 from cosim.hinf.lmi.svec import Array, smat, svec
@@ -36,7 +36,7 @@ class Constraint:
 
     size: int
     constant: Array
-    columns: Array | sparse.csc_array
+    columns: Array | scipy.sparse.csc_array
 
     def at(self, y: Array) -> Array:
         """Return M(y) as a full matrix."""
@@ -46,9 +46,11 @@ class Constraint:
         """Return M(y) - t W >= 0 with one more unknown t; `column` is svec(W)."""
         if isinstance(self.columns, np.ndarray):
             return Constraint(self.size, self.constant, np.column_stack([self.columns, -column]))
-        more = sparse.csc_array(-column[:, None])
+        more = scipy.sparse.csc_array(-column[:, None])
         return Constraint(
-            self.size, self.constant, sparse.csc_array(sparse.hstack([self.columns, more]))
+            self.size,
+            self.constant,
+            scipy.sparse.csc_array(scipy.sparse.hstack([self.columns, more])),
         )
 
     def below(self, bound: float) -> Constraint:
@@ -92,19 +94,19 @@ def solve(
     settings.verbose = False
     settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = tolerance
     settings.max_threads = 1  # the last digits must not depend on the number of threads
-    rows = [sparse.csc_array(-c.columns) for c in constraints]
+    rows = [scipy.sparse.csc_array(-c.columns) for c in constraints]
     right = [c.constant for c in constraints]
     cones: list[Any] = [clarabel.PSDTriangleConeT(c.size) for c in constraints]
     if equal is not None:
-        rows.append(sparse.csc_array(equal[0][None, :]))
+        rows.append(scipy.sparse.csc_array(equal[0][None, :]))
         right.append(np.array([equal[1]]))
         cones.append(clarabel.ZeroConeT(1))
     b = np.concatenate(right)
     try:
         found = clarabel.DefaultSolver(
-            sparse.csc_matrix((len(q), len(q))),
+            scipy.sparse.csc_matrix((len(q), len(q))),
             q,
-            sparse.csc_matrix(sparse.vstack(rows)),
+            scipy.sparse.csc_matrix(scipy.sparse.vstack(rows)),
             b,
             cones,
             settings,

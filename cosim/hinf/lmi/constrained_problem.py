@@ -13,7 +13,7 @@ The final proofs of the gain use variables that need not be shared.
 from __future__ import annotations
 
 import numpy as np
-from scipy import sparse
+import scipy
 
 from cosim.hinf.lmi.affine import Affine
 from cosim.hinf.lmi.assembly import Scalars
@@ -60,9 +60,9 @@ class ConstrainedProblem(Problem):
             theirs, place = corners.structure, self.structure.spare[:own].copy()
             place[theirs.X.place] = self.structure.X.place
             place[theirs.Y.place] = self.structure.Y.place
-            move = sparse.csc_array((np.ones(own), (np.arange(own), place)), (own, self._t))
+            move = scipy.sparse.csc_array((np.ones(own), (np.arange(own), place)), (own, self._t))
             self._fixed = [
-                Constraint(c.size, c.constant, sparse.csc_array(c.columns @ move))
+                Constraint(c.size, c.constant, scipy.sparse.csc_array(c.columns @ move))
                 for c in corners.constraints(self._at)
             ]
         if d.gain_limit is not None:

@@ -14,9 +14,8 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import sparse
-from scipy.sparse.csgraph import connected_components
 
 from cosim.hinf.lmi.conic import TOLERANCE, Constraint, Solution, solve
 from cosim.hinf.lmi.svec import Array, places
@@ -41,7 +40,9 @@ def parts_of(links: Sequence[tuple[str, str, Array]]) -> dict[str, Labels]:
     for row, column, matrix in links:
         i, j = np.nonzero(matrix)
         graph[start[row] + i, start[column] + j] = True
-    _, label = connected_components(sparse.csr_array(graph), directed=False)
+    _, label = scipy.sparse.csgraph.connected_components(
+        scipy.sparse.csr_array(graph), directed=False
+    )
     return {name: label[start[name] : start[name] + size] for name, size in sizes.items()}
 
 

@@ -14,7 +14,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import sparse
+import scipy
 
 from cosim.hinf.certificate import ExactVariables, Variables, exact_variables, joined
 from cosim.hinf.lmi.assembly import Scalars, Structure, Unknown, unit_of_R
@@ -111,7 +111,7 @@ class Problem:
         """Return the bounds X <= 1000 I and t <= 1 of a margin at a given gamma."""
         X, zeros = self.structure.X, np.zeros((self._n, self._n))
         limit = _LARGEST_X * np.eye(self._n)
-        last = sparse.csc_array(([-1.0], ([0], [self._t])), shape=(1, self._t + 1))
+        last = scipy.sparse.csc_array(([-1.0], ([0], [self._t])), shape=(1, self._t + 1))
         free = [Q for Q in self.structure.Q if Q is not None]
         return [
             *(self._bound(Q, zeros, t=_SHARE) for Q in free),
@@ -237,13 +237,15 @@ class Problem:
         lmi = self.structure.at(p)
         constant, columns = lmi.constant, lmi.columns
         if gain is not None:
-            columns = sparse.csc_array(columns @ self.structure.with_gain(self.scaling.gain(gain)))
+            columns = scipy.sparse.csc_array(
+                columns @ self.structure.with_gain(self.scaling.gain(gain))
+            )
         place = self.structure.gamma
         if gamma is not None and place is not None:
             unit = np.zeros(self._t)
             unit[place.place[0, 0]] = 1.0
             constant = constant + gamma * self.scaling.a**2 * (columns @ unit)
-            columns = sparse.csc_array(columns @ sparse.diags_array(1.0 - unit))
+            columns = scipy.sparse.csc_array(columns @ scipy.sparse.diags_array(1.0 - unit))
         return Constraint(lmi.size, constant, columns)
 
     def _bound(
@@ -254,10 +256,14 @@ class Problem:
         rows, columns, factors = places(n)
         place, entries = V.place[rows, columns], sign * factors
         width = self._t if t is None else self._t + 1
-        matrix = sparse.csc_array((entries, (np.arange(len(place)), place)), (len(place), width))
+        matrix = scipy.sparse.csc_array(
+            (entries, (np.arange(len(place)), place)), (len(place), width)
+        )
         if t:
-            unit = sparse.csc_array(np.eye(1, width, self._t))
-            matrix = sparse.csc_array(matrix - sparse.kron(t * svec(np.eye(n))[:, None], unit))
+            unit = scipy.sparse.csc_array(np.eye(1, width, self._t))
+            matrix = scipy.sparse.csc_array(
+                matrix - scipy.sparse.kron(t * svec(np.eye(n))[:, None], unit)
+            )
         return Constraint(n, svec(C), matrix)
 
     def _answer(self, solution: Solution, p: Scalars, gain: Matrix | None, factor: float) -> Answer:

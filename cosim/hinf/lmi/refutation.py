@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import flint
 import numpy as np
-from scipy import sparse
+import scipy
 
 from cosim.hinf.certificate import (
     AffineLmi,
@@ -71,21 +71,21 @@ def _central(problem: Problem, p: Scalars, gamma: float | None) -> Array | None:
     constraints, traces, of_tau = [], np.zeros(unknowns + 2), 0.0
     for c in lmi:
         one = svec(np.eye(c.size))
-        columns = sparse.hstack(
+        columns = scipy.sparse.hstack(
             [
-                sparse.csc_array(c.columns),
-                sparse.csc_array(c.constant[:, None]),
-                sparse.csc_array(one[:, None]),
+                scipy.sparse.csc_array(c.columns),
+                scipy.sparse.csc_array(c.constant[:, None]),
+                scipy.sparse.csc_array(one[:, None]),
             ]
         )
-        constraints.append(Constraint(c.size, np.zeros(len(one)), sparse.csc_array(columns)))
+        constraints.append(Constraint(c.size, np.zeros(len(one)), scipy.sparse.csc_array(columns)))
         traces += np.asarray(constraints[-1].columns.T @ one)
         of_tau += float(np.linalg.norm(c.constant))
     if of_tau > 0:
         traces[-2] += _BELOW_ZERO
         tau = np.eye(1, unknowns + 2, unknowns)
-        constraints.append(Constraint(1, np.zeros(1), sparse.csc_array(tau)))
-    constraints.append(Constraint(1, -np.ones(1), sparse.csc_array(traces[None, :])))
+        constraints.append(Constraint(1, np.zeros(1), scipy.sparse.csc_array(tau)))
+    constraints.append(Constraint(1, -np.ones(1), scipy.sparse.csc_array(traces[None, :])))
     solution = solve(constraints, np.eye(1, unknowns + 2, unknowns + 1).ravel(), tolerance=_TIGHT)
     if not solution.usable or not solution.value > 0:
         return None

@@ -25,7 +25,7 @@ from typing import Any, Protocol
 from urllib.parse import parse_qs, urlsplit
 
 from cosim.core import InputError, optional
-from cosim.trace.declared import Channel
+from cosim.trace.file.declared import Channel
 
 LOOPBACK = "127.0.0.1"
 ORIGINS = ("https://app.foxglove.dev", "file://")

@@ -10,8 +10,8 @@ from typing import NamedTuple
 import numpy as np
 
 from cosim.core import LossError
-from cosim.trace.contents import Segment
-from cosim.trace.messages import Messages
+from cosim.trace.file.contents import Segment
+from cosim.trace.file.messages import Messages
 from cosim.trace.reader import Trace
 
 LATEST = 2**63 - 1

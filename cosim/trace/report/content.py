@@ -9,16 +9,16 @@ from typing import Any
 
 import numpy as np
 
-from cosim.trace import verdict
 from cosim.trace.info import description_of
-from cosim.trace.layout import HOST_PREFIX
-from cosim.trace.outcome import RunOutcome, outcome_of
+from cosim.trace.outcome import verdict
+from cosim.trace.outcome.run_outcome import RunOutcome, outcome_of
 from cosim.trace.reader import Trace
 from cosim.trace.report import generic, traffic, vehicle
 from cosim.trace.report.chart import LARGEST, Chart
 from cosim.trace.report.parameters import Change, Settings
 from cosim.trace.report.series import Recording, Series
 from cosim.trace.report.timeline import Line, TimelineEntry, log_of, timeline_of
+from cosim.trace.rows.layout import HOST_PREFIX
 
 MAX_ROWS = 400
 """Most rows of the table of signals."""
@@ -57,6 +57,7 @@ class Content:
     ----------
     info : as from `cosim.trace.describe`.
     outcome : of the run; one that says nothing where it left none.
+    series : every signal of numbers.
     span : first and last time shown [s].
     log : its lines, of all levels.
     left_out : what is not drawn, and why.
@@ -80,6 +81,7 @@ class Content:
     components: list[dict[str, str]]
     provenance: list[tuple[str, str]]
     rows: list[Row]
+    series: list[Series]
     span: tuple[float, float]
     origin_ns: int
     left_out: list[tuple[str, str]]
@@ -123,6 +125,7 @@ def content_of(path: Path) -> Content:
         components=_components(info["run"]),
         provenance=list(_provenance(info)),
         rows=[_row(series) for series in recording.series[:MAX_ROWS]],
+        series=recording.series,
         span=_span(recording),
         origin_ns=recording.origin_ns,
         left_out=list(_left_out(recording, sections)),

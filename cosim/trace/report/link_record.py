@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from cosim.trace import Table
 from cosim.trace.report.decimation import decimated
-from cosim.trace.traffic import loop_age
+from cosim.trace.tables.traffic import loop_age
 
 Integers = NDArray[np.int64]
 Reals = NDArray[np.float64]

@@ -14,8 +14,8 @@ from typing import Any
 
 from lxml import etree
 
-from cosim.trace.layout import DESIGN_ATTACHMENT, SCENARIO_ATTACHMENT
 from cosim.trace.reader import Trace
+from cosim.trace.rows.layout import DESIGN_ATTACHMENT, SCENARIO_ATTACHMENT
 
 _MODEL = ".modelDescription.xml"
 _SHARED = ("force", "moment")

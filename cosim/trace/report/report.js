@@ -1,7 +1,28 @@
 "use strict";
-(() => {
-  const figures = JSON.parse(document.getElementById("figures").textContent);
+(async () => {
   const root = document.documentElement;
+  const bytesOf = (base64) => Uint8Array.from(atob(base64), (c) => c.charCodeAt(0));
+  const unpacked = (id) => new Response(
+    new Blob([bytesOf(document.getElementById(id).textContent)]).stream()
+      .pipeThrough(new DecompressionStream("gzip"))).text();
+  let figures;
+  try {
+    const library = document.createElement("script"); // runs only if it has the policy's hash
+    library.textContent = await unpacked("library");
+    figures = JSON.parse(await unpacked("figures"));
+    document.head.append(library);
+    if (typeof Plotly === "undefined") throw new Error("the library did not start");
+  } catch (error) {
+    const note = document.getElementById("undrawn");
+    note.textContent = typeof DecompressionStream === "undefined"
+      ? "The charts need a newer browser, which can unpack them (DecompressionStream: Chromium 80, "
+        + "Firefox 113, Safari 16.4); everything else of this report is complete."
+      : `The charts cannot be drawn: ${error.message}. Everything else of this report is complete.`;
+    note.hidden = false;
+    document.querySelector("main").prepend(note);
+    root.dataset.ready = "undrawn";
+    return;
+  }
   // Okabe and Ito's colours, told apart by all kinds of eyes; chosen for either background
   const themes = {
     light: {
@@ -22,10 +43,11 @@
     return themes[chosen || (dark.matches ? "dark" : "light")];
   };
   const narrow = () => window.innerWidth < 640;
+  const pointed = window.matchMedia("(hover: hover)").matches && !narrow();
   const config = {
     responsive: true,
     displaylogo: false,
-    displayModeBar: narrow() ? false : "hover",
+    displayModeBar: pointed ? "hover" : false, // without a mouse it would never go away
     showSendToCloud: false, // nothing of a run leaves the page
     plotlyServerURL: "",
     modeBarButtonsToRemove: ["lasso2d", "select2d", "autoScale2d"],
@@ -33,7 +55,7 @@
   };
 
   const numbers = (packed) => {
-    const bytes = Uint8Array.from(atob(packed.bdata), (c) => c.charCodeAt(0));
+    const bytes = bytesOf(packed.bdata);
     return packed.dtype === "f8" ? new Float64Array(bytes.buffer) : new Float32Array(bytes.buffer);
   };
   const axes = (packed) => Object.fromEntries(
@@ -130,19 +152,22 @@
   }
 
   // the path --------------------------------------------------------------------------------
-  const path = figures.path && axes(figures.path);
-  const wanted = figures.path && figures.path.reference && axes(figures.path.reference);
+  const paths = figures.paths.map((path) => ({ ...path, line: axes(path) }));
+  const several = paths.length > 1;
+  const reference = paths.find((path) => path.reference)?.reference;
+  const wanted = reference && axes(reference);
   const lengths = () => ["x", "y", "z"].map((k) => {
     let low = Infinity, high = -Infinity;
-    for (const v of path[k]) { if (v < low) low = v; if (v > high) high = v; }
+    for (const { line } of paths)
+      for (const v of line[k]) { if (v < low) low = v; if (v > high) high = v; }
     return high - low;
   });
   const trueToScale = () => Math.max(...lengths()) < 8 * Math.min(...lengths());
-  const strokes = () => {
+  const strokes = (path) => {
     const [north, east, depth] = lengths();
     const size = 0.06 * (Math.max(north, east) || depth || 1);
     const out = { x: [], y: [], z: [] };
-    for (const [x, y, z, psi] of figures.path.headings) {
+    for (const [x, y, z, psi] of path.headings) {
       out.x.push(x, x + size * Math.cos(psi), null);
       out.y.push(y, y + size * Math.sin(psi), null);
       out.z.push(z, z, null);
@@ -163,11 +188,15 @@
       marker: { color: colour, symbol, size: kind.type === "scatter3d" ? 6 : 11 } });
     const out = [];
     if (wanted) out.push(line("reference", wanted, t.reference, { dash: "dash", width: 2 }));
-    out.push(line("path", path, t.series[0], {}));
-    out.push(line("heading", strokes(), t.series[1], { width: 2 }));
-    out.push(mark("start", figures.path.start, t.start, "circle"));
-    out.push(mark("end", figures.path.end, t.end, "square"));
-    if (figures.path.target) out.push(mark("set point", figures.path.target, t.reference, "cross"));
+    for (const path of paths) {
+      const colour = t.series[path.role], own = several ? `, ${path.name}` : "";
+      out.push(line(path.name, path.line, colour, {}));
+      if (!several) out.push(line("heading", strokes(path), t.series[1], { width: 2 }));
+      out.push(mark(`start${own}`, path.start, several ? colour : t.start, "circle"));
+      out.push(mark(`end${own}`, path.end, several ? colour : t.end, "square"));
+    }
+    const target = paths.find((path) => path.target)?.target;
+    if (target) out.push(mark("set point", target, t.reference, "cross"));
     return out;
   };
   const plan = () => {
@@ -218,16 +247,16 @@
 
   // all of it, one after the other, so that the page answers meanwhile ------------------------
   const tasks = [];
-  if (path) tasks.push(plan, space);
+  if (paths.length) tasks.push(plan, space);
   overTime.forEach((div) => tasks.push(() => timeChart(div)));
   const visible = (div) => !div.closest("details:not([open])");
   const folded = overTime.filter((div) => !visible(div));
   const all = () => {
-    if (path) { plan(); space(); }
+    if (paths.length) { plan(); space(); }
     overTime.filter((div) => visible(div) || drawn.has(div)).forEach(timeChart);
   };
   const queue = tasks.filter((_, i) => {
-    const div = overTime[i - (path ? 2 : 0)];
+    const div = overTime[i - (paths.length ? 2 : 0)];
     return !div || !folded.includes(div);
   });
   const next = () => {

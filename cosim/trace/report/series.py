@@ -10,17 +10,18 @@ from numpy.typing import NDArray
 
 from cosim.core import InputError, LossError
 from cosim.trace import Table, Trace
-from cosim.trace.layout import (
+from cosim.trace.report.decimation import Indices, decimated
+from cosim.trace.report.link_record import LinkRecord, LoopRecord
+from cosim.trace.rows.layout import (
     FRAME_TOPIC,
     LOG_TOPIC,
-    POSE_TOPIC,
+    VEHICLE,
     Signal,
     dropped_topic,
     input_topic,
     link_topic,
+    pose_topic,
 )
-from cosim.trace.report.decimation import Indices, decimated
-from cosim.trace.report.link_record import LinkRecord, LoopRecord
 
 Reals = NDArray[np.float64]
 
@@ -34,7 +35,7 @@ WILD = 1e12
 
 _SEGMENTS = 3000
 _POSE = ("eta.", "reference.")
-_NOT_DRAWN = (LOG_TOPIC, FRAME_TOPIC, POSE_TOPIC)
+_NOT_DRAWN = (LOG_TOPIC, FRAME_TOPIC, pose_topic(VEHICLE))
 _STAMP = ("timestamp.", "header.stamp.", "stamp.")
 """Fields that repeat the time of a message."""
 
@@ -91,7 +92,7 @@ class Recording:
     def __init__(self, trace: Trace) -> None:
         self.trace = trace
         self.unread: dict[str, str] = {}
-        topics = [topic for topic, info in trace.topics.items() if info.count]
+        topics = [t for t, info in trace.topics.items() if info.count and not info.is_computed]
         while True:
             self.log: Table | None = None
             self._signals: dict[tuple[str, str], _Signal] = {}

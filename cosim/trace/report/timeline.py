@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cosim.trace import foxglove
-from cosim.trace.outcome import BAD, OPEN, RunOutcome
+from cosim.trace.outcome.run_events import counted
+from cosim.trace.outcome.run_outcome import BAD, OPEN, RunOutcome
 from cosim.trace.report.series import WILD, Recording
-from cosim.trace.run_events import counted
+from cosim.trace.rows import foxglove
 
 _LEVELS = {number: word for word, number in foxglove.LEVELS.items()}
 
@@ -56,13 +56,17 @@ def timeline_of(
 ) -> list[TimelineEntry]:
     """List the events of the run, and values that are not finite.
 
+    What the reason of the run says, and assertions, which have a list of their own, are left out.
     Of a run that left no events, the warnings and errors of its log.
     """
+    reason = outcome.reason or ""
     events = outcome.events or counted((x.t, x.level, x.name, x.message) for x in log)
     entries = [
-        TimelineEntry(each.first_s, BAD if each.serious else OPEN, each.words) for each in events
+        TimelineEntry(each.first_s, BAD if each.serious else OPEN, each.words)
+        for each in events
+        if each.kind != "assertion" and each.message not in reason
     ]
-    entries += _beyond_numbers(recording)
+    entries += [entry for entry in _beyond_numbers(recording) if entry.what not in reason]
     return sorted(entries, key=lambda entry: entry.t)
 
 

@@ -1,4 +1,4 @@
-"""Write the report of a trace as an HTML file."""
+"""Write the report of a trace, or of two side by side, as an HTML file."""
 
 from __future__ import annotations
 
@@ -7,9 +7,11 @@ from pathlib import Path
 from typing import Any
 
 from cosim.core import InputError, write_whole
+from cosim.trace.comparison.format import diff_verdict
+from cosim.trace.outcome.verdict import Check
+from cosim.trace.report.comparison import comparison_of
 from cosim.trace.report.content import content_of
-from cosim.trace.report.html_page import page
-from cosim.trace.verdict import Check
+from cosim.trace.report.html_page import comparison_page, page
 
 
 @dataclass(frozen=True)
@@ -60,8 +62,86 @@ def write_report(trace: Path, output: Path | None = None) -> Report:
     """
     content = content_of(trace)
     target = default_output(trace) if output is None else output
-    text = page(content).encode()
-    if target.exists() and target.samefile(trace):
+    return Report(
+        trace=trace,
+        output=target,
+        bytes=_written(target, page(content), (trace,)),
+        status=content.status.what,
+        guarantee=content.guarantee,
+        assertions=tuple(content.assertions),
+        charts=len(content.charts) + (2 if content.path else 0),
+    )
+
+
+@dataclass(frozen=True)
+class ComparisonReport:
+    """A page of two traces that was written.
+
+    Attributes
+    ----------
+    traces : the first and the second.
+    output, bytes : the file and its size.
+    statuses : how each run ended.
+    equal : whether signals, messages of links and end agree; verdict : the same in words.
+    differing : number of signals that differ.
+    """
+
+    traces: tuple[Path, Path]
+    output: Path
+    bytes: int
+    statuses: tuple[str, str]
+    equal: bool
+    verdict: str
+    differing: int
+    charts: int
+
+    def to_json(self) -> dict[str, Any]:
+        """Return all fields as JSON values, for `--json`."""
+        return {
+            "traces": [str(path) for path in self.traces],
+            "output": str(self.output),
+            "bytes": self.bytes,
+            "statuses": list(self.statuses),
+            "equal": self.equal,
+            "verdict": self.verdict,
+            "differing": self.differing,
+            "charts": self.charts,
+        }
+
+
+def write_comparison(a: Path, b: Path, output: Path | None = None) -> ComparisonReport:
+    """Write a page of two traces, side by side, as one HTML file.
+
+    Parameters
+    ----------
+    a, b : traces of runs, or any MCAP files.
+    output : the HTML file; beside the first if None, a-b.html for a.mcap and b.mcap.
+
+    Raises
+    ------
+    InputError : not an MCAP file, plotly is missing, or the page cannot be written.
+    LossError : a trace is damaged.
+    """
+    found = comparison_of(a, b)
+    own = default_output(a)
+    other = default_output(b).name
+    target = own.with_name(f"{own.stem}-{other}") if output is None else output
+    return ComparisonReport(
+        traces=(a, b),
+        output=target,
+        bytes=_written(target, comparison_page(found), (a, b)),
+        statuses=(found.a.status.what, found.b.status.what),
+        equal=found.found.equal,
+        verdict=diff_verdict(found.found),
+        differing=len(found.parted),
+        charts=len(found.charts) + (2 if found.a.path or found.b.path else 0),
+    )
+
+
+def _written(target: Path, html: str, traces: tuple[Path, ...]) -> int:
+    """Write a page, and return its size in bytes."""
+    text = html.encode()
+    if target.exists() and any(target.samefile(trace) for trace in traces):
         raise InputError(
             "the report would replace its trace", where=str(target), hint="another place: --out"
         )
@@ -72,15 +152,7 @@ def write_report(trace: Path, output: Path | None = None) -> Report:
         raise InputError(
             "the report cannot be written", where=str(target), got=str(error)
         ) from error
-    return Report(
-        trace=trace,
-        output=target,
-        bytes=len(text),
-        status=content.status.what,
-        guarantee=content.guarantee,
-        assertions=tuple(content.assertions),
-        charts=len(content.charts) + (2 if content.path else 0),
-    )
+    return len(text)
 
 
 def default_output(trace: Path) -> Path:

@@ -23,8 +23,8 @@ from recorded_runs import write_run
 from websockets.sync.client import connect
 
 from cosim.core.errors import InputError
-from cosim.trace.layout import message_class
 from cosim.trace.live import Player
+from cosim.trace.rows.layout import message_class
 
 MESSAGE, TIME, STATE = 1, 2, 5
 PLAY, PAUSE = 0, 1

@@ -69,8 +69,10 @@ class Page:
         assert "exceptionDetails" not in answer, answer
         return answer["result"].get("value")
 
-    def open(self, path: Path, *, width: int = 1280, scheme: str = "light") -> None:
-        """Open a file and wait until its charts are drawn."""
+    def open(
+        self, path: Path, *, width: int = 1280, scheme: str = "light", ready: str = "yes"
+    ) -> None:
+        """Open a file and wait until its charts are drawn, or have failed: "undrawn"."""
         self.call(
             "Emulation.setDeviceMetricsOverride",
             width=width,
@@ -85,10 +87,11 @@ class Page:
         self.call("Page.navigate", url=path.absolute().as_uri())
         waiting = """new Promise((done, late) => {
             const end = Date.now() + 40000;
-            const look = () => document.documentElement?.dataset.ready === "yes" ? done(true)
+            const look = () => document.documentElement?.dataset.ready
+                ? done(document.documentElement.dataset.ready)
                 : Date.now() > end ? late(new Error("not ready")) : setTimeout(look, 50);
             look(); })"""
-        assert self.ask(waiting) is True
+        assert self.ask(waiting) == ready
 
     def _note(self, received: dict[str, Any]) -> None:
         parameters = received.get("params", {})

@@ -10,7 +10,7 @@ from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from mcap.writer import Writer
 
 from cosim.trace import Attachment, Signal, TraceWriter
-from cosim.trace.layout import file_descriptor
+from cosim.trace.rows.layout import file_descriptor
 
 POSE = [Signal(n, i, "m") for i, n in enumerate(("eta.x", "eta.y", "eta.z"))]
 EPOCH_NS = 1_700_000_000_000_000_000

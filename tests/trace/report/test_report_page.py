@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import base64
+import gzip
+import re
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -11,7 +14,7 @@ from outcomes.ways import found
 from report_browser import Page, browser, needs_chromium
 from report_files import foreign
 
-from cosim.trace.report import write_report
+from cosim.trace.report import write_comparison, write_report
 
 pytestmark = needs_chromium
 
@@ -29,31 +32,49 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
         yield opened
 
 
+PAPER = ("paper-example", "paper-worst-case")
+
+
+class Reports(dict[str, Path]):
+    """Reports of every kind of trace, made when they are first asked for."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+
+    def __missing__(self, name: str) -> Path:
+        target = self._folder / f"{name}.html"
+        recorded = trace_of("auv-acoustic-naive")
+        match name:
+            case "compared":
+                write_comparison(*map(trace_of, PAPER), target)
+            case "vehicles":
+                write_comparison(trace_of("auv-acoustic"), recorded, target)
+            case "cut":
+                cut = self._folder / "cut.mcap.partial"
+                cut.write_bytes(recorded.read_bytes()[: recorded.stat().st_size // 2])
+                write_report(cut, target)
+            case "foreign":
+                write_report(foreign(self._folder / "foreign.mcap"), target)
+            case _:
+                kinds = {"vehicle": recorded, "paper": trace_of("paper-example")}
+                write_report(kinds.get(name) or found(name).trace, target)
+        self[name] = target
+        return target
+
+
 @pytest.fixture(scope="module")
-def reports(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
-    """Reports of every kind of trace."""
-    folder = tmp_path_factory.mktemp("reports")
-    recorded = trace_of("auv-acoustic-naive")
-    cut = folder / "cut.mcap.partial"
-    cut.write_bytes(recorded.read_bytes()[: recorded.stat().st_size // 2])
-    traces = {
-        "vehicle": recorded,
-        "paper": trace_of("paper-example"),
-        "cut": cut,
-        "far": found("far").trace,
-        "foreign": foreign(folder / "foreign.mcap"),
-    }
-    return {
-        name: write_report(path, folder / f"{name}.html").output for name, path in traces.items()
-    }
+def reports(tmp_path_factory: pytest.TempPathFactory) -> Reports:
+    """One folder of reports for all tests of this file."""
+    return Reports(tmp_path_factory.mktemp("reports"))
 
 
-SLOW = [pytest.param(name, marks=pytest.mark.slow) for name in ("far", "paper", "cut", "foreign")]
+KINDS = ("far", "paper", "cut", "foreign", "vehicles")
+SLOW = [pytest.param(name, marks=pytest.mark.slow) for name in KINDS]
 
 
 @pytest.mark.parametrize("name", ["vehicle", *SLOW])
 def test_every_chart_is_drawn_without_errors_or_requests(
-    name: str, page: Page, reports: dict[str, Path]
+    name: str, page: Page, reports: Reports
 ) -> None:
     """No error on the console, no request to anywhere, nothing left empty, light and dark."""
     page.errors.clear()
@@ -86,29 +107,44 @@ def test_browser_errors_and_requests_are_noticed(page: Page, tmp_path: Path) -> 
     page.asked.clear()
 
 
-def test_page_fits_a_phone_screen(page: Page, reports: dict[str, Path]) -> None:
-    """At 360 pixels nothing sticks out sideways."""
-    page.open(reports["vehicle"], width=360)
-    assert page.ask("document.documentElement.scrollWidth") <= 360
+@pytest.mark.parametrize(
+    ("name", "width", "scheme"),
+    [
+        ("vehicle", 1400, "light"),
+        ("vehicle", 390, "dark"),
+        ("compared", 1400, "dark"),
+        ("compared", 390, "light"),
+    ],
+)
+def test_a_page_fits_its_screen_and_bars_are_to_scale(
+    name: str, width: int, scheme: str, page: Page, reports: Reports
+) -> None:
+    """Nothing sticks out sideways; gain, norm and bound, of both runs, are as long as they are."""
+    runs = ["auv-acoustic-naive"] if name == "vehicle" else PAPER
+    metrics = [shared_run(run).json["metrics"] for run in runs]
+    values = [one[key] for key in ("gain", "exact_norm", "gamma") for one in metrics]
+    page.errors.clear()
+    page.open(reports[name], width=width, scheme=scheme)
+    assert page.ask("document.documentElement.scrollWidth") <= width
     assert page.ask(DRAWN) == []
-
-
-@pytest.mark.parametrize("width", [1400, 390])
-def test_bars_of_the_verdict_are_to_scale(width: int, page: Page, reports: dict[str, Path]) -> None:
-    """Gain, norm and bound: the widths on the screen have the ratios of the numbers."""
-    metrics = shared_run("auv-acoustic-naive").json["metrics"]
-    values = [metrics[key] for key in ("gain", "exact_norm", "gamma")]
-    page.open(reports["vehicle"], width=width)
-    drawn = page.ask("""[...document.querySelectorAll('.bars .bar')].map(
-        (bar) => bar.getBoundingClientRect().width)""")
+    assert page.errors == []
+    bars = "[...document.querySelectorAll('.bars .bar')]"
+    drawn = page.ask(f"{bars}.map((bar) => bar.getBoundingClientRect().width)")
     longest = max(drawn)
     assert longest > 100
     wanted = [longest * value / max(values) for value in values]
     assert drawn == pytest.approx(wanted, abs=0.5)
     assert min(wanted) < 0.9 * longest
+    # on either background they are seen, and the two runs are told apart
+    ground = page.ask("getComputedStyle(document.querySelector('.card')).backgroundColor")
+    colours = page.ask(f"{bars}.map((bar) => getComputedStyle(bar).backgroundColor)")
+    assert (ground == "rgb(255, 255, 255)") == (scheme == "light")
+    assert ground not in colours
+    assert colours[0] != colours[1]
+    assert name == "vehicle" or colours[:2] * 3 == colours
 
 
-def test_dark_and_light_change_charts_too(page: Page, reports: dict[str, Path]) -> None:
+def test_dark_and_light_change_charts_too(page: Page, reports: Reports) -> None:
     """The system's setting applies until the button is used; the zoom is kept."""
     colours = """(() => { const div = document.querySelector('[data-chart]');
         return [getComputedStyle(document.body).backgroundColor, div.layout.font.color,
@@ -128,7 +164,7 @@ def test_dark_and_light_change_charts_too(page: Page, reports: dict[str, Path]) 
     assert page.ask(RANGES)[0] == [2.5, 7.5]
 
 
-def test_all_time_axes_move_together(page: Page, reports: dict[str, Path]) -> None:
+def test_all_time_axes_move_together(page: Page, reports: Reports) -> None:
     """Zooming one chart, typing a time, and the buttons: every chart over time follows."""
     page.open(reports["vehicle"])
     charts = page.ask("document.querySelectorAll('[data-chart]').length")
@@ -153,7 +189,7 @@ def test_all_time_axes_move_together(page: Page, reports: dict[str, Path]) -> No
     assert all(r == [0, 180] for r in page.ask(RANGES))
 
 
-def test_everything_works_by_keyboard(page: Page, reports: dict[str, Path]) -> None:
+def test_everything_works_by_keyboard(page: Page, reports: Reports) -> None:
     """Links, buttons, fields and folds take the focus; every chart has a text in its place."""
     page.open(reports["paper"])
     focused = page.ask("""[...document.querySelectorAll('a[href], button, input, summary')].filter(
@@ -165,7 +201,30 @@ def test_everything_works_by_keyboard(page: Page, reports: dict[str, Path]) -> N
         (link) => document.getElementById(link.hash.slice(1)))""")
 
 
-def test_path_is_drawn_without_webgl(tmp_path: Path, reports: dict[str, Path]) -> None:
+def test_a_page_that_cannot_be_drawn_says_why(page: Page, reports: Reports, tmp_path: Path) -> None:
+    """Another script in the place of the library is not run; an old browser is named."""
+    html = reports["paper"].read_text("utf-8")
+    other = base64.b64encode(gzip.compress(b"window.Plotly = {}; window.ran = true")).decode()
+    changed = tmp_path / "changed.html"
+    changed.write_text(re.sub(r'(id="library">)[^<]*', rf"\1{other}", html), "utf-8")
+    note = "document.getElementById('undrawn').textContent"
+    page.open(changed, ready="undrawn")
+    assert page.ask("window.ran") is None
+    assert "the library did not start" in page.ask(note)
+    page.errors.clear()
+    old = page.call(
+        "Page.addScriptToEvaluateOnNewDocument", source="delete window.DecompressionStream"
+    )
+    try:
+        page.open(reports["paper"], ready="undrawn")
+        assert "need a newer browser" in page.ask(note)
+        assert page.ask("document.getElementById('undrawn').checkVisibility()")
+        assert page.errors == []
+    finally:
+        page.call("Page.removeScriptToEvaluateOnNewDocument", identifier=old["identifier"])
+
+
+def test_path_is_drawn_without_webgl(tmp_path: Path, reports: Reports) -> None:
     """A browser that cannot draw in space shows the path from one side."""
     with browser(tmp_path / "profile", "--disable-3d-apis") as page:
         page.open(reports["vehicle"])

@@ -6,16 +6,17 @@ import html
 import re
 import unicodedata
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from latex2mathml.converter import convert
-from markdown_it import MarkdownIt
-from markdown_it.renderer import RendererProtocol
-from markdown_it.token import Token
+if TYPE_CHECKING:
+    from markdown_it.renderer import RendererProtocol
+    from markdown_it.token import Token
 
 
 def to_html(markdown: str) -> str:
     """Convert a component's text to HTML; browsers show its equations offline."""
+    from markdown_it import MarkdownIt  # noqa: PLC0415 - a run writes no pages
+
     parser = MarkdownIt("commonmark", {"html": False}).enable("table")
     parser.add_render_rule("fence", _fence)
     return str(parser.render(markdown))
@@ -42,6 +43,8 @@ def _mathml(latex: str) -> str:
     Without one, brackets do not grow and dots are misplaced: a matrix gets its brackets from the
     style sheet, a dotted letter its dot from the letter's own font.
     """
+    from latex2mathml.converter import convert  # noqa: PLC0415 - a run writes no pages
+
     found = convert(latex, display="block")
     found = re.sub(r"<mo>&#x0005B;</mo><mtable>", '<mtable class="matrix">', found)
     found = re.sub(r"</mtable><mo>&#x0005D;</mo>", "</mtable>", found)

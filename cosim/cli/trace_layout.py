@@ -1,0 +1,52 @@
+"""The command that writes the layout of a viewer: trace layout."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Group
+from rich.table import Table
+
+from cosim.cli.common import JsonOption, answer
+from cosim.trace import Viewer, WrittenLayout, write_layout
+
+
+def layout(
+    file: Annotated[Path, typer.Argument(help="A trace, or any MCAP file.")],
+    viewer: Annotated[
+        Viewer,
+        typer.Option("--for", help="The viewer; Foxglove imports the layout of lichtblick."),
+    ] = "lichtblick",
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            "--out", "-o", help="File to write (default: NAME.VIEWER.json or .xml beside FILE)."
+        ),
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Write a layout with which a viewer shows a trace: scene, log, and plots with their units.
+
+    It is made from the topics of the trace, so that every path in it exists. Open the trace in the
+    viewer first, then the layout.
+
+    \b
+    cosim trace layout traces/auv-acoustic.mcap --for lichtblick
+    cosim trace layout traces/auv-acoustic.mcap --for plotjuggler -o auv.xml
+    """
+    written = write_layout(file, viewer, out)
+    answer(as_json, written.to_json, lambda: _view(written))
+
+
+def _view(written: WrittenLayout) -> Group:
+    table = Table(box=None, pad_edge=False)
+    table.add_column("tab", overflow="fold")
+    table.add_column("curves", justify="right")
+    for title, count in written.tabs.items():
+        table.add_row(title, str(count))
+    lines = [f"layout: {written.path}"]
+    if written.left_out:
+        lines.append(f"left out, for want of room: {written.left_out} curves")
+    return Group(table, *lines)

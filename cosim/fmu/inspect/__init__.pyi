@@ -1,0 +1,5 @@
+from .findings import Finding as Finding
+from .inspection import (
+    Inspection as Inspection,
+    inspect_fmu as inspect_fmu,
+)

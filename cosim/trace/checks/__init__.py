@@ -1,0 +1,1 @@
+"""What verify checks: the file, the run in it, its links."""

@@ -1,0 +1,75 @@
+"""Verify a trace: whole, unchanged, complete, and consistent as a run."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from cosim.trace.checks.of_file import FileChecks
+from cosim.trace.checks.of_run import checks_of_run
+from cosim.trace.checks.results import Check, Verdict
+from cosim.trace.file.walk import Walk
+
+
+@dataclass(frozen=True)
+class Verification:
+    """The result of verifying a file.
+
+    Attributes
+    ----------
+    path : the file.
+    ours : whether it records a run of auv-cosim; of other files only the structure is checked.
+    checks : in the order in which they were made.
+    """
+
+    path: Path
+    ours: bool
+    checks: tuple[Check, ...]
+
+    @property
+    def verdict(self) -> Verdict:
+        """The verdict of all checks together."""
+        found = {check.verdict for check in self.checks}
+        if "failed" in found:
+            return "failed"
+        return "incomplete" if "incomplete" in found else "ok"
+
+    def to_json(self) -> dict[str, Any]:
+        """Return all fields as JSON values, for `--json`."""
+        return {
+            "path": str(self.path),
+            "verdict": self.verdict,
+            "ok": self.verdict == "ok",
+            "ours": self.ours,
+            "checks": [asdict(check) for check in self.checks],
+        }
+
+
+def verify(path: Path, fmus: Path | None = None) -> Verification:
+    """Check the structure of a file, and the content of a run's trace for consistency.
+
+    Parameters
+    ----------
+    fmus : folder in which to look up the trace's FMUs by their SHA-256.
+
+    Raises
+    ------
+    InputError : the file cannot be read, or is no MCAP file; there is no such folder.
+    """
+    walk = Walk(path, "skip")
+    found = FileChecks(walk)
+    for record in walk:
+        found.add(record)
+    return verification_of(path, walk, found, fmus)
+
+
+def verification_of(
+    path: Path, walk: Walk, found: FileChecks, fmus: Path | None = None
+) -> Verification:
+    """Return the checks of a file, after the walk over it, and those of a run; see `verify`."""
+    checks = list(found.results)
+    run = checks_of_run(walk, found, path, fmus)
+    nothing = "no record cosim.run: of another tool's file only the structure is checked"
+    checks += [Check("run", "not checked", nothing)] if run is None else run
+    return Verification(path, ours=run is not None, checks=tuple(checks))

@@ -1,0 +1,1 @@
+"""What a run came to: its cause, assertions, events, and the verdict of all views."""

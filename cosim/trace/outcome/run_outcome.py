@@ -1,0 +1,231 @@
+"""The outcome of a run: one record that the run writes and every view reads.
+
+It is the metadata record `cosim.result` of a trace. Texts stand there as they are, structures as
+JSON, figures of links as `link.<name>.<figure>`; what an older version did not write is absent.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+from cosim.trace.outcome.assertions import AssertionResult, assertions_in, failed_in
+from cosim.trace.outcome.cause import Cause
+from cosim.trace.outcome.run_events import CONCLUSION, EventCount
+from cosim.trace.rows.layout import HOST_PREFIX, parsed_json, result_of_link
+
+OUTCOME_VERSION: Final = 2
+"""Of the entries; it grows when one changes its meaning. 1, without this entry: no events."""
+
+GOOD, BAD, OPEN = "good", "bad", "open"
+_STATUSES = {
+    "finished": (GOOD, "finished"),
+    "limit_cycle": (BAD, "limit cycle"),
+    "stopped": (OPEN, "stopped"),
+    "diverged": (BAD, "diverged"),
+    "failed": (BAD, "failed"),
+}
+_LIMIT_CYCLE = (
+    "At the end commands go from limit to limit more than half of the time: the limits, not the "
+    "feedback, bound the motion."
+)
+_LINK = "link."
+_STRUCTURES = ("metrics", "final", "cause", "assertions", "events")
+
+
+@dataclass(frozen=True, kw_only=True, repr=False)
+class RunOutcome:
+    """The outcome of a run.
+
+    Attributes
+    ----------
+    status : finished, limit_cycle, stopped, diverged or failed.
+    reason : why, None when finished.
+    cause : why the run did not reach its end, or what failed after it; None otherwise.
+    steps : communication steps done; None if unknown.
+    simulated_s : time reached [s]; None if unknown.
+    assertions : results, in the order of the scenario.
+    events : what happened during the run and how often, by the time at which it first did.
+    version : of the record; 1, of older traces, has no events, which says nothing of the run.
+    metrics, links, final : JSON-safe figures; `metrics` and `links` as in the documentation,
+        `final` the last value of every output by `component.variable`.
+    """
+
+    status: str = "finished"
+    reason: str | None = None
+    cause: Cause | None = None
+    steps: int | None = None
+    simulated_s: float | None = None
+    assertions: tuple[AssertionResult, ...] = ()
+    events: tuple[EventCount, ...] = ()
+    metrics: Mapping[str, Any] = field(default_factory=dict)
+    links: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    final: Mapping[str, float | None] = field(default_factory=dict)
+    version: int = OUTCOME_VERSION
+
+    def __repr__(self) -> str:
+        at = "" if self.simulated_s is None else f" at {self.simulated_s:g} s"
+        return f"<RunOutcome {self.headline}{at}>"
+
+    @property
+    def assumptions(self) -> Mapping[str, Any]:
+        """Whether each assumption of the guarantee was met, by name; empty without a guarantee."""
+        found = self.metrics.get("assumptions")
+        return found if isinstance(found, dict) else {}
+
+    @property
+    def as_expected(self) -> bool:
+        """Whether every assertion has its expected verdict."""
+        return all(verdict.as_expected for verdict in self.assertions)
+
+    @property
+    def tone(self) -> str:
+        """Return "good", "bad", or "open" where nothing failed but not all is well."""
+        tone = _STATUSES.get(self.status, (OPEN, ""))[0]
+        if not self.as_expected:
+            return BAD
+        return OPEN if tone == GOOD and self._unmet else tone
+
+    @property
+    def headline(self) -> str:
+        """Say how the run ended, the same in every view: "finished, 1 of 2 assertions failed"."""
+        word = _STATUSES.get(self.status, (OPEN, self.status.replace("_", " ")))[1]
+        parts = [word, failed_in(self.assertions)]
+        if self.status == "finished" and self._unmet:
+            parts.append(f"{len(self._unmet)} of {len(self.assumptions)} assumptions not met")
+        return ", ".join(filter(None, parts))
+
+    @property
+    def explanation(self) -> str:
+        """Return the reason; for a limit cycle, what that means; "" where there is none."""
+        return self.reason or (_LIMIT_CYCLE if self.status == "limit_cycle" else "")
+
+    @property
+    def conclusion(self) -> list[tuple[str, str, str]]:
+        """The last lines of the log, which say how the run ended: level, name, message."""
+        level = {GOOD: "info", OPEN: "warning", BAD: "error"}[self.tone]
+        if self.status == "stopped":
+            level = "info" if self.as_expected else level
+        lines = [(level, CONCLUSION, ": ".join(filter(None, (self.headline, self.explanation))))]
+        if self._unmet:
+            names = ", ".join(name.replace("_", " ") for name in self._unmet)
+            lines.append(("warning", CONCLUSION, f"the guarantee is not claimed: not met: {names}"))
+        return lines
+
+    @property
+    def _unmet(self) -> list[str]:
+        return [name for name, met in self.assumptions.items() if met is False]
+
+    def to_json(self) -> dict[str, Any]:
+        """Return everything as JSON values."""
+        return {
+            "version": self.version,
+            "status": self.status,
+            "headline": self.headline,
+            "reason": self.reason,
+            "cause": None if self.cause is None else self.cause.to_json(),
+            "steps": self.steps,
+            "simulated_s": self.simulated_s,
+            "assertions": [each.to_json() for each in self.assertions],
+            "events": [each.to_json() for each in self.events],
+            "metrics": dict(self.metrics),
+            "links": {name: dict(figures) for name, figures in self.links.items()},
+            "final": dict(self.final),
+        }
+
+    @classmethod
+    def from_json(cls, data: Mapping[str, Any]) -> RunOutcome:
+        """Return the outcome that `to_json` made a JSON object of.
+
+        What is absent or of another form, as in files of older versions and other tools, has its
+        default.
+        """
+        events, reason = data.get("events"), data.get("reason")
+        steps, simulated = data.get("steps"), data.get("simulated_s")
+        links = _object(data.get("links"))
+        return RunOutcome(
+            status=str(data.get("status", "finished")),
+            reason=None if reason is None else str(reason),
+            cause=Cause.from_json(data.get("cause")),
+            steps=steps if isinstance(steps, int) else None,
+            simulated_s=float(simulated) if isinstance(simulated, int | float) else None,
+            assertions=tuple(assertions_in(data.get("assertions"))),
+            events=tuple(
+                each
+                for item in (events if isinstance(events, list) else ())
+                if (each := EventCount.from_json(item)) is not None
+            ),
+            metrics=_object(data.get("metrics")),
+            links={name: _object(figures) for name, figures in links.items()},
+            final=_object(data.get("final")),
+            version=version if isinstance(version := data.get("version"), int) else 1,
+        )
+
+    def entries(self, **host: str) -> dict[str, str]:
+        """Return the entries of `cosim.result`; `host` : those of this machine, by name."""
+        found = {
+            "version": str(self.version),
+            "status": self.status,
+            "metrics": _json(self.metrics),
+            "final": _json(self.final),
+        }
+        optional = {
+            "steps": self.steps,
+            "simulated_s": self.simulated_s,
+            "reason": self.reason,
+            "cause": None if self.cause is None else _json(self.cause.to_json()),
+        }
+        found |= {k: str(v) for k, v in optional.items() if v is not None}
+        for key, listed in (("assertions", self.assertions), ("events", self.events)):
+            if listed:
+                found[key] = _json([each.to_json() for each in listed])
+        for name, figures in self.links.items():
+            found |= result_of_link(name, figures)
+        return found | {f"{HOST_PREFIX}{name}": value for name, value in host.items()}
+
+
+def outcome_of(result: Mapping[str, str] | None) -> RunOutcome | None:
+    """Read the outcome in the entries of `cosim.result`; None without them."""
+    if result is None:
+        return None
+    links: dict[str, dict[str, Any]] = {}
+    for key, value in result.items():
+        link, dot, figure = key.removeprefix(_LINK).rpartition(".")
+        if key.startswith(_LINK) and dot:
+            links.setdefault(link, {})[figure] = _number(value)
+    data: dict[str, Any] = {key: result[key] for key in ("status", "reason") if key in result}
+    data |= {key: _number(result.get(key, "")) for key in ("version", "steps", "simulated_s")}
+    data |= {key: parsed_json(result.get(key)) for key in _STRUCTURES}
+    return RunOutcome.from_json({**data, "links": links})
+
+
+def other_entries(result: Mapping[str, str]) -> dict[str, str]:
+    """Return the entries of `cosim.result` that are no part of an outcome, nor of the host."""
+    known = RunOutcome.__dataclass_fields__
+    return {
+        key: value
+        for key, value in result.items()
+        if key not in known and not key.startswith((HOST_PREFIX, _LINK))
+    }
+
+
+def _object(value: Any) -> dict[str, Any]:
+    return value if isinstance(value, dict) else {}
+
+
+def _number(text: str) -> int | float | str:
+    """Return a finite number; the text itself if it is none."""
+    for kind in (int, float):
+        try:
+            value = kind(text)
+        except ValueError:
+            continue
+        return value if math.isfinite(value) else text
+    return text
+
+
+def _json(value: Any) -> str:
+    return json.dumps(value, sort_keys=True, allow_nan=False)

@@ -1,0 +1,194 @@
+"""Judge a run by its outcome: status, gain against gamma, assumptions, assertions."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from cosim.core import at_most
+from cosim.trace.outcome.feedback_age import age_lines
+from cosim.trace.outcome.run_outcome import BAD, GOOD, OPEN, RunOutcome
+
+_SITES = {"u": "surge", "v": "sway", "w": "heave", "r": "yaw rate", "psi": "heading"}
+
+
+@dataclass(frozen=True)
+class Check:
+    """A statement about the run: its tone (good, bad, open), and the numbers behind it.
+
+    Attributes
+    ----------
+    at : when it was decided [s]; kind : the assertion itself, where `what` is its name.
+    """
+
+    tone: str
+    what: str
+    why: str
+    at: float | None = None
+    kind: str = ""
+
+
+def status_of(info: Mapping[str, Any], outcome: RunOutcome | None) -> Check:
+    """Return how the run ended; `info` : what `describe` says of the file."""
+    if not info["complete"]:
+        return Check(BAD, "cut short", f"The file ends early or is damaged: {info['damage']}.")
+    if outcome is None:
+        if not info["run"]:
+            return Check(OPEN, "recording", "Not a run of this project: signals without a verdict.")
+        return Check(BAD, "did not finish", "There is no result: the run stopped before its end.")
+    return Check(outcome.tone, outcome.headline, outcome.explanation)
+
+
+def guarantee_of(outcome: RunOutcome, checks: list[Check]) -> Check | None:
+    """Judge whether the certified bound may be claimed; None where nothing was certified.
+
+    checks : the assumptions, as from `assumptions_of`.
+    """
+    metrics = outcome.metrics
+    if not checks:
+        return None
+    gain, gamma = _number(metrics, "gain"), _number(metrics, "gamma")
+    broken = [check for check in checks if check.tone == BAD]
+    measured = "no gain was measured"
+    if gain is not None and gamma is not None:
+        measured = f"measured gain {gain:.4g}, certified bound γ = {at_most(gamma, 5)}"
+        if gain > gamma:
+            word = "above γ" if broken else "above γ although every assumption was met"
+            return Check(BAD, f"The measured gain is {word}", measured)
+    if broken:
+        count = f"{len(broken)} of {len(checks)} assumptions"
+        return Check(BAD, "The guarantee is not claimed", f"{count} not met; {measured}")
+    return Check(GOOD, "The guarantee holds for this run", f"every assumption met; {measured}")
+
+
+def assumptions_of(outcome: RunOutcome) -> list[Check]:
+    """Return the certificate's assumptions, each with the numbers behind it."""
+    metrics = outcome.metrics
+    return [
+        Check(GOOD if met is True else BAD if met is False else OPEN, *_words(name, met, metrics))
+        for name, met in outcome.assumptions.items()
+    ]
+
+
+def assertions_of(outcome: RunOutcome) -> list[Check]:
+    """Return the scenario's assertions, failed ones first."""
+    return [
+        Check(
+            OPEN if each.result == "undecided" else GOOD if each.as_expected else BAD,
+            each.name or each.words,
+            each.summary,
+            each.at_s,
+            each.words if each.name else "",
+        )
+        for each in sorted(outcome.assertions, key=lambda each: each.as_expected)
+    ]
+
+
+def figures_of(metrics: Mapping[str, Any]) -> Iterator[tuple[str, str, str]]:
+    """Yield the label, the value, and how it was obtained, of further figures of the run.
+
+    They are those beside gain, norm and bound, and beside the numbers of the assumptions.
+    """
+    assumed = metrics.get("assumptions")
+    listed = assumed if isinstance(assumed, dict) else {}
+    for key, label, unit, how, within in (
+        ("norm_reached", "gain / exact norm", "%", "measured / computed", ""),
+        ("position_error_m", "final position error", "m", "measured", ""),
+        ("message_age_s", "oldest measurement used", "s", "measured", "message_age_within_design"),
+        ("saturated_fraction", "time at a limit", "%", "measured", "limits_not_reached"),
+        ("abscissa", "spectral abscissa", "1/s", "computed, nominal loop", ""),
+        ("coupling_delay_s", "delay the coupling adds", "s", "measured, beyond the links", ""),
+    ):
+        value = _number(metrics, key)
+        if value is None or within in listed or (key == "coupling_delay_s" and value == 0.0):
+            continue
+        formatted = f"{100 * value:.4g} %" if unit == "%" else f"{value:.5g} {unit}".strip()
+        yield label, formatted, how
+    for cut in metrics.get("cut_connections") or ():
+        late = f"{cut.get('delay_s', 0.0):.5g} s"
+        yield f"delay added to {cut.get('from')} -> {cut.get('to')}", late, "unknown feedthrough"
+
+
+def _words(name: str, met: Any, metrics: Mapping[str, Any]) -> tuple[str, str]:
+    """Return an assumption in words, and its numbers."""
+    match name:
+        case "certificate_verified":
+            why = "every inequality of the proof was checked again in exact rational arithmetic"
+            return "The certificate is valid", why if met is True else "the exact check fails"
+        case "message_age_within_design":
+            return "Measurements were no older than designed for", _age(met, metrics)
+        case "state_inside_envelope":
+            return "The state stayed inside the envelope of the proof", _envelope(metrics)
+        case "limits_not_reached":
+            return "No command stood at its limit", _limits(met, metrics)
+        case "plant_as_designed":
+            same = "every parameter of the plant is that of the design's model"
+            other = "the plant of the run has other parameters than the design's model"
+            return "The plant is the one designed for", same if met is True else other
+    words, line = _AGES.get(name, (name.replace("_", " ").capitalize(), None))
+    plain = "met" if met is True else "not met"
+    return words, plain if line is None else _age_line(metrics, line)
+
+
+_AGES: dict[str, tuple[str, int | None]] = {
+    "message_age_not_below_least": ("Measurements were never newer than the proof assumes", 1),
+    "message_age_sampled": ("Every measurement came into use at the age of the proof", 1),
+    "message_age_constant": ("The age of measurements was constant, up to the steps", 1),
+    "links_justify_sampled_age": ("By their settings the links give a sampled age", 2),
+}
+"""Assumption -> its words, and the line of `age_lines` with its numbers."""
+
+
+def _age_line(metrics: Mapping[str, Any], which: int) -> str:
+    """Return what was assumed, and the line of the metric `feedback_age` that tells of it."""
+    age = metrics.get("feedback_age")
+    lines = age_lines(age) if isinstance(age, Mapping) else []
+    return "; ".join(lines[:1] + lines[which : which + 1]) or "not measured"
+
+
+def _age(met: Any, metrics: Mapping[str, Any]) -> str:
+    age, designed = _number(metrics, "message_age_s"), _number(metrics, "designed_age_s")
+    if age is None or designed is None:
+        return "no measurement was ever in use"
+    text = f"oldest in use {age:.6g} s, designed for any age up to {designed:.6g} s"
+    known = metrics.get("feedback_age")
+    assumed = known.get("assumed") if isinstance(known, Mapping) else None
+    if isinstance(assumed, str) and not assumed.startswith("any age up to"):
+        text = f"oldest in use {age:.6g} s, designed for {assumed}"
+    if designed == 0.0:
+        text = f"oldest in use {age:.6g} s, designed for feedback without delay"
+    if met is not True and age <= designed * (1 + 1e-12):
+        return text + "; but a link used a substitute for lost messages"
+    return text
+
+
+def _envelope(metrics: Mapping[str, Any]) -> str:
+    use = metrics.get("envelope_use")
+    shares = {k: v for k, v in (use if isinstance(use, dict) else {}).items() if _is_number(v)}
+    if not shares:
+        return "not measured"
+    return "largest use of the bounds: " + ", ".join(
+        f"{_SITES.get(axis, axis)} {'beyond all numbers' if v >= 1e300 else f'{100 * v:.3g} %'}"
+        for axis, v in sorted(shares.items(), key=lambda item: -item[1])
+    )
+
+
+def _limits(met: Any, metrics: Mapping[str, Any]) -> str:
+    fraction = _number(metrics, "saturated_fraction")
+    if fraction is None:
+        return "not measured"
+    if fraction == 0.0 and met is not True:
+        return "not in this run, but in the run from the zero state, which measures the gain"
+    if fraction == 0.0:
+        return "at a limit during none of the time"
+    return f"at a limit during {100 * fraction:.3g} % of the time"
+
+
+def _number(metrics: Mapping[str, Any], key: str) -> float | None:
+    value = metrics.get(key)
+    return float(value) if isinstance(value, int | float) and _is_number(value) else None
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)

@@ -1,0 +1,1 @@
+"""Tables of rows: gathered per topic, joined, and as the frames of other packages."""

@@ -1,0 +1,248 @@
+"""Collect the messages of one topic, chunk by chunk, in one table."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cosim.core import InputError, LossError
+from cosim.trace.file.declared import Channel
+from cosim.trace.file.messages import Messages
+from cosim.trace.rows.decode import RowDecoder
+from cosim.trace.rows.hold import blanks
+from cosim.trace.rows.json_rows import json_columns
+from cosim.trace.rows.layout import Signal
+from cosim.trace.tables.table import Table
+
+_OTHER = {"ros1": "ROS 1", "cdr": "ROS 2 (CDR)"}
+_MAX_NS = 2**63 - 1
+_FEW, _MANY, _MANY_BYTES = 32, 4096, 2**22
+"""Fewer messages of a chunk than the first wait until there are as many as the second, others
+until they have so many bytes, to be decoded together."""
+_ROOM = 2**28  # bytes that need no check of the memory
+
+
+def decoder_of(channel: Channel) -> RowDecoder:
+    """Make the decoder of a protobuf channel; `ValueError` if its schema cannot be used."""
+    return RowDecoder(channel.schema.name, channel.schema.data, channel.metadata)
+
+
+class TopicRows:
+    """The rows of a topic, collected from blocks of messages.
+
+    Parameters
+    ----------
+    where : file and topic, for error messages.
+    channels : those of the topic, by id; the columns of several are merged.
+
+    Raises
+    ------
+    InputError : a channel is neither protobuf nor JSON, or its schema cannot be used.
+    """
+
+    def __init__(self, where: str, topic: str, channels: Mapping[int, Channel]) -> None:
+        self.channels = channels
+        self._where, self._topic = where, topic
+        self._sources = {number: _Source(channel, where) for number, channel in channels.items()}
+        self._heads: list[NDArray[Any]] = []
+        self._rows = 0
+
+    def __len__(self) -> int:
+        return self._rows
+
+    def add(self, messages: Messages) -> None:
+        """Add messages, all of the topic.
+
+        Raises
+        ------
+        LossError : a row does not fit its schema.
+        InputError : the rows would not fit into the memory of this machine.
+        """
+        self._heads.append(messages.heads)
+        _check_room(self._rows + len(messages), self._sources, self._where)
+        for number, own in messages.by_channel():
+            part = messages if own.size == len(messages) else messages.part(own)
+            self._sources[number].add(part, self._rows + own)
+        self._rows += len(messages)
+
+    def taken(self) -> Table:
+        """Return the table of all rows added, and forget them."""
+        table = self.table()
+        self._heads, self._rows = [], 0
+        for source in self._sources.values():
+            source.forget()
+        return table
+
+    def table(self) -> Table:
+        """Return the table of all rows added."""
+        heads = {
+            key: np.concatenate([part[key] for part in self._heads] or [np.zeros(0, np.uint64)])
+            for key in ("log", "publish", "sequence")
+        }
+        for key in ("log", "publish"):
+            if heads[key].size and int(heads[key].max()) > _MAX_NS:
+                raise _unreadable(self._where, "a time beyond 2**63 ns")
+        columns: dict[str, NDArray[Any]] = {}
+        present: dict[str, NDArray[np.bool_]] = {}
+        signals: dict[str, Signal] = {}
+        single = len(self._sources) == 1
+        for source in self._sources.values():
+            try:
+                found, places = source.columns()
+            except ValueError as error:
+                raise _unreadable(self._where, str(error)) from error
+            for signal, values, there in found:
+                if single:
+                    columns[signal.name], present[signal.name] = values, there
+                else:
+                    _merge(columns, present, signal.name, self._rows, places, values, there)
+                signals.setdefault(signal.name, signal)
+        return Table(
+            topic=self._topic,
+            log_time_ns=heads["log"].astype(np.int64),
+            publish_time_ns=heads["publish"].astype(np.int64),
+            sequence=heads["sequence"].astype(np.int64),
+            columns=columns,
+            present=present,
+            signals=signals,
+        )
+
+
+def _unreadable(where: str, why: str) -> LossError:
+    return LossError("the topic's rows cannot be read", where=where, got=why)
+
+
+class _Source:
+    """The rows of one channel."""
+
+    def __init__(self, channel: Channel, where: str) -> None:
+        self._where = where
+        self._decoder: RowDecoder | None = None
+        self._parts: list[Any] = []
+        self._places: list[NDArray[np.int64]] = []
+        self._few: list[bytes] = []
+        self._waiting: list[Messages] = []
+        self._waiting_bytes = 0
+        if channel.encoding == "json":
+            return
+        if not channel.encoding == channel.schema.encoding == "protobuf":
+            name = _OTHER.get(channel.encoding, channel.encoding) or "no encoding"
+            raise InputError(
+                "only protobuf and JSON topics are read as columns",
+                where=where,
+                expected="protobuf or json",
+                got=f"{name}, schema {channel.schema.name or 'without name'}",
+            )
+        try:
+            self._decoder = decoder_of(channel)
+        except ValueError as error:
+            raise InputError(
+                "the topic's schema is unusable", where=where, got=str(error)
+            ) from error
+
+    @property
+    def width(self) -> int:
+        """Number of columns; of JSON it is unknown before the rows are read, and 1."""
+        return 1 if self._decoder is None else len(self._decoder.signals)
+
+    def add(self, messages: Messages, places: NDArray[np.int64]) -> None:
+        self._places.append(places)
+        if self._decoder is None:
+            self._parts.append(messages)
+            return
+        # to decode those of several chunks at once costs less
+        if len(messages) < _FEW:
+            self._few += messages.records()
+        else:
+            self._gather_few()
+            self._waiting.append(messages.compact())
+            self._waiting_bytes += len(self._waiting[-1].data)
+        if self._waiting_bytes >= _MANY_BYTES or len(self._few) >= _MANY:
+            self._decode()
+
+    def _gather_few(self) -> None:
+        if self._few:
+            ends = np.cumsum([len(record) for record in self._few])
+            data, self._few = b"".join(self._few), []
+            self._waiting.append(Messages.at(data, np.append(0, ends[:-1])))
+
+    def _decode(self) -> None:
+        """Decode the messages that wait."""
+        self._gather_few()
+        if self._decoder is None or not self._waiting:
+            return
+        messages, self._waiting, self._waiting_bytes = Messages.joined(self._waiting), [], 0
+        try:
+            self._parts.append(self._decoder(messages))
+        except ValueError as error:
+            raise _unreadable(self._where, str(error)) from error
+
+    def forget(self) -> None:
+        self._parts, self._places, self._few, self._waiting = [], [], [], []
+        self._waiting_bytes = 0
+
+    def columns(
+        self,
+    ) -> tuple[list[tuple[Signal, NDArray[Any], NDArray[np.bool_]]], NDArray[np.int64]]:
+        """Return signal, values and presence of each column; and their rows in the topic."""
+        self._decode()
+        places = np.concatenate(self._places) if self._places else np.zeros(0, np.int64)
+        everywhere = np.ones(places.size, np.bool_)
+        if self._decoder is None:
+            payloads = (payload for part in self._parts for payload in part.payloads())
+            signals, columns = json_columns(payloads, places.size)
+            return [(s, *column) for s, column in zip(signals, columns, strict=True)], places
+        found = []
+        for i, signal in enumerate(self._decoder.signals):
+            empty = blanks(self._decoder.dtypes[i], 0), None
+            parts = [part[i] for part in self._parts] or [empty]
+            values = parts[0][0]
+            if len(parts) > 1:
+                values = np.concatenate([part for part, _ in parts])
+            there = everywhere
+            if any(present is not None for _, present in parts):
+                there = np.concatenate(
+                    [np.ones(part.size, bool) if own is None else own for part, own in parts]
+                )
+            found.append((signal, values, there))
+        return found, places
+
+
+def _merge(
+    columns: dict[str, NDArray[Any]],
+    present: dict[str, NDArray[np.bool_]],
+    name: str,
+    rows: int,
+    places: NDArray[np.int64],
+    values: NDArray[Any],
+    there: NDArray[np.bool_],
+) -> None:
+    """Merge a channel's column into the topic's; columns of different kinds become objects."""
+    if name not in columns:
+        columns[name] = blanks(values.dtype, rows)
+        present[name] = np.zeros(rows, np.bool_)
+    elif columns[name].dtype != values.dtype:
+        kinds = {columns[name].dtype.kind, values.dtype.kind}
+        columns[name] = columns[name].astype(np.float64 if kinds == {"f", "i"} else object)
+    columns[name][places] = values
+    present[name][places] = there
+
+
+def _check_room(rows: int, sources: Mapping[int, _Source], where: str) -> None:
+    """Raise an `InputError` if the rows would need more memory than the machine has."""
+    needed = rows * 9 * (4 + sum(source.width for source in sources.values()))
+    if needed < _ROOM or not hasattr(os, "sysconf"):  # not known on Windows
+        return
+    there = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    if needed > 0.8 * there:
+        raise InputError(
+            "the topic's rows do not fit into the memory of this machine",
+            where=where,
+            expected=f"less than {0.8 * there / 1e9:.3g} GB",
+            got=f"more than {rows} rows",
+            hint="read a part of it: start, end",
+        )

@@ -1,0 +1,90 @@
+"""Topics of a trace: what each holds, and what can be read of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import Protocol
+
+from cosim.trace.file.declared import Channel
+from cosim.trace.rows.layout import COMPUTED, Signal
+from cosim.trace.tables.gather import decoder_of
+from cosim.trace.tables.table import Table
+
+Spans = Mapping[str, tuple[int, int]]
+"""Least and greatest log time [ns] by topic."""
+
+
+class TopicInfo:
+    """The description of a topic.
+
+    Attributes
+    ----------
+    schema, encoding : name of the schema, and encoding of the messages.
+    metadata : of its channel.
+    signals : of a protobuf topic; empty for others.
+    count : number of messages.
+    """
+
+    def __init__(self, channel: Channel, count: int, spans: Callable[[], Spans]) -> None:
+        self._spans = spans
+        self.topic = channel.topic
+        self.schema = channel.schema.name
+        self.encoding = channel.encoding
+        self.metadata = dict(channel.metadata)
+        self.count = count
+        self.signals: tuple[Signal, ...] = ()
+        if channel.encoding == channel.schema.encoding == "protobuf":
+            with suppress(ValueError):  # `read` reports what is wrong with the schema
+                self.signals = decoder_of(channel).signals
+
+    def __repr__(self) -> str:
+        kind = f"{self.schema} ({self.encoding})"
+        return (
+            f"<TopicInfo {self.topic}: {self.count} messages, {len(self.signals)} signals, {kind}>"
+        )
+
+    @property
+    def is_computed(self) -> bool:
+        """Whether the messages follow from those of other topics, as those of the scene do."""
+        return COMPUTED.items() <= self.metadata.items()
+
+    @property
+    def start_ns(self) -> int | None:
+        """Least log time [ns]; None without messages."""
+        return self._spans().get(self.topic, (None, None))[0]
+
+    @property
+    def end_ns(self) -> int | None:
+        """Greatest log time [ns]; None without messages."""
+        return self._spans().get(self.topic, (None, None))[1]
+
+
+class Readable(Protocol):
+    """The part of `Trace` that data frames and links need: its topics, read one by one."""
+
+    path: Path
+    topics: dict[str, TopicInfo]
+
+    @property
+    def signals(self) -> dict[str, tuple[str, Signal]]:
+        """See `Trace`."""
+
+    def place(self, name: str) -> tuple[str, str]:
+        """See `Trace`."""
+
+    def members(self, name: str) -> list[str]:
+        """See `Trace`."""
+
+    def read(self, topic: str, *, start: float | None = None, end: float | None = None) -> Table:
+        """See `Trace`."""
+
+    def read_all(
+        self,
+        topics: Sequence[str] | None = None,
+        *,
+        start: float | None = None,
+        end: float | None = None,
+    ) -> dict[str, Table]:
+        """See `Trace`."""
