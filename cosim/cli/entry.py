@@ -1,12 +1,20 @@
-"""Entry point of the command: an interruption while modules are loading gives no traceback."""
+"""Entry point of the command: what must be so before any module loads.
+
+Output is UTF-8 wherever it goes: a pipe or a file of Windows has a code page without Greek letters. An
+interruption while modules are loading gives no traceback.
+"""
 
 from __future__ import annotations
 
+import io
 import sys
 
 
 def main() -> None:
     """Load the command line and run it."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):  # not where a test or a notebook captures it
+            stream.reconfigure(encoding="utf-8", errors="backslashreplace")
     try:
         from cosim.cli.application import main as run  # noqa: PLC0415 - to catch Ctrl-C while loading
     except KeyboardInterrupt:

@@ -182,3 +182,16 @@ def test_command_gives_its_error_as_json(tmp_path: Path) -> None:
     assert done.returncode == 2
     assert json.loads(done.stdout)["error"]["exit_code"] == 2
     assert "Traceback" not in done.stderr
+
+
+def test_output_is_utf_8_whatever_the_code_page(tmp_path: Path) -> None:
+    """As when Windows sends it to a file: cp1252 has no gamma."""
+    done = subprocess.run(  # noqa: S603 - the command under test
+        [COMMAND, "run", "\u03b3.toml"],
+        cwd=tmp_path,
+        capture_output=True,
+        env=os.environ | {"PYTHONIOENCODING": "cp1252", "PYTHONUTF8": "0"},
+        check=False,
+    )
+    assert done.returncode == InputError.exit_code
+    assert "\u03b3.toml" in done.stderr.decode("utf-8")
