@@ -1,7 +1,7 @@
 """Entry point of the command: what must be so before any module loads.
 
-Output is UTF-8 wherever it goes: a pipe or a file of Windows has a code page without Greek letters. An
-interruption while modules are loading gives no traceback.
+Output is UTF-8 wherever it goes: a pipe or a file of Windows has a code page without Greek
+letters. An interruption while modules are loading gives no traceback.
 """
 
 from __future__ import annotations
