@@ -19,6 +19,7 @@ import flint
 import numpy as np
 import pytest
 from numpy.polynomial import Legendre, Polynomial
+from shared import sampled
 from solver_points import Array, benchmark, random_system
 
 from cosim.core.errors import InputError
@@ -140,7 +141,7 @@ def test_the_published_ladder(order: int, d: float, beyond: float) -> None:
     assert refused.reason
 
 
-@pytest.mark.parametrize("order", range(6))
+@pytest.mark.parametrize("order", sampled([1, 3, 0, 2, 4, 5], 2))
 def test_the_certified_delay_climbs_and_stays_below_the_truth(order: int) -> None:
     """The ladder to all its published digits, each certified, none above 6.172581371."""
     found = certified_delay(benchmark(1.0), order=order)

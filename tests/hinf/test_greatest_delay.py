@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from shared import sampled
 from solver_points import benchmark
 
 from cosim.cli.application import main
@@ -47,7 +48,9 @@ def test_gamma_up_to_the_norm_of_d1_is_refused(gamma: float) -> None:
         greatest_delay(paper_example.system(), gamma, (0.6,), (0.2,), search=True)
 
 
-@pytest.mark.parametrize("gamma", [gamma for gamma, _ in paper_example.TABLE_2 if gamma >= 6])
+@pytest.mark.parametrize(
+    "gamma", sampled([gamma for gamma, _ in paper_example.TABLE_2 if gamma >= 6], 2)
+)
 def test_searched_table_2_ends_at_the_limit_alone(gamma: float) -> None:
     """Section 5 can be made stable for every delay: the limit is reached and said."""
     found = greatest_delay(paper_example.system(), gamma, (0.6,), (0.2,), search=True, limit=20.0)

@@ -19,7 +19,7 @@ SAMPLE = (
 )
 
 
-@pytest.mark.parametrize("row", SAMPLE, ids=lambda row: row.name)
+@pytest.mark.parametrize("row", sampled(SAMPLE, 1), ids=lambda row: row.name)
 def test_fault_is_named_and_nothing_is_lost_or_left(tmp_path: Path, row: Row) -> None:
     """A few rows of the table."""
     assert departures(run_row(row, tmp_path, isolate=True)) == []

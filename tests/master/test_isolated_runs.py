@@ -208,7 +208,7 @@ CALLS = {
 
 
 @pytest.mark.parametrize("engine", ["kernel", "python"])
-@pytest.mark.parametrize("call", CALLS)
+@pytest.mark.parametrize("call", sampled(CALLS, 3))
 @pytest.mark.parametrize(("fault", "kind"), [("segfault", "crashed"), ("exit-0", "exited")])
 def test_death_in_the_loop_fails_the_run(
     tmp_path: Path, fault: str, kind: str, call: str, engine: EngineName

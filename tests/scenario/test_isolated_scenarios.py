@@ -16,7 +16,7 @@ from cli.shell import BUILT_IN, SCENARIOS, cosim
 from foreign.c_fmu import c_fmu, talker
 from hostile.hostile_fmu import hostile_fmu
 from scenario.test_supervised_runs import LINE, pump
-from shared import fmu_store
+from shared import fmu_store, sampled
 
 import cosim.fmu.isolation.process as process_module
 from cosim.cli.runs import make_fmu_cache
@@ -41,7 +41,7 @@ def executed(
     return execute_run(prepared, trace, supervision=Supervision(Limits(), method))
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", sampled(NAMES, 2))
 @pytest.mark.parametrize("method", ["fork", None])
 def test_trace_is_that_of_one_process(
     tmp_path: Path,
