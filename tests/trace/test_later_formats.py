@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 from mcap.data_stream import RecordBuilder
+from mcap.opcode import Opcode
 from mcap.records import (
     Attachment,
     Channel,
@@ -20,9 +21,12 @@ from mcap.records import (
     Metadata,
     Schema,
 )
+from test_trace_recover import ROWS, a_trace
+from test_trace_verify import patched
 
 from cosim.trace import Trace, recover, verify
-from cosim.trace.file.records import MAGIC, DamageError, parsed
+from cosim.trace.file.records import HEAD, MAGIC, DamageError, parsed
+from cosim.trace.file.walk import Walk
 
 MORE = b"\x01\xff\xff"
 
@@ -66,6 +70,18 @@ def test_a_file_with_longer_records_is_in_order(tmp_path: Path) -> None:
     assert trace.metadata == [("m", METADATA.metadata)]
     assert trace.attachments["a.txt"] == b"text"
     assert recover(path, tmp_path / "b.mcap").complete
+
+
+@pytest.mark.parametrize("more", [1, 2, 4, 8, 64])
+def test_a_length_that_is_too_great_takes_nothing_that_follows(tmp_path: Path, more: int) -> None:
+    """Without a summary too, which knows where the next record begins."""
+    whole = a_trace(tmp_path / "a.mcap").read_bytes()
+    run = next(r for r in Walk(tmp_path / "a.mcap", "skip") if r.opcode == Opcode.METADATA)
+    length = (run.size - HEAD.size + more).to_bytes(8, "little")
+    cut = tmp_path / "b.mcap.partial"
+    cut.write_bytes(patched(whole, run.position + 1, length)[: whole.index(b"cosim.result")])
+    result = recover(cut, tmp_path / "c.mcap")
+    assert (result.messages, result.attachments) == (len(ROWS), 1)
 
 
 def test_a_length_that_is_too_small_is_damage() -> None:

@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from mcap.opcode import Opcode
 from mcap.reader import NonSeekingReader, make_reader
 from test_trace_recover import ROWS, a_trace, chunks_of, contents
 from test_trace_verify import a_run, patched
@@ -17,6 +18,7 @@ from written import write
 
 from cosim.core.errors import CosimError, InputError
 from cosim.trace import Trace, recover, verify
+from cosim.trace.file.walk import Walk
 
 Key = tuple[str, int, int, int, bytes]
 
@@ -142,6 +144,19 @@ def test_a_record_whose_head_is_damaged_is_mended_by_its_index(tmp_path: Path) -
             assert (result.lost, result.lost_messages, result.complete) == (False, 0, False)
             assert [d.outcome for d in result.damage] == ["mended"]
             assert contents(result.output) == everything
+
+
+def test_a_chunk_with_the_opcode_of_another_record_is_found(tmp_path: Path) -> None:
+    """Some of them are no damage by themselves: an index, a summary offset, a private record."""
+    path = a_trace(tmp_path / "a.mcap")
+    whole, true = path.read_bytes(), kept(path)
+    starts = [record.position for record in Walk(path, "skip") if record.opcode == Opcode.CHUNK]
+    for at in starts[:2]:
+        for opcode in (*range(1, 16), 0x86):
+            path.write_bytes(patched(whole, at, bytes([opcode])))
+            result = recover(path, tmp_path / "b.mcap", force=True)
+            assert kept(result.output) == true, (at, opcode)
+            assert result.complete == (opcode == Opcode.CHUNK)
 
 
 @pytest.mark.parametrize("what", ["message index", "chunk index", "value"])

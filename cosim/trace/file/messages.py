@@ -18,7 +18,7 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Schema
 from numpy.typing import NDArray
 
-from cosim.trace.file.records import DamageError, inner_records, parsed
+from cosim.trace.file.records import DamageError, inner_records, may_follow, parsed
 
 Integers = NDArray[np.int64]
 
@@ -214,7 +214,8 @@ def entries_of(content: bytes | memoryview) -> tuple[int, NDArray[np.uint64]] | 
     if len(content) < _INDEX.size:
         return None
     channel, size = _INDEX.unpack_from(content)
-    if size > len(content) - _INDEX.size or size % 16:  # what follows is a later format's
+    end = _INDEX.size + size
+    if end > len(content) or size % 16 or not may_follow(content[end:]):
         return None
     return channel, np.frombuffer(content, "<u8", size // 8, _INDEX.size).reshape(-1, 2)
 

@@ -75,18 +75,39 @@ def parsed(kind: type[Parsed], content: bytes | memoryview) -> Parsed:
     Raises
     ------
     DamageError : a field is longer than the record, a text is not UTF-8, the checksum of an
-        attachment does not match, or more metadata follow than there should be.
+        attachment does not match, or what follows is no later format.
     """
+    return _parsed(kind, content)[0]
+
+
+def bytes_left(kind: type[McapRecord], content: bytes | memoryview) -> int:
+    """Return how many bytes a record has behind its fields; `DamageError` as `parsed`."""
+    return _parsed(kind, content)[1]
+
+
+def _parsed(kind: type[Parsed], content: bytes | memoryview) -> tuple[Parsed, int]:
     fields = Fields(content)
     try:
         found: Parsed = kind.read(fields)  # type: ignore[attr-defined]
     except UnicodeDecodeError:
         raise DamageError("a text is not UTF-8") from None
-    if kind is Attachment and not _checksum_holds(content, fields.count):
+    end = fields.count
+    if kind is Attachment and not _checksum_holds(content, end):
         raise DamageError("the checksum of an attachment does not match")
-    if kind is Metadata and fields.left and _entries_follow(fields):
+    if kind is Metadata and (_entries_follow(fields) or not may_follow(content[end:])):
         raise DamageError("a metadata record is longer than what is in it")
-    return found
+    return found, len(content) - end
+
+
+def may_follow(more: bytes | memoryview) -> bool:
+    """Whether bytes behind a record's fields may be of a later format: they begin no record.
+
+    A false length takes in the records that follow.
+    """
+    if len(more) < HEAD.size:
+        return True
+    opcode, length = HEAD.unpack_from(more)
+    return not (0 < opcode <= max(Opcode) and length < 2**32)
 
 
 def _checksum_holds(content: bytes | memoryview, end: int) -> bool:
@@ -94,11 +115,13 @@ def _checksum_holds(content: bytes | memoryview, end: int) -> bool:
     given = int.from_bytes(content[end - 4 : end], "little")
     if given == 0:  # where something follows, a wrong length may have led to this place
         return end == len(content)
-    return given == zlib.crc32(memoryview(content)[: end - 4])
+    return given == zlib.crc32(memoryview(content)[: end - 4]) and may_follow(content[end:])
 
 
 def _entries_follow(fields: Fields) -> bool:
     """Whether what is left reads as metadata: then the length before them is wrong."""
+    if not fields.left:
+        return False
     try:
         while fields.left:
             fields.read_prefixed_string()

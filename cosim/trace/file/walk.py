@@ -31,6 +31,7 @@ from cosim.trace.file.records import (
     HEAD,
     MAGIC,
     DamageError,
+    bytes_left,
     check_start,
     chunk_data,
     chunk_head,
@@ -194,20 +195,10 @@ class Walk:
         position = self.position
         reason = self._file.fault(position)
         if reason is not None:
-            if self._policy == "stop":
-                raise DamageError(reason)
-            named = (p for p in self._index() if self._sure <= p < position)
-            passed = [p for p in named if p not in self._visited]
-            if passed:  # what lies before had a false length
-                self.position = min(passed)
-                self._lose(self._sure, self.position, "a record with a false length")
-                self._sure = self.position + 1
-                return None
-            record = self._named(position)
-            if self.position == position:
-                self._skip(position, None)
-            return record
+            return self._at_fault(position, reason)
         opcode, end = self._file.head(position)
+        if self._is_mistaken(position, opcode):
+            return self._named(position)
         if opcode == Opcode.MESSAGE:
             return self._loose(position)
         record = Record(opcode, position, end, self._file.content(position, end))
@@ -221,6 +212,32 @@ class Walk:
             return self._named(position)
         self._take(record)
         return record
+
+    def _at_fault(self, position: int, reason: str) -> Record | None:
+        """Go on where no record can lie: back, by the summary, or at the next one proved."""
+        if self._policy == "stop":
+            raise DamageError(reason)
+        named = (p for p in self._index() if self._sure <= p < position)
+        passed = [p for p in named if p not in self._visited]
+        if passed:  # what lies before had a false length
+            self.position = min(passed)
+            self._lose(self._sure, self.position, "a record with a false length")
+            self._sure = self.position + 1
+            return None
+        record = self._named(position)
+        if self.position == position:
+            self._skip(position, None)
+        return record
+
+    def _is_mistaken(self, position: int, opcode: int) -> bool:
+        """Whether the summary has another kind of record at a place: its opcode is damaged.
+
+        A chunk and an attachment prove themselves, and so the summary is not read for them.
+        """
+        if self._policy == "stop" or opcode in (Opcode.CHUNK, Opcode.ATTACHMENT):
+            return False
+        named = self._index().get(position)
+        return named is not None and named[0] != opcode and named[1] <= self.size
 
     def _is_long(self, record: Record) -> bool:
         """Whether a whole chunk is longer than its data and its index: its length is damaged."""
@@ -276,7 +293,9 @@ class Walk:
         """Check a record's content and checksum, and find the messages of a chunk."""
         kind = _PARSED.get(record.opcode)
         if kind is not None:
-            parsed(kind, record.content)
+            more = bytes_left(kind, record.content)
+            if more and self._file.plausible(record.end - more):
+                self._shorten(record, more)
         if record.opcode != Opcode.CHUNK or not self._chunks:
             return
         data = chunk_data(record.content)
@@ -291,11 +310,18 @@ class Walk:
                 raise damage
             record.suspect = str(damage)
 
+    def _shorten(self, record: Record, more: int) -> None:
+        """Take a record as long as what is in it, where another follows that."""
+        if self._policy == "stop":
+            raise DamageError("the record is longer than what is in it")
+        record.content, record.end = record.content[:-more], record.end - more
+        self.damage.append(Damage(record.position, HEAD.size, "the length of a record", "mended"))
+
     def _indexes(self, position: int) -> list[tuple[int, bytes]]:
         found = []
         while self._file.fault(position) is None:
             opcode, end = self._file.head(position)
-            if opcode != Opcode.MESSAGE_INDEX:
+            if opcode != Opcode.MESSAGE_INDEX or self._is_mistaken(position, opcode):
                 break
             found.append((position, self._file.content(position, end)))
             position = end
@@ -318,7 +344,9 @@ class Walk:
     def _damaged(self, record: Record, reason: str) -> Record | None:
         """Return what is left of a record whose content is damaged, if that is wanted."""
         named = self._index().get(record.position)
-        if named is not None and named[1] <= self.size and named[0] == record.opcode:
+        if named is not None and named[1] <= self.size:
+            if named[0] != record.opcode:
+                return self._named(record.position)
             end = named[1]
             record.content = self._file.content(record.position, end)
             record.end = end
@@ -432,8 +460,11 @@ class Walk:
         record = Record(opcode, position, end, self._file.content(position, end))
         if opcode == Opcode.MESSAGE:
             return int.from_bytes(record.content[:2], "little") in self._known
+        noted = len(self.damage)
         try:
             self._open(record)
         except DamageError:
             return False
+        finally:
+            del self.damage[noted:]  # it is noted when the record is taken
         return True
