@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.linalg import expm
+from shared import sampled
 from solver_points import Array, benchmark, random_system, solved
 
 from cosim.core.errors import InputError
@@ -204,11 +205,12 @@ def _gain_and_abscissa(
     return worst, float(np.linalg.eigvals(generator).real.max())
 
 
-def test_what_is_proved_is_true_of_random_loops() -> None:
+@pytest.mark.parametrize("seed", sampled([2, 3, 4], 1))
+def test_what_is_proved_is_true_of_random_loops(seed: int) -> None:
     """Proved loops are stable with a norm below gamma, for random F and delays up to d."""
-    rng = np.random.default_rng(2)
+    rng = np.random.default_rng(seed)
     proved = 0
-    for trial in range(24):
+    for trial in range(8):
         system = random_system(
             rng, late=bool(trial % 2), any_age=bool(trial // 2 % 2), uncertain=True, scale=0.4
         )
@@ -226,4 +228,4 @@ def test_what_is_proved_is_true_of_random_loops() -> None:
             )
             assert norm <= gamma
             assert abscissa < 0
-    assert proved >= 6
+    assert proved >= 2

@@ -55,7 +55,7 @@ def test_a_limit_on_the_gain_uses_the_same_ladder() -> None:
     assert check_certificate(found.certificate).valid
 
 
-@pytest.mark.parametrize("seed", share_of([8, 10, 27]))
+@pytest.mark.parametrize("seed", sampled([8, 10, 27], 1))
 def test_a_limit_just_above_the_gain_of_a_design_is_met(seed: int) -> None:
     """What is certified without the limit meets it: it is never refused with it."""
     system = varied_system(seed)

@@ -216,7 +216,7 @@ def executed(text: str | Path, folder: Path, method: Literal["fork", "spawn"] | 
     )
 
 
-@pytest.mark.parametrize("name", [*BUILT_IN, *WITH_EVENTS])
+@pytest.mark.parametrize("name", sampled([*WITH_EVENTS, *BUILT_IN], 6))
 def test_trace_is_that_of_a_run_in_one_process(tmp_path: Path, name: str) -> None:
     """Byte by byte: rows, messages, log lines, metrics."""
     valid = SCENARIOS / "valid" / f"{name}.toml"
