@@ -1,10 +1,8 @@
-"""Compress chunks, two at a time where there are two processors."""
+"""Compress chunks."""
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections.abc import Sequence
 
 import lz4.frame
 import zstandard
@@ -39,10 +37,7 @@ class Compressor:
 
     def __init__(self, name: str) -> None:
         self.name = name
-        # the second is for the helper thread: zstd's are not thread-safe
-        self._ours, self._theirs = (
-            zstandard.ZstdCompressor(compression_params=_QUICK) for _ in range(2)
-        )
+        self._zstd = zstandard.ZstdCompressor(compression_params=_QUICK)
 
     def __call__(self, chunks: Sequence[Data]) -> list[Data]:
         """Return the compressed data of each chunk."""
@@ -50,35 +45,4 @@ class Compressor:
             return list(chunks)
         if self.name == "lz4":
             return [lz4.frame.compress(data) for data in chunks]
-        half = len(chunks) // 2
-        first, theirs = chunks[:half], self._theirs
-        helper = _ask(lambda: [theirs.compress(data) for data in first]) if half else None
-        if helper is None:
-            return [self._ours.compress(data) for data in chunks]
-        rest = [self._ours.compress(data) for data in chunks[half:]]
-        return [*helper.result(), *rest]
-
-
-_helper: ThreadPoolExecutor | None = None
-
-
-def _ask(work: Callable[[], list[bytes]]) -> Future[list[bytes]] | None:
-    """Run work in another thread; None where that is impossible or would not help."""
-    global _helper  # noqa: PLW0603 - one thread for all traces of the process
-    if (os.cpu_count() or 1) < 2:
-        return None
-    if _helper is None:
-        _helper = ThreadPoolExecutor(1, thread_name_prefix="trace-compress")
-    try:
-        return _helper.submit(work)
-    except RuntimeError:  # the interpreter is ending
-        return None
-
-
-def _forget() -> None:
-    global _helper  # noqa: PLW0603 - its thread is not in a forked process
-    _helper = None
-
-
-if hasattr(os, "register_at_fork"):
-    os.register_at_fork(after_in_child=_forget)
+        return [self._zstd.compress(data) for data in chunks]
