@@ -304,14 +304,14 @@ class _Traffic:
     def state(self, points_ns: NDArray[np.int64]) -> Rows:
         """Return age and counts at some of these points, up to which `until` has returned all."""
         times = points_ns[self._thinned(points_ns)]
-        name = self.link.name
+        schedule = self._comm_points.links[self.link.name]
         # a run may break off where the delay of a message that is sent is not known yet
-        found = self._comm_points.links[name].state(times, broken_off=True)
+        found = schedule.state(times, broken_off=True)
         lost_ns = np.concatenate([np.zeros(0, np.int64), *self._lost_ns])
         values = np.column_stack(
             [
                 found.age_s,
-                self._comm_points.links[name].in_flight(times),
+                schedule.in_flight(times),
                 found.delivered,
                 self._lost + np.searchsorted(lost_ns, times, side="right"),
                 found.dropped,

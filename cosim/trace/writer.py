@@ -25,15 +25,13 @@ from cosim.trace.file import process_exit
 from cosim.trace.file.block import HEAD, Records, in_order
 from cosim.trace.file.disk import Guard, PartialFile
 from cosim.trace.file.flusher import Flusher
+from cosim.trace.file.records import LATEST_SIGNED_NS
 from cosim.trace.file.stream import COMPRESSIONS, McapStream
 from cosim.trace.rows import layout
 from cosim.trace.rows.encode import RowEncoder, laid_out, waiting_message
 from cosim.trace.rows.foxglove_topics import FoxgloveTopics
 from cosim.trace.rows.layout import Signal
 from cosim.trace.rows.rows import Lines, Poses, Rows
-
-_LAST = 2**63 - 1
-"""The latest time that a trace takes [ns]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -195,7 +193,7 @@ class TraceWriter:
             row = encoder.waiting(topic_id, sequence, log_time_ns, publish, values)
         except struct.error as error:
             raise _wrong_numbers(log_time_ns, publish, sequence) from error
-        if log_time_ns > _LAST or publish > _LAST:
+        if log_time_ns > LATEST_SIGNED_NS or publish > LATEST_SIGNED_NS:
             raise _wrong_numbers(log_time_ns, publish, sequence)
         self._add(row)
 

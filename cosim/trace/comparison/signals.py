@@ -18,10 +18,9 @@ from cosim.trace.comparison.links import LinkDiff, links_of
 from cosim.trace.comparison.rows import Seen, SignalDiff, TopicDiff, in_step
 from cosim.trace.comparison.tolerance import Tolerances
 from cosim.trace.content import content_hash_of
+from cosim.trace.file.records import LATEST_SIGNED_NS
 from cosim.trace.reader import Trace
 from cosim.trace.rows.layout import LOG_TOPIC, signal_name
-
-_ALWAYS = 2**63 - 1
 
 
 @dataclass(frozen=True, slots=True, repr=False)
@@ -112,7 +111,7 @@ def diff(
     both = [t for t in one.topics if t in two.topics and t in chosen]
     readable = [t for t in both if _readable(one, t) and _readable(two, t) and t != LOG_TOPIC]
     ends = _end_ns(one, chosen), _end_ns(two, chosen)
-    until = _ALWAYS if prefix else min(ends)
+    until = LATEST_SIGNED_NS if prefix else min(ends)
     compared = {
         topic: TopicDiff(topic, allowed, _begin_ns(one, two, topic), until, seen)
         for topic in readable

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import lz4.frame
 import zstandard
 
 Data = bytes | memoryview
-
 
 _QUICK = zstandard.ZstdCompressionParameters(
     strategy=zstandard.STRATEGY_FAST,
@@ -39,10 +36,11 @@ class Compressor:
         self.name = name
         self._zstd = zstandard.ZstdCompressor(compression_params=_QUICK)
 
-    def __call__(self, chunks: Sequence[Data]) -> list[Data]:
-        """Return the compressed data of each chunk."""
+    def __call__(self, chunk: Data) -> Data:
+        """Return the compressed data of a chunk."""
         if self.name == "":
-            return list(chunks)
+            return chunk
         if self.name == "lz4":
-            return [lz4.frame.compress(data) for data in chunks]
-        return [self._zstd.compress(data) for data in chunks]
+            compressed: bytes = lz4.frame.compress(chunk)
+            return compressed
+        return self._zstd.compress(chunk)

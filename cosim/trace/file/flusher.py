@@ -45,7 +45,7 @@ class Flusher:
                 self._thread = threading.Thread(target=self._run, name="trace", daemon=True)
                 self._thread.start()
             return False
-        return time.monotonic() - self._since >= self.after_s
+        return self.asks()
 
     def flushed(self) -> None:
         """Register that nothing waits any more (guard held)."""
@@ -79,7 +79,7 @@ class Flusher:
         flush = self._flush()
         if flush is None or not self._guard.open:
             return False
-        if self._since is not None and time.monotonic() - self._since >= self.after_s:
+        if self._since is not None and self.asks():
             try:
                 flush()
             except OSError as error:

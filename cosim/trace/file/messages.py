@@ -155,11 +155,13 @@ def groups(numbers: NDArray[Any]) -> Iterator[tuple[int, Integers]]:
 def together(blocks: Iterable[Messages], least_bytes: int) -> Iterator[Messages]:
     """Join neighbours until they have so many bytes."""
     waiting: list[Messages] = []
+    size = 0
     for block in blocks:
         waiting.append(block)
-        if sum(len(each.data) for each in waiting) >= least_bytes:
+        size += len(block.data)
+        if size >= least_bytes:
             yield Messages.joined(waiting)
-            waiting = []
+            waiting, size = [], 0
     if waiting:
         yield Messages.joined(waiting)
 

@@ -36,6 +36,9 @@ HEAD = struct.Struct("<BQ")
 LATEST_NS = 2**64 - 1
 """The latest log time that a message can have [ns]."""
 
+LATEST_SIGNED_NS = 2**63 - 1
+"""The latest time of what this project writes, and of its tables, which are of int64 [ns]."""
+
 _CHUNK = struct.Struct("<QQQII")
 _MESSAGE_BYTES = 22
 _INSIDE_CHUNKS = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE)

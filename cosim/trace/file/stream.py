@@ -38,7 +38,7 @@ from cosim.trace.file.chunk import ClosedChunk, OpenChunk
 from cosim.trace.file.compress import Compressor, Data
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Iterator, Mapping
 
 COMPRESSIONS = ("zstd", "lz4", "none")
 _FOOTER_LENGTH = 8 + 8 + 4
@@ -155,7 +155,6 @@ class McapStream:
 
     def add(self, block: Block) -> None:
         """Write messages in the order of the block; chunks are closed as they fill."""
-        sealed = []
         begin = 0
         with self.undivided():
             while begin < block.size:
@@ -166,10 +165,7 @@ class McapStream:
                 self._chunk.add(block.part(begin, end))
                 begin = end
                 if self._chunk.count > self._chunk_bytes:
-                    sealed.append(self._chunk.seal())
-                    self._chunk = OpenChunk()
-            if sealed:
-                self._write_chunks(sealed)
+                    self._close_chunk()
 
     def message(
         self, channel: int, log_ns: int, publish_ns: int, sequence: int, data: bytes
@@ -229,9 +225,9 @@ class McapStream:
     @contextmanager
     def undivided(self) -> Iterator[None]:
         """Do what an interruption must not divide: within, the stream is not `sound`."""
-        self.sound = False
+        before, self.sound = self.sound, False
         yield
-        self.sound = True
+        self.sound = before
 
     def _statistics(self) -> Statistics:
         return Statistics(
@@ -256,14 +252,10 @@ class McapStream:
         if self._chunk.messages:
             with self.undivided():
                 sealed, self._chunk = self._chunk.seal(), OpenChunk()
-                self._write_chunks([sealed])
+                self._write_chunk(sealed)
 
-    def _write_chunks(self, chunks: Sequence[ClosedChunk]) -> None:
-        packed = self._compress([chunk.data for chunk in chunks])
-        for chunk, data in zip(chunks, packed, strict=True):
-            self._write_chunk(chunk, data)
-
-    def _write_chunk(self, chunk: ClosedChunk, packed: Data) -> None:
+    def _write_chunk(self, chunk: ClosedChunk) -> None:
+        packed = self._compress(chunk.data)
         start = self.position
         name = self._compress.name
         head = _bytes_of(

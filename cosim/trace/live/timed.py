@@ -12,10 +12,9 @@ import numpy as np
 from cosim.core import LossError
 from cosim.trace.file.contents import Segment
 from cosim.trace.file.messages import Messages
+from cosim.trace.file.records import LATEST_SIGNED_NS
 from cosim.trace.reader import Trace
 
-LATEST = 2**63 - 1
-"""Latest time; messages of later times, which a file may claim, count as of this one."""
 _KEPT = 4
 
 
@@ -30,6 +29,8 @@ class TimedMessage(NamedTuple):
 class TimedMessages:
     """The messages of a trace in order of log time; of equal times, in file order.
 
+    Messages of later times than `LATEST_SIGNED_NS`, which a file may claim, count as of that one.
+
     Only chunks that overlap in time are in memory together. A chunk that turns out to be damaged
     is passed over.
 
@@ -42,13 +43,15 @@ class TimedMessages:
     def __init__(self, trace: Trace) -> None:
         self._trace = trace
         spans = trace.spans.values()
-        self.first_ns = min((min(low, LATEST) for low, _ in spans), default=0)
-        self.last_ns = max((min(high, LATEST) for _, high in spans), default=0)
+        self.first_ns = min((min(low, LATEST_SIGNED_NS) for low, _ in spans), default=0)
+        self.last_ns = max((min(high, LATEST_SIGNED_NS) for _, high in spans), default=0)
         self.damage: list[str] = []
         self._segments = sorted(trace.segments, key=lambda s: (s.start_ns, s.position))
-        self._starts = [min(s.start_ns, LATEST) for s in self._segments]
+        self._starts = [min(s.start_ns, LATEST_SIGNED_NS) for s in self._segments]
         # end of this segment and of all before it: where nothing earlier is left to come
-        self._ends = list(accumulate((min(s.end_ns, LATEST) for s in self._segments), max))
+        self._ends = list(
+            accumulate((min(s.end_ns, LATEST_SIGNED_NS) for s in self._segments), max)
+        )
         self._read: OrderedDict[int, Messages] = OrderedDict()
         self._used = [number for number, count in trace.counts.items() if count]
 
@@ -61,9 +64,9 @@ class TimedMessages:
             segment = self._segments[k]
             if waiting:
                 yield from _before(waiting, self._starts[k])
-            if min(segment.end_ns, LATEST) >= first_ns:
+            if min(segment.end_ns, LATEST_SIGNED_NS) >= first_ns:
                 messages = self._messages(segment)
-                log = np.minimum(messages.heads["log"], LATEST)
+                log = np.minimum(messages.heads["log"], LATEST_SIGNED_NS)
                 inside = (log >= first_ns) & (log <= last_ns)
                 waiting.append((segment, messages.part(np.flatnonzero(inside))))
         yield from _before(waiting, None)
@@ -80,7 +83,7 @@ class TimedMessages:
             if segment.channels is not None and segment.channels.isdisjoint(waiting):
                 continue
             messages = self._messages(segment)
-            log = np.minimum(messages.heads["log"], LATEST)
+            log = np.minimum(messages.heads["log"], LATEST_SIGNED_NS)
             for number, mine in messages.by_channel():
                 mine = mine[log[mine] <= at_ns]  # noqa: PLW2901
                 if number in waiting and mine.size:
@@ -109,7 +112,7 @@ def _before(
     waiting: list[tuple[Segment, Messages]], bound_ns: int | None
 ) -> Iterator[TimedMessage]:
     """Yield, and take away, the messages before an instant, or all, in order of time."""
-    logs = [np.minimum(messages.heads["log"], LATEST) for _, messages in waiting]
+    logs = [np.minimum(messages.heads["log"], LATEST_SIGNED_NS) for _, messages in waiting]
     if bound_ns is not None:
         chosen = [np.flatnonzero(log < bound_ns) for log in logs]
     else:
@@ -131,7 +134,7 @@ def _before(
 
 def _messages(messages: Messages) -> Iterator[TimedMessage]:
     heads = messages.heads
-    log = np.minimum(heads["log"], LATEST)
+    log = np.minimum(heads["log"], LATEST_SIGNED_NS)
     for number, at, payload in zip(
         heads["channel"].tolist(), log.tolist(), messages.payloads(), strict=True
     ):

@@ -10,8 +10,9 @@
 from __future__ import annotations
 
 import re
+from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,14 +59,16 @@ class Outgoing(NamedTuple):
     notes: Mapping[str, str] = {}
 
 
-class Converter(Protocol):
+class Converter(ABC):
     """Makes the messages of one topic of a trace, part by part."""
 
+    @abstractmethod
     def __call__(self, table: Table) -> Iterator[Outgoing]:
         """Yield the messages of the next rows."""
 
     def last(self) -> Iterator[Outgoing]:
-        """Yield the messages that conclude the topic, of its last row."""
+        """Yield the messages that conclude the topic, of its last row: none, by default."""
+        return iter(())
 
 
 def converters(topics: Mapping[str, TopicInfo]) -> dict[str, list[Converter]]:
@@ -136,7 +139,7 @@ def _groups(*columns: NDArray[Any]) -> Iterator[tuple[tuple[str, ...], Numbers]]
         yield texts, np.array(mine, np.intp)
 
 
-class _Signals:
+class _Signals(Converter):
     """A topic of rows: every signal is a topic of its own."""
 
     _TYPES: Mapping[str, tuple[str, str]] = {
@@ -167,11 +170,8 @@ class _Signals:
                 lines = Message().text(text).filled(mine.size, {})
                 yield Outgoing(topic, kind, there[mine], lines, notes)
 
-    def last(self) -> Iterator[Outgoing]:
-        return iter(())
 
-
-class _Poses:
+class _Poses(Converter):
     """Poses, and the path that those of a vehicle make: a pose, not a reference."""
 
     def __init__(self, topic: str, names: _Names) -> None:
@@ -211,7 +211,7 @@ class _Poses:
         return Outgoing(self._path_topic, "nav_msgs/msg/Path", rows, message.filled(1, {}))
 
 
-class _Frames:
+class _Frames(Converter):
     """Frames, one transform in each message."""
 
     def __init__(self, moving: str, static: str) -> None:
@@ -229,11 +229,8 @@ class _Frames:
             topic = self._topics[(parent, child) == (MAP, NED)]
             yield Outgoing(topic, "tf2_msgs/msg/TFMessage", mine, lines)
 
-    def last(self) -> Iterator[Outgoing]:
-        return iter(())
 
-
-class _Odometry:
+class _Odometry(Converter):
     """Pose in the frame of the equations, and speed in the vehicle's; no covariance is known."""
 
     def __init__(self, topic: str, frame: str) -> None:
@@ -255,11 +252,8 @@ class _Odometry:
         lines = self._message.filled(len(table), {**_stamps(table.log_time_ns), **given, **turned})
         yield Outgoing(self._topic, "nav_msgs/msg/Odometry", np.arange(len(table)), lines)
 
-    def last(self) -> Iterator[Outgoing]:
-        return iter(())
 
-
-class _Log:
+class _Log(Converter):
     """Lines of the log."""
 
     def __init__(self, topic: str) -> None:
@@ -275,6 +269,3 @@ class _Log:
             given = {**columns, "line": table["line"]}
             lines = line.filled(mine.size, {key: values[mine] for key, values in given.items()})
             yield Outgoing(self._topic, "rcl_interfaces/msg/Log", mine, lines)
-
-    def last(self) -> Iterator[Outgoing]:
-        return iter(())

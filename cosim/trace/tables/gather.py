@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from cosim.core import InputError, LossError
 from cosim.trace.file.declared import Channel
 from cosim.trace.file.messages import Messages
+from cosim.trace.file.records import LATEST_SIGNED_NS
 from cosim.trace.rows.decode import RowDecoder
 from cosim.trace.rows.hold import blanks
 from cosim.trace.rows.json_rows import json_columns
@@ -19,10 +20,8 @@ from cosim.trace.rows.layout import Signal
 from cosim.trace.tables.table import Table
 
 _OTHER = {"ros1": "ROS 1", "cdr": "ROS 2 (CDR)"}
-_MAX_NS = 2**63 - 1
-_FEW, _MANY, _MANY_BYTES = 32, 4096, 2**22
-"""Fewer messages of a chunk than the first wait until there are as many as the second, others
-until they have so many bytes, to be decoded together."""
+_MANY, _MANY_BYTES = 4096, 2**22
+"""From so many chunks, or of so many bytes, messages are decoded together."""
 _ROOM = 2**28  # bytes that need no check of the memory
 
 
@@ -84,7 +83,7 @@ class TopicRows:
             for key in ("log", "publish", "sequence")
         }
         for key in ("log", "publish"):
-            if heads[key].size and int(heads[key].max()) > _MAX_NS:
+            if heads[key].size and int(heads[key].max()) > LATEST_SIGNED_NS:
                 raise _unreadable(self._where, "a time beyond 2**63 ns")
         columns: dict[str, NDArray[Any]] = {}
         present: dict[str, NDArray[np.bool_]] = {}
@@ -124,7 +123,6 @@ class _Source:
         self._decoder: RowDecoder | None = None
         self._parts: list[Any] = []
         self._places: list[NDArray[np.int64]] = []
-        self._few: list[bytes] = []
         self._waiting: list[Messages] = []
         self._waiting_bytes = 0
         if channel.encoding == "json":
@@ -155,24 +153,13 @@ class _Source:
             self._parts.append(messages)
             return
         # to decode those of several chunks at once costs less
-        if len(messages) < _FEW:
-            self._few += messages.records()
-        else:
-            self._gather_few()
-            self._waiting.append(messages.compact())
-            self._waiting_bytes += len(self._waiting[-1].data)
-        if self._waiting_bytes >= _MANY_BYTES or len(self._few) >= _MANY:
+        self._waiting.append(messages.compact())
+        self._waiting_bytes += len(self._waiting[-1].data)
+        if self._waiting_bytes >= _MANY_BYTES or len(self._waiting) >= _MANY:
             self._decode()
-
-    def _gather_few(self) -> None:
-        if self._few:
-            ends = np.cumsum([len(record) for record in self._few])
-            data, self._few = b"".join(self._few), []
-            self._waiting.append(Messages.at(data, np.append(0, ends[:-1])))
 
     def _decode(self) -> None:
         """Decode the messages that wait."""
-        self._gather_few()
         if self._decoder is None or not self._waiting:
             return
         messages, self._waiting, self._waiting_bytes = Messages.joined(self._waiting), [], 0
@@ -182,8 +169,7 @@ class _Source:
             raise _unreadable(self._where, str(error)) from error
 
     def forget(self) -> None:
-        self._parts, self._places, self._few, self._waiting = [], [], [], []
-        self._waiting_bytes = 0
+        self._parts, self._places, self._waiting, self._waiting_bytes = [], [], [], 0
 
     def columns(
         self,
