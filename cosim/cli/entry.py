@@ -1,12 +1,14 @@
 """Entry point of the command: what must be so before any module loads.
 
 Output is UTF-8 wherever it goes: a pipe or a file of Windows has a code page without Greek
-letters. An interruption while modules are loading gives no traceback.
+letters. An interruption while modules are loading gives no traceback. Linear algebra has one
+thread: its matrices are small, and starting threads costs a third of loading NumPy.
 """
 
 from __future__ import annotations
 
 import io
+import os
 import sys
 
 
@@ -15,6 +17,7 @@ def main() -> None:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # not where a test or a notebook captures it
             stream.reconfigure(encoding="utf-8", errors="backslashreplace")
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     try:
         from cosim.cli.application import main as run  # noqa: PLC0415 - to catch Ctrl-C while loading
     except KeyboardInterrupt:

@@ -14,6 +14,7 @@ from .files import (
     write_whole as write_whole,
     written_beside as written_beside,
 )
+from .notices import say_once as say_once
 from .processes import (
     DEATH_HINTS as DEATH_HINTS,
     death_of as death_of,
