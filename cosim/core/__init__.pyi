@@ -1,3 +1,4 @@
+from .arrays import distinct as distinct
 from .errors import (
     CheckFailedError as CheckFailedError,
     ComponentError as ComponentError,
