@@ -129,7 +129,7 @@ def execute_study(
                     done.append(first)
             else:
                 seconds = max(row.seconds for row in done if row.status != TIMED_OUT)
-            plan = _limited(plan, seconds, report_progress)
+            plan = _with_limit(plan, seconds, report_progress)
             until = math.inf if time_limit_s is None else began + time_limit_s
             with pool() as opened:
                 retried = _run_rest(plan, folder, opened, done, report_progress, until)
@@ -158,7 +158,7 @@ def execute_study(
     )
 
 
-def _limited(plan: Plan, seconds: float, report_progress: Progress) -> Plan:
+def _with_limit(plan: Plan, seconds: float, report_progress: Progress) -> Plan:
     """Return the plan with a limit of time for each run: its first runs took `seconds`."""
     if default_method() is None:
         return plan

@@ -29,7 +29,7 @@ _AHEAD = 2  # batches submitted per worker, so that none waits for the next
 _PATIENCE_S = 20
 WAIT_S = 600.0
 """How long to wait for workers by default, when there are none [s]: far longer than one starts."""
-_SAY_S = 30.0  # without workers, before it is said
+_SAY_S = 30.0  # without workers, before it is reported
 _LOOK_S = 1.0
 _POLL_S = 0.02
 _INSTALL = "pip install 'auv-cosim[study]'"
@@ -135,7 +135,7 @@ class DaskPool:
     def _completed(self, done: Any) -> Iterator[Any]:
         """Yield futures as they are completed; look from time to time whether there are workers."""
         looked = since = time.monotonic()
-        said = 0.0
+        reported = 0.0
         while not done.is_empty():
             found = done.next_batch(block=False)
             yield from found
@@ -143,7 +143,7 @@ class DaskPool:
             if now - looked >= _LOOK_S:
                 looked, count = now, self._workers()
                 self.size = max(1, count)
-                since, said = (since, said) if not count else (now, 0.0)
+                since, reported = (since, reported) if not count else (now, 0.0)
             alone = looked - since
             if self._wait_s is not None and alone > self._wait_s:
                 raise ComponentError(
@@ -153,8 +153,8 @@ class DaskPool:
                     hint="finished runs are kept: the same command continues; "
                     "--wait-for-workers none waits for ever",
                 )
-            if alone > said + _SAY_S:
-                said = alone
+            if alone > reported + _SAY_S:
+                reported = alone
                 self.notice(f"no workers for {alone:.0f} s")
             if not found:
                 time.sleep(_POLL_S)

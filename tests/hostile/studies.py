@@ -65,7 +65,7 @@ class Found(NamedTuple):
     wrong: list[str]
 
 
-def fly(fault: str, workers: int) -> Found:
+def run_study_with(fault: str, workers: int) -> Found:
     """Run the study, and look at everything that it leaves."""
     values = [DEADLY + i if i in MISBEHAVING else 0.1 * i for i in range(RUNS)]
     given = {"u": 0.0, "decay": 1.0, "x0": 1.0, **misbehaviour(fault, beyond=600.0, megabytes=2e3)}
@@ -147,7 +147,7 @@ def main() -> int:
     asked = parser.parse_args()
     with tempfile.TemporaryDirectory() as shared:
         share_below(Path(shared))
-        found = [fly(fault, n) for fault in asked.fault for n in asked.workers]
+        found = [run_study_with(fault, n) for fault in asked.fault for n in asked.workers]
     if asked.json:
         print(json.dumps([one._asdict() for one in found]))
     else:

@@ -111,11 +111,11 @@ def test_workers_are_replaced_when_they_are_lost_and_not_given_up_before(tmp_pat
 def test_a_study_that_loses_its_workers_ends_and_can_be_continued(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Where none can be started any more, that is said; what is done is kept."""
+    """Where none can be started any more, that is reported; what is done is kept."""
     monkeypatch.setattr("cosim.study.workers._replace_lost", lambda *_: None)
     monkeypatch.setattr("cosim.study.workers._LOOK_S", 0.05)
     monkeypatch.setattr("cosim.study.workers._SAY_S", 0.1)
-    said: list[str] = []
+    notices: list[str] = []
     with local(1, wait_s=0.5) as pool:
         give_up(pool)
         with pytest.raises(ComponentError, match="no workers for") as caught:
@@ -123,10 +123,10 @@ def test_a_study_that_loses_its_workers_ends_and_can_be_continued(
                 plan([0.0, 1.0]),
                 tmp_path,
                 lambda: contextlib.nullcontext(pool),
-                progress=lambda what, _: said.append(what),
+                progress=lambda what, _: notices.append(what),
             )
     assert "the same command continues" in str(caught.value.hint)
-    assert any("no workers for" in what for what in said)
+    assert any("no workers for" in what for what in notices)
     assert execute_study(plan([0.0, 1.0]), tmp_path).statuses == {"finished": 2}
 
 
@@ -139,7 +139,7 @@ def test_runs_that_misbehave_do_not_stop_a_study(fault: str, workers: int) -> No
 
     In a process of its own, since a study that stops for ever is what is looked for.
     """
-    assert hostile.studies.fly(fault, workers).wrong == []
+    assert hostile.studies.run_study_with(fault, workers).wrong == []
 
 
 def test_all_runs_of_a_batch_but_the_one_that_kills_its_worker_are_kept(tmp_path: Path) -> None:
