@@ -18,10 +18,10 @@ from cosim.cli.common import (
     answer,
     progress,
 )
-from cosim.cli.run_view import demo_view, outcome_view
-from cosim.cli.runs import interruptions_reported, make_fmu_cache
+from cosim.cli.run_view import demo_view
+from cosim.cli.runs import interruptions_reported, make_fmu_cache, report_outcome
 from cosim.cli.step_check_view import step_check_view
-from cosim.core import CheckFailedError, ComponentError, InputError
+from cosim.core import CheckFailedError, InputError
 from cosim.master import EngineName, Pace
 from cosim.scenario import (
     FmuCache,
@@ -186,11 +186,7 @@ def run(
             fsync=fsync,
             supervision=supervision,
         )
-    answer(as_json, outcome.to_json, lambda: outcome_view(outcome))
-    if outcome.status == "failed":
-        raise typer.Exit(ComponentError.exit_code)
-    if not outcome.as_expected:
-        raise typer.Exit(CheckFailedError.exit_code)
+    report_outcome(outcome, as_json)
 
 
 def _refuse_together(option: str, others: Mapping[str, object]) -> None:

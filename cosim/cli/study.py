@@ -9,11 +9,12 @@ from typing import Annotated, Any
 import typer
 
 from cosim.cli.arguments import names
-from cosim.cli.common import FMUS, FmusOption, JsonOption, RunFlavour, answer, progress
+from cosim.cli.common import FMUS, TRACES, FmusOption, JsonOption, RunFlavour, answer, progress
+from cosim.cli.runs import interruptions_reported, report_outcome
 from cosim.cli.study_view import checked_view, finished_view, summary_view
 from cosim.cli.terminal import titles_table
 from cosim.core import InputError, StoppedError
-from cosim.scenario import time_limit as time_limit_of
+from cosim.scenario import check_writable, time_limit as time_limit_of
 from cosim.study import (
     LoadedStudy,
     Plan,
@@ -28,6 +29,7 @@ from cosim.study import (
     pool_for,
     read_rows,
     read_table,
+    repeat_run,
     summarise,
 )
 
@@ -42,6 +44,16 @@ StudyArgument = Annotated[str, typer.Argument(help="Name of a built-in study, or
 FlavourOption = Annotated[
     RunFlavour,
     typer.Option(help="Built-in FMUs: native (C, compiled on this machine), or python."),
+]
+
+LimitOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="KEY=VALUE",
+        help="End a run beyond a limit: call, run, start, end (seconds, or '2 min') or memory "
+        "('2 GB'); none: no limit. In a study without a limit of run: 50 times what the first run "
+        "took, at least 60 s. May be repeated.",
+    ),
 ]
 
 
@@ -101,15 +113,7 @@ def run(
             help="Keep the traces of these runs: none, all, failed, or 'worst:N by METRIC'."
         ),
     ] = None,
-    limit: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="KEY=VALUE",
-            help="End a run beyond a limit: call, run, start, end (seconds, or '2 min') or memory "
-            "('2 GB'); none: no limit. Without one of run: 50 times what the first run took, at "
-            "least 60 s. May be repeated.",
-        ),
-    ] = None,
+    limit: LimitOption = None,
     time_limit: Annotated[
         str,
         typer.Option(
@@ -166,7 +170,34 @@ def run(
             got=f"{there} of {plan.count} runs are done and kept",
             hint="the same command continues",
         ) from None
-    answer(as_json, done.to_json, lambda: finished_view(done))
+    answer(as_json, done.to_json, lambda: finished_view(name, done))
+
+
+@study_app.command()
+def repeat(
+    name: StudyArgument,
+    number: Annotated[int, typer.Argument(help="Number of the run, counted from 0.")],
+    out: Annotated[
+        Path | None, typer.Option(help="Trace (default: traces/STUDY-run-NUMBER.mcap).")
+    ] = None,
+    limit: LimitOption = None,
+    fmus: FmusOption = FMUS,
+    flavour: FlavourOption = "native",
+    as_json: JsonOption = False,
+) -> None:
+    """Execute one run of a study alone, with a trace, as `cosim run` does.
+
+    \b
+    cosim study repeat delay-margin 17
+    cosim trace report traces/delay-margin-run-17.mcap
+    """
+    loaded = load_study(name)
+    plan = _plan(loaded, fmus, flavour)
+    trace = out or TRACES / f"{loaded.name}-run-{number}.mcap"
+    check_writable(trace)
+    with interruptions_reported():
+        outcome = repeat_run(plan, number, trace, limits=limit or ())
+    report_outcome(outcome, as_json)
 
 
 @study_app.command()

@@ -26,6 +26,8 @@ REFUSED, FAILED, CRASHED, TIMED_OUT, LOST = "refused", "failed", "crashed", "tim
 it ended its process; it exceeded a limit of time; the worker died at each attempt."""
 ASSERTION_FAILED = "assertion_failed"
 """Status of a run that reached its end, and whose assertions did not all come out as expected."""
+INCOMPLETE = (REFUSED, FAILED, CRASHED, TIMED_OUT, LOST)
+"""Statuses of runs that have no result."""
 UNSUCCESSFUL = (FAILED, CRASHED, TIMED_OUT, ASSERTION_FAILED, "diverged", "limit_cycle")
 """Statuses of the runs whose traces are kept by `traces = "failed"`."""
 _BY_CAUSE = {"crashed": CRASHED, "exited": CRASHED, "timed-out": TIMED_OUT}

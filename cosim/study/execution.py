@@ -15,6 +15,7 @@ from typing import Any
 from cosim.core import LossError, Progress, silent
 from cosim.master import default_method
 from cosim.study.batch import (
+    INCOMPLETE,
     LOST,
     REFUSED,
     TIMED_OUT,
@@ -57,6 +58,7 @@ class StudyResult:
     run_limit_s : wall-clock limit of a run for which none was given [s]; None where runs cannot be
         limited.
     retried : number of runs that were executed again, since their worker died.
+    incomplete : the rows of runs that have no result: refused, failed, crashed, timed out or lost.
     """
 
     folder: Path
@@ -68,6 +70,7 @@ class StudyResult:
     seconds: float
     run_limit_s: float | None
     retried: int
+    incomplete: tuple[Row, ...]
 
     def to_json(self) -> dict[str, Any]:
         """Return the object that `--json` prints."""
@@ -82,6 +85,10 @@ class StudyResult:
             "seconds": self.seconds,
             "run_limit_s": self.run_limit_s,
             "retried": self.retried,
+            "incomplete": [
+                {"run": row.run, "status": row.status, "reason": row.reason}
+                for row in self.incomplete
+            ],
         }
 
 
@@ -155,6 +162,7 @@ def execute_study(
         seconds=time.perf_counter() - began,
         run_limit_s=plan.job.run_limit_s,
         retried=retried,
+        incomplete=tuple(row for row in sorted(done) if row.status in INCOMPLETE),
     )
 
 
