@@ -27,7 +27,7 @@ def checked_view(data: dict[str, Any]) -> RenderableType:
     return Group(head, table, Text(f"metrics: {', '.join(data['metrics'])}"))
 
 
-_SHOWN = 5
+_MOST_REASONS = 5
 
 
 def finished_view(name: str, done: StudyResult) -> RenderableType:
@@ -44,11 +44,11 @@ def finished_view(name: str, done: StudyResult) -> RenderableType:
     if done.retried:
         facts.add_row("tried again", str(done.retried), "runs, since their worker died")
     parts: list[RenderableType] = [facts]
-    for row in done.incomplete[:_SHOWN]:
+    for row in done.incomplete[:_MOST_REASONS]:
         reason = (row.reason or "").splitlines() or [""]
         parts.append(Text(f"run {row.run} {row.status.replace('_', ' ')}: {reason[0]}", "yellow"))
     if done.incomplete:
-        more = len(done.incomplete) - _SHOWN
+        more = len(done.incomplete) - _MOST_REASONS
         alone = f"cosim study repeat {name} {done.incomplete[0].run}"
         parts.append(Text(f"{f'and {more} more; ' if more > 0 else ''}one alone: {alone}"))
     if done.traces:
