@@ -10,8 +10,6 @@ from .description import (
 )
 from .export.archive import deterministic_zip as deterministic_zip
 from .export.build import (
-    DEFAULT_FLAVOUR as DEFAULT_FLAVOUR,
-    FMI_VERSION as FMI_VERSION,
     build_fmu as build_fmu,
     ensure_all as ensure_all,
     ensure_fmu as ensure_fmu,
@@ -22,8 +20,12 @@ from .export.controller import (
     ControllerFmu as ControllerFmu,
     export_controller as export_controller,
 )
-from .export.fmu_file import (
+from .export.flavours import (
+    DEFAULT_FLAVOUR as DEFAULT_FLAVOUR,
+    FMI_VERSION as FMI_VERSION,
     Flavour as Flavour,
+)
+from .export.fmu_file import (
     FmuTarget as FmuTarget,
 )
 from .export.native.platforms import (
