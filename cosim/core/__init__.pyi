@@ -1,3 +1,4 @@
+from .descriptions import with_field_docs as with_field_docs
 from .errors import (
     CheckFailedError as CheckFailedError,
     ComponentError as ComponentError,

@@ -18,6 +18,7 @@ from pydantic import (
     WithJsonSchema,
 )
 
+from cosim.core import with_field_docs
 from cosim.network import MAX_NS
 from cosim.scenario.quantity import (
     NUMBER,
@@ -43,6 +44,11 @@ class Part(BaseModel):
 
     # strict: "5.0" is not a number and true is not 1, as in TOML
     model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True, strict=True)
+
+    @classmethod
+    def __get_pydantic_json_schema__(cls, core: Any, handler: Any) -> Any:
+        """Return the JSON schema, in which each key has the string below its field."""
+        return with_field_docs(cls, core, handler)
 
 
 def _quantity(wanted: Dimension) -> BeforeValidator:
