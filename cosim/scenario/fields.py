@@ -33,6 +33,8 @@ from cosim.scenario.quantity import (
 )
 
 NAME_PATTERN = r"^[A-Za-z][A-Za-z0-9_-]*$"
+"""Regular expression of the name of a component or a link."""
+
 REFERENCE_PATTERN = r"^[A-Za-z][A-Za-z0-9_-]*\..+$"
 Name = Annotated[str, StringConstraints(pattern=NAME_PATTERN)]
 Reference = Annotated[str, StringConstraints(pattern=REFERENCE_PATTERN)]

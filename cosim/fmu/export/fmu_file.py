@@ -17,6 +17,7 @@ from cosim.fmu.export.native.platforms import Platform
 from cosim.fmu.export.spec import ComponentSpec
 
 Flavour = Literal["native", "native-fmi3", "python"]
+"""FMI 2.0 in C, FMI 3.0 in C, or FMI 2.0 as a Python slave."""
 
 LONGEST_NAME = 80
 """Greatest length of a model name, which is a file name inside the FMU."""

@@ -110,7 +110,7 @@ DESIGN: Mapping[str, Key] = {
     "energy": Key("number", "Bound on the square root of the integral of w'w."),
 }
 
-TABLES: Mapping[str, tuple[str, Mapping[str, Key]]] = {
+SYSTEM_TABLES: Mapping[str, tuple[str, Mapping[str, Key]]] = {
     "[system]": ("Matrices of Eq. (7); a matrix is a list of rows.", SYSTEM),
     "[[system.delays]]": ("One delay each, with what is known of its age.", DELAY),
     "[system.integral]": ("Integral action on what the controller receives.", INTEGRAL),

@@ -95,6 +95,8 @@ from cosim.models import (
 )
 
 BUILT_IN_SYSTEMS = ("paper", "auv")
+"""Names of the systems that need no file."""
+
 _ONE_DELAY = ("d", "A1", "H1")
 
 
