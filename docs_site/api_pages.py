@@ -26,7 +26,8 @@ def pages() -> dict[str, str]:
     found, shown = {}, dict[str, str]()
     for face in FACES:
         name = face.rpartition(".")[2]
-        sections = [f"# {face}", f"::: {face}\n    options:\n      members: false\n      show_root_heading: false"]
+        of_itself = "    options:\n      members: false\n      show_root_heading: false"
+        sections = [f"# {face}", f"::: {face}\n{of_itself}"]
         for offered, place in names_of(face).items():
             if place in shown:
                 sections.append(f"## {offered}\n\nThe same as [{shown[place]}][{place}].")

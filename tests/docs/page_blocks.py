@@ -89,8 +89,9 @@ def blocks_of(page: Path) -> list[Block]:
 
 
 def pages() -> list[Path]:
-    """Return every page that is written by hand, and the README first."""
-    return [ROOT / "README.md", *sorted(DOCS.rglob("*.md"))]
+    """Return every page that is written by hand, or begins so, and the README first."""
+    heads = ROOT.glob("docs_site/heads/*.md")
+    return [ROOT / "README.md", *sorted(DOCS.rglob("*.md")), *sorted(heads)]
 
 
 def indented_commands(page: Path) -> list[str]:
@@ -139,14 +140,18 @@ class Reader:
         if name in ("pip", "make"):
             checked_by_name(line)
             return ""
-        program = sys.executable if name == "python" else Path(sys.executable).with_name(name)
+        program = Path(sys.executable).with_name("python" if name == "python" else name)
         done = subprocess.run(  # noqa: S603 - what the page tells people to type
             [program, *arguments],
             cwd=self.folder,
             capture_output=True,
             text=True,
             check=False,
-            env={**os.environ, "MPLBACKEND": "Agg"},
+            env={
+                **os.environ,
+                "MPLBACKEND": "Agg",
+                "PATH": f"{program.parent}:{os.environ['PATH']}",
+            },
         )
         assert done.returncode == 0, f"{line}\n{done.stdout}\n{done.stderr}"
         return done.stdout + done.stderr
