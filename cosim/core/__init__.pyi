@@ -1,4 +1,5 @@
 from .arrays import distinct as distinct
+from .descriptions import with_field_docs as with_field_docs
 from .errors import (
     CheckFailedError as CheckFailedError,
     ComponentError as ComponentError,

@@ -42,6 +42,7 @@ from .problem import (
     DEFAULT_K1 as DEFAULT_K1,
     DEFAULT_K2 as DEFAULT_K2,
     SOUND_SPEED as SOUND_SPEED,
+    SYSTEM_TABLES as SYSTEM_TABLES,
     AuvDesignSettings as AuvDesignSettings,
     Delay as Delay,
     DelaySystem as DelaySystem,

@@ -174,10 +174,8 @@ def require_up_to(found: hinf.Design) -> None:
     _refuse_rate(found.system)
     if found.covers_smaller_delays:
         return
-    # ages that are known better than by their bound are held against the run; constant ones in
-    # the plant are parameters of it
-    exact = [x for x in found.certificate["claim"]["delays"] if x["age"] == _ONE_AGE]
-    if any(x["feedback"] for x in exact) or (exact and not hinf.ages_are_known(found.system)):
+    # constant ones in the plant are parameters of it, which the run compares with the design
+    if any(x["feedback"] for x in _exact(found)):
         raise NotAchievableError(
             "at this order the proof is about exactly one age of the measurements",
             where="design.order",
@@ -185,6 +183,16 @@ def require_up_to(found: hinf.Design) -> None:
             got=str(found.order),
             hint="order = 0 covers them, and so does a delay of any age",
         )
+
+
+def proves_exact_delays(found: hinf.Design) -> bool:
+    """Whether the proof is about exactly the delays of the plant, not about shorter ones."""
+    return not found.covers_smaller_delays and any(not x["feedback"] for x in _exact(found))
+
+
+def _exact(found: hinf.Design) -> list[dict[str, Any]]:
+    """Return what the claim says of delays that it covers at exactly one value."""
+    return [x for x in found.certificate["claim"]["delays"] if x["age"] == _ONE_AGE]
 
 
 def _refuse_rate(system: DelaySystem) -> None:
