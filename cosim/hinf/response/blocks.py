@@ -18,10 +18,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from cosim.core import InputError
@@ -240,6 +241,39 @@ def beside(*systems: Blocks) -> Blocks:
     names = [field.name for field in fields(Blocks) if field.name != "delays"]
     delays = np.concatenate([one.delays for one in systems])
     return Blocks(**{name: diagonal(name) for name in names}, delays=delays)
+
+
+def balanced(blocks: Blocks) -> tuple[Blocks, Reals]:
+    """Return the same response with states x / scale, powers of two that make A small; and scale."""
+    if not blocks.order:
+        return blocks, np.ones(0)
+    through = np.abs(blocks.A) + np.abs(blocks.Bw) @ np.abs(blocks.Cv)
+    scale = np.asarray(scipy.linalg.matrix_balance(through, permute=False, separate=True)[1][0])
+    whole = replace(
+        blocks,
+        A=blocks.A * scale[None, :] / scale[:, None],
+        B=blocks.B / scale[:, None],
+        Bw=blocks.Bw / scale[:, None],
+        C=blocks.C * scale[None, :],
+        Cv=blocks.Cv * scale[None, :],
+    )
+    return whole, scale
+
+
+def from_inputs(blocks: Blocks) -> Blocks:
+    """Return the blocks without states that no input can move, by the pattern of zeros alone."""
+    n = blocks.order
+    own = np.block([[blocks.A, blocks.Bw], [blocks.Cv, blocks.Dvw]]) != 0.0
+    moved = np.concatenate([blocks.B.any(axis=1), blocks.Dv.any(axis=1)])
+    while True:
+        more = moved | own[:, moved].any(axis=1)
+        if (more == moved).all():
+            break
+        moved = more
+    keep = np.flatnonzero(moved[:n])
+    rest = blocks.matrices
+    rest |= {"A": blocks.A[np.ix_(keep, keep)], "B": blocks.B[keep], "Bw": blocks.Bw[keep]}
+    return Blocks(**rest | {"C": blocks.C[:, keep], "Cv": blocks.Cv[:, keep]})
 
 
 def _picked(blocks: Blocks, keep: Any) -> Blocks:

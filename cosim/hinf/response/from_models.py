@@ -128,12 +128,20 @@ def _of_transfer_function(num: Any, den: Any) -> Blocks:
     else:
         tops = [[np.asarray(x, dtype=np.float64) for x in row] for row in num]
         bottoms = [[np.asarray(x, dtype=np.float64) for x in row] for row in den]
+    by_columns = _realised(tops, bottoms)
+    turned = [[list(row) for row in zip(*rows, strict=True)] for rows in (tops, bottoms)]
+    by_rows = _realised(turned[0], turned[1])
+    # states that outputs share, or that inputs share, whichever are fewer
+    return by_columns if by_columns.order <= by_rows.order else by_rows.transposed()
+
+
+def _realised(tops: list[list[Reals]], bottoms: list[list[Reals]]) -> Blocks:
     p, m = len(tops), len(tops[0])
     columns = [
         _column([tops[i][j] for i in range(p)], [bottoms[i][j] for i in range(p)], j)
         for j in range(m)
     ]
-    return beside(*columns).between(np.tile(np.eye(p), m), np.eye(m)).simplified()
+    return beside(*columns).between(np.tile(np.eye(p), m), np.eye(m))
 
 
 def _is_nested(den: Any) -> bool:

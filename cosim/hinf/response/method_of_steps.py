@@ -21,21 +21,24 @@ import itertools
 import math
 from bisect import bisect_left, bisect_right
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy
 
 from cosim.core import InputError, NotAchievableError
-from cosim.hinf.response.blocks import Blocks, Reals
+from cosim.hinf.response.blocks import Blocks, Reals, balanced
 
 STAGES = 20
 _LAST_JUMP = 12  # derivative
 _MOST_INSTANTS = 20_000
 _MOST_PIECES = 200_000
 _TAIL = 1e-14  # of the last Legendre coefficients, relative
+_ROUNDING = 1e4  # times that: a tail that may be rounding, if halving does not end it
+_LESS = 16.0  # what halving makes of a tail that is not
+_MOST_PARTS = 2**40
 _PASSED = 3e-14  # of a history between two nodes, relative
 _SMOOTH = 8  # coefficients whose smallness lets the next piece be longer
 _NEVER = 10**6  # order of a derivative that does not jump
@@ -151,7 +154,9 @@ def solve(blocks: Blocks, asked: Question, end: float, stages: int = STAGES) -> 
     InputError : delays so short against `end`, or so many, that there are too many pieces.
     NotAchievableError : numbers that leave the range of doubles.
     """
-    return _Stepper(blocks, asked, end, rule(stages)).run()
+    own, scale = balanced(blocks)
+    start = asked.start / scale[:, None]
+    return _Stepper(own, replace(asked, start=start), end, rule(stages)).run()
 
 
 def _instants(blocks: Blocks, asked: Question, end: float) -> list[tuple[float, _Instant]]:
@@ -228,7 +233,7 @@ class _Stepper:
         self.ends: list[float] = []
         self.v: list[Reals] = []  # (N, nodes, columns) of each piece
         self.y: list[Reals] = []
-        self.factors: dict[str, tuple[Reals, Reals]] = {}
+        self.factors: dict[str, Any] = {}
         self.size = np.zeros(blocks.order + blocks.delays.size)
 
     def run(self) -> Solution:
@@ -255,15 +260,18 @@ class _Stepper:
 
         Pieces are equal parts, by powers of two, so that their matrices are factored once.
         """
-        parts, done = _parts(b - a, h), 0
+        parts, done, before = _parts(b - a, h), 0, math.inf
         while done < parts:
             start = a + (b - a) * done / parts
             stop = b if done + 1 == parts else a + (b - a) * (done + 1) / parts
             step = (b - a) / parts
             piece, tail, smooth = self._piece(start, step, x)
-            if not tail and parts < 2**40:
-                parts, done = 2 * parts, 2 * done
+            # halving makes the tail of an analytic function vanish, and not that of rounding
+            rounding = before < math.inf and tail < _ROUNDING and tail > before / _LESS
+            if not (tail <= 1.0 or rounding) and parts < _MOST_PARTS:
+                parts, done, before = 2 * parts, 2 * done, tail
                 continue
+            before = math.inf
             if not all(np.isfinite(part).all() for part in piece):
                 raise NotAchievableError(
                     "the response leaves the range of doubles",
@@ -291,8 +299,11 @@ class _Stepper:
 
     def _piece(
         self, a: float, h: float, x: Reals
-    ) -> tuple[tuple[Reals, Reals, Reals], bool, bool]:
-        """Return x, v, y at the nodes of [a, a + h], whether they are resolved, and how well."""
+    ) -> tuple[tuple[Reals, Reals, Reals], float, bool]:
+        """Return x, v, y at the nodes of [a, a + h], their tail, and whether h may grow.
+
+        The tail is that of `_tail`, infinite where an earlier piece was passed over.
+        """
         s, nodes = self.blocks, self.of.nodes
         stages, columns = nodes.size - 1, self.asked.columns
         u = self.asked.input(a + h * nodes)
@@ -306,16 +317,17 @@ class _Stepper:
             X[:, 1:] = self._states(h, right)
         else:
             # the known parts of w act as above; the unknown ones are in the matrix
-            v0 = s.Cv @ x + direct[:, 0]
-            X[:, 1:], v = self._states_and_channels(a, h, right, direct[:, 1:], v0, inside)
-            late = np.einsum("ikl,ilc->ikc", self._inside(h, inside), _with_first(v0, v))
+            v = self._with_channels(h, inside, x, right, direct, X)
+            late = np.einsum("ikl,ilc->ikc", self._inside(h, inside), v)
             w = w + late
             direct = direct + np.einsum("vw,wkc->vkc", s.Dvw, late)
         V = np.einsum("vn,nkc->vkc", s.Cv, X) + direct
         Y = np.einsum("pn,nkc->pkc", s.C, X) + np.einsum("pw,wkc->pkc", s.Dw, w)
         Y += np.einsum("pm,mkc->pkc", s.D, u)
-        tail, smooth = self._resolved(np.concatenate([X, V]), h)
-        return (X, V, Y), tail and self._follows_history(a, h, w), smooth
+        tail, smooth = self._tail(np.concatenate([X, V]), h)
+        if tail < _ROUNDING and not self._follows_history(a, h, w):
+            tail = math.inf
+        return (X, V, Y), tail, smooth
 
     def _follows_history(self, a: float, h: float, w: Reals) -> bool:
         """Whether w between its nodes is what the pieces before were: none was passed over.
@@ -329,6 +341,8 @@ class _Stepper:
                 continue
             middles = 0.5 * (np.array(self.starts[first:last]) + np.array(self.ends[first:last]))
             middles = middles[(middles > a - tau) & (middles < a - tau + h)]
+            if not middles.size:
+                continue
             known = self._history(i, middles, middles)
             found = interpolation(self.of, (middles - (a - tau)) / h) @ w[i]
             allowed = _PASSED * max(self.size[self.blocks.order + i], float(np.abs(known).max()))
@@ -336,8 +350,11 @@ class _Stepper:
                 return False
         return True
 
-    def _resolved(self, values: Reals, h: float) -> tuple[bool, bool]:
-        """Return whether the last Legendre coefficients, and the last eight, are rounding."""
+    def _tail(self, values: Reals, h: float) -> tuple[float, bool]:
+        """Return the last Legendre coefficients against rounding, and if the last eight are less.
+
+        Not finite values give an infinite tail.
+        """
         s = self.blocks
         own = np.abs(values).max(axis=(1, 2), initial=0.0)
         size = np.maximum(self.size, own)
@@ -349,12 +366,15 @@ class _Stepper:
                 np.abs(s.Cv) @ size[:n] + np.abs(s.Dvw) @ size[n:],
             ]
         )
-        allowed = _TAIL * np.maximum(size, terms)[:, None, None]
-        coefficients = np.abs(np.einsum("jk,rkc->rjc", self.of.legendre, values))
-        tail = bool((coefficients[:, -2:] <= allowed).all())
-        if tail:
+        allowed = _TAIL * np.maximum(np.maximum(size, terms), 1e-300)[:, None]
+        coefficients = np.abs(np.einsum("jk,rkc->rjc", self.of.legendre, values)).max(axis=2)
+        shares = coefficients / allowed
+        tail = float(shares[:, -2:].max(initial=0.0))
+        if not math.isfinite(tail):
+            return math.inf, False
+        if tail <= 1.0:
             self.size = size
-        return tail, tail and bool((coefficients[:, -_SMOOTH:] <= allowed).all())
+        return tail, bool((shares[:, -_SMOOTH:] <= 1.0).all())
 
     def _states(self, h: float, right: Reals) -> Reals:
         """Solve x - h a (A x) = right at the stages."""
@@ -414,43 +434,40 @@ class _Stepper:
             rows[i, own] = interpolation(self.of, share[own])
         return rows
 
-    def _states_and_channels(
-        self, a: float, h: float, right: Reals, direct: Reals, v0: Reals, inside: tuple[int, ...]
-    ) -> tuple[Reals, Reals]:
-        """Solve for x and v at the stages where v acts late within the piece.
+    def _with_channels(
+        self, h: float, inside: tuple[int, ...], x: Reals, right: Reals, direct: Reals, X: Reals
+    ) -> Reals:
+        """Solve for x at the stages, into X, and v at the nodes where it acts late in the piece.
 
-        x - h a (A x + Bw L v) = right, v - Cv x - Dvw L v = direct, L the interpolation `_inside`.
+        x - h a (A x + Bw L v) = right, v - Dvw L v = Cv x + direct, L the matrices of `_inside`.
+        v is substituted: it may be far larger than x, whose digits would be lost beside it.
         """
-        del a
         s = self.blocks
-        n, N, stages = s.order, s.delays.size, right.shape[1]
+        n, N, stages, columns = s.order, s.delays.size, *right.shape[1:]
         L = self._inside(h, inside)
         key = f"late {h:.14e}"
         if key not in self.factors:
-            inner = L[:, 1:, 1:]
-            xv = np.einsum("nw,jk,wkl->njwl", s.Bw, h * self.of.a, inner)
-            vv = np.einsum("vw,wkl->vkwl", s.Dvw, inner)
-            size = n * stages
-            matrix = np.eye((n + N) * stages)
-            matrix[:size, :size] -= h * np.kron(s.A, self.of.a)
-            matrix[:size, size:] -= xv.reshape(size, -1)
-            matrix[size:, :size] -= np.kron(s.Cv, np.eye(stages))
-            matrix[size:, size:] -= vv.reshape(N * stages, -1)
-            self.factors[key] = scipy.linalg.lu_factor(matrix, check_finite=False)
+            loop = np.eye(N * stages) - np.einsum(
+                "vw,wkl->vkwl", s.Dvw, L[:, 1:, 1:]
+            ).reshape(N * stages, -1)
+            into = h * np.einsum("nw,jk,wkl->njwl", s.Bw, self.of.a, L[:, 1:, 1:])
+            through = np.linalg.solve(loop.T, into.reshape(n * stages, -1).T).T
+            matrix = np.eye(n * stages) - h * np.kron(s.A, self.of.a)
+            matrix -= through @ np.kron(s.Cv, np.eye(stages))
+            states = scipy.linalg.lu_factor(matrix, check_finite=False)
+            self.factors[key] = (states, through, np.linalg.inv(loop))
+        states, through, channels = self.factors[key]
+        v0 = s.Cv @ x + direct[:, 0]
         first = np.einsum("wk,wc->wkc", L[:, 1:, 0], v0)
         right = right + h * np.einsum("jk,nw,wkc->njc", self.of.a, s.Bw, first)
-        direct = direct + np.einsum("vw,wkc->vkc", s.Dvw, first)
-        columns = right.shape[2]
-        both = np.concatenate([right.reshape(-1, columns), direct.reshape(-1, columns)])
-        found = np.asarray(
-            scipy.linalg.lu_solve(self.factors[key], both, check_finite=False)
-        )
-        x, v = found[: n * stages], found[n * stages :]
-        return x.reshape(n, stages, columns), v.reshape(N, stages, columns)
-
-
-def _with_first(first: Reals, rest: Reals) -> Reals:
-    return np.concatenate([first[:, None], rest], axis=1)
+        direct = direct[:, 1:] + np.einsum("vw,wkc->vkc", s.Dvw, first)
+        flat = direct.reshape(N * stages, columns)
+        known = right.reshape(n * stages, columns) + through @ flat
+        found = np.asarray(scipy.linalg.lu_solve(states, known, check_finite=False))
+        X[:, 1:] = found.reshape(n, stages, columns)
+        own = np.einsum("vn,nkc->vkc", s.Cv, X[:, 1:]).reshape(N * stages, columns) + flat
+        v = (channels @ own).reshape(N, stages, columns)
+        return np.concatenate([v0[:, None], v], axis=1)
 
 
 def _parts(length: float, h: float) -> int:
