@@ -66,6 +66,21 @@ from .problem import (
     without_integrals as without_integrals,
     without_uncertainty as without_uncertainty,
 )
+from .response import (
+    CharacteristicRoots as CharacteristicRoots,
+    DelayLTI as DelayLTI,
+    FrequencyResponse as FrequencyResponse,
+    Margins as Margins,
+    Nyquist as Nyquist,
+    TimeResponse as TimeResponse,
+    append as append,
+    dead_time as dead_time,
+    exp as exp,
+    feedback as feedback,
+    lti as lti,
+    parallel as parallel,
+    series as series,
+)
 from .synthesis import (
     DELAY_LIMIT as DELAY_LIMIT,
     AgeLimit as AgeLimit,
