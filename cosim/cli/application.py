@@ -14,15 +14,19 @@ from typing import Annotated, Any
 
 import typer
 
+from cosim.cli.first_hour import FIRST_HOUR
+from cosim.cli.help_text import HelpTyper
 from cosim.cli.verbs import STYLE, VerbsOnUse
 from cosim.core import CosimError, InputError
 
-app = typer.Typer(
+app = HelpTyper(
     name="cosim",
     cls=VerbsOnUse,
-    no_args_is_help=True,
-    epilog="Start with [bold]cosim demo[/bold], then [bold]cosim scenario list[/bold].",
-    **STYLE,
+    no_args_is_help=False,
+    invoke_without_command=True,
+    context_settings={"max_content_width": 120},
+    epilog="cosim alone shows where to begin; the --help of every command has examples.",
+    **(STYLE | {"add_completion": True}),
 )
 
 # typer may contain its own copy of click: this is the usage error of the copy that it uses
@@ -40,6 +44,7 @@ def _version(asked: bool) -> None:  # noqa: FBT001 - typer calls it so
 
 @app.callback()
 def common(
+    context: typer.Context,
     *,
     version: Annotated[
         bool,
@@ -47,6 +52,8 @@ def common(
     ] = False,
 ) -> None:
     """Design, prove and co-simulate control over slow links; record, replay and study the runs."""
+    if context.invoked_subcommand is None:
+        print(FIRST_HOUR)
 
 
 def main() -> None:
@@ -54,7 +61,7 @@ def main() -> None:
     as_json = "--json" in sys.argv[1:]
     try:
         with _sigterm_as_interrupt():
-            code = app(standalone_mode=False) or 0
+            code = app(standalone_mode=False, prog_name="cosim") or 0
     except _Ended:
         code = _TERMINATED
     except CosimError as error:

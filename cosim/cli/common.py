@@ -12,6 +12,7 @@ import typer
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from cosim.cli.terminal import console
+from cosim.core import reported_to
 
 FMUS = Path("fmus")
 TRACES = Path("traces")
@@ -67,4 +68,5 @@ def progress() -> Iterator[Callable[[str, float], None]]:
                 bar.reset(task, total=1.0)
             bar.update(task, description=what, completed=share)
 
-        yield report_progress
+        with reported_to(report_progress):
+            yield report_progress

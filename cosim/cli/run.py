@@ -42,7 +42,15 @@ def demo(
     fmus: FmusOption = FMUS,
     as_json: JsonOption = False,
 ) -> None:
-    """Run two gains over the same acoustic link and compare them in one picture."""
+    """Run two gains over the same acoustic link and compare them in one picture.
+
+    The same vehicle runs twice in the same sea: with a gain designed for old measurements, and
+    with one designed without a delay. Traces and picture are written to the folder --out.
+
+    \b
+    cosim demo
+    cosim demo --out demo
+    """
     with progress() as report_progress, interruptions_reported():
         result = demonstrate(make_fmu_cache(fmus), out, report_progress)
     answer(as_json, result.to_json, lambda: demo_view(result))
@@ -139,9 +147,9 @@ def run(
     cosim run auv-acoustic
     cosim run auv-acoustic --set links.uplink.delay='400 ms' --set run.end=60
     cosim run auv-acoustic --stop-when 'abs(plant.eta.x) < 1 m and t > 10 s'
-    cosim run auv-acoustic --until '1 min' --pace 10
+    cosim run auv-acoustic --until '10 s' --pace 20
     cosim run auv-acoustic --check-step
-    cosim run my.toml --limit call=30 --limit memory='2 GB'
+    cosim run mine.toml --limit call=30 --limit memory='2 GB'
     """
     settings = list(changed or ())
     if log_level is not None:

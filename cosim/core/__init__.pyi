@@ -9,10 +9,22 @@ from .errors import (
     TerminatedError as TerminatedError,
 )
 from .extras import optional as optional
+from .file_kinds import (
+    DESIGN_FILE as DESIGN_FILE,
+    SCENARIO_FILE as SCENARIO_FILE,
+    SCHEMA as SCHEMA,
+    STUDY_FILE as STUDY_FILE,
+    SYSTEM_FILE as SYSTEM_FILE,
+    FileKind as FileKind,
+)
 from .files import (
     copy_whole as copy_whole,
     write_whole as write_whole,
     written_beside as written_beside,
+)
+from .migration import (
+    migrate as migrate,
+    write_migrated as write_migrated,
 )
 from .processes import (
     DEATH_HINTS as DEATH_HINTS,
@@ -23,9 +35,12 @@ from .processes import (
 )
 from .progress import (
     Progress as Progress,
+    report as report,
+    reported_to as reported_to,
     silent as silent,
 )
 from .rounding import (
     at_least as at_least,
     at_most as at_most,
 )
+from .toml_text import parse_toml as parse_toml

@@ -17,8 +17,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from cosim.core import InputError
-from cosim.hinf import parse_toml
+from cosim.core import SCENARIO_FILE, InputError, parse_toml
 from cosim.scenario.key_paths import remove, split
 from cosim.scenario.origin import Layer
 from cosim.scenario.schema import MADE_WITH
@@ -107,7 +106,7 @@ def source_of(
     chain: tuple[str, ...] = (),
 ) -> Source:
     """Read the text of a scenario and merge it with what it extends; `chain`: extended by."""
-    own = parse_toml(text, where)
+    own = SCENARIO_FILE.current(parse_toml(text, where), where)
     layer = Layer(where, text)
     base_name = own.pop("extends", None)
     without = own.pop("without", None)
@@ -214,8 +213,8 @@ def _rebased(base: Source, folder: Path) -> dict[str, Any]:
     if base.folder == folder:
         return data
 
-    def seen(path: Any, suffix: str) -> Any:
-        if not isinstance(path, str) or not path.endswith(suffix) or Path(path).is_absolute():
+    def seen(path: Any, *suffixes: str) -> Any:
+        if not isinstance(path, str) or not path.endswith(suffixes) or Path(path).is_absolute():
             return path
         return Path(os.path.relpath(base.folder / path, folder)).as_posix()
 
@@ -224,7 +223,7 @@ def _rebased(base: Source, folder: Path) -> dict[str, Any]:
         if isinstance(part, dict) and "fmu" in part:
             part["fmu"] = seen(part["fmu"], ".fmu")
     design = data.get("design")
-    for key, suffix in (("system", ".toml"), ("file", ".json")):
+    for key, suffixes in (("system", (".toml",)), ("file", (".json", ".fmu"))):
         if isinstance(design, dict) and key in design:
-            design[key] = seen(design[key], suffix)
+            design[key] = seen(design[key], *suffixes)
     return data

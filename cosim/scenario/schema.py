@@ -202,8 +202,9 @@ MADE_WITH = ("gain", "order", "k1", "k2")
 class DesignPart(Part):
     """[design]: the gain of the controller, and the system for which it is proved.
 
-    `file` : use this design: a `.json` that `cosim design --save` wrote, or the name of a design
-    of the package; other keys about the system must agree with it. Without `file` the gain of
+    `file` : use this design: a `.json` that `cosim design --save` wrote, a `.fmu` that `cosim fmu
+    controller` made of one, or the name of a design of the package; other keys about the system
+    must agree with it. Without `file` the gain of
     least gamma is designed, or `gain` is analysed.
     `least_age`, `rate` and `sampled` say more of the age of the feedback, as in the file of a
     system; without them a design made here is proved for what the links justify.

@@ -43,6 +43,8 @@ state-space or, for a diagonal filter, as transfer functions by falling powers o
     numerators = [[1.0]]                  # one per w; here 1 / (10 s + 1)
     denominators = [[10.0, 1.0]]
 
+`schema = 1` above the tables says the version of their keys (`cosim.core.file_kinds`).
+
 Optional settings of a design, k1 and k2 one number per delay, with its constraints
 (`cosim.hinf.problem.design_constraints`)::
 
@@ -61,16 +63,13 @@ Optional settings of a design, k1 and k2 one number per delay, with its constrai
 
 from __future__ import annotations
 
-import gc
-import re
-import tomllib
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from cosim.core import InputError
+from cosim.core import SYSTEM_FILE, InputError, parse_toml
 from cosim.hinf.certificate import (
     BLOCKS,
     MATRICES,
@@ -161,7 +160,7 @@ def system_from_toml(text: str, *, where: str, name: str) -> NamedSystem:
     ------
     InputError : as `load_system`.
     """
-    data = parse_toml(text, where)
+    data = SYSTEM_FILE.current(parse_toml(text, where), where)
     known_keys(data, where, ("system", "design", "weights"), required=("system",))
     table, place = data["system"], f"{where}: system"
     more = ("delays", "name", "weights", "feedback", "integral", BLOCKS)
@@ -200,35 +199,6 @@ def system_from_toml(text: str, *, where: str, name: str) -> NamedSystem:
         )
     design_constraints = design_constraints_from_table(design, system, place)
     return NamedSystem(system, k1, k2, gamma, weights, unweighted, design_constraints, plant)
-
-
-def parse_toml(text: str, where: str) -> dict[str, Any]:
-    """Parse TOML.
-
-    Raises
-    ------
-    InputError : it is malformed; the message has the line and its content.
-    """
-    # a finaliser that the collector runs where nesting has used up the stack would fail, and say so
-    collecting = gc.isenabled()
-    gc.disable()
-    try:
-        return tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        place = re.search(r"line (\d+)", str(error))
-        # "at end of document": the last line is where something is missing
-        lines = text.splitlines() or [""]
-        line = int(place.group(1)) if place else len(lines)
-        content = lines[min(line, len(lines)) - 1].strip()
-        raise InputError(
-            "malformed TOML", where=f"{where}:{line}", expected=str(error), got=content
-        ) from error
-    except (ValueError, RecursionError) as error:
-        # beyond the limits of the parser: an integer of thousands of digits, deep nesting
-        raise InputError("malformed TOML", where=where, got=str(error)) from error
-    finally:
-        if collecting:
-            gc.enable()
 
 
 def _delays(data: dict[str, Any], where: str) -> list[Delay]:
