@@ -46,7 +46,7 @@ def _version(asked: bool) -> None:  # noqa: FBT001 - typer calls it so
 def common(
     context: typer.Context,
     *,
-    version: Annotated[
+    version: Annotated[  # noqa: ARG001 - its callback has done it
         bool,
         typer.Option("--version", help="Print the version.", callback=_version, is_eager=True),
     ] = False,
@@ -121,9 +121,42 @@ def _misused(error: Any, *, as_json: bool) -> int:
         error.show()
     else:
         path = error.ctx.command_path if error.ctx else "cosim"
-        wrong = InputError(error.format_message(), where=path, hint=f"{path} --help")
+        wrong = InputError(_plain(error.format_message()), where=path, hint=_hint(error, path))
         _complain(wrong, wrong.exit_code, as_json=as_json)
     return InputError.exit_code
+
+
+_PLAIN = {
+    "Value error, ": "",
+    "Input should be a valid number, unable to parse string as a number": "a number is expected, "
+    "without a unit",
+    "Input should be a valid integer, unable to parse string as an integer": "a whole number is "
+    "expected, without a unit",
+}
+"""Words of the parser, and plain ones."""
+_OPTIONS = {
+    "stop-time": "--until",
+    "end": "--until",
+    "duration": "--until",
+    "step-size": "--set run.step=...",
+    "step": "--set run.step=...",
+    "seed": "--set run.seed=...",
+    "output": "--out",
+}
+"""Options of other tools, and what they are here."""
+
+
+def _plain(message: str) -> str:
+    for words, plain in _PLAIN.items():
+        message = message.replace(words, plain)
+    return message
+
+
+def _hint(error: Any, path: str) -> str:
+    """Return where to look, and the option that is meant by one of another tool."""
+    meant = _OPTIONS.get(str(getattr(error, "option_name", "")).lstrip("-"))
+    known = meant is not None and any(meant.split()[0] in p.opts for p in error.ctx.command.params)
+    return f"{meant}; {path} --help" if known else f"{path} --help"
 
 
 def _complain(error: CosimError, code: int, *, as_json: bool) -> None:

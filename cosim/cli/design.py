@@ -46,7 +46,10 @@ SaveNormOption = Annotated[
     ),
 ]
 SystemArgument = Annotated[
-    str, typer.Argument(help="paper, auv, the name of a scenario, or a system FILE.toml.")
+    str,
+    typer.Argument(
+        metavar="SYSTEM", help="paper, auv, the name of a scenario, or a system FILE.toml."
+    ),
 ]
 DelaysOption = Annotated[
     str | None,
@@ -67,9 +70,7 @@ SampledOption = Annotated[
         "until the next sample is used.",
     ),
 ]
-DelayLimitOption = Annotated[
-    float, typer.Option(help="Largest delay that is tried, in seconds.")
-]
+DelayLimitOption = Annotated[float, typer.Option(help="Largest delay that is tried, in seconds.")]
 
 DampingOption = Annotated[
     float | None,

@@ -9,12 +9,12 @@ A first hour, in this order:
   cosim demo
       two gains over one acoustic link, in a picture
   cosim trace report traces/auv-acoustic.mcap
-      what happened in the first of the two runs, as a page
-  cosim design paper --k1 0.6 --k2 0.2 --save gain.json
-      a gain with its proof; your own system is a TOML file
+      what happened in the first run, as a page
+  cosim design paper --search --save gain.json
+      a gain with its proof; your own system: a TOML file
   cosim scenario new mine
-      a scenario with comments, to change: cosim run mine.toml
+      a scenario to change; then: cosim run mine.toml
 
-cosim --help                  lists all commands
-cosim COMMAND --help          explains one, with examples
-cosim --install-completion    completes them in your shell"""
+cosim --help                 lists all commands
+cosim COMMAND --help         explains one, with examples
+cosim --install-completion   completes them in your shell"""

@@ -8,12 +8,14 @@ from __future__ import annotations
 
 import inspect
 import re
+from collections.abc import Callable
 from functools import partial
-from typing import Any
+from typing import Any, TypeVar
 
 import typer
 from typer.core import TyperCommand, TyperGroup
 
+Verb = TypeVar("Verb", bound=Callable[..., Any])
 _WIDE = 76
 _COLUMNS = (30, 14)
 """Width of the names of options, on a wide and on a narrow terminal."""
@@ -82,7 +84,7 @@ class HelpTyper(typer.Typer):
     def __init__(self, **settings: Any) -> None:
         super().__init__(**({"cls": HelpGroup, "no_args_is_help": True, **settings}))
 
-    def command(self, name: str | None = None, **settings: Any) -> Any:
+    def command(self, name: str | None = None, **settings: Any) -> Callable[[Verb], Verb]:
         """Return the decorator that adds a command."""
         return super().command(name, **({"cls": HelpCommand, **settings}))
 

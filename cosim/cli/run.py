@@ -14,6 +14,7 @@ from cosim.cli.common import (
     FmusOption,
     JsonOption,
     RunFlavour,
+    ScenarioArgument,
     SetOption,
     answer,
     progress,
@@ -38,7 +39,9 @@ from cosim.scenario import (
 
 
 def demo(
-    out: Annotated[Path, typer.Option(help="Folder for the traces and the picture.")] = TRACES,
+    out: Annotated[
+        Path, typer.Option("--out", "-o", help="Folder for the traces and the picture.")
+    ] = TRACES,
     fmus: FmusOption = FMUS,
     as_json: JsonOption = False,
 ) -> None:
@@ -57,9 +60,10 @@ def demo(
 
 
 def run(
-    name: Annotated[str, typer.Argument(help="Name of a built-in scenario, or FILE.toml.")],
+    name: ScenarioArgument,
     out: Annotated[
-        Path | None, typer.Option(help="File of the trace (default: traces/NAME.mcap).")
+        Path | None,
+        typer.Option("--out", "-o", help="File of the trace (default: traces/NAME.mcap)."),
     ] = None,
     fmus: FmusOption = FMUS,
     engine: Annotated[

@@ -14,6 +14,7 @@ from cosim.cli.common import (
     FMUS,
     FmusOption,
     JsonOption,
+    ScenarioArgument,
     SetOption,
     answer,
 )
@@ -138,7 +139,7 @@ def _problems(name: str, settings: list[str], fmus: Path) -> list[CosimError]:
 
 @scenario_app.command()
 def show(
-    name: Annotated[str, typer.Argument(help="Name of a built-in scenario, or FILE.toml.")],
+    name: ScenarioArgument,
     changed: SetOption = None,
     diagram: Annotated[
         Literal["text", "mermaid"] | None,

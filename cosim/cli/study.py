@@ -9,7 +9,15 @@ from typing import Annotated, Any
 import typer
 
 from cosim.cli.arguments import names
-from cosim.cli.common import FMUS, FmusOption, JsonOption, RunFlavour, answer, progress
+from cosim.cli.common import (
+    FMUS,
+    FmusOption,
+    JsonOption,
+    RunFlavour,
+    answer,
+    completed_from,
+    progress,
+)
 from cosim.cli.help_text import HelpTyper
 from cosim.cli.study_view import checked_view, finished_view, summary_view
 from cosim.cli.terminal import titles_table
@@ -37,7 +45,14 @@ study_app = HelpTyper(
     help="Run one scenario many times: over grids, random samples or seeds; on cores or a cluster.",
 )
 
-StudyArgument = Annotated[str, typer.Argument(help="Name of a built-in study, or FILE.toml.")]
+StudyArgument = Annotated[
+    str,
+    typer.Argument(
+        metavar="STUDY",
+        help="Name of a built-in study, or FILE.toml.",
+        autocompletion=completed_from("study"),
+    ),
+]
 FlavourOption = Annotated[
     RunFlavour,
     typer.Option(help="Built-in FMUs: native (C, compiled on this machine), or python."),
@@ -86,7 +101,8 @@ def check(
 def run(
     name: StudyArgument,
     out: Annotated[
-        Path | None, typer.Option(help="Folder for the results (default: studies/NAME).")
+        Path | None,
+        typer.Option("--out", "-o", help="Folder for the results (default: studies/NAME)."),
     ] = None,
     workers: Annotated[
         str,

@@ -16,7 +16,9 @@ from cosim.replay import rerun as run_again
 
 def rerun(
     file: Annotated[Path, typer.Argument(help="A trace written by cosim run.")],
-    out: Annotated[Path | None, typer.Option(help="File to keep the new trace in.")] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="File to keep the new trace in.")
+    ] = None,
     fmus: FmusOption = FMUS,
     as_json: JsonOption = False,
 ) -> None:

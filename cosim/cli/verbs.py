@@ -71,7 +71,9 @@ VERBS = {
         "Run one scenario many times: over grids, random samples or seeds; on cores or a cluster.",
     ),
     "migrate": Verb(
-        "migrate", "migrate", "Bring scenario, system, design and study files up to date."
+        "migrate",
+        "migrate",
+        "Bring files to the newest version of their keys, and write that version into them.",
     ),
 }
 

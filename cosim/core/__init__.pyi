@@ -7,6 +7,9 @@ from .errors import (
     NotAchievableError as NotAchievableError,
     StoppedError as StoppedError,
     TerminatedError as TerminatedError,
+    counted as counted,
+    did_you_mean as did_you_mean,
+    nearest as nearest,
 )
 from .extras import optional as optional
 from .file_kinds import (
@@ -19,6 +22,8 @@ from .file_kinds import (
 )
 from .files import (
     copy_whole as copy_whole,
+    similar_files as similar_files,
+    unreadable as unreadable,
     write_whole as write_whole,
     written_beside as written_beside,
 )

@@ -3,7 +3,7 @@
 Scenarios, systems and studies (TOML) and designs (JSON) may say `schema = 1` at the top; without
 it a file is of version 1. A file of an older version is brought to the newest one as it is read,
 one step per version; one of a newer version is refused by name. `cosim migrate` writes the newest
-version (`cosim.core.migration`); the rule by which versions come and go is in docs/schema-versions.md.
+version (`cosim.core.migration`). docs/schema-versions.md has the rule of how versions come and go.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from cosim.core.errors import InputError
+from cosim.core.toml_text import parse_toml
 
 SCHEMA: Final = "schema"
 """The key of the version, at the top of a file."""
@@ -28,10 +29,12 @@ class FileKind:
     Attributes
     ----------
     name : in messages.
+    use : what to do with such a file, for somebody who gave it to a command for another kind.
     steps : the first makes version 2 of version 1, and so on.
     """
 
     name: str
+    use: str
     steps: tuple[Step, ...] = ()
 
     @property
@@ -78,6 +81,23 @@ class FileKind:
             content = step(content)
         return content
 
+    def from_toml(self, text: str, where: str) -> dict[str, Any]:
+        """Return the content of a TOML text as `current`.
+
+        Raises
+        ------
+        InputError : as `version_of`; malformed TOML; a file of another kind.
+        """
+        data = parse_toml(text, where)
+        other = kind_by_keys(data)
+        if other is not None and other.name != self.name:
+            raise InputError(
+                f"this file is a {other.name}, not a {self.name}",
+                where=where,
+                hint=other.use.format(file=where),
+            )
+        return self.current(data, where)
+
     def stamped(self, data: Mapping[str, Any]) -> dict[str, Any]:
         """Return the content of a new file, with its version first."""
         return {SCHEMA: self.version, **data}
@@ -92,16 +112,27 @@ class FileKind:
         }
 
 
-SCENARIO_FILE: Final = FileKind("scenario")
-SYSTEM_FILE: Final = FileKind("system")
-STUDY_FILE: Final = FileKind("study")
-DESIGN_FILE: Final = FileKind("design")
+SCENARIO_FILE: Final = FileKind("scenario", "cosim run {file} runs it")
+SYSTEM_FILE: Final = FileKind(
+    "system",
+    "cosim design {file} designs a gain for it, cosim fmu build {file} makes its FMU; a scenario "
+    'names it: [design] system = "{file}"',
+)
+STUDY_FILE: Final = FileKind("study", "cosim study run {file} runs it")
+DESIGN_FILE: Final = FileKind(
+    "design",
+    "cosim certificate check {file} proves it, cosim fmu controller {file} makes its FMU; a "
+    'scenario names it: [design] file = "{file}"',
+)
+_OF_SCENARIOS = ("run", "components", "connections", "connect", "extends")
 
 
-def kind_of_file(data: Mapping[str, Any], *, is_json: bool) -> FileKind:
-    """Return the kind of a file by its keys: a file of a kind that is not clear is a scenario."""
-    if is_json:
+def kind_by_keys(data: Mapping[str, Any]) -> FileKind | None:
+    """Return the kind of a file that its keys show; None where they do not show one."""
+    if isinstance(data.get("claim"), dict):
         return DESIGN_FILE
     if isinstance(data.get("system"), dict):
         return SYSTEM_FILE
-    return STUDY_FILE if "vary" in data else SCENARIO_FILE
+    if isinstance(data.get("vary"), list):
+        return STUDY_FILE
+    return SCENARIO_FILE if any(key in data for key in _OF_SCENARIOS) else None

@@ -10,12 +10,12 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from cosim.core.errors import InputError
-from cosim.core.file_kinds import SCHEMA, FileKind, kind_of_file
-from cosim.core.files import write_whole
+from cosim.core.file_kinds import SCHEMA, FileKind, kind_by_keys
+from cosim.core.files import unreadable, write_whole
 from cosim.core.toml_text import parse_toml
 
 _STATEMENT = re.compile(r"^(?![ \t]*(?:#|\r?$))", re.MULTILINE)
-_SAID = re.compile(rf"^[ \t]*{SCHEMA}[ \t]*=[ \t]*[0-9_]+", re.MULTILINE)
+_STATED = re.compile(rf"^[ \t]*{SCHEMA}[ \t]*=[ \t]*[0-9_]+", re.MULTILINE)
 
 
 class Migration(NamedTuple):
@@ -54,9 +54,16 @@ def migrate(path: Path, kind: FileKind | None = None) -> Migration:
     try:
         text = path.read_bytes().decode("utf-8")
     except (OSError, ValueError) as error:
-        raise InputError("the file cannot be read", where=where, got=str(error)) from error
+        raise unreadable(path, error) from error
     data = _json(text, where) if is_json else parse_toml(text, where)
-    kind = kind or kind_of_file(data, is_json=is_json)
+    kind = kind or kind_by_keys(data)
+    if kind is None:
+        raise InputError(
+            "not a file whose keys have a version",
+            where=where,
+            expected="a scenario, a system, a study or a design",
+            got=f"the keys {', '.join(map(str, data))}"[:200],
+        )
     before = kind.version_of(data, where) if SCHEMA in data else None
     if before == kind.version:
         return Migration(kind.name, before, kind.version, text, comments_kept=True)
@@ -94,7 +101,7 @@ def _with_version(text: str, version: int) -> str:
     """Return a TOML text with its version replaced, or put before its first statement."""
     line = f"{SCHEMA} = {version}"
     if SCHEMA in tomllib.loads(text):
-        return _SAID.sub(line, text, count=1)
+        return _STATED.sub(line, text, count=1)
     end = "\r\n" if "\r\n" in text else "\n"
     first = _STATEMENT.search(text)
     at = len(text) if first is None else first.start()

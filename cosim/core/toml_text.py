@@ -9,6 +9,8 @@ from typing import Any
 
 from cosim.core.errors import InputError
 
+_PLACE = re.compile(r" \(at (line|end).*\)$")
+
 
 def parse_toml(text: str, where: str) -> dict[str, Any]:
     """Parse TOML.
@@ -28,8 +30,12 @@ def parse_toml(text: str, where: str) -> dict[str, Any]:
         lines = text.splitlines() or [""]
         line = int(place.group(1)) if place else len(lines)
         content = lines[min(line, len(lines)) - 1].strip()
+        reason = _PLACE.sub("", str(error))
         raise InputError(
-            "malformed TOML", where=f"{where}:{line}", expected=str(error), got=content
+            f"malformed TOML: {reason[:1].lower()}{reason[1:]}",
+            where=f"{where}:{line}",
+            got=content,
+            hint=_hint(content),
         ) from error
     except (ValueError, RecursionError) as error:
         # beyond the limits of the parser: an integer of thousands of digits, deep nesting
@@ -37,3 +43,25 @@ def parse_toml(text: str, where: str) -> dict[str, Any]:
     finally:
         if collecting:
             gc.enable()
+
+
+_NUMBER = r"[-+.\d\seE()]*"
+_HINTS = (
+    (
+        r'[^=]*=\s*".*\\.*',
+        "write single quotes, or forward slashes: 'C:\\file', 'C:/file'",
+    ),
+    (
+        rf"[^=]*=\s*{_NUMBER}\d\s*[*/^]{_NUMBER}",
+        "a value is one number: write the result of the calculation",
+    ),
+    (r"[^=]*=\s*[-+]?[\d.]+\s*[A-Za-z%].*", 'a number with its unit is written in quotes: "50 ms"'),
+    (r"[^=]*=\s*(?!true|false|inf|nan)[A-Za-z].*", "a text is written in quotes"),
+    (r"(%|//|;).*", "a comment begins with #"),
+    (r"\{.*", "this looks like JSON: a design is JSON, systems and scenarios are TOML"),
+)
+"""What a malformed line looks like, and what to do about it."""
+
+
+def _hint(content: str) -> str | None:
+    return next((hint for pattern, hint in _HINTS if re.fullmatch(pattern, content)), None)

@@ -56,6 +56,7 @@ from .problem import (
     filtered as filtered,
     states_of as states_of,
     system_by_name as system_by_name,
+    unknown_system as unknown_system,
     weighted as weighted,
     with_ages as with_ages,
     with_delays as with_delays,

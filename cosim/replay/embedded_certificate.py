@@ -1,7 +1,7 @@
 """Read the certificate in a JSON file, an FMU or a trace, and compare its gain with theirs.
 
-A certificate proves its own K. An FMU must start with that K (`cosim.fmu.certificate`); a trace must
-name the SHA-256 of the certificate whose gain was used.
+A certificate proves its own K. An FMU must start with that K (`cosim.fmu.certificate`); a trace
+must name the SHA-256 of the certificate whose gain was used.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from cosim.core import InputError
+from cosim.core import InputError, unreadable
 from cosim.fmu import certificate_in_fmu
 from cosim.hinf import certificate_from_bytes, certificate_hash, read_certificate
 from cosim.trace import CERTIFICATE_ATTACHMENT, CERTIFICATE_HASH, DESIGN_ATTACHMENT, Trace
@@ -55,11 +55,19 @@ def certificate_in(path: Path) -> EmbeddedCertificate:
         with path.open("rb") as stream:
             first = stream.read(len(_MCAP))
     except OSError as error:
-        raise InputError("cannot be read", where=str(path), got=error.strerror) from error
+        raise unreadable(path, error, what="cannot be read") from error
     if first.startswith(_ZIP):
         return _in_fmu(path)
     if first == _MCAP:
         return _in_trace(path)
+    if path.suffix == ".toml":
+        raise InputError(
+            "a TOML file has no certificate",
+            where=str(path),
+            expected="a design (.json), an FMU or a trace",
+            hint=f"cosim design {path} --save {path.with_suffix('.json').name} makes a design of "
+            "a system",
+        )
     return EmbeddedCertificate(read_certificate(path), "file", None)
 
 

@@ -25,6 +25,7 @@ from cosim.hinf import (
     first_difference,
     quickly_proved,
     system_by_name,
+    unknown_system,
 )
 from cosim.models import Delay, DelaySystem
 from cosim.scenario.age_claim import feedback_of
@@ -72,8 +73,10 @@ def _problem_of(part: DesignPart, folder: Path) -> Problem:
     elif system in BUILT_IN_SYSTEMS:
         named = system_by_name(system)
     else:
-        known = (*BUILT_IN_SYSTEMS, "FILE.toml")
-        raise InputError.unknown("system", system, known, where="design.system")
+        wrong = unknown_system(system, "design.system")
+        if system.endswith(".json"):
+            wrong.hint = f'a design is named by another key: file = "{system}"'
+        raise wrong
     k1 = named.k1 if part.k1 is None else tuple(part.k1)
     k2 = named.k2 if part.k2 is None else tuple(part.k2)
     return Problem(named.system, k1, k2, None, named.design_constraints)
@@ -119,7 +122,8 @@ def problem_about(part: DesignPart, found: Design, where: str, folder: Path | No
             where=where,
             expected=f"the system {named!r} as [design] describes it",
             got=differs,
-            hint="say in [design] what it was made for, leave that out, or leave out file",
+            hint="leave out system and what else describes it: the design knows its own; or "
+            "leave out file, and a new gain is designed",
         )
     return replace(own, vehicle=described.vehicle)
 

@@ -17,7 +17,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from cosim.core import DESIGN_FILE, InputError, write_whole
+from cosim.core import DESIGN_FILE, InputError, unreadable, write_whole
 from cosim.fmu import certificate_in_fmu
 from cosim.hinf import (
     Design,
@@ -102,17 +102,20 @@ def design_content(name: str, folder: Path) -> tuple[str, bytes]:
         try:
             return str(path), path.read_bytes()
         except OSError as error:
-            raise InputError(
-                "the design cannot be read",
-                where=str(path),
+            raise unreadable(
+                path,
+                error,
+                what="the design cannot be read",
                 expected="a file that cosim design --save wrote",
-                got=error.strerror,
             ) from error
     ours = files("cosim.scenario").joinpath("library", "designs")
     known = {p.name.removesuffix(".json"): p for p in ours.iterdir()}
     if name not in known:
         listed = [*known, "FILE.json", "FILE.fmu"]
-        raise InputError.unknown("design", name, listed, where="design.file")
+        wrong = InputError.unknown("design", name, listed, where="design.file")
+        if name.endswith(".toml"):
+            wrong.hint = f'a system is named by another key: system = "{name}"'
+        raise wrong
     return f"design {name}", known[name].read_bytes()
 
 

@@ -39,5 +39,6 @@ from .system_toml import (
     DelaySystem as DelaySystem,
     NamedSystem as NamedSystem,
     system_by_name as system_by_name,
+    unknown_system as unknown_system,
 )
 from .weights import weighted as weighted

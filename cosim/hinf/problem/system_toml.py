@@ -69,7 +69,7 @@ from typing import Any
 
 import numpy as np
 
-from cosim.core import SYSTEM_FILE, InputError, parse_toml
+from cosim.core import SYSTEM_FILE, InputError, unreadable
 from cosim.hinf.certificate import (
     BLOCKS,
     MATRICES,
@@ -79,6 +79,8 @@ from cosim.hinf.certificate import (
     known_keys,
     matrix_from_rows,
     number,
+    refused,
+    seconds,
 )
 from cosim.hinf.problem.auv import DEFAULT_K1, DEFAULT_K2, auv_system
 from cosim.hinf.problem.design_constraints import (
@@ -88,6 +90,7 @@ from cosim.hinf.problem.design_constraints import (
 )
 from cosim.hinf.problem.feedback_structure import states_of, with_integral
 from cosim.hinf.problem.filters import Filter, filtered
+from cosim.hinf.problem.misplaced_keys import AT_THE_TOP, IN_DESIGN, IN_SYSTEM, OTHER_FILES
 from cosim.hinf.problem.weights import weighted
 from cosim.models import (
     Delay as Delay,  # noqa: PLC0414 - the face of this package offers it
@@ -133,8 +136,15 @@ def system_by_name(name: str) -> NamedSystem:
     if name == "auv":
         return NamedSystem(auv_system(), DEFAULT_K1, DEFAULT_K2)
     if not name.endswith(".toml"):
-        raise InputError.unknown("system", name, (*BUILT_IN_SYSTEMS, "FILE.toml"))
+        raise unknown_system(name)
     return load_system(name)
+
+
+def unknown_system(name: str, where: str | None = None) -> InputError:
+    """Return the error for a name that is neither a built-in system nor a file of one."""
+    hint = OTHER_FILES.get(Path(name).suffix, "a system of your own is a TOML file")
+    known = (*BUILT_IN_SYSTEMS, "FILE.toml")
+    return InputError.unknown("system", name, known, where=where, hint=hint.format(file=name))
 
 
 def load_system(path: str | Path) -> NamedSystem:
@@ -149,7 +159,7 @@ def load_system(path: str | Path) -> NamedSystem:
     try:
         text = path.read_text("utf-8")
     except (OSError, UnicodeDecodeError) as error:
-        raise InputError("the file cannot be read", where=str(path), got=str(error)) from error
+        raise unreadable(path, error) from error
     return system_from_toml(text, where=str(path), name=path.stem)
 
 
@@ -160,12 +170,12 @@ def system_from_toml(text: str, *, where: str, name: str) -> NamedSystem:
     ------
     InputError : as `load_system`.
     """
-    data = SYSTEM_FILE.current(parse_toml(text, where), where)
-    known_keys(data, where, ("system", "design", "weights"), required=("system",))
+    data = SYSTEM_FILE.from_toml(text, where)
+    known_keys(data, where, ("system", "design", "weights"), required=("system",), hints=AT_THE_TOP)
     table, place = data["system"], f"{where}: system"
     more = ("delays", "name", "weights", "feedback", "integral", BLOCKS)
     keys = (*MATRICES, *_ONE_DELAY, *more)
-    known_keys(table, place, keys, required=("A",))
+    known_keys(table, place, keys, required=("A",), hints=IN_SYSTEM)
     system = assembled(table, _delays(table, place), place, name)
     weights, unweighted = None, None
     if "weights" in table:
@@ -178,7 +188,8 @@ def system_from_toml(text: str, *, where: str, name: str) -> NamedSystem:
         unweighted = None if unweighted is None else _with_more_states(unweighted, data, where)
     place = f"{where}: design"
     design = data.get("design", {})
-    known_keys(design, place, ("k1", "k2", "gamma", *DESIGN_CONSTRAINT_KEYS))
+    known = ("k1", "k2", "gamma", *DESIGN_CONSTRAINT_KEYS)
+    known_keys(design, place, known, hints=IN_DESIGN)
     k1 = _scalars(design["k1"], f"{place}.k1", N) if "k1" in design else None
     k2 = _scalars(design["k2"], f"{place}.k2", N) if "k2" in design else None
     if k2 is not None and 0.0 in k2:
@@ -219,7 +230,9 @@ def _delays(data: dict[str, Any], where: str) -> list[Delay]:
                 "not a list of delays",
                 where=f"{where}.delays",
                 expected="[[system.delays]], double brackets",
-                got=type(tables).__name__,
+                got="[system.delays], single brackets"
+                if isinstance(tables, dict)
+                else format_value(tables),
             )
         return [delay_from(table, f"{where}.delays[{i}]", n) for i, table in enumerate(tables)]
     if one and (one == ["d"] or "d" not in one):
@@ -228,17 +241,18 @@ def _delays(data: dict[str, Any], where: str) -> list[Delay]:
             where=where,
             expected="d, and A1 or H1 (or both)",
             got=", ".join(one),
-            hint="a delay through which only the control acts is a [[system.delays]]",
+            hint="a delay of the feedback alone is a table [[system.delays]], with "
+            f"d = {format_value(data.get('d', 0.3))}, feedback = true, any_age = true",
         )
     if not one:
         return []
     A1 = matrix_from_rows(data["A1"], f"{where}.A1") if "A1" in data else np.zeros((n, n))
     H1 = matrix_from_rows(data["H1"], f"{where}.H1") if "H1" in data else None
-    d = number(data["d"], f"{where}.d")
+    d = seconds(data["d"], f"{where}.d")
     try:
         return [Delay(d, A1, H1)]
     except ValueError as error:
-        raise InputError(str(error), where=f"{where} (d, A1, H1)") from error
+        raise refused(error, f"{where} (d, A1, H1)") from error
 
 
 def _with_more_states(system: DelaySystem, data: dict[str, Any], where: str) -> DelaySystem:

@@ -82,7 +82,6 @@ def widest_margin(
     problem: Problem, p: Scalars, gamma: float | None, gain: Matrix | None = None
 ) -> tuple[Scalars, float] | None:
     """Return k1, k2 with a margin at the delays of `p`, and the margin; < 0: none was found."""
-
     asked = count()
     expected = len(starts(p)) + 2 * _STEPS
 
