@@ -15,6 +15,7 @@ from cosim.cli.common import (
     FmusOption,
     JsonOption,
     RunFlavour,
+    ScenarioArgument,
     SetOption,
     answer,
     progress,
@@ -26,20 +27,31 @@ from cosim.core import CheckFailedError, InputError
 
 
 def demo(
-    out: Annotated[Path, typer.Option(help="Folder for the traces and the picture.")] = TRACES,
+    out: Annotated[
+        Path, typer.Option("--out", "-o", help="Folder for the traces and the picture.")
+    ] = TRACES,
     fmus: FmusOption = FMUS,
     as_json: JsonOption = False,
 ) -> None:
-    """Run two gains over the same acoustic link and compare them in one picture."""
+    """Run two gains over the same acoustic link and compare them in one picture.
+
+    The same vehicle runs twice in the same sea: with a gain designed for old measurements, and
+    with one designed without a delay. Traces and picture are written to the folder --out.
+
+    \b
+    cosim demo
+    cosim demo --out demo
+    """
     with progress() as report_progress, interruptions_reported():
         result = scenario.demonstrate(make_fmu_cache(fmus), out, report_progress)
     answer(as_json, result.to_json, lambda: demo_view(result))
 
 
 def run(
-    name: Annotated[str, typer.Argument(help="Name of a built-in scenario, or FILE.toml.")],
+    name: ScenarioArgument,
     out: Annotated[
-        Path | None, typer.Option(help="File of the trace (default: traces/NAME.mcap).")
+        Path | None,
+        typer.Option("--out", "-o", help="File of the trace (default: traces/NAME.mcap)."),
     ] = None,
     fmus: FmusOption = FMUS,
     engine: Annotated[
@@ -127,9 +139,9 @@ def run(
     cosim run auv-acoustic
     cosim run auv-acoustic --set links.uplink.delay='400 ms' --set run.end=60
     cosim run auv-acoustic --stop-when 'abs(plant.eta.x) < 1 m and t > 10 s'
-    cosim run auv-acoustic --until '1 min' --pace 10
+    cosim run auv-acoustic --until '10 s' --pace 20
     cosim run auv-acoustic --check-step
-    cosim run my.toml --limit call=30 --limit memory='2 GB'
+    cosim run mine.toml --limit call=30 --limit memory='2 GB'
     """
     settings = list(changed or ())
     if log_level is not None:

@@ -9,7 +9,17 @@ from typing import Annotated, Any
 import typer
 
 from cosim.cli.arguments import names
-from cosim.cli.common import FMUS, TRACES, FmusOption, JsonOption, RunFlavour, answer, progress
+from cosim.cli.common import (
+    FMUS,
+    TRACES,
+    FmusOption,
+    JsonOption,
+    RunFlavour,
+    answer,
+    completed_from,
+    progress,
+)
+from cosim.cli.help_text import HelpTyper
 from cosim.cli.runs import interruptions_reported, report_outcome
 from cosim.cli.study_view import checked_view, finished_view, summary_view
 from cosim.cli.terminal import titles_table
@@ -35,12 +45,18 @@ from cosim.study import (
 
 STUDIES = Path("studies")
 
-study_app = typer.Typer(
-    no_args_is_help=True,
+study_app = HelpTyper(
     help="Run one scenario many times: over grids, random samples or seeds; on cores or a cluster.",
 )
 
-StudyArgument = Annotated[str, typer.Argument(help="Name of a built-in study, or FILE.toml.")]
+StudyArgument = Annotated[
+    str,
+    typer.Argument(
+        metavar="STUDY",
+        help="Name of a built-in study, or FILE.toml.",
+        autocompletion=completed_from("study"),
+    ),
+]
 FlavourOption = Annotated[
     RunFlavour,
     typer.Option(help="Built-in FMUs: native (C, compiled on this machine), or python."),
@@ -59,7 +75,11 @@ LimitOption = Annotated[
 
 @study_app.command("list")
 def list_studies(*, as_json: JsonOption = False) -> None:
-    """List the built-in studies."""
+    """List the built-in studies.
+
+    \b
+    cosim study list
+    """
     rows = [{"name": name, "title": load_study(name).study.title} for name in builtin_studies()]
     answer(as_json, lambda: {"studies": rows}, lambda: titles_table("study", "title", rows))
 
@@ -95,7 +115,8 @@ def check(
 def run(
     name: StudyArgument,
     out: Annotated[
-        Path | None, typer.Option(help="Folder for the results (default: studies/NAME).")
+        Path | None,
+        typer.Option("--out", "-o", help="Folder for the results (default: studies/NAME)."),
     ] = None,
     workers: Annotated[
         str,
@@ -140,9 +161,8 @@ def run(
 
     \b
     cosim study run delay-margin
-    cosim study run my-study.toml --workers all
-    cosim study run my-study.toml --scheduler tcp://10.0.0.5:8786
-      --out /shared/mine --fmus /shared/fmus
+    cosim study run delay-margin --workers all
+    cosim study run sea-states --scheduler tcp://10.0.0.5:8786 --out /shared/sea --fmus /shared/fmus
     """
     loaded = load_study(name)
     if traces is not None:
@@ -233,8 +253,7 @@ def show(
 
     \b
     cosim study show studies/delay-margin --picture margin.png
-    cosim study show studies/sea-states --by Hs
-    cosim study show studies/sea-states --metric error --over Hs --picture error.png
+    cosim study show studies/delay-margin --by delay
     """
     table, manifest = read_table(path)
     groups = None if by is None else [] if by == "all" else list(names("--by", by))

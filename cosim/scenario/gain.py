@@ -60,8 +60,10 @@ def _problem_of(part: DesignPart, folder: Path) -> Problem:
     elif system in hinf.BUILT_IN_SYSTEMS:
         named = hinf.system_by_name(system)
     else:
-        known = (*hinf.BUILT_IN_SYSTEMS, "FILE.toml")
-        raise InputError.unknown("system", system, known, where="design.system")
+        wrong = hinf.unknown_system(system, "design.system")
+        if system.endswith(".json"):
+            wrong.hint = f'a design is named by another key: file = "{system}"'
+        raise wrong
     k1 = named.k1 if part.k1 is None else tuple(part.k1)
     k2 = named.k2 if part.k2 is None else tuple(part.k2)
     return Problem(named.system, k1, k2, None, named.design_constraints)
@@ -107,7 +109,8 @@ def problem_about(part: DesignPart, found: hinf.Design, where: str, folder: Path
             where=where,
             expected=f"the system {named!r} as [design] describes it",
             got=differs,
-            hint="say in [design] what it was made for, leave that out, or leave out file",
+            hint="leave out system and what else describes it: the design knows its own; or "
+            "leave out file, and a new gain is designed",
         )
     return replace(own, vehicle=described.vehicle)
 

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cosim.core import InputError, NotAchievableError
-from cosim.hinf.nominal import NormResult, Roots
+from cosim.hinf.nominal import NormResult
 from cosim.hinf.response import to_models
 from cosim.hinf.response.blocks import Blocks, beside, blocks_from, from_inputs
 from cosim.hinf.response.characteristic_roots import CharacteristicRoots
@@ -111,7 +111,9 @@ class DelayLTI(Blocks):
 
     def __getitem__(self, key: tuple[Any, Any]) -> DelayLTI:
         """Return the subsystem of these outputs and inputs."""
-        rows, columns = (np.atleast_1d(np.arange(k)[i]) for k, i in zip(self.D.shape, key, strict=True))
+        rows, columns = (
+            np.atleast_1d(np.arange(k)[i]) for k, i in zip(self.D.shape, key, strict=True)
+        )
         return _made(self.between(np.eye(self.outputs)[rows], np.eye(self.inputs)[:, columns]))
 
     def feedback(self, other: Any = 1, sign: int = -1) -> DelayLTI:
@@ -381,7 +383,11 @@ def exp(exponent: Any) -> DelayLTI:
             got=type(exponent).__name__,
             hint="dead_time(tau) is the same",
         ) from error
-    if bottom.size != 1 or top.size not in (0, 2) or (top.size and (top[1] or top[0] / bottom[0] > 0)):
+    if (
+        bottom.size != 1
+        or top.size not in (0, 2)
+        or (top.size and (top[1] or top[0] / bottom[0] > 0))
+    ):
         raise InputError(
             "not an exponent of a delay",
             where="exp",
@@ -482,10 +488,16 @@ def _dead(tau: float) -> Blocks:
 
 
 def _delays_of(name: str, given: float | Sequence[float], size: int) -> list[float]:
-    delays = np.broadcast_to(np.asarray(given, dtype=np.float64), (size,)) if np.ndim(given) == 0 else np.asarray(given, dtype=np.float64)
+    delays = (
+        np.broadcast_to(np.asarray(given, dtype=np.float64), (size,))
+        if np.ndim(given) == 0
+        else np.asarray(given, dtype=np.float64)
+    )
     if delays.shape != (size,):
         raise InputError(
-            "the delays do not fit the model", where=name, expected=f"{size} numbers of seconds",
+            "the delays do not fit the model",
+            where=name,
+            expected=f"{size} numbers of seconds",
             got=str(delays.shape),
         )
     return [float(d) for d in delays]

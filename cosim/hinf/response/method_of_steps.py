@@ -447,9 +447,9 @@ class _Stepper:
         L = self._inside(h, inside)
         key = f"late {h:.14e}"
         if key not in self.factors:
-            loop = np.eye(N * stages) - np.einsum(
-                "vw,wkl->vkwl", s.Dvw, L[:, 1:, 1:]
-            ).reshape(N * stages, -1)
+            loop = np.eye(N * stages) - np.einsum("vw,wkl->vkwl", s.Dvw, L[:, 1:, 1:]).reshape(
+                N * stages, -1
+            )
             into = h * np.einsum("nw,jk,wkl->njwl", s.Bw, self.of.a, L[:, 1:, 1:])
             through = np.linalg.solve(loop.T, into.reshape(n * stages, -1).T).T
             matrix = np.eye(n * stages) - h * np.kron(s.A, self.of.a)

@@ -17,7 +17,6 @@ from cosim.core import InputError
 from cosim.hinf.nominal import (
     ROOTS,
     NormResult,
-    Roots,
     gain_between,
     hinf_norm,
     norm_between,
@@ -134,5 +133,3 @@ class _Bounds:
 
         sizes = size(S), size(S @ np.vstack([s.B, s.Dv])), size(out @ S)
         return gain_between(0.5 * (high - low), ends, sizes, self.constants)
-
-
