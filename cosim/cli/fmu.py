@@ -13,6 +13,7 @@ from cosim.cli.design_view import packed_view, plant_view
 from cosim.cli.fmu_view import check_view, info_view
 from cosim.core import CheckFailedError, InputError
 from cosim.fmu import (
+    DEFAULT_FLAVOUR,
     Flavour,
     FmuTarget,
     export_controller,
@@ -119,7 +120,7 @@ def build(
     ],
     out: OutOption = None,
     name: NameOption = None,
-    flavour: FlavourOption = "native",
+    flavour: FlavourOption = DEFAULT_FLAVOUR,
     platforms: PlatformsOption = "host",
     initial: Annotated[
         str | None,
@@ -168,7 +169,7 @@ def controller(
     ],
     out: OutOption = None,
     name: NameOption = None,
-    flavour: FlavourOption = "native",
+    flavour: FlavourOption = DEFAULT_FLAVOUR,
     platforms: PlatformsOption = "host",
     sample_time: Annotated[
         float | None,

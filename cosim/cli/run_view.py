@@ -47,6 +47,8 @@ def outcome_view(outcome: Outcome) -> RenderableType:
         *_assertions(outcome),
         *_events(outcome),
     ]
+    if outcome.binaries:
+        parts.append(Text(f"binaries: {outcome.binaries_text}"))
     if outcome.design is not None:
         parts.append(Text(f"design: {outcome.design.words}"))
     parts += late_view(outcome.log_after_end)

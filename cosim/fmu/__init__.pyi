@@ -3,7 +3,11 @@ from .call_watch import (
     calling as calling,
     watch_calls as watch_calls,
 )
-from .compiled import compiled_library as compiled_library
+from .compiled import (
+    compiled_library as compiled_library,
+    is_prebuilt as is_prebuilt,
+    write_libraries as write_libraries,
+)
 from .description import (
     FmuDescription as FmuDescription,
     describe_fmu as describe_fmu,
@@ -28,6 +32,7 @@ from .export.fmu_file import (
 )
 from .export.native.platforms import (
     PLATFORMS as PLATFORMS,
+    Platform as Platform,
     platforms_named as platforms_named,
 )
 from .export.page.loop import (
@@ -67,12 +72,18 @@ from .inspect.inspection_facts import fmu_facts as fmu_facts
 from .inspect.markup import MAX_XML as MAX_XML
 from .inspect.run import run_findings as run_findings
 from .isolation import SlaveProcess as SlaveProcess
+from .isolation.channel import channel_source as channel_source
 from .messages import LogSink as LogSink
 from .port import (
     Port as Port,
     SignalKind as SignalKind,
     describe_settable as describe_settable,
     may_be_set as may_be_set,
+)
+from .prebuilt import (
+    prebuilt_folder as prebuilt_folder,
+    why_none_prebuilt as why_none_prebuilt,
+    write_manifest as write_manifest,
 )
 from .slave import (
     FmuSlave as FmuSlave,

@@ -1,4 +1,4 @@
-"""The kernel: `kernel.c`, compiled at first use, carries out the table of a run.
+"""The kernel: `kernel.c`, prebuilt or compiled at first use, carries out the table of a run.
 
 It takes the addresses of the FMUs' functions and instances, and exchanges numbers only.
 """
@@ -62,6 +62,11 @@ _RUN = np.dtype(
 """`Run` of kernel.c."""
 
 
+def kernel_source() -> bytes:
+    """Return the C of the kernel."""
+    return files("cosim.master").joinpath("kernel.c").read_bytes()
+
+
 @cache
 def load_kernel() -> Any:
     """Return the library of the kernel; the first call may compile it.
@@ -70,8 +75,7 @@ def load_kernel() -> Any:
     ------
     InputError : no C compiler, or it rejects the source.
     """
-    source = files("cosim.master").joinpath("kernel.c").read_bytes()
-    library = compiled_library("kernel", source)
+    library = compiled_library("kernel", kernel_source())
     address, number = ctypes.c_void_p, ctypes.c_int64
     library.run.argtypes = [address, address, *[number] * 4, address, number]
     library.make_team.argtypes = [number, address, number, address]

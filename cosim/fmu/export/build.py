@@ -1,4 +1,4 @@
-"""Build FMUs into a folder as <flavour>/NAME.fmu, unless they are up to date."""
+"""Find the FMUs of the catalogue: in a folder as <flavour>/NAME.fmu, prebuilt, or built now."""
 
 from __future__ import annotations
 
@@ -8,15 +8,17 @@ import zipfile
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
-from cosim.core import InputError
+from cosim.core import InputError, copy_whole
 from cosim.fmu.export.catalogue import CATALOGUE
 from cosim.fmu.export.native.package import build_native_fmu, guid as native_guid
 from cosim.fmu.export.native.platforms import Platform, host
 from cosim.fmu.export.python.package import build_python_fmu, guid as python_guid
 from cosim.fmu.export.spec import ComponentSpec
+from cosim.fmu.prebuilt import prebuilt_file
 
-DEFAULT_FLAVOUR = "python"
+DEFAULT_FLAVOUR: Literal["native"] = "native"
 """The flavour where none is named."""
 
 FMI_VERSION = {"native": "2.0", "native-fmi3": "3.0", "python": "2.0"}
@@ -40,9 +42,12 @@ def ensure_fmu(
     platforms: Sequence[Platform] = (),
     force: bool = False,
 ) -> Built:
-    """Return the FMU `name` of the catalogue below `root`/`flavour`; build it if out of date.
+    """Return the FMU `name` of the catalogue; build it below `root`/`flavour` if there is none.
 
-    `platforms`: those to cross-compile a native FMU for; none: this machine, by its own compiler.
+    The FMU below `root`/`flavour` is taken if it is up to date, otherwise the prebuilt one.
+
+    `platforms`: those to cross-compile a native FMU for; none: those of the prebuilt FMU, or this
+    machine, by its own compiler. `force`: build it in any case.
 
     Raises
     ------
@@ -52,13 +57,16 @@ def ensure_fmu(
     path = root / flavour / f"{name}.fmu"
     if not force and path.is_file() and _up_to_date(path, name, flavour, platforms):
         return Built(name, path, new=False)
+    ready = None if force or platforms else prebuilt_file(f"{flavour}/{name}.fmu")
+    if ready is not None:
+        return Built(name, ready, new=False)
     return Built(name, build_fmu(CATALOGUE[name], path.parent, flavour, platforms), new=True)
 
 
 def build_fmu(
     component: str | ComponentSpec,
     folder: Path | str = "fmus",
-    flavour: str = "native",
+    flavour: str = DEFAULT_FLAVOUR,
     platforms: Sequence[Platform] = (),
 ) -> Path:
     """Write `folder`/NAME.fmu of a component and return its path.
@@ -67,7 +75,8 @@ def build_fmu(
     ----------
     component : the name of a built-in component, such as "AuvPlant", or a specification.
     flavour : "native" (C, FMI 2.0), "native-fmi3" (C, FMI 3.0) or "python" (pythonfmu).
-    platforms : to cross-compile a native FMU for; none: this machine, by its own compiler.
+    platforms : to cross-compile a native FMU for; none: those of the prebuilt FMU, if there is
+        one, or this machine, by its own compiler.
 
     Raises
     ------
@@ -77,6 +86,13 @@ def build_fmu(
         raise InputError.unknown("component", component, CATALOGUE, where="build_fmu")
     if flavour not in FMI_VERSION:
         raise InputError.unknown("flavour", flavour, FMI_VERSION, where="build_fmu")
+    if isinstance(component, str):
+        ready = None if platforms else prebuilt_file(f"{flavour}/{component}.fmu")
+        if ready is not None:
+            target = Path(folder) / ready.name
+            target.parent.mkdir(parents=True, exist_ok=True)
+            copy_whole(ready, target)
+            return target
     spec = CATALOGUE[component] if isinstance(component, str) else component
     if flavour == "python":
         return build_python_fmu(spec, Path(folder))

@@ -23,6 +23,12 @@ FUTEX: Final = sys.platform == "linux"
 """Whether processes sleep on a futex; elsewhere on a pipe."""
 
 
+def channel_source(*, futex: bool = FUTEX) -> bytes:
+    """Return the C of the library, with a futex or without."""
+    source = files("cosim.fmu.isolation").joinpath("channel.c").read_bytes()
+    return source if futex else b"#define WITHOUT_FUTEX\n" + source
+
+
 class Channel(ctypes.Structure):
     """`Channel` of channel.c: what the proxies get as their component."""
 
@@ -67,10 +73,8 @@ def channel_library() -> Any:
             got="Windows",
             hint="isolate = false",
         )
-    source = files("cosim.fmu.isolation").joinpath("channel.c").read_bytes()
-    head = b"" if FUTEX else b"#define WITHOUT_FUTEX\n"
     try:
-        return declared(compiled_library("channel", head + source))
+        return declared(compiled_library("channel", channel_source()))
     except InputError as error:
         raise InputError(
             "components cannot be isolated here",

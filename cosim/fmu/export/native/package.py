@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import functools
+import os
 from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from importlib.resources import files
 from pathlib import Path
 from xml.etree import ElementTree as ET
@@ -82,9 +84,15 @@ def build_native_fmu(
     content, compiled = sources(spec, version, identity)
     archive = _files(spec, version, identity, content)
     archive.update({f"sources/{name}": text for name, text in content.items()})
-    for target in platforms or [host()]:
-        path = f"binaries/{target.folder(version)}/{spec.name}{target.suffix}"
-        archive[path] = shared_library(spec.name, content, compiled, target, cross=bool(platforms))
+    targets = platforms or [host()]
+
+    def binary(target: Platform) -> bytes:
+        return shared_library(spec.name, content, compiled, target, cross=bool(platforms))
+
+    with ThreadPoolExecutor(min(len(targets), os.cpu_count() or 1)) as pool:
+        for target, library in zip(targets, pool.map(binary, targets), strict=True):
+            path = f"binaries/{target.folder(version)}/{spec.name}{target.suffix}"
+            archive[path] = library
     return deterministic_zip(archive, destination / f"{spec.name}.fmu")
 
 
