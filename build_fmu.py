@@ -4,6 +4,9 @@
 Native FMUs (FMI 2.0 and 3.0) contain a binary for this machine, made by its C compiler; with
 --platforms all they contain one for each of linux and macOS on x86_64 and aarch64 and windows on
 x86_64, cross-compiled (pip install 'auv-cosim[cross]'). For other platforms they contain sources.
+
+--prebuilt fills a folder with what the wheel brings, unless it is there already: the native FMUs for
+all platforms, the libraries of the package, and the manifest by which an installed package uses them.
 """
 
 from __future__ import annotations
@@ -11,8 +14,8 @@ from __future__ import annotations
 import argparse
 import hashlib
 import os
+import shutil
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 
 from cosim.core import CosimError
@@ -20,24 +23,36 @@ from cosim.fmu import (
     CATALOGUE,
     FMI_VERSION,
     PLATFORMS,
-    Platform,
     channel_source,
     ensure_all,
+    is_current,
     platforms_named,
-    write_libraries,
+    write_library,
     write_manifest,
 )
 from cosim.master import kernel_source
 
 
-def package_libraries(out: Path, platforms: Sequence[Platform]) -> list[Path]:
-    """Cross-compile the loop's kernel, and the channel to isolated components where it works."""
-    written = write_libraries("kernel", kernel_source(), out, platforms)
-    for target in platforms:
-        if not target.tuple_name.endswith("windows"):
-            source = channel_source(futex=target.tuple_name.endswith("linux"))
-            written += write_libraries("channel", source, out, [target])
-    return written
+def build_prebuilt(folder: Path) -> None:
+    """Fill a folder with what the wheel brings, unless it has just that."""
+    names = tuple(PLATFORMS)
+    if not is_current(folder, names):
+        shutil.rmtree(folder, ignore_errors=True)
+        for flavour in ("native", "native-fmi3"):
+            ensure_all(folder, flavour=flavour, platforms=platforms_named("all"), force=True)
+        for target in PLATFORMS.values():
+            write_library("kernel", kernel_source(), folder, target)
+            if target.suffix != ".dll":
+                source = channel_source(futex=target.suffix == ".so")
+                write_library("channel", source, folder, target)
+        write_manifest(folder, names)
+    for path in sorted(folder.rglob("*.*")):
+        print_digest(path)
+
+
+def print_digest(path: Path) -> None:
+    """Print the SHA-256 of a file and its name."""
+    print(f"{hashlib.sha256(path.read_bytes()).hexdigest()}  {path}", flush=True)
 
 
 def main() -> int:
@@ -58,12 +73,7 @@ def main() -> int:
         default="host",
         help=f"binaries of native FMUs: host, all, or of {', '.join(PLATFORMS)}, with commas",
     )
-    parser.add_argument(
-        "--libraries",
-        action="store_true",
-        help="also cross-compile the libraries of the package, and write the manifest by which "
-        "an installed package uses all of them",
-    )
+    parser.add_argument("--prebuilt", type=Path, metavar="FOLDER", help="fill this folder instead")
     options = parser.parse_args()
     unknown = [name for name in options.names if name not in CATALOGUE]
     if unknown:
@@ -71,19 +81,15 @@ def main() -> int:
         print(f"no component {', '.join(unknown)}\n  expected: {known}", file=sys.stderr)
         return 2
     try:
+        if options.prebuilt is not None:
+            build_prebuilt(options.prebuilt)
+            return 0
         platforms = platforms_named(options.platforms)
-        if options.libraries and not platforms:
-            parser.error("--libraries are cross-compiled: name --platforms")
         for flavour in options.flavour or FMI_VERSION:
             for built in ensure_all(
                 options.out, options.names, flavour=flavour, platforms=platforms, force=True
             ):
-                digest = hashlib.sha256(built.path.read_bytes()).hexdigest()
-                print(f"{digest}  {built.path}", flush=True)
-        if options.libraries:
-            for library in package_libraries(options.out, platforms):
-                print(f"{hashlib.sha256(library.read_bytes()).hexdigest()}  {library}", flush=True)
-            write_manifest(options.out, [p.tuple_name for p in platforms])
+                print_digest(built.path)
     except BrokenPipeError:
         # the reader of our output has closed it: keep the interpreter from writing to it at exit
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

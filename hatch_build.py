@@ -1,8 +1,8 @@
 """Put prebuilt FMUs and libraries into the wheel: hatchling calls this, and it calls build_fmu.py.
 
 AUV_COSIM_PREBUILT=none in the environment makes a wheel without them, which compiles on the user's
-machine; a folder there is one that `build_fmu.py --libraries` has filled before. An editable
-installation has none.
+machine; a folder there is filled, or used as it is where it was filled from the same sources. An
+editable installation has none.
 """
 
 from __future__ import annotations
@@ -17,10 +17,6 @@ from typing import Any
 from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 
 VARIABLE = "AUV_COSIM_PREBUILT"
-COMMAND = (
-    *("build_fmu.py", "--flavour", "native", "--flavour", "native-fmi3"),
-    *("--platforms", "all", "--libraries", "--out"),
-)
 
 
 class PrebuiltHook(BuildHookInterface[Any]):
@@ -42,17 +38,14 @@ class PrebuiltHook(BuildHookInterface[Any]):
                 "native FMUs and the kernel need a C compiler"
             )
             return
-        folder = Path(chosen or tempfile.mkdtemp(prefix="auv-cosim-prebuilt-"))
-        if chosen and not (folder / "manifest.json").is_file():
-            raise RuntimeError(f"{VARIABLE}={chosen}: there is no manifest.json of build_fmu.py")
-        if not chosen:
-            self._build(folder)
+        folder = Path(chosen or tempfile.mkdtemp(prefix="auv-cosim-prebuilt-")).absolute()
+        self._build(folder)
         build_data["force_include"][str(folder)] = "cosim/prebuilt"
 
     def _build(self, folder: Path) -> None:
         root = Path(self.root)
         done = subprocess.run(  # noqa: S603 - our own script
-            [sys.executable, *COMMAND, str(folder)],
+            [sys.executable, "build_fmu.py", "--prebuilt", str(folder)],
             cwd=root,
             env={**os.environ, "PYTHONPATH": str(root)},
             check=False,

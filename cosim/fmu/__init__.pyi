@@ -6,7 +6,7 @@ from .call_watch import (
 from .compiled import (
     compiled_library as compiled_library,
     is_prebuilt as is_prebuilt,
-    write_libraries as write_libraries,
+    write_library as write_library,
 )
 from .description import (
     FmuDescription as FmuDescription,
@@ -81,6 +81,7 @@ from .port import (
     may_be_set as may_be_set,
 )
 from .prebuilt import (
+    is_current as is_current,
     prebuilt_folder as prebuilt_folder,
     why_none_prebuilt as why_none_prebuilt,
     write_manifest as write_manifest,

@@ -6,7 +6,6 @@ import ctypes
 import hashlib
 import platform
 import shlex
-from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
 
@@ -48,24 +47,16 @@ def is_prebuilt(name: str, source: bytes) -> bool:
     return prebuilt_file(_prebuilt_name(name, source, host())) is not None
 
 
-def write_libraries(
-    name: str, source: bytes, folder: Path, platforms: Sequence[Platform]
-) -> list[Path]:
-    """Cross-compile a C file for each platform to where `compiled_library` looks; return the files.
+def write_library(name: str, source: bytes, folder: Path, target: Platform) -> None:
+    """Cross-compile a C file to where `compiled_library` looks below the folder of a wheel.
 
     Raises
     ------
     InputError : no cross compiler, or it rejects the source.
     """
-    written = []
-    for target in platforms:
-        path = folder / _prebuilt_name(name, source, target)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_bytes(
-            shared_library(name, {f"{name}.c": source}, [f"{name}.c"], target, cross=True)
-        )
-        written.append(path)
-    return written
+    path = folder / _prebuilt_name(name, source, target)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_bytes(shared_library(name, {f"{name}.c": source}, [f"{name}.c"], target, cross=True))
 
 
 def _prebuilt_name(name: str, source: bytes, target: Platform) -> str:

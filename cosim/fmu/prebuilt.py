@@ -8,8 +8,9 @@ is compiled on this machine.
 from __future__ import annotations
 
 import hashlib
+import importlib.metadata
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -20,8 +21,11 @@ from cosim.fmu.inspect.platforms import this_libc, this_machine
 
 MANIFEST = "manifest.json"
 _PACKAGE = Path(__file__).parents[1]
-_SOURCES = ("fmu/export", "models", "network", "scenario/library/designs")
-"""Folders of the package, beside the components, that decide on the bytes of an FMU."""
+_SOURCES = (
+    *("fmu/export", "fmu/isolation/channel.c", "master/kernel.c", "models", "network"),
+    "scenario/library/designs",
+)
+"""What decides on the bytes of an FMU or a library, beside the components."""
 
 
 def prebuilt_folder() -> Path:
@@ -70,22 +74,41 @@ def why_none_prebuilt() -> str | None:
 
 @cache
 def source_digest() -> str:
-    """Return the hash of all sources that decide on the bytes of an FMU."""
+    """Return the hash of all sources that decide on the bytes of what is prebuilt."""
     digest = hashlib.sha256()
     for name, path in sorted(_source_files()):
         digest.update(f"{name}\0{_sha256(path.read_bytes())}\0".encode())
     return digest.hexdigest()
 
 
-def write_manifest(folder: Path, platforms: list[str]) -> None:
+def write_manifest(folder: Path, platforms: Sequence[str]) -> None:
     """Write the manifest of a folder of binaries that were built from the present sources."""
+    text = json.dumps(_contents(folder, platforms), indent=1) + "\n"
+    (folder / MANIFEST).write_text(text, "utf-8", newline="\n")
+
+
+def is_current(folder: Path, platforms: Sequence[str]) -> bool:
+    """Whether a folder has just what would be built now, by its manifest."""
+    try:
+        found = json.loads((folder / MANIFEST).read_text("utf-8"))
+    except (OSError, ValueError):
+        return False
+    return bool(found == _contents(folder, platforms))
+
+
+def _contents(folder: Path, platforms: Sequence[str]) -> dict[str, Any]:
     files = {
         path.relative_to(folder).as_posix(): _sha256(path.read_bytes())
         for path in sorted(folder.rglob("*"))
         if path.is_file() and path.name != MANIFEST
     }
-    content = {"sources": source_digest(), "platforms": platforms, "files": files}
-    (folder / MANIFEST).write_text(json.dumps(content, indent=1) + "\n", "utf-8", newline="\n")
+    compiler = f"ziglang {importlib.metadata.version('ziglang')}"
+    return {
+        "sources": source_digest(),
+        "compiler": compiler,
+        "platforms": [*platforms],
+        "files": files,
+    }
 
 
 @cache
@@ -98,7 +121,7 @@ def _source_files() -> Iterator[tuple[str, Path]]:
     """Yield each source with its name in an installed package."""
     folders = {name: _PACKAGE / name for name in _SOURCES} | {"components": components_folder()}
     for name, folder in folders.items():
-        for path in folder.rglob("*"):
+        for path in [folder] if folder.is_file() else folder.rglob("*"):
             if path.is_file() and path.suffix != ".pyc" and not path.name.startswith("."):
                 yield f"{name}/{path.relative_to(folder).as_posix()}", path
 
