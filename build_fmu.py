@@ -5,8 +5,9 @@ Native FMUs (FMI 2.0 and 3.0) contain a binary for this machine, made by its C c
 --platforms all they contain one for each of linux and macOS on x86_64 and aarch64 and windows on
 x86_64, cross-compiled (pip install 'auv-cosim[cross]'). For other platforms they contain sources.
 
---prebuilt fills a folder with what the wheel brings, unless it is there already: the native FMUs for
-all platforms, the libraries of the package, and the manifest by which an installed package uses them.
+--prebuilt fills a folder with what the wheel brings, unless it is there already: the native FMUs
+for all platforms, binaries for own components, the libraries of the package, and the manifest by
+which an installed package uses them.
 """
 
 from __future__ import annotations
@@ -16,21 +17,26 @@ import hashlib
 import os
 import shutil
 import sys
+from itertools import product
 from pathlib import Path
 
 from cosim.core import CosimError
 from cosim.fmu import (
     CATALOGUE,
     FMI_VERSION,
+    KINDS,
     PLATFORMS,
     channel_source,
     ensure_all,
     is_current,
     platforms_named,
+    write_binary,
     write_library,
     write_manifest,
 )
 from cosim.master import kernel_source
+
+NATIVE = ("native", "native-fmi3")
 
 
 def build_prebuilt(folder: Path) -> None:
@@ -38,8 +44,10 @@ def build_prebuilt(folder: Path) -> None:
     names = tuple(PLATFORMS)
     if not is_current(folder, names):
         shutil.rmtree(folder, ignore_errors=True)
-        for flavour in ("native", "native-fmi3"):
+        for flavour in NATIVE:
             ensure_all(folder, flavour=flavour, platforms=platforms_named("all"), force=True)
+        for flavour, kind, target in product(NATIVE, KINDS.values(), PLATFORMS.values()):
+            write_binary(kind, FMI_VERSION[flavour], folder, target)
         for target in PLATFORMS.values():
             write_library("kernel", kernel_source(), folder, target)
             if target.suffix != ".dll":

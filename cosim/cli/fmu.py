@@ -15,13 +15,12 @@ from cosim.core import CheckFailedError, InputError
 from cosim.fmu import (
     DEFAULT_FLAVOUR,
     Flavour,
-    FmuTarget,
     export_controller,
     export_plant,
     fmu_facts,
     inspect_fmu,
-    platforms_named,
     run_findings,
+    target_named,
 )
 from cosim.replay import certificate_in
 
@@ -48,9 +47,10 @@ FlavourOption = Annotated[
 PlatformsOption = Annotated[
     str,
     typer.Option(
-        help="Platforms whose binaries a native FMU contains. host: this machine, with its own "
-        "compiler; all, or names such as x86_64-linux,x86_64-windows: cross-compiled (needs the "
-        "extra cross). The C sources are always inside."
+        help="Binaries of a native FMU. prebuilt: those that the installed package brings, for all "
+        "platforms; without them as host. host: for this machine, by its own compiler. all, or "
+        "names such as x86_64-linux,x86_64-windows: cross-compiled (needs the extra cross). The C "
+        "sources are always inside."
     ),
 ]
 
@@ -121,7 +121,7 @@ def build(
     out: OutOption = None,
     name: NameOption = None,
     flavour: FlavourOption = DEFAULT_FLAVOUR,
-    platforms: PlatformsOption = "host",
+    platforms: PlatformsOption = "prebuilt",
     initial: Annotated[
         str | None,
         typer.Option(help="Initial state: one number per state, with commas (default: zero)."),
@@ -142,7 +142,7 @@ def build(
     file = Path(system)
     target = _target(file, out)
     start = None if initial is None else numbers("--initial", initial)
-    kind = FmuTarget(flavour, platforms_named(platforms))
+    kind = target_named(flavour, platforms)
     packed = export_plant(system, target, kind=kind, name=name, initial=start)
     n, m = packed.system.B.shape
     p, q = packed.system.D1.shape
@@ -170,7 +170,7 @@ def controller(
     out: OutOption = None,
     name: NameOption = None,
     flavour: FlavourOption = DEFAULT_FLAVOUR,
-    platforms: PlatformsOption = "host",
+    platforms: PlatformsOption = "prebuilt",
     sample_time: Annotated[
         float | None,
         typer.Option(help="Sampling period in seconds; 0: sample at every communication point."),
@@ -191,7 +191,7 @@ def controller(
     a controller from the state x to the control u. Gain, limits and sample time are parameters;
     the certificate holds for the gain that the FMU starts with.
     """
-    kind = FmuTarget(flavour, platforms_named(platforms))
+    kind = target_named(flavour, platforms)
     found = certificate_in(file)
     if found.mismatch is not None:
         raise InputError(

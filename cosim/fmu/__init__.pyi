@@ -29,11 +29,16 @@ from .export.controller import (
 from .export.fmu_file import (
     Flavour as Flavour,
     FmuTarget as FmuTarget,
+    target_named as target_named,
 )
 from .export.native.platforms import (
     PLATFORMS as PLATFORMS,
     Platform as Platform,
     platforms_named as platforms_named,
+)
+from .export.native.tape_package import (
+    KINDS as KINDS,
+    write_binary as write_binary,
 )
 from .export.page.loop import (
     loop_scenario as loop_scenario,

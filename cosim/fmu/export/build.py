@@ -14,6 +14,7 @@ from cosim.core import InputError, copy_whole
 from cosim.fmu.export.catalogue import CATALOGUE
 from cosim.fmu.export.native.package import build_native_fmu, guid as native_guid
 from cosim.fmu.export.native.platforms import Platform, host
+from cosim.fmu.export.native.tape_package import build_tape_fmu, prebuilt_binaries
 from cosim.fmu.export.python.package import build_python_fmu, guid as python_guid
 from cosim.fmu.export.spec import ComponentSpec
 from cosim.fmu.prebuilt import prebuilt_file
@@ -60,7 +61,8 @@ def ensure_fmu(
     ready = None if force or platforms else prebuilt_file(f"{flavour}/{name}.fmu")
     if ready is not None:
         return Built(name, ready, new=False)
-    return Built(name, build_fmu(CATALOGUE[name], path.parent, flavour, platforms), new=True)
+    build_fmu(CATALOGUE[name], path.parent, flavour, platforms, prebuilt=False)
+    return Built(name, path, new=True)
 
 
 def build_fmu(
@@ -68,6 +70,8 @@ def build_fmu(
     folder: Path | str = "fmus",
     flavour: str = DEFAULT_FLAVOUR,
     platforms: Sequence[Platform] = (),
+    *,
+    prebuilt: bool = True,
 ) -> Path:
     """Write `folder`/NAME.fmu of a component and return its path.
 
@@ -75,19 +79,22 @@ def build_fmu(
     ----------
     component : the name of a built-in component, such as "AuvPlant", or a specification.
     flavour : "native" (C, FMI 2.0), "native-fmi3" (C, FMI 3.0) or "python" (pythonfmu).
-    platforms : to cross-compile a native FMU for; none: those of the prebuilt FMU, if there is
-        one, or this machine, by its own compiler.
+    platforms : to cross-compile a native FMU for; none: those that are prebuilt, or this machine,
+        by its own compiler.
+    prebuilt : whether to use what the wheel brings: the FMU of a built-in component; for any other
+        a binary of its kind, which reads the model and computes the same bits.
 
     Raises
     ------
-    InputError : no such component or flavour, or no compiler for a native FMU.
+    InputError : no such component or flavour, no compiler for a native FMU, or a component that is
+        too large for a prebuilt binary.
     """
     if isinstance(component, str) and component not in CATALOGUE:
         raise InputError.unknown("component", component, CATALOGUE, where="build_fmu")
     if flavour not in FMI_VERSION:
         raise InputError.unknown("flavour", flavour, FMI_VERSION, where="build_fmu")
     if isinstance(component, str):
-        ready = None if platforms else prebuilt_file(f"{flavour}/{component}.fmu")
+        ready = prebuilt_file(f"{flavour}/{component}.fmu") if prebuilt and not platforms else None
         if ready is not None:
             target = Path(folder) / ready.name
             target.parent.mkdir(parents=True, exist_ok=True)
@@ -96,7 +103,11 @@ def build_fmu(
     spec = CATALOGUE[component] if isinstance(component, str) else component
     if flavour == "python":
         return build_python_fmu(spec, Path(folder))
-    return build_native_fmu(spec, Path(folder), FMI_VERSION[flavour], platforms)
+    version = FMI_VERSION[flavour]
+    binaries = prebuilt_binaries(spec, version) if prebuilt and not platforms else {}
+    if binaries:
+        return build_tape_fmu(spec, Path(folder), version, binaries)
+    return build_native_fmu(spec, Path(folder), version, platforms)
 
 
 def ensure_all(
