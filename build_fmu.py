@@ -17,6 +17,7 @@ import hashlib
 import os
 import shutil
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from itertools import product
 from pathlib import Path
 
@@ -26,6 +27,7 @@ from cosim.fmu import (
     FMI_VERSION,
     KINDS,
     PLATFORMS,
+    Platform,
     channel_source,
     ensure_all,
     is_current,
@@ -46,8 +48,13 @@ def build_prebuilt(folder: Path) -> None:
         shutil.rmtree(folder, ignore_errors=True)
         for flavour in NATIVE:
             ensure_all(folder, flavour=flavour, platforms=platforms_named("all"), force=True)
-        for flavour, kind, target in product(NATIVE, KINDS.values(), PLATFORMS.values()):
+
+        def build_binary(which: tuple[str, str, Platform]) -> None:
+            flavour, kind, target = which
             write_binary(kind, FMI_VERSION[flavour], folder, target)
+
+        with ThreadPoolExecutor(os.cpu_count()) as pool:
+            list(pool.map(build_binary, product(NATIVE, KINDS.values(), PLATFORMS.values())))
         for target in PLATFORMS.values():
             write_library("kernel", kernel_source(), folder, target)
             if target.suffix != ".dll":

@@ -98,10 +98,8 @@ def _programs(
     writer: ModelWriter, place: Mapping[str, int], pool: dict[str, int]
 ) -> Iterable[bytes]:
     """Yield the words of each program; numbers of the equations are added to `pool`."""
-    programs = {
-        **writer.programs,
-        "model_objection": [("", value) for value, _ in writer.conditions],
-    }
+    programs = {**writer.programs}
+    programs["model_objection"] = [("", value) for value, _ in writer.conditions]
     hoisted = {scalar.place: i for i, (_, scalar) in enumerate(programs.get("model_constants", ()))}
     _refuse_beyond(_MOST_CONSTANTS, len(hoisted), "constants of a run", writer.spec.name)
     for name in _PROGRAMS:
@@ -117,9 +115,10 @@ def _program(
     place: Mapping[str, int],
     pool: dict[str, int],
 ) -> bytes:
-    """Return the words of a program that computes `roots`; its values share slots where they can."""
+    """Return the words of a program that computes `roots`; values share slots where they can."""
     nodes = writer.tape.nodes
-    needed = required_places(writer.tape, [root.place for root in roots], known)  # type: ignore[arg-type]
+    here = dict.fromkeys(known, "c")
+    needed = required_places(writer.tape, [root.place for root in roots], here)
     last = {p: i for i, at in enumerate(needed) if at not in known for p in nodes[at].operands}
     last |= {root.place: len(needed) for root in roots}
     operand: dict[int, int] = {}

@@ -101,7 +101,7 @@ def write_binary(kind: str, version: str, folder: Path, target: Platform) -> Non
 
 def _binary_path(kind: str, version: str, target: Platform) -> str:
     """Return where the binary of a kind lies below the folder of what is prebuilt."""
-    return f"binaries-{version}/{target.tuple_name}/{kind}{target.suffix}"
+    return f"binaries/fmi{version[0]}/{target.tuple_name}/{kind}{target.suffix}"
 
 
 @functools.cache
