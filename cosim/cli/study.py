@@ -14,6 +14,7 @@ from cosim.cli.study_view import checked_view, finished_view, summary_view
 from cosim.cli.terminal import titles_table
 from cosim.core import InputError, StoppedError
 from cosim.fmu import DEFAULT_FLAVOUR
+from cosim.scenario import time_limit as time_limit_of
 from cosim.study import (
     LoadedStudy,
     Plan,
@@ -101,6 +102,26 @@ def run(
             help="Keep the traces of these runs: none, all, failed, or 'worst:N by METRIC'."
         ),
     ] = None,
+    limit: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="KEY=VALUE",
+            help="End a run beyond a limit: call, run, start, end (seconds, or '2 min') or memory "
+            "('2 GB'); none: no limit. Without one of run: 50 times what the first run took, at "
+            "least 60 s. May be repeated.",
+        ),
+    ] = None,
+    time_limit: Annotated[
+        str,
+        typer.Option(
+            help="Begin no more runs after this time (seconds, or '2 h'); exit code 3 if runs are "
+            "left, and the same command continues."
+        ),
+    ] = "none",
+    wait_for_workers: Annotated[
+        str,
+        typer.Option(help="How long to wait when there are no workers; none: for ever."),
+    ] = "10 min",
     fresh: Annotated[
         bool, typer.Option("--fresh", help="Delete the results in the folder and start again.")
     ] = False,
@@ -123,12 +144,21 @@ def run(
     loaded = load_study(name)
     if traces is not None:
         loaded = replace(loaded, study=_with_traces(loaded.study, traces))
-    pool = pool_for(workers, scheduler)
+    wait_s = time_limit_of(wait_for_workers, "--wait-for-workers")
+    pool = pool_for(workers, scheduler, wait_s)
     folder = out or STUDIES / loaded.name
     plan = _plan(loaded, fmus, flavour)
     try:
         with progress() as report_progress:
-            done = execute_study(plan, folder, pool, fresh=fresh, progress=report_progress)
+            done = execute_study(
+                plan,
+                folder,
+                pool,
+                fresh=fresh,
+                limits=limit or (),
+                time_limit_s=time_limit_of(time_limit, "--time-limit"),
+                progress=report_progress,
+            )
     except KeyboardInterrupt:
         there = len(read_rows(folder)) if folder.is_dir() else 0
         raise StoppedError(

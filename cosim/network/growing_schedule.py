@@ -24,6 +24,7 @@ from array import array
 from bisect import bisect_left, bisect_right
 from copy import copy
 from heapq import heappop, heappush
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -223,6 +224,17 @@ class GrowingSchedule:
         InputError : a point that is not final yet, or was forgotten.
         """
         return self._received_at(points_ns).sent_in_use(points_ns)
+
+    def runs_in_use(self, points_ns: NDArray[np.int64]) -> tuple[NDArray[Any], NDArray[Any]]:
+        """Return the instants of `sent_in_use`, each once in a run of equal ones, and its length.
+
+        `points_ns` : in order, at least one.
+
+        Raises
+        ------
+        InputError : as `sent_in_use`.
+        """
+        return self._received_at(points_ns).runs_in_use(points_ns)
 
     def state(self, points_ns: ArrayLike, *, broken_off: bool = False) -> LinkState:
         """Return age, sequence number, and how many were dropped and delivered, at each point.

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import json
 from collections import OrderedDict
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -25,8 +25,10 @@ from cosim.scenario import (
     PreparedScenario,
     Problem,
     Scenario,
+    Supervision,
     execute_run,
     execute_unrecorded,
+    parse_limits,
     prepare,
     problem_about,
     supervision_of,
@@ -73,6 +75,10 @@ class StudyRunner:
     hashes : SHA-256 by FMU reference, from the process that started the study.
     designs : result of `designs_made` of another runner of the same study.
     place : gives the place of a key of the study, for messages.
+
+    Attributes
+    ----------
+    limits, run_limit_s : as in `cosim.study.batch.Job`.
     """
 
     def __init__(
@@ -91,6 +97,8 @@ class StudyRunner:
         # by hash an FMU is found at once; by name the cache first checks that it is up to date
         self.fmu_cache = DescribedFmuCache(base.fmus, base.folder, self._hashes, base.flavour)
         self._zero_state_run = needs_zero_state_run(study.metrics)
+        self.limits: Sequence[str] = ()
+        self.run_limit_s: float | None = None
         self._supervisor: Supervisor | None = None
         self._given = designs or {}
         self._designs: OrderedDict[str, tuple[Problem, Design] | NotAchievableError] = OrderedDict()
@@ -103,7 +111,7 @@ class StudyRunner:
         InputError, NotAchievableError, ComponentError : the run cannot be executed.
         """
         prepared = self._prepared(self._loaded(run, ""))
-        supervision = supervision_of(prepared.loaded.scenario)
+        supervision = self._supervision(prepared.loaded.scenario)
         supervisor = self._supervisor if supervision.method is not None else None
         if supervisor is not None:
             supervisor.begin(supervision.limits, prepared.fmus.values())
@@ -117,7 +125,7 @@ class StudyRunner:
 
         A run that ends the child, or exceeds a limit, has failed; the next one has a new child.
         """
-        if default_method() is None:
+        if default_method() is None or self._supervisor is not None:
             yield
             return
         with Supervisor() as supervisor:
@@ -130,7 +138,17 @@ class StudyRunner:
     def record(self, run: int, trace: Path) -> Outcome:
         """Execute one run with a trace, which contains its scenario and can be rerun."""
         text = self.variations.scenario(self.points[run]).to_toml()
-        return execute_run(self._prepared(self._loaded(run, text)), trace)
+        prepared = self._prepared(self._loaded(run, text))
+        supervision = self._supervision(prepared.loaded.scenario)
+        return execute_run(prepared, trace, supervision=supervision)
+
+    def _supervision(self, scenario: Scenario) -> Supervision:
+        """Return how runs of a scenario are supervised, within which limits."""
+        found = supervision_of(scenario, self.limits)
+        given = scenario.limits is not None and "run" in scenario.limits.model_fields_set
+        if given or "run" in parse_limits(self.limits):
+            return found
+        return replace(found, limits=replace(found.limits, run=self.run_limit_s))
 
     def designs_made(self) -> dict[str, str]:
         """Return the designs made so far, as JSON by their [design] keys, for other runners."""

@@ -72,7 +72,9 @@ class RowDecoder:
     def __call__(self, messages: Messages) -> list[Column]:
         """Return a column per signal: values, and where they are present (None: everywhere).
 
-        An absent value is NaN, 0, False or "". `ValueError` if a message does not fit the schema.
+        The values may be of a narrower type than in `dtypes`, and lie in the buffer of the
+        messages. An absent value is NaN, 0, False or "". `ValueError` if a message does not fit the
+        schema.
         """
         parts = list(messages.by_size()) if _few(messages.sizes) else []
         if len(parts) == 1:
@@ -103,7 +105,7 @@ class RowDecoder:
         columns: list[Column] = []
         for i, (leaf, dtype) in enumerate(zip(self._leaves, self.dtypes, strict=True)):
             if i in values:
-                columns.append((np.array(values[i], dtype), None))
+                columns.append((values[i], None))
             elif i in made.defaults:
                 columns.append((np.full(len(rows), leaf.path[-1].default_value, dtype), None))
             else:
