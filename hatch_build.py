@@ -44,10 +44,12 @@ class PrebuiltHook(BuildHookInterface[Any]):
 
     def _build(self, folder: Path) -> None:
         root = Path(self.root)
+        inherited = filter(None, [os.environ.get("PYTHONPATH")])
         done = subprocess.run(  # noqa: S603 - our own script
             [sys.executable, "build_fmu.py", "--prebuilt", str(folder)],
             cwd=root,
-            env={**os.environ, "PYTHONPATH": str(root)},
+            # an isolated build finds its requirements by PYTHONPATH
+            env={**os.environ, "PYTHONPATH": os.pathsep.join([str(root), *inherited])},
             check=False,
             capture_output=True,
             text=True,

@@ -8,6 +8,7 @@ from typing import Annotated, Any, Literal
 
 import typer
 
+from cosim import master, scenario
 from cosim.cli.common import (
     FMUS,
     TRACES,
@@ -23,19 +24,6 @@ from cosim.cli.runs import interruptions_reported, make_fmu_cache
 from cosim.cli.step_check_view import step_check_view
 from cosim.core import CheckFailedError, ComponentError, InputError
 from cosim.fmu import DEFAULT_FLAVOUR
-from cosim.master import EngineName, Pace
-from cosim.scenario import (
-    FmuCache,
-    LoadedScenario,
-    Supervision,
-    check_step as check_communication_step,
-    check_writable,
-    demonstrate,
-    execute_run,
-    load,
-    prepare,
-    supervision_of,
-)
 
 
 def demo(
@@ -45,7 +33,7 @@ def demo(
 ) -> None:
     """Run two gains over the same acoustic link and compare them in one picture."""
     with progress() as report_progress, interruptions_reported():
-        result = demonstrate(make_fmu_cache(fmus), out, report_progress)
+        result = scenario.demonstrate(make_fmu_cache(fmus), out, report_progress)
     answer(as_json, result.to_json, lambda: demo_view(result))
 
 
@@ -152,8 +140,8 @@ def run(
         stops[f"--until {until}"] = {"at": _seconds(until)}
     if stop_when is not None:
         stops[f"--stop-when {stop_when!r}"] = {"when": stop_when}
-    loaded = load(name, settings, stops)
-    supervision = supervision_of(
+    loaded = scenario.load(name, settings, stops)
+    supervision = scenario.supervision_of(
         loaded.scenario, limit or (), supervise=False if no_supervise else None
     )
     if check_step:
@@ -172,13 +160,13 @@ def run(
             hint="add --check-step",
         )
     trace = out or TRACES / f"{loaded.name}.mcap"
-    check_writable(trace)
+    scenario.check_writable(trace)
     with progress() as report_progress, interruptions_reported():
-        prepared = prepare(
+        prepared = scenario.prepare(
             loaded, make_fmu_cache(fmus, loaded.folder, flavour), progress=report_progress
         )
-        kept = None if pace is None else Pace(pace)
-        outcome = execute_run(
+        kept = None if pace is None else master.Pace(pace)
+        outcome = scenario.execute_run(
             prepared,
             trace,
             progress=report_progress,
@@ -207,18 +195,18 @@ def _refuse_together(option: str, others: Mapping[str, object]) -> None:
 
 
 def _check_step(
-    loaded: LoadedScenario,
-    fmu_cache: FmuCache,
-    engine: EngineName,
+    loaded: scenario.LoadedScenario,
+    fmu_cache: scenario.FmuCache,
+    engine: master.EngineName,
     tolerance: float | None,
     as_json: bool,  # noqa: FBT001 - as `answer`
     *,
     observe_order: bool,
-    supervision: Supervision,
+    supervision: scenario.Supervision,
 ) -> None:
     with progress() as report_progress, interruptions_reported():
-        prepared = prepare(loaded, fmu_cache, progress=report_progress)
-        check = check_communication_step(
+        prepared = scenario.prepare(loaded, fmu_cache, progress=report_progress)
+        check = scenario.check_step(
             prepared,
             tolerance=tolerance,
             observe_order=observe_order,

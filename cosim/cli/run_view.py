@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
 from cosim.cli.terminal import NONE, facts_table, number, plain
-from cosim.scenario import Demo, Outcome
 from cosim.trace import age_lines
+
+if TYPE_CHECKING:
+    from cosim.scenario import Demo, Outcome
 
 _COLOURS = {"good": "green", "open": "yellow", "bad": "red"}
 _LEVELS = {"warning": "yellow", "error": "red", "fatal": "red"}

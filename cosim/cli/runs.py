@@ -6,9 +6,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from cosim import scenario
 from cosim.core import StoppedError, TerminatedError
 from cosim.fmu import DEFAULT_FLAVOUR
-from cosim.scenario import FmuCache, InterruptedRun, TerminatedRun
 
 
 @contextmanager
@@ -21,8 +21,8 @@ def interruptions_reported() -> Iterator[None]:
     """
     try:
         yield
-    except (InterruptedRun, TerminatedRun) as ended:
-        kind = StoppedError if isinstance(ended, InterruptedRun) else TerminatedError
+    except (scenario.InterruptedRun, scenario.TerminatedRun) as ended:
+        kind = StoppedError if isinstance(ended, scenario.InterruptedRun) else TerminatedError
         outcome = ended.outcome
         raise kind(
             "interrupted" if kind is StoppedError else "terminated",
@@ -34,6 +34,6 @@ def interruptions_reported() -> Iterator[None]:
 
 def make_fmu_cache(
     fmus: Path, folder: Path | None = None, flavour: str = DEFAULT_FLAVOUR
-) -> FmuCache:
+) -> scenario.FmuCache:
     """Return the cache in which a run finds its FMUs, or builds them."""
-    return FmuCache(root=fmus, folder=folder or Path.cwd(), flavour=flavour)
+    return scenario.FmuCache(root=fmus, folder=folder or Path.cwd(), flavour=flavour)

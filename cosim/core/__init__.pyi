@@ -1,3 +1,4 @@
+from .arrays import distinct as distinct
 from .errors import (
     CheckFailedError as CheckFailedError,
     ComponentError as ComponentError,
@@ -14,6 +15,7 @@ from .files import (
     write_whole as write_whole,
     written_beside as written_beside,
 )
+from .notices import say_once as say_once
 from .processes import (
     DEATH_HINTS as DEATH_HINTS,
     death_of as death_of,

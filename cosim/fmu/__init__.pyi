@@ -14,8 +14,6 @@ from .description import (
 )
 from .export.archive import deterministic_zip as deterministic_zip
 from .export.build import (
-    DEFAULT_FLAVOUR as DEFAULT_FLAVOUR,
-    FMI_VERSION as FMI_VERSION,
     build_fmu as build_fmu,
     ensure_all as ensure_all,
     ensure_fmu as ensure_fmu,
@@ -26,8 +24,12 @@ from .export.controller import (
     ControllerFmu as ControllerFmu,
     export_controller as export_controller,
 )
-from .export.fmu_file import (
+from .export.flavours import (
+    DEFAULT_FLAVOUR as DEFAULT_FLAVOUR,
+    FMI_VERSION as FMI_VERSION,
     Flavour as Flavour,
+)
+from .export.fmu_file import (
     FmuTarget as FmuTarget,
     target_named as target_named,
 )

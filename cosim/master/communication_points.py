@@ -14,6 +14,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from cosim.core import distinct
 from cosim.master.component_points import ComponentPoints
 from cosim.master.parts import DelaySource, Parts
 from cosim.master.reserved import Reserved
@@ -102,7 +103,7 @@ class CommunicationPoints:
                 found.append(link.sendings(after, until))
                 # what a live link brings at its horizon is known when the loop is there
                 found.append(link.changes(after, min(until, link.horizon_ns - 1))[0])
-        new = found[0] if len(found) == 1 else np.unique(np.concatenate(found))
+        new = found[0] if len(found) == 1 else distinct(np.concatenate(found))
         first, self.count = self.count, self.count + new.size
         self.points_ns[first : self.count] = new
         np.divide(new, 1e9, out=self.seconds[first : self.count])

@@ -200,7 +200,8 @@ class Wiring:
     def _not_received(self) -> Columns:
         """The columns of the other inputs."""
         inputs = np.arange(self.outputs, self.all_rows.shape[1])
-        return np.setdiff1d(inputs, np.concatenate([[], *(to for to, _ in self._received)]))
+        received = np.concatenate([[], *(to for to, _ in self._received)])
+        return np.setdiff1d(inputs, received, assume_unique=True)
 
     @cached_property
     def _start(self) -> Rows:

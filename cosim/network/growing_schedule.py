@@ -29,7 +29,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cosim.core import InputError
+from cosim.core import InputError, distinct
 from cosim.network.arrivals import Arrivals
 from cosim.network.block_stepping import NONE_SENT, receive_block, send_block
 from cosim.network.delay_signal import DelaySignal
@@ -194,7 +194,7 @@ class GrowingSchedule:
         They are known from the start, also those after the horizon.
         """
         first, last = self._sendings.until(int(after_ns)), self._sendings.until(int(until_ns))
-        return np.unique(self._sendings.instants(first, last))
+        return distinct(self._sendings.instants(first, last))
 
     def changes(self, after_ns: int, until_ns: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Return the instants in (after, until] at which the message in use changes, and it.

@@ -8,22 +8,16 @@ import zipfile
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+
+from platformdirs import user_cache_path
 
 from cosim.core import InputError, copy_whole
 from cosim.fmu.export.catalogue import CATALOGUE
-from cosim.fmu.export.native.package import build_native_fmu, guid as native_guid
+from cosim.fmu.export.flavours import DEFAULT_FLAVOUR, FMI_VERSION
+from cosim.fmu.export.identity import kept_guid
 from cosim.fmu.export.native.platforms import Platform, host
-from cosim.fmu.export.native.tape_package import build_tape_fmu, prebuilt_binaries
-from cosim.fmu.export.python.package import build_python_fmu, guid as python_guid
 from cosim.fmu.export.spec import ComponentSpec
 from cosim.fmu.prebuilt import prebuilt_file
-
-DEFAULT_FLAVOUR: Literal["native"] = "native"
-"""The flavour where none is named."""
-
-FMI_VERSION = {"native": "2.0", "native-fmi3": "3.0", "python": "2.0"}
-"""Flavour, which is the name of its folder -> version of FMI."""
 
 
 @dataclass(frozen=True)
@@ -100,8 +94,17 @@ def build_fmu(
             target.parent.mkdir(parents=True, exist_ok=True)
             copy_whole(ready, target)
             return target
+    # what packs FMUs is loaded here: a run rarely makes one
+    from cosim.fmu.export.native.package import build_native_fmu  # noqa: PLC0415
+    from cosim.fmu.export.native.tape_package import (  # noqa: PLC0415
+        build_tape_fmu,
+        prebuilt_binaries,
+    )
+
     spec = CATALOGUE[component] if isinstance(component, str) else component
     if flavour == "python":
+        from cosim.fmu.export.python.package import build_python_fmu  # noqa: PLC0415
+
         return build_python_fmu(spec, Path(folder))
     version = FMI_VERSION[flavour]
     binaries = prebuilt_binaries(spec, version) if prebuilt and not platforms else {}
@@ -135,9 +138,19 @@ def _up_to_date(path: Path, name: str, flavour: str, platforms: Sequence[Platfor
 
 @functools.cache
 def _guid(name: str, flavour: str) -> str:
-    """Return the GUID of a build by the present code; cached, for it takes half of a short run."""
+    """Return the GUID of a build by the present code."""
     spec = CATALOGUE[name]
-    return python_guid(spec) if flavour == "python" else native_guid(spec, FMI_VERSION[flavour])
+
+    def compute() -> str:
+        if flavour == "python":
+            from cosim.fmu.export.python.package import guid as python_guid  # noqa: PLC0415
+
+            return python_guid(spec)
+        from cosim.fmu.export.native.package import guid as native_guid  # noqa: PLC0415
+
+        return native_guid(spec, FMI_VERSION[flavour])
+
+    return kept_guid(f"{flavour}/{name}", user_cache_path("auv-cosim", appauthor=False), compute)
 
 
 def _inside(path: Path) -> tuple[str, set[str]]:

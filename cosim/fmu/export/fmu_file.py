@@ -9,15 +9,13 @@ import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
 
 from cosim.core import InputError
-from cosim.fmu.export.build import FMI_VERSION, build_fmu
+from cosim.fmu.export.build import build_fmu
+from cosim.fmu.export.flavours import FMI_VERSION, Flavour
 from cosim.fmu.export.native.platforms import Platform, platforms_named
 from cosim.fmu.export.spec import ComponentSpec
 from cosim.fmu.prebuilt import why_none_prebuilt
-
-Flavour = Literal["native", "native-fmi3", "python"]
 
 LONGEST_NAME = 80
 """Greatest length of a model name, which is a file name inside the FMU."""

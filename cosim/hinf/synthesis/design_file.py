@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from cosim.core import InputError
+from cosim.hinf import nominal
 from cosim.hinf.certificate import (
     KEY,
     check_certificate,
@@ -17,8 +18,7 @@ from cosim.hinf.certificate import (
     number,
     system_from_json,
 )
-from cosim.hinf.nominal import worst_case_from_json
-from cosim.hinf.synthesis.designs import Design
+from cosim.hinf.synthesis.certified_design import Design
 
 # computed, not part of the claim
 _FIGURES = ("least_gamma", "abscissa", "exact_norm", "norm_frequency")
@@ -72,7 +72,7 @@ def design_from_json(data: Any, *, where: str) -> Design:
         margins = _margins(margins, f"{where}: delay_margin", len(system.delays))
     worst = figures.get("worst_case")
     if worst is not None:
-        worst = worst_case_from_json(worst, f"{where}: worst_case", system.C.shape[1])
+        worst = nominal.worst_case_from_json(worst, f"{where}: worst_case", system.C.shape[1])
     order: int | None = proved.get("order")
     own = ("kind", "theorem", "claim", "system", "variables", "K", KEY)
     return Design(

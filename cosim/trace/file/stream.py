@@ -30,12 +30,12 @@ from mcap.records import (
     Statistics,
     SummaryOffset,
 )
-from mcap.writer import MCAP0_MAGIC
 
 from cosim.trace.file.block import Block
 from cosim.trace.file.checksum import crc32
 from cosim.trace.file.chunk import ClosedChunk, OpenChunk
 from cosim.trace.file.compress import Compressor, Data
+from cosim.trace.file.records import MAGIC
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -93,7 +93,7 @@ class McapStream:
 
     def start(self, library: str, profile: str = "") -> None:
         """Write magic bytes and header."""
-        self._write(MCAP0_MAGIC)
+        self._write(MAGIC)
         self._record(Header(profile=profile, library=library))
 
     def metadata(self, name: str, entries: Mapping[str, str]) -> None:
@@ -220,7 +220,7 @@ class McapStream:
                 summary_crc=crc32(head, crc32(summary)),
             )
         )
-        self._write(MCAP0_MAGIC)
+        self._write(MAGIC)
 
     @contextmanager
     def undivided(self) -> Iterator[None]:

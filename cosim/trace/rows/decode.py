@@ -11,6 +11,7 @@ from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from google.protobuf.message import DecodeError
 from numpy.typing import NDArray
 
+from cosim.core import distinct
 from cosim.trace.file.messages import Messages
 from cosim.trace.rows.hold import blanks
 from cosim.trace.rows.layout import DTYPES, Kind, Signal, message_class, signal_of
@@ -158,7 +159,7 @@ def _few(sizes: NDArray[np.int64]) -> bool:
     """Whether there are so few lengths that rows of one length are decoded together."""
     if sizes.size and (sizes == sizes[0]).all():
         return True
-    return bool(np.unique(sizes).size <= max(1, sizes.size // _WORTH))
+    return bool(distinct(sizes).size <= max(1, sizes.size // _WORTH))
 
 
 def _in_order(files: FileDescriptorSet) -> FileDescriptorSet:
