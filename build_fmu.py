@@ -28,15 +28,14 @@ from cosim.fmu import (
     KINDS,
     PLATFORMS,
     Platform,
-    channel_source,
     ensure_all,
     is_current,
+    library_source,
     platforms_named,
     write_binary,
     write_library,
     write_manifest,
 )
-from cosim.master import kernel_source
 
 NATIVE = ("native", "native-fmi3")
 
@@ -56,9 +55,9 @@ def build_prebuilt(folder: Path) -> None:
         with ThreadPoolExecutor(os.cpu_count()) as pool:
             list(pool.map(build_binary, product(NATIVE, KINDS.values(), PLATFORMS.values())))
         for target in PLATFORMS.values():
-            write_library("kernel", kernel_source(), folder, target)
+            write_library("kernel", library_source("kernel"), folder, target)
             if target.suffix != ".dll":
-                source = channel_source(futex=target.suffix == ".so")
+                source = library_source("channel", futex=target.suffix == ".so")
                 write_library("channel", source, folder, target)
         write_manifest(folder, names)
     for path in sorted(folder.rglob("*.*")):

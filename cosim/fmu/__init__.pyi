@@ -6,6 +6,7 @@ from .call_watch import (
 from .compiled import (
     compiled_library as compiled_library,
     is_prebuilt as is_prebuilt,
+    library_source as library_source,
     write_library as write_library,
 )
 from .description import (
@@ -79,7 +80,6 @@ from .inspect.inspection_facts import fmu_facts as fmu_facts
 from .inspect.markup import MAX_XML as MAX_XML
 from .inspect.run import run_findings as run_findings
 from .isolation import SlaveProcess as SlaveProcess
-from .isolation.channel import channel_source as channel_source
 from .messages import LogSink as LogSink
 from .port import (
     Port as Port,

@@ -17,6 +17,17 @@ from cosim.fmu.export.native.platforms import Platform, host
 from cosim.fmu.prebuilt import prebuilt_file
 from cosim.fmu.unpacking import own_folder
 
+_SOURCES = {"kernel": "master/kernel.c", "channel": "fmu/isolation/channel.c"}
+
+
+def library_source(name: str, *, futex: bool = True) -> bytes:
+    """Return the C of a library of this package: the loop's "kernel", or the "channel" to slaves.
+
+    `futex`: whether the channel sleeps on a futex, which Linux has.
+    """
+    source = Path(__file__).parents[1].joinpath(_SOURCES[name]).read_bytes()
+    return source if futex else b"#define WITHOUT_FUTEX\n" + source
+
 
 @cache
 def compiled_library(name: str, source: bytes) -> ctypes.CDLL:

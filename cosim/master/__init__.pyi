@@ -12,7 +12,6 @@ from .engine import (
     EngineChoice as EngineChoice,
     EngineName as EngineName,
 )
-from .kernel import kernel_source as kernel_source
 from .observers import Observer as Observer
 from .order import (
     ReceivingOrder as ReceivingOrder,

@@ -7,14 +7,13 @@ from __future__ import annotations
 
 import ctypes
 from functools import cache
-from importlib.resources import files
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cosim.core import InputError
-from cosim.fmu import FmuSlave, compiled_library
+from cosim.fmu import FmuSlave, compiled_library, library_source
 from cosim.master.component_instance import Group
 from cosim.master.routes import Route
 from cosim.master.rows_in_use import RowsInUse
@@ -62,11 +61,6 @@ _RUN = np.dtype(
 """`Run` of kernel.c."""
 
 
-def kernel_source() -> bytes:
-    """Return the C of the kernel."""
-    return files("cosim.master").joinpath("kernel.c").read_bytes()
-
-
 @cache
 def load_kernel() -> Any:
     """Return the library of the kernel; the first call may compile it.
@@ -75,7 +69,7 @@ def load_kernel() -> Any:
     ------
     InputError : no C compiler, or it rejects the source.
     """
-    library = compiled_library("kernel", kernel_source())
+    library = compiled_library("kernel", library_source("kernel"))
     address, number = ctypes.c_void_p, ctypes.c_int64
     library.run.argtypes = [address, address, *[number] * 4, address, number]
     library.make_team.argtypes = [number, address, number, address]

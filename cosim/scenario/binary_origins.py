@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-from cosim.fmu import FmuDescription, is_prebuilt, prebuilt_folder
-from cosim.master import EngineChoice, kernel_source
+from cosim.fmu import FmuDescription, is_prebuilt, library_source, prebuilt_folder
+from cosim.master import EngineChoice
 
 
 def binary_origins(fmus: Mapping[str, FmuDescription], engine: EngineChoice) -> dict[str, str]:
     """Return component, and "the kernel" if it is the engine -> origin of its binary in words."""
     found = {name: _origin(fmu.path) for name, fmu in fmus.items()}
     if engine.name == "kernel":
-        ready = is_prebuilt("kernel", kernel_source())
+        ready = is_prebuilt("kernel", library_source("kernel"))
         found["the kernel"] = "prebuilt" if ready else "compiled on this machine"
     return found
 

@@ -9,11 +9,10 @@ import sys
 import tempfile
 from ctypes import c_char_p, c_int32, c_int64, c_uint32, c_uint64, c_void_p
 from functools import cache
-from importlib.resources import files
 from typing import Any, Final
 
 from cosim.core import InputError
-from cosim.fmu.compiled import compiled_library
+from cosim.fmu.compiled import compiled_library, library_source
 
 GONE: Final = -2147483647
 """The status of a proxy whose slave cannot answer; no status of FMI."""
@@ -21,12 +20,6 @@ DATA: Final = 256
 """Where references and values begin in the shared memory."""
 FUTEX: Final = sys.platform == "linux"
 """Whether processes sleep on a futex; elsewhere on a pipe."""
-
-
-def channel_source(*, futex: bool = FUTEX) -> bytes:
-    """Return the C of the library, with a futex or without."""
-    source = files("cosim.fmu.isolation").joinpath("channel.c").read_bytes()
-    return source if futex else b"#define WITHOUT_FUTEX\n" + source
 
 
 class Channel(ctypes.Structure):
@@ -74,7 +67,7 @@ def channel_library() -> Any:
             hint="isolate = false",
         )
     try:
-        return declared(compiled_library("channel", channel_source()))
+        return declared(compiled_library("channel", library_source("channel", futex=FUTEX)))
     except InputError as error:
         raise InputError(
             "components cannot be isolated here",
