@@ -24,6 +24,7 @@ from cosim.cli.run_view import demo_view
 from cosim.cli.runs import interruptions_reported, make_fmu_cache, report_outcome
 from cosim.cli.step_check_view import step_check_view
 from cosim.core import CheckFailedError, InputError
+from cosim.fmu import DEFAULT_FLAVOUR
 
 
 def demo(
@@ -64,10 +65,10 @@ def run(
     flavour: Annotated[
         RunFlavour,
         typer.Option(
-            help="Language of the built-in FMUs: python, or native (C, compiled on this machine). "
+            help="Language of the built-in FMUs: native (C), or python, whose slave can be edited. "
             "The results are the same, bit for bit, if both use the same C library."
         ),
-    ] = "python",
+    ] = DEFAULT_FLAVOUR,
     changed: SetOption = None,
     until: Annotated[
         str | None,

@@ -51,6 +51,8 @@ def outcome_view(outcome: Outcome) -> RenderableType:
         *_events(outcome),
         *_advice(outcome),
     ]
+    if outcome.binaries:
+        parts.append(Text(f"binaries: {outcome.binaries_text}"))
     if outcome.design is not None:
         parts.append(Text(f"design: {outcome.design.words}"))
     parts += late_view(outcome.log_after_end)

@@ -24,6 +24,7 @@ from cosim.cli.runs import interruptions_reported, report_outcome
 from cosim.cli.study_view import checked_view, finished_view, summary_view
 from cosim.cli.terminal import titles_table
 from cosim.core import InputError, StoppedError
+from cosim.fmu import DEFAULT_FLAVOUR
 from cosim.scenario import check_writable, time_limit as time_limit_of
 from cosim.study import (
     LoadedStudy,
@@ -59,7 +60,7 @@ StudyArgument = Annotated[
 ]
 FlavourOption = Annotated[
     RunFlavour,
-    typer.Option(help="Built-in FMUs: native (C, compiled on this machine), or python."),
+    typer.Option(help="Language of the built-in FMUs: native (C), or python."),
 ]
 
 LimitOption = Annotated[
@@ -88,7 +89,7 @@ def list_studies(*, as_json: JsonOption = False) -> None:
 def check(
     name: StudyArgument,
     fmus: FmusOption = FMUS,
-    flavour: FlavourOption = "native",
+    flavour: FlavourOption = DEFAULT_FLAVOUR,
     as_json: JsonOption = False,
 ) -> None:
     """Check a study and show its axes, its metrics and the number of its runs; run nothing.
@@ -150,7 +151,7 @@ def run(
         bool, typer.Option("--fresh", help="Delete the results in the folder and start again.")
     ] = False,
     fmus: FmusOption = FMUS,
-    flavour: FlavourOption = "native",
+    flavour: FlavourOption = DEFAULT_FLAVOUR,
     as_json: JsonOption = False,
 ) -> None:
     """Run a study, or the rest of it, and write the table of its results: results.parquet.

@@ -9,6 +9,7 @@ from functools import partial
 from pathlib import Path
 
 from cosim.core import InputError, Progress
+from cosim.fmu import DEFAULT_FLAVOUR
 from cosim.scenario import LoadedScenario, load
 from cosim.study.consistency import Place, changed_error, nowhere
 from cosim.study.execution import StudyResult, execute_study
@@ -19,8 +20,6 @@ from cosim.study.study_runner import BaseScenario
 from cosim.study.workers import WAIT_S, WorkerPool, cluster, in_process, local
 
 FMUS = Path("fmus")
-STUDY_FLAVOUR = "native"
-"""Default flavour of studies: the faster one, as a study has many runs."""
 
 
 def run_study(
@@ -31,7 +30,7 @@ def run_study(
     workers: int | str = 1,
     scheduler: str | None = None,
     fmus: Path = FMUS,
-    flavour: str = STUDY_FLAVOUR,
+    flavour: str = DEFAULT_FLAVOUR,
     fresh: bool = False,
     limits: Sequence[str] = (),
     time_limit_s: float | None = None,
@@ -83,7 +82,7 @@ def plan_of(
     place: Place = nowhere,
     *,
     fmus: Path = FMUS,
-    flavour: str = STUDY_FLAVOUR,
+    flavour: str = DEFAULT_FLAVOUR,
 ) -> Plan:
     """Check a study and its scenario; return the plan of its runs.
 
