@@ -203,7 +203,7 @@ def repeat(
     ] = None,
     limit: LimitOption = None,
     fmus: FmusOption = FMUS,
-    flavour: FlavourOption = "native",
+    flavour: FlavourOption = DEFAULT_FLAVOUR,
     as_json: JsonOption = False,
 ) -> None:
     """Execute one run of a study alone, with a trace, as `cosim run` does.

@@ -242,8 +242,8 @@ class DesignPart(Part):
     """
     file: Text | None = None
     """Design to use: a `.json` that `cosim design --save` wrote, a `.fmu` that `cosim fmu
-    controller` made of one, or the name of a built-in design. Its proof is checked before the run, no solver runs, and other keys about the system must
-    agree with it.
+    controller` made of one, or the name of a built-in design. Its proof is checked before the run,
+    no solver runs, and other keys about the system must agree with it.
     """
     controller: Name = "controller"
     """Component that gets the gain."""
