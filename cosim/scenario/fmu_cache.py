@@ -47,7 +47,7 @@ class FmuCache:
         if fmu in CATALOGUE:
             return describe_fmu(self._of_catalogue(fmu))
         if not fmu.endswith(".fmu"):
-            raise InputError.unknown("FMU", fmu, CATALOGUE, where="components")
+            raise self._unknown(fmu)
         path = Path(fmu)
         return describe_fmu(path if path.is_absolute() else self.folder / path)
 
@@ -74,3 +74,13 @@ class FmuCache:
                 got=str(error),
                 hint="another folder: --fmus",
             ) from error
+
+    def _unknown(self, fmu: str) -> InputError:
+        """Return the error for a name that is no FMU of the catalogue."""
+        hint = "the path of an FMU ends in .fmu"
+        wrong = InputError.unknown(
+            "FMU", fmu, [*CATALOGUE, "FILE.fmu"], where="components", hint=hint
+        )
+        if (self.folder / f"{fmu}.fmu").is_file():
+            wrong.hint = f"did you mean {fmu}.fmu?"
+        return wrong

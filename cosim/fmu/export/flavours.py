@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Final, Literal
 
 Flavour = Literal["native", "native-fmi3", "python"]
 
-DEFAULT_FLAVOUR = "python"
+DEFAULT_FLAVOUR: Final = "native"
 """The flavour where none is named."""
 
 FMI_VERSION = {"native": "2.0", "native-fmi3": "3.0", "python": "2.0"}
