@@ -15,7 +15,6 @@ from cosim.core import say_once, write_whole
 from cosim.fmu.export.native.compiler import STANDARD, host_compiler, shared_library
 from cosim.fmu.export.native.platforms import Platform, host
 from cosim.fmu.prebuilt import prebuilt_file
-from cosim.fmu.unpacking import own_folder
 
 _SOURCES = {"kernel": "master/kernel.c", "channel": "fmu/isolation/channel.c"}
 
@@ -87,6 +86,8 @@ def _kept(path: Path, library: bytes) -> Path:
             "temporary folder, and compiled again by the next command; XDG_CACHE_HOME names "
             "another place"
         )
+        from cosim.fmu.unpacking import own_folder  # noqa: PLC0415
+
         path = own_folder() / path.name
         write_whole(path, library)
     return path
