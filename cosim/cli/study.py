@@ -129,6 +129,14 @@ def run(
         str | None,
         typer.Option(help="Run on the workers of this Dask scheduler instead: tcp://HOST:PORT."),
     ] = None,
+    samples: Annotated[
+        int | None,
+        typer.Option(
+            min=1,
+            help="Number of sampled points, instead of the study's; a study that was run with "
+            "fewer is extended, and keeps its runs.",
+        ),
+    ] = None,
     traces: Annotated[
         str | None,
         typer.Option(
@@ -168,6 +176,8 @@ def run(
     loaded = load_study(name)
     if traces is not None:
         loaded = replace(loaded, study=_with_traces(loaded.study, traces))
+    if samples is not None:
+        loaded = replace(loaded, study=loaded.study.model_copy(update={"samples": samples}))
     wait_s = time_limit_of(wait_for_workers, "--wait-for-workers")
     pool = pool_for(workers, scheduler, wait_s)
     folder = out or STUDIES / loaded.name
