@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
-from cosim.cli.arguments import names
+from cosim.cli.arguments import names, numbers
 from cosim.cli.common import (
     FMUS,
     TRACES,
@@ -243,6 +243,10 @@ def show(
         bool,
         typer.Option("--bootstrap", help="Bootstrap the intervals of means (not Student's t)."),
     ] = False,
+    quantiles: Annotated[
+        str | None,
+        typer.Option(help="Quantiles of the metrics, with intervals: 0.05,0.95."),
+    ] = None,
     picture: Annotated[
         Path | None,
         typer.Option(help="Draw the stability map of the study to this .png, .svg or .pdf file."),
@@ -264,11 +268,18 @@ def show(
 
     \b
     cosim study show studies/delay-margin --picture margin.png
-    cosim study show studies/delay-margin --by delay
+    cosim study show studies/delay-margin --by delay --quantiles 0.05,0.95
     """
     table, manifest = read_table(path)
     groups = None if by is None else [] if by == "all" else list(names("--by", by))
-    found = summarise(table, manifest, groups, confidence=confidence, bootstrap=bootstrap)
+    found = summarise(
+        table,
+        manifest,
+        groups,
+        confidence=confidence,
+        bootstrap=bootstrap,
+        quantiles=[] if quantiles is None else numbers("--quantiles", quantiles),
+    )
     edge = boundary(table, manifest)
     if (metric is None) != (over is None) or (metric is not None and picture is None):
         raise InputError(

@@ -10,7 +10,7 @@ from rich.table import Table
 from rich.text import Text
 
 from cosim.cli.terminal import NONE, facts_table, number
-from cosim.study import Boundary, Group as RunGroup, Numbers, Share, StudyResult, Summary
+from cosim.study import Boundary, Group as RunGroup, Numbers, Quantile, Share, StudyResult, Summary
 
 
 def checked_view(data: dict[str, Any]) -> RenderableType:
@@ -92,6 +92,8 @@ def _all_runs(group: RunGroup) -> RenderableType:
             *(number(v, 4) for v in (found.deviation, found.minimum, found.median, found.maximum)),
             str(found.count) + (f", {found.missing} without" if found.missing else ""),
         )
+        for one in found.quantiles:
+            table.add_row(f"  {100 * one.share:g} % below", *_quantile(one), *[""] * 5)
     return table
 
 
@@ -111,7 +113,8 @@ def _per_group(found: Summary) -> RenderableType:
             cells.append(NONE if share is None else " ".join(_share(share)))
         for name in means:
             mean = group.numbers.get(name)
-            cells.append(NONE if mean is None else " ".join(_mean(mean)))
+            parts = [] if mean is None else [_mean(mean), *map(_quantile, mean.quantiles)]
+            cells.append("\n".join(" ".join(part) for part in parts) or NONE)
         table.add_row(*cells[: len(found.by)], str(group.runs), *cells[len(found.by) :])
     return table
 
@@ -124,6 +127,11 @@ def _mean(found: Numbers) -> tuple[str, str]:
     if found.low is None or found.high is None or found.low == found.high:
         return number(found.mean, 4), ""
     return number(found.mean, 4), f"[{found.low:.4g}, {found.high:.4g}]"
+
+
+def _quantile(found: Quantile) -> tuple[str, str]:
+    low, high = (NONE if end is None else f"{end:.4g}" for end in (found.low, found.high))
+    return number(found.value, 4), f"[{low}, {high}]"
 
 
 def _value(value: Any) -> str:

@@ -32,6 +32,7 @@ from .stability_picture import draw_stability as draw_stability
 from .summary import (
     Group as Group,
     Numbers as Numbers,
+    Quantile as Quantile,
     Share as Share,
     Summary as Summary,
     summarise as summarise,
