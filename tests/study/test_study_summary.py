@@ -79,8 +79,8 @@ def test_intervals_of_quantiles_contain_the_true_one_as_often_as_they_say(share:
     draw = np.random.default_rng(7)
     true = -np.log(1.0 - share)
     found = [quantile_of(draw.exponential(size=200), share, 0.9) for _ in range(400)]
-    held = sum(q.low is not None and q.high is not None and q.low <= true <= q.high for q in found)
-    assert 0.88 * 400 <= held <= 0.97 * 400
+    count = sum(q.low is not None and q.high is not None and q.low <= true <= q.high for q in found)
+    assert 0.88 * 400 <= count <= 0.97 * 400
     ten = quantile_of(range(1, 11), 0.5, 0.95)
     assert (ten.value, ten.low, ten.high) == (5.5, 2.0, 9.0)
     assert quantile_of(range(10), 0.99).high is None
