@@ -21,7 +21,7 @@ from cosim.cli.common import (
 )
 from cosim.cli.help_text import HelpTyper
 from cosim.cli.runs import interruptions_reported, report_outcome
-from cosim.cli.study_view import checked_view, finished_view, summary_view
+from cosim.cli.study_view import checked_view, finished_view, sensitivity_view, summary_view
 from cosim.cli.terminal import titles_table
 from cosim.core import InputError, StoppedError
 from cosim.fmu import DEFAULT_FLAVOUR
@@ -41,6 +41,7 @@ from cosim.study import (
     read_rows,
     read_table,
     repeat_run,
+    sensitivity,
     summarise,
 )
 
@@ -296,6 +297,23 @@ def show(
         "picture": None if picture is None else str(picture),
     }
     answer(as_json, lambda: data, lambda: summary_view(found, edge, picture))
+
+
+@study_app.command("sensitivity")
+def show_sensitivity(
+    path: Annotated[Path, typer.Argument(help="Folder of a study, or its results.parquet.")],
+    metric: Annotated[str, typer.Argument(help="Metric of the study.")],
+    confidence: Annotated[float, typer.Option(help="Confidence level of the intervals.")] = 0.95,
+    as_json: JsonOption = False,
+) -> None:
+    """Show how much of a metric's variance is due to each axis, of a study of kind "saltelli".
+
+    \b
+    cosim study sensitivity studies/my-study error
+    """
+    table, manifest = read_table(path)
+    found = sensitivity(table, manifest, metric, confidence=confidence)
+    answer(as_json, found.to_json, lambda: sensitivity_view(found))
 
 
 def _plan(loaded: LoadedStudy, fmus: Path, flavour: RunFlavour) -> Plan:

@@ -10,7 +10,16 @@ from rich.table import Table
 from rich.text import Text
 
 from cosim.cli.terminal import NONE, facts_table, number
-from cosim.study import Boundary, Group as RunGroup, Numbers, Quantile, Share, StudyResult, Summary
+from cosim.study import (
+    Boundary,
+    Group as RunGroup,
+    Numbers,
+    Quantile,
+    Sensitivity,
+    Share,
+    StudyResult,
+    Summary,
+)
 
 
 def checked_view(data: dict[str, Any]) -> RenderableType:
@@ -76,6 +85,23 @@ def summary_view(found: Summary, edge: Boundary | None, picture: Path | None) ->
     if picture is not None:
         parts.append(Text(f"picture: {picture}"))
     return Group(*parts)
+
+
+def sensitivity_view(found: Sensitivity) -> RenderableType:
+    """Show the indices of each axis."""
+    table = Table(box=None, pad_edge=False)
+    for column in ("axis", "alone", "interval", "with others", "interval"):
+        table.add_column(column, justify="left" if column == "axis" else "right")
+    for axis, first in found.first.items():
+        cells = []
+        for index in (first, found.total[axis]):
+            cells += [f"{index.value:.3f}", f"[{index.low:.3f}, {index.high:.3f}]"]
+        table.add_row(axis, *cells)
+    head = Text(
+        f"shares of the variance of {found.metric}, {found.samples} samples; "
+        f"intervals: {100 * found.confidence:g} %, bootstrap"
+    )
+    return Group(head, table)
 
 
 def _all_runs(group: RunGroup) -> RenderableType:

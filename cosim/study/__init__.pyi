@@ -23,6 +23,11 @@ from .schema import (
     SampledAxis as SampledAxis,
     Study as Study,
 )
+from .sensitivity import (
+    Index as Index,
+    Sensitivity as Sensitivity,
+    sensitivity as sensitivity,
+)
 from .stability_boundary import (
     Boundary as Boundary,
     boundary as boundary,

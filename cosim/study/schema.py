@@ -112,10 +112,11 @@ class GridAxis(Axis):
 class SampledAxis(Axis):
     """Random values; all axes of this kind together give the study's `samples` points."""
 
-    kind: Literal["random", "sobol", "latin"]
+    kind: Literal["random", "sobol", "latin", "saltelli"]
     """How they are drawn. "random": independent draws; "sobol": points of a scrambled Sobol
     sequence, one dimension per such axis; "latin": a Latin hypercube, one point in each of
-    `samples` intervals of equal probability.
+    `samples` intervals of equal probability; "saltelli": for sensitivity indices, samples times
+    (number of such axes + 2) points, with no other kind beside it.
     """
     uniform: Annotated[list[Number], Field(min_length=2, max_length=2)] | None = None
     """[low, high]."""
