@@ -23,7 +23,7 @@ from .schema import (
     SampledAxis as SampledAxis,
     Study as Study,
 )
-from .sensitivity import (
+from .sensitivity_indices import (
     Index as Index,
     Sensitivity as Sensitivity,
     sensitivity as sensitivity,

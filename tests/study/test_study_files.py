@@ -49,7 +49,7 @@ SAYS = {
     "unknown-component": (7, "did you mean plant"),
     "unknown-kind": (
         7,
-        "kind = 'grid' or 'random' or 'sobol' or 'latin' or 'saltelli' or 'replicates'",
+        "'sobol' or 'latin' or 'saltelli' or 'replicates'",
     ),
     "unknown-link": (7, "links has nothing"),
     "unknown-parameter": (7, "did you mean F.amplitude"),
