@@ -21,6 +21,7 @@ from .schema import (
     ReplicatesAxis as ReplicatesAxis,
     SampledAxis as SampledAxis,
     Study as Study,
+    study_schema as study_schema,
 )
 from .stability_boundary import (
     Boundary as Boundary,
