@@ -10,10 +10,9 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import typer
-from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from cosim.cli.terminal import console
-from cosim.core import reported_to
+from cosim.core import reported_to, silent
 
 FMUS = Path("fmus")
 TRACES = Path("traces")
@@ -72,13 +71,22 @@ def answer(as_json: bool, data: Callable[[], Any], view: Callable[[], Any]) -> N
 def progress() -> Iterator[Callable[[str, float], None]]:
     """Show a progress bar on standard error, if that is a terminal; yield what updates it."""
     terminal = console(error=True)
+    if not terminal.is_terminal:
+        yield silent
+        return
+    from rich.progress import (  # noqa: PLC0415 - only where it is seen
+        BarColumn,
+        Progress,
+        TextColumn,
+        TimeRemainingColumn,
+    )
+
     with Progress(
         TextColumn("{task.description}"),
         BarColumn(),
         TimeRemainingColumn(),
         console=terminal,
         transient=True,
-        disable=not terminal.is_terminal,
     ) as bar:
         task = bar.add_task("", total=1.0)
         doing = ""

@@ -14,14 +14,14 @@ from cosim.cli.fmu_view import check_view, info_view
 from cosim.cli.help_text import HelpTyper
 from cosim.core import CheckFailedError, InputError
 from cosim.fmu import (
+    DEFAULT_FLAVOUR,
     Flavour,
-    FmuTarget,
     export_controller,
     export_plant,
     fmu_facts,
     inspect_fmu,
-    platforms_named,
     run_findings,
+    target_named,
 )
 from cosim.replay import certificate_in
 
@@ -47,9 +47,10 @@ FlavourOption = Annotated[
 PlatformsOption = Annotated[
     str,
     typer.Option(
-        help="Platforms whose binaries a native FMU contains. host: this machine, with its own "
-        "compiler; all, or names such as x86_64-linux,x86_64-windows: cross-compiled (needs the "
-        "extra cross). The C sources are always inside."
+        help="Binaries of a native FMU. prebuilt: those that the installed package brings, for all "
+        "platforms; without them as host. host: for this machine, by its own compiler. all, or "
+        "names such as x86_64-linux,x86_64-windows: cross-compiled (needs the extra cross). The C "
+        "sources are always inside."
     ),
 ]
 
@@ -126,8 +127,8 @@ def build(
     ],
     out: OutOption = None,
     name: NameOption = None,
-    flavour: FlavourOption = "native",
-    platforms: PlatformsOption = "host",
+    flavour: FlavourOption = DEFAULT_FLAVOUR,
+    platforms: PlatformsOption = "prebuilt",
     initial: Annotated[
         str | None,
         typer.Option(help="Initial state: one number per state, with commas (default: zero)."),
@@ -152,7 +153,7 @@ def build(
     file = Path(system)
     target = _target(file, out)
     start = None if initial is None else numbers("--initial", initial)
-    kind = FmuTarget(flavour, platforms_named(platforms))
+    kind = target_named(flavour, platforms)
     packed = export_plant(system, target, kind=kind, name=name, initial=start)
     n, m = packed.system.B.shape
     p, q = packed.system.D1.shape
@@ -179,8 +180,8 @@ def controller(
     ],
     out: OutOption = None,
     name: NameOption = None,
-    flavour: FlavourOption = "native",
-    platforms: PlatformsOption = "host",
+    flavour: FlavourOption = DEFAULT_FLAVOUR,
+    platforms: PlatformsOption = "prebuilt",
     sample_time: Annotated[
         float | None,
         typer.Option(help="Sampling period in seconds; 0: sample at every communication point."),
@@ -206,7 +207,7 @@ def controller(
     cosim fmu controller gain.json -o my-controller.fmu
     cosim fmu controller gain.json -o sampled.fmu --sample-time 0.05 --limits 2
     """
-    kind = FmuTarget(flavour, platforms_named(platforms))
+    kind = target_named(flavour, platforms)
     found = certificate_in(file)
     if found.mismatch is not None:
         raise InputError(

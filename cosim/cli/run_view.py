@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rich.console import Group, RenderableType
 from rich.table import Table
@@ -11,8 +11,10 @@ from rich.text import Text
 
 from cosim.cli.terminal import NONE, facts_table, number, plain
 from cosim.core import at_most
-from cosim.scenario import Demo, Outcome
 from cosim.trace import age_lines
+
+if TYPE_CHECKING:
+    from cosim.scenario import Demo, Outcome
 
 _COLOURS = {"good": "green", "open": "yellow", "bad": "red"}
 _LEVELS = {"warning": "yellow", "error": "red", "fatal": "red"}
@@ -49,6 +51,8 @@ def outcome_view(outcome: Outcome) -> RenderableType:
         *_events(outcome),
         *_advice(outcome),
     ]
+    if outcome.binaries:
+        parts.append(Text(f"binaries: {outcome.binaries_text}"))
     if outcome.design is not None:
         parts.append(Text(f"design: {outcome.design.words}"))
     parts += late_view(outcome.log_after_end)

@@ -22,6 +22,7 @@ from cosim.cli.help_text import HelpTyper
 from cosim.cli.runs import make_fmu_cache
 from cosim.cli.terminal import console, facts_table
 from cosim.core import InputError
+from cosim.fmu import DEFAULT_FLAVOUR
 from cosim.scenario import SspExport, SspImport, export_ssp, import_ssp, load, prepare
 
 ssp_app = HelpTyper(
@@ -47,7 +48,7 @@ def export_verb(
     flavour: Annotated[
         RunFlavour,
         typer.Option(help="Built-in FMUs: native (C) for any tool, python for Python hosts."),
-    ] = "native",
+    ] = DEFAULT_FLAVOUR,
     fmus: FmusOption = FMUS,
     as_json: JsonOption = False,
 ) -> None:

@@ -12,6 +12,7 @@ import typer
 from cosim.cli.arguments import names
 from cosim.cli.common import (
     FMUS,
+    TRACES,
     FmusOption,
     JsonOption,
     RunFlavour,
@@ -20,9 +21,12 @@ from cosim.cli.common import (
     progress,
 )
 from cosim.cli.help_text import HelpTyper
+from cosim.cli.runs import interruptions_reported, report_outcome
 from cosim.cli.study_view import checked_view, finished_view, summary_view
 from cosim.cli.terminal import titles_table
 from cosim.core import InputError, StoppedError
+from cosim.fmu import DEFAULT_FLAVOUR
+from cosim.scenario import check_writable, time_limit as time_limit_of
 from cosim.study import (
     LoadedStudy,
     Plan,
@@ -37,6 +41,7 @@ from cosim.study import (
     pool_for,
     read_rows,
     read_table,
+    repeat_run,
     study_schema,
     summarise,
 )
@@ -57,7 +62,17 @@ StudyArgument = Annotated[
 ]
 FlavourOption = Annotated[
     RunFlavour,
-    typer.Option(help="Built-in FMUs: native (C, compiled on this machine), or python."),
+    typer.Option(help="Language of the built-in FMUs: native (C), or python."),
+]
+
+LimitOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="KEY=VALUE",
+        help="End a run beyond a limit: call, run, start, end (seconds, or '2 min') or memory "
+        "('2 GB'); none: no limit. In a study without a limit of run: 50 times what the first run "
+        "took, at least 60 s. May be repeated.",
+    ),
 ]
 
 
@@ -87,7 +102,7 @@ def schema(*, as_json: JsonOption = False) -> None:
 def check(
     name: StudyArgument,
     fmus: FmusOption = FMUS,
-    flavour: FlavourOption = "native",
+    flavour: FlavourOption = DEFAULT_FLAVOUR,
     as_json: JsonOption = False,
 ) -> None:
     """Check a study and show its axes, its metrics and the number of its runs; run nothing.
@@ -133,11 +148,23 @@ def run(
             help="Keep the traces of these runs: none, all, failed, or 'worst:N by METRIC'."
         ),
     ] = None,
+    limit: LimitOption = None,
+    time_limit: Annotated[
+        str,
+        typer.Option(
+            help="Begin no more runs after this time (seconds, or '2 h'); exit code 3 if runs are "
+            "left, and the same command continues."
+        ),
+    ] = "none",
+    wait_for_workers: Annotated[
+        str,
+        typer.Option(help="How long to wait when there are no workers; none: for ever."),
+    ] = "10 min",
     fresh: Annotated[
         bool, typer.Option("--fresh", help="Delete the results in the folder and start again.")
     ] = False,
     fmus: FmusOption = FMUS,
-    flavour: FlavourOption = "native",
+    flavour: FlavourOption = DEFAULT_FLAVOUR,
     as_json: JsonOption = False,
 ) -> None:
     """Run a study, or the rest of it, and write the table of its results: results.parquet.
@@ -154,12 +181,21 @@ def run(
     loaded = load_study(name)
     if traces is not None:
         loaded = replace(loaded, study=_with_traces(loaded.study, traces))
-    pool = pool_for(workers, scheduler)
+    wait_s = time_limit_of(wait_for_workers, "--wait-for-workers")
+    pool = pool_for(workers, scheduler, wait_s)
     folder = out or STUDIES / loaded.name
     plan = _plan(loaded, fmus, flavour)
     try:
         with progress() as report_progress:
-            done = execute_study(plan, folder, pool, fresh=fresh, progress=report_progress)
+            done = execute_study(
+                plan,
+                folder,
+                pool,
+                fresh=fresh,
+                limits=limit or (),
+                time_limit_s=time_limit_of(time_limit, "--time-limit"),
+                progress=report_progress,
+            )
     except KeyboardInterrupt:
         there = len(read_rows(folder)) if folder.is_dir() else 0
         raise StoppedError(
@@ -168,7 +204,34 @@ def run(
             got=f"{there} of {plan.count} runs are done and kept",
             hint="the same command continues",
         ) from None
-    answer(as_json, done.to_json, lambda: finished_view(done))
+    answer(as_json, done.to_json, lambda: finished_view(name, done))
+
+
+@study_app.command()
+def repeat(
+    name: StudyArgument,
+    number: Annotated[int, typer.Argument(help="Number of the run, counted from 0.")],
+    out: Annotated[
+        Path | None, typer.Option(help="Trace (default: traces/STUDY-run-NUMBER.mcap).")
+    ] = None,
+    limit: LimitOption = None,
+    fmus: FmusOption = FMUS,
+    flavour: FlavourOption = DEFAULT_FLAVOUR,
+    as_json: JsonOption = False,
+) -> None:
+    """Execute one run of a study alone, with a trace, as `cosim run` does.
+
+    \b
+    cosim study repeat delay-margin 17
+    cosim trace report traces/delay-margin-run-17.mcap
+    """
+    loaded = load_study(name)
+    plan = _plan(loaded, fmus, flavour)
+    trace = out or TRACES / f"{loaded.name}-run-{number}.mcap"
+    check_writable(trace)
+    with interruptions_reported():
+        outcome = repeat_run(plan, number, trace, limits=limit or ())
+    report_outcome(outcome, as_json)
 
 
 @study_app.command()

@@ -20,7 +20,7 @@ from cosim.cli.common import (
 from cosim.cli.replay_view import inject_json, inject_view
 from cosim.cli.runs import make_fmu_cache
 from cosim.core import CheckFailedError, ComponentError, InputError
-from cosim.fmu import FmuDescription
+from cosim.fmu import DEFAULT_FLAVOUR, FmuDescription
 from cosim.network import Jitter, PacketLink, TransportLink
 from cosim.replay import InjectionRequest, SignalMapping, inject as run_injection
 from cosim.scenario import check_writable, link_of, load, nanoseconds
@@ -110,8 +110,8 @@ def inject(
     ] = 0.0,
     fmus: FmusOption = FMUS,
     flavour: Annotated[
-        RunFlavour, typer.Option(help="Language of a built-in FMU: python, or native (C).")
-    ] = "python",
+        RunFlavour, typer.Option(help="Language of a built-in FMU: native (C), or python.")
+    ] = DEFAULT_FLAVOUR,
     *,
     as_json: JsonOption = False,
 ) -> None:

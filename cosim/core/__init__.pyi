@@ -1,3 +1,5 @@
+from .arrays import distinct as distinct
+from .descriptions import with_field_docs as with_field_docs
 from .errors import (
     CheckFailedError as CheckFailedError,
     ComponentError as ComponentError,
@@ -31,6 +33,7 @@ from .migration import (
     migrate as migrate,
     write_migrated as write_migrated,
 )
+from .notices import say_once as say_once
 from .processes import (
     DEATH_HINTS as DEATH_HINTS,
     death_of as death_of,

@@ -42,6 +42,7 @@ from .problem import (
     DEFAULT_K1 as DEFAULT_K1,
     DEFAULT_K2 as DEFAULT_K2,
     SOUND_SPEED as SOUND_SPEED,
+    SYSTEM_TABLES as SYSTEM_TABLES,
     AuvDesignSettings as AuvDesignSettings,
     Delay as Delay,
     DelaySystem as DelaySystem,
@@ -64,6 +65,21 @@ from .problem import (
     with_measured as with_measured,
     without_integrals as without_integrals,
     without_uncertainty as without_uncertainty,
+)
+from .response import (
+    CharacteristicRoots as CharacteristicRoots,
+    DelayLTI as DelayLTI,
+    FrequencyResponse as FrequencyResponse,
+    Margins as Margins,
+    Nyquist as Nyquist,
+    TimeResponse as TimeResponse,
+    append as append,
+    dead_time as dead_time,
+    exp as exp,
+    feedback as feedback,
+    lti as lti,
+    parallel as parallel,
+    series as series,
 )
 from .synthesis import (
     DELAY_LIMIT as DELAY_LIMIT,

@@ -21,7 +21,7 @@ class FmuCache:
     folder : start of relative paths of a scenario.
     wanted : FMU reference -> SHA-256 of its file, which may lie anywhere below `root` under any
         name; if there is no such file, the reference is resolved as usual.
-    flavour : flavour of catalogue FMUs, a key of `cosim.fmu.export.build.FMI_VERSION`.
+    flavour : flavour of catalogue FMUs, a key of `cosim.fmu.FMI_VERSION`.
     """
 
     root: Path

@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from cosim import hinf
 from cosim.core import InputError, Progress, silent
 from cosim.fmu import FmuDescription
-from cosim.hinf import Design, WorstCase
 from cosim.scenario.assembly import assemble, find_fmus
 from cosim.scenario.controller_design import with_design_of_controller
 from cosim.scenario.feedback_age import feedback_age
@@ -32,8 +32,8 @@ class PreparedScenario:
     loaded: LoadedScenario
     fmus: Mapping[str, FmuDescription]
     problem: Problem | None
-    design: Design | None
-    worst_case: WorstCase | None = None
+    design: hinf.Design | None
+    worst_case: hinf.WorstCase | None = None
     source: DesignSource | None = None
 
     @property
@@ -49,8 +49,8 @@ def prepare(
     loaded: LoadedScenario,
     fmu_cache: FmuCache,
     *,
-    saved: tuple[Problem, Design] | None = None,
-    worst_case: WorstCase | None = None,
+    saved: tuple[Problem, hinf.Design] | None = None,
+    worst_case: hinf.WorstCase | None = None,
     progress: Progress | None = None,
     of_links: bool = True,
 ) -> PreparedScenario:
@@ -81,7 +81,7 @@ def prepare(
         return PreparedScenario(loaded, fmus, None, None, source=source)
     with findings.at("design"):
         check_roles(loaded, fmus)
-        found: Design | None = None
+        found: hinf.Design | None = None
         if saved is not None:
             problem, found = saved
         elif part.file is not None:

@@ -18,7 +18,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, Self
 
-from cosim.core import InputError, write_whole
+from cosim.core import InputError, LossError, write_whole
 from cosim.study.batch import Row
 
 MANIFEST, RUN_LOG, RESULTS, TRACES = "study.json", "journal.jsonl", "results.parquet", "traces"
@@ -71,7 +71,8 @@ class Folder:
             if fresh or before is None:
                 self._run_log.truncate(0)
             # the same study may have another title, or keep other traces
-            write_whole(self.path / MANIFEST, json.dumps(manifest, indent=1).encode())
+            with not_written(self.path / MANIFEST):
+                write_whole(self.path / MANIFEST, json.dumps(manifest, indent=1).encode())
         except BaseException:
             self.close()
             raise
@@ -87,15 +88,22 @@ class Folder:
         return list(_rows(text[:whole]))
 
     def append(self, rows: Iterable[Row]) -> None:
-        """Append rows to the run log; they survive the end of this process."""
+        """Append rows to the run log; they survive the end of this process.
+
+        Raises
+        ------
+        LossError : they cannot be written, as on a full disk.
+        """
         lines = [json.dumps([r.run, r.status, r.reason, r.seconds, *r.values]) for r in rows]
-        self._run_log.write("".join(f"{line}\n" for line in lines).encode())
-        self._run_log.flush()
+        with not_written(self.path / RUN_LOG):
+            self._run_log.write("".join(f"{line}\n" for line in lines).encode())
+            self._run_log.flush()
 
     def close(self) -> None:
         """Release the folder."""
         if self._run_log is not None:
-            self._run_log.close()
+            with contextlib.suppress(OSError):  # what could not be written was reported
+                self._run_log.close()
             self._run_log = None
 
     def _forget(self) -> None:
@@ -108,6 +116,25 @@ class Folder:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+
+@contextlib.contextmanager
+def not_written(path: Path) -> Iterator[None]:
+    """Say which file of a study could not be written.
+
+    Raises
+    ------
+    LossError : for an `OSError` within.
+    """
+    try:
+        yield
+    except OSError as error:
+        raise LossError(
+            "the study's results cannot be written",
+            where=str(path),
+            got=error.strerror or str(error),
+            hint="make room; the same command continues, and runs that are done are kept",
+        ) from error
 
 
 def read_manifest(path: Path) -> dict[str, Any]:

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import importlib.metadata
 import json
-import platform
 from hashlib import sha256
 from typing import Any
 
+from cosim.study.batch import software
 from cosim.study.plan import Plan
-
-_PACKAGES = ("auv-cosim", "fmpy", "numpy", "scipy", "pydantic")
 
 
 def manifest_of(plan: Plan) -> dict[str, Any]:
@@ -26,10 +23,7 @@ def manifest_of(plan: Plan) -> dict[str, Any]:
         "fmus": job.hashes,
         "flavour": job.base.flavour,
         "seeds": {"samples": job.study.seed, "run": job.base.scenario.run.seed},
-        "versions": {
-            "python": platform.python_version(),
-            **{name: importlib.metadata.version(name) for name in _PACKAGES},
-        },
+        "versions": software(),
     }
 
 

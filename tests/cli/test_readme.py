@@ -15,7 +15,7 @@ from shared import copied, fmu_store
 
 ROOT = Path(__file__).parents[2]
 README = (ROOT / "README.md").read_text("utf-8")
-MASTER = (ROOT / "docs" / "master.md").read_text("utf-8")
+MASTER = (ROOT / "docs" / "explanation" / "master.md").read_text("utf-8")
 BLOCKS = re.findall(r"^```(\w*)\n(.*?)^```$", README, re.MULTILINE | re.DOTALL)
 LINES = [
     line.split(" #")[0].strip()

@@ -159,6 +159,6 @@ def test_the_study_that_the_documentation_shows_can_be_planned(
     native_fmus: Path, tmp_path: Path
 ) -> None:
     """6 delays, 128 points, 4 seeds."""
-    page = (HERE.parents[1] / "docs" / "studies.md").read_text("utf-8")
+    page = (HERE.parents[1] / "docs" / "how-to" / "studies.md").read_text("utf-8")
     (tmp_path / "shown.toml").write_text(page.split("```toml\n")[1].split("```")[0])
     assert planned(str(tmp_path / "shown.toml"), native_fmus).count == 6 * 128 * 4

@@ -31,6 +31,7 @@ BROKEN_ARCHIVE = (
     *(zipfile.BadZipFile, zlib.error, struct.error, EOFError, OSError, NotImplementedError),
     *(RuntimeError, ValueError, KeyError, IndexError, OverflowError),
 )
+"""What `zipfile` raises of archives that are damaged."""
 
 
 class CheckedArchive:

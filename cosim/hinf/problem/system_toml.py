@@ -71,8 +71,6 @@ import numpy as np
 
 from cosim.core import SYSTEM_FILE, InputError, unreadable
 from cosim.hinf.certificate import (
-    BLOCKS,
-    MATRICES,
     assembled,
     delay_from,
     format_value,
@@ -84,13 +82,13 @@ from cosim.hinf.certificate import (
 )
 from cosim.hinf.problem.auv import DEFAULT_K1, DEFAULT_K2, auv_system
 from cosim.hinf.problem.design_constraints import (
-    KEYS as DESIGN_CONSTRAINT_KEYS,
     DesignConstraints,
     design_constraints_from_table,
 )
 from cosim.hinf.problem.feedback_structure import states_of, with_integral
 from cosim.hinf.problem.filters import Filter, filtered
 from cosim.hinf.problem.misplaced_keys import AT_THE_TOP, IN_DESIGN, IN_SYSTEM, OTHER_FILES
+from cosim.hinf.problem.system_keys import DESIGN, FILTER, INTEGRAL, SYSTEM
 from cosim.hinf.problem.weights import weighted
 from cosim.models import (
     Delay as Delay,  # noqa: PLC0414 - the face of this package offers it
@@ -99,6 +97,8 @@ from cosim.models import (
 )
 
 BUILT_IN_SYSTEMS = ("paper", "auv")
+"""Names of the systems that need no file."""
+
 _ONE_DELAY = ("d", "A1", "H1")
 
 
@@ -173,9 +173,7 @@ def system_from_toml(text: str, *, where: str, name: str) -> NamedSystem:
     data = SYSTEM_FILE.from_toml(text, where)
     known_keys(data, where, ("system", "design", "weights"), required=("system",), hints=AT_THE_TOP)
     table, place = data["system"], f"{where}: system"
-    more = ("delays", "name", "weights", "feedback", "integral", BLOCKS)
-    keys = (*MATRICES, *_ONE_DELAY, *more)
-    known_keys(table, place, keys, required=("A",), hints=IN_SYSTEM)
+    known_keys(table, place, tuple(SYSTEM), required=("A",), hints=IN_SYSTEM)
     system = assembled(table, _delays(table, place), place, name)
     weights, unweighted = None, None
     if "weights" in table:
@@ -188,8 +186,7 @@ def system_from_toml(text: str, *, where: str, name: str) -> NamedSystem:
         unweighted = None if unweighted is None else _with_more_states(unweighted, data, where)
     place = f"{where}: design"
     design = data.get("design", {})
-    known = ("k1", "k2", "gamma", *DESIGN_CONSTRAINT_KEYS)
-    known_keys(design, place, known, hints=IN_DESIGN)
+    known_keys(design, place, tuple(DESIGN), hints=IN_DESIGN)
     k1 = _scalars(design["k1"], f"{place}.k1", N) if "k1" in design else None
     k2 = _scalars(design["k2"], f"{place}.k2", N) if "k2" in design else None
     if k2 is not None and 0.0 in k2:
@@ -271,7 +268,7 @@ def _with_more_states(system: DelaySystem, data: dict[str, Any], where: str) -> 
 def _filter(table: Any, where: str) -> Filter:
     """Read a filter from its table, in either spelling."""
     quotients = ("numerators", "denominators")
-    known_keys(table, where, ("A", "B", "C", "D", *quotients))
+    known_keys(table, where, tuple(FILTER))
     spelling = quotients if any(key in table for key in quotients) else ("A", "B", "C")
     allowed = quotients if spelling is quotients else ("A", "B", "C", "D")
     known_keys(table, where, allowed, required=spelling)
@@ -300,7 +297,7 @@ def _filter(table: Any, where: str) -> Filter:
 
 def _integral(table: Any, where: str) -> dict[str, Any]:
     """Return the arguments of `with_integral` in a table."""
-    known_keys(table, where, ("of", "weights", "age"), required=("of",))
+    known_keys(table, where, tuple(INTEGRAL), required=("of",))
     settings: dict[str, Any] = {}
     of = table["of"]
     if isinstance(of, list) and of and isinstance(of[0], list):

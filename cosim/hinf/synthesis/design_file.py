@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from cosim.core import InputError, NotAchievableError
+from cosim.hinf import nominal
 from cosim.hinf.certificate import (
     KEY,
     check_certificate,
@@ -18,8 +19,7 @@ from cosim.hinf.certificate import (
     number,
     system_from_json,
 )
-from cosim.hinf.nominal import nominal_figures_of, worst_case_at, worst_case_from_json
-from cosim.hinf.synthesis.designs import Design
+from cosim.hinf.synthesis.certified_design import Design
 
 # computed, not part of the claim
 _FIGURES = ("least_gamma", "abscissa", "exact_norm", "norm_frequency")
@@ -79,12 +79,12 @@ def design_from_certificate(data: Any, *, where: str) -> Design:
         )
     system, found = system_from_json(data["system"]), None
     with suppress(NotAchievableError, np.linalg.LinAlgError), np.errstate(all="ignore"):
-        found = nominal_figures_of(system, K)
+        found = nominal.nominal_figures_of(system, K)
     if found is None:
         return _design(data, {}, where)
     margin = found.delay_margin
     figures = found._asdict() | {"delay_margin": None if margin is None else list(margin)}
-    worst = worst_case_at(system, np.array(K), found.norm_frequency)
+    worst = nominal.worst_case_at(system, np.array(K), found.norm_frequency)
     return replace(_design(data, figures, where), worst_case=worst)
 
 
@@ -112,7 +112,7 @@ def _design(data: Any, figures: dict[str, Any], where: str) -> Design:
         margins = _margins(margins, f"{where}: delay_margin", len(system.delays))
     worst = figures.get("worst_case")
     if worst is not None:
-        worst = worst_case_from_json(worst, f"{where}: worst_case", system.C.shape[1])
+        worst = nominal.worst_case_from_json(worst, f"{where}: worst_case", system.C.shape[1])
     order: int | None = proved.get("order")
     own = ("kind", "theorem", "claim", "system", "variables", "K", KEY)
     return Design(

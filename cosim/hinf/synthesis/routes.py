@@ -40,8 +40,9 @@ from cosim.hinf.synthesis.ages_gains import (
 )
 from cosim.hinf.synthesis.analysis import Analysis, Order, best_analysis, is_exact, preferred
 from cosim.hinf.synthesis.bessel_legendre_gains import bessel_legendre_gains
+from cosim.hinf.synthesis.certified_design import Design
 from cosim.hinf.synthesis.cvxpy_lmi import cvxpy_design
-from cosim.hinf.synthesis.designs import Design, design_of_analysis, proved_by_analysis
+from cosim.hinf.synthesis.designs import design_of_analysis, proved_by_analysis
 from cosim.hinf.synthesis.not_achievable import none_succeeded
 from cosim.hinf.synthesis.stabilisability import NoGainError, unstabilisable_error
 from cosim.hinf.synthesis.structured_gains import descent_design

@@ -37,12 +37,8 @@ from cosim.hinf.lmi import (
 from cosim.hinf.nominal import one_thread
 from cosim.hinf.problem import refuse_structure
 from cosim.hinf.synthesis.analysis import gain_of
-from cosim.hinf.synthesis.designs import (
-    Design,
-    check_achievable,
-    design_of_theorem_2,
-    rounded_gain,
-)
+from cosim.hinf.synthesis.certified_design import Design
+from cosim.hinf.synthesis.designs import check_achievable, design_of_theorem_2, rounded_gain
 from cosim.hinf.synthesis.ladder import FAR, NEAR, first_proved, levels_above
 from cosim.hinf.synthesis.not_achievable import (
     gamma_below_least,
