@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -42,6 +43,7 @@ from cosim.study import (
     read_table,
     repeat_run,
     sensitivity,
+    study_schema,
     summarise,
 )
 
@@ -84,6 +86,17 @@ def list_studies(*, as_json: JsonOption = False) -> None:
     """
     rows = [{"name": name, "title": load_study(name).study.title} for name in builtin_studies()]
     answer(as_json, lambda: {"studies": rows}, lambda: titles_table("study", "title", rows))
+
+
+@study_app.command()
+def schema(*, as_json: JsonOption = False) -> None:
+    """Print the JSON Schema of studies, for editors that complete and check TOML.
+
+    \b
+    cosim study schema > study.schema.json
+    """
+    del as_json  # the output is JSON with or without it
+    print(json.dumps(study_schema(), indent=1))
 
 
 @study_app.command()

@@ -22,6 +22,7 @@ from .schema import (
     ReplicatesAxis as ReplicatesAxis,
     SampledAxis as SampledAxis,
     Study as Study,
+    study_schema as study_schema,
 )
 from .sensitivity_indices import (
     Index as Index,

@@ -16,7 +16,7 @@ from pydantic import (
     model_validator,
 )
 
-from cosim.core import InputError, with_field_docs
+from cosim.core import SCHEMA, STUDY_FILE, InputError, with_field_docs
 from cosim.scenario import split
 from cosim.study.expression import Expression
 
@@ -329,3 +329,10 @@ def _check(parse: Callable[[str], Any], text: str) -> None:
         parse(text)
     except InputError as error:
         raise ValueError(f"{error.what}: {error.got}; expected {error.expected}") from error
+
+
+def study_schema() -> dict[str, Any]:
+    """Return the JSON Schema of a study file, for editors."""
+    whole = Study.model_json_schema()
+    whole["properties"] = {SCHEMA: STUDY_FILE.json_schema(), **whole["properties"]}
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **whole}
