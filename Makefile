@@ -23,10 +23,14 @@ test: $(READY) ## run the tests, all but the slow ones [ORDER=NUMBER: in another
 	$(BIN)/python -m pytest -n $(JOBS) --dist worksteal -m "not slow" \
 		$(if $(ORDER),--random-order-bucket=module --random-order-seed=$(ORDER))
 
-lint: $(READY) ## check style, formatting and types
+lint: $(READY) ## check style, formatting and types, workflows and Containerfile
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+	$(BIN)/zizmor --offline --quiet .github/workflows
+	$(BIN)/check-jsonschema --quiet --builtin-schema vendor.github-workflows \
+		.github/workflows/*.yml
+	$(BIN)/hadolint Containerfile
 
 bench: $(READY) ## run every benchmark; each prints its table and its JSON
 	@# the masters to compare with, where they can be had
