@@ -15,7 +15,6 @@ from cosim.core import say_once, write_whole
 from cosim.fmu.export.native.compiler import STANDARD, host_compiler, shared_library
 from cosim.fmu.export.native.platforms import Platform, host
 from cosim.fmu.prebuilt import prebuilt_file
-from cosim.fmu.unpacking import own_folder
 
 _SOURCES = {"kernel": "master/kernel.c", "channel": "fmu/isolation/channel.c"}
 
@@ -82,6 +81,9 @@ def _kept(path: Path, library: bytes) -> Path:
         path.parent.mkdir(parents=True, exist_ok=True)
         write_whole(path, library)
     except OSError as error:
+        # what handles FMUs is loaded here: building a wheel does without it
+        from cosim.fmu.unpacking import own_folder  # noqa: PLC0415
+
         say_once(
             f"{path.parent} cannot be written ({error.strerror}): what is compiled is kept in a "
             "temporary folder, and compiled again by the next command; XDG_CACHE_HOME names "
