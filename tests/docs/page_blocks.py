@@ -45,6 +45,8 @@ _FENCE = re.compile(
 )
 _NAMED = re.compile(r"# (\S+\.(?:toml|py))\n")
 _OURS = re.compile(r"^(?:cosim|python|fmpy) ")
+SETUP = ("python3 -m venv .venv", ". .venv/bin/activate")
+"""What every reader of an install section knows; the gate does the same to get its wheel."""
 LANGUAGES = {"console", "toml", "python", "text", "math"}
 
 
@@ -137,7 +139,7 @@ class Reader:
             result = cosim(*arguments, cwd=self.folder)
             assert result.code == 0, f"{line}\n{result.out}\n{result.err}"
             return result.out + result.err
-        if name in ("pip", "make"):
+        if name in ("pip", "make") or line in SETUP:
             checked_by_name(line)
             return ""
         program = Path(sys.executable).with_name("python" if name == "python" else name)
