@@ -2,7 +2,7 @@
 
 | block | what is done with it |
 |---|---|
-| `console` | each line is a command, typed in the folder of the page |
+| `sh` | each line is a command, typed in the folder of the page |
 | `toml` that begins with `# NAME.toml` | that file is written |
 | `toml` below `<!-- part of a scenario -->` | the tables are read as tables of a scenario |
 | `python` that begins with `# NAME.py` | that file is written |
@@ -47,7 +47,7 @@ _NAMED = re.compile(r"# (\S+\.(?:toml|py))\n")
 _OURS = re.compile(r"^(?:cosim|python|fmpy) ")
 SETUP = ("python3 -m venv .venv", ". .venv/bin/activate")
 """What every reader of an install section knows; the gate does the same to get its wheel."""
-LANGUAGES = {"console", "toml", "python", "text", "math"}
+LANGUAGES = {"sh", "toml", "python", "text", "math"}
 
 
 @dataclass(frozen=True)
@@ -120,7 +120,7 @@ class Reader:
             file.write_text(block.text, "utf-8")
             return
         match block.language:
-            case "console":
+            case "sh":
                 self.output = "".join(self._typed(line) for line in block.commands)
             case "python":
                 self.output = self._run(block)

@@ -74,9 +74,9 @@ def test_a_wrong_block_is_seen(tmp_path: Path) -> None:
     """The reader itself: a command that fails, output that differs, a file without a name."""
     reader = Reader(tmp_path)
     for language, text, note in (
-        ("console", "cosim run no-such-scenario\n", ""),
-        ("console", "make no-such-target\n", ""),
-        ("console", "pip install 'auv-cosim[no_such_extra]'\n", ""),
+        ("sh", "cosim run no-such-scenario\n", ""),
+        ("sh", "make no-such-target\n", ""),
+        ("sh", "pip install 'auv-cosim[no_such_extra]'\n", ""),
         ("python", "assert 1 == 2\n", ""),
         ("toml", "[run]\nend = 1\n", ""),
         ("toml", "[run]\nno_such_key = 1\n", "part of a scenario"),
