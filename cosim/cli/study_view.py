@@ -27,15 +27,30 @@ def checked_view(data: dict[str, Any]) -> RenderableType:
     return Group(head, table, Text(f"metrics: {', '.join(data['metrics'])}"))
 
 
-def finished_view(done: StudyResult) -> RenderableType:
-    """Show the number of runs per status, and where the table is."""
+_MOST_REASONS = 5
+
+
+def finished_view(name: str, done: StudyResult) -> RenderableType:
+    """Show the number of runs per status, what ended runs early, and where the table is.
+
+    `name` : of the study on the command line.
+    """
     facts = facts_table()
     now = f"{done.executed} of them executed now, in {done.seconds:.3g} s"
     facts.add_row("runs", str(done.runs), now)
     for status, count in sorted(done.statuses.items()):
         label = Text(status.replace("_", " "), style="" if status == "finished" else "yellow")
         facts.add_row(label, str(count), "")
+    if done.retried:
+        facts.add_row("tried again", str(done.retried), "runs, since their worker died")
     parts: list[RenderableType] = [facts]
+    for row in done.incomplete[:_MOST_REASONS]:
+        reason = (row.reason or "").splitlines() or [""]
+        parts.append(Text(f"run {row.run} {row.status.replace('_', ' ')}: {reason[0]}", "yellow"))
+    if done.incomplete:
+        more = len(done.incomplete) - _MOST_REASONS
+        alone = f"cosim study repeat {name} {done.incomplete[0].run}"
+        parts.append(Text(f"{f'and {more} more; ' if more > 0 else ''}one alone: {alone}"))
     if done.traces:
         kept = [run for run, why in done.traces.items() if why is None]
         parts.append(Text(f"traces: {len(kept)} in {done.folder / 'traces'}"))

@@ -40,6 +40,8 @@ from .session import (
 )
 from .snapshot import Snapshot as Snapshot
 from .supervision import (
+    CallBrokenError as CallBrokenError,
+    Calls as Calls,
     Limits as Limits,
     Supervisor as Supervisor,
 )

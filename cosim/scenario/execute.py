@@ -21,6 +21,7 @@ from cosim.master import (
 )
 from cosim.scenario.assembly import assemble, same_start
 from cosim.scenario.assertions import bind_assertions
+from cosim.scenario.binary_origins import binary_origins
 from cosim.scenario.metrics import (
     RunContext,
     RunMeasures,
@@ -327,6 +328,7 @@ class _Runs:
             metrics=metrics_of(context),
             links=links,
             engine=run.engine,
+            binaries=binary_origins(prepared.fmus, run.engine),
             pace=self._pace,
             assertions=self._figures.assertions,
             events=self._figures.events,

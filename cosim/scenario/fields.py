@@ -45,7 +45,10 @@ class Part(BaseModel):
     """A table of a scenario."""
 
     # strict: "5.0" is not a number and true is not 1, as in TOML
-    model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True, strict=True)
+    # built at first use: most tables are only used as parts of others, which build them again
+    model_config = ConfigDict(
+        extra="forbid", frozen=True, populate_by_name=True, strict=True, defer_build=True
+    )
 
     @classmethod
     def __get_pydantic_json_schema__(cls, core: Any, handler: Any) -> Any:

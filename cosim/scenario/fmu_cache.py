@@ -21,7 +21,7 @@ class FmuCache:
     folder : start of relative paths of a scenario.
     wanted : FMU reference -> SHA-256 of its file, which may lie anywhere below `root` under any
         name; if there is no such file, the reference is resolved as usual.
-    flavour : flavour of catalogue FMUs, a key of `cosim.fmu.export.build.FMI_VERSION`.
+    flavour : flavour of catalogue FMUs, a key of `cosim.fmu.FMI_VERSION`.
     """
 
     root: Path
@@ -49,6 +49,16 @@ class FmuCache:
                     hint="another folder: --fmus",
                 ) from error
         if not fmu.endswith(".fmu"):
-            raise InputError.unknown("FMU", fmu, CATALOGUE, where="components")
+            raise self._unknown(fmu)
         path = Path(fmu)
         return describe_fmu(path if path.is_absolute() else self.folder / path)
+
+    def _unknown(self, fmu: str) -> InputError:
+        """Return the error for a name that is no FMU of the catalogue."""
+        hint = "the path of an FMU ends in .fmu"
+        wrong = InputError.unknown(
+            "FMU", fmu, [*CATALOGUE, "FILE.fmu"], where="components", hint=hint
+        )
+        if (self.folder / f"{fmu}.fmu").is_file():
+            wrong.hint = f"did you mean {fmu}.fmu?"
+        return wrong

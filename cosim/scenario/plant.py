@@ -7,8 +7,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from cosim import hinf
 from cosim.fmu import component_module
-from cosim.hinf import AuvDesignSettings
 from cosim.models import TABLE_1, DelaySystem
 
 _PLANT = component_module("delayed_plant.variables")
@@ -16,7 +16,7 @@ _ENTRY = re.compile(r"(?:[AH][0-9]*|[BCE]|D[12]?)\[[0-9]+,[0-9]+\]")
 
 
 def is_vehicle_of(
-    design: AuvDesignSettings, parameters: Mapping[str, float | None], *, exact: bool = False
+    design: hinf.AuvDesignSettings, parameters: Mapping[str, float | None], *, exact: bool = False
 ) -> bool:
     """Whether these parameters are those of the vehicle in the design; `exact`: the delay too."""
     wanted = {name: design.parameters[name] for name in TABLE_1}

@@ -241,9 +241,9 @@ class DesignPart(Part):
     the system of that design.
     """
     file: Text | None = None
-    """Design to use: a `.json` that `cosim design --save` wrote, or the name of a built-in design.
-    Its proof is checked before the run, no solver runs, and other keys about the system must
-    agree with it.
+    """Design to use: a `.json` that `cosim design --save` wrote, a `.fmu` that `cosim fmu
+    controller` made of one, or the name of a built-in design. Its proof is checked before the run,
+    no solver runs, and other keys about the system must agree with it.
     """
     controller: Name = "controller"
     """Component that gets the gain."""

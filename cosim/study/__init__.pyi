@@ -10,6 +10,7 @@ from .read import (
     builtin_studies as builtin_studies,
     load_study as load_study,
 )
+from .repeat import repeat_run as repeat_run
 from .running import (
     plan_of as plan_of,
     pool_for as pool_for,

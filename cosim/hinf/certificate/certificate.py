@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cosim.core import InputError
+from cosim.core import DESIGN_FILE, SCHEMA, InputError, unreadable
 from cosim.hinf.certificate.ages_certificate import AGES, check_ages
 from cosim.hinf.certificate.analysis_certificate import KIND, check_analysis
 from cosim.hinf.certificate.exact_lmi import ExactVariables
@@ -64,7 +64,7 @@ _OTHERS: dict[str, Callable[[dict[str, Any]], CertificateCheck]] = {
 """Checks of certificates by kind; a gain proved by Theorem 2 has no kind."""
 
 _KEYS = ("claim", "system", "variables", "K")
-_NOTES = ("figures", "made_for")  # keys of a saved design that are no part of its certificate
+_NOTES = (SCHEMA, "figures", "made_for")  # of a saved design, no part of its certificate
 _VARIABLES = ("X", "Y", "Q", "R", "eps", "k1", "k2", "gamma")
 
 
@@ -169,7 +169,7 @@ def read_certificate(path: str | Path) -> Any:
     try:
         content = Path(path).read_bytes()
     except OSError as error:
-        raise InputError("cannot be read", where=str(path), got=error.strerror) from error
+        raise unreadable(Path(path), error, what="cannot be read") from error
     return certificate_from_bytes(content, str(path))
 
 
@@ -178,15 +178,16 @@ def certificate_from_bytes(content: bytes, where: str) -> Any:
 
     Raises
     ------
-    InputError : if it is no JSON, with the line.
+    InputError : if it is no JSON, with the line; if it has a newer schema version.
     """
     try:
-        return json.loads(content.decode("utf-8"))
+        data = json.loads(content.decode("utf-8"))
     except json.JSONDecodeError as error:
         place = f"{where}, line {error.lineno}, column {error.colno}"
         raise InputError("not JSON", where=place, got=error.msg) from error
     except (ValueError, RecursionError) as error:
         raise InputError("not a certificate in JSON", where=where, got=str(error)) from error
+    return DESIGN_FILE.current(data, where) if isinstance(data, dict) else data
 
 
 def certificate_bytes(data: dict[str, Any]) -> bytes:

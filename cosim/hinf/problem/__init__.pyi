@@ -39,7 +39,7 @@ from .system_toml import (
     Delay as Delay,
     DelaySystem as DelaySystem,
     NamedSystem as NamedSystem,
-    parse_toml as parse_toml,
     system_by_name as system_by_name,
+    unknown_system as unknown_system,
 )
 from .weights import weighted as weighted

@@ -43,6 +43,8 @@ state-space or, for a diagonal filter, as transfer functions by falling powers o
     numerators = [[1.0]]                  # one per w; here 1 / (10 s + 1)
     denominators = [[10.0, 1.0]]
 
+`schema = 1` above the tables says the version of their keys (`cosim.core.file_kinds`).
+
 Optional settings of a design, k1 and k2 one number per delay, with its constraints
 (`cosim.hinf.problem.design_constraints`)::
 
@@ -61,16 +63,13 @@ Optional settings of a design, k1 and k2 one number per delay, with its constrai
 
 from __future__ import annotations
 
-import gc
-import re
-import tomllib
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from cosim.core import InputError
+from cosim.core import SYSTEM_FILE, InputError, unreadable
 from cosim.hinf.certificate import (
     assembled,
     delay_from,
@@ -78,6 +77,8 @@ from cosim.hinf.certificate import (
     known_keys,
     matrix_from_rows,
     number,
+    refused,
+    seconds,
 )
 from cosim.hinf.problem.auv import DEFAULT_K1, DEFAULT_K2, auv_system
 from cosim.hinf.problem.design_constraints import (
@@ -86,6 +87,7 @@ from cosim.hinf.problem.design_constraints import (
 )
 from cosim.hinf.problem.feedback_structure import states_of, with_integral
 from cosim.hinf.problem.filters import Filter, filtered
+from cosim.hinf.problem.misplaced_keys import AT_THE_TOP, IN_DESIGN, IN_SYSTEM, OTHER_FILES
 from cosim.hinf.problem.system_keys import DESIGN, FILTER, INTEGRAL, SYSTEM
 from cosim.hinf.problem.weights import weighted
 from cosim.models import (
@@ -134,8 +136,15 @@ def system_by_name(name: str) -> NamedSystem:
     if name == "auv":
         return NamedSystem(auv_system(), DEFAULT_K1, DEFAULT_K2)
     if not name.endswith(".toml"):
-        raise InputError.unknown("system", name, (*BUILT_IN_SYSTEMS, "FILE.toml"))
+        raise unknown_system(name)
     return load_system(name)
+
+
+def unknown_system(name: str, where: str | None = None) -> InputError:
+    """Return the error for a name that is neither a built-in system nor a file of one."""
+    hint = OTHER_FILES.get(Path(name).suffix, "a system of your own is a TOML file")
+    known = (*BUILT_IN_SYSTEMS, "FILE.toml")
+    return InputError.unknown("system", name, known, where=where, hint=hint.format(file=name))
 
 
 def load_system(path: str | Path) -> NamedSystem:
@@ -150,7 +159,7 @@ def load_system(path: str | Path) -> NamedSystem:
     try:
         text = path.read_text("utf-8")
     except (OSError, UnicodeDecodeError) as error:
-        raise InputError("the file cannot be read", where=str(path), got=str(error)) from error
+        raise unreadable(path, error) from error
     return system_from_toml(text, where=str(path), name=path.stem)
 
 
@@ -161,10 +170,10 @@ def system_from_toml(text: str, *, where: str, name: str) -> NamedSystem:
     ------
     InputError : as `load_system`.
     """
-    data = parse_toml(text, where)
-    known_keys(data, where, ("system", "design", "weights"), required=("system",))
+    data = SYSTEM_FILE.from_toml(text, where)
+    known_keys(data, where, ("system", "design", "weights"), required=("system",), hints=AT_THE_TOP)
     table, place = data["system"], f"{where}: system"
-    known_keys(table, place, tuple(SYSTEM), required=("A",))
+    known_keys(table, place, tuple(SYSTEM), required=("A",), hints=IN_SYSTEM)
     system = assembled(table, _delays(table, place), place, name)
     weights, unweighted = None, None
     if "weights" in table:
@@ -177,7 +186,7 @@ def system_from_toml(text: str, *, where: str, name: str) -> NamedSystem:
         unweighted = None if unweighted is None else _with_more_states(unweighted, data, where)
     place = f"{where}: design"
     design = data.get("design", {})
-    known_keys(design, place, tuple(DESIGN))
+    known_keys(design, place, tuple(DESIGN), hints=IN_DESIGN)
     k1 = _scalars(design["k1"], f"{place}.k1", N) if "k1" in design else None
     k2 = _scalars(design["k2"], f"{place}.k2", N) if "k2" in design else None
     if k2 is not None and 0.0 in k2:
@@ -200,35 +209,6 @@ def system_from_toml(text: str, *, where: str, name: str) -> NamedSystem:
     return NamedSystem(system, k1, k2, gamma, weights, unweighted, design_constraints, plant)
 
 
-def parse_toml(text: str, where: str) -> dict[str, Any]:
-    """Parse TOML.
-
-    Raises
-    ------
-    InputError : it is malformed; the message has the line and its content.
-    """
-    # a finaliser that the collector runs where nesting has used up the stack would fail, and say so
-    collecting = gc.isenabled()
-    gc.disable()
-    try:
-        return tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        place = re.search(r"line (\d+)", str(error))
-        # "at end of document": the last line is where something is missing
-        lines = text.splitlines() or [""]
-        line = int(place.group(1)) if place else len(lines)
-        content = lines[min(line, len(lines)) - 1].strip()
-        raise InputError(
-            "malformed TOML", where=f"{where}:{line}", expected=str(error), got=content
-        ) from error
-    except (ValueError, RecursionError) as error:
-        # beyond the limits of the parser: an integer of thousands of digits, deep nesting
-        raise InputError("malformed TOML", where=where, got=str(error)) from error
-    finally:
-        if collecting:
-            gc.enable()
-
-
 def _delays(data: dict[str, Any], where: str) -> list[Delay]:
     """Return the delays of either spelling."""
     n = len(data["A"]) if isinstance(data["A"], list) else 0
@@ -247,7 +227,9 @@ def _delays(data: dict[str, Any], where: str) -> list[Delay]:
                 "not a list of delays",
                 where=f"{where}.delays",
                 expected="[[system.delays]], double brackets",
-                got=type(tables).__name__,
+                got="[system.delays], single brackets"
+                if isinstance(tables, dict)
+                else format_value(tables),
             )
         return [delay_from(table, f"{where}.delays[{i}]", n) for i, table in enumerate(tables)]
     if one and (one == ["d"] or "d" not in one):
@@ -256,17 +238,18 @@ def _delays(data: dict[str, Any], where: str) -> list[Delay]:
             where=where,
             expected="d, and A1 or H1 (or both)",
             got=", ".join(one),
-            hint="a delay through which only the control acts is a [[system.delays]]",
+            hint="a delay of the feedback alone is a table [[system.delays]], with "
+            f"d = {format_value(data.get('d', 0.3))}, feedback = true, any_age = true",
         )
     if not one:
         return []
     A1 = matrix_from_rows(data["A1"], f"{where}.A1") if "A1" in data else np.zeros((n, n))
     H1 = matrix_from_rows(data["H1"], f"{where}.H1") if "H1" in data else None
-    d = number(data["d"], f"{where}.d")
+    d = seconds(data["d"], f"{where}.d")
     try:
         return [Delay(d, A1, H1)]
     except ValueError as error:
-        raise InputError(str(error), where=f"{where} (d, A1, H1)") from error
+        raise refused(error, f"{where} (d, A1, H1)") from error
 
 
 def _with_more_states(system: DelaySystem, data: dict[str, Any], where: str) -> DelaySystem:

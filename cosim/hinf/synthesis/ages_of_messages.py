@@ -28,7 +28,7 @@ from cosim.hinf.nominal import (
 from cosim.hinf.problem import refuse_structure
 from cosim.hinf.synthesis.analysis import Analysis, analyse, gain_of
 from cosim.hinf.synthesis.certified_delays import certified_age
-from cosim.hinf.synthesis.designs import Design
+from cosim.hinf.synthesis.certified_design import Design
 from cosim.hinf.synthesis.gain_design import design
 from cosim.hinf.synthesis.greatest_delays import DELAY_LIMIT
 from cosim.models import Delay, DelaySystem

@@ -1,0 +1,68 @@
+"""A design: a gain with its proof.
+
+It stands apart from what makes one: a run reads a design, and loads no solver for that.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cosim.hinf.certificate import Guarantees, covers_smaller
+from cosim.models import DelaySystem
+
+if TYPE_CHECKING:
+    from cosim.hinf.nominal import WorstCase
+
+
+@dataclass(frozen=True, eq=False)
+class Design:
+    """A certified gain, with its proof and the figures of its nominal loop.
+
+    Attributes
+    ----------
+    system : the system it is designed for.
+    K : (m, n) the gain, as its doubles.
+    gamma : certified bound of the gain from w to z, uncertainty included; None where the
+        system has no w or no z, and stability alone is certified.
+    k1, k2 : one per delay; empty where the proof has an `order`.
+    least_gamma : the solver's least gamma at k1, k2; not proved.
+    abscissa, exact_norm, exact_norm_upper, norm_frequency, delay_margin : of the nominal loop
+        (`cosim.hinf.nominal.nominal_figures`); None also where it could not be computed (a delay
+        too long for its roots to be counted), or where an older file has none.
+    certificate : the proof as JSON values, for `check_certificate`.
+    order : Bessel-Legendre order of the proof, an analysis of K without k1, k2; None for
+        Theorem 2.
+    worst_case : the sinusoid that the nominal loop amplifies most; None where its norm is not
+        attained at a finite frequency, and in older files.
+    guarantees : the design constraints that are proved, also in the certificate.
+    """
+
+    system: DelaySystem
+    K: NDArray[np.float64]
+    gamma: float | None
+    k1: tuple[float, ...]
+    k2: tuple[float, ...]
+    least_gamma: float | None
+    abscissa: float | None
+    exact_norm: float | None
+    exact_norm_upper: float | None
+    norm_frequency: float | None
+    delay_margin: tuple[float | None, ...] | None
+    certificate: dict[str, Any]
+    order: int | None = None
+    worst_case: WorstCase | None = None
+    guarantees: Guarantees = field(default_factory=Guarantees)
+
+    @property
+    def covers_smaller_delays(self) -> bool:
+        """Whether the proof covers every delay up to the system's, not exactly these alone."""
+        return self.order is None or covers_smaller(self.certificate["claim"])
+
+    @property
+    def certified(self) -> bool:
+        """Always true: a `Design` is only made with a proof."""
+        return True
