@@ -14,6 +14,10 @@ from .files import (
     write_whole as write_whole,
     written_beside as written_beside,
 )
+from .notebook import (
+    html_table as html_table,
+    matrix_text as matrix_text,
+)
 from .processes import (
     DEATH_HINTS as DEATH_HINTS,
     death_of as death_of,

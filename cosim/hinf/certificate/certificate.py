@@ -26,6 +26,7 @@ from numpy.typing import ArrayLike
 from cosim.core import InputError
 from cosim.hinf.certificate.ages_certificate import AGES, check_ages
 from cosim.hinf.certificate.analysis_certificate import KIND, check_analysis
+from cosim.hinf.certificate.document import Certificate
 from cosim.hinf.certificate.exact_lmi import ExactVariables
 from cosim.hinf.certificate.guarantees import Guarantees, guarantees_from_json
 from cosim.hinf.certificate.norm_certificate import NORM, check_norm
@@ -181,12 +182,13 @@ def certificate_from_bytes(content: bytes, where: str) -> Any:
     InputError : if it is no JSON, with the line.
     """
     try:
-        return json.loads(content.decode("utf-8"))
+        data = json.loads(content.decode("utf-8"))
     except json.JSONDecodeError as error:
         place = f"{where}, line {error.lineno}, column {error.colno}"
         raise InputError("not JSON", where=place, got=error.msg) from error
     except (ValueError, RecursionError) as error:
         raise InputError("not a certificate in JSON", where=where, got=str(error)) from error
+    return Certificate(data) if isinstance(data, dict) else data
 
 
 def certificate_bytes(data: dict[str, Any]) -> bytes:

@@ -21,9 +21,9 @@ _FARTHEST = 4.0  # of a Nyquist curve that is shown, where it goes to infinity
 
 
 def _pyplot() -> Any:
-    return optional("matplotlib.pyplot", extra="plot", what="plots need matplotlib") and (
-        __import__("matplotlib.pyplot", fromlist=["pyplot"])
-    )
+    needed = {"extra": "plot", "what": "plots need matplotlib"}
+    optional("matplotlib", **needed)
+    return optional("matplotlib.pyplot", **needed)
 
 
 def _axes(ax: Any) -> Any:
@@ -123,10 +123,8 @@ def draw_nyquist(found: Nyquist, ax: Any = None) -> Any:
     ax.set_aspect("equal")
     ax.set(xlabel="real part", ylabel="imaginary part")
     verdict = "stable" if found.stable else f"{found.closed_roots} unstable roots"
-    ax.set_title(
-        f"{found.encirclements} clockwise encirclements of −1 + {found.open_poles} poles: {verdict}",
-        fontsize="medium",
-    )
+    turns = f"{found.encirclements} clockwise encirclements of -1"
+    ax.set_title(f"{turns}, {found.open_poles} unstable poles: {verdict}", fontsize="medium")
     ax.grid(**_GRID)
     return ax
 

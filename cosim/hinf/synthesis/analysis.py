@@ -18,9 +18,10 @@ from typing import Any, Literal, Protocol, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cosim.core import InputError
+from cosim.core import InputError, html_table, matrix_text
 from cosim.hinf.certificate import (
     MAX_ORDER,
+    Certificate,
     Damping,
     Guarantees,
     check_measured,
@@ -53,7 +54,7 @@ _FIRST_IF_COSTLY = 3
 _MUCH = 0.1  # share of gamma worth a proof of exactly these delays, or an odd gain
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Analysis:
     """The result of an analysis: what is certified of a loop, and its nominal figures.
 
@@ -91,6 +92,19 @@ class Analysis:
     guarantees: Guarantees = field(default_factory=Guarantees)
     damping_reason: str | None = None
 
+    def __post_init__(self) -> None:
+        if self.certificate is not None:
+            object.__setattr__(self, "certificate", Certificate(self.certificate))
+
+    def __repr__(self) -> str:
+        name = f" {self.system.name!r}" if self.system.name else ""
+        gain = "u = 0" if self.K is None else f"K = {matrix_text(self.K)}"
+        return f"<Analysis{name}: {gain}, {proved_words(self)}>"
+
+    def _repr_html_(self) -> str:
+        """Return what is proved and the figures of the nominal loop, as notebooks show them."""
+        return html_table(repr(self), {"system": repr(self.system)[1:-1], **result_rows(self)})
+
     @property
     def covers_smaller_delays(self) -> bool:
         """Whether the proof covers every delay up to the system's, not exactly these alone."""
@@ -104,6 +118,33 @@ class Analysis:
         if self.abscissa < 0 or any(delay.sampled for delay in self.system.delays):
             return "undecided"
         return verdict_of(self.system, gain_of(self.system, self.K), self.abscissa)[0]
+
+
+def proved_words(found: Any) -> str:
+    """Return what a design or an analysis proves, in a few words."""
+    if not found.certified:
+        return f"not certified: {found.reason}"
+    delays = found.system.delays
+    cover = ", for every smaller delay too" if delays and found.covers_smaller_delays else ""
+    what = "stability" if found.gamma is None else f"gamma {found.gamma:.6g}"
+    return f"{what} certified{cover}"
+
+
+def result_rows(found: Any) -> dict[str, str]:
+    """Return the rows about a design or an analysis in a notebook."""
+    rows = {} if found.K is None else {"K": matrix_text(found.K, most=24)}
+    rows["certified"] = proved_words(found)
+    if found.abscissa is not None:
+        rows["rightmost root (computed)"] = f"real part {found.abscissa:.6g} 1/s"
+    if found.exact_norm is not None:
+        rows["norm of the nominal loop (computed)"] = f"{found.exact_norm:.6g}"
+    if found.exact_norm_upper is not None:
+        rows["the same, an upper bound (proved)"] = f"{found.exact_norm_upper:.6g}"
+    for i, margin in enumerate(found.delay_margin or (), 1):
+        rows[f"stable up to delay {i} of (computed)"] = (
+            "any" if margin is None else f"{margin:.6g} s"
+        )
+    return rows
 
 
 Order = int | Literal["auto"]

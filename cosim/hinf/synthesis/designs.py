@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cosim.core import NotAchievableError
+from cosim.core import NotAchievableError, html_table, matrix_text
 from cosim.hinf.certificate import (
+    Certificate,
     Guarantees,
     Variables,
     certificate_to_json,
@@ -27,6 +28,8 @@ from cosim.hinf.synthesis.analysis import (
     best_analysis,
     check_gamma,
     gain_of,
+    proved_words,
+    result_rows,
 )
 from cosim.hinf.synthesis.not_achievable import hint_after
 from cosim.models import DelaySystem, Matrix
@@ -35,7 +38,7 @@ GAIN_DIGITS = 6
 """Significant digits of a designed gain, relative to its largest entry."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Design:
     """A certified gain, with its proof and the figures of its nominal loop.
 
@@ -73,6 +76,17 @@ class Design:
     order: int | None = None
     worst_case: WorstCase | None = None
     guarantees: Guarantees = field(default_factory=Guarantees)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "certificate", Certificate(self.certificate))
+
+    def __repr__(self) -> str:
+        name = f" {self.system.name!r}" if self.system.name else ""
+        return f"<Design{name}: K = {matrix_text(self.K)}, {proved_words(self)}>"
+
+    def _repr_html_(self) -> str:
+        """Return the gain, what is proved of it and the figures of its loop, for notebooks."""
+        return html_table(repr(self), {"system": repr(self.system)[1:-1], **result_rows(self)})
 
     @property
     def covers_smaller_delays(self) -> bool:
