@@ -2,7 +2,7 @@
 
 | block | what is done with it |
 |---|---|
-| `console` | each line is a command, typed in the folder of the page |
+| `sh` | each line is a command, typed in the folder of the page |
 | `toml` that begins with `# NAME.toml` | that file is written |
 | `toml` below `<!-- part of a scenario -->` | the tables are read as tables of a scenario |
 | `python` that begins with `# NAME.py` | that file is written |
@@ -45,7 +45,9 @@ _FENCE = re.compile(
 )
 _NAMED = re.compile(r"# (\S+\.(?:toml|py))\n")
 _OURS = re.compile(r"^(?:cosim|python|fmpy) ")
-LANGUAGES = {"console", "toml", "python", "text", "math"}
+SETUP = ("python3 -m venv .venv", ". .venv/bin/activate")
+"""What every reader of an install section knows; the gate does the same to get its wheel."""
+LANGUAGES = {"sh", "toml", "python", "text", "math"}
 
 
 @dataclass(frozen=True)
@@ -118,7 +120,7 @@ class Reader:
             file.write_text(block.text, "utf-8")
             return
         match block.language:
-            case "console":
+            case "sh":
                 self.output = "".join(self._typed(line) for line in block.commands)
             case "python":
                 self.output = self._run(block)
@@ -137,7 +139,7 @@ class Reader:
             result = cosim(*arguments, cwd=self.folder)
             assert result.code == 0, f"{line}\n{result.out}\n{result.err}"
             return result.out + result.err
-        if name in ("pip", "make"):
+        if name in ("pip", "make") or line in SETUP:
             checked_by_name(line)
             return ""
         program = Path(sys.executable).with_name("python" if name == "python" else name)
