@@ -9,13 +9,7 @@ import shlex
 from functools import cache
 from pathlib import Path
 
-<<<<<<< HEAD
-from cosim.core import cache_folder, write_whole
-=======
-from platformdirs import user_cache_path
-
-from cosim.core import say_once, write_whole
->>>>>>> main
+from cosim.core import cache_folder, say_once, write_whole
 from cosim.fmu.export.native.compiler import STANDARD, host_compiler, shared_library
 from cosim.fmu.export.native.platforms import Platform, host
 from cosim.fmu.prebuilt import prebuilt_file

@@ -222,19 +222,8 @@ def _rows(text: bytes) -> Iterator[Row]:
                 yield Row(run, status, reason, seconds, tuple(values))
 
 
-<<<<<<< HEAD
 def _lock(run_log: Any, path: Path) -> None:
     if not lock_file(run_log):
-=======
-def _lock(file: Any, path: Path) -> None:
-    try:
-        import fcntl  # noqa: PLC0415 - without it, two processes at once are not detected
-    except ImportError:
-        return
-    try:
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError as error:
->>>>>>> main
         raise InputError(
             "another process is running this study", where=str(path), hint="another folder: --out"
         )
