@@ -10,7 +10,7 @@ READY := $(VENV)/.ready
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help demo test lint bench fmus clean release
+.PHONY: help demo test lint bench docs fmus clean release
 
 help: ## show this list
 	@echo "make <target>   [PYTHON=$(PYTHON)] [VENV=$(VENV)] [JOBS=$(JOBS)]"
@@ -40,6 +40,12 @@ bench: $(READY) ## run every benchmark; each prints its table and its JSON
 		echo "== $$script"; $(BIN)/python -m tests.benchmarks.$$(basename $$script .py); \
 	done
 
+docs: $(READY) ## build the documentation into site/, which needs no network
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check \
+		-c constraints.txt -e '.[docs]'
+	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict --quiet
+	$(BIN)/python -m docs_site.offline site
+
 fmus: $(READY) ## build every FMU into fmus/
 	$(BIN)/python build_fmu.py
 
@@ -49,7 +55,7 @@ release: $(READY) ## make dist/: wheel, sdist, FMUs and SSPs, SBOM, checksums; t
 	$(BIN)/python .ci/release.py
 
 clean: ## remove what the other targets made, traces excepted
-	rm -rf .venv .venv-ci fmus dist build .mypy_cache .pytest_cache .ruff_cache .hypothesis
+	rm -rf .venv .venv-ci fmus dist build site .mypy_cache .pytest_cache .ruff_cache .hypothesis
 	find cosim fmu_src tests -type d -name __pycache__ -prune -exec rm -rf {} +
 
 # The environment is hidden from git and from ruff wherever it stands.

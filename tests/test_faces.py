@@ -40,6 +40,7 @@ LOWER_ROOMS: dict[str, set[str]] = {
     "nominal": {"certificate"},
     "lmi": {"certificate", "problem"},
     "synthesis": {"certificate", "problem", "nominal", "lmi"},
+    "response": {"nominal", "synthesis"},
 }
 """Room of `cosim.hinf` -> the rooms that it may import from."""
 

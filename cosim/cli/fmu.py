@@ -11,6 +11,7 @@ from cosim.cli.arguments import numbers
 from cosim.cli.common import JsonOption, answer
 from cosim.cli.design_view import packed_view, plant_view
 from cosim.cli.fmu_view import check_view, info_view
+from cosim.cli.help_text import HelpTyper
 from cosim.core import CheckFailedError, InputError
 from cosim.fmu import (
     DEFAULT_FLAVOUR,
@@ -24,8 +25,7 @@ from cosim.fmu import (
 )
 from cosim.replay import certificate_in
 
-fmu_app = typer.Typer(
-    no_args_is_help=True,
+fmu_app = HelpTyper(
     help="Export a plant or a controller as an FMU; inspect or check any FMU.",
 )
 
@@ -60,6 +60,9 @@ def info(file: FileArgument, *, as_json: JsonOption = False) -> None:
     """Describe an FMU: kinds of use, platforms, variables, units, required libraries.
 
     Nothing is unpacked or executed.
+
+    \b
+    cosim fmu info my-plant.fmu
     """
     found = inspect_fmu(file)
     if found.model is None:
@@ -95,6 +98,10 @@ def check(
     restored, reset and terminated in a separate process, so that a crash is reported as a finding.
 
     Exit code 0: no errors; 1: at least one error; 2: the file is not an FMU.
+
+    \b
+    cosim fmu check my-plant.fmu
+    cosim fmu check my-plant.fmu --run
     """
     found = inspect_fmu(file)
     if run:
@@ -129,15 +136,19 @@ def build(
     *,
     as_json: JsonOption = False,
 ) -> None:
-    r"""Export a plant FMU of a linear system with delays, with the symbols of Eq. (7).
+    """Export a plant FMU of a linear system with delays, with the symbols of Eq. (7).
 
-    The system may have any dimension and any number of delays. Inputs are u\[j] and w\[k],
-    outputs x\[i] and z\[l]. Every matrix entry and every delay is a parameter whose start value is
-    the number in the file. With one delay: A1\[i,j], H1\[i,j], delay.d; with several: A1, H1,
+    The system may have any dimension and any number of delays. Inputs are u[j] and w[k],
+    outputs x[i] and z[l]. Every matrix entry and every delay is a parameter whose start value is
+    the number in the file. With one delay: A1[i,j], H1[i,j], delay.d; with several: A1, H1,
     delay.d1, A2, H2, delay.d2, ...
 
     A delay marked feedback = true belongs to the link between plant and controller. The FMU
     does not contain it; if the delay has an A or H of its own, those are in the FMU.
+
+    \b
+    cosim fmu build my-system.toml -o my-plant.fmu
+    cosim fmu build paper --initial 1,0
     """
     file = Path(system)
     target = _target(file, out)
@@ -189,7 +200,12 @@ def controller(
     The proof is checked before anything is written. A design for the vehicle gives a
     controller from position and velocity to thrust, like HinfController; any other design gives
     a controller from the state x to the control u. Gain, limits and sample time are parameters;
-    the certificate holds for the gain that the FMU starts with.
+    the certificate holds for the gain that the FMU starts with. A scenario that connects this FMU
+    to its plant needs no [design]: the certificate counts.
+
+    \b
+    cosim fmu controller gain.json -o my-controller.fmu
+    cosim fmu controller gain.json -o sampled.fmu --sample-time 0.05 --limits 2
     """
     kind = target_named(flavour, platforms)
     found = certificate_in(file)

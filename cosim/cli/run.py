@@ -15,32 +15,44 @@ from cosim.cli.common import (
     FmusOption,
     JsonOption,
     RunFlavour,
+    ScenarioArgument,
     SetOption,
     answer,
     progress,
 )
-from cosim.cli.run_view import demo_view, outcome_view
-from cosim.cli.runs import interruptions_reported, make_fmu_cache
+from cosim.cli.run_view import demo_view
+from cosim.cli.runs import interruptions_reported, make_fmu_cache, report_outcome
 from cosim.cli.step_check_view import step_check_view
-from cosim.core import CheckFailedError, ComponentError, InputError
+from cosim.core import CheckFailedError, InputError
 from cosim.fmu import DEFAULT_FLAVOUR
 
 
 def demo(
-    out: Annotated[Path, typer.Option(help="Folder for the traces and the picture.")] = TRACES,
+    out: Annotated[
+        Path, typer.Option("--out", "-o", help="Folder for the traces and the picture.")
+    ] = TRACES,
     fmus: FmusOption = FMUS,
     as_json: JsonOption = False,
 ) -> None:
-    """Run two gains over the same acoustic link and compare them in one picture."""
+    """Run two gains over the same acoustic link and compare them in one picture.
+
+    The same vehicle runs twice in the same sea: with a gain designed for old measurements, and
+    with one designed without a delay. Traces and picture are written to the folder --out.
+
+    \b
+    cosim demo
+    cosim demo --out demo
+    """
     with progress() as report_progress, interruptions_reported():
         result = scenario.demonstrate(make_fmu_cache(fmus), out, report_progress)
     answer(as_json, result.to_json, lambda: demo_view(result))
 
 
 def run(
-    name: Annotated[str, typer.Argument(help="Name of a built-in scenario, or FILE.toml.")],
+    name: ScenarioArgument,
     out: Annotated[
-        Path | None, typer.Option(help="File of the trace (default: traces/NAME.mcap).")
+        Path | None,
+        typer.Option("--out", "-o", help="File of the trace (default: traces/NAME.mcap)."),
     ] = None,
     fmus: FmusOption = FMUS,
     engine: Annotated[
@@ -128,9 +140,9 @@ def run(
     cosim run auv-acoustic
     cosim run auv-acoustic --set links.uplink.delay='400 ms' --set run.end=60
     cosim run auv-acoustic --stop-when 'abs(plant.eta.x) < 1 m and t > 10 s'
-    cosim run auv-acoustic --until '1 min' --pace 10
+    cosim run auv-acoustic --until '10 s' --pace 20
     cosim run auv-acoustic --check-step
-    cosim run my.toml --limit call=30 --limit memory='2 GB'
+    cosim run mine.toml --limit call=30 --limit memory='2 GB'
     """
     settings = list(changed or ())
     if log_level is not None:
@@ -175,11 +187,7 @@ def run(
             fsync=fsync,
             supervision=supervision,
         )
-    answer(as_json, outcome.to_json, lambda: outcome_view(outcome))
-    if outcome.status == "failed":
-        raise typer.Exit(ComponentError.exit_code)
-    if not outcome.as_expected:
-        raise typer.Exit(CheckFailedError.exit_code)
+    report_outcome(outcome, as_json)
 
 
 def _refuse_together(option: str, others: Mapping[str, object]) -> None:

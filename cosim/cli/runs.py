@@ -1,4 +1,4 @@
-"""What the commands share that run something: where FMUs are, and what an interruption leaves."""
+"""What the commands share that run something: where FMUs are, and how a run is reported."""
 
 from __future__ import annotations
 
@@ -6,8 +6,12 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+import typer
+
 from cosim import scenario
-from cosim.core import StoppedError, TerminatedError
+from cosim.cli.common import answer
+from cosim.cli.run_view import outcome_view
+from cosim.core import CheckFailedError, ComponentError, StoppedError, TerminatedError
 from cosim.fmu import DEFAULT_FLAVOUR
 
 
@@ -37,3 +41,12 @@ def make_fmu_cache(
 ) -> scenario.FmuCache:
     """Return the cache in which a run finds its FMUs, or builds them."""
     return scenario.FmuCache(root=fmus, folder=folder or Path.cwd(), flavour=flavour)
+
+
+def report_outcome(outcome: scenario.Outcome, as_json: bool) -> None:  # noqa: FBT001 - as `answer`
+    """Print the outcome of a run, and leave with its exit code."""
+    answer(as_json, outcome.to_json, lambda: outcome_view(outcome))
+    if outcome.status == "failed":
+        raise typer.Exit(ComponentError.exit_code)
+    if not outcome.as_expected:
+        raise typer.Exit(CheckFailedError.exit_code)

@@ -18,14 +18,14 @@ from cosim.cli.common import (
     answer,
     progress,
 )
+from cosim.cli.help_text import HelpTyper
 from cosim.cli.runs import make_fmu_cache
 from cosim.cli.terminal import console, facts_table
 from cosim.core import InputError
 from cosim.fmu import DEFAULT_FLAVOUR
 from cosim.scenario import SspExport, SspImport, export_ssp, import_ssp, load, prepare
 
-ssp_app = typer.Typer(
-    no_args_is_help=True,
+ssp_app = HelpTyper(
     help="Export a scenario as an SSP archive for other tools, or import an archive.",
 )
 
@@ -102,8 +102,8 @@ def import_verb(
     links again. Anything that is left out is named in a warning.
 
     \b
-    cosim ssp import theirs.ssp -o theirs.toml
-    cosim run theirs.toml
+    cosim ssp import auv.ssp -o from-ssp.toml
+    cosim run from-ssp.toml
     """
     path = out or Path(f"{file.stem}.toml")
     if out is None and path.exists():

@@ -126,8 +126,7 @@ def inject(
 
     \b
     cosim trace inject traces/auv-acoustic.mcap --into HinfController --compare controller
-    cosim trace inject traces/auv-acoustic.mcap --into mine.fmu
-      --map-group plant.eta=eta --as sent --sample-time 0.15 --delay 0.4 --loss 0.1
+    cosim trace inject traces/auv-acoustic.mcap --into HinfController --as sent --delay 0.4
     """
     place = make_fmu_cache(fmus, Path.cwd(), flavour)
     request = InjectionRequest(

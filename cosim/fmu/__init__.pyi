@@ -3,6 +3,10 @@ from .call_watch import (
     calling as calling,
     watch_calls as watch_calls,
 )
+from .certificate import (
+    carries_certificate as carries_certificate,
+    certificate_in_fmu as certificate_in_fmu,
+)
 from .compiled import (
     compiled_library as compiled_library,
     is_prebuilt as is_prebuilt,

@@ -1,9 +1,12 @@
 """H-infinity design over delays: the LMI, its exact proof, figures of the nominal loop.
 
-Five rooms, each with a face of its own; imports point one way, `models` and `core` below all:
+Six rooms, each with a face of its own; imports point one way, `models` and `core` below all:
 
-    synthesis -> lmi -> problem -> certificate
-    synthesis -> nominal -> certificate
+    response -> synthesis -> lmi -> problem -> certificate
+    response -> synthesis -> nominal -> certificate
+
+`response` is for systems with delays by themselves, as `DelayLTI`: what python-control and SciPy do
+for systems without.
 
 `certificate` is the prover. It loads no solver and no other room, so that a proof can be checked
 by less code than found it; the JSON of systems is there because a certificate contains one.

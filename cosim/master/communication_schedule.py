@@ -15,6 +15,8 @@ from cosim.master.component_points import own_instants
 from cosim.network import DelaySignal, GrowingSchedule, PacketLink, PacketSchedule, TransportLink
 
 Link = PacketLink | TransportLink
+"""A link of either kind."""
+
 Events = Literal["align", "grid"]
 Integers = NDArray[np.int64]
 

@@ -364,7 +364,8 @@ class Session:
     def result(self, *, complete: bool = False) -> Run:
         """Return the run so far; its status is "stopped" if it has not ended by itself.
 
-        It includes the values at `time_s`, where they are known before the run continues (see
+        Its rows are those of the session: `restore` and what follows writes over them. It includes
+        the values at `time_s`, where they are known before the run continues (see
         `value`); `complete` : rows that are complete only, as the observers have them.
         """
         loop = self._opened()

@@ -31,6 +31,7 @@ from numpy.typing import ArrayLike, NDArray
 from cosim.models.state_space import plant_from
 
 Matrix = NDArray[np.float64]
+"""A matrix of doubles."""
 
 
 def _matrix(name: str, value: ArrayLike, rows: int | None, columns: int | None) -> Matrix:

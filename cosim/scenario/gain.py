@@ -60,8 +60,10 @@ def _problem_of(part: DesignPart, folder: Path) -> Problem:
     elif system in hinf.BUILT_IN_SYSTEMS:
         named = hinf.system_by_name(system)
     else:
-        known = (*hinf.BUILT_IN_SYSTEMS, "FILE.toml")
-        raise InputError.unknown("system", system, known, where="design.system")
+        wrong = hinf.unknown_system(system, "design.system")
+        if system.endswith(".json"):
+            wrong.hint = f'a design is named by another key: file = "{system}"'
+        raise wrong
     k1 = named.k1 if part.k1 is None else tuple(part.k1)
     k2 = named.k2 if part.k2 is None else tuple(part.k2)
     return Problem(named.system, k1, k2, None, named.design_constraints)
@@ -107,7 +109,8 @@ def problem_about(part: DesignPart, found: hinf.Design, where: str, folder: Path
             where=where,
             expected=f"the system {named!r} as [design] describes it",
             got=differs,
-            hint="say in [design] what it was made for, leave that out, or leave out file",
+            hint="leave out system and what else describes it: the design knows its own; or "
+            "leave out file, and a new gain is designed",
         )
     return replace(own, vehicle=described.vehicle)
 
@@ -174,10 +177,8 @@ def require_up_to(found: hinf.Design) -> None:
     _refuse_rate(found.system)
     if found.covers_smaller_delays:
         return
-    # ages that are known better than by their bound are held against the run; constant ones in
-    # the plant are parameters of it
-    exact = [x for x in found.certificate["claim"]["delays"] if x["age"] == _ONE_AGE]
-    if any(x["feedback"] for x in exact) or (exact and not hinf.ages_are_known(found.system)):
+    # constant ones in the plant are parameters of it, which the run compares with the design
+    if any(x["feedback"] for x in _exact(found)):
         raise NotAchievableError(
             "at this order the proof is about exactly one age of the measurements",
             where="design.order",
@@ -185,6 +186,16 @@ def require_up_to(found: hinf.Design) -> None:
             got=str(found.order),
             hint="order = 0 covers them, and so does a delay of any age",
         )
+
+
+def proves_exact_delays(found: hinf.Design) -> bool:
+    """Whether the proof is about exactly the delays of the plant, not about shorter ones."""
+    return not found.covers_smaller_delays and any(not x["feedback"] for x in _exact(found))
+
+
+def _exact(found: hinf.Design) -> list[dict[str, Any]]:
+    """Return what the claim says of delays that it covers at exactly one value."""
+    return [x for x in found.certificate["claim"]["delays"] if x["age"] == _ONE_AGE]
 
 
 def _refuse_rate(system: DelaySystem) -> None:

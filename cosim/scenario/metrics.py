@@ -27,7 +27,7 @@ from cosim.scenario.design_events import DesignEvents
 from cosim.scenario.envelope import ENVELOPE, LargestMagnitudes
 from cosim.scenario.feedback_age import FeedbackAge, feedback_age
 from cosim.scenario.final_values import LastOutputs
-from cosim.scenario.gain import Problem
+from cosim.scenario.gain import Problem, proves_exact_delays
 from cosim.scenario.limits import Saturation, SaturationMeasure
 from cosim.scenario.loss_bursts import LossBursts
 from cosim.scenario.measure import Measure, Measures
@@ -362,7 +362,8 @@ def _plant_as_designed(context: RunContext) -> bool:
         name: component.parameters.get(name, port.start)
         for name, port in component.description.ports.items()
     }
+    exact = context.design is not None and proves_exact_delays(context.design)
     if problem.vehicle is not None:
-        return is_vehicle_of(problem.vehicle, parameters)
+        return is_vehicle_of(problem.vehicle, parameters, exact=exact)
     # integrals are states of the controller
-    return is_plant_of(hinf.without_integrals(problem.system), parameters)
+    return is_plant_of(hinf.without_integrals(problem.system), parameters, exact=exact)

@@ -39,20 +39,18 @@ MemoryLimit = Annotated[
 
 
 class LimitsPart(Part):
-    """[limits]: what a supervised run may use; 0 or "none": no limit.
-
-    `call` : wall-clock time of one FMI call during the run (1 h).
-    `run` : wall-clock time of the whole run (none).
-    `start` : of loading and initialising the components (1 h).
-    `end` : of terminating and freeing them (10 min).
-    `memory` : of all components together, as in "2 GB" (nine tenths of the machine's; Linux).
-    """
+    """[limits]: what a supervised run may use; 0 or "none": no limit."""
 
     call: TimeLimit | None = None
+    """Wall-clock time of one FMI call during the run (1 h)."""
     run: TimeLimit | None = None
+    """Wall-clock time of the whole run (none)."""
     start: TimeLimit | None = None
+    """Of loading and initialising the components (1 h)."""
     end: TimeLimit | None = None
+    """Of terminating and freeing them (10 min)."""
     memory: MemoryLimit | None = None
+    """Of all components together, as in "2 GB" (nine tenths of the machine's; Linux)."""
 
 
 def parse_limits(limits: Sequence[str]) -> dict[str, Any]:

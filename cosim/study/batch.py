@@ -26,6 +26,8 @@ REFUSED, FAILED, CRASHED, TIMED_OUT, LOST = "refused", "failed", "crashed", "tim
 it ended its process; it exceeded a limit of time; the worker died at each attempt."""
 ASSERTION_FAILED = "assertion_failed"
 """Status of a run that reached its end, and whose assertions did not all come out as expected."""
+INCOMPLETE = (REFUSED, FAILED, CRASHED, TIMED_OUT, LOST)
+"""Statuses of runs that have no result."""
 UNSUCCESSFUL = (FAILED, CRASHED, TIMED_OUT, ASSERTION_FAILED, "diverged", "limit_cycle")
 """Statuses of the runs whose traces are kept by `traces = "failed"`."""
 _BY_CAUSE = {"crashed": CRASHED, "exited": CRASHED, "timed-out": TIMED_OUT}
@@ -162,13 +164,20 @@ def run_and_measure(runner: StudyRunner, run: int) -> tuple[Outcome, tuple[Value
 
 
 def _row(job: Job, runner: StudyRunner, run: int) -> Row:
+    row: Row | None = runner.in_child(_row_here, run)
+    if row is None:  # it is repeated in a way that tells which component and call ended it
+        row = _row_here(runner, run)
+    if job.traces is not None and row.status not in INCOMPLETE:
+        row = row._replace(reason=_recorded(job, runner, run) or row.reason)
+    return row
+
+
+def _row_here(runner: StudyRunner, run: int) -> Row:
     began = time.perf_counter()
-    values: tuple[Value, ...] = (None,) * len(job.study.metrics)
+    values: tuple[Value, ...] = (None,) * len(runner.study.metrics)
     try:
         outcome, values = run_and_measure(runner, run)
         status, reason = status_of(outcome)
-        if job.traces is not None:
-            reason = _recorded(job, runner, run) or reason
     except ComponentError as error:
         status, reason = _BY_CAUSE.get(error.kind or "", FAILED), error.text()
     except CosimError as error:

@@ -15,6 +15,7 @@ from typing import Any
 from cosim.core import LossError, Progress, silent
 from cosim.master import default_method
 from cosim.study.batch import (
+    INCOMPLETE,
     LOST,
     REFUSED,
     TIMED_OUT,
@@ -28,7 +29,7 @@ from cosim.study.batch import (
 )
 from cosim.study.folder import Folder
 from cosim.study.manifest import manifest_of
-from cosim.study.plan import Plan, trial_run
+from cosim.study.plan import Plan, extended_by, trial_run
 from cosim.study.schema import Study
 from cosim.study.stability_boundary import nominal_loop_figures
 from cosim.study.table import make_table, pyarrow, write_table
@@ -57,6 +58,7 @@ class StudyResult:
     run_limit_s : wall-clock limit of a run for which none was given [s]; None where runs cannot be
         limited.
     retried : number of runs that were executed again, since their worker died.
+    incomplete : the rows of runs that have no result: refused, failed, crashed, timed out or lost.
     """
 
     folder: Path
@@ -68,6 +70,7 @@ class StudyResult:
     seconds: float
     run_limit_s: float | None
     retried: int
+    incomplete: tuple[Row, ...]
 
     def to_json(self) -> dict[str, Any]:
         """Return the object that `--json` prints."""
@@ -82,6 +85,10 @@ class StudyResult:
             "seconds": self.seconds,
             "run_limit_s": self.run_limit_s,
             "retried": self.retried,
+            "incomplete": [
+                {"run": row.run, "status": row.status, "reason": row.reason}
+                for row in self.incomplete
+            ],
         }
 
 
@@ -117,7 +124,9 @@ def execute_study(
     register_runner(plan.job.digest, plan.runner)
     plan.runner.limits, retried = plan.job.limits, 0
     with plan.runner.supervised(), Folder(out) as folder:
-        folder.begin(manifest_of(plan), fresh=fresh)
+        folder.begin(
+            manifest_of(plan), fresh=fresh, extended=lambda before: extended_by(plan, before)
+        )
         done = folder.rows()
         before = len(done)
         if before < plan.count:
@@ -155,6 +164,7 @@ def execute_study(
         seconds=time.perf_counter() - began,
         run_limit_s=plan.job.run_limit_s,
         retried=retried,
+        incomplete=tuple(row for row in sorted(done) if row.status in INCOMPLETE),
     )
 
 

@@ -8,16 +8,17 @@ from __future__ import annotations
 
 import json
 from collections import OrderedDict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 from cosim.core import InputError, NotAchievableError
 from cosim.fmu import FmuDescription
 from cosim.hinf import Design, design_from_json, design_to_json
-from cosim.master import Run, Supervisor, default_method
+from cosim.master import CallBrokenError, Calls, Run, Supervisor, default_method
 from cosim.scenario import (
     FmuCache,
     LoadedScenario,
@@ -100,6 +101,7 @@ class StudyRunner:
         self.limits: Sequence[str] = ()
         self.run_limit_s: float | None = None
         self._supervisor: Supervisor | None = None
+        self._calls: Calls | None = None
         self._given = designs or {}
         self._designs: OrderedDict[str, tuple[Problem, Design] | NotAchievableError] = OrderedDict()
 
@@ -129,11 +131,39 @@ class StudyRunner:
             yield
             return
         with Supervisor() as supervisor:
-            self._supervisor = supervisor
+            calls = Calls([self]) if default_method() == "fork" else None
+            self._supervisor, self._calls = supervisor, calls
             try:
                 yield
             finally:
-                self._supervisor = None
+                self._supervisor = self._calls = None
+                if calls is not None:
+                    calls.close()
+
+    def in_child(self, function: Callable[[StudyRunner, int], Any], run: int) -> Any:
+        """Call a function of this runner and a run in a child process that is kept for all runs.
+
+        Return None where there is no such child, or the run ended it, or exceeded a limit.
+        """
+        supervision = self._supervision(self._first_scenario)
+        if self._calls is None or supervision.method is None:
+            return None
+        try:
+            return self._calls(supervision.limits, _unsupervised, function, self, run)
+        except CallBrokenError:
+            return None
+
+    @cached_property
+    def _first_scenario(self) -> Scenario:
+        """The scenario of the first run; the unchanged one where that is not valid."""
+        try:
+            return self.variations.scenario(self.points[0])
+        except InputError:
+            return self.base.scenario
+
+    def supervise_no_more(self) -> None:
+        """Execute runs in this process from now on."""
+        self._supervisor = self._calls = None
 
     def record(self, run: int, trace: Path) -> Outcome:
         """Execute one run with a trace, which contains its scenario and can be rerun."""
@@ -211,3 +241,11 @@ class StudyRunner:
                 got=found.sha256,
                 hint="give every worker the same folder of FMUs: --fmus",
             )
+
+
+def _unsupervised(
+    function: Callable[[StudyRunner, int], Any], runner: StudyRunner, run: int
+) -> Any:
+    """Call a function in the child, which is what ends if a run crashes."""
+    runner.supervise_no_more()
+    return function(runner, run)

@@ -69,7 +69,7 @@ def write_table(table: Any, path: Path) -> None:
         partial.replace(path)
 
 
-def read_table(path: Path) -> tuple[Any, dict[str, Any]]:
+def read_table(path: str | Path) -> tuple[Any, dict[str, Any]]:
     """Read the table of a study and its manifest, from its folder or from `results.parquet`.
 
     For a study that is not finished, the table has the runs that are done.
@@ -78,6 +78,7 @@ def read_table(path: Path) -> tuple[Any, dict[str, Any]]:
     ------
     InputError : it is neither, or the table was not written by a study.
     """
+    path = Path(path)
     if path.is_dir():
         if (path / RESULTS).is_file():
             return read_table(path / RESULTS)

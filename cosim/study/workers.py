@@ -14,6 +14,7 @@ import tempfile
 import time
 import warnings
 from collections.abc import Callable, Iterator
+from concurrent.futures import CancelledError
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -173,11 +174,18 @@ def _result(future: Any) -> list[Any] | WorkerDied:
         return WorkerDied(_ATTEMPTS)
     except CosimError:  # such as other versions there
         raise
+    except CancelledError as error:
+        raise ComponentError(
+            "the scheduler does not answer any more",
+            where="workers",
+            expected="a scheduler that keeps running",
+            hint="finished runs are kept: the same command continues",
+        ) from error
     except Exception as error:
         raise ComponentError(
             "a batch of runs cannot be executed on the cluster",
             where="workers",
-            expected="workers with the same auv-cosim, and a scheduler that keeps running",
+            expected="workers with the same auv-cosim",
             got=f"{type(error).__name__}: {error}"[:400],
             hint="finished runs are kept: the same command continues",
         ) from error
@@ -300,12 +308,16 @@ def _dask() -> tuple[Any, Any]:
 @contextlib.contextmanager
 def _silent() -> Iterator[None]:
     """Silence Dask's loggers and warnings: a study reports these events itself."""
-    logger = logging.getLogger("distributed")
-    before = logger.level
-    logger.setLevel(logging.CRITICAL)
+    # Dask gives some of its loggers levels of their own
+    known = [name for name in logging.root.manager.loggerDict if name.startswith("distributed")]
+    loggers = [logging.getLogger(name) for name in {"distributed", "distributed.client", *known}]
+    before = [logger.level for logger in loggers]
+    for logger in loggers:
+        logger.setLevel(logging.CRITICAL + 1)
     try:
         with warnings.catch_warnings():
             warnings.filterwarnings("ignore", module=r"(distributed|tornado|asyncio|contextlib)")
             yield
     finally:
-        logger.setLevel(before)
+        for logger, level in zip(loggers, before, strict=True):
+            logger.setLevel(level)

@@ -17,17 +17,22 @@ from .nominal_figures import (
     nominal_figures_of as nominal_figures_of,
 )
 from .norm import (
+    ROOTS as ROOTS,
     NormResult as NormResult,
     gain_at as gain_at,
+    gain_between as gain_between,
     hinf_norm as hinf_norm,
+    norm_between as norm_between,
 )
 from .norm_proof import (
     norm_certificate as norm_certificate,
     norm_proved as norm_proved,
 )
 from .roots import (
+    Roots as Roots,
     approximate_roots as approximate_roots,
     characteristic_roots as characteristic_roots,
+    collocation as collocation,
     spectral_abscissa as spectral_abscissa,
 )
 from .threads import one_thread as one_thread

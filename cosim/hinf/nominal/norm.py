@@ -21,11 +21,12 @@
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from cosim.hinf.nominal.closed_loop import ClosedLoop
 from cosim.hinf.nominal.roots import Roots, characteristic_roots
@@ -55,7 +56,7 @@ class NormResult(NamedTuple):
     bound: float
 
 
-def gain_at(loop: ClosedLoop, omega: Any) -> Reals:
+def gain_at(loop: Response, omega: Any) -> Reals:
     """Return the largest singular value of G(j omega).
 
     Parameters
@@ -118,16 +119,35 @@ class _Bounds:
         def size(stack: Any) -> Reals:
             return np.asarray(np.linalg.norm(stack, axis=(-2, -1)), dtype=np.float64)
 
-        rho = half * self.L1 * size(S)
-        grow = 1.0 / np.where(rho < 1.0, 1.0 - rho, 1.0)
-        r = grow * size(S)
-        rc = grow * size(S @ np.asarray(loop.C))
-        dr = grow * size(loop.output_matrix(s) @ S) + half * self.M1 * r
-        bend = rc * (self.M2 + 2.0 * self.M1 * r * self.L1 + dr * (2.0 * self.L1**2 * r + self.L2))
-        return np.where(rho < 1.0, ends + 0.5 * half**2 * bend, np.inf)
+        sizes = size(S), size(S @ np.asarray(loop.C)), size(loop.output_matrix(s) @ S)
+        return gain_between(half, ends, sizes, (self.L1, self.L2, self.M1, self.M2))
 
 
-def _refine(loop: ClosedLoop, low: float, high: float) -> tuple[float, float]:
+def gain_between(
+    half: Reals,
+    ends: Reals,
+    sizes: tuple[Reals, Reals, Reals],
+    constants: tuple[float, float, float, float],
+) -> Reals:
+    """Return item 2: a bound on intervals of half width `half` about a midpoint.
+
+    Parameters
+    ----------
+    ends : the higher gain of both ends.
+    sizes : |S|, |S C| and |D S| at the midpoint.
+    constants : bounds L1, L2 of |H'|, |H''| and M1, M2 of |D'|, |D''|.
+    """
+    (S, SC, DS), (L1, L2, M1, M2) = sizes, constants
+    rho = half * L1 * S
+    grow = 1.0 / np.where(rho < 1.0, 1.0 - rho, 1.0)
+    r = grow * S
+    rc = grow * SC
+    dr = grow * DS + half * M1 * r
+    bend = rc * (M2 + 2.0 * M1 * r * L1 + dr * (2.0 * L1**2 * r + L2))
+    return np.where(rho < 1.0, ends + 0.5 * half**2 * bend, np.inf)
+
+
+def _refine(loop: Response, low: float, high: float) -> tuple[float, float]:
     """Return the highest gain near a local peak between `low` and `high`, and its frequency."""
     found = scipy.optimize.minimize_scalar(
         lambda w: -float(gain_at(loop, w)),
@@ -144,7 +164,7 @@ def _higher(a: tuple[float, float], b: tuple[float, float]) -> tuple[float, floa
 
 
 def _start(
-    loop: ClosedLoop, roots: Roots, bounds: _Bounds
+    loop: Response, roots: Roots, bounds: GainBounds
 ) -> tuple[tuple[float, float], Reals, Reals]:
     """Return the best (gain, frequency) of a coarse search, and its grid and gains."""
     speeds = np.concatenate([np.abs(roots.imag), np.abs(roots)])
@@ -163,7 +183,7 @@ def _start(
     return best, grid, gains
 
 
-def _last(bounds: _Bounds, level: float, longest: float) -> float:
+def _last(bounds: GainBounds, level: float, longest: float) -> float:
     """Return a frequency beyond which no gain exceeds `level`, or `longest`, by bisection."""
     low, high = bounds.a, 2.0 * bounds.a
     while high < longest and bounds.beyond(bounds.a + high) > level:
@@ -176,8 +196,8 @@ def _last(bounds: _Bounds, level: float, longest: float) -> float:
 
 
 def _branch_and_bound(
-    loop: ClosedLoop,
-    bounds: _Bounds,
+    loop: Response,
+    bounds: GainBounds,
     best: tuple[float, float],
     floor: float,
     points: Reals,
@@ -238,6 +258,43 @@ def hinf_norm(loop: ClosedLoop, roots: Roots | None = None) -> NormResult | None
         return None
     if bounds.through == 0.0:
         return NormResult(bounds.direct, math.inf, bounds.direct)
+    return norm_between(loop, bounds, roots)
+
+
+class Response(Protocol):
+    """A response G(j omega) whose greatest gain is searched."""
+
+    @property
+    def delays(self) -> Sequence[float]:
+        """Its delays [s], rising, at least one."""
+
+    @property
+    def direct(self) -> NDArray[np.float64]:
+        """Its value at infinite frequency, or zero where it has none."""
+
+    def transfer(self, omega: ArrayLike) -> NDArray[np.complex128]:
+        """Return G(j omega), omega.shape + (p, q)."""
+
+
+class GainBounds(Protocol):
+    """Upper bounds of the gain: of `direct`, on intervals and beyond a frequency.
+
+    a : frequencies above it are high; through : the size of what is not direct, times a.
+    """
+
+    direct: float
+    a: float
+    through: float
+
+    def beyond(self, w: float) -> float:
+        """Return a bound of the gain at every frequency >= w, w > a."""
+
+    def on(self, low: Reals, high: Reals, ends: Reals) -> Reals:
+        """Return a bound of the gain on each [low, high]; `ends`: the higher gain of its ends."""
+
+
+def norm_between(loop: Response, bounds: GainBounds, roots: Roots) -> NormResult:
+    """Compute the norm of a stable response with these bounds, near whose `roots` peaks lie."""
     best, grid, gains = _start(loop, roots, bounds)
     # Absolute floor: a gain that is zero by cancellation has no relative precision.
     floor = 1e-12 * bounds.through / max(bounds.a, 1e-300)

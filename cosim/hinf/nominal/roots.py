@@ -36,7 +36,7 @@ _LARGEST_EXPONENT = 200.0
 _NO_DELAY = 1e-100  # of the fastest mode's time: what it adds lies beyond every number
 
 
-def _differentiation(nodes: int) -> tuple[Matrix, Matrix]:
+def collocation(nodes: int) -> tuple[Matrix, Matrix]:
     """Return Chebyshev points 1 = x_0 > ... > x_N = -1 and their differentiation matrix.
 
     Trefethen, Spectral Methods in MATLAB (2000), chapter 6.
@@ -63,7 +63,7 @@ def _interpolation(x: Matrix, at: float) -> Matrix:
 def _generator(loop: ClosedLoop, nodes: int) -> Matrix:
     """Return the collocated generator, (n(N+1), n(N+1)): the equation, then d/dtheta."""
     n, span = loop.order, loop.delays[-1]
-    x, D = _differentiation(nodes)
+    x, D = collocation(nodes)
     matrix: Matrix = np.kron(D * (2.0 / span), np.eye(n)).astype(np.float64)
     matrix[:n] = sum(
         np.kron(_interpolation(x, 1.0 - 2.0 * d / span), A)

@@ -19,6 +19,7 @@ from .cvxpy_lmi import (
     as_cvxpy as as_cvxpy,
 )
 from .design_file import (
+    design_from_certificate as design_from_certificate,
     design_from_json as design_from_json,
     design_to_json as design_to_json,
 )

@@ -34,6 +34,8 @@ from cosim.hinf.synthesis.greatest_delays import DELAY_LIMIT
 from cosim.models import Delay, DelaySystem
 
 Assumption = Literal["any", "sampled", "constant"]
+"""What may be known of an age beside its bound."""
+
 ASSUMPTIONS: tuple[Assumption, ...] = ("any", "sampled", "constant")
 
 _SHARES = (0.25, 0.5, 0.75, 1.0, 1.5, 2.0)

@@ -18,7 +18,7 @@ from typing import Any, Literal, Protocol, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cosim.core import InputError
+from cosim.core import InputError, counted
 from cosim.hinf.certificate import (
     MAX_ORDER,
     Damping,
@@ -337,7 +337,7 @@ def gain_of(system: DelaySystem, gain: ArrayLike | None) -> NDArray[np.float64]:
         raise InputError(
             "the gain does not fit the system",
             where="gain",
-            expected=f"{m} rows of {n} finite numbers",
+            expected=f"{counted(m, 'row')} of {counted(n, 'finite number')}",
             got=f"shape {np.shape(K)}" if np.isfinite(K).all() else "not only finite numbers",
         )
     check_measured(K, system)

@@ -21,7 +21,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cosim.core import InputError, NotAchievableError
+from cosim.core import InputError, NotAchievableError, counted
 from cosim.hinf.certificate import Variables, certify
 from cosim.hinf.lmi import (
     Answer,
@@ -257,7 +257,7 @@ def _scalars(name: str, values: Sequence[float], system: DelaySystem) -> tuple[f
         raise InputError(
             f"{name} does not fit the system",
             where=name,
-            expected=f"{len(system.delays)} finite numbers, one per delay",
+            expected=f"{counted(len(system.delays), 'finite number')}, one per delay",
             got=str(list(numbers)),
         )
     return numbers

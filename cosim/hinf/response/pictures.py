@@ -1,0 +1,145 @@
+"""Pictures of responses and roots, with matplotlib (the extra `plot`)."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from cosim.core import optional
+from cosim.hinf.nominal import Roots
+
+if TYPE_CHECKING:
+    from cosim.hinf.response.frequency import FrequencyResponse, Nyquist
+    from cosim.hinf.response.time_response import TimeResponse
+
+_GRID = {"alpha": 0.3}
+_GREY = "#6b7280"
+_RED = "#d1495b"
+_FARTHEST = 4.0  # of a Nyquist curve that is shown, where it goes to infinity
+
+
+def _pyplot() -> Any:
+    return optional("matplotlib.pyplot", extra="plot", what="plots need matplotlib") and (
+        __import__("matplotlib.pyplot", fromlist=["pyplot"])
+    )
+
+
+def _axes(ax: Any) -> Any:
+    return ax if ax is not None else _pyplot().subplots(layout="constrained")[1]
+
+
+def draw_time(found: TimeResponse, ax: Any = None) -> Any:
+    """Draw a response in time; return the axes."""
+    ax = _axes(ax)
+    y = found.outputs
+    if y.ndim == 1:
+        lines = [(y, "")]
+    elif y.ndim == 2:
+        lines = [(row, f"output {i + 1}") for i, row in enumerate(y)]
+    else:
+        lines = [
+            (y[i, j], f"input {j + 1} to output {i + 1}")
+            for j in range(y.shape[1])
+            for i in range(y.shape[0])
+        ]
+    for values, label in lines:
+        ax.plot(found.time, values, lw=1.6, label=label)
+    for t, _ in found.impulses:
+        ax.axvline(t, color=_GREY, ls=":", lw=1.0)
+    ax.set(xlabel="time [s]", ylabel="output", title=f"{found.kind} response")
+    ax.set_xlim(found.time[0], found.time[-1])
+    ax.grid(**_GRID)
+    if len(lines) > 1:
+        ax.legend(frameon=False)
+    return ax
+
+
+def draw_bode(found: FrequencyResponse, ax: Any = None) -> Any:
+    """Draw magnitude and phase; return both axes."""
+    if ax is None:
+        ax = _pyplot().subplots(2, 1, sharex=True, layout="constrained")[1]
+    upper, lower = ax
+    p, m, _ = found.response.shape
+    phase = np.degrees(np.unwrap(np.angle(found.response), axis=-1))
+    for i in range(p):
+        for j in range(m):
+            label = f"input {j + 1} to output {i + 1}"
+            size = np.maximum(np.abs(found.response[i, j]), 1e-300)
+            upper.semilogx(found.omega, 20.0 * np.log10(size), lw=1.6, label=label)
+            lower.semilogx(found.omega, phase[i, j], lw=1.6)
+    upper.set(ylabel="magnitude [dB]", title="frequency response")
+    lower.set(xlabel="frequency [rad/s]", ylabel="phase [deg]")
+    if p * m > 1:
+        upper.legend(frameon=False)
+    _mark_margins(found, upper, lower, phase[0, 0])
+    _lowest_phase(found, lower, phase)
+    for own in (upper, lower):
+        own.set_xlim(found.omega[0], found.omega[-1])
+        own.grid(which="both", **_GRID)
+    return ax
+
+
+def _mark_margins(found: FrequencyResponse, upper: Any, lower: Any, phase: Any) -> None:
+    margins = found.margins
+    if margins is None:
+        return
+    upper.axhline(0.0, color=_GREY, lw=0.8)
+    if math.isfinite(margins.gain):
+        decibel = 20.0 * math.log10(margins.gain)
+        upper.plot([margins.gain_frequency] * 2, [-decibel, 0.0], color=_RED, lw=2.0)
+    if math.isfinite(margins.phase):
+        w = margins.phase_frequency
+        at = float(np.interp(w, found.omega, phase))
+        limit = 180.0 * (2 * round((at / 180.0 - 1) / 2) + 1)
+        lower.plot([w, w], [at, limit], color=_RED, lw=2.0)
+        lower.axhline(limit, color=_GREY, lw=0.8)
+    upper.set_title(str(margins), fontsize="medium")
+
+
+def _lowest_phase(found: FrequencyResponse, lower: Any, phase: Any) -> None:
+    """Cut off the phase where a delay has turned it through many circles and little is left."""
+    size = np.abs(found.response).max(axis=(0, 1))
+    seen = phase[..., size > 1e-2 * size.max()]
+    if seen.size and float(phase.min()) < float(seen.min()) - 720.0:
+        lower.set_ylim(float(seen.min()) - 360.0, float(seen.max()) + 45.0)
+
+
+def draw_nyquist(found: Nyquist, ax: Any = None) -> Any:
+    """Draw the curve, its mirror image and -1; return the axes."""
+    ax = _axes(ax)
+    x, y = found.response.real, found.response.imag
+    (line,) = ax.plot(x, y, lw=1.5)
+    ax.plot(x, -y, lw=1.0, ls="--", color=line.get_color())
+    turn = np.linspace(0.0, 2.0 * np.pi, 200)
+    ax.plot(np.cos(turn), np.sin(turn), color=_GREY, lw=0.6, ls=":")
+    ax.plot([-1.0], [0.0], "+", color=_RED, ms=11, mew=2)
+    far = float(np.abs(found.response).max())
+    limit = far * 1.1 if far <= 2.0 * _FARTHEST else _FARTHEST
+    limit = max(limit, 1.2)
+    ax.set_xlim(-limit, limit)
+    ax.set_ylim(-limit, limit)
+    ax.set_aspect("equal")
+    ax.set(xlabel="real part", ylabel="imaginary part")
+    verdict = "stable" if found.stable else f"{found.closed_roots} unstable roots"
+    ax.set_title(
+        f"{found.encirclements} clockwise encirclements of −1 + {found.open_poles} poles: {verdict}",
+        fontsize="medium",
+    )
+    ax.grid(**_GRID)
+    return ax
+
+
+def draw_roots(roots: Roots, ax: Any = None) -> Any:
+    """Draw characteristic roots; return the axes."""
+    ax = _axes(ax)
+    ax.axvline(0.0, color=_GREY, lw=0.8)
+    ax.axhline(0.0, color=_GREY, lw=0.8)
+    right = roots.real >= 0.0
+    ax.plot(roots.real[~right], roots.imag[~right], "x", ms=8, mew=1.8)
+    ax.plot(roots.real[right], roots.imag[right], "x", ms=8, mew=1.8, color=_RED)
+    title = f"{roots.size} rightmost characteristic roots"
+    ax.set(xlabel="real part [1/s]", ylabel="imaginary part [rad/s]", title=title)
+    ax.grid(**_GRID)
+    return ax

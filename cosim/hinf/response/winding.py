@@ -1,0 +1,225 @@
+"""How often det(I + L) turns about zero along the imaginary axis, poles on it passed on the right.
+
+With f = det M of the closed loop over det M of the open one, f is det(I + L) but for a constant. Up
+the axis its phase is followed with steps on which neither the phase nor f'/f allows a turn to be
+missed, as in `cosim.hinf.nominal.roots`. At high frequency L is near its direct part, and the phase
+that is left is a sum of principal values: no turn is hidden there.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from cosim.core import NotAchievableError
+from cosim.hinf.response.blocks import Blocks, Complexes, Reals, balanced
+from cosim.hinf.response.high_frequency import HighFrequency
+from cosim.hinf.response.roots import roots_of
+
+_PHASE = 0.7
+_MOST_SAMPLES = 400_000
+_ON_AXIS = 1e-10  # real part of an open-loop pole that counts as on the axis, against its size
+_SINGULAR = 1e-13  # the same, and M(0), against the largest
+_DOUBLE = 2e-7  # a double pole, likewise
+_INDENT = 1e-3  # radius about such a pole, against the distance to the next one
+_ENOUGH = 64  # poles that are looked at
+_INSIDE = 0.5  # what L may differ from its direct part at the ends
+
+
+@dataclass(frozen=True, eq=False)
+class Winding:
+    """The count: closed-loop roots with Re s > 0 = clockwise turns + open-loop poles there.
+
+    omega : where the phase was followed [rad/s], poles on the axis left out.
+    """
+
+    clockwise: int
+    open_poles: int
+    omega: Reals
+
+    @property
+    def closed_roots(self) -> int:
+        """Number of roots of the closed loop with positive real part."""
+        return self.clockwise + self.open_poles
+
+
+class _Ratio:
+    """f = det M_closed / det M_open; phase factor and f'/f."""
+
+    def __init__(self, loop: Blocks) -> None:
+        self.open = loop
+        self.closed = loop.closed(-np.eye(loop.inputs))
+
+    def at(self, s: Complexes) -> tuple[Complexes, Complexes]:
+        phases, slopes = [], []
+        for blocks in (self.closed, self.open):
+            M, slope = blocks.characteristic_matrix(s)
+            phases.append(np.linalg.slogdet(M)[0])
+            slopes.append(np.trace(np.linalg.solve(M, slope), axis1=-2, axis2=-1))
+        return phases[0] / phases[1], slopes[0] - slopes[1]
+
+
+def winding_of(loop: Blocks) -> Winding:
+    """Count the turns for the loop u = -L u + r, L square.
+
+    Raises
+    ------
+    NotAchievableError : closed-loop roots on the axis, a direct part of one or more behind a
+        delay (infinitely many roots right of any line, or as good as), or poles that cannot be
+        found.
+    """
+    loop = balanced(loop)[0]
+    ratio = _Ratio(loop)
+    top = _top(loop)
+    poles, right = _open_poles(loop)
+    paths, omega = [], np.zeros(0)
+    total, start = 0.0, 0.0
+    marks = sorted({abs(p) for p in poles.tolist()})
+    for i, pole in enumerate(marks):
+        others = [abs(pole - x) for x in (*marks[:i], *marks[i + 1 :], -pole, top) if x != pole]
+        radius = _INDENT * min([*others, 1.0 / max(loop.delays.max(initial=0.0), 1e-300)])
+        if pole > 0.0:
+            paths.append((1j * start, 1j * (pole - radius)))
+            paths.append((1j * pole, radius, -0.5 * math.pi, 0.5 * math.pi))
+        else:
+            paths.append((0j, radius, 0.0, 0.5 * math.pi))
+        start = pole + radius
+    paths.append((1j * start, 1j * top))
+    for path in paths:
+        if len(path) == 2:
+            turned, points = _along_line(ratio, path[0].imag, path[1].imag)
+            omega = np.concatenate([omega, points])
+        else:
+            turned = _along_arc(ratio, *path)
+        total += turned
+    # f(conj s) = conj f(s): the lower half turns as much, and the arc at infinity goes back
+    whole = 2.0 * total - 2.0 * _end_phase(loop, top)
+    turns = whole / (2.0 * math.pi)
+    if abs(turns - round(turns)) > 0.05:
+        raise NotAchievableError(
+            "the turns about -1 cannot be counted",
+            where=f"up to {top:g} rad/s",
+            expected="a whole number",
+            got=f"{turns:.3f}: a closed-loop root on the axis, or next to it",
+        )
+    return Winding(-round(turns), right, omega)
+
+
+def _top(loop: Blocks) -> float:
+    """Return a frequency from which on L is within a half of its direct part, if that is less."""
+    high = HighFrequency(loop)
+    late = bool(loop.Dw.any() and loop.Dv.any())
+    if late:
+        top = high.last(0.5 * (1.0 + min(high.direct, 1.0)))
+    else:
+        room = _INSIDE / max(np.linalg.norm(np.linalg.inv(np.eye(loop.inputs) + loop.D), 2), 1e-300)
+        top = high.a + high.through / room if high.through_delays is not None else math.inf
+    if not math.isfinite(top):
+        raise NotAchievableError(
+            "this loop has a direct part behind a delay that is not less than one",
+            where="loop",
+            expected="|L(j omega)| < 1 at high frequency",
+            got=f"up to {high.direct:g}",
+            hint="its closed loop has infinitely many roots with positive real part, or as good "
+            "as; a filter in the loop ends that",
+        )
+    return top if top > 0.0 else 1.0 / float(loop.delays.max(initial=1.0))
+
+
+def _open_poles(loop: Blocks) -> tuple[Complexes, int]:
+    """Return the open-loop poles on the axis, and the number of those right of it."""
+    if not loop.order and not loop.is_neutral:
+        return np.zeros(0, dtype=np.complex128), 0
+    if (not loop.Bw.any() or not loop.Cv.any()) and not loop.is_neutral:
+        poles = np.linalg.eigvals(loop.A).astype(np.complex128)
+        scale = float(np.abs(loop.A).max(initial=0.0))
+    else:
+        count = min(_ENOUGH, loop.order + 8)
+        poles = roots_of(loop, count)
+        while poles[-1].real > -_ON_AXIS and count < 2 * _ENOUGH and poles.size >= count:
+            count *= 2
+            poles = roots_of(loop, count)
+        scale = float(np.abs(poles).max(initial=0.0))
+    # a double pole at zero is computed to the root of the precision only
+    M, _ = loop.characteristic_matrix(0.0)
+    sizes = np.linalg.svd(M, compute_uv=False)
+    at_zero = (np.abs(poles) <= _DOUBLE * scale) & (sizes[-1] <= _SINGULAR * sizes[0])
+    on_axis = at_zero | (np.abs(poles.real) <= _ON_AXIS * np.abs(poles) + _SINGULAR * scale)
+    axis = np.where(at_zero, 0.0, poles.imag)[on_axis]
+    merged: list[float] = []
+    for value in sorted(set(np.abs(axis).tolist())):
+        if not merged or value - merged[-1] > _DOUBLE * scale:
+            merged.append(value)
+    return np.array(merged, dtype=np.complex128), int(((poles.real > 0.0) & ~on_axis).sum())
+
+
+def _along_line(ratio: _Ratio, low: float, high: float) -> tuple[float, Reals]:
+    """Return the turn of f from j low to j high, and the frequencies used."""
+    longest = float(ratio.open.delays.max(initial=0.0))
+    even = np.linspace(low, high, 65 + int(min(2.0 * (high - low) * longest, 20_000.0)))
+    fine = low + (high - low) * np.geomspace(1e-9, 1.0, 200)
+    omega = np.union1d(even, fine)
+    if low > 0.0:
+        omega = np.union1d(omega, np.geomspace(low, high, 200))
+    omega = np.clip(omega, low, high)
+    return _followed(lambda x: (1j * x, 1j * np.ones_like(x)), np.unique(omega), ratio)
+
+
+def _along_arc(ratio: _Ratio, centre: complex, radius: float, begin: float, end: float) -> float:
+    """Return the turn of f along centre + radius e^{j theta}."""
+
+    def path(theta: Reals) -> tuple[Complexes, Complexes]:
+        turn = radius * np.exp(1j * theta)
+        return centre + turn, 1j * turn
+
+    return _followed(path, np.linspace(begin, end, 65), ratio)[0]
+
+
+def _followed(path: Any, where: Reals, ratio: _Ratio) -> tuple[float, Reals]:
+    """Return the turn of f along a path, refined until no turn can be missed."""
+
+    def sample(x: Reals) -> tuple[Complexes, Reals]:
+        s, ds = path(x)
+        try:
+            phase, slope = ratio.at(s)
+        except np.linalg.LinAlgError:
+            raise _on_axis(s) from None
+        return phase, np.abs(slope * ds)
+
+    phase, speed = sample(where)
+    for _ in range(60):
+        turn = np.angle(phase[1:] / phase[:-1])
+        steep = np.diff(where) * np.maximum(speed[1:], speed[:-1]) > _PHASE
+        split = np.flatnonzero(steep | (np.abs(turn) > _PHASE))
+        if not split.size:
+            return float(turn.sum()), where
+        if where.size > _MOST_SAMPLES:
+            break
+        middle = 0.5 * (where[split] + where[split + 1])
+        phases, speeds = sample(middle)
+        where = np.insert(where, split + 1, middle)
+        phase, speed = np.insert(phase, split + 1, phases), np.insert(speed, split + 1, speeds)
+    raise _on_axis(path(where[split])[0])
+
+
+def _on_axis(s: Complexes) -> NotAchievableError:
+    return NotAchievableError(
+        "the turns about -1 cannot be counted",
+        where=f"{abs(complex(np.ravel(s)[0])):.6g} rad/s",
+        expected="no root of the closed loop on the imaginary axis",
+        hint="at this gain the loop is at the limit of stability",
+    )
+
+
+def _end_phase(loop: Blocks, top: float) -> float:
+    """Return the phase of det(I + L(j top)) relative to that of its limit: principal values."""
+    if not loop.inputs:
+        return 0.0
+    L = loop.at(1j * top)
+    if loop.Dw.any() and loop.Dv.any():
+        return float(np.angle(1.0 + np.linalg.eigvals(L)).sum())
+    rest = np.linalg.solve(np.eye(loop.inputs) + loop.D, L - loop.D)
+    return float(np.angle(1.0 + np.linalg.eigvals(rest)).sum())
