@@ -99,7 +99,7 @@ def demo_view(demo: Demo) -> RenderableType:
         )
     files = Text.assemble(
         "picture: ",
-        (str(demo.picture), "bold"),
+        (f"none; {demo.no_picture}", "") if demo.picture is None else (str(demo.picture), "bold"),
         *(f"\ntrace:   {outcome.trace}" for outcome in outcomes),
         "\nlook closer: ",
         (f"cosim trace report {outcomes[-1].trace}", "bold"),

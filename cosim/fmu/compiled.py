@@ -11,11 +11,10 @@ from pathlib import Path
 
 from platformdirs import user_cache_path
 
-from cosim.core import write_whole
+from cosim.core import say_once, write_whole
 from cosim.fmu.export.native.compiler import STANDARD, host_compiler, shared_library
 from cosim.fmu.export.native.platforms import Platform, host
 from cosim.fmu.prebuilt import prebuilt_file
-from cosim.fmu.unpacking import own_folder
 
 _SOURCES = {"kernel": "master/kernel.c", "channel": "fmu/isolation/channel.c"}
 
@@ -33,7 +32,8 @@ def library_source(name: str, *, futex: bool = True) -> bytes:
 def compiled_library(name: str, source: bytes) -> ctypes.CDLL:
     """Return the library of a C file: prebuilt, from the user's cache, or compiled now.
 
-    Where the cache cannot be written, the library lives as long as the process.
+    Where the cache cannot be written, the library lives as long as the process, and standard error
+    says so.
 
     Raises
     ------
@@ -80,7 +80,15 @@ def _kept(path: Path, library: bytes) -> Path:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         write_whole(path, library)
-    except OSError:
+    except OSError as error:
+        # what handles FMUs is loaded here: building a wheel does without it
+        from cosim.fmu.unpacking import own_folder  # noqa: PLC0415
+
+        say_once(
+            f"{path.parent} cannot be written ({error.strerror}): what is compiled is kept in a "
+            "temporary folder, and compiled again by the next command; XDG_CACHE_HOME names "
+            "another place"
+        )
         path = own_folder() / path.name
         write_whole(path, library)
     return path

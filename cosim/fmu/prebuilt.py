@@ -121,7 +121,9 @@ def _source_files() -> Iterator[tuple[str, Path]]:
     """Yield each source with its name in an installed package."""
     folders = {name: _PACKAGE / name for name in _SOURCES} | {"components": components_folder()}
     for name, folder in folders.items():
-        for path in [folder] if folder.is_file() else folder.rglob("*"):
+        if folder.is_file():
+            yield name, folder
+        for path in folder.rglob("*"):
             if path.is_file() and path.suffix != ".pyc" and not path.name.startswith("."):
                 yield f"{name}/{path.relative_to(folder).as_posix()}", path
 

@@ -89,7 +89,7 @@ def execute_run(
         ) from error
     entries, attachments = run_metadata_of(prepared, system)
     with (
-        supervision.open(system, list(prepared.fmus.values())) as supervisor,
+        supervision.open(system, list(prepared.fmus.values()), engine) as supervisor,
         ExitStack() as living,
         TraceWriter(trace, run=entries, attachments=attachments, fsync=fsync) as writer,
     ):
@@ -151,7 +151,7 @@ def execute_unrecorded(
     with ExitStack() as opened, ExitStack() as living:
         if supervision is not None:
             fmus = list(prepared.fmus.values())
-            supervisor = opened.enter_context(supervision.open(system, fmus))
+            supervisor = opened.enter_context(supervision.open(system, fmus, engine))
         made = _Runs(
             *(prepared, system, events, living, supervisor, progress or silent, engine, pace),
             call_limit=None if supervision is None else supervision.limits.call,

@@ -41,7 +41,7 @@ def check_consistent(study: Study, place: Place = nowhere) -> None:
         raise InputError(
             "samples needs an axis to draw values for",
             where=place("samples"),
-            expected="an axis of kind 'random', 'sobol' or 'latin'",
+            expected="an axis of kind 'random', 'sobol', 'latin' or 'saltelli'",
             got=f"samples = {study.samples}",
         )
     sampled = [axis.column for axis in study.vary if isinstance(axis, SampledAxis)]

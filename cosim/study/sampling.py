@@ -1,4 +1,4 @@
-"""Draw the points of sampled axes: random, Sobol or Latin hypercube, by distribution, correlated.
+"""Draw the points of sampled axes: how they are spread, correlated and distributed.
 
 Every axis gets shares u in [0, 1) first, which the inverse of its distribution maps to values. The
 first points of more samples are those of fewer, but for a Latin hypercube.
@@ -31,6 +31,17 @@ def draw(axes: Sequence[SampledAxis], study: Study) -> list[Any]:
     ------
     InputError : too many Sobol axes, or correlations that cannot be together.
     """
+    if any(axis.kind == "saltelli" for axis in axes):
+        shares = _saltelli([axis.kind for axis in axes], study)
+    else:
+        shares = _correlated(_independent(axes, study), [axis.column for axis in axes], study)
+    return [
+        distributed(axis, np.ascontiguousarray(u)) for axis, u in zip(axes, shares.T, strict=True)
+    ]
+
+
+def _independent(axes: Sequence[SampledAxis], study: Study) -> Shares:
+    """Return the shares of axes that are random, Sobol or Latin, (samples, axes)."""
     shares = np.empty((study.samples, len(axes)))
     for kind, made in (("sobol", _sobol), ("latin", _latin)):
         mine = [i for i, axis in enumerate(axes) if axis.kind == kind]
@@ -40,10 +51,7 @@ def draw(axes: Sequence[SampledAxis], study: Study) -> list[Any]:
         if axis.kind == "random":
             # a stream of its own per axis: adding or removing another axis changes no draws
             shares[:, place] = np.random.default_rng([study.seed, place]).random(study.samples)
-    shares = _correlated(shares, [axis.column for axis in axes], study)
-    return [
-        distributed(axis, np.ascontiguousarray(u)) for axis, u in zip(axes, shares.T, strict=True)
-    ]
+    return shares
 
 
 def _sobol(dimensions: int, study: Study) -> Shares:
@@ -63,6 +71,29 @@ def _sobol(dimensions: int, study: Study) -> Shares:
         warnings.filterwarnings("ignore", "The balance properties", UserWarning)
         drawn: Shares = sequence.random(study.samples)
     return drawn
+
+
+def _saltelli(kinds: Sequence[str], study: Study) -> Shares:
+    """Return samples (d + 2) points of d axes: of each sample A, A with column i of B, and B.
+
+    A and B are the halves of the points of a Sobol sequence in 2 d dimensions (Saltelli et al.,
+    Computer Physics Communications 181 (2010) 259).
+    """
+    if set(kinds) != {"saltelli"} or study.correlations:
+        raise InputError(
+            "sensitivity indices need independent axes of one kind",
+            where="vary",
+            expected="all sampled axes of kind 'saltelli', and no correlations",
+            got=", ".join(kinds) + (" and correlations" if study.correlations else ""),
+        )
+    d = len(kinds)
+    both = _sobol(2 * d, study)
+    first, second = both[:, :d], both[:, d:]
+    points = np.repeat(first[:, None, :], d + 2, axis=1)
+    for i in range(d):
+        points[:, i + 1, i] = second[:, i]
+    points[:, -1] = second
+    return points.reshape(-1, d)
 
 
 def _latin(dimensions: int, study: Study) -> Shares:

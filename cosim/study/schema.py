@@ -16,7 +16,7 @@ from pydantic import (
     model_validator,
 )
 
-from cosim.core import InputError, with_field_docs
+from cosim.core import SCHEMA, STUDY_FILE, InputError, with_field_docs
 from cosim.scenario import split
 from cosim.study.expression import Expression
 
@@ -112,10 +112,11 @@ class GridAxis(Axis):
 class SampledAxis(Axis):
     """Random values; all axes of this kind together give the study's `samples` points."""
 
-    kind: Literal["random", "sobol", "latin"]
+    kind: Literal["random", "sobol", "latin", "saltelli"]
     """How they are drawn. "random": independent draws; "sobol": points of a scrambled Sobol
     sequence, one dimension per such axis; "latin": a Latin hypercube, one point in each of
-    `samples` intervals of equal probability.
+    `samples` intervals of equal probability; "saltelli": for sensitivity indices, samples times
+    (number of such axes + 2) points, with no other kind beside it.
     """
     uniform: Annotated[list[Number], Field(min_length=2, max_length=2)] | None = None
     """[low, high]."""
@@ -328,3 +329,10 @@ def _check(parse: Callable[[str], Any], text: str) -> None:
         parse(text)
     except InputError as error:
         raise ValueError(f"{error.what}: {error.got}; expected {error.expected}") from error
+
+
+def study_schema() -> dict[str, Any]:
+    """Return the JSON Schema of a study file, for editors."""
+    whole = Study.model_json_schema()
+    whole["properties"] = {SCHEMA: STUDY_FILE.json_schema(), **whole["properties"]}
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **whole}

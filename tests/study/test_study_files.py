@@ -47,7 +47,10 @@ SAYS = {
     "two-targets": (7, "got path and paths"),
     "uneven-rows": (7, "one value per entry of paths: 2"),
     "unknown-component": (7, "did you mean plant"),
-    "unknown-kind": (7, "kind = 'grid' or 'random' or 'sobol' or 'latin' or 'replicates'"),
+    "unknown-kind": (
+        7,
+        "'sobol' or 'latin' or 'saltelli' or 'replicates'",
+    ),
     "unknown-link": (7, "links has nothing"),
     "unknown-parameter": (7, "did you mean F.amplitude"),
     "unknown-path": (7, "did you mean step"),

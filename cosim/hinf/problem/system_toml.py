@@ -70,6 +70,7 @@ from typing import Any
 import numpy as np
 
 from cosim.core import SYSTEM_FILE, InputError, unreadable
+from cosim.hinf import problem
 from cosim.hinf.certificate import (
     assembled,
     delay_from,
@@ -80,16 +81,12 @@ from cosim.hinf.certificate import (
     refused,
     seconds,
 )
-from cosim.hinf.problem.auv import DEFAULT_K1, DEFAULT_K2, auv_system
 from cosim.hinf.problem.design_constraints import (
     DesignConstraints,
     design_constraints_from_table,
 )
-from cosim.hinf.problem.feedback_structure import states_of, with_integral
-from cosim.hinf.problem.filters import Filter, filtered
 from cosim.hinf.problem.misplaced_keys import AT_THE_TOP, IN_DESIGN, IN_SYSTEM, OTHER_FILES
 from cosim.hinf.problem.system_keys import DESIGN, FILTER, INTEGRAL, SYSTEM
-from cosim.hinf.problem.weights import weighted
 from cosim.models import (
     Delay as Delay,  # noqa: PLC0414 - the face of this package offers it
     DelaySystem as DelaySystem,  # noqa: PLC0414 - the same
@@ -134,7 +131,7 @@ def system_by_name(name: str) -> NamedSystem:
     if name == "paper":
         return NamedSystem(paper_example.system(), (paper_example.K1,), (paper_example.K2,))
     if name == "auv":
-        return NamedSystem(auv_system(), DEFAULT_K1, DEFAULT_K2)
+        return NamedSystem(problem.auv_system(), problem.DEFAULT_K1, problem.DEFAULT_K2)
     if not name.endswith(".toml"):
         raise unknown_system(name)
     return load_system(name)
@@ -178,7 +175,7 @@ def system_from_toml(text: str, *, where: str, name: str) -> NamedSystem:
     weights, unweighted = None, None
     if "weights" in table:
         weights, unweighted = _numbers(table["weights"], f"{place}.weights"), system
-        system = weighted(unweighted, weights, where=f"{place}.weights")
+        system = problem.weighted(unweighted, weights, where=f"{place}.weights")
     N, plant = len(system.delays), None
     if "integral" in table or "weights" in data:
         plant = system
@@ -258,14 +255,14 @@ def _with_more_states(system: DelaySystem, data: dict[str, Any], where: str) -> 
         tables = data["weights"]
         known_keys(tables, f"{where}: weights", ("z", "w"))
         filters = {key: _filter(tables[key], f"{where}: weights.{key}") for key in tables}
-        system = filtered(system, **filters)
+        system = problem.filtered(system, **filters)
     if "integral" in data["system"]:
         settings = _integral(data["system"]["integral"], f"{where}: system.integral")
-        system = with_integral(system, **settings)
+        system = problem.with_integral(system, **settings)
     return system
 
 
-def _filter(table: Any, where: str) -> Filter:
+def _filter(table: Any, where: str) -> problem.Filter:
     """Read a filter from its table, in either spelling."""
     quotients = ("numerators", "denominators")
     known_keys(table, where, tuple(FILTER))
@@ -274,7 +271,7 @@ def _filter(table: Any, where: str) -> Filter:
     known_keys(table, where, allowed, required=spelling)
     if spelling is not quotients:
         matrices = {key: matrix_from_rows(table[key], f"{where}.{key}") for key in table}
-        return Filter.from_matrices(**matrices, where=where)
+        return problem.Filter.from_matrices(**matrices, where=where)
     rows = []
     for key in quotients:
         if not isinstance(table[key], list):
@@ -292,7 +289,7 @@ def _filter(table: Any, where: str) -> Filter:
             expected="one denominator per numerator",
             got=f"{len(rows[0])} and {len(rows[1])}",
         )
-    return Filter.from_coefficients(list(zip(*rows, strict=True)), where=where)
+    return problem.Filter.from_coefficients(list(zip(*rows, strict=True)), where=where)
 
 
 def _integral(table: Any, where: str) -> dict[str, Any]:
@@ -304,7 +301,7 @@ def _integral(table: Any, where: str) -> dict[str, Any]:
         settings["integrated"] = matrix_from_rows(of, f"{where}.of")
     else:
         states = _numbers(of, f"{where}.of")
-        settings["integrated"] = states_of(states, f"{where}.of")
+        settings["integrated"] = problem.states_of(states, f"{where}.of")
     if "weights" in table:
         settings["weights"] = _numbers(table["weights"], f"{where}.weights")
     if "age" in table:
