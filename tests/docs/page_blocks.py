@@ -39,7 +39,7 @@ SLOW = "<!-- slow -->"
 PART = "part of a scenario"
 NOT_RUN = "not run: "
 _FENCE = re.compile(
-    r"^(?:<!-- (?P<note>[^>]+) -->\n\n?)?(?P<in>[ ]*)```(?P<language>\w*)[^\n]*\n"
+    r"^(?:[ ]*<!-- (?P<note>[^>]+) -->\n\n?)?(?P<in>[ ]*)```(?P<language>\w*)[^\n]*\n"
     r"(?P<text>.*?)^(?P=in)```$",
     re.MULTILINE | re.DOTALL,
 )
