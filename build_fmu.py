@@ -4,6 +4,10 @@
 Native FMUs (FMI 2.0 and 3.0) contain a binary for this machine, made by its C compiler; with
 --platforms all they contain one for each of linux and macOS on x86_64 and aarch64 and windows on
 x86_64, cross-compiled (pip install 'auv-cosim[cross]'). For other platforms they contain sources.
+
+--prebuilt fills a folder with what the wheel brings, unless it is there already: the native FMUs
+for all platforms, binaries for own components, the libraries of the package, and the manifest by
+which an installed package uses them.
 """
 
 from __future__ import annotations
@@ -11,11 +15,58 @@ from __future__ import annotations
 import argparse
 import hashlib
 import os
+import shutil
 import sys
+from concurrent.futures import ThreadPoolExecutor
+from itertools import product
 from pathlib import Path
 
 from cosim.core import CosimError
-from cosim.fmu import CATALOGUE, FMI_VERSION, PLATFORMS, ensure_all, platforms_named
+from cosim.fmu import (
+    CATALOGUE,
+    FMI_VERSION,
+    KINDS,
+    PLATFORMS,
+    Platform,
+    ensure_all,
+    is_current,
+    library_source,
+    platforms_named,
+    write_binary,
+    write_library,
+    write_manifest,
+)
+
+NATIVE = ("native", "native-fmi3")
+
+
+def build_prebuilt(folder: Path) -> None:
+    """Fill a folder with what the wheel brings, unless it has just that."""
+    names = tuple(PLATFORMS)
+    if not is_current(folder, names):
+        shutil.rmtree(folder, ignore_errors=True)
+        for flavour in NATIVE:
+            ensure_all(folder, flavour=flavour, platforms=platforms_named("all"), force=True)
+
+        def build_binary(which: tuple[str, str, Platform]) -> None:
+            flavour, kind, target = which
+            write_binary(kind, FMI_VERSION[flavour], folder, target)
+
+        with ThreadPoolExecutor(os.cpu_count()) as pool:
+            list(pool.map(build_binary, product(NATIVE, KINDS.values(), PLATFORMS.values())))
+        for target in PLATFORMS.values():
+            write_library("kernel", library_source("kernel"), folder, target)
+            if target.suffix != ".dll":
+                source = library_source("channel", futex=target.suffix == ".so")
+                write_library("channel", source, folder, target)
+        write_manifest(folder, names)
+    for path in sorted(folder.rglob("*.*")):
+        print_digest(path)
+
+
+def print_digest(path: Path) -> None:
+    """Print the SHA-256 of a file and its name."""
+    print(f"{hashlib.sha256(path.read_bytes()).hexdigest()}  {path}", flush=True)
 
 
 def main() -> int:
@@ -36,6 +87,7 @@ def main() -> int:
         default="host",
         help=f"binaries of native FMUs: host, all, or of {', '.join(PLATFORMS)}, with commas",
     )
+    parser.add_argument("--prebuilt", type=Path, metavar="FOLDER", help="fill this folder instead")
     options = parser.parse_args()
     unknown = [name for name in options.names if name not in CATALOGUE]
     if unknown:
@@ -43,13 +95,15 @@ def main() -> int:
         print(f"no component {', '.join(unknown)}\n  expected: {known}", file=sys.stderr)
         return 2
     try:
+        if options.prebuilt is not None:
+            build_prebuilt(options.prebuilt)
+            return 0
         platforms = platforms_named(options.platforms)
         for flavour in options.flavour or FMI_VERSION:
             for built in ensure_all(
                 options.out, options.names, flavour=flavour, platforms=platforms, force=True
             ):
-                digest = hashlib.sha256(built.path.read_bytes()).hexdigest()
-                print(f"{digest}  {built.path}", flush=True)
+                print_digest(built.path)
     except BrokenPipeError:
         # the reader of our output has closed it: keep the interpreter from writing to it at exit
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

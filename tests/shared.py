@@ -57,12 +57,13 @@ def home() -> Path:
 def fmu_store(*flavours: str) -> Path:
     """The shared FMUs of the catalogue: FLAVOUR/NAME.fmu, what `--fmus` takes.
 
-    The flavours named are there (python where none is), each built once per session.
+    The flavours named are there and native, the default of every command, each built once per
+    session.
     """
     from cosim.fmu.export.build import build_fmu  # noqa: PLC0415 - most tests need no FMU
     from cosim.fmu.export.catalogue import CATALOGUE  # noqa: PLC0415
 
-    for flavour in flavours or ("python",):
+    for flavour in dict.fromkeys(("native", *flavours)):
         made_once(
             f"fmus/{flavour}",
             lambda folder, flavour=flavour: [

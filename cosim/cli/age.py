@@ -99,7 +99,11 @@ def age(
     constant (all certified), and the constant age at which the nominal loop loses stability.
 
     With --bit-rate and --packet the facts of a modem become the age to design for, the
-    arithmetic shown: cosim age auv --bit-rate 5000 --packet 64 --range 600 --slot 0.5 --loss 0.05
+    arithmetic shown.
+
+    \b
+    cosim age my-system.toml --ages 0.1,0.3
+    cosim age auv --bit-rate 5000 --packet 64 --range 600 --slot 0.5 --loss 0.05
     """
     if picture is not None:
         pyplot()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.metadata
 import json
 import os
 import signal
@@ -14,15 +13,19 @@ from typing import Annotated, Any
 
 import typer
 
+from cosim.cli.first_hour import FIRST_HOUR
+from cosim.cli.help_text import HelpTyper
 from cosim.cli.verbs import STYLE, VerbsOnUse
 from cosim.core import CosimError, InputError
 
-app = typer.Typer(
+app = HelpTyper(
     name="cosim",
     cls=VerbsOnUse,
-    no_args_is_help=True,
-    epilog="Start with [bold]cosim demo[/bold], then [bold]cosim scenario list[/bold].",
-    **STYLE,
+    no_args_is_help=False,
+    invoke_without_command=True,
+    context_settings={"max_content_width": 120},
+    epilog="cosim alone shows where to begin; the --help of every command has examples.",
+    **(STYLE | {"add_completion": True}),
 )
 
 # typer may contain its own copy of click: this is the usage error of the copy that it uses
@@ -34,19 +37,24 @@ _LEFT_BEHIND = "if a run had begun: cosim trace recover turns the .partial file 
 
 def _version(asked: bool) -> None:  # noqa: FBT001 - typer calls it so
     if asked:
+        import importlib.metadata  # noqa: PLC0415 - a tenth of the time of a help text
+
         print(f"auv-cosim {importlib.metadata.version('auv-cosim')}")
         raise typer.Exit
 
 
 @app.callback()
 def common(
+    context: typer.Context,
     *,
-    version: Annotated[
+    version: Annotated[  # noqa: ARG001 - its callback has done it
         bool,
         typer.Option("--version", help="Print the version.", callback=_version, is_eager=True),
     ] = False,
 ) -> None:
     """Design, prove and co-simulate control over slow links; record, replay and study the runs."""
+    if context.invoked_subcommand is None:
+        print(FIRST_HOUR)
 
 
 def main() -> None:
@@ -54,7 +62,7 @@ def main() -> None:
     as_json = "--json" in sys.argv[1:]
     try:
         with _sigterm_as_interrupt():
-            code = app(standalone_mode=False) or 0
+            code = app(standalone_mode=False, prog_name="cosim") or 0
     except _Ended:
         code = _TERMINATED
     except CosimError as error:
@@ -114,9 +122,42 @@ def _misused(error: Any, *, as_json: bool) -> int:
         error.show()
     else:
         path = error.ctx.command_path if error.ctx else "cosim"
-        wrong = InputError(error.format_message(), where=path, hint=f"{path} --help")
+        wrong = InputError(_plain(error.format_message()), where=path, hint=_hint(error, path))
         _complain(wrong, wrong.exit_code, as_json=as_json)
     return InputError.exit_code
+
+
+_PLAIN = {
+    "Value error, ": "",
+    "Input should be a valid number, unable to parse string as a number": "a number is expected, "
+    "without a unit",
+    "Input should be a valid integer, unable to parse string as an integer": "a whole number is "
+    "expected, without a unit",
+}
+"""Words of the parser, and plain ones."""
+_OPTIONS = {
+    "stop-time": "--until",
+    "end": "--until",
+    "duration": "--until",
+    "step-size": "--set run.step=...",
+    "step": "--set run.step=...",
+    "seed": "--set run.seed=...",
+    "output": "--out",
+}
+"""Options of other tools, and what they are here."""
+
+
+def _plain(message: str) -> str:
+    for words, plain in _PLAIN.items():
+        message = message.replace(words, plain)
+    return message
+
+
+def _hint(error: Any, path: str) -> str:
+    """Return where to look, and the option that is meant by one of another tool."""
+    meant = _OPTIONS.get(str(getattr(error, "option_name", "")).lstrip("-"))
+    known = meant is not None and any(meant.split()[0] in p.opts for p in error.ctx.command.params)
+    return f"{meant}; {path} --help" if known else f"{path} --help"
 
 
 def _complain(error: CosimError, code: int, *, as_json: bool) -> None:

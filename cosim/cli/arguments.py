@@ -43,8 +43,20 @@ def gain_from(text: str) -> Any:
         value = json.loads(text)
     except (ValueError, RecursionError) as error:
         raise InputError(
-            "not a matrix", where="--gain", expected='rows as in "[[0.6, -0.5]]"', got=text
+            "not a matrix",
+            where="--gain",
+            expected='rows as in "[[0.6, -0.5]]"',
+            got=text,
+            hint="one row per control input, commas between the numbers; no file",
         ) from error
+    if isinstance(value, list) and value and not isinstance(value[0], list):
+        raise InputError(
+            "not a matrix",
+            where="--gain",
+            expected='rows as in "[[0.6, -0.5]]"',
+            got=text,
+            hint=f'one row per control input: "[{text.strip()}]"',
+        )
     return matrix_from_rows(value, "--gain")
 
 

@@ -11,14 +11,13 @@ import typer
 from cosim.cli.arguments import named_problem
 from cosim.cli.certificate_view import certificate_view, system_facts
 from cosim.cli.common import JsonOption, answer
+from cosim.cli.help_text import HelpTyper
 from cosim.core import CheckFailedError
 from cosim.hinf import check_certificate, differences, system_from_json, theorem_of
 from cosim.models import DelaySystem
 from cosim.replay import certificate_in
 
-certificate_app = typer.Typer(
-    no_args_is_help=True, help="Check the certificate of a design or an analysis."
-)
+certificate_app = HelpTyper(help="Check the certificate of a design or an analysis.")
 
 
 @certificate_app.command()
@@ -46,6 +45,10 @@ def check(
 
     Exit code 0: the claim is proved, and about that system; 1: it is not; 2: there is no
     certificate.
+
+    \b
+    cosim certificate check gain.json --system paper
+    cosim certificate check traces/auv-acoustic.mcap
     """
     found = certificate_in(file)
     checked = check_certificate(found.data)

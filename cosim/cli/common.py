@@ -5,13 +5,14 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import typer
-from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from cosim.cli.terminal import console
+from cosim.core import reported_to, silent
 
 FMUS = Path("fmus")
 TRACES = Path("traces")
@@ -27,6 +28,27 @@ FmusOption = Annotated[
     Path, typer.Option("--fmus", help="Folder of the FMUs; missing FMUs are built there.")
 ]
 
+
+def completed_from(room: str) -> Callable[[str], list[str]]:
+    """Return what completes the names of built-in scenarios or studies, without loading them."""
+
+    def names(incomplete: str) -> list[str]:
+        library = resources.files("cosim").joinpath(room, "library")
+        files = (entry.name for entry in library.iterdir())
+        stems = (name.removesuffix(".toml") for name in files if name.endswith(".toml"))
+        return sorted(stem for stem in stems if stem.startswith(incomplete))
+
+    return names
+
+
+ScenarioArgument = Annotated[
+    str,
+    typer.Argument(
+        metavar="SCENARIO",
+        help="Name of a built-in scenario, or FILE.toml.",
+        autocompletion=completed_from("scenario"),
+    ),
+]
 SetOption = Annotated[
     list[str] | None,
     typer.Option(
@@ -49,13 +71,22 @@ def answer(as_json: bool, data: Callable[[], Any], view: Callable[[], Any]) -> N
 def progress() -> Iterator[Callable[[str, float], None]]:
     """Show a progress bar on standard error, if that is a terminal; yield what updates it."""
     terminal = console(error=True)
+    if not terminal.is_terminal:
+        yield silent
+        return
+    from rich.progress import (  # noqa: PLC0415 - only where it is seen
+        BarColumn,
+        Progress,
+        TextColumn,
+        TimeRemainingColumn,
+    )
+
     with Progress(
         TextColumn("{task.description}"),
         BarColumn(),
         TimeRemainingColumn(),
         console=terminal,
         transient=True,
-        disable=not terminal.is_terminal,
     ) as bar:
         task = bar.add_task("", total=1.0)
         doing = ""
@@ -67,4 +98,5 @@ def progress() -> Iterator[Callable[[str, float], None]]:
                 bar.reset(task, total=1.0)
             bar.update(task, description=what, completed=share)
 
-        yield report_progress
+        with reported_to(report_progress):
+            yield report_progress

@@ -16,7 +16,7 @@ from cosim.cli.arguments import gain_from, named_problem, numbers, with_weights,
 from cosim.cli.common import JsonOption, answer, progress
 from cosim.cli.design_answers import analysis_json, design_json
 from cosim.cli.design_view import analysis_view, design_view
-from cosim.core import InputError, NotAchievableError
+from cosim.core import DESIGN_FILE, InputError, NotAchievableError
 from cosim.hinf import (
     DELAY_LIMIT,
     Analysis,
@@ -46,7 +46,10 @@ SaveNormOption = Annotated[
     ),
 ]
 SystemArgument = Annotated[
-    str, typer.Argument(help="paper, auv, the name of a scenario, or a system FILE.toml.")
+    str,
+    typer.Argument(
+        metavar="SYSTEM", help="paper, auv, the name of a scenario, or a system FILE.toml."
+    ),
 ]
 DelaysOption = Annotated[
     str | None,
@@ -67,9 +70,7 @@ SampledOption = Annotated[
         "until the next sample is used.",
     ),
 ]
-DelayLimitOption = Annotated[
-    float, typer.Option(help="Largest delay that --max-delay tries, in seconds.")
-]
+DelayLimitOption = Annotated[float, typer.Option(help="Largest delay that is tried, in seconds.")]
 
 DampingOption = Annotated[
     float | None,
@@ -221,6 +222,12 @@ def design(
 
     Exit code 5: the design cannot be achieved. If that is proved, --save-refutation saves the
     proof.
+
+    \b
+    cosim design paper --k1 0.6 --k2 0.2 --save gain.json
+    cosim design my-system.toml --search --json
+    cosim design paper --gamma 6 --max-delay --search
+    cosim design paper --decay 4 --gain-limit 2
     """
     named, gain = named_problem(name)
     if weights is not None:
@@ -292,7 +299,7 @@ def design(
             )
         nominal = nominal_gamma(found) if price else None
     if save is not None:
-        write_json(save, design_to_json(found))
+        write_json(save, DESIGN_FILE.stamped(design_to_json(found)))
     refutation = None if greatest is None else greatest.refutation
     kept = None if refutation is None else save_refutation
     if kept is not None:
@@ -422,6 +429,10 @@ def analyse(
     proved, or not, beside it.
 
     Exit code 0: there is a verdict, whichever; 2: bad input.
+
+    \b
+    cosim analyse paper --gain "[[0.6432, -0.5679]]"
+    cosim analyse my-system.toml --save proof.json
     """
     named, own_gain = named_problem(name)
     system = named.system

@@ -11,21 +11,21 @@ from cosim.cli.arguments import numbers
 from cosim.cli.common import JsonOption, answer
 from cosim.cli.design_view import packed_view, plant_view
 from cosim.cli.fmu_view import check_view, info_view
+from cosim.cli.help_text import HelpTyper
 from cosim.core import CheckFailedError, InputError
 from cosim.fmu import (
+    DEFAULT_FLAVOUR,
     Flavour,
-    FmuTarget,
     export_controller,
     export_plant,
     fmu_facts,
     inspect_fmu,
-    platforms_named,
     run_findings,
+    target_named,
 )
 from cosim.replay import certificate_in
 
-fmu_app = typer.Typer(
-    no_args_is_help=True,
+fmu_app = HelpTyper(
     help="Export a plant or a controller as an FMU; inspect or check any FMU.",
 )
 
@@ -47,9 +47,10 @@ FlavourOption = Annotated[
 PlatformsOption = Annotated[
     str,
     typer.Option(
-        help="Platforms whose binaries a native FMU contains. host: this machine, with its own "
-        "compiler; all, or names such as x86_64-linux,x86_64-windows: cross-compiled (needs the "
-        "extra cross). The C sources are always inside."
+        help="Binaries of a native FMU. prebuilt: those that the installed package brings, for all "
+        "platforms; without them as host. host: for this machine, by its own compiler. all, or "
+        "names such as x86_64-linux,x86_64-windows: cross-compiled (needs the extra cross). The C "
+        "sources are always inside."
     ),
 ]
 
@@ -59,6 +60,9 @@ def info(file: FileArgument, *, as_json: JsonOption = False) -> None:
     """Describe an FMU: kinds of use, platforms, variables, units, required libraries.
 
     Nothing is unpacked or executed.
+
+    \b
+    cosim fmu info my-plant.fmu
     """
     found = inspect_fmu(file)
     if found.model is None:
@@ -94,6 +98,10 @@ def check(
     restored, reset and terminated in a separate process, so that a crash is reported as a finding.
 
     Exit code 0: no errors; 1: at least one error; 2: the file is not an FMU.
+
+    \b
+    cosim fmu check my-plant.fmu
+    cosim fmu check my-plant.fmu --run
     """
     found = inspect_fmu(file)
     if run:
@@ -119,8 +127,8 @@ def build(
     ],
     out: OutOption = None,
     name: NameOption = None,
-    flavour: FlavourOption = "native",
-    platforms: PlatformsOption = "host",
+    flavour: FlavourOption = DEFAULT_FLAVOUR,
+    platforms: PlatformsOption = "prebuilt",
     initial: Annotated[
         str | None,
         typer.Option(help="Initial state: one number per state, with commas (default: zero)."),
@@ -128,20 +136,24 @@ def build(
     *,
     as_json: JsonOption = False,
 ) -> None:
-    r"""Export a plant FMU of a linear system with delays, with the symbols of Eq. (7).
+    """Export a plant FMU of a linear system with delays, with the symbols of Eq. (7).
 
-    The system may have any dimension and any number of delays. Inputs are u\[j] and w\[k],
-    outputs x\[i] and z\[l]. Every matrix entry and every delay is a parameter whose start value is
-    the number in the file. With one delay: A1\[i,j], H1\[i,j], delay.d; with several: A1, H1,
+    The system may have any dimension and any number of delays. Inputs are u[j] and w[k],
+    outputs x[i] and z[l]. Every matrix entry and every delay is a parameter whose start value is
+    the number in the file. With one delay: A1[i,j], H1[i,j], delay.d; with several: A1, H1,
     delay.d1, A2, H2, delay.d2, ...
 
     A delay marked feedback = true belongs to the link between plant and controller. The FMU
     does not contain it; if the delay has an A or H of its own, those are in the FMU.
+
+    \b
+    cosim fmu build my-system.toml -o my-plant.fmu
+    cosim fmu build paper --initial 1,0
     """
     file = Path(system)
     target = _target(file, out)
     start = None if initial is None else numbers("--initial", initial)
-    kind = FmuTarget(flavour, platforms_named(platforms))
+    kind = target_named(flavour, platforms)
     packed = export_plant(system, target, kind=kind, name=name, initial=start)
     n, m = packed.system.B.shape
     p, q = packed.system.D1.shape
@@ -168,8 +180,8 @@ def controller(
     ],
     out: OutOption = None,
     name: NameOption = None,
-    flavour: FlavourOption = "native",
-    platforms: PlatformsOption = "host",
+    flavour: FlavourOption = DEFAULT_FLAVOUR,
+    platforms: PlatformsOption = "prebuilt",
     sample_time: Annotated[
         float | None,
         typer.Option(help="Sampling period in seconds; 0: sample at every communication point."),
@@ -188,9 +200,14 @@ def controller(
     The proof is checked before anything is written. A design for the vehicle gives a
     controller from position and velocity to thrust, like HinfController; any other design gives
     a controller from the state x to the control u. Gain, limits and sample time are parameters;
-    the certificate holds for the gain that the FMU starts with.
+    the certificate holds for the gain that the FMU starts with. A scenario that connects this FMU
+    to its plant needs no [design]: the certificate counts.
+
+    \b
+    cosim fmu controller gain.json -o my-controller.fmu
+    cosim fmu controller gain.json -o sampled.fmu --sample-time 0.05 --limits 2
     """
-    kind = FmuTarget(flavour, platforms_named(platforms))
+    kind = target_named(flavour, platforms)
     found = certificate_in(file)
     if found.mismatch is not None:
         raise InputError(

@@ -66,6 +66,8 @@ def info_view(answer: dict[str, Any]) -> RenderableType:
     row("default experiment", experiment)
     for binary in answer["binaries"]:
         row(binary["file"], binary["damage"] or binary["unread"])
+        if binary["unexamined"] is not None:
+            row(binary["file"], "headers not read: pip install 'auv-cosim[check]'")
         for image in binary["images"]:
             row(binary["file"], _image(image))
     row("sources", f"{answer['sources']} files" if answer["sources"] else "none")

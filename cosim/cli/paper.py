@@ -27,6 +27,10 @@ def paper(
 
     Everything is computed anew, which takes about twenty seconds. The exit code is 0, whatever
     the verdicts are.
+
+    \b
+    cosim paper
+    cosim paper --html paper.html
     """
     # only this command needs these modules, and they take half a second to load
     from cosim.paper import page, paper_view, reproduce  # noqa: PLC0415

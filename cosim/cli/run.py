@@ -8,50 +8,51 @@ from typing import Annotated, Any, Literal
 
 import typer
 
+from cosim import master, scenario
 from cosim.cli.common import (
     FMUS,
     TRACES,
     FmusOption,
     JsonOption,
     RunFlavour,
+    ScenarioArgument,
     SetOption,
     answer,
     progress,
 )
-from cosim.cli.run_view import demo_view, outcome_view
-from cosim.cli.runs import interruptions_reported, make_fmu_cache
+from cosim.cli.run_view import demo_view
+from cosim.cli.runs import interruptions_reported, make_fmu_cache, report_outcome
 from cosim.cli.step_check_view import step_check_view
-from cosim.core import CheckFailedError, ComponentError, InputError
-from cosim.master import EngineName, Pace
-from cosim.scenario import (
-    FmuCache,
-    LoadedScenario,
-    Supervision,
-    check_step as check_communication_step,
-    check_writable,
-    demonstrate,
-    execute_run,
-    load,
-    prepare,
-    supervision_of,
-)
+from cosim.core import CheckFailedError, InputError
+from cosim.fmu import DEFAULT_FLAVOUR
 
 
 def demo(
-    out: Annotated[Path, typer.Option(help="Folder for the traces and the picture.")] = TRACES,
+    out: Annotated[
+        Path, typer.Option("--out", "-o", help="Folder for the traces and the picture.")
+    ] = TRACES,
     fmus: FmusOption = FMUS,
     as_json: JsonOption = False,
 ) -> None:
-    """Run two gains over the same acoustic link and compare them in one picture."""
+    """Run two gains over the same acoustic link and compare them in one picture.
+
+    The same vehicle runs twice in the same sea: with a gain designed for old measurements, and
+    with one designed without a delay. Traces and picture are written to the folder --out.
+
+    \b
+    cosim demo
+    cosim demo --out demo
+    """
     with progress() as report_progress, interruptions_reported():
-        result = demonstrate(make_fmu_cache(fmus), out, report_progress)
+        result = scenario.demonstrate(make_fmu_cache(fmus), out, report_progress)
     answer(as_json, result.to_json, lambda: demo_view(result))
 
 
 def run(
-    name: Annotated[str, typer.Argument(help="Name of a built-in scenario, or FILE.toml.")],
+    name: ScenarioArgument,
     out: Annotated[
-        Path | None, typer.Option(help="File of the trace (default: traces/NAME.mcap).")
+        Path | None,
+        typer.Option("--out", "-o", help="File of the trace (default: traces/NAME.mcap)."),
     ] = None,
     fmus: FmusOption = FMUS,
     engine: Annotated[
@@ -64,10 +65,10 @@ def run(
     flavour: Annotated[
         RunFlavour,
         typer.Option(
-            help="Language of the built-in FMUs: python, or native (C, compiled on this machine). "
+            help="Language of the built-in FMUs: native (C), or python, whose slave can be edited. "
             "The results are the same, bit for bit, if both use the same C library."
         ),
-    ] = "python",
+    ] = DEFAULT_FLAVOUR,
     changed: SetOption = None,
     until: Annotated[
         str | None,
@@ -139,9 +140,9 @@ def run(
     cosim run auv-acoustic
     cosim run auv-acoustic --set links.uplink.delay='400 ms' --set run.end=60
     cosim run auv-acoustic --stop-when 'abs(plant.eta.x) < 1 m and t > 10 s'
-    cosim run auv-acoustic --until '1 min' --pace 10
+    cosim run auv-acoustic --until '10 s' --pace 20
     cosim run auv-acoustic --check-step
-    cosim run my.toml --limit call=30 --limit memory='2 GB'
+    cosim run mine.toml --limit call=30 --limit memory='2 GB'
     """
     settings = list(changed or ())
     if log_level is not None:
@@ -151,8 +152,8 @@ def run(
         stops[f"--until {until}"] = {"at": _seconds(until)}
     if stop_when is not None:
         stops[f"--stop-when {stop_when!r}"] = {"when": stop_when}
-    loaded = load(name, settings, stops)
-    supervision = supervision_of(
+    loaded = scenario.load(name, settings, stops)
+    supervision = scenario.supervision_of(
         loaded.scenario, limit or (), supervise=False if no_supervise else None
     )
     if check_step:
@@ -171,13 +172,13 @@ def run(
             hint="add --check-step",
         )
     trace = out or TRACES / f"{loaded.name}.mcap"
-    check_writable(trace)
+    scenario.check_writable(trace)
     with progress() as report_progress, interruptions_reported():
-        prepared = prepare(
+        prepared = scenario.prepare(
             loaded, make_fmu_cache(fmus, loaded.folder, flavour), progress=report_progress
         )
-        kept = None if pace is None else Pace(pace)
-        outcome = execute_run(
+        kept = None if pace is None else master.Pace(pace)
+        outcome = scenario.execute_run(
             prepared,
             trace,
             progress=report_progress,
@@ -186,11 +187,7 @@ def run(
             fsync=fsync,
             supervision=supervision,
         )
-    answer(as_json, outcome.to_json, lambda: outcome_view(outcome))
-    if outcome.status == "failed":
-        raise typer.Exit(ComponentError.exit_code)
-    if not outcome.as_expected:
-        raise typer.Exit(CheckFailedError.exit_code)
+    report_outcome(outcome, as_json)
 
 
 def _refuse_together(option: str, others: Mapping[str, object]) -> None:
@@ -206,18 +203,18 @@ def _refuse_together(option: str, others: Mapping[str, object]) -> None:
 
 
 def _check_step(
-    loaded: LoadedScenario,
-    fmu_cache: FmuCache,
-    engine: EngineName,
+    loaded: scenario.LoadedScenario,
+    fmu_cache: scenario.FmuCache,
+    engine: master.EngineName,
     tolerance: float | None,
     as_json: bool,  # noqa: FBT001 - as `answer`
     *,
     observe_order: bool,
-    supervision: Supervision,
+    supervision: scenario.Supervision,
 ) -> None:
     with progress() as report_progress, interruptions_reported():
-        prepared = prepare(loaded, fmu_cache, progress=report_progress)
-        check = check_communication_step(
+        prepared = scenario.prepare(loaded, fmu_cache, progress=report_progress)
+        check = scenario.check_step(
             prepared,
             tolerance=tolerance,
             observe_order=observe_order,

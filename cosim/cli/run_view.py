@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
 from cosim.cli.terminal import NONE, facts_table, number, plain
-from cosim.scenario import Demo, Outcome
+from cosim.core import at_most
 from cosim.trace import age_lines
+
+if TYPE_CHECKING:
+    from cosim.scenario import Demo, Outcome
 
 _COLOURS = {"good": "green", "open": "yellow", "bad": "red"}
 _LEVELS = {"warning": "yellow", "error": "red", "fatal": "red"}
@@ -46,7 +49,10 @@ def outcome_view(outcome: Outcome) -> RenderableType:
         *_age(outcome.metrics.get("feedback_age")),
         *_assertions(outcome),
         *_events(outcome),
+        *_advice(outcome),
     ]
+    if outcome.binaries:
+        parts.append(Text(f"binaries: {outcome.binaries_text}"))
     if outcome.design is not None:
         parts.append(Text(f"design: {outcome.design.words}"))
     parts += late_view(outcome.log_after_end)
@@ -93,7 +99,7 @@ def demo_view(demo: Demo) -> RenderableType:
         )
     files = Text.assemble(
         "picture: ",
-        (str(demo.picture), "bold"),
+        (f"none; {demo.no_picture}", "") if demo.picture is None else (str(demo.picture), "bold"),
         *(f"\ntrace:   {outcome.trace}" for outcome in outcomes),
         "\nlook closer: ",
         (f"cosim trace report {outcomes[-1].trace}", "bold"),
@@ -109,7 +115,7 @@ def _figures(outcome: Outcome) -> list[tuple[str, str, str]]:
     thrust = max((v for n, v in largest.items() if n.startswith("force.")), default=None)
     use = m["envelope_use"]
     return [
-        ("gamma", number(m["gamma"], 5), "certified"),
+        ("gamma", NONE if m["gamma"] is None else at_most(m["gamma"], 6), "certified"),
         ("exact norm, nominal loop", number(m["exact_norm"], 5), "computed"),
         ("gain of the zero-state run", number(m["gain"], 5), _gain_measured(m)),
         ("final position error", number(m["position_error_m"], 3, "m"), "measured"),
@@ -175,7 +181,10 @@ def _links(links: Mapping[str, Mapping[str, Any]]) -> list[RenderableType]:
 
 def _assumptions(assumptions: Mapping[str, bool]) -> RenderableType:
     if not assumptions:
-        return Text("no design: nothing is guaranteed", style="dim")
+        return Text(
+            "no design: nothing is guaranteed ([design] file in the scenario names one)",
+            style="dim",
+        )
     table = Table(
         box=None,
         pad_edge=False,
@@ -229,6 +238,24 @@ def _events(outcome: Outcome) -> list[RenderableType]:
     if len(outcome.events) > _MOST_EVENTS:
         table.add_row("", f"and {len(outcome.events) - _MOST_EVENTS} more (cosim trace info)")
     return [table]
+
+
+def _advice(outcome: Outcome) -> list[RenderableType]:
+    """Say what to do about what is often overlooked."""
+    lines = [
+        f"try: {name} delivered none of its {s['sent']} messages: its delay may be longer than the "
+        'run; a delay is in seconds, or has a unit: "400 ms"'
+        for name, s in outcome.links.items()
+        if s["sent"] and not s["delivered"] and s["dropped"] < s["sent"]
+    ]
+    age, designed = outcome.metrics["message_age_s"], outcome.metrics["designed_age_s"]
+    if age is not None and designed is not None and age > designed * (1 + 1e-12):
+        lines.append(
+            f"try: a design for measurements {age:.4g} s old: [[system.delays]] with d, "
+            "feedback = true and any_age = true in the file of the system, or [design] loop_delay "
+            "of the system auv; cosim age shows what each age costs"
+        )
+    return [Text(line) for line in lines]
 
 
 def _status(outcome: Outcome) -> Text:

@@ -1,4 +1,4 @@
-"""What the commands share that run something: where FMUs are, and what an interruption leaves."""
+"""What the commands share that run something: where FMUs are, and how a run is reported."""
 
 from __future__ import annotations
 
@@ -6,9 +6,13 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from cosim.core import StoppedError, TerminatedError
+import typer
+
+from cosim import scenario
+from cosim.cli.common import answer
+from cosim.cli.run_view import outcome_view
+from cosim.core import CheckFailedError, ComponentError, StoppedError, TerminatedError
 from cosim.fmu import DEFAULT_FLAVOUR
-from cosim.scenario import FmuCache, InterruptedRun, TerminatedRun
 
 
 @contextmanager
@@ -21,8 +25,8 @@ def interruptions_reported() -> Iterator[None]:
     """
     try:
         yield
-    except (InterruptedRun, TerminatedRun) as ended:
-        kind = StoppedError if isinstance(ended, InterruptedRun) else TerminatedError
+    except (scenario.InterruptedRun, scenario.TerminatedRun) as ended:
+        kind = StoppedError if isinstance(ended, scenario.InterruptedRun) else TerminatedError
         outcome = ended.outcome
         raise kind(
             "interrupted" if kind is StoppedError else "terminated",
@@ -34,6 +38,15 @@ def interruptions_reported() -> Iterator[None]:
 
 def make_fmu_cache(
     fmus: Path, folder: Path | None = None, flavour: str = DEFAULT_FLAVOUR
-) -> FmuCache:
+) -> scenario.FmuCache:
     """Return the cache in which a run finds its FMUs, or builds them."""
-    return FmuCache(root=fmus, folder=folder or Path.cwd(), flavour=flavour)
+    return scenario.FmuCache(root=fmus, folder=folder or Path.cwd(), flavour=flavour)
+
+
+def report_outcome(outcome: scenario.Outcome, as_json: bool) -> None:  # noqa: FBT001 - as `answer`
+    """Print the outcome of a run, and leave with its exit code."""
+    answer(as_json, outcome.to_json, lambda: outcome_view(outcome))
+    if outcome.status == "failed":
+        raise typer.Exit(ComponentError.exit_code)
+    if not outcome.as_expected:
+        raise typer.Exit(CheckFailedError.exit_code)

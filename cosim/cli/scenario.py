@@ -14,9 +14,11 @@ from cosim.cli.common import (
     FMUS,
     FmusOption,
     JsonOption,
+    ScenarioArgument,
     SetOption,
     answer,
 )
+from cosim.cli.help_text import HelpTyper
 from cosim.cli.runs import make_fmu_cache
 from cosim.cli.terminal import console, titles_table
 from cosim.core import CosimError, InputError
@@ -33,14 +35,16 @@ from cosim.scenario import (
     with_settings,
 )
 
-scenario_app = typer.Typer(
-    no_args_is_help=True, help="List, create, check and show scenarios (TOML files)."
-)
+scenario_app = HelpTyper(help="List, create, check and show scenarios (TOML files).")
 
 
 @scenario_app.command("list")
 def list_scenarios(*, as_json: JsonOption = False) -> None:
-    """List the built-in scenarios."""
+    """List the built-in scenarios.
+
+    \b
+    cosim scenario list
+    """
     found = [(name, load(name).scenario) for name in builtin_names()]
     rows: list[dict[str, Any]] = [
         {
@@ -107,7 +111,7 @@ def check(
     Exit code 0: nothing is wrong; 2: at least one scenario has an error.
 
     \b
-    cosim scenario check mine.toml other.toml
+    cosim scenario check mine.toml slower.toml
     """
     found = {name: _problems(name, list(changed or ()), fmus) for name in names}
     rows = [
@@ -135,7 +139,7 @@ def _problems(name: str, settings: list[str], fmus: Path) -> list[CosimError]:
 
 @scenario_app.command()
 def show(
-    name: Annotated[str, typer.Argument(help="Name of a built-in scenario, or FILE.toml.")],
+    name: ScenarioArgument,
     changed: SetOption = None,
     diagram: Annotated[
         Literal["text", "mermaid"] | None,

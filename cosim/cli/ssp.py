@@ -18,13 +18,14 @@ from cosim.cli.common import (
     answer,
     progress,
 )
+from cosim.cli.help_text import HelpTyper
 from cosim.cli.runs import make_fmu_cache
 from cosim.cli.terminal import console, facts_table
 from cosim.core import InputError
+from cosim.fmu import DEFAULT_FLAVOUR
 from cosim.scenario import SspExport, SspImport, export_ssp, import_ssp, load, prepare
 
-ssp_app = typer.Typer(
-    no_args_is_help=True,
+ssp_app = HelpTyper(
     help="Export a scenario as an SSP archive for other tools, or import an archive.",
 )
 
@@ -47,17 +48,18 @@ def export_verb(
     flavour: Annotated[
         RunFlavour,
         typer.Option(help="Built-in FMUs: native (C) for any tool, python for Python hosts."),
-    ] = "native",
+    ] = DEFAULT_FLAVOUR,
     fmus: FmusOption = FMUS,
     as_json: JsonOption = False,
 ) -> None:
     """Write a scenario as an SSP 1.0 archive: FMUs, parameters, gain, connections, end time.
 
     A reference path or a disturbance becomes an FMU that plays it. Anything that SSP cannot
-    express is an error, or is left out with a warning. The archive contains FMUs for this machine.
+    express is an error, or is left out with a warning. Prebuilt FMUs are for all platforms, FMUs
+    that are compiled for this machine only.
 
     With --links fmu the links step on the grid of the other tool, so compare with a scenario that
-    has events = "grid". Link FMUs need a C compiler.
+    has events = "grid".
 
     \b
     cosim ssp export auv-acoustic -o auv.ssp
@@ -100,8 +102,8 @@ def import_verb(
     links again. Anything that is left out is named in a warning.
 
     \b
-    cosim ssp import theirs.ssp -o theirs.toml
-    cosim run theirs.toml
+    cosim ssp import auv.ssp -o from-ssp.toml
+    cosim run from-ssp.toml
     """
     path = out or Path(f"{file.stem}.toml")
     if out is None and path.exists():

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
 from cosim.cli.terminal import NONE, number
-from cosim.scenario import StepCheck
+
+if TYPE_CHECKING:
+    from cosim.scenario import StepCheck
 
 _ROWS = 20
 _COLOUR = {"yes": "green", "no": "red", "unclear": "yellow"}

@@ -2,17 +2,31 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
-from cosim.cli.arguments import names
-from cosim.cli.common import FMUS, FmusOption, JsonOption, RunFlavour, answer, progress
-from cosim.cli.study_view import checked_view, finished_view, summary_view
+from cosim.cli.arguments import names, numbers
+from cosim.cli.common import (
+    FMUS,
+    TRACES,
+    FmusOption,
+    JsonOption,
+    RunFlavour,
+    answer,
+    completed_from,
+    progress,
+)
+from cosim.cli.help_text import HelpTyper
+from cosim.cli.runs import interruptions_reported, report_outcome
+from cosim.cli.study_view import checked_view, finished_view, sensitivity_view, summary_view
 from cosim.cli.terminal import titles_table
 from cosim.core import InputError, StoppedError
+from cosim.fmu import DEFAULT_FLAVOUR
+from cosim.scenario import check_writable, time_limit as time_limit_of
 from cosim.study import (
     LoadedStudy,
     Plan,
@@ -27,35 +41,69 @@ from cosim.study import (
     pool_for,
     read_rows,
     read_table,
+    repeat_run,
+    sensitivity,
+    study_schema,
     summarise,
 )
 
 STUDIES = Path("studies")
 
-study_app = typer.Typer(
-    no_args_is_help=True,
+study_app = HelpTyper(
     help="Run one scenario many times: over grids, random samples or seeds; on cores or a cluster.",
 )
 
-StudyArgument = Annotated[str, typer.Argument(help="Name of a built-in study, or FILE.toml.")]
+StudyArgument = Annotated[
+    str,
+    typer.Argument(
+        metavar="STUDY",
+        help="Name of a built-in study, or FILE.toml.",
+        autocompletion=completed_from("study"),
+    ),
+]
 FlavourOption = Annotated[
     RunFlavour,
-    typer.Option(help="Built-in FMUs: native (C, compiled on this machine), or python."),
+    typer.Option(help="Language of the built-in FMUs: native (C), or python."),
+]
+
+LimitOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="KEY=VALUE",
+        help="End a run beyond a limit: call, run, start, end (seconds, or '2 min') or memory "
+        "('2 GB'); none: no limit. In a study without a limit of run: 50 times what the first run "
+        "took, at least 60 s. May be repeated.",
+    ),
 ]
 
 
 @study_app.command("list")
 def list_studies(*, as_json: JsonOption = False) -> None:
-    """List the built-in studies."""
+    """List the built-in studies.
+
+    \b
+    cosim study list
+    """
     rows = [{"name": name, "title": load_study(name).study.title} for name in builtin_studies()]
     answer(as_json, lambda: {"studies": rows}, lambda: titles_table("study", "title", rows))
+
+
+@study_app.command()
+def schema(*, as_json: JsonOption = False) -> None:
+    """Print the JSON Schema of studies, for editors that complete and check TOML.
+
+    \b
+    cosim study schema > study.schema.json
+    """
+    del as_json  # the output is JSON with or without it
+    print(json.dumps(study_schema(), indent=1))
 
 
 @study_app.command()
 def check(
     name: StudyArgument,
     fmus: FmusOption = FMUS,
-    flavour: FlavourOption = "native",
+    flavour: FlavourOption = DEFAULT_FLAVOUR,
     as_json: JsonOption = False,
 ) -> None:
     """Check a study and show its axes, its metrics and the number of its runs; run nothing.
@@ -82,7 +130,8 @@ def check(
 def run(
     name: StudyArgument,
     out: Annotated[
-        Path | None, typer.Option(help="Folder for the results (default: studies/NAME).")
+        Path | None,
+        typer.Option("--out", "-o", help="Folder for the results (default: studies/NAME)."),
     ] = None,
     workers: Annotated[
         str,
@@ -94,17 +143,37 @@ def run(
         str | None,
         typer.Option(help="Run on the workers of this Dask scheduler instead: tcp://HOST:PORT."),
     ] = None,
+    samples: Annotated[
+        int | None,
+        typer.Option(
+            min=1,
+            help="Number of sampled points, instead of the study's; a study that was run with "
+            "fewer is extended, and keeps its runs.",
+        ),
+    ] = None,
     traces: Annotated[
         str | None,
         typer.Option(
             help="Keep the traces of these runs: none, all, failed, or 'worst:N by METRIC'."
         ),
     ] = None,
+    limit: LimitOption = None,
+    time_limit: Annotated[
+        str,
+        typer.Option(
+            help="Begin no more runs after this time (seconds, or '2 h'); exit code 3 if runs are "
+            "left, and the same command continues."
+        ),
+    ] = "none",
+    wait_for_workers: Annotated[
+        str,
+        typer.Option(help="How long to wait when there are no workers; none: for ever."),
+    ] = "10 min",
     fresh: Annotated[
         bool, typer.Option("--fresh", help="Delete the results in the folder and start again.")
     ] = False,
     fmus: FmusOption = FMUS,
-    flavour: FlavourOption = "native",
+    flavour: FlavourOption = DEFAULT_FLAVOUR,
     as_json: JsonOption = False,
 ) -> None:
     """Run a study, or the rest of it, and write the table of its results: results.parquet.
@@ -115,19 +184,29 @@ def run(
 
     \b
     cosim study run delay-margin
-    cosim study run my-study.toml --workers all
-    cosim study run my-study.toml --scheduler tcp://10.0.0.5:8786
-      --out /shared/mine --fmus /shared/fmus
+    cosim study run delay-margin --workers all
+    cosim study run sea-states --scheduler tcp://10.0.0.5:8786 --out /shared/sea --fmus /shared/fmus
     """
     loaded = load_study(name)
     if traces is not None:
         loaded = replace(loaded, study=_with_traces(loaded.study, traces))
-    pool = pool_for(workers, scheduler)
+    if samples is not None:
+        loaded = replace(loaded, study=loaded.study.model_copy(update={"samples": samples}))
+    wait_s = time_limit_of(wait_for_workers, "--wait-for-workers")
+    pool = pool_for(workers, scheduler, wait_s)
     folder = out or STUDIES / loaded.name
     plan = _plan(loaded, fmus, flavour)
     try:
         with progress() as report_progress:
-            done = execute_study(plan, folder, pool, fresh=fresh, progress=report_progress)
+            done = execute_study(
+                plan,
+                folder,
+                pool,
+                fresh=fresh,
+                limits=limit or (),
+                time_limit_s=time_limit_of(time_limit, "--time-limit"),
+                progress=report_progress,
+            )
     except KeyboardInterrupt:
         there = len(read_rows(folder)) if folder.is_dir() else 0
         raise StoppedError(
@@ -136,7 +215,34 @@ def run(
             got=f"{there} of {plan.count} runs are done and kept",
             hint="the same command continues",
         ) from None
-    answer(as_json, done.to_json, lambda: finished_view(done))
+    answer(as_json, done.to_json, lambda: finished_view(name, done))
+
+
+@study_app.command()
+def repeat(
+    name: StudyArgument,
+    number: Annotated[int, typer.Argument(help="Number of the run, counted from 0.")],
+    out: Annotated[
+        Path | None, typer.Option(help="Trace (default: traces/STUDY-run-NUMBER.mcap).")
+    ] = None,
+    limit: LimitOption = None,
+    fmus: FmusOption = FMUS,
+    flavour: FlavourOption = DEFAULT_FLAVOUR,
+    as_json: JsonOption = False,
+) -> None:
+    """Execute one run of a study alone, with a trace, as `cosim run` does.
+
+    \b
+    cosim study repeat delay-margin 17
+    cosim trace report traces/delay-margin-run-17.mcap
+    """
+    loaded = load_study(name)
+    plan = _plan(loaded, fmus, flavour)
+    trace = out or TRACES / f"{loaded.name}-run-{number}.mcap"
+    check_writable(trace)
+    with interruptions_reported():
+        outcome = repeat_run(plan, number, trace, limits=limit or ())
+    report_outcome(outcome, as_json)
 
 
 @study_app.command()
@@ -151,6 +257,10 @@ def show(
         bool,
         typer.Option("--bootstrap", help="Bootstrap the intervals of means (not Student's t)."),
     ] = False,
+    quantiles: Annotated[
+        str | None,
+        typer.Option(help="Quantiles of the metrics, with intervals: 0.05,0.95."),
+    ] = None,
     picture: Annotated[
         Path | None,
         typer.Option(help="Draw the stability map of the study to this .png, .svg or .pdf file."),
@@ -172,12 +282,18 @@ def show(
 
     \b
     cosim study show studies/delay-margin --picture margin.png
-    cosim study show studies/sea-states --by Hs
-    cosim study show studies/sea-states --metric error --over Hs --picture error.png
+    cosim study show studies/delay-margin --by delay --quantiles 0.05,0.95
     """
     table, manifest = read_table(path)
     groups = None if by is None else [] if by == "all" else list(names("--by", by))
-    found = summarise(table, manifest, groups, confidence=confidence, bootstrap=bootstrap)
+    found = summarise(
+        table,
+        manifest,
+        groups,
+        confidence=confidence,
+        bootstrap=bootstrap,
+        quantiles=[] if quantiles is None else numbers("--quantiles", quantiles),
+    )
     edge = boundary(table, manifest)
     if (metric is None) != (over is None) or (metric is not None and picture is None):
         raise InputError(
@@ -194,6 +310,23 @@ def show(
         "picture": None if picture is None else str(picture),
     }
     answer(as_json, lambda: data, lambda: summary_view(found, edge, picture))
+
+
+@study_app.command("sensitivity")
+def show_sensitivity(
+    path: Annotated[Path, typer.Argument(help="Folder of a study, or its results.parquet.")],
+    metric: Annotated[str, typer.Argument(help="Metric of the study.")],
+    confidence: Annotated[float, typer.Option(help="Confidence level of the intervals.")] = 0.95,
+    as_json: JsonOption = False,
+) -> None:
+    """Show how much of a metric's variance is due to each axis, of a study of kind "saltelli".
+
+    \b
+    cosim study sensitivity studies/my-study error
+    """
+    table, manifest = read_table(path)
+    found = sensitivity(table, manifest, metric, confidence=confidence)
+    answer(as_json, found.to_json, lambda: sensitivity_view(found))
 
 
 def _plan(loaded: LoadedStudy, fmus: Path, flavour: RunFlavour) -> Plan:

@@ -10,7 +10,16 @@ from rich.table import Table
 from rich.text import Text
 
 from cosim.cli.terminal import NONE, facts_table, number
-from cosim.study import Boundary, Group as RunGroup, Numbers, Share, StudyResult, Summary
+from cosim.study import (
+    Boundary,
+    Group as RunGroup,
+    Numbers,
+    Quantile,
+    Sensitivity,
+    Share,
+    StudyResult,
+    Summary,
+)
 
 
 def checked_view(data: dict[str, Any]) -> RenderableType:
@@ -27,15 +36,30 @@ def checked_view(data: dict[str, Any]) -> RenderableType:
     return Group(head, table, Text(f"metrics: {', '.join(data['metrics'])}"))
 
 
-def finished_view(done: StudyResult) -> RenderableType:
-    """Show the number of runs per status, and where the table is."""
+_MOST_REASONS = 5
+
+
+def finished_view(name: str, done: StudyResult) -> RenderableType:
+    """Show the number of runs per status, what ended runs early, and where the table is.
+
+    `name` : of the study on the command line.
+    """
     facts = facts_table()
     now = f"{done.executed} of them executed now, in {done.seconds:.3g} s"
     facts.add_row("runs", str(done.runs), now)
     for status, count in sorted(done.statuses.items()):
         label = Text(status.replace("_", " "), style="" if status == "finished" else "yellow")
         facts.add_row(label, str(count), "")
+    if done.retried:
+        facts.add_row("tried again", str(done.retried), "runs, since their worker died")
     parts: list[RenderableType] = [facts]
+    for row in done.incomplete[:_MOST_REASONS]:
+        reason = (row.reason or "").splitlines() or [""]
+        parts.append(Text(f"run {row.run} {row.status.replace('_', ' ')}: {reason[0]}", "yellow"))
+    if done.incomplete:
+        more = len(done.incomplete) - _MOST_REASONS
+        alone = f"cosim study repeat {name} {done.incomplete[0].run}"
+        parts.append(Text(f"{f'and {more} more; ' if more > 0 else ''}one alone: {alone}"))
     if done.traces:
         kept = [run for run, why in done.traces.items() if why is None]
         parts.append(Text(f"traces: {len(kept)} in {done.folder / 'traces'}"))
@@ -63,6 +87,23 @@ def summary_view(found: Summary, edge: Boundary | None, picture: Path | None) ->
     return Group(*parts)
 
 
+def sensitivity_view(found: Sensitivity) -> RenderableType:
+    """Show the indices of each axis."""
+    table = Table(box=None, pad_edge=False)
+    for column in ("axis", "alone", "interval", "with others", "interval"):
+        table.add_column(column, justify="left" if column == "axis" else "right")
+    for axis, first in found.first.items():
+        cells = []
+        for index in (first, found.total[axis]):
+            cells += [f"{index.value:.3f}", f"[{index.low:.3f}, {index.high:.3f}]"]
+        table.add_row(axis, *cells)
+    head = Text(
+        f"shares of the variance of {found.metric}, {found.samples} samples; "
+        f"intervals: {100 * found.confidence:g} %, bootstrap"
+    )
+    return Group(head, table)
+
+
 def _all_runs(group: RunGroup) -> RenderableType:
     table = Table(box=None, pad_edge=False)
     table.add_column("metric")
@@ -77,6 +118,8 @@ def _all_runs(group: RunGroup) -> RenderableType:
             *(number(v, 4) for v in (found.deviation, found.minimum, found.median, found.maximum)),
             str(found.count) + (f", {found.missing} without" if found.missing else ""),
         )
+        for one in found.quantiles:
+            table.add_row(f"  {100 * one.share:g} % below", *_quantile(one), *[""] * 5)
     return table
 
 
@@ -96,7 +139,8 @@ def _per_group(found: Summary) -> RenderableType:
             cells.append(NONE if share is None else " ".join(_share(share)))
         for name in means:
             mean = group.numbers.get(name)
-            cells.append(NONE if mean is None else " ".join(_mean(mean)))
+            parts = [] if mean is None else [_mean(mean), *map(_quantile, mean.quantiles)]
+            cells.append("\n".join(" ".join(part) for part in parts) or NONE)
         table.add_row(*cells[: len(found.by)], str(group.runs), *cells[len(found.by) :])
     return table
 
@@ -109,6 +153,11 @@ def _mean(found: Numbers) -> tuple[str, str]:
     if found.low is None or found.high is None or found.low == found.high:
         return number(found.mean, 4), ""
     return number(found.mean, 4), f"[{found.low:.4g}, {found.high:.4g}]"
+
+
+def _quantile(found: Quantile) -> tuple[str, str]:
+    low, high = (NONE if end is None else f"{end:.4g}" for end in (found.low, found.high))
+    return number(found.value, 4), f"[{low}, {high}]"
 
 
 def _value(value: Any) -> str:

@@ -14,6 +14,7 @@ import typer
 from rich.text import Text
 
 from cosim.cli.common import JsonOption, answer, progress
+from cosim.cli.help_text import HelpTyper
 from cosim.cli.terminal import console
 from cosim.cli.trace_diff import diff
 from cosim.cli.trace_export import export
@@ -32,9 +33,8 @@ from cosim.trace import (
     write_report,
 )
 
-trace_app = typer.Typer(
+trace_app = HelpTyper(
     cls=TraceVerbs,
-    no_args_is_help=True,
     help="Read, verify, recover, compare, show, export and rerun recorded traces.",
 )
 
@@ -57,7 +57,11 @@ def info(
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Show what a trace contains: run, topics, links, result, content hash."""
+    """Show what a trace contains: run, topics, links, result, content hash.
+
+    \b
+    cosim trace info traces/auv-acoustic.mcap
+    """
     description = describe(file, hashed=hashed)
     answer(as_json, lambda: description, lambda: render(description))
 
@@ -91,8 +95,8 @@ def report(
 
     \b
     cosim trace report traces/auv-acoustic.mcap
-    cosim trace report crashed.mcap.partial -o crashed.html --open
-    cosim trace report yesterday.mcap --compare today.mcap
+    cosim trace report traces/auv-acoustic.mcap -o run.html --open
+    cosim trace report traces/auv-acoustic.mcap --compare traces/auv-acoustic-naive.mcap
     """
     if compare is None:
         written = write_report(file, out)
@@ -141,7 +145,7 @@ def recover(
 
     \b
     cosim trace recover traces/auv-acoustic.mcap.partial
-    cosim trace recover damaged.mcap -o mended.mcap --keep-suspect --json
+    cosim trace recover traces/auv-acoustic.mcap.partial -o mended.mcap --keep-suspect
     """
     with progress() as report_progress:
         result = recover_trace(

@@ -20,7 +20,7 @@ from cosim.cli.common import (
 from cosim.cli.replay_view import inject_json, inject_view
 from cosim.cli.runs import make_fmu_cache
 from cosim.core import CheckFailedError, ComponentError, InputError
-from cosim.fmu import FmuDescription
+from cosim.fmu import DEFAULT_FLAVOUR, FmuDescription
 from cosim.network import Jitter, PacketLink, TransportLink
 from cosim.replay import InjectionRequest, SignalMapping, inject as run_injection
 from cosim.scenario import check_writable, link_of, load, nanoseconds
@@ -110,8 +110,8 @@ def inject(
     ] = 0.0,
     fmus: FmusOption = FMUS,
     flavour: Annotated[
-        RunFlavour, typer.Option(help="Language of a built-in FMU: python, or native (C).")
-    ] = "python",
+        RunFlavour, typer.Option(help="Language of a built-in FMU: native (C), or python.")
+    ] = DEFAULT_FLAVOUR,
     *,
     as_json: JsonOption = False,
 ) -> None:
@@ -126,8 +126,7 @@ def inject(
 
     \b
     cosim trace inject traces/auv-acoustic.mcap --into HinfController --compare controller
-    cosim trace inject traces/auv-acoustic.mcap --into mine.fmu
-      --map-group plant.eta=eta --as sent --sample-time 0.15 --delay 0.4 --loss 0.1
+    cosim trace inject traces/auv-acoustic.mcap --into HinfController --as sent --delay 0.4
     """
     place = make_fmu_cache(fmus, Path.cwd(), flavour)
     request = InjectionRequest(

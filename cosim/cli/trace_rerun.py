@@ -16,11 +16,18 @@ from cosim.replay import rerun as run_again
 
 def rerun(
     file: Annotated[Path, typer.Argument(help="A trace written by cosim run.")],
-    out: Annotated[Path | None, typer.Option(help="File to keep the new trace in.")] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="File to keep the new trace in.")
+    ] = None,
     fmus: FmusOption = FMUS,
     as_json: JsonOption = False,
 ) -> None:
-    """Repeat a run from its trace alone and compare the two (exit code 1 if they differ)."""
+    """Repeat a run from its trace alone and compare the two (exit code 1 if they differ).
+
+    \b
+    cosim trace rerun traces/auv-acoustic.mcap
+    cosim trace rerun traces/auv-acoustic.mcap --out again.mcap
+    """
     with progress() as report_progress:
         result = run_again(file, make_fmu_cache(fmus), output=out, progress=report_progress)
     answer(as_json, result.to_json, lambda: rerun_view(result))

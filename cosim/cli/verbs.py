@@ -6,7 +6,8 @@ import importlib
 from typing import Any, ClassVar, NamedTuple
 
 import typer
-from typer.core import TyperCommand, TyperGroup
+
+from cosim.cli.help_text import HelpCommand, HelpGroup, HelpTyper
 
 
 class Verb(NamedTuple):
@@ -69,6 +70,11 @@ VERBS = {
         "study_app",
         "Run one scenario many times: over grids, random samples or seeds; on cores or a cluster.",
     ),
+    "migrate": Verb(
+        "migrate",
+        "migrate",
+        "Bring files to the newest version of their keys, and write that version into them.",
+    ),
 }
 
 TRACE_VERBS = {
@@ -88,12 +94,12 @@ TRACE_VERBS = {
 STYLE: dict[str, Any] = {
     "add_completion": False,
     "pretty_exceptions_enable": False,
-    "rich_markup_mode": "rich",
+    "rich_markup_mode": None,
 }
 """Of every typer application here."""
 
 
-class VerbsOnUse(TyperGroup):
+class VerbsOnUse(HelpGroup):
     """A group that lists `verbs` after its own commands, and loads the one that is called."""
 
     verbs: ClassVar[dict[str, Verb]] = VERBS
@@ -101,7 +107,7 @@ class VerbsOnUse(TyperGroup):
     def __init__(self, **attributes: Any) -> None:
         super().__init__(**attributes)
         for name, verb in self.verbs.items():
-            self.add_command(TyperCommand(name, help=verb.help, hidden=verb.hidden))
+            self.add_command(HelpCommand(name, help=verb.help, hidden=verb.hidden))
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         """Load the command that is named, then find it as usual."""
@@ -119,7 +125,7 @@ class TraceVerbs(VerbsOnUse):
 def loaded(name: str, verb: Verb) -> Any:
     """Return the command of this name, its module loaded."""
     member = getattr(importlib.import_module(f"cosim.cli.{verb.module}"), verb.member)
-    around = typer.Typer(**STYLE)
+    around = HelpTyper(**STYLE)
     if isinstance(member, typer.Typer):
         around.add_typer(member, name=name)
     else:

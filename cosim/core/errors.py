@@ -60,18 +60,60 @@ class InputError(CosimError, ValueError):
 
     @classmethod
     def unknown(
-        cls, kind: str, name: str, known: Iterable[str], *, where: str | None = None
+        cls,
+        kind: str,
+        name: str,
+        known: Iterable[str],
+        *,
+        where: str | None = None,
+        hint: str | None = None,
     ) -> InputError:
-        """Make the error for a name that does not exist, with the nearest that do."""
+        """Make the error for a name that does not exist, with the nearest that do.
+
+        hint : what to do where no other name is near.
+        """
         names = sorted(known)
-        near = difflib.get_close_matches(name, names, n=3, cutoff=0.5)
-        listed = ", ".join(names) if len(names) <= 12 else f"one of {len(names)} names"
+        near = did_you_mean(nearest(name, names))
+        most = _LISTED if near is None else _LISTED_BESIDE
+        listed = ", ".join(names) if len(names) <= most else f"one of {len(names)} names"
         return cls(
             f"there is no {kind} {name!r}",
             where=where,
             expected=listed or "nothing: there is none",
-            hint=f"did you mean {' or '.join(near)}?" if near else None,
+            hint=near or hint,
         )
+
+
+_LISTED, _LISTED_BESIDE = 20, 12
+"""Names that are listed at most, without and with near ones."""
+_SHORT = 3
+_NEAR, _NEAR_IF_SHORT = 0.6, 0.75
+
+
+def nearest(name: str, names: Iterable[str], *, most: int = 3) -> list[str]:
+    """Return the names that may be meant by one that does not exist, the nearest first.
+
+    Short names, which are all alike, have to be nearer.
+    """
+    known = list(names)
+    same = [other for other in known if _letters(other) == _letters(name)]
+    near = _NEAR_IF_SHORT if len(name) <= _SHORT else _NEAR
+    return same[:most] or difflib.get_close_matches(name, known, n=most, cutoff=near)
+
+
+def did_you_mean(names: Iterable[str]) -> str | None:
+    """Return the hint that offers names; None without any."""
+    offered = " or ".join(names)
+    return f"did you mean {offered}?" if offered else None
+
+
+def counted(number: int, one: str, more: str | None = None) -> str:
+    """Return a number of things in words: "1 number", "2 numbers"."""
+    return f"{number} {one if number == 1 else more or one + 's'}"
+
+
+def _letters(name: str) -> str:
+    return "".join(c for c in name.lower() if c.isalnum())
 
 
 class CheckFailedError(CosimError):

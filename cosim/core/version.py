@@ -3,3 +3,4 @@
 import importlib.metadata
 
 __version__ = importlib.metadata.version("auv-cosim")
+"""Version of the distribution auv-cosim that is installed."""

@@ -3,15 +3,22 @@ from .call_watch import (
     calling as calling,
     watch_calls as watch_calls,
 )
-from .compiled import compiled_library as compiled_library
+from .certificate import (
+    carries_certificate as carries_certificate,
+    certificate_in_fmu as certificate_in_fmu,
+)
+from .compiled import (
+    compiled_library as compiled_library,
+    is_prebuilt as is_prebuilt,
+    library_source as library_source,
+    write_library as write_library,
+)
 from .description import (
     FmuDescription as FmuDescription,
     describe_fmu as describe_fmu,
 )
 from .export.archive import deterministic_zip as deterministic_zip
 from .export.build import (
-    DEFAULT_FLAVOUR as DEFAULT_FLAVOUR,
-    FMI_VERSION as FMI_VERSION,
     build_fmu as build_fmu,
     ensure_all as ensure_all,
     ensure_fmu as ensure_fmu,
@@ -22,13 +29,23 @@ from .export.controller import (
     ControllerFmu as ControllerFmu,
     export_controller as export_controller,
 )
-from .export.fmu_file import (
+from .export.flavours import (
+    DEFAULT_FLAVOUR as DEFAULT_FLAVOUR,
+    FMI_VERSION as FMI_VERSION,
     Flavour as Flavour,
+)
+from .export.fmu_file import (
     FmuTarget as FmuTarget,
+    target_named as target_named,
 )
 from .export.native.platforms import (
     PLATFORMS as PLATFORMS,
+    Platform as Platform,
     platforms_named as platforms_named,
+)
+from .export.native.tape_package import (
+    KINDS as KINDS,
+    write_binary as write_binary,
 )
 from .export.page.loop import (
     loop_scenario as loop_scenario,
@@ -73,6 +90,12 @@ from .port import (
     SignalKind as SignalKind,
     describe_settable as describe_settable,
     may_be_set as may_be_set,
+)
+from .prebuilt import (
+    is_current as is_current,
+    prebuilt_folder as prebuilt_folder,
+    why_none_prebuilt as why_none_prebuilt,
+    write_manifest as write_manifest,
 )
 from .slave import (
     FmuSlave as FmuSlave,

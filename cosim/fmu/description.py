@@ -14,7 +14,8 @@ from typing import Any
 from fmpy import read_model_description
 from fmpy.model_description import ValidationError
 
-from cosim.core import InputError
+from cosim.core import InputError, similar_files
+from cosim.fmu.export.catalogue import CATALOGUE
 from cosim.fmu.feedthrough import Feedthrough, declared_feedthrough
 from cosim.fmu.inspect.archive import CheckedArchive
 from cosim.fmu.inspect.declared_model import XML
@@ -95,7 +96,8 @@ class FmuDescription:
         """Return the variable `name`; an `InputError` lists the nearest names if there is none."""
         found = self.ports.get(name)
         if found is None:
-            raise InputError.unknown("variable", name, self.ports, where=where)
+            hint = f"cosim fmu info {self.path} lists them"
+            raise InputError.unknown("variable", name, self.ports, where=where, hint=hint)
         return found
 
     def resized(self, parameters: Mapping[str, Any]) -> FmuDescription:
@@ -145,7 +147,7 @@ def describe_fmu(path: Path) -> FmuDescription:
         a model description that breaks the standard, or an FMI version or type not supported here.
     """
     if not path.is_file():
-        raise InputError("no such FMU", where=str(path), hint="build it: python build_fmu.py")
+        raise InputError("no such FMU", where=str(path), hint=_where_it_may_be(path))
     try:
         content = path.read_bytes()
     except OSError as error:
@@ -158,6 +160,16 @@ def describe_fmu(path: Path) -> FmuDescription:
             del _described[next(iter(_described))]
         _described[key] = _describe(path, content, key[1])
     return _described[key]
+
+
+def _where_it_may_be(path: Path) -> str:
+    """Return what to do about a file that is not there."""
+    similar = similar_files(path)
+    if similar is not None:
+        return similar
+    if path.stem in CATALOGUE:
+        return f'build it: python build_fmu.py; a scenario has it by its name: fmu = "{path.stem}"'
+    return "a path in a scenario starts from the folder of its file"
 
 
 _MOST_KEPT = 64

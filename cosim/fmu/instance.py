@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from types import MappingProxyType
-from typing import Any, Final, Literal
+from typing import TYPE_CHECKING, Any, Final, Literal
 from weakref import WeakSet
 
 from fmpy.fmi1 import FMICallException
@@ -15,8 +15,6 @@ from fmpy.fmi1 import FMICallException
 from cosim.core import ComponentError, InputError
 from cosim.fmu.binary import ACCEPTED_STATUSES, Binary, load_slave
 from cosim.fmu.description import FmuDescription
-from cosim.fmu.isolation import SlaveProcess
-from cosim.fmu.isolation.proxy import IsolatedSlave
 from cosim.fmu.messages import (
     LEVELS,
     LogSink,
@@ -26,6 +24,9 @@ from cosim.fmu.messages import (
 )
 from cosim.fmu.port import FmiVersion, Phase
 from cosim.fmu.unpacking import unpack_fmu
+
+if TYPE_CHECKING:
+    from cosim.fmu.isolation import SlaveProcess
 
 WARNING, DISCARD, ERROR, FATAL = 1, 2, 3, 4
 """fmi2Status and fmi3Status; 0 is OK."""
@@ -87,11 +88,13 @@ class Instance:
         folder = unpack_fmu(description)
         self._of_pythonfmu = (folder / "resources" / _PYTHONFMU).is_file()
         binary = Binary.of(description, folder)
-        self._fmu: Any = (
-            load_slave(binary, name, self._where)
-            if process is None
-            else IsolatedSlave(process, binary, name, self._where)
-        )
+        self._fmu: Any
+        if process is None:
+            self._fmu = load_slave(binary, name, self._where)
+        else:
+            from cosim.fmu.isolation.proxy import IsolatedSlave  # noqa: PLC0415 - few are isolated
+
+            self._fmu = IsolatedSlave(process, binary, name, self._where)
         self._environment = register_sink(name, self._on_message)
         try:
             self._instantiate()

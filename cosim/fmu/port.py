@@ -10,6 +10,7 @@ from typing import Any, Literal, NamedTuple
 
 FmiVersion = Literal["2.0", "3.0"]
 SignalKind = Literal["float", "int", "bool", "string"]
+"""Kind of the values of a signal."""
 
 
 class TypeMapping(NamedTuple):

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Mapping, Sequence
-from typing import Any, Final, Self
+from typing import TYPE_CHECKING, Any, Final, Self
 
 from fmpy.fmi1 import FMICallException
 from fmpy.fmi2 import fmi2LastSuccessfulTime, fmi2Terminated
@@ -25,9 +25,11 @@ from cosim.core import ComponentError
 from cosim.fmu.binary import ACCEPTED_STATUSES
 from cosim.fmu.description import FmuDescription
 from cosim.fmu.instance import DISCARD
-from cosim.fmu.isolation import SlaveProcess
 from cosim.fmu.messages import LogSink
 from cosim.fmu.state import StateAccess
+
+if TYPE_CHECKING:
+    from cosim.fmu.isolation import SlaveProcess
 
 _NS: Final = 1e9
 """Times that are equal in whole nanoseconds, the master's unit, are the same."""

@@ -12,6 +12,7 @@ from .engine import (
     EngineChoice as EngineChoice,
     EngineName as EngineName,
 )
+from .kernel import load_kernel as load_kernel
 from .observers import Observer as Observer
 from .order import (
     ReceivingOrder as ReceivingOrder,
@@ -40,6 +41,8 @@ from .session import (
 )
 from .snapshot import Snapshot as Snapshot
 from .supervision import (
+    CallBrokenError as CallBrokenError,
+    Calls as Calls,
     Limits as Limits,
     Supervisor as Supervisor,
 )

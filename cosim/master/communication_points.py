@@ -14,6 +14,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from cosim.core import distinct
 from cosim.master.component_points import ComponentPoints
 from cosim.master.parts import DelaySource, Parts
 from cosim.master.reserved import Reserved
@@ -57,7 +58,8 @@ class CommunicationPoints:
         self._with_live, self._block_ns = live, block * self._schedule.step_ns
         self.most, self.end_ns = self._schedule.most, self._schedule.end_ns
         self.grows = self._schedule.grows
-        self._reserved = [Reserved((self.most,), kind) for kind in (np.int64, float, float)]
+        kinds = (np.int64, float, float)
+        self._reserved = [Reserved((self.most,), kind, large_pages=True) for kind in kinds]
         self.points_ns, self.seconds, self.sizes = (one.array for one in self._reserved)
         steps = dict.fromkeys(component.every_ns for component in system.components.values())
         self._steps = {every: ComponentPoints(every, self.most) for every in (*steps, None)}
@@ -101,12 +103,13 @@ class CommunicationPoints:
                 found.append(link.sendings(after, until))
                 # what a live link brings at its horizon is known when the loop is there
                 found.append(link.changes(after, min(until, link.horizon_ns - 1))[0])
-        new = found[0] if len(found) == 1 else np.unique(np.concatenate(found))
+        new = found[0] if len(found) == 1 else distinct(np.concatenate(found))
         first, self.count = self.count, self.count + new.size
         self.points_ns[first : self.count] = new
-        self.seconds[first : self.count] = new / 1e9
+        np.divide(new, 1e9, out=self.seconds[first : self.count])
         begin = max(first - 1, 0)
-        self.sizes[begin : self.count - 1] = np.diff(self.points_ns[begin : self.count]) / 1e9
+        steps_ns = np.diff(self.points_ns[begin : self.count])
+        np.divide(steps_ns, 1e9, out=self.sizes[begin : self.count - 1])
         for points in self._steps.values():
             points.extend(self.points_ns, first, self.count, self.end_ns)
         if until == self.end_ns:
@@ -189,10 +192,10 @@ class CommunicationPoints:
 
     def rows_of_messages(self, name: str, first: int, last: int) -> Integers:
         """Return the row in use over a packet link at points first to last - 1, as `RowsInUse`."""
-        used = self.links[name].sent_in_use(self.points_ns[first:last]).copy()
+        used, repeats = self.links[name].runs_in_use(self.points_ns[first:last])
         real = used >= 0
         used[real] = self.rows_at(used[real])
-        return used
+        return np.repeat(used, repeats)
 
     def arrivals(self, name: str, first: int) -> Arrivals:
         """Return the known arrivals and drops of a link, from the `first`-th on."""

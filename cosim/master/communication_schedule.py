@@ -10,11 +10,13 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.core import InputError
+from cosim.core import InputError, distinct
 from cosim.master.component_points import own_instants
 from cosim.network import DelaySignal, GrowingSchedule, PacketLink, PacketSchedule, TransportLink
 
 Link = PacketLink | TransportLink
+"""A link of either kind."""
+
 Events = Literal["align", "grid"]
 Integers = NDArray[np.int64]
 
@@ -87,7 +89,7 @@ class CommunicationSchedule:
             return found
         more = [own_instants(e, after_ns, until_ns, self.end_ns) for e in self.every_ns]
         more.append(between(self.instants_ns, after_ns, until_ns))
-        return np.unique(np.concatenate([found, *more])) if any(m.size for m in more) else found
+        return distinct(np.concatenate([found, *more])) if any(m.size for m in more) else found
 
     @property
     def most(self) -> int:
@@ -112,7 +114,7 @@ class CommunicationSchedule:
                 link.advance(self.end_ns)
             found.append(link.sendings(-1, self.end_ns))
             found += [] if link.is_live else [link.changes(-1, self.end_ns)[0]]
-        return np.unique(np.concatenate(found))
+        return distinct(np.concatenate(found))
 
     @cached_property
     def schedules(self) -> Mapping[str, PacketSchedule]:
@@ -170,7 +172,7 @@ def make_schedule(
                 + (", a multiple of the communication step" if events == "grid" else ""),
                 got=f"{every / 1e9:g} s, step {step_ns / 1e9:g} s, end {end_ns / 1e9:g} s",
             )
-    instants = np.unique(np.array([*instants_ns], np.int64))
+    instants = distinct(np.array([*instants_ns], np.int64))
     made = CommunicationSchedule(step_ns, end_ns, events, dict(links), tuple(every_ns), instants)
     made.begin()
     return made

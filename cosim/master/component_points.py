@@ -32,22 +32,25 @@ class ComponentPoints:
     def __init__(self, every_ns: int | None, most: int) -> None:
         self.always = every_ns is None
         self._every_ns = every_ns
-        self._reserved = Reserved((most,), np.int64), Reserved((most,), np.int64)
+        self._reserved = [Reserved((most,), np.int64, large_pages=True) for _ in range(2)]
         self.last: Integers = self._reserved[0].array
         self.following: Integers = self._reserved[1].array
         self.latest = -1
 
     def extend(self, points_ns: Integers, first: int, last: int, end_ns: int) -> None:
         """Take over the points first to last - 1 of the run, which ends at `end_ns` [ns]."""
+        if first == last:
+            return
         here, times = np.arange(first, last), points_ns[first:last]
         if self._every_ns is None:
-            own = here
             self.last[first:last] = here
-        else:
-            mine = (times % self._every_ns == 0) | (times == end_ns)
-            own = here[mine]
-            self.last[first:last] = np.maximum.accumulate(np.where(mine, here, self.latest))
-            self.following[first:last] = -1
+            self.following[max(first - 1, 0) : last - 1] = here if first else here[1:]
+            self.following[last - 1] = self.latest = last - 1
+            return
+        mine = (times % self._every_ns == 0) | (times == end_ns)
+        own = here[mine]
+        self.last[first:last] = np.maximum.accumulate(np.where(mine, here, self.latest))
+        self.following[first:last] = -1
         if not own.size:
             return
         if self.latest >= 0:

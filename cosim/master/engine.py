@@ -10,6 +10,7 @@ from cosim.master.plain_loop import PlainLoop
 from cosim.master.table import EarlyStop, Table
 
 EngineName = Literal["auto", "kernel", "python"]
+"""What runs the loop: the kernel in C, the loop in Python, or whichever can."""
 
 
 class EngineChoice(NamedTuple):

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from typing import Any, Final, Literal
 
 import numpy as np
-from cffi import FFI
+from _cffi_backend import FFI  # reads C types itself: no parser of C has to be loaded
 from numpy.typing import NDArray
 
 from cosim.fmu import ACCEPTED_STATUSES, restore_function, saved_float_mode

@@ -1,4 +1,4 @@
-"""The kernel: `kernel.c`, compiled at first use, carries out the table of a run.
+"""The kernel: `kernel.c`, prebuilt or compiled at first use, carries out the table of a run.
 
 It takes the addresses of the FMUs' functions and instances, and exchanges numbers only.
 """
@@ -7,14 +7,13 @@ from __future__ import annotations
 
 import ctypes
 from functools import cache
-from importlib.resources import files
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cosim.core import InputError
-from cosim.fmu import FmuSlave, compiled_library
+from cosim.fmu import FmuSlave, compiled_library, library_source
 from cosim.master.component_instance import Group
 from cosim.master.routes import Route
 from cosim.master.rows_in_use import RowsInUse
@@ -70,8 +69,7 @@ def load_kernel() -> Any:
     ------
     InputError : no C compiler, or it rejects the source.
     """
-    source = files("cosim.master").joinpath("kernel.c").read_bytes()
-    library = compiled_library("kernel", source)
+    library = compiled_library("kernel", library_source("kernel"))
     address, number = ctypes.c_void_p, ctypes.c_int64
     library.run.argtypes = [address, address, *[number] * 4, address, number]
     library.make_team.argtypes = [number, address, number, address]

@@ -14,7 +14,11 @@ from cosim.fmu import Feedthrough, FmuDescription, Port
 from cosim.master.communication_schedule import CommunicationSchedule, Link
 
 LogLevel = Literal["debug", "info", "warning", "error", "fatal"]
+"""Levels of log messages, the least grave first."""
+
 Algorithm = Literal["jacobi", "gauss-seidel"]
+"""How components step: side by side, or one after the other."""
+
 UnknownFeedthrough = Literal["refuse", "previous"]
 """What is done about algebraic loops through outputs that do not declare their dependencies."""
 Policy = Literal["hold", "midpoint", "linear", "previous"]

@@ -110,10 +110,12 @@ class RowsInUse:
         """
         begin = max(first - self._later, 0)
         sample = self._sample(begin, last)
-        taken = np.maximum(np.arange(first, last) - self._later, 0) - begin
         for array, values in zip((self.row, self.after, self.weight), sample, strict=True):
-            if array is not None and values is not None:
-                array[first:last] = values[taken] if self._later else values
+            if array is None or values is None:
+                continue
+            if self._later:  # the first point has none before it
+                values = np.concatenate([values[: begin - first + 1], values[:-1]])  # noqa: PLW2901
+            array[first:last] = values
         if first == 0 and self._settled:
             self.row[0] = min(self.row[0], NONE_YET)
             if self.weight is not None:
@@ -155,9 +157,9 @@ class RowsInUse:
     def _sample(self, first: int, last: int) -> _Sample:
         """Return the rows that a receiver without own points reads, at `hold` for `previous`."""
         if self._at_once and not self._ahead:
-            here = np.arange(first, last)
-            if self._stepped_before:
-                here = np.minimum(here + 1, self._points.final)
+            if not self._stepped_before:
+                return _Sample(self._sender.last[first:last])
+            here = np.minimum(np.arange(first, last) + 1, self._points.final)
             return _Sample(self._sender.last[here])
         if isinstance(self._link, PacketLink):
             row = self._points.rows_of_messages(self._link.name, first, last)

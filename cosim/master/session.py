@@ -17,13 +17,13 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
-from typing import Any, Self, get_args
+from typing import TYPE_CHECKING, Any, Self, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cosim.core import ComponentError, CosimError, InputError
-from cosim.fmu import FmuSlave, SlaveProcess
+from cosim.fmu import FmuSlave
 from cosim.master.adjustments import Adjustment
 from cosim.master.component_instance import ComponentInstance
 from cosim.master.engine import EngineChoice, EngineName, choose_engine
@@ -38,6 +38,9 @@ from cosim.master.system import System
 from cosim.master.wire import wire
 from cosim.master.wiring import Wiring
 from cosim.network import LinkState
+
+if TYPE_CHECKING:
+    from cosim.fmu import SlaveProcess
 
 _LEVELS = get_args(LogLevel)
 _MOST_KEPT = 20_000_000
@@ -140,6 +143,8 @@ class Session:
         processes = {}
         for name, component in self.system.components.items():
             if component.isolate:
+                from cosim.fmu import SlaveProcess  # noqa: PLC0415 - few components are isolated
+
                 process = SlaveProcess(name, component.description, call_limit=self._call_limit)
                 self._stack.callback(process.close)
                 processes[name] = process
@@ -359,7 +364,8 @@ class Session:
     def result(self, *, complete: bool = False) -> Run:
         """Return the run so far; its status is "stopped" if it has not ended by itself.
 
-        It includes the values at `time_s`, where they are known before the run continues (see
+        Its rows are those of the session: `restore` and what follows writes over them. It includes
+        the values at `time_s`, where they are known before the run continues (see
         `value`); `complete` : rows that are complete only, as the observers have them.
         """
         loop = self._opened()

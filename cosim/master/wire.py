@@ -32,7 +32,7 @@ _KINDS = ("float", "int", "bool", "string")
 
 
 def _reserve(shape: tuple[int, int]) -> RowMemory:
-    return Reserved(shape, np.float64)
+    return Reserved(shape, np.float64, large_pages=True)
 
 
 def wire(system: System, reserve: Callable[[tuple[int, int]], RowMemory] = _reserve) -> Wiring:

@@ -144,11 +144,20 @@ class Wiring:
             sample.fill(first, last)
 
     def begin_rows(self, first: int, last: int) -> None:
-        """Give the inputs in rows first to last - 1 their start values or driven signals."""
-        if first < last:
-            self.rows[first:last, self.outputs :] = self._start[self.outputs :]
-            self._settle(first)
-            self._drive(first, last)
+        """Give inputs in rows first to last - 1 their start values or driven signals.
+
+        Where a route brings a value, the loop writes it.
+        """
+        if first >= last:
+            return
+        rows = self.rows[first:last]
+        for targets, sample in self._received:
+            bare = np.flatnonzero(sample.row[first:last] < 0)
+            if bare.size:
+                rows[bare[:, None], targets] = self._start[targets]
+        rows[:, self._not_received] = self._start[self._not_received]
+        self._settle(first)
+        self._drive(first, last)
 
     def give_back(self, complete: int) -> None:
         """Give back the memory of what is not read any more when `complete` rows are complete."""
@@ -180,6 +189,19 @@ class Wiring:
         """At the first point, give inputs the values on which the initialisation settled."""
         for columns, values in self.settled if k == 0 else ():
             self.rows[0, columns] = values
+
+    @cached_property
+    def _received(self) -> tuple[tuple[Columns, RowsInUse], ...]:
+        """The columns of inputs that a route writes, and the rows that they are read from."""
+        routes = (route for instance in self.instances for route in instance.routes)
+        return tuple((route.targets, route.at_point or route.in_step) for route in routes)
+
+    @cached_property
+    def _not_received(self) -> Columns:
+        """The columns of the other inputs."""
+        inputs = np.arange(self.outputs, self.all_rows.shape[1])
+        received = np.concatenate([[], *(to for to, _ in self._received)])
+        return np.setdiff1d(inputs, received, assume_unique=True)
 
     @cached_property
     def _start(self) -> Rows:

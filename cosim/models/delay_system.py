@@ -32,6 +32,7 @@ from cosim.core import html_table, matrix_text
 from cosim.models.state_space import plant_from
 
 Matrix = NDArray[np.float64]
+"""A matrix of doubles."""
 
 
 def _matrix(name: str, value: ArrayLike, rows: int | None, columns: int | None) -> Matrix:

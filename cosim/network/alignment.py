@@ -11,7 +11,7 @@ from typing import Literal, NamedTuple, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cosim.core import InputError
+from cosim.core import InputError, distinct
 from cosim.network.checks import check_choice
 from cosim.network.grid import PointGrid, communication_points
 from cosim.network.messages import resend_at
@@ -65,7 +65,7 @@ def align(
     instants = [points]
     for s in schedules:
         instants += [s.sent_ns, s.changes()[0]]
-    return Alignment(np.unique(np.concatenate(instants)), tuple(schedules))
+    return Alignment(distinct(np.concatenate(instants)), tuple(schedules))
 
 
 def _on_grid(s: PacketSchedule, points: NDArray[np.int64]) -> PacketSchedule:

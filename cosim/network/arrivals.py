@@ -7,8 +7,26 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-DELIVERED, LOST, OVERTAKEN, IN_FLIGHT, QUEUE_FULL, DUPLICATE, LATE = 0, 1, 2, 3, 4, 5, 6
-"""What became of a message by the end of the run (`PacketSchedule.status`)."""
+DELIVERED = 0
+"""Status of a message that the receiver accepted (`PacketSchedule.status`)."""
+
+LOST = 1
+"""Status of a message that the channel lost."""
+
+OVERTAKEN = 2
+"""Status of a message that came after a newer one."""
+
+IN_FLIGHT = 3
+"""Status of a message that had not arrived when the run ended."""
+
+QUEUE_FULL = 4
+"""Status of a message that found the queue of its sender full."""
+
+DUPLICATE = 5
+"""Status of a second copy of a message."""
+
+LATE = 6
+"""Status of a message that came after its play-out."""
 
 NOT_RECEIVED = (LOST, QUEUE_FULL, LATE)
 """What became of messages that the receiver missed, though no newer one made them useless."""

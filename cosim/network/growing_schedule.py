@@ -24,11 +24,12 @@ from array import array
 from bisect import bisect_left, bisect_right
 from copy import copy
 from heapq import heappop, heappush
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cosim.core import InputError
+from cosim.core import InputError, distinct
 from cosim.network.arrivals import Arrivals
 from cosim.network.block_stepping import NONE_SENT, receive_block, send_block
 from cosim.network.delay_signal import DelaySignal
@@ -193,7 +194,7 @@ class GrowingSchedule:
         They are known from the start, also those after the horizon.
         """
         first, last = self._sendings.until(int(after_ns)), self._sendings.until(int(until_ns))
-        return np.unique(self._sendings.instants(first, last))
+        return distinct(self._sendings.instants(first, last))
 
     def changes(self, after_ns: int, until_ns: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Return the instants in (after, until] at which the message in use changes, and it.
@@ -223,6 +224,17 @@ class GrowingSchedule:
         InputError : a point that is not final yet, or was forgotten.
         """
         return self._received_at(points_ns).sent_in_use(points_ns)
+
+    def runs_in_use(self, points_ns: NDArray[np.int64]) -> tuple[NDArray[Any], NDArray[Any]]:
+        """Return the instants of `sent_in_use`, each once in a run of equal ones, and its length.
+
+        `points_ns` : in order, at least one.
+
+        Raises
+        ------
+        InputError : as `sent_in_use`.
+        """
+        return self._received_at(points_ns).runs_in_use(points_ns)
 
     def state(self, points_ns: ArrayLike, *, broken_off: bool = False) -> LinkState:
         """Return age, sequence number, and how many were dropped and delivered, at each point.

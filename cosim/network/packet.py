@@ -30,6 +30,8 @@ from cosim.network.keys import (
 from cosim.network.profile import DelayProfile
 
 Order = Literal["newest-wins", "fifo", "as-arrived"]
+"""Which messages a packet link delivers, and in which order."""
+
 OnLoss = Literal["hold", "zero"]
 
 

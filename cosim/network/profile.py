@@ -14,6 +14,7 @@ from cosim.network.checks import MAX_NS, check_choice
 from cosim.network.profile_csv import read_columns
 
 Interpolation = Literal["previous", "linear"]
+"""What a recorded delay is between two samples."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

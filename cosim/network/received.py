@@ -65,6 +65,16 @@ class Received(NamedTuple):
         used = _at(self.sequence, count, self.before.sequence)
         return np.where(used >= 0, _at(self.origin_ns, count, self.before.origin_ns), used)
 
+    def runs_in_use(self, points_ns: NDArray[np.int64]) -> tuple[NDArray[Any], NDArray[Any]]:
+        """Return what `sent_in_use` returns at points in order, and how often one after another."""
+        # among many points there are few entries: their places are quicker to find
+        first, last = self.up_to(points_ns[[0, -1]])
+        sequences = np.append(self.before.sequence, self.sequence)[first : last + 1]
+        origins = np.append(self.before.origin_ns, self.origin_ns)[first : last + 1]
+        ends = np.searchsorted(points_ns, self.arrival_ns[first:last])
+        repeats = np.diff(ends, prepend=0, append=points_ns.size)
+        return np.where(sequences >= 0, origins, sequences), repeats
+
     def state(self, points_ns: ArrayLike) -> LinkState:
         """Return the state at each point."""
         points, before = np.asarray(points_ns, np.int64), self.before

@@ -61,6 +61,10 @@ from .read import (
     validated as validated,
     with_settings as with_settings,
 )
+from .run_limits import (
+    parse_limits as parse_limits,
+    time_limit as time_limit,
+)
 from .schema import Scenario as Scenario
 from .ssp.export import (
     SspExport as SspExport,

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from cosim import hinf
 from cosim.core import InputError
 from cosim.fmu import Feedthrough, FmuDescription, Port
-from cosim.hinf import WorstCase
 from cosim.master import (
     CommunicationSchedule,
     Component,
@@ -66,7 +66,7 @@ def assemble(
     fmus: Mapping[str, FmuDescription],
     *,
     parameters: Mapping[str, Mapping[str, float]],
-    worst_case: WorstCase | None = None,
+    worst_case: hinf.WorstCase | None = None,
     at_rest: bool = False,
     origin: Origin = NOWHERE,
 ) -> System:
@@ -98,7 +98,7 @@ def parts_of(
     findings: Findings,
     *,
     parameters: Mapping[str, Mapping[str, float]],
-    worst_case: WorstCase | None = None,
+    worst_case: hinf.WorstCase | None = None,
     at_rest: bool = False,
 ) -> SystemParts:
     """Make the parts of a system, as `assemble`; errors go to `findings`."""
@@ -192,7 +192,7 @@ def _driven(
     scenario: Scenario,
     fmus: Mapping[str, FmuDescription],
     comm_schedule: CommunicationSchedule,
-    worst_case: WorstCase | None,
+    worst_case: hinf.WorstCase | None,
     findings: Findings,
     *,
     at_rest: bool,

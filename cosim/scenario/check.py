@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 from pydantic import ValidationError
 
+from cosim import hinf
 from cosim.core import CosimError, InputError
-from cosim.hinf import WorstCase
 from cosim.master import System
 from cosim.scenario.assembly import (
     SystemParts,
@@ -65,7 +65,7 @@ def _look(loaded: LoadedScenario, fmu_cache: FmuCache, findings: Findings) -> No
     with findings.at("disturbance"):
         check_disturbance(loaded)
     parameters: dict[str, dict[str, float]] = {}
-    worst_case: WorstCase | None = None
+    worst_case: hinf.WorstCase | None = None
     design = scenario.design
     if design is not None:
         with findings.at("design"):

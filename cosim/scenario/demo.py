@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from cosim.core import Progress, silent
+from cosim.core import InputError, Progress, silent
 from cosim.scenario.execute import check_writable, execute_run
 from cosim.scenario.fmu_cache import FmuCache
 from cosim.scenario.outcome import Outcome
@@ -20,23 +20,33 @@ DEMO_RUNS = (("auv-acoustic", "delay-aware"), ("auv-acoustic-naive", "naive"))
 
 @dataclass(frozen=True)
 class Demo:
-    """Outcomes by label, and the picture."""
+    """Outcomes by label, and the picture.
+
+    picture : None without matplotlib; then `no_picture` says what to install.
+    """
 
     outcomes: dict[str, Outcome]
-    picture: Path
+    picture: Path | None
+    no_picture: str | None = None
 
     def to_json(self) -> dict[str, Any]:
         """Return everything, for `--json`."""
         return {
             "runs": {label: outcome.to_json() for label, outcome in self.outcomes.items()},
-            "picture": str(self.picture),
+            "picture": None if self.picture is None else str(self.picture),
         }
 
 
 def demonstrate(fmu_cache: FmuCache, folder: Path, progress: Progress | None = None) -> Demo:
-    """Run both scenarios and draw their comparison; traces and picture go to `folder`."""
-    # fail before the runs, not after them
-    pyplot()
+    """Run both scenarios and draw their comparison; traces and picture go to `folder`.
+
+    Without matplotlib they fly all the same, and there is no picture.
+    """
+    no_picture = None
+    try:
+        pyplot()
+    except InputError as error:
+        no_picture = error.hint
     check_writable(folder / "demo.png")
     report = progress or silent
     outcomes = {}
@@ -47,6 +57,8 @@ def demonstrate(fmu_cache: FmuCache, folder: Path, progress: Progress | None = N
 
         prepared = prepare(load(name), fmu_cache, progress=report_progress)
         outcomes[label] = execute_run(prepared, folder / f"{name}.mcap", progress=report_progress)
+    if no_picture is not None:
+        return Demo(outcomes, None, no_picture)
     picture = compare_runs(
         [LabelledTrace(label, folder / f"{name}.mcap") for name, label in DEMO_RUNS],
         folder / "demo.png",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from cosim.core import SCENARIO_FILE, SCHEMA
 from cosim.scenario.extend import builtin_names
 from cosim.scenario.schema import Scenario
 
@@ -19,6 +20,7 @@ def json_schema() -> dict[str, Any]:
     extension["required"] = ["extends"]
     for shape in (whole, extension):
         shape["properties"] = {
+            SCHEMA: SCENARIO_FILE.json_schema(),
             "extends": {
                 "description": "The scenario that this one extends: a name, or a file.",
                 "anyOf": [{"enum": builtin_names()}, {"type": "string", "pattern": r"\.toml$"}],

@@ -53,41 +53,51 @@ class BiasPart(Part):
     """Replaces a value by factor * value + offset."""
 
     offset: SignalValue = 0.0
+    """Added to the value."""
     factor: Number = 1.0
+    """The value is multiplied by it first."""
 
 
 class EventPart(Part):
     """[[events]]: at a time, or when a condition becomes true.
 
-    Exactly one of `at` and `when`. `trigger` : whether `when` counts the first time only or
-    every time it becomes true. `for`, or `until` with `at` : how long the event lasts; then `set`
-    restores the old values, `override` and `bias` are released, and links are as before.
-
-    set : tunable parameters and unconnected inputs.
-    override, bias, release : outputs and connected inputs.
-    reset : components whose FMU returns to its start (FMI's reset; its time goes on).
-    stop : the run ends, with this reason.
-    outage : links that deliver nothing. At a time: what is sent meanwhile is lost. On a
-        condition: their receivers keep their values, whatever arrives.
-    restore : ends outages that a condition began.
-    delay, loss : of links, at a time only.
+    Exactly one of `at` and `when`.
     """
 
     at: Seconds | None = None
+    """Time at which the event happens; it becomes a communication point."""
     when: Condition | None = None
+    """Condition that makes it happen when it becomes true, as in "plant.eta.z > 5 m"."""
     trigger: Literal["once", "every-time"] = "once"
+    """Whether `when` counts the first time only, or every time it becomes true."""
     duration: Annotated[Duration | None, Field(alias="for")] = None
+    """How long the event lasts; then `set` restores the old values, `override` and `bias` are
+    released, and links are as before.
+    """
     until: Instant | None = None
+    """Time at which it ends, in place of `for`; with `at` only."""
     set: dict[Reference, FmiValue] = Field(default_factory=dict)
+    """New values of tunable parameters and unconnected inputs, by `component.variable`."""
     override: dict[Reference, SignalValue] = Field(default_factory=dict)
+    """Values that outputs and connected inputs have instead of their own."""
     bias: dict[Reference, BiasPart] = Field(default_factory=dict)
+    """Errors of outputs and connected inputs: factor and offset."""
     release: list[Reference] = Field(default_factory=list)
+    """Overrides and biases that end."""
     reset: list[Name] = Field(default_factory=list)
+    """Components whose FMU returns to its start (FMI's reset; its time goes on)."""
     stop: Literal[True] | Text | None = None
+    """The run ends, with this reason."""
     outage: list[Name] = Field(default_factory=list)
+    """Links that deliver nothing. At a time: what is sent meanwhile is lost. On a condition: their
+    receivers keep their values, whatever arrives.
+    """
     restore: list[Name] = Field(default_factory=list)
+    """Links whose outage, begun by a condition, ends."""
     delay: dict[Name, LinkTime] = Field(default_factory=dict)
+    """New constant delays of links; at a time only."""
     loss: dict[Name, Probability] = Field(default_factory=dict)
+    """New probabilities of loss of links; at a time only."""
 
     @model_validator(mode="after")
     def _complete(self) -> Self:
@@ -130,23 +140,35 @@ class WithinPart(Part):
     """
 
     of: Duration
+    """Time within which it must become true."""
     holds: Condition
+    """Condition that must become true."""
     when: Condition | None = None
+    """Condition from which the time counts, each time it becomes true; without it, the beginning
+    of the window.
+    """
 
 
 class AssertionPart(Part):
     """[[assertions]]: a condition on the communication points in [after, before].
 
-    Exactly one of `always`, `eventually` and `within`. `expected = "fails"` : it must not hold.
+    Exactly one of `always`, `eventually` and `within`.
     """
 
     name: Text | None = None
+    """What the summary calls it; without a name, the condition."""
     always: Condition | None = None
+    """Condition that holds at every communication point of the window."""
     eventually: Condition | None = None
+    """Condition that holds at one communication point of the window at least."""
     within: WithinPart | None = None
+    """Condition that holds soon after another one."""
     after: Instant | None = None
+    """Beginning of the window; without it that of the run."""
     before: Instant | None = None
+    """End of the window; without it that of the run."""
     expected: Literal["holds", "fails"] = "holds"
+    """Or "fails": the assertion must not hold."""
 
     @model_validator(mode="after")
     def _one(self) -> Self:

@@ -21,6 +21,7 @@ from cosim.master import (
 )
 from cosim.scenario.assembly import assemble, same_start
 from cosim.scenario.assertions import bind_assertions
+from cosim.scenario.binary_origins import binary_origins
 from cosim.scenario.metrics import (
     RunContext,
     RunMeasures,
@@ -88,7 +89,7 @@ def execute_run(
         ) from error
     entries, attachments = run_metadata_of(prepared, system)
     with (
-        supervision.open(system, list(prepared.fmus.values())) as supervisor,
+        supervision.open(system, list(prepared.fmus.values()), engine) as supervisor,
         ExitStack() as living,
         TraceWriter(trace, run=entries, attachments=attachments, fsync=fsync) as writer,
     ):
@@ -150,7 +151,7 @@ def execute_unrecorded(
     with ExitStack() as opened, ExitStack() as living:
         if supervision is not None:
             fmus = list(prepared.fmus.values())
-            supervisor = opened.enter_context(supervision.open(system, fmus))
+            supervisor = opened.enter_context(supervision.open(system, fmus, engine))
         made = _Runs(
             *(prepared, system, events, living, supervisor, progress or silent, engine, pace),
             call_limit=None if supervision is None else supervision.limits.call,
@@ -327,6 +328,7 @@ class _Runs:
             metrics=metrics_of(context),
             links=links,
             engine=run.engine,
+            binaries=binary_origins(prepared.fmus, run.engine),
             pace=self._pace,
             assertions=self._figures.assertions,
             events=self._figures.events,

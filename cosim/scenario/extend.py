@@ -17,8 +17,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from cosim.core import InputError
-from cosim.hinf import parse_toml
+from cosim.core import SCENARIO_FILE, InputError, unreadable
 from cosim.scenario.key_paths import remove, split
 from cosim.scenario.origin import Layer
 from cosim.scenario.schema import MADE_WITH
@@ -65,9 +64,7 @@ def read_text(path: Path) -> str:
     try:
         return path.read_text("utf-8")
     except (OSError, ValueError) as error:  # ValueError: no UTF-8, a null in the path
-        raise InputError(
-            "the file cannot be read", where=str(path), expected="a text file", got=str(error)
-        ) from error
+        raise unreadable(path, error, expected="a text file") from error
 
 
 def open_source(name_or_path: str, *, relative_to: Path | None = None) -> Source:
@@ -81,9 +78,31 @@ def open_source(name_or_path: str, *, relative_to: Path | None = None) -> Source
     if name_or_path in names:
         return _builtin(name_or_path, Path.cwd())
     path = Path(name_or_path) if relative_to is None else relative_to / name_or_path
-    if path.suffix != ".toml" and not path.exists():
-        raise InputError.unknown("scenario", name_or_path, [*names, "FILE.toml"])
+    if path.suffix != ".toml" and not (path.exists() and path.suffix not in _OTHER_FILES):
+        raise _unknown(name_or_path, path)
     return _from_file(path)
+
+
+_OTHER_FILES = {
+    ".fmu": "an FMU is a component of a scenario: cosim scenario new writes one to change; "
+    "cosim fmu check {file} --run runs the FMU alone",
+    ".mcap": "a trace is run again by cosim trace rerun {file}",
+    ".json": 'a design is named by a scenario: [design] file = "{file}"',
+    ".ssp": "cosim ssp import {file} makes a scenario of an SSP archive",
+}
+"""Files that are no scenarios, and what to do with them."""
+
+
+def _unknown(name: str, path: Path, where: str | None = None) -> InputError:
+    """Return the error for a name that is neither a built-in scenario nor a file of one."""
+    file = path.with_name(f"{path.name}.toml")
+    hint = _OTHER_FILES.get(
+        path.suffix, "cosim scenario list shows them; studies: cosim study list"
+    )
+    if file.is_file():
+        hint = f"did you mean {name}.toml?"
+    known = [*builtin_names(), "FILE.toml"]
+    return InputError.unknown("scenario", name, known, where=where, hint=hint.format(file=name))
 
 
 def _builtin(name: str, folder: Path, chain: tuple[str, ...] = ()) -> Source:
@@ -107,7 +126,7 @@ def source_of(
     chain: tuple[str, ...] = (),
 ) -> Source:
     """Read the text of a scenario and merge it with what it extends; `chain`: extended by."""
-    own = parse_toml(text, where)
+    own = SCENARIO_FILE.from_toml(text, where)
     layer = Layer(where, text)
     base_name = own.pop("extends", None)
     without = own.pop("without", None)
@@ -147,7 +166,7 @@ def _base(name: str, folder: Path, chain: tuple[str, ...], at: str) -> Source:
     if file is None:
         return _builtin(name, folder, chain)
     if not file.is_file():
-        raise InputError.unknown("scenario", name, [*names, "FILE.toml"], where=at)
+        raise _unknown(name, file, at)
     return _from_file(file, chain)
 
 
@@ -214,8 +233,8 @@ def _rebased(base: Source, folder: Path) -> dict[str, Any]:
     if base.folder == folder:
         return data
 
-    def seen(path: Any, suffix: str) -> Any:
-        if not isinstance(path, str) or not path.endswith(suffix) or Path(path).is_absolute():
+    def seen(path: Any, *suffixes: str) -> Any:
+        if not isinstance(path, str) or not path.endswith(suffixes) or Path(path).is_absolute():
             return path
         return Path(os.path.relpath(base.folder / path, folder)).as_posix()
 
@@ -224,7 +243,7 @@ def _rebased(base: Source, folder: Path) -> dict[str, Any]:
         if isinstance(part, dict) and "fmu" in part:
             part["fmu"] = seen(part["fmu"], ".fmu")
     design = data.get("design")
-    for key, suffix in (("system", ".toml"), ("file", ".json")):
+    for key, suffixes in (("system", (".toml",)), ("file", (".json", ".fmu"))):
         if isinstance(design, dict) and key in design:
-            design[key] = seen(design[key], suffix)
+            design[key] = seen(design[key], *suffixes)
     return data

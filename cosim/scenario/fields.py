@@ -18,6 +18,7 @@ from pydantic import (
     WithJsonSchema,
 )
 
+from cosim.core import with_field_docs
 from cosim.network import MAX_NS
 from cosim.scenario.quantity import (
     NUMBER,
@@ -32,6 +33,8 @@ from cosim.scenario.quantity import (
 )
 
 NAME_PATTERN = r"^[A-Za-z][A-Za-z0-9_-]*$"
+"""Regular expression of the name of a component or a link."""
+
 REFERENCE_PATTERN = r"^[A-Za-z][A-Za-z0-9_-]*\..+$"
 Name = Annotated[str, StringConstraints(pattern=NAME_PATTERN)]
 Reference = Annotated[str, StringConstraints(pattern=REFERENCE_PATTERN)]
@@ -42,7 +45,15 @@ class Part(BaseModel):
     """A table of a scenario."""
 
     # strict: "5.0" is not a number and true is not 1, as in TOML
-    model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True, strict=True)
+    # built at first use: most tables are only used as parts of others, which build them again
+    model_config = ConfigDict(
+        extra="forbid", frozen=True, populate_by_name=True, strict=True, defer_build=True
+    )
+
+    @classmethod
+    def __get_pydantic_json_schema__(cls, core: Any, handler: Any) -> Any:
+        """Return the JSON schema, in which each key has the string below its field."""
+        return with_field_docs(cls, core, handler)
 
 
 def _quantity(wanted: Dimension) -> BeforeValidator:

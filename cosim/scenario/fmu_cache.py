@@ -7,8 +7,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from cosim.core import InputError
-from cosim.fmu import CATALOGUE, DEFAULT_FLAVOUR, FmuDescription, describe_fmu, ensure_fmu
+from cosim.core import InputError, say_once
+from cosim.fmu import (
+    CATALOGUE,
+    DEFAULT_FLAVOUR,
+    FmuDescription,
+    describe_fmu,
+    ensure_fmu,
+    own_folder,
+)
 
 
 @dataclass(frozen=True)
@@ -21,7 +28,7 @@ class FmuCache:
     folder : start of relative paths of a scenario.
     wanted : FMU reference -> SHA-256 of its file, which may lie anywhere below `root` under any
         name; if there is no such file, the reference is resolved as usual.
-    flavour : flavour of catalogue FMUs, a key of `cosim.fmu.export.build.FMI_VERSION`.
+    flavour : flavour of catalogue FMUs, a key of `cosim.fmu.FMI_VERSION`.
     """
 
     root: Path
@@ -38,17 +45,42 @@ class FmuCache:
                     if found.sha256 == self.wanted[fmu]:  # it may have changed meanwhile
                         return found
         if fmu in CATALOGUE:
-            try:
-                return describe_fmu(ensure_fmu(fmu, self.root, flavour=self.flavour).path)
-            except OSError as error:
-                raise InputError(
-                    f"the FMU {fmu} cannot be built",
-                    where=str(self.root),
-                    expected="a folder that can be written",
-                    got=str(error),
-                    hint="another folder: --fmus",
-                ) from error
+            return describe_fmu(self._of_catalogue(fmu))
         if not fmu.endswith(".fmu"):
-            raise InputError.unknown("FMU", fmu, CATALOGUE, where="components")
+            raise self._unknown(fmu)
         path = Path(fmu)
         return describe_fmu(path if path.is_absolute() else self.folder / path)
+
+    def _of_catalogue(self, fmu: str) -> Path:
+        """Return an FMU of the catalogue, built if missing.
+
+        Where `root` cannot be written, in a temporary folder that lives as long as the process.
+        """
+        try:
+            return ensure_fmu(fmu, self.root, flavour=self.flavour).path
+        except OSError as error:
+            say_once(
+                f"{self.root} cannot be written ({error.strerror}): FMUs are built in a temporary "
+                "folder, and built again by the next command; --fmus names another place"
+            )
+        folder = own_folder() / "built"
+        try:
+            return ensure_fmu(fmu, folder, flavour=self.flavour).path
+        except OSError as error:
+            raise InputError(
+                f"the FMU {fmu} cannot be built",
+                where=str(folder),
+                expected="a folder that can be written",
+                got=str(error),
+                hint="another folder: --fmus",
+            ) from error
+
+    def _unknown(self, fmu: str) -> InputError:
+        """Return the error for a name that is no FMU of the catalogue."""
+        hint = "the path of an FMU ends in .fmu"
+        wrong = InputError.unknown(
+            "FMU", fmu, [*CATALOGUE, "FILE.fmu"], where="components", hint=hint
+        )
+        if (self.folder / f"{fmu}.fmu").is_file():
+            wrong.hint = f"did you mean {fmu}.fmu?"
+        return wrong

@@ -9,23 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from cosim import hinf
 from cosim.core import InputError, NotAchievableError
 from cosim.fmu import FmuDescription
-from cosim.hinf import (
-    BUILT_IN_SYSTEMS,
-    DEFAULT_K1,
-    DEFAULT_K2,
-    AuvDesignSettings,
-    Design,
-    DesignConstraints,
-    Envelope,
-    ages_are_known,
-    auv_system,
-    design,
-    first_difference,
-    quickly_proved,
-    system_by_name,
-)
 from cosim.models import Delay, DelaySystem
 from cosim.scenario.age_claim import feedback_of
 from cosim.scenario.feedback_age import FeedbackAge
@@ -46,8 +32,10 @@ class Problem:
     system: DelaySystem
     k1: tuple[float, ...] | None
     k2: tuple[float, ...] | None
-    vehicle: AuvDesignSettings | None
-    design_constraints: DesignConstraints = field(default_factory=DesignConstraints)
+    vehicle: hinf.AuvDesignSettings | None
+    design_constraints: hinf.DesignConstraints = field(
+        default_factory=lambda: hinf.DesignConstraints()  # noqa: PLW0108 - loaded when it is made
+    )
 
 
 def problem_of(part: DesignPart, folder: Path) -> Problem:
@@ -68,18 +56,20 @@ def _problem_of(part: DesignPart, folder: Path) -> Problem:
         return _auv_problem(part)
     _refuse_vehicle_keys(part, f"system = {part.system!r}")
     if is_file(part):
-        named = system_by_name(str(folder / system))
-    elif system in BUILT_IN_SYSTEMS:
-        named = system_by_name(system)
+        named = hinf.system_by_name(str(folder / system))
+    elif system in hinf.BUILT_IN_SYSTEMS:
+        named = hinf.system_by_name(system)
     else:
-        known = (*BUILT_IN_SYSTEMS, "FILE.toml")
-        raise InputError.unknown("system", system, known, where="design.system")
+        wrong = hinf.unknown_system(system, "design.system")
+        if system.endswith(".json"):
+            wrong.hint = f'a design is named by another key: file = "{system}"'
+        raise wrong
     k1 = named.k1 if part.k1 is None else tuple(part.k1)
     k2 = named.k2 if part.k2 is None else tuple(part.k2)
     return Problem(named.system, k1, k2, None, named.design_constraints)
 
 
-def problem_about(part: DesignPart, found: Design, where: str, folder: Path | None) -> Problem:
+def problem_about(part: DesignPart, found: hinf.Design, where: str, folder: Path | None) -> Problem:
     """Return the problem of an existing design, which must be the one [design] describes.
 
     Without a system in [design], that of the design counts; with a `file` its delays count too,
@@ -97,7 +87,7 @@ def problem_about(part: DesignPart, found: Design, where: str, folder: Path | No
     require_up_to(found)
     own = Problem(found.system, found.k1, found.k2, None)
     named = found.system.name if part.system is None else part.system
-    if (part.system is None and named not in BUILT_IN_SYSTEMS) or (
+    if (part.system is None and named not in hinf.BUILT_IN_SYSTEMS) or (
         folder is None and is_file(part)
     ):
         _refuse_vehicle_keys(part, where)
@@ -112,14 +102,15 @@ def problem_about(part: DesignPart, found: Design, where: str, folder: Path | No
     if not _says_age(part):  # the design knows it: from its own file, or from the links
         like = next((d for d in found.system.delays if d.feedback), None)
         described = replace(described, system=like_feedback(described.system, like))
-    differs = first_difference(described.system, found.system)
+    differs = hinf.first_difference(described.system, found.system)
     if differs is not None:
         raise InputError(
             "this design is for another system than [design] describes",
             where=where,
             expected=f"the system {named!r} as [design] describes it",
             got=differs,
-            hint="say in [design] what it was made for, leave that out, or leave out file",
+            hint="leave out system and what else describes it: the design knows its own; or "
+            "leave out file, and a new gain is designed",
         )
     return replace(own, vehicle=described.vehicle)
 
@@ -178,7 +169,7 @@ def like_feedback(system: DelaySystem, like: Delay | None) -> DelaySystem:
 _ONE_AGE = "constant, exactly d"
 
 
-def require_up_to(found: Design) -> None:
+def require_up_to(found: hinf.Design) -> None:
     """Refuse a design for ages that no run has (NotAchievableError).
 
     That is exactly one measurement age, and an age that changes at a bounded rate.
@@ -186,10 +177,8 @@ def require_up_to(found: Design) -> None:
     _refuse_rate(found.system)
     if found.covers_smaller_delays:
         return
-    # ages that are known better than by their bound are held against the run; constant ones in
-    # the plant are parameters of it
-    exact = [x for x in found.certificate["claim"]["delays"] if x["age"] == _ONE_AGE]
-    if any(x["feedback"] for x in exact) or (exact and not ages_are_known(found.system)):
+    # constant ones in the plant are parameters of it, which the run compares with the design
+    if any(x["feedback"] for x in _exact(found)):
         raise NotAchievableError(
             "at this order the proof is about exactly one age of the measurements",
             where="design.order",
@@ -197,6 +186,16 @@ def require_up_to(found: Design) -> None:
             got=str(found.order),
             hint="order = 0 covers them, and so does a delay of any age",
         )
+
+
+def proves_exact_delays(found: hinf.Design) -> bool:
+    """Whether the proof is about exactly the delays of the plant, not about shorter ones."""
+    return not found.covers_smaller_delays and any(not x["feedback"] for x in _exact(found))
+
+
+def _exact(found: hinf.Design) -> list[dict[str, Any]]:
+    """Return what the claim says of delays that it covers at exactly one value."""
+    return [x for x in found.certificate["claim"]["delays"] if x["age"] == _ONE_AGE]
 
 
 def _refuse_rate(system: DelaySystem) -> None:
@@ -221,18 +220,18 @@ def _auv_problem(part: DesignPart) -> Problem:
     if part.damping is not None:
         given["damping"] = tuple(part.damping)
     if part.envelope is not None:
-        given["envelope"] = Envelope(**part.envelope.model_dump())
-    vehicle = AuvDesignSettings(**given)
-    system = auv_system(vehicle)
+        given["envelope"] = hinf.Envelope(**part.envelope.model_dump())
+    vehicle = hinf.AuvDesignSettings(**given)
+    system = hinf.auv_system(vehicle)
     n = len(system.delays)
-    k1 = DEFAULT_K1[:n] if part.k1 is None else tuple(part.k1)
-    k2 = DEFAULT_K2[:n] if part.k2 is None else tuple(part.k2)
+    k1 = hinf.DEFAULT_K1[:n] if part.k1 is None else tuple(part.k1)
+    k2 = hinf.DEFAULT_K2[:n] if part.k2 is None else tuple(part.k2)
     return Problem(system, k1, k2, vehicle)
 
 
 def solve(
     problem: Problem, gain: Sequence[Sequence[float]] | None, order: int | None = None
-) -> Design:
+) -> hinf.Design:
     """Design a gain, or analyse the given one.
 
     Raises
@@ -241,7 +240,7 @@ def solve(
     """
     _refuse_rate(problem.system)
     design_constraints = asdict(problem.design_constraints)
-    found = design(
+    found = hinf.design(
         problem.system,
         problem.k1,
         problem.k2,
@@ -249,9 +248,13 @@ def solve(
         order="auto" if order is None else order,
         **design_constraints,
     )
-    if order is None and not found.covers_smaller_delays and not ages_are_known(problem.system):
+    if (
+        order is None
+        and not found.covers_smaller_delays
+        and not hinf.ages_are_known(problem.system)
+    ):
         # ages in a run are rarely one number: Theorem 2 covers all up to it
-        found = design(
+        found = hinf.design(
             problem.system, problem.k1, problem.k2, gain=gain, order=None, **design_constraints
         )
     require_up_to(found)
@@ -273,7 +276,7 @@ def with_known_age(problem: Problem, known: FeedbackAge | None) -> Problem:
     return replace(problem, system=like_feedback(problem.system, like))
 
 
-def solve_sharply(problem: Problem, linked: Problem, part: DesignPart) -> Design:
+def solve_sharply(problem: Problem, linked: Problem, part: DesignPart) -> hinf.Design:
     """Design for `problem`, and prove the gain for `linked`, the same with a better known age.
 
     The better proof is claimed. Where nothing can be proved for `problem`, design for `linked`.
@@ -291,7 +294,7 @@ def solve_sharply(problem: Problem, linked: Problem, part: DesignPart) -> Design
     if linked is problem or found.gamma is None or part.order is not None:
         return found
     try:
-        better = quickly_proved(linked.system, found.K)
+        better = hinf.quickly_proved(linked.system, found.K)
         if better is None:
             return found
         require_up_to(better)

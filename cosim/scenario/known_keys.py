@@ -6,8 +6,27 @@ import difflib
 from collections.abc import Iterator
 from typing import Any
 
+from cosim.core import did_you_mean, nearest
 from cosim.scenario.origin import Path
 
+_MEANT = {
+    **dict.fromkeys(("stoptime", "duration", "tend", "tstop", "endtime", "tmax"), "end"),
+    **dict.fromkeys(("stepsize", "timestep", "dt", "h", "communicationstepsize"), "step"),
+    **dict.fromkeys(("latency", "lag", "tau"), "delay"),
+    **dict.fromkeys(("packetloss", "dropout", "lossrate", "lossprobability", "per"), "loss"),
+    **dict.fromkeys(("bitrate", "bandwidth", "datarate"), "data_rate"),
+    **dict.fromkeys(("period", "ts", "interval", "sampleperiod", "samplingtime"), "sample_time"),
+    **dict.fromkeys(("path", "file", "model", "filename"), "fmu"),
+    **dict.fromkeys(("start", "init", "params", "initial", "startvalues"), "parameters"),
+    **dict.fromkeys(("source", "output"), "from"),
+    **dict.fromkeys(("target", "destination", "input"), "to"),
+    **dict.fromkeys(("randomseed", "rng"), "seed"),
+    **dict.fromkeys(("assert", "checks", "requirements"), "assertions"),
+    **dict.fromkeys(("name",), "title"),
+}
+"""Words of other tools, in small letters without punctuation -> the key that is meant."""
+_MATRICES = frozenset(("A", "B", "C", "D", "D1", "D2", "E", "H", "A1", "H1", "d"))
+_ALIKE = 0.8
 _ANY = "NAME"
 """Stands in a place for a name that the author chooses."""
 
@@ -17,14 +36,23 @@ def suggestion(word: str, table: Path, schema: dict[str, Any]) -> str | None:
 
     table : where the key stands; list indices and chosen names as they are.
     """
+    if table == ("design",) and word in _MATRICES:
+        return 'matrices are in the file of a system: system = "my-system.toml"'
     keys = [(place, name) for place, names in _tables(schema, schema, ()) for name in names]
     own = [name for place, name in keys if _is_at(table, place)]
-    near = difflib.get_close_matches(word, own, n=1)
+    meant = _MEANT.get("".join(c for c in word.lower() if c.isalnum()), word)
+    near = [meant] if meant in own else nearest(word, own, most=1)
     if near:
-        return f"did you mean {near[0]}?"
-    near = difflib.get_close_matches(word, [name for _, name in keys], n=1)
-    places = sorted({".".join((*place, name)) for place, name in keys if name in near})
-    return f"did you mean {' or '.join(places[:3])}?" if places else None
+        return did_you_mean(near)
+    # of other tables only what is nearly the same word: others only look alike
+    names = {name for _, name in keys}
+    others = {meant} & names or {name for name in names if _alike(name, meant)}
+    places = sorted({".".join((*place, name)) for place, name in keys if name in others})
+    return did_you_mean(sorted(places, key=lambda name: not name.startswith("run."))[:3])
+
+
+def _alike(name: str, word: str) -> bool:
+    return bool(difflib.get_close_matches(word, [name], cutoff=_ALIKE))
 
 
 def _is_at(path: Path, place: tuple[str, ...]) -> bool:

@@ -32,7 +32,9 @@ SPEED_OF_SOUND = 1500.0
 
 _Jitter: Any = part_of(Jitter, kind=(Literal["uniform", "exponential", "normal"], ...))
 _Burst: Any = part_of(GilbertElliott)
-_SignalDelay: Any = part_of(DelaySignal, first={"signal": (Reference, ...)})
+_SignalDelay: Any = part_of(
+    DelaySignal, first={"signal": (Annotated[Reference, Field(description="The signal.")], ...)}
+)
 
 
 class JitterPart(_Jitter):  # type: ignore[misc]
@@ -47,8 +49,11 @@ class ProfilePart(Part):
     """A recorded delay: { times = [...], delays = [...] }."""
 
     times: Annotated[list[Seconds], Field(min_length=1)]
+    """Instants of sending at which the delay was recorded; they increase."""
     delays: Annotated[list[LinkTime], Field(min_length=1)]
+    """Delay at each of them."""
     interpolation: Interpolation = "previous"
+    """Between two of them: the delay of the one before ("previous"), or on a line ("linear")."""
 
     @model_validator(mode="after")
     def _paired(self) -> Self:
@@ -64,9 +69,13 @@ class ProfileFilePart(Part):
     """A recorded delay from a CSV file with columns `time` and `delay` in seconds."""
 
     file: Text
+    """CSV file, from the folder of the scenario."""
     time: Text = "time"
+    """Column of the instants of sending, in seconds."""
     delay: Text = "delay"
+    """Column of the delays, in seconds."""
     interpolation: Interpolation = "previous"
+    """Between two rows: the delay of the one before ("previous"), or on a line ("linear")."""
 
 
 class SignalDelayPart(_SignalDelay):  # type: ignore[misc]
@@ -77,9 +86,13 @@ class RangeDelayPart(Part):
     """Delay of sound: offset + distance / speed, from `from` to the position signals `range`."""
 
     range: Annotated[list[Reference], Field(min_length=1, max_length=3)]
+    """Signals that are the position of the sender or receiver that moves, one to three."""
     place: Annotated[list[Length], Field(alias="from", min_length=1, max_length=3)]
+    """Position of the other end, one coordinate per signal."""
     speed: Speed = SPEED_OF_SOUND
+    """Speed of the signal; that of sound in sea water without it."""
     offset: LinkTime = 0.0
+    """Delay at distance 0."""
 
     @model_validator(mode="after")
     def _paired(self) -> Self:
@@ -131,16 +144,19 @@ Loss = Annotated[
 ]
 
 
+_KIND = Field(description="Sampled messages, or a continuous signal, delayed.")
 _Packet: Any = part_of(
     PacketLink,
-    first={"kind": (Literal["packet"], ...)},
+    first={"kind": (Annotated[Literal["packet"], _KIND], ...)},
     delay=(RecordedDelay, 0.0),
     jitter=(JitterPart | None, None),
     loss=(Loss, 0.0),
     optional=("seed",),
 )
 _Transport: Any = part_of(
-    TransportLink, first={"kind": (Literal["transport"], ...)}, delay=(RecordedDelay, ...)
+    TransportLink,
+    first={"kind": (Annotated[Literal["transport"], _KIND], ...)},
+    delay=(RecordedDelay, ...),
 )
 
 

@@ -15,7 +15,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.hinf import Design, WorstCase, check_certificate, without_integrals
+from cosim import hinf
 from cosim.master import Connection, Run, System
 from cosim.models import Delay, total
 from cosim.scenario.age import AgeMeasure, MeasuredAges
@@ -27,7 +27,7 @@ from cosim.scenario.design_events import DesignEvents
 from cosim.scenario.envelope import ENVELOPE, LargestMagnitudes
 from cosim.scenario.feedback_age import FeedbackAge, feedback_age
 from cosim.scenario.final_values import LastOutputs
-from cosim.scenario.gain import Problem
+from cosim.scenario.gain import Problem, proves_exact_delays
 from cosim.scenario.limits import Saturation, SaturationMeasure
 from cosim.scenario.loss_bursts import LossBursts
 from cosim.scenario.measure import Measure, Measures
@@ -189,13 +189,13 @@ class RunContext:
 
     scenario: Scenario
     problem: Problem | None
-    design: Design | None
+    design: hinf.Design | None
     system: System
     run: Run
     figures: RunFigures
     zero_state: ZeroStateFigures | None
     links: Mapping[str, Mapping[str, Any]]
-    worst_case: WorstCase | None = None
+    worst_case: hinf.WorstCase | None = None
     altered_by_events: bool = False
 
 
@@ -286,13 +286,13 @@ def _assumptions(
     return result
 
 
-_verified: WeakKeyDictionary[Design, bool] = WeakKeyDictionary()
+_verified: WeakKeyDictionary[hinf.Design, bool] = WeakKeyDictionary()
 
 
-def _certificate_verified(design: Design) -> bool:
+def _certificate_verified(design: hinf.Design) -> bool:
     """Whether the proof holds; checked once per design, even in a study of many runs."""
     if design not in _verified:
-        _verified[design] = check_certificate(design.certificate).valid
+        _verified[design] = hinf.check_certificate(design.certificate).valid
     return _verified[design]
 
 
@@ -362,7 +362,8 @@ def _plant_as_designed(context: RunContext) -> bool:
         name: component.parameters.get(name, port.start)
         for name, port in component.description.ports.items()
     }
+    exact = context.design is not None and proves_exact_delays(context.design)
     if problem.vehicle is not None:
-        return is_vehicle_of(problem.vehicle, parameters)
+        return is_vehicle_of(problem.vehicle, parameters, exact=exact)
     # integrals are states of the controller
-    return is_plant_of(without_integrals(problem.system), parameters)
+    return is_plant_of(hinf.without_integrals(problem.system), parameters, exact=exact)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +25,7 @@ class Outcome(RunOutcome):
     log_after_end : log lines while the slaves were ended, after the trace was complete: `level`,
         `name` of the component, `message`.
     design : where the design comes from; None without one.
+    binaries : component, and "the kernel" if it ran -> "prebuilt", or where its binary is from.
     supervised : how the child process of the components was started, "fork" or "spawn"; None if
         they ran in this process.
     """
@@ -39,7 +41,17 @@ class Outcome(RunOutcome):
     pace: Pace | None = None
     log_after_end: tuple[dict[str, str], ...] = ()
     design: DesignSource | None = None
+    binaries: Mapping[str, str] = field(default_factory=dict)
     supervised: str | None = None
+
+    @property
+    def binaries_text(self) -> str:
+        """What ran, by where it is from, in words."""
+        origins = dict.fromkeys(self.binaries.values())
+        return "; ".join(
+            f"{', '.join(name for name, of in self.binaries.items() if of == origin)} {origin}"
+            for origin in origins
+        )
 
     def to_json(self) -> dict[str, Any]:
         """Return everything, for `--json`."""
@@ -52,6 +64,7 @@ class Outcome(RunOutcome):
             "content_hash": self.content_hash,
             "wall_s": self.wall_s,
             "engine": {"name": self.engine.name, "reason": self.engine.reason},
+            "binaries": dict(self.binaries),
         }
         if self.design is not None:
             data["design"] = asdict(self.design)
@@ -78,6 +91,7 @@ def result_entries(outcome: Outcome) -> dict[str, str]:
     host = {
         "engine": f"{outcome.engine.name}: {outcome.engine.reason}",
         "wall_s": repr(round(outcome.wall_s, 3)),
+        "binaries": outcome.binaries_text,
         "supervised": outcome.supervised or "no",
     }
     if outcome.pace is not None:

@@ -1,8 +1,10 @@
-"""Existing designs: named by `[design] file`, or kept beside the scenario by an earlier run.
+"""Existing designs: named by `[design] file`, in the controller's FMU, or kept by an earlier run.
 
 The last digits of a solver's answer differ from machine to machine, so a gain is designed once:
 a design that a run had to make is kept beside the scenario, as `<stem>.design.json`, for the
-next run. The proof of an existing design is checked again, exactly, before it is used.
+next run. A controller FMU that carries its certificate is a design as well: `file` may name it, and
+where a scenario has no [design] the FMU of its controller counts (`with_design_of_controller`).
+The proof of an existing design is checked again, exactly, before it is used.
 """
 
 from __future__ import annotations
@@ -15,10 +17,12 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from cosim.core import InputError, write_whole
+from cosim.core import DESIGN_FILE, InputError, unreadable, write_whole
+from cosim.fmu import certificate_in_fmu
 from cosim.hinf import (
     Design,
     certificate_from_bytes,
+    design_from_certificate,
     design_from_json,
     design_to_json,
     first_difference,
@@ -61,41 +65,57 @@ def named_design(part: DesignPart, folder: Path) -> tuple[Problem, Design, Desig
     """
     name = str(part.file)
     where, content = design_content(name, folder)
-    found = _proved(content, where)
+    found = _proved(content, where, in_fmu=name.endswith(".fmu"))
     about = problem_about(part, found, where, folder)
     return about, found, DesignSource(f"{name}, its proof checked again", name)
 
 
 @lru_cache(maxsize=16)
-def _proved(content: bytes, where: str) -> Design:
+def _proved(content: bytes, where: str, *, in_fmu: bool) -> Design:
     """Return the design in a file, its proof checked: once for the same bytes."""
-    return design_from_json(certificate_from_bytes(content, where), where=where)
+    read = design_from_certificate if in_fmu else design_from_json
+    return read(certificate_from_bytes(content, where), where=where)
 
 
 def design_content(name: str, folder: Path) -> tuple[str, bytes]:
     """Return the name of a design for messages, and the bytes of its file.
 
-    `name` : a path that ends in .json, relative to `folder`, or a design of the package.
+    `name` : a path that ends in .json or .fmu, relative to `folder`, or a design of the package.
 
     Raises
     ------
-    InputError : no such design.
+    InputError : no such design; an FMU that starts with another gain than it is certified for.
     """
+    if name.endswith(".fmu"):
+        path = folder / name
+        inside = certificate_in_fmu(path)
+        if inside.mismatch is not None:
+            raise InputError(
+                "the certificate in this FMU is not about its gain",
+                where=str(path),
+                got=inside.mismatch,
+                hint="cosim fmu controller packs a design and its gain together",
+            )
+        return str(path), inside.content
     if name.endswith(".json"):
         path = folder / name
         try:
             return str(path), path.read_bytes()
         except OSError as error:
-            raise InputError(
-                "the design cannot be read",
-                where=str(path),
+            raise unreadable(
+                path,
+                error,
+                what="the design cannot be read",
                 expected="a file that cosim design --save wrote",
-                got=error.strerror,
             ) from error
     ours = files("cosim.scenario").joinpath("library", "designs")
     known = {p.name.removesuffix(".json"): p for p in ours.iterdir()}
     if name not in known:
-        raise InputError.unknown("design", name, [*known, "FILE.json"], where="design.file")
+        listed = [*known, "FILE.json", "FILE.fmu"]
+        wrong = InputError.unknown("design", name, listed, where="design.file")
+        if name.endswith(".toml"):
+            wrong.hint = f'a system is named by another key: system = "{name}"'
+        raise wrong
     return f"design {name}", known[name].read_bytes()
 
 
@@ -133,7 +153,8 @@ def kept_or_made(
         why, ours = "a setting changes [design]", False
     if not ours:
         return made, _in_trace(why)
-    text = json.dumps({**design_to_json(made), _MADE_FOR: made_for}, indent=1, allow_nan=False)
+    data = DESIGN_FILE.stamped({**design_to_json(made), _MADE_FOR: made_for})
+    text = json.dumps(data, indent=1, allow_nan=False)
     try:
         write_whole(path, f"{text}\n".encode())
     except OSError as error:

@@ -7,26 +7,31 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from cosim import hinf
 from cosim.fmu import component_module
-from cosim.hinf import AuvDesignSettings
 from cosim.models import TABLE_1, DelaySystem
 
 _PLANT = component_module("delayed_plant.variables")
 _ENTRY = re.compile(r"(?:[AH][0-9]*|[BCE]|D[12]?)\[[0-9]+,[0-9]+\]")
 
 
-def is_vehicle_of(design: AuvDesignSettings, parameters: Mapping[str, float | None]) -> bool:
-    """Whether these parameters are those of the vehicle in the design."""
+def is_vehicle_of(
+    design: hinf.AuvDesignSettings, parameters: Mapping[str, float | None], *, exact: bool = False
+) -> bool:
+    """Whether these parameters are those of the vehicle in the design; `exact`: the delay too."""
     wanted = {name: design.parameters[name] for name in TABLE_1}
     wanted |= {f"damping.{axis}": a for axis, a in zip("uvwr", design.damping, strict=True)}
-    return all(parameters.get(name) == value for name, value in wanted.items()) and _no_longer(
-        parameters, {"delay.d": design.state_delay}
+    return all(parameters.get(name) == value for name, value in wanted.items()) and _covered(
+        parameters, {"delay.d": design.state_delay}, exact=exact
     )
 
 
-def is_plant_of(system: DelaySystem, parameters: Mapping[str, float | None]) -> bool:
+def is_plant_of(
+    system: DelaySystem, parameters: Mapping[str, float | None], *, exact: bool = False
+) -> bool:
     """Whether these parameters are the matrices and delays of a system, named as in Eq. (7).
 
+    A delay may be shorter than the system's, unless the proof is about `exact` ones.
     Matrices that the system does not have may be present if they are zero.
     """
     wanted = {
@@ -40,12 +45,14 @@ def is_plant_of(system: DelaySystem, parameters: Mapping[str, float | None]) -> 
     }
     delays = _PLANT.plant_delays(system)
     named = zip(_PLANT.delay_names(len(delays)), (delay.d for delay in delays), strict=True)
-    return all(value == wanted.get(name, 0.0) for name, value in found.items()) and _no_longer(
-        parameters, dict(named)
+    return all(value == wanted.get(name, 0.0) for name, value in found.items()) and _covered(
+        parameters, dict(named), exact=exact
     )
 
 
-def _no_longer(parameters: Mapping[str, float | None], delays: Mapping[str, float]) -> bool:
-    """Whether no delay is longer than proved: a proof covers every shorter delay."""
+def _covered(
+    parameters: Mapping[str, float | None], delays: Mapping[str, float], *, exact: bool
+) -> bool:
+    """Whether the proof covers every delay: the same, or a shorter one where it is not `exact`."""
     found = [(parameters.get(name), d) for name, d in delays.items()]
-    return all(value is not None and value <= d for value, d in found)
+    return all(v is not None and (v == d if exact else v <= d) for v, d in found)

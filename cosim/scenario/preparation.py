@@ -7,10 +7,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from cosim import hinf
 from cosim.core import InputError, Progress, silent
 from cosim.fmu import FmuDescription
-from cosim.hinf import Design, WorstCase
 from cosim.scenario.assembly import assemble, find_fmus
+from cosim.scenario.controller_design import with_design_of_controller
 from cosim.scenario.feedback_age import feedback_age
 from cosim.scenario.fmu_cache import FmuCache
 from cosim.scenario.gain import Problem, gain_parameters, problem_of
@@ -31,8 +32,8 @@ class PreparedScenario:
     loaded: LoadedScenario
     fmus: Mapping[str, FmuDescription]
     problem: Problem | None
-    design: Design | None
-    worst_case: WorstCase | None = None
+    design: hinf.Design | None
+    worst_case: hinf.WorstCase | None = None
     source: DesignSource | None = None
 
     @property
@@ -48,8 +49,8 @@ def prepare(
     loaded: LoadedScenario,
     fmu_cache: FmuCache,
     *,
-    saved: tuple[Problem, Design] | None = None,
-    worst_case: WorstCase | None = None,
+    saved: tuple[Problem, hinf.Design] | None = None,
+    worst_case: hinf.WorstCase | None = None,
     progress: Progress | None = None,
     of_links: bool = True,
 ) -> PreparedScenario:
@@ -68,19 +69,21 @@ def prepare(
     report_progress("FMUs", 0.0)
     findings = Findings(loaded.origin)
     fmus = find_fmus(loaded.scenario, fmu_cache, findings)
+    source: DesignSource | None = DesignSource("made before, its proof checked again")
+    if loaded.scenario.design is None:
+        loaded, saved, source = with_design_of_controller(loaded, fmus)
     loaded = with_numbers(loaded, fmus, findings)
     scenario = loaded.scenario
     part, disturbance = scenario.design, scenario.disturbance
     if part is None:
         with findings.at("disturbance"):
             check_disturbance(loaded)
-        return PreparedScenario(loaded, fmus, None, None)
+        return PreparedScenario(loaded, fmus, None, None, source=source)
     with findings.at("design"):
         check_roles(loaded, fmus)
-        found: Design | None = None
+        found: hinf.Design | None = None
         if saved is not None:
             problem, found = saved
-            source = DesignSource("made before, its proof checked again")
         elif part.file is not None:
             problem, found, source = named_design(part, loaded.folder)
         else:

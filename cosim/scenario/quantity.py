@@ -1,6 +1,6 @@
 """Parse values with units: `"50 ms"`, `"2 kN"`, `"20 deg"`, `"3 kn"`.
 
-A quantity is a number and a unit; units are names known to Pint, with `*`, `/`, `^` and FMI's
+A quantity is a number and a unit; units are the names in `units.txt`, with `*`, `/`, `^` and FMI's
 notation of powers (`m/s2`). Angles are a dimension of their own: 1 Hz is not 1 rad/s.
 """
 
@@ -10,10 +10,10 @@ import re
 from decimal import Decimal, InvalidOperation
 from fractions import Fraction
 from functools import cache
-from typing import Any, NamedTuple
+from importlib.resources import files
+from typing import NamedTuple
 
 _BASES = ("kg", "m", "s", "A", "K", "mol", "cd", "rad", "bit")
-_PINT = ("kilogram", "meter", "second", "ampere", "kelvin", "mole", "candela", "radian", "bit")
 # the lookaheads read a number whole: "1e6" must not become 1 e^6, nor "51/s" become 5 1/s
 NUMBER = r"[-+]?(?:\d+(?:_\d+)*\.?\d*|\.\d+)(?:[eE][-+]?\d{1,3}(?!\d)|(?!\d|[eE][-+]?\d))"
 _NAME = r"(?:[A-Za-zµμΩ°]+|%)"
@@ -21,6 +21,7 @@ _FACTOR = rf"{_NAME}(?:(?:\^|\*\*)?-?\d)?"
 UNIT = rf"(?:1/)?{_FACTOR}(?:[*/.·]{_FACTOR})*"
 _QUANTITY = re.compile(rf"\s*({NUMBER})\s*({UNIT})\s*")
 _FACTORS = re.compile(rf"([*/.·]?)({_NAME})(?:(?:\^|\*\*)?(-?\d))?")
+_POWER = re.compile(r"([A-Za-z]+)(-?\d+(?:/\d+)?)?")
 _LONGEST = 60
 
 
@@ -150,22 +151,46 @@ def _unit(text: str) -> tuple[Decimal, Decimal, Dimension]:
 
 @cache
 def _named(name: str) -> tuple[Decimal, Decimal, Dimension]:
-    registry = _registry()
-    try:
-        at_zero = registry.Quantity(Decimal(0), registry.Unit(name)).to_base_units()
-        at_one = registry.Quantity(Decimal(1), registry.Unit(name)).to_base_units()
-        exponents = {str(base): Fraction(e) for base, e in at_one.unit_items()}
-    except Exception as error:  # pint raises many kinds; each means that the unit is unknown
-        raise QuantityError(f"a known unit; {name!r} is none") from error
-    if not set(exponents) <= set(_PINT) or not isinstance(at_one.magnitude, Decimal):
-        raise QuantityError(f"a unit of physics; {name!r} is none")
-    measured = Dimension(tuple(exponents.get(base, Fraction(0)) for base in _PINT))
-    return at_one.magnitude - at_zero.magnitude, at_zero.magnitude, measured
+    """Return factor and offset to SI, and the dimension, of a named unit, with a prefix or not."""
+    units, prefixes = _table()
+    stems = [name, *([name[:-1]] if name.endswith("s") else [])]
+    for stem in stems:
+        for prefix, size in (("", Decimal(1)), *prefixes.items()):
+            rest = stem.removeprefix(prefix)
+            if len(stem) - len(rest) != len(prefix) or rest not in units:
+                continue
+            if stem is not name and len(rest) == 1:  # "ms" is no plural of "m"
+                continue
+            unit = units[rest]
+            if unit is None:
+                raise QuantityError(f"a unit of physics; {name!r} is none")
+            factor, offset, measured = unit
+            if offset and prefix:
+                raise QuantityError(f"a known unit; {name!r} is none: {rest!r} takes no prefix")
+            return (size * factor if prefix else factor), offset, measured
+    raise QuantityError(f"a known unit; {name!r} is none")
 
 
 @cache
-def _registry() -> Any:
-    from pint import UnitRegistry  # noqa: PLC0415 - takes half a second: only where units are used
+def _table() -> tuple[dict[str, tuple[Decimal, Decimal, Dimension] | None], dict[str, Decimal]]:
+    """Return the units by name, None for those that are refused, and the prefixes."""
+    units: dict[str, tuple[Decimal, Decimal, Dimension] | None] = {}
+    prefixes: dict[str, Decimal] = {}
+    for line in files("cosim.scenario").joinpath("units.txt").read_text("utf-8").splitlines():
+        match line.split():
+            case ["#", *_]:
+                pass
+            case ["prefix", size, *names]:
+                prefixes |= dict.fromkeys(names, Decimal(size))
+            case ["refused", *names]:
+                units |= dict.fromkeys(names)
+            case [factor, offset, measured, *names]:
+                unit = Decimal(factor), Decimal(offset), _dimension_of(measured)
+                units |= dict.fromkeys(names, unit)
+    return units, prefixes
 
-    # decimals keep "50 ms" at the double nearest to 0.05
-    return UnitRegistry(non_int_type=Decimal)
+
+def _dimension_of(text: str) -> Dimension:
+    """Return the dimension in the table of units: "kg.m-1.s-2", or "1" for a number."""
+    powers = {found[1]: Fraction(found[2] or 1) for found in _POWER.finditer(text)}
+    return Dimension(tuple(powers.get(base, Fraction(0)) for base in _BASES))

@@ -162,6 +162,7 @@ def valid(model: type[Model], data: dict[str, Any], origin: Origin) -> Model:
     except ValidationError as error:
         first, *more = refusals(model, error, data, origin)
         if first.hint is None and more:
-            first.hint = f"{len(more)} more after this one: cosim scenario check"
+            command = ": cosim scenario check" if model is Scenario else ""
+            first.hint = f"{len(more)} more after this one{command}"
             first.args = (first.text(),)
         raise first from error

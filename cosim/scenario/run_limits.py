@@ -39,20 +39,18 @@ MemoryLimit = Annotated[
 
 
 class LimitsPart(Part):
-    """[limits]: what a supervised run may use; 0 or "none": no limit.
-
-    `call` : wall-clock time of one FMI call during the run (1 h).
-    `run` : wall-clock time of the whole run (none).
-    `start` : of loading and initialising the components (1 h).
-    `end` : of terminating and freeing them (10 min).
-    `memory` : of all components together, as in "2 GB" (nine tenths of the machine's; Linux).
-    """
+    """[limits]: what a supervised run may use; 0 or "none": no limit."""
 
     call: TimeLimit | None = None
+    """Wall-clock time of one FMI call during the run (1 h)."""
     run: TimeLimit | None = None
+    """Wall-clock time of the whole run (none)."""
     start: TimeLimit | None = None
+    """Of loading and initialising the components (1 h)."""
     end: TimeLimit | None = None
+    """Of terminating and freeing them (10 min)."""
     memory: MemoryLimit | None = None
+    """Of all components together, as in "2 GB" (nine tenths of the machine's; Linux)."""
 
 
 def parse_limits(limits: Sequence[str]) -> dict[str, Any]:
@@ -67,17 +65,33 @@ def parse_limits(limits: Sequence[str]) -> dict[str, Any]:
         key, _, value = (part.strip() for part in text.partition("="))
         if key not in LimitsPart.model_fields:
             raise InputError.unknown("limit", key, LimitsPart.model_fields, where=f"--limit {text}")
-        try:
-            plain: Any = float(value)
-        except ValueError:
-            plain = value
-        try:
-            found[key] = getattr(LimitsPart.model_validate({key: plain}), key)
-        except ValidationError as error:
-            raise InputError(
-                "not a limit",
-                where=f"--limit {text}",
-                expected='a number, one with a unit as in "2 min" or "1 GB", or none',
-                got=value,
-            ) from error
+        found[key] = _limit(key, value, f"--limit {text}")
     return found
+
+
+def time_limit(text: str, where: str) -> float | None:
+    """Parse a wall-clock time [s]: "30", "2 min"; None for none.
+
+    Raises
+    ------
+    InputError : it is no time; `where` names the option.
+    """
+    seconds: float = _limit("run", text, where)
+    return seconds or None
+
+
+def _limit(key: str, text: str, where: str) -> Any:
+    """Return the value of a limit; 0 for none."""
+    try:
+        plain: Any = float(text)
+    except ValueError:
+        plain = text
+    try:
+        return getattr(LimitsPart.model_validate({key: plain}), key)
+    except ValidationError as error:
+        raise InputError(
+            "not a limit",
+            where=where,
+            expected='a number, one with a unit as in "2 min" or "1 GB", or none',
+            got=text,
+        ) from error

@@ -13,7 +13,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from cosim.hinf import Design, certificate_bytes, design_to_json
+from cosim import hinf
 from cosim.master import Link, System, receiving_order
 from cosim.network import DelayProfile
 from cosim.scenario.gain import starts_with
@@ -66,7 +66,7 @@ def run_metadata_of(
         entries[f"fmu.{name}.sha256"] = fmu.sha256
         attachments.append(Attachment(f"{name}.modelDescription.xml", "text/xml", fmu.xml))
     if prepared.design is not None:
-        data = json.dumps(design_to_json(prepared.design), allow_nan=False).encode()
+        data = json.dumps(hinf.design_to_json(prepared.design), allow_nan=False).encode()
         entries["design.sha256"] = hashlib.sha256(data).hexdigest()
         attachments.append(Attachment(DESIGN_ATTACHMENT, "application/json", data))
         named, proof = _certificate(prepared, prepared.design)
@@ -100,9 +100,11 @@ def _link_entry(link: Link) -> dict[str, Any]:
     return found
 
 
-def _certificate(prepared: PreparedScenario, design: Design) -> tuple[dict[str, str], Attachment]:
+def _certificate(
+    prepared: PreparedScenario, design: hinf.Design
+) -> tuple[dict[str, str], Attachment]:
     """Return the entries of `cosim.run` about the certificate, and its attachment."""
-    proof = certificate_bytes(design.certificate)
+    proof = hinf.certificate_bytes(design.certificate)
     part = prepared.loaded.scenario.design
     name = "" if part is None else part.controller
     starts = starts_with(design.K, prepared.fmus[name])

@@ -39,70 +39,88 @@ from cosim.scenario.run_limits import LimitsPart
 
 
 class RunPart(Part):
-    """[run]: end, communication step, algorithm, seed.
-
-    `algorithm` : "jacobi": all components step with the values exchanged at the same point;
-    "gauss-seidel": one after the other in `order`, each with the new outputs of those before it
-    (without `order`: senders before receivers, as far as possible).
-    `divergence` : largest magnitude of any output in range; without it a million times the nominal
-    value of an output that declares one.
-    `threads` : on so many the components step side by side, with the same results; worth it where
-    a step takes far more than 10 microseconds.
-    `unknown_feedthrough` : algebraic loops through outputs whose dependencies the FMU does not
-    declare: "refuse" them, or delay as few connections of each as cut it by one step, "previous".
-    `solve` : solve algebraic loops at every communication point: inputs are exchanged until none
-    changes by more than `solve_tolerance`, relative to the greater of its magnitude and 1, or
-    fail after `solve_limit` iterations.
-    `supervise` : run the components in a child process, so that a component that crashes or hangs
-    ends the run and not the command.
-    """
+    """[run]: end, communication step, algorithm, seed."""
 
     end: Duration
+    """Time at which the run ends."""
     step: Duration
+    """Communication step: the components exchange values at its multiples."""
     algorithm: Algorithm = "jacobi"
+    """How components step. "jacobi": all with the values exchanged at the same point;
+    "gauss-seidel": one after the other in `order`, each with the new outputs of those before it.
+    """
     order: list[Name] | None = None
+    """Order of the components under gauss-seidel; without it senders before receivers, as far as
+    possible.
+    """
     seed: Annotated[int, Field(ge=0, lt=2**31)] = 1
+    """Seed of the links that have none of their own."""
     events: Literal["align", "grid"] = "align"
+    """What an instant at which a link sends or delivers is: "align": a communication point;
+    "grid": rounded up to the next multiple of the step.
+    """
     divergence: Positive | None = None
+    """Largest magnitude of any output in range; without it a million times the nominal value of an
+    output that declares one.
+    """
     threads: Annotated[int, Field(ge=1, le=256)] = 1
+    """On so many threads the components step side by side, with the same results; worth it where a
+    step takes far more than 10 microseconds.
+    """
     unknown_feedthrough: UnknownFeedthrough = "refuse"
+    """Algebraic loops through outputs whose dependencies the FMU does not declare: "refuse" them,
+    or delay as few connections of each as cut it by one step, "previous".
+    """
     solve: bool = False
+    """Solve algebraic loops at every communication point, until no input changes."""
     solve_tolerance: Positive = 1e-10
+    """Largest change of an input that counts as none, relative to the greater of its magnitude and
+    1.
+    """
     solve_limit: Annotated[int, Field(ge=1, le=1_000_000)] = 100
+    """Iterations after which solving an algebraic loop fails."""
     supervise: bool = True
+    """Run the components in a child process, so that a component that crashes or hangs ends the
+    run and not the command.
+    """
 
 
 class ComponentPart(Part):
-    """[components.NAME]: an FMU of the catalogue by name, or any `.fmu` path.
-
-    `step` : its own communication step; without one it communicates at every point. Parameters
-    and start values have the variable's type: numbers (in the variable's unit, or with one),
-    texts, truth values, and nested lists of them for arrays. `feedthrough` : the outputs that
-    depend on inputs at the same instant, in place of what the FMU declares: "none", or a list of
-    names; a group's name means all its outputs, an element's name its whole array. `isolate` : its
-    slave is in a process of its own, so that it cannot harm the others, and an FMU that allows one
-    instance per process can be there several times.
-    """
+    """[components.NAME]: an FMU, one of those here by name, or any `.fmu` path."""
 
     fmu: Text
+    """A built-in FMU by name, or the path of any `.fmu`, from the folder of the scenario."""
     step: Duration | None = None
+    """Communication step of this component; without one it communicates at every point."""
     feedthrough: Literal["none"] | list[Text] | None = None
+    """The outputs that depend on inputs at the same instant, in place of what the FMU declares:
+    "none", or a list of names; a group's name means all its outputs, an element's name its
+    whole array.
+    """
     isolate: bool = False
+    """The slave is in a process of its own, so that it cannot harm the others, and an FMU that
+    allows one instance per process can be there several times.
+    """
     parameters: dict[str, FmiValue] = Field(default_factory=dict)
+    """Parameters and start values, of the variable's type: numbers (in the variable's unit, or
+    with one), texts, truth values, and nested lists of them for arrays.
+    """
 
 
 class ConnectionPart(Part):
-    """[[connections]]: `from = "plant.eta"` means every variable `eta.*` or `eta[...]`.
-
-    `policy` : the value of the input during a step: that at its beginning ("hold"), or that at
-    its middle, known from a transport delay ("midpoint") or extrapolated ("linear"), or that of
-    one communication point before ("previous"), which cuts an algebraic loop.
-    """
+    """[[connections]]: `from = "plant.eta"` means every variable `eta.*` or `eta[...]`."""
 
     source: Reference = Field(alias="from")
+    """Output that sends, `component.variable`; a group's name means all its variables."""
     target: Reference = Field(alias="to")
+    """Input that receives, `component.variable`; a group for a group."""
     link: Name | None = None
+    """Link that the values take; without one they arrive at once."""
     policy: Policy = "hold"
+    """The value of the input during a step: that at its beginning ("hold"), that at its middle,
+    known from a transport delay ("midpoint") or extrapolated ("linear"), or that of one
+    communication point before ("previous"), which cuts an algebraic loop.
+    """
 
 
 _SHORT = re.compile(
@@ -137,17 +155,20 @@ def _seconds(value: Any) -> Any:
 
 
 class PathPart(Part):
-    """[reference]: a path through points, for inputs that follow it.
-
-    `points` are rows of time and one value per axis; between two points the path is a straight
-    line, with a speed that starts and ends at zero ("smooth") or is constant ("linear"); before
-    the first and after the last point it is constant.
-    """
+    """[reference]: a path through points, for inputs that follow it."""
 
     target: Reference
+    """Component and group of the inputs that follow the path."""
     axes: Annotated[list[str], Field(min_length=1)]
+    """Names of these inputs in the group."""
     points: Annotated[list[list[SignalValue]], Field(min_length=1)]
+    """Rows of a time and one value per axis; the times increase. Before the first and after the
+    last point the path is constant.
+    """
     interpolation: Literal["smooth", "linear"] = "smooth"
+    """Between two points the path is a straight line, with a speed that starts and ends at zero
+    ("smooth") or is constant ("linear").
+    """
 
     @field_validator("points", mode="after")
     @classmethod
@@ -171,28 +192,35 @@ class PathPart(Part):
 
 
 class DisturbancePart(Part):
-    """[disturbance]: the worst-case disturbance of the scenario's design.
-
-    "worst-case": the sinusoid that the nominal loop amplifies most, at the frequency of its peak
-    or at `omega` [rad/s], |w| at most `amplitude`, with the envelope sin(pi t / end). At frequency
-    zero that is a constant; a peak at infinite frequency is attained by no disturbance and
-    refused. `target` is a group of inputs, one per entry of w in Eq. (7).
-    """
+    """[disturbance]: the worst-case disturbance of the scenario's design."""
 
     kind: Literal["worst-case"]
+    """A "worst-case" one: the sinusoid that the nominal loop of the design amplifies most, with the
+    envelope sin(pi t / end).
+    """
     target: Reference
+    """Component and group of the inputs, one per entry of w in Eq. (7)."""
     amplitude: Positive
+    """Bound on |w|."""
     omega: Frequency | None = None
+    """Frequency [rad/s]; without it that of the peak of the nominal loop. At zero the disturbance
+    is constant; a peak at infinite frequency is refused.
+    """
 
 
 class EnvelopePart(Part):
     """Largest |u|, |v|, |w| [m/s], |r| [rad/s] and |psi| [rad] that the design allows for."""
 
     u: Speed
+    """Largest |u|, speed ahead [m/s]."""
     v: Speed
+    """Largest |v|, speed to starboard [m/s]."""
     w: Speed
+    """Largest |w|, speed down [m/s]."""
     r: Rate
+    """Largest |r|, rate of turn [rad/s]."""
     psi: Angle
+    """Largest |psi|, deviation of the heading [rad]."""
 
 
 MADE_WITH = ("gain", "order", "k1", "k2")
@@ -202,32 +230,55 @@ MADE_WITH = ("gain", "order", "k1", "k2")
 class DesignPart(Part):
     """[design]: the gain of the controller, and the system for which it is proved.
 
-    `file` : use this design: a `.json` that `cosim design --save` wrote, or the name of a design
-    of the package; other keys about the system must agree with it. Without `file` the gain of
-    least gamma is designed, or `gain` is analysed.
-    `least_age`, `rate` and `sampled` say more of the age of the feedback, as in the file of a
-    system; without them a design made here is proved for what the links justify.
+    Without `file` the gain of least gamma is designed, or `gain` is analysed.
     """
 
     model_config = ConfigDict(
         json_schema_extra={"anyOf": [{"required": ["system"]}, {"required": ["file"]}]}
     )
     system: Text | None = None
+    """System that the gain is proved for: `paper`, `auv`, or a system file. With `file` it must be
+    the system of that design.
+    """
     file: Text | None = None
+    """Design to use: a `.json` that `cosim design --save` wrote, a `.fmu` that `cosim fmu
+    controller` made of one, or the name of a built-in design. Its proof is checked before the run,
+    no solver runs, and other keys about the system must agree with it.
+    """
     controller: Name = "controller"
+    """Component that gets the gain."""
     plant: Name = "plant"
+    """Component that the system describes."""
     gain: list[list[Number]] | None = None
+    """Gain to analyse instead of a design: rows of numbers, one row per input."""
     k1: list[Number] | None = None
+    """Free scalars k1 of Theorem 2, one per delay; without them they are searched."""
     k2: list[Number] | None = None
+    """Free scalars k2 of Theorem 2, one per delay, not zero; without them they are searched."""
     order: Annotated[int, Field(ge=0, le=12)] | None = None
+    """Order of the Bessel-Legendre inequality that improves the gain of Theorem 2."""
     state_delay: Delay | None = None
+    """Delay inside the vehicle that the design is made for; of `auv` only."""
     loop_delay: Delay | None = None
+    """Greatest age of the feedback that the design is made for, in place of that of the system."""
     least_age: Delay | None = None
+    """Least age of the feedback; without it a design made here is proved for what the links
+    justify.
+    """
     rate: NotNegative | None = None
+    """Bound on the rate at which the age of the feedback changes; the age is then continuous."""
     sampled: bool | None = None
+    """The age of the feedback is `least_age`, growing at rate one until the next sample is used."""
     damping: Annotated[list[PerSecond], Field(min_length=4, max_length=4)] | None = None
+    """Linear damping of the vehicle along u, v, w and r that the design is made for [1/s]; of
+    `auv` only.
+    """
     position_weight: Positive | None = None
+    """Weight of the positions in z; of `auv` only."""
     envelope: EnvelopePart | None = None
+    """Bounds on the state inside which the uncertainty covers the vehicle's nonlinearity; of `auv`
+    only.
+    """
 
     @model_validator(mode="after")
     def _source(self) -> Self:
@@ -251,39 +302,54 @@ Level = Literal["debug", "info", "warning", "error"]
 
 
 class ComponentLogPart(Part):
-    """[log.components.NAME]: which log messages of one component are recorded.
-
-    `categories` : the FMU's log categories to record; a status above Warning is always recorded.
-    """
+    """[log.components.NAME]: which log messages of one component are recorded."""
 
     level: Level | None = None
+    """Lowest level of this component's messages that is recorded."""
     categories: list[str] | None = None
+    """Log categories of the FMU to record; a status above Warning is always recorded."""
 
 
 class LogPart(Part):
     """[log]: lowest level at which messages of components and master are recorded."""
 
     level: Level = "debug"
+    """Lowest level at which messages of components and of the master are recorded."""
     components: dict[Name, ComponentLogPart] = Field(default_factory=dict)
+    """Settings of single components, by name."""
 
 
 class Scenario(Part):
     """A whole scenario."""
 
     title: Text
+    """One line that says what is run."""
     description: str = ""
+    """What a reader should know: why these numbers."""
     run: RunPart
+    """End, step, algorithm and seed."""
     components: Annotated[dict[Name, ComponentPart], Field(min_length=1)]
+    """The FMUs of the run, by name."""
     connections: list[ConnectionPart] = Field(default_factory=list)
+    """Which output goes to which input."""
     connect: list[Connect] = Field(default_factory=list)
+    """Connections in their short form: "plant.eta -> controller.eta : uplink"."""
     links: dict[Name, LinkPart] = Field(default_factory=dict)
+    """Links that connections name: delay, jitter, loss."""
     reference: PathPart | None = None
+    """A path for inputs that follow it."""
     disturbance: DisturbancePart | None = None
+    """The worst-case disturbance of the design."""
     design: DesignPart | None = None
+    """The gain of the controller, and the system it is proved for."""
     events: list[EventPart] = Field(default_factory=list)
+    """What happens during the run."""
     assertions: list[AssertionPart] = Field(default_factory=list)
+    """What must hold; the exit code is 1 where it does not."""
     log: LogPart | None = None
+    """Which log messages are recorded."""
     limits: LimitsPart | None = None
+    """Time and memory that a supervised run may use."""
 
     def to_data(self) -> dict[str, Any]:
         """Return the tables of the scenario, without defaults."""

@@ -7,7 +7,7 @@ from typing import Any
 
 from pydantic import BaseModel, ValidationError
 
-from cosim.core import InputError
+from cosim.core import InputError, did_you_mean
 from cosim.scenario.events import ConditionError
 from cosim.scenario.fields import NAME_PATTERN, REFERENCE_PATTERN
 from cosim.scenario.known_keys import suggestion
@@ -31,7 +31,7 @@ def refusals(
         ):
             continue
         found[path] = detail
-    return [_refusal(model, detail, path, origin) for path, detail in found.items()]
+    return [_refusal(model, detail, path, origin, data) for path, detail in found.items()]
 
 
 def _rank(detail: Any) -> tuple[bool, bool, int]:
@@ -45,7 +45,9 @@ def _of_other_branch(detail: Any) -> bool:
     return detail["type"] in _NO_TABLE and detail["loc"][-1] == "BurstPart"
 
 
-def _refusal(model: type[BaseModel], detail: Any, path: Path, origin: Origin) -> InputError:
+def _refusal(
+    model: type[BaseModel], detail: Any, path: Path, origin: Origin, data: Any
+) -> InputError:
     cause = detail.get("ctx", {}).get("error")
     if isinstance(cause, ConditionError):
         found = cause.error
@@ -60,9 +62,15 @@ def _refusal(model: type[BaseModel], detail: Any, path: Path, origin: Origin) ->
         _sentence(detail, key(path)),
         where=origin.place(path),
         expected=_expected(detail),
-        got=None if detail["type"] == "missing" else repr(detail["input"])[:200],
-        hint=_hint(model, detail, path),
+        got=_got(detail),
+        hint=_hint(model, detail, path, data),
     )
+
+
+def _got(detail: Any) -> str | None:
+    """Return what was found; not the content of a table whose key is wrong."""
+    whole = detail["type"] == "extra_forbidden" and isinstance(detail["input"], dict | list)
+    return None if whole or detail["type"] == "missing" else repr(detail["input"])[:200]
 
 
 def _path(detail: Any, data: Any) -> list[str | int]:
@@ -100,7 +108,17 @@ def _expected(detail: Any) -> str | None:
         case "union_tag_invalid":
             return f"kind = {detail['ctx']['expected_tags'].replace(',', ' or')}"
     message: str = detail["msg"].removeprefix("Value error, ").removeprefix("Input should be ")
-    return message
+    return _PLAIN.get(message, message).removesuffix(f"; got {detail['input']!r}")
+
+
+_PLAIN = {
+    "a valid list": "a list, in brackets",
+    "a valid number": "a number",
+    "a valid integer": "a whole number",
+    "a valid string": "a text, in quotes",
+    "a valid boolean": "true or false",
+    "a valid dictionary": "a table",
+}
 
 
 _PATTERNS = {
@@ -109,13 +127,30 @@ _PATTERNS = {
 }
 
 
-def _hint(model: type[BaseModel], detail: Any, path: Path) -> str | None:
-    """Suggest the nearest allowed words, or the key that is meant."""
-    if detail["type"] == "literal_error":
-        words = [word.strip("'") for word in detail["ctx"]["expected"].split(" or ")]
-        choices = [c.strip("' ") for word in words for c in word.split(",")]
-        near = difflib.get_close_matches(str(detail["input"]), choices, n=2)
-        return f"did you mean {' or '.join(near)}?" if near else None
-    if detail["type"] != "extra_forbidden":
-        return None
-    return suggestion(str(path[-1]), path[:-1], model.model_json_schema())
+def _hint(model: type[BaseModel], detail: Any, path: Path, data: Any) -> str | None:
+    """Suggest the nearest allowed words, the key that is meant, or how the value is written."""
+    value = detail["input"]
+    match detail["type"]:
+        case "literal_error":
+            words = [word.strip("'") for word in detail["ctx"]["expected"].split(" or ")]
+            choices = [c.strip("' ") for word in words for c in word.split(",")]
+            return did_you_mean(difflib.get_close_matches(str(value), choices, n=2))
+        case "extra_forbidden":
+            return suggestion(str(path[-1]), path[:-1], model.model_json_schema())
+        case "union_tag_not_found" if path[0] == "links":
+            others = [name for name in data["links"] if name != path[-1]]
+            there = f"; the links that are there: {', '.join(others)}" if others else ""
+            return f'a new link has kind = "packet" or "transport"{there}'
+    return _written(value, detail["type"], path)
+
+
+def _written(value: Any, wrong: str, path: Path) -> str | None:
+    """Return how a value of the wrong type is written."""
+    if wrong == "list_type" and isinstance(value, str):
+        return f'in brackets: ["{value}"]'
+    if wrong == "less_than_equal" and path[-1] in ("loss", "duplicate"):
+        return f'a probability: "{value} %" is {value} in a hundred'
+    if "parameters" in path[:-1] and isinstance(value, dict):
+        name = f"{path[-1]}.{next(iter(value), 'x')}"
+        return f'a name with a dot is written in quotes: "{name}" = ...'
+    return None

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cosim import hinf
 from cosim.core import InputError
 from cosim.fmu import FmuDescription
-from cosim.hinf import Design, WorstCase, worst_case_at
 from cosim.master import CommunicationSchedule, Endpoint
 from cosim.models import DelaySystem
 from cosim.scenario.matching import endpoint, members
@@ -81,7 +81,7 @@ def _along(
     return along
 
 
-def worst_case_of(part: DisturbancePart, design: Design) -> WorstCase:
+def worst_case_of(part: DisturbancePart, design: hinf.Design) -> hinf.WorstCase:
     """Return the sinusoid that the design's nominal loop amplifies most.
 
     That of the design; computed if it has none, or if a frequency is given.
@@ -93,7 +93,7 @@ def worst_case_of(part: DisturbancePart, design: Design) -> WorstCase:
     if part.omega is None and design.worst_case is not None:
         return design.worst_case
     omega = design.norm_frequency if part.omega is None else part.omega
-    found = worst_case_at(design.system, design.K, omega)
+    found = hinf.worst_case_at(design.system, design.K, omega)
     if found is None:
         raise InputError(
             "the norm of this loop is that of D1, approached as the frequency grows: no "
@@ -106,7 +106,7 @@ def worst_case_of(part: DisturbancePart, design: Design) -> WorstCase:
     return found
 
 
-def no_disturbance(system: DelaySystem) -> WorstCase:
+def no_disturbance(system: DelaySystem) -> hinf.WorstCase:
     """Return a zero disturbance with the dimensions of `system`.
 
     Raises
@@ -121,12 +121,12 @@ def no_disturbance(system: DelaySystem) -> WorstCase:
             got=f"{system.name or 'a system'} without them: stability alone is certified",
         )
     zero = (0.0,) * system.C.shape[1]
-    return WorstCase(0.0, zero, zero, 0.0)
+    return hinf.WorstCase(0.0, zero, zero, 0.0)
 
 
 def worst_case_inputs(
     part: DisturbancePart,
-    found: WorstCase,
+    found: hinf.WorstCase,
     fmus: Mapping[str, FmuDescription],
     comm_schedule: CommunicationSchedule,
 ) -> Signals:

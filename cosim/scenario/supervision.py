@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
-from cosim.master import Limits, Supervisor, System, default_method
+from cosim.core import InputError
+from cosim.master import EngineName, Limits, Supervisor, System, default_method, load_kernel
 from cosim.scenario.interrupt import DeferredInterrupt, InterruptedRun, TerminatedRun
 from cosim.scenario.outcome import Outcome
 from cosim.scenario.run_limits import LimitsPart, parse_limits
@@ -29,7 +30,10 @@ class Supervision:
 
     @contextmanager
     def open(
-        self, first: System | None = None, known: Sequence[Any] = ()
+        self,
+        first: System | None = None,
+        known: Sequence[Any] = (),
+        engine: EngineName = "auto",
     ) -> Iterator[Supervisor | None]:
         """Start the child process, and note Ctrl-C and SIGTERM as long as it lives.
 
@@ -38,6 +42,10 @@ class Supervision:
         if self.method is None:
             yield None
             return
+        if engine != "python":
+            # here, where standard error is the user's: a cache that cannot be written is told there
+            with suppress(InputError):  # the child process finds that out again, and says so
+                load_kernel()
         with (
             DeferredInterrupt() as interruption,
             Supervisor(

@@ -9,6 +9,7 @@ _WHOLE = '''\
 # Times are in seconds and everything else in SI; "50 ms", "20 deg", "2 kN" are numbers too.
 #   cosim scenario check {name}.toml     list its errors
 #   cosim run {name}.toml                run it
+schema = 1
 title = "{name}"
 description = """
 Why these numbers are plausible.
@@ -91,7 +92,7 @@ always = "hypot(plant.eta.x, plant.eta.y) < 2 m"
 # [design]
 # system = "auv"
 # loop_delay = "1.25 s"        # a design is made once, and kept in {name}.design.json
-# file = "auv-1.25s"           # or an existing design: of the package, or FILE.json
+# file = "auv-1.25s"           # or an existing design: of the package, FILE.json, FILE.fmu
 '''
 
 _EXTENSION = """\
@@ -100,6 +101,7 @@ _EXTENSION = """\
 #   cosim scenario check {name}.toml     list its errors
 #   cosim run {name}.toml                run it
 # Tables are merged; lists, the connections among them, are replaced.
+schema = 1
 extends = "{base}"
 title = "{title}, changed"
 # without = ["reference"]              # removes parts of {base}

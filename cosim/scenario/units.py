@@ -25,7 +25,7 @@ _BASES = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
 class DeclaredUnit:
     """A unit of an FMU: SI value = factor * value + offset.
 
-    `dimension` is None for a unit that neither the FMU nor Pint defines.
+    `dimension` is None for a unit that neither the FMU nor `quantity` defines.
     """
 
     name: str

@@ -10,6 +10,7 @@ from .read import (
     builtin_studies as builtin_studies,
     load_study as load_study,
 )
+from .repeat import repeat_run as repeat_run
 from .running import (
     plan_of as plan_of,
     pool_for as pool_for,
@@ -21,6 +22,12 @@ from .schema import (
     ReplicatesAxis as ReplicatesAxis,
     SampledAxis as SampledAxis,
     Study as Study,
+    study_schema as study_schema,
+)
+from .sensitivity_indices import (
+    Index as Index,
+    Sensitivity as Sensitivity,
+    sensitivity as sensitivity,
 )
 from .stability_boundary import (
     Boundary as Boundary,
@@ -31,6 +38,7 @@ from .stability_picture import draw_stability as draw_stability
 from .summary import (
     Group as Group,
     Numbers as Numbers,
+    Quantile as Quantile,
     Share as Share,
     Summary as Summary,
     summarise as summarise,

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import os
+import platform
 import threading
 import time
 from collections import OrderedDict
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from importlib.metadata import version
 from pathlib import Path
 from typing import NamedTuple
 
@@ -18,11 +21,19 @@ from cosim.study.measurement import Value, measure
 from cosim.study.schema import Study
 from cosim.study.study_runner import BaseScenario, StudyRunner
 
-REFUSED, FAILED = "refused", "failed"
-"""Statuses in addition to those of an outcome: could not start; a component or worker failed."""
+REFUSED, FAILED, CRASHED, TIMED_OUT, LOST = "refused", "failed", "crashed", "timed_out", "lost"
+"""Statuses in addition to those of an outcome: the run could not start; a component refused a call;
+it ended its process; it exceeded a limit of time; the worker died at each attempt."""
 ASSERTION_FAILED = "assertion_failed"
 """Status of a run that reached its end, and whose assertions did not all come out as expected."""
+INCOMPLETE = (REFUSED, FAILED, CRASHED, TIMED_OUT, LOST)
+"""Statuses of runs that have no result."""
+UNSUCCESSFUL = (FAILED, CRASHED, TIMED_OUT, ASSERTION_FAILED, "diverged", "limit_cycle")
+"""Statuses of the runs whose traces are kept by `traces = "failed"`."""
+_BY_CAUSE = {"crashed": CRASHED, "exited": CRASHED, "timed-out": TIMED_OUT}
 
+PACKAGES = ("auv-cosim", "fmpy", "numpy", "scipy", "pydantic")
+"""Packages on whose versions results may depend."""
 _RUNNERS_KEPT = 2
 
 
@@ -37,6 +48,9 @@ class Job:
     designs : designs that exist already (`StudyRunner.designs_made`).
     traces : folder for traces; None to record none.
     digits : number of digits of the run number in the names of traces.
+    limits : of each run, as for `cosim run --limit`; they come before those of the scenario.
+    run_limit_s : wall-clock time of a run for which no limit is given [s]; None: none.
+    software : the versions that the starting process has; workers must have the same.
     """
 
     study: Study
@@ -46,6 +60,9 @@ class Job:
     digits: int
     traces: Path | None = None
     designs: dict[str, str] = field(default_factory=dict)
+    limits: tuple[str, ...] = ()
+    run_limit_s: float | None = None
+    software: dict[str, str] = field(default_factory=dict)
 
     def trace_of(self, folder: Path, run: int) -> Path:
         """Return the path of a run's trace."""
@@ -55,8 +72,8 @@ class Job:
 class Row(NamedTuple):
     """The result of one run; `values` has one value per metric, in the order of the study.
 
-    status : finished, assertion_failed, limit_cycle, stopped, diverged, failed, or refused if it
-        could not start.
+    status : finished, assertion_failed, limit_cycle, stopped, diverged, failed, crashed, timed_out,
+        lost, or refused if it could not start.
     seconds : wall time of the run; not part of the results.
     """
 
@@ -77,7 +94,8 @@ def run_batch(job: Job, runs: Sequence[int]) -> list[Row]:
     """Execute these runs; an error of a run becomes its row."""
     with _alone:
         runner = _runner(job)
-        return [_row(job, runner, run) for run in runs]
+        with runner.supervised():
+            return [_row(job, runner, run) for run in runs]
 
 
 @one_thread
@@ -96,11 +114,33 @@ def register_runner(digest: str, runner: StudyRunner) -> None:
 def _runner(job: Job) -> StudyRunner:
     """Return this process' runner for a study; it is created once."""
     if job.digest not in _runners:
+        _check_software(job)
         _runners[job.digest] = StudyRunner(job.study, job.base, job.hashes, job.designs)
         while len(_runners) > _RUNNERS_KEPT:
             _runners.popitem(last=False)
     _runners.move_to_end(job.digest)
-    return _runners[job.digest]
+    runner = _runners[job.digest]
+    runner.limits, runner.run_limit_s = job.limits, job.run_limit_s
+    return runner
+
+
+def software() -> dict[str, str]:
+    """Return the versions on which results depend, of this process."""
+    return {"python": platform.python_version(), **{name: version(name) for name in PACKAGES}}
+
+
+def _check_software(job: Job) -> None:
+    """Check that a worker has the versions of the process that started the study."""
+    here = software()
+    differ = [name for name, wanted in job.software.items() if here.get(name) != wanted]
+    if differ:
+        raise InputError(
+            "a worker has other versions than the process that started the study",
+            where=f"worker {platform.node()}, process {os.getpid()}",
+            expected=", ".join(f"{name} {job.software[name]}" for name in differ),
+            got=", ".join(f"{name} {here.get(name)}" for name in differ),
+            hint="install the same versions everywhere; results would not be the same bit for bit",
+        )
 
 
 def run_and_measure(runner: StudyRunner, run: int) -> tuple[Outcome, tuple[Value, ...]]:
@@ -124,15 +164,22 @@ def run_and_measure(runner: StudyRunner, run: int) -> tuple[Outcome, tuple[Value
 
 
 def _row(job: Job, runner: StudyRunner, run: int) -> Row:
+    row: Row | None = runner.in_child(_row_here, run)
+    if row is None:  # it is repeated in a way that tells which component and call ended it
+        row = _row_here(runner, run)
+    if job.traces is not None and row.status not in INCOMPLETE:
+        row = row._replace(reason=_recorded(job, runner, run) or row.reason)
+    return row
+
+
+def _row_here(runner: StudyRunner, run: int) -> Row:
     began = time.perf_counter()
-    values: tuple[Value, ...] = (None,) * len(job.study.metrics)
+    values: tuple[Value, ...] = (None,) * len(runner.study.metrics)
     try:
         outcome, values = run_and_measure(runner, run)
         status, reason = status_of(outcome)
-        if job.traces is not None:
-            reason = _recorded(job, runner, run) or reason
     except ComponentError as error:
-        status, reason = FAILED, error.text()
+        status, reason = _BY_CAUSE.get(error.kind or "", FAILED), error.text()
     except CosimError as error:
         status, reason = REFUSED, error.text()
     except Exception as error:  # noqa: BLE001 - one run must not stop the others
@@ -142,6 +189,8 @@ def _row(job: Job, runner: StudyRunner, run: int) -> Row:
 
 def status_of(outcome: Outcome) -> tuple[str, str | None]:
     """Return status and reason of a run in the table; failed assertions are named."""
+    if outcome.status == FAILED and outcome.cause is not None:
+        return _BY_CAUSE.get(outcome.cause.kind, FAILED), outcome.reason
     if outcome.as_expected:
         return outcome.status, outcome.reason
     failed = [a.name or a.words for a in outcome.assertions if not a.as_expected]

@@ -6,25 +6,30 @@ import heapq
 import itertools
 import math
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from cosim.core import LossError, Progress, silent
+from cosim.master import default_method
 from cosim.study.batch import (
-    ASSERTION_FAILED,
-    FAILED,
+    INCOMPLETE,
+    LOST,
+    REFUSED,
+    TIMED_OUT,
+    UNSUCCESSFUL,
     Job,
     Row,
     record_batch,
     register_runner,
     run_batch,
+    software,
 )
 from cosim.study.folder import Folder
 from cosim.study.manifest import manifest_of
-from cosim.study.plan import Plan, trial_run
+from cosim.study.plan import Plan, extended_by, trial_run
 from cosim.study.schema import Study
 from cosim.study.stability_boundary import nominal_loop_figures
 from cosim.study.table import make_table, pyarrow, write_table
@@ -35,7 +40,8 @@ BATCH_S = 2.0
 MAX_AT_ONCE = 1000
 _PIECES = 8  # that a batch is split into after a worker died
 
-_KILLED = "the process that executed this run died at each attempt"
+RUN_LIMIT_S, RUN_LIMIT_FACTOR = 60.0, 50.0
+"""Limit of a run for which none is given: so many times the first runs, at least so long [s]."""
 
 
 @dataclass(frozen=True)
@@ -49,6 +55,10 @@ class StudyResult:
     statuses : status -> number of runs.
     traces : number of the run -> None for a kept trace, or why there is none.
     seconds : wall time of this call.
+    run_limit_s : wall-clock limit of a run for which none was given [s]; None where runs cannot be
+        limited.
+    retried : number of runs that were executed again, since their worker died.
+    incomplete : the rows of runs that have no result: refused, failed, crashed, timed out or lost.
     """
 
     folder: Path
@@ -58,6 +68,9 @@ class StudyResult:
     statuses: dict[str, int]
     traces: dict[int, str | None]
     seconds: float
+    run_limit_s: float | None
+    retried: int
+    incomplete: tuple[Row, ...]
 
     def to_json(self) -> dict[str, Any]:
         """Return the object that `--json` prints."""
@@ -70,6 +83,12 @@ class StudyResult:
             "statuses": self.statuses,
             "traces": {str(run): why for run, why in sorted(self.traces.items())},
             "seconds": self.seconds,
+            "run_limit_s": self.run_limit_s,
+            "retried": self.retried,
+            "incomplete": [
+                {"run": row.run, "status": row.status, "reason": row.reason}
+                for row in self.incomplete
+            ],
         }
 
 
@@ -79,6 +98,8 @@ def execute_study(
     pool: Callable[[], AbstractContextManager[WorkerPool]] = in_process,
     *,
     fresh: bool = False,
+    limits: Sequence[str] = (),
+    time_limit_s: float | None = None,
     progress: Progress | None = None,
 ) -> StudyResult:
     """Execute the runs that are not done yet, and write the table.
@@ -88,28 +109,39 @@ def execute_study(
     out : folder of the study.
     pool : opens the worker pool (`cosim.study.workers`); called only if there is work.
     fresh : delete earlier results and start again.
+    limits : of each run, as for `cosim run --limit`.
+    time_limit_s : wall-clock time after which no further run begins [s].
 
     Raises
     ------
+    LossError : the time is over, or the disk is full. Runs that are done are kept.
     CosimError : see `Folder.begin`, `trial_run` and `workers`. Runs that are done are kept.
     """
     pyarrow()  # if it is missing, fail now and not at the end
     began = time.perf_counter()
     report_progress = progress or silent
+    plan = replace(plan, job=replace(plan.job, limits=tuple(limits), software=software()))
     register_runner(plan.job.digest, plan.runner)
+    plan.runner.limits, retried = plan.job.limits, 0
     with plan.runner.supervised(), Folder(out) as folder:
-        folder.begin(manifest_of(plan), fresh=fresh)
+        folder.begin(
+            manifest_of(plan), fresh=fresh, extended=lambda before: extended_by(plan, before)
+        )
         done = folder.rows()
         before = len(done)
         if before < plan.count:
             if not done:
                 report_progress("trial run", 0.0)
-                first = trial_run(plan)
+                first, seconds = trial_run(plan)
                 if first is not None:
                     folder.append([first])
                     done.append(first)
+            else:
+                seconds = max(row.seconds for row in done if row.status != TIMED_OUT)
+            plan = _with_limit(plan, seconds, report_progress)
+            until = math.inf if time_limit_s is None else began + time_limit_s
             with pool() as opened:
-                _run_rest(plan, folder, opened, done, report_progress)
+                retried = _run_rest(plan, folder, opened, done, report_progress, until)
         _check_complete(plan, done)
         table = make_table({**manifest_of(plan), "stability": nominal_loop_figures(plan)}, done)
         write_table(table, folder.results)
@@ -130,7 +162,19 @@ def execute_study(
         statuses=statuses,
         traces=kept,
         seconds=time.perf_counter() - began,
+        run_limit_s=plan.job.run_limit_s,
+        retried=retried,
+        incomplete=tuple(row for row in sorted(done) if row.status in INCOMPLETE),
     )
+
+
+def _with_limit(plan: Plan, seconds: float, report_progress: Progress) -> Plan:
+    """Return the plan with a limit of time for each run: its first runs took `seconds`."""
+    if default_method() is None:
+        return plan
+    limit = float(f"{max(RUN_LIMIT_S, RUN_LIMIT_FACTOR * seconds):.2g}")
+    report_progress(f"a run may take {limit:g} s, if no limit is given", 0.0)
+    return replace(plan, job=replace(plan.job, run_limit_s=limit))
 
 
 class _Queue:
@@ -167,35 +211,66 @@ class _Queue:
 
 
 def _run_rest(
-    plan: Plan, folder: Folder, pool: WorkerPool, done: list[Row], report_progress: Progress
-) -> None:
-    """Execute every run that is not done; append the rows to the run log and to `done`."""
+    plan: Plan,
+    folder: Folder,
+    pool: WorkerPool,
+    done: list[Row],
+    report_progress: Progress,
+    until: float,
+) -> int:
+    """Execute every run that is not done; append the rows to the run log and to `done`.
+
+    Return how many were executed again. `until` : when the time of the study is over.
+    """
     job = _ready(plan, folder)
     known = {row.run for row in done}
     seconds = sum(row.seconds for row in done) / len(done) if done else BATCH_S
     rest = (run for run in range(plan.count) if run not in known)
     queue = _Queue(rest, plan.count - len(known), pool.size, seconds)
     suspects: list[int] = []
+    retried = 0
+
+    def next_batch() -> Batch | None:
+        return queue.next_batch() if time.perf_counter() < until else None
 
     def keep(rows: list[Row]) -> None:
         folder.append(rows)
         done.extend(rows)
         report_progress(f"{len(done)} of {plan.count} runs", len(done) / plan.count)
 
-    for batch, result in pool.run_batches(run_batch, job, queue.next_batch):
+    pool.notice = lambda text: report_progress(text, len(done) / plan.count)
+    for batch, result in pool.run_batches(run_batch, job, next_batch):
         if isinstance(result, WorkerDied):
+            retried += len(batch)
             suspects += queue.give_back(batch)
+            report_progress(
+                f"{len(done)} of {plan.count} runs, {retried} executed again",
+                len(done) / plan.count,
+            )
             continue
         queue.record_durations(result)
         keep(result)
     # a worker died on each of these: one at a time, so that the cause is certain
-    for run in suspects:
+    for run in suspects if time.perf_counter() < until else ():
         for _, result in pool.run_batches(run_batch, job, _once(run)):
             if isinstance(result, WorkerDied):
                 nothing = (None,) * len(plan.job.study.metrics)
-                keep([Row(run, FAILED, _KILLED, 0.0, nothing)])
+                keep([Row(run, LOST, _lost(2 * result.attempts), 0.0, nothing)])
             else:
                 keep(result)
+    if len(done) < plan.count and time.perf_counter() >= until:
+        raise LossError(
+            "the time of the study is over",
+            where=str(folder.path),
+            expected=f"{plan.count} runs",
+            got=f"{len(done)}, which are kept",
+            hint="the same command continues",
+        )
+    return retried
+
+
+def _lost(attempts: int) -> str:
+    return f"the worker process that executed this run died at each of {attempts} attempts"
 
 
 def _check_complete(plan: Plan, done: list[Row]) -> None:
@@ -223,12 +298,11 @@ def _ready(plan: Plan, folder: Folder) -> Job:
 
 def _chosen(study: Study, done: list[Row]) -> list[int]:
     """Return the runs whose traces are to be kept."""
-    ran = [row for row in done if row.status != "refused" and row.reason != _KILLED]
+    ran = [row for row in done if row.status not in (REFUSED, LOST)]
     if study.traces == "all":
         return sorted(row.run for row in ran)
     if study.traces == "failed":
-        unsuccessful = (FAILED, ASSERTION_FAILED, "diverged", "limit_cycle")
-        return sorted(row.run for row in ran if row.status in unsuccessful)
+        return sorted(row.run for row in ran if row.status in UNSUCCESSFUL)
     if study.worst is None:
         return []
     count, by = study.worst
@@ -249,7 +323,11 @@ def _record(
     job = replace(_ready(plan, folder), traces=folder.traces.absolute())
     kept: dict[int, str | None] = {}
     for batch, result in pool.run_batches(record_batch, job, _once(*chosen)):
-        reasons = [_KILLED] * len(batch) if isinstance(result, WorkerDied) else result
+        reasons: list[Any]
+        if isinstance(result, WorkerDied):
+            reasons = [_lost(result.attempts)] * len(batch)
+        else:
+            reasons = result
         kept.update(zip(batch, reasons, strict=True))
         report_progress(f"{len(kept)} of {len(chosen)} traces", len(kept) / len(chosen))
     return kept

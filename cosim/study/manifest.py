@@ -2,15 +2,10 @@
 
 from __future__ import annotations
 
-import importlib.metadata
-import json
-import platform
-from hashlib import sha256
 from typing import Any
 
-from cosim.study.plan import Plan
-
-_PACKAGES = ("auv-cosim", "fmpy", "numpy", "scipy", "pydantic")
+from cosim.study.batch import software
+from cosim.study.plan import Plan, part_hash
 
 
 def manifest_of(plan: Plan) -> dict[str, Any]:
@@ -19,19 +14,12 @@ def manifest_of(plan: Plan) -> dict[str, Any]:
     study = job.study.model_dump(mode="json", exclude_unset=True)
     return {
         "digest": job.digest,
-        "parts": {name: _hash(part) for name, part in plan.content.items()},
+        "parts": {name: part_hash(part) for name, part in plan.content.items()},
         "count": plan.count,
         "study": study,
         "scenario": {"name": job.base.name, "text": job.base.text},
         "fmus": job.hashes,
         "flavour": job.base.flavour,
         "seeds": {"samples": job.study.seed, "run": job.base.scenario.run.seed},
-        "versions": {
-            "python": platform.python_version(),
-            **{name: importlib.metadata.version(name) for name in _PACKAGES},
-        },
+        "versions": software(),
     }
-
-
-def _hash(part: Any) -> str:
-    return sha256(json.dumps(part, sort_keys=True).encode()).hexdigest()

@@ -6,18 +6,22 @@ import hashlib
 import importlib.metadata
 import json
 import time
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from cosim.core import CosimError, InputError
+from cosim.core import ComponentError, CosimError, InputError
 from cosim.scenario import design_content, is_file, split
-from cosim.study.batch import Job, Row, run_and_measure, status_of
+from cosim.study.batch import TIMED_OUT, Job, Row, run_and_measure, status_of
 from cosim.study.consistency import Place, changed_error, check_consistent, nowhere
+from cosim.study.points import Points
 from cosim.study.schema import Axis, GridAxis, SampledAxis, Study
 from cosim.study.study_runner import BaseScenario, StudyRunner
 from cosim.study.varied import check_parameter
 
+TRIAL_S = 600.0
+"""Wall-clock limit of the first run, if none is given [s]."""
 _BESIDE = ("title", "description", "traces", "stability")
 """Keys of a study that do not affect the results."""
 
@@ -78,21 +82,23 @@ def make_plan(study: Study, base: BaseScenario, place: Place = nowhere) -> Plan:
     part = base.scenario.design
     if part is not None and part.file is not None:
         content["design"] = hashlib.sha256(design_content(part.file, base.folder)[1]).hexdigest()
-    digest = hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+    digest = part_hash(content)
     digits = len(str(runner.points.count - 1))
     return Plan(Job(study, base, hashes, digest, digits), runner, content)
 
 
-def trial_run(plan: Plan) -> Row | None:
-    """Execute the first run with all metrics, before any worker starts; return its row.
+def trial_run(plan: Plan) -> tuple[Row | None, float]:
+    """Execute the first run with all metrics, before any worker starts; return row and seconds.
 
-    If the first run fails, the last and a middle one are tried; None if one of these succeeds.
+    If the first run fails, or takes longer than `TRIAL_S`, the last and a middle one are tried; the
+    row is None if one of these succeeds.
 
     Raises
     ------
     CosimError : the error of the first run, such as a wrong metric, if all of them fail.
     """
     first: CosimError | None = None
+    plan.runner.run_limit_s = TRIAL_S
     for run in dict.fromkeys((0, plan.count - 1, plan.count // 2)):
         began = time.perf_counter()
         try:
@@ -100,9 +106,18 @@ def trial_run(plan: Plan) -> Row | None:
         except CosimError as error:
             first = first or error
             continue
-        if run:
-            return None
-        return Row(run, *status_of(outcome), time.perf_counter() - began, values)
+        seconds = time.perf_counter() - began
+        status, reason = status_of(outcome)
+        if status == TIMED_OUT:
+            first = first or ComponentError(
+                f"the first runs of the study do not end: {reason}",
+                where=f"run {run}",
+                hint="a greater limit: --limit run='1 h'; or look at it alone",
+            )
+        elif run:
+            return None, seconds
+        else:
+            return Row(run, status, reason, seconds, values), seconds
     assert first is not None  # noqa: S101 - the loop ran
     raise first
 
@@ -178,3 +193,36 @@ def _system_file(base: BaseScenario) -> str | None:
         return None
     path: Path = base.folder / part.system
     return path.read_text("utf-8") if path.is_file() else None
+
+
+def extended_by(plan: Plan, before: Mapping[str, Any]) -> Callable[[int], int] | None:
+    """Return what gives the numbers of the runs of a study with fewer samples in this one.
+
+    None if `before`, its manifest, is of a study that differs otherwise, or whose points are not
+    among the points of this one (a Latin hypercube).
+    """
+    study = plan.job.study
+    parts = {name: part_hash(part) for name, part in plan.content.items()}
+    others = {name: part for name, part in before.get("parts", {}).items() if name != "study"}
+    try:
+        fewer = Study.model_validate(before["study"])
+    except ValueError:
+        return None
+    if (
+        others != {name: part for name, part in parts.items() if name != "study"}
+        or fewer.samples >= study.samples
+        or _without_samples(fewer) != _without_samples(study)
+        or any(isinstance(axis, SampledAxis) and axis.kind == "latin" for axis in study.vary)
+    ):
+        return None
+    points = Points(fewer)
+    return lambda run: points.extended(run, plan.runner.points)
+
+
+def _without_samples(study: Study) -> Any:
+    return study.model_dump(mode="json", exclude={*_BESIDE, "samples"})
+
+
+def part_hash(part: Any) -> str:
+    """Return the hash of a part of what the results depend on."""
+    return hashlib.sha256(json.dumps(part, sort_keys=True).encode()).hexdigest()

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
 
-from cosim.core import InputError
-from cosim.hinf import parse_toml
+from cosim.core import STUDY_FILE, InputError
 from cosim.scenario import LoadedScenario, builtin_names, load, read_text, validated
 from cosim.study.consistency import Place, check_consistent, in_file
 from cosim.study.schema import Study
@@ -52,9 +51,11 @@ def load_study(name_or_path: str) -> LoadedStudy:
     else:
         path, where = Path(name_or_path), name_or_path
         if path.suffix != ".toml" and not path.exists():
-            raise InputError.unknown("study", name_or_path, names)
+            hint = "cosim study list shows them; scenarios: cosim scenario list"
+            raise InputError.unknown("study", name_or_path, [*names, "FILE.toml"], hint=hint)
     text = read_text(path)
-    study = validated(Study, text, parse_toml(text, where), where)
+    data = STUDY_FILE.from_toml(text, where)
+    study = validated(Study, text, data, where)
     check_consistent(study, in_file(text, where))
     named = study.scenario
     if named not in builtin_names() and named.endswith(".toml"):

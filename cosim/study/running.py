@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from functools import partial
 from pathlib import Path
 
 from cosim.core import InputError, Progress
+from cosim.fmu import DEFAULT_FLAVOUR
 from cosim.scenario import LoadedScenario, load
 from cosim.study.consistency import Place, changed_error, nowhere
 from cosim.study.execution import StudyResult, execute_study
@@ -16,11 +17,9 @@ from cosim.study.plan import Plan, make_plan
 from cosim.study.read import load_study
 from cosim.study.schema import Study
 from cosim.study.study_runner import BaseScenario
-from cosim.study.workers import WorkerPool, cluster, in_process, local
+from cosim.study.workers import WAIT_S, WorkerPool, cluster, in_process, local
 
 FMUS = Path("fmus")
-STUDY_FLAVOUR = "native"
-"""Default flavour of studies: the faster one, as a study has many runs."""
 
 
 def run_study(
@@ -31,8 +30,11 @@ def run_study(
     workers: int | str = 1,
     scheduler: str | None = None,
     fmus: Path = FMUS,
-    flavour: str = STUDY_FLAVOUR,
+    flavour: str = DEFAULT_FLAVOUR,
     fresh: bool = False,
+    limits: Sequence[str] = (),
+    time_limit_s: float | None = None,
+    wait_s: float | None = WAIT_S,
     progress: Progress | None = None,
 ) -> StudyResult:
     """Execute a study, or the rest of it, and write its table.
@@ -46,6 +48,10 @@ def run_study(
     scheduler : address of a Dask scheduler, instead of `workers`.
     fmus, flavour : as for `cosim run`.
     fresh : delete the results in the folder.
+    limits : of each run, as for `cosim run --limit`. Without one of "run" a run may take 50 times
+        as long as the first one, and at least 60 s.
+    time_limit_s : wall-clock time after which no further run begins [s].
+    wait_s : how long to wait for workers when there are none [s]; None: for ever.
     progress : called with the current step and the share done.
 
     Raises
@@ -59,7 +65,15 @@ def run_study(
     else:
         base = scenario or load(study.scenario)
     plan = plan_of(study, scenario or base, place, fmus=fmus, flavour=flavour)
-    return execute_study(plan, out, pool_for(workers, scheduler), fresh=fresh, progress=progress)
+    return execute_study(
+        plan,
+        out,
+        pool_for(workers, scheduler, wait_s),
+        fresh=fresh,
+        limits=limits,
+        time_limit_s=time_limit_s,
+        progress=progress,
+    )
 
 
 def plan_of(
@@ -68,7 +82,7 @@ def plan_of(
     place: Place = nowhere,
     *,
     fmus: Path = FMUS,
-    flavour: str = STUDY_FLAVOUR,
+    flavour: str = DEFAULT_FLAVOUR,
 ) -> Plan:
     """Check a study and its scenario; return the plan of its runs.
 
@@ -88,7 +102,7 @@ def plan_of(
 
 
 def pool_for(
-    workers: int | str, scheduler: str | None = None
+    workers: int | str, scheduler: str | None = None, wait_s: float | None = WAIT_S
 ) -> Callable[[], AbstractContextManager[WorkerPool]]:
     """Return what opens the worker pool; for the parameters see `run_study`.
 
@@ -97,7 +111,7 @@ def pool_for(
     InputError : `workers` is not a number of workers.
     """
     if scheduler is not None:
-        return partial(cluster, scheduler)
+        return partial(cluster, scheduler, wait_s)
     text = str(workers)
     if text == "all":
         number = _cores()
@@ -107,7 +121,7 @@ def pool_for(
         raise InputError(
             "not a number of workers", where="--workers", expected="1, 2, ... or all", got=text
         )
-    return in_process if number == 1 else partial(local, number)
+    return in_process if number == 1 else partial(local, number, wait_s)
 
 
 def _cores() -> int:

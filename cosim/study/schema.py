@@ -16,7 +16,7 @@ from pydantic import (
     model_validator,
 )
 
-from cosim.core import InputError
+from cosim.core import SCHEMA, STUDY_FILE, InputError, with_field_docs
 from cosim.scenario import split
 from cosim.study.expression import Expression
 
@@ -36,18 +36,26 @@ class _Part(BaseModel):
     # strict, as in TOML: "5.0" is not a number, and true is not 1
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
 
+    @classmethod
+    def __get_pydantic_json_schema__(cls, core: Any, handler: Any) -> Any:
+        """Return the JSON schema, in which each key has the string below its field."""
+        return with_field_docs(cls, core, handler)
+
 
 class Axis(_Part):
     """The places of the scenario that one axis changes.
 
-    Exactly one of: `path`, one place of the scenario; `paths`, several places that get the same
-    value; `apply`, places, each with an expression of `x`, the value of the axis.
+    Exactly one of `path`, `paths` and `apply`.
     """
 
     name: ColumnName | None = None
+    """Column in the table of results; without it the first place that is changed."""
     path: Text | None = None
+    """Place of the scenario to change, as in `links.uplink.loss`."""
     paths: Annotated[list[Text], Field(min_length=1)] | None = None
+    """Several places that get the same value, or one value each of `rows`."""
     apply: Annotated[dict[Text, Text], Field(min_length=1)] | None = None
+    """Several places, each with an expression of `x`, the value of the axis."""
 
     @model_validator(mode="after")
     def _one_target(self) -> Self:
@@ -72,18 +80,18 @@ class Axis(_Part):
 
 
 class GridAxis(Axis):
-    """Given values, each combined with all values of the other axes.
-
-    values : any values of a scenario: numbers, strings, tables, a matrix.
-    rows : for `paths`, one value per path in each row (zipped).
-    linspace, logspace : [first, last, count], evenly spaced or with even ratios.
-    """
+    """Given values, each combined with all values of the other axes."""
 
     kind: Literal["grid"]
+    """Given values, each combined with all values of the other axes."""
     values: Annotated[list[Any], Field(min_length=1)] | None = None
+    """Any values of a scenario: numbers, strings, tables, a matrix."""
     rows: Annotated[list[list[Any]], Field(min_length=1)] | None = None
+    """One value per entry of `paths` in each row."""
     linspace: Annotated[list[Number], Field(min_length=3, max_length=3)] | None = None
+    """[first, last, count], evenly spaced."""
     logspace: Annotated[list[Number], Field(min_length=3, max_length=3)] | None = None
+    """[first, last, count], with even ratios."""
 
     @model_validator(mode="after")
     def _one_source(self) -> Self:
@@ -102,29 +110,46 @@ class GridAxis(Axis):
 
 
 class SampledAxis(Axis):
-    """Random values; all axes of this kind together give the study's `samples` points.
+    """Random values; all axes of this kind together give the study's `samples` points."""
 
-    kind : "random", independent draws; "sobol", points of a scrambled Sobol sequence, one
-        dimension per such axis.
-    uniform, loguniform : [low, high]; normal : [mean, standard deviation];
-    integers : [low, high], both included; choice : values with equal probability.
+    kind: Literal["random", "sobol", "latin", "saltelli"]
+    """How they are drawn. "random": independent draws; "sobol": points of a scrambled Sobol
+    sequence, one dimension per such axis; "latin": a Latin hypercube, one point in each of
+    `samples` intervals of equal probability; "saltelli": for sensitivity indices, samples times
+    (number of such axes + 2) points, with no other kind beside it.
     """
-
-    kind: Literal["random", "sobol"]
     uniform: Annotated[list[Number], Field(min_length=2, max_length=2)] | None = None
+    """[low, high]."""
     loguniform: Annotated[list[Number], Field(min_length=2, max_length=2)] | None = None
+    """[low, high]: the logarithm is uniform."""
     normal: Annotated[list[Number], Field(min_length=2, max_length=2)] | None = None
+    """[mean, standard deviation]."""
+    lognormal: Annotated[list[Number], Field(min_length=2, max_length=2)] | None = None
+    """[median, standard deviation of the natural logarithm]."""
+    triangular: Annotated[list[Number], Field(min_length=3, max_length=3)] | None = None
+    """[low, most likely, high]."""
+    empirical: Annotated[list[Number], Field(min_length=2)] | None = None
+    """Measured values: their quantiles, linear in between."""
     integers: Annotated[list[Integer], Field(min_length=2, max_length=2)] | None = None
+    """[low, high], both included."""
     choice: Annotated[list[Any], Field(min_length=1)] | None = None
+    """Values with equal probability, or by `weights`."""
+    weights: Annotated[list[Annotated[Number, Field(gt=0)]], Field(min_length=1)] | None = None
+    """Relative probability of each value of `choice`."""
 
     @model_validator(mode="after")
     def _one_distribution(self) -> Self:
-        keys = ("uniform", "loguniform", "normal", "integers", "choice")
-        _exactly_one(self, keys, "gives the distribution")
-        for key in ("uniform", "loguniform", "integers"):
+        keys = ("uniform", "loguniform", "normal", "lognormal", "triangular", "empirical")
+        _exactly_one(self, (*keys, "integers", "choice"), "gives the distribution")
+        for key in ("uniform", "loguniform", "integers", "triangular"):
             bounds = getattr(self, key)
             if bounds is not None and any(b < a for a, b in pairwise(bounds)):
-                raise ValueError(f"{key} is [low, high]; got {bounds}")
+                words = "[low, most likely, high]" if key == "triangular" else "[low, high]"
+                raise ValueError(f"{key} is {words}; got {bounds}")
+        if self.lognormal is not None and (self.lognormal[0] <= 0 or self.lognormal[1] < 0):
+            raise ValueError(f"lognormal is [median > 0, deviation >= 0]; got {self.lognormal}")
+        if self.weights is not None and len(self.weights) != len(self.choice or ()):
+            raise ValueError(f"weights has one number for each value of choice; got {self.weights}")
         if self.loguniform is not None and self.loguniform[0] <= 0:
             raise ValueError(f"loguniform runs between positive numbers; got {self.loguniform}")
         if self.normal is not None and self.normal[1] < 0:
@@ -136,9 +161,13 @@ class ReplicatesAxis(Axis):
     """The same run with `count` different seeds: first, first + 1, ..."""
 
     kind: Literal["replicates"]
+    """The same run with other seeds."""
     path: Text | None = None
+    """Seed to change; without any place that of the run."""
     count: Annotated[int, Field(ge=1, le=MAX_RUNS)]
+    """Number of seeds."""
     first: Seed = 1
+    """First seed; the others follow it."""
 
     @model_validator(mode="before")
     @classmethod
@@ -156,24 +185,28 @@ Reduction = Literal[
 
 
 class Metric(_Part):
-    """One figure of a run: a `path` into the output of `cosim run --json`, or a reduced signal.
-
-    path : "status", "metrics.gain", "final.plant.eta.x", "links.uplink.max_age_s".
-    signal : `component.variable`, or several, of which the Euclidean norm is taken.
-    reduce : applied to signal - `to`, over the points from `after` [s] on.
-    within : for settling_time: the band |signal - to| <= within.
-    below, above, equals : make the metric true or false; false if the figure does not exist.
-    """
+    """One figure of a run: a `path` into the output of `cosim run --json`, or a reduced signal."""
 
     path: Text | None = None
+    """Figure of the output of `cosim run --json`: "status", "metrics.gain", "final.plant.eta.x",
+    "links.uplink.max_age_s".
+    """
     signal: Text | Annotated[list[Text], Field(min_length=1)] | None = None
+    """`component.variable`, or several, of which the Euclidean norm is taken."""
     reduce: Reduction | None = None
+    """How the signal, less `to`, becomes one number; settling_time and growth_rate in s and 1/s."""
     after: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.0
+    """Time from which the signal counts [s]."""
     to: Number = 0.0
+    """Value that the signal is compared with."""
     within: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
+    """For settling_time: the band |signal - to| <= within."""
     below: Number | None = None
+    """The metric is whether the figure is below this; false if there is none."""
     above: Number | None = None
+    """The metric is whether the figure is above this; false if there is none."""
     equals: str | bool | Number | None = None
+    """The metric is whether the figure equals this; false if there is none."""
 
     @model_validator(mode="before")
     @classmethod
@@ -205,40 +238,63 @@ class Metric(_Part):
         return (self.signal,) if isinstance(self.signal, str) else tuple(self.signal or ())
 
 
-class StabilityPart(_Part):
-    """[stability]: what `cosim study show --picture` draws for a study of delay (and loss).
+class Correlation(_Part):
+    """Two sampled axes that are correlated, by a Gaussian copula."""
 
-    delay, loss : names of axes; the delay is that of the whole loop [s].
-    stable, gain, certified : names of metrics; `certified`: whether the run met the
-        assumptions of its certificate.
-    """
+    axes: Annotated[list[Text], Field(min_length=2, max_length=2)]
+    """Names of two sampled axes."""
+    value: Annotated[float, Field(gt=-1, lt=1)]
+    """Correlation of the normal values behind them: of two normal axes it is their own."""
+
+    @model_validator(mode="after")
+    def _two_axes(self) -> Self:
+        if self.axes[0] == self.axes[1]:
+            raise ValueError(f"two axes; got {self.axes[0]} twice")
+        return self
+
+
+class StabilityPart(_Part):
+    """[stability]: what `cosim study show --picture` draws for a study of delay (and loss)."""
 
     delay: Text
+    """Axis of the delay of the whole loop [s]."""
     stable: Text
+    """Metric that says whether a run is stable."""
     loss: Text | None = None
+    """Axis of the loss."""
     gain: Text | None = None
+    """Metric to colour the picture with."""
     certified: Text | None = None
+    """Metric that says whether the run met the assumptions of its certificate."""
 
 
 class Study(_Part):
-    """A whole study.
-
-    scenario : the scenario that is varied: a built-in name, or a path from the study's folder.
-    set : changes to the scenario in every run, by dotted path.
-    samples, seed : number of points of all sampled axes, and the seed of their draws.
-    traces : the runs whose traces are kept.
-    """
+    """A whole study."""
 
     title: Text
+    """One line that says what is studied."""
     description: str = ""
+    """What a reader should know: why these axes."""
     scenario: Text
+    """Scenario that is varied: a built-in name, or a path from the study's folder."""
     set: dict[str, Any] = {}
+    """Changes to the scenario in every run, by dotted path."""
     vary: Annotated[list[AnyAxis], Field(min_length=1)]
+    """The axes: what varies from run to run."""
     metrics: Annotated[dict[ColumnName, Metric], Field(min_length=1)]
+    """Figures to keep of every run, by the name of their column."""
     samples: Annotated[int, Field(ge=1, le=MAX_RUNS)] = 1
+    """Number of points of all sampled axes together."""
     seed: Seed = 1
+    """Seed of their draws."""
+    correlations: list[Correlation] = []
+    """Sampled axes that are not independent."""
     traces: str = "none"
+    """Runs whose traces are kept: none, all, failed, or worst:N by METRIC (by -METRIC: the
+    smallest).
+    """
     stability: StabilityPart | None = None
+    """What `cosim study show --picture` draws of a study of delay and loss."""
 
     @field_validator("traces")
     @classmethod
@@ -273,3 +329,10 @@ def _check(parse: Callable[[str], Any], text: str) -> None:
         parse(text)
     except InputError as error:
         raise ValueError(f"{error.what}: {error.got}; expected {error.expected}") from error
+
+
+def study_schema() -> dict[str, Any]:
+    """Return the JSON Schema of a study file, for editors."""
+    whole = Study.model_json_schema()
+    whole["properties"] = {SCHEMA: STUDY_FILE.json_schema(), **whole["properties"]}
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **whole}

@@ -8,16 +8,17 @@ from __future__ import annotations
 
 import json
 from collections import OrderedDict
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 from cosim.core import InputError, NotAchievableError
 from cosim.fmu import FmuDescription
 from cosim.hinf import Design, design_from_json, design_to_json
-from cosim.master import Run, Supervisor, default_method
+from cosim.master import CallBrokenError, Calls, Run, Supervisor, default_method
 from cosim.scenario import (
     FmuCache,
     LoadedScenario,
@@ -25,8 +26,10 @@ from cosim.scenario import (
     PreparedScenario,
     Problem,
     Scenario,
+    Supervision,
     execute_run,
     execute_unrecorded,
+    parse_limits,
     prepare,
     problem_about,
     supervision_of,
@@ -73,6 +76,10 @@ class StudyRunner:
     hashes : SHA-256 by FMU reference, from the process that started the study.
     designs : result of `designs_made` of another runner of the same study.
     place : gives the place of a key of the study, for messages.
+
+    Attributes
+    ----------
+    limits, run_limit_s : as in `cosim.study.batch.Job`.
     """
 
     def __init__(
@@ -91,7 +98,10 @@ class StudyRunner:
         # by hash an FMU is found at once; by name the cache first checks that it is up to date
         self.fmu_cache = DescribedFmuCache(base.fmus, base.folder, self._hashes, base.flavour)
         self._zero_state_run = needs_zero_state_run(study.metrics)
+        self.limits: Sequence[str] = ()
+        self.run_limit_s: float | None = None
         self._supervisor: Supervisor | None = None
+        self._calls: Calls | None = None
         self._given = designs or {}
         self._designs: OrderedDict[str, tuple[Problem, Design] | NotAchievableError] = OrderedDict()
 
@@ -103,7 +113,7 @@ class StudyRunner:
         InputError, NotAchievableError, ComponentError : the run cannot be executed.
         """
         prepared = self._prepared(self._loaded(run, ""))
-        supervision = supervision_of(prepared.loaded.scenario)
+        supervision = self._supervision(prepared.loaded.scenario)
         supervisor = self._supervisor if supervision.method is not None else None
         if supervisor is not None:
             supervisor.begin(supervision.limits, prepared.fmus.values())
@@ -117,20 +127,58 @@ class StudyRunner:
 
         A run that ends the child, or exceeds a limit, has failed; the next one has a new child.
         """
-        if default_method() is None:
+        if default_method() is None or self._supervisor is not None:
             yield
             return
         with Supervisor() as supervisor:
-            self._supervisor = supervisor
+            calls = Calls([self]) if default_method() == "fork" else None
+            self._supervisor, self._calls = supervisor, calls
             try:
                 yield
             finally:
-                self._supervisor = None
+                self._supervisor = self._calls = None
+                if calls is not None:
+                    calls.close()
+
+    def in_child(self, function: Callable[[StudyRunner, int], Any], run: int) -> Any:
+        """Call a function of this runner and a run in a child process that is kept for all runs.
+
+        Return None where there is no such child, or the run ended it, or exceeded a limit.
+        """
+        supervision = self._supervision(self._first_scenario)
+        if self._calls is None or supervision.method is None:
+            return None
+        try:
+            return self._calls(supervision.limits, _unsupervised, function, self, run)
+        except CallBrokenError:
+            return None
+
+    @cached_property
+    def _first_scenario(self) -> Scenario:
+        """The scenario of the first run; the unchanged one where that is not valid."""
+        try:
+            return self.variations.scenario(self.points[0])
+        except InputError:
+            return self.base.scenario
+
+    def supervise_no_more(self) -> None:
+        """Execute runs in this process from now on."""
+        self._supervisor = self._calls = None
 
     def record(self, run: int, trace: Path) -> Outcome:
         """Execute one run with a trace, which contains its scenario and can be rerun."""
         text = self.variations.scenario(self.points[run]).to_toml()
-        return execute_run(self._prepared(self._loaded(run, text)), trace)
+        prepared = self._prepared(self._loaded(run, text))
+        supervision = self._supervision(prepared.loaded.scenario)
+        return execute_run(prepared, trace, supervision=supervision)
+
+    def _supervision(self, scenario: Scenario) -> Supervision:
+        """Return how runs of a scenario are supervised, within which limits."""
+        found = supervision_of(scenario, self.limits)
+        given = scenario.limits is not None and "run" in scenario.limits.model_fields_set
+        if given or "run" in parse_limits(self.limits):
+            return found
+        return replace(found, limits=replace(found.limits, run=self.run_limit_s))
 
     def designs_made(self) -> dict[str, str]:
         """Return the designs made so far, as JSON by their [design] keys, for other runners."""
@@ -193,3 +241,11 @@ class StudyRunner:
                 got=found.sha256,
                 hint="give every worker the same folder of FMUs: --fmus",
             )
+
+
+def _unsupervised(
+    function: Callable[[StudyRunner, int], Any], runner: StudyRunner, run: int
+) -> Any:
+    """Call a function in the child, which is what ends if a run crashes."""
+    runner.supervise_no_more()
+    return function(runner, run)

@@ -9,7 +9,7 @@ from typing import Any
 
 from cosim.core import InputError, optional
 from cosim.study.batch import Row
-from cosim.study.folder import RESULTS, read_manifest, read_rows
+from cosim.study.folder import RESULTS, not_written, read_manifest, read_rows
 from cosim.study.points import Points
 from cosim.study.schema import Study
 from cosim.study.varied import as_cell
@@ -57,13 +57,19 @@ def _column(values: Sequence[Any]) -> Any:
 
 
 def write_table(table: Any, path: Path) -> None:
-    """Write a complete Parquet file or none; the same table gives the same bytes."""
+    """Write a complete Parquet file or none; the same table gives the same bytes.
+
+    Raises
+    ------
+    LossError : it cannot be written.
+    """
     partial = path.with_name(path.name + ".partial")
-    pyarrow().parquet.write_table(table, partial, compression="zstd")
-    partial.replace(path)
+    with not_written(path):
+        pyarrow().parquet.write_table(table, partial, compression="zstd")
+        partial.replace(path)
 
 
-def read_table(path: Path) -> tuple[Any, dict[str, Any]]:
+def read_table(path: str | Path) -> tuple[Any, dict[str, Any]]:
     """Read the table of a study and its manifest, from its folder or from `results.parquet`.
 
     For a study that is not finished, the table has the runs that are done.
@@ -72,6 +78,7 @@ def read_table(path: Path) -> tuple[Any, dict[str, Any]]:
     ------
     InputError : it is neither, or the table was not written by a study.
     """
+    path = Path(path)
     if path.is_dir():
         if (path / RESULTS).is_file():
             return read_table(path / RESULTS)

@@ -10,12 +10,15 @@ import contextlib
 import itertools
 import logging
 import os
+import tempfile
+import time
 import warnings
 from collections.abc import Callable, Iterator
+from concurrent.futures import CancelledError
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-from cosim.core import ComponentError, InputError
+from cosim.core import ComponentError, CosimError, InputError
 from cosim.study.batch import Job
 
 Batch = list[int]
@@ -25,8 +28,11 @@ BatchFunction = Callable[[Job, Batch], list[Any]]
 _ATTEMPTS = 2  # a batch is given back after so many workers died on it
 _AHEAD = 2  # batches submitted per worker, so that none waits for the next
 _PATIENCE_S = 20
-_NO_WORKER = "10 minutes"  # far longer than a worker takes to start
+WAIT_S = 600.0
+"""How long to wait for workers by default, when there are none [s]: far longer than one starts."""
+_SAY_S = 30.0  # without workers, before it is reported
 _LOOK_S = 1.0
+_POLL_S = 0.02
 _INSTALL = "pip install 'auv-cosim[study]'"
 
 
@@ -38,9 +44,14 @@ class WorkerDied:
 
 
 class WorkerPool(Protocol):
-    """What every worker pool offers."""
+    """What every worker pool offers.
+
+    size : number of workers.
+    notice : told what the user should know while batches are executed.
+    """
 
     size: int
+    notice: Callable[[str], None]
 
     def run_batches(
         self, function: BatchFunction, job: Job, next_batch: Callable[[], Batch | None]
@@ -53,6 +64,9 @@ class InProcessPool:
 
     size = 1
 
+    def __init__(self) -> None:
+        self.notice: Callable[[str], None] = _unheard
+
     def run_batches(
         self, function: BatchFunction, job: Job, next_batch: Callable[[], Batch | None]
     ) -> Iterator[tuple[Batch, list[Any] | WorkerDied]]:
@@ -64,16 +78,32 @@ class InProcessPool:
 
 
 class DaskPool:
-    """The workers of a Dask client."""
+    """The workers of a Dask client.
 
-    def __init__(self, client: Any) -> None:
-        self._client = client
-        self.size = max(1, len(client.scheduler_info(n_workers=-1)["workers"]))
+    `wait_s` : how long to wait for workers when there are none [s]; None: for ever.
+    """
+
+    def __init__(self, client: Any, wait_s: float | None) -> None:
+        self._client, self._wait_s = client, wait_s
+        self.notice: Callable[[str], None] = _unheard
+        self.size = max(1, self._workers())
+
+    def _workers(self) -> int:
+        """Return how many workers there are; none that answer if the scheduler does not."""
+        try:
+            return len(self._client.scheduler_info(n_workers=-1)["workers"])
+        except (OSError, TimeoutError):
+            return 0
 
     def run_batches(
         self, function: BatchFunction, job: Job, next_batch: Callable[[], Batch | None]
     ) -> Iterator[tuple[Batch, list[Any] | WorkerDied]]:
-        """Execute batches until `next_batch` returns None; yield each batch and its result."""
+        """Execute batches until `next_batch` returns None; yield each batch and its result.
+
+        Raises
+        ------
+        ComponentError : no workers for too long, or the scheduler is gone.
+        """
         import distributed  # noqa: PLC0415 - optional: the extra `study`
 
         in_hand: dict[str, tuple[Any, Batch]] = {}
@@ -91,11 +121,10 @@ class DaskPool:
 
         try:
             fill()
-            for future in done:
+            for future in self._completed(done):
                 _, batch = in_hand.pop(future.key)
                 result = _result(future)
                 future.release()
-                self.size = max(1, len(self._client.scheduler_info(n_workers=-1)["workers"]))
                 yield batch, result
                 fill()
         finally:
@@ -103,6 +132,37 @@ class DaskPool:
             if left:
                 with contextlib.suppress(Exception):
                     self._client.cancel(left, force=True)
+
+    def _completed(self, done: Any) -> Iterator[Any]:
+        """Yield futures as they are completed; look from time to time whether there are workers."""
+        looked = since = time.monotonic()
+        reported = 0.0
+        while not done.is_empty():
+            found = done.next_batch(block=False)
+            yield from found
+            now = time.monotonic()
+            if now - looked >= _LOOK_S:
+                looked, count = now, self._workers()
+                self.size = max(1, count)
+                since, reported = (since, reported) if not count else (now, 0.0)
+            alone = looked - since
+            if self._wait_s is not None and alone > self._wait_s:
+                raise ComponentError(
+                    f"no workers for {alone:.0f} s",
+                    where="workers",
+                    expected="workers that stay, or new ones in their place",
+                    hint="finished runs are kept: the same command continues; "
+                    "--wait-for-workers none waits for ever",
+                )
+            if alone > reported + _SAY_S:
+                reported = alone
+                self.notice(f"no workers for {alone:.0f} s")
+            if not found:
+                time.sleep(_POLL_S)
+
+
+def _unheard(_text: str) -> None:
+    """Nobody listens."""
 
 
 def _result(future: Any) -> list[Any] | WorkerDied:
@@ -112,11 +172,20 @@ def _result(future: Any) -> list[Any] | WorkerDied:
         rows: list[Any] = future.result()
     except KilledWorker:
         return WorkerDied(_ATTEMPTS)
+    except CosimError:  # such as other versions there
+        raise
+    except CancelledError as error:
+        raise ComponentError(
+            "the scheduler does not answer any more",
+            where="workers",
+            expected="a scheduler that keeps running",
+            hint="finished runs are kept: the same command continues",
+        ) from error
     except Exception as error:
         raise ComponentError(
             "a batch of runs cannot be executed on the cluster",
             where="workers",
-            expected="workers with the same auv-cosim, and a scheduler that keeps running",
+            expected="workers with the same auv-cosim",
             got=f"{type(error).__name__}: {error}"[:400],
             hint="finished runs are kept: the same command continues",
         ) from error
@@ -130,8 +199,10 @@ def in_process() -> Iterator[WorkerPool]:
 
 
 @contextlib.contextmanager
-def local(workers: int) -> Iterator[WorkerPool]:
+def local(workers: int, wait_s: float | None = WAIT_S) -> Iterator[WorkerPool]:
     """Open a pool of so many processes of this machine; a process that dies is replaced.
+
+    `wait_s` : how long to wait for workers when there are none [s]; None: for ever.
 
     Raises
     ------
@@ -143,15 +214,15 @@ def local(workers: int) -> Iterator[WorkerPool]:
         # after this time Dask gives up a dead worker for good, even if it is just starting again;
         # `_replace_lost` finds lost workers instead
         "distributed.deploy.lost-worker-timeout": "10000 days",
-        # tasks without any worker become errors: the study ends and can be continued
-        "distributed.scheduler.no-workers-timeout": _NO_WORKER,
         "distributed.worker.preload": ["cosim.study.worker_preload"],
         # the profiler keeps an hour of stack samples, which costs memory
         "distributed.worker.profile.enabled": False,
         "distributed.admin.tick.limit": "1h",
     }
     with (
-        dask.config.set(settings),
+        # a worker that is killed leaves its files there
+        tempfile.TemporaryDirectory(prefix="cosim-study-", ignore_cleanup_errors=True) as scratch,
+        dask.config.set({**settings, "temporary-directory": scratch}),
         _silent(),
         distributed.LocalCluster(
             n_workers=workers,
@@ -164,7 +235,7 @@ def local(workers: int) -> Iterator[WorkerPool]:
         distributed.Client(cluster) as client,
     ):
         cluster.loop.add_callback(_watch, cluster, workers)
-        yield DaskPool(client)
+        yield DaskPool(client, wait_s)
 
 
 def _watch(cluster: Any, workers: int) -> None:
@@ -186,8 +257,10 @@ def _replace_lost(cluster: Any, workers: int) -> None:
 
 
 @contextlib.contextmanager
-def cluster(address: str) -> Iterator[WorkerPool]:
+def cluster(address: str, wait_s: float | None = WAIT_S) -> Iterator[WorkerPool]:
     """Open a pool of the workers of a Dask scheduler, `tcp://HOST:PORT`.
+
+    `wait_s` : how long to wait for workers when there are none [s]; None: for ever.
 
     Raises
     ------
@@ -215,7 +288,7 @@ def cluster(address: str) -> Iterator[WorkerPool]:
                     expected=f"a worker within {_PATIENCE_S} s",
                     hint=f"dask worker {address} --nthreads 1",
                 ) from error
-            yield DaskPool(client)
+            yield DaskPool(client, wait_s)
 
 
 def _dask() -> tuple[Any, Any]:
@@ -235,12 +308,16 @@ def _dask() -> tuple[Any, Any]:
 @contextlib.contextmanager
 def _silent() -> Iterator[None]:
     """Silence Dask's loggers and warnings: a study reports these events itself."""
-    logger = logging.getLogger("distributed")
-    before = logger.level
-    logger.setLevel(logging.CRITICAL)
+    # Dask gives some of its loggers levels of their own
+    known = [name for name in logging.root.manager.loggerDict if name.startswith("distributed")]
+    loggers = [logging.getLogger(name) for name in {"distributed", "distributed.client", *known}]
+    before = [logger.level for logger in loggers]
+    for logger in loggers:
+        logger.setLevel(logging.CRITICAL + 1)
     try:
         with warnings.catch_warnings():
             warnings.filterwarnings("ignore", module=r"(distributed|tornado|asyncio|contextlib)")
             yield
     finally:
-        logger.setLevel(before)
+        for logger, level in zip(loggers, before, strict=True):
+            logger.setLevel(level)

@@ -22,6 +22,7 @@ import numpy as np
 from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from google.protobuf.message import DecodeError
 
+from cosim.core import distinct
 from cosim.trace.file.declared import Channel
 from cosim.trace.file.messages import Messages
 from cosim.trace.reader import Trace
@@ -88,7 +89,7 @@ def _beginnings(trace: Trace, counts: Mapping[str, int]) -> dict[str, bytes]:
     digests = {topic: hashlib.sha256() for topic in counts}
     left = dict(counts)
     for block in trace.blocks():
-        for number in np.unique(block.heads["channel"]).tolist():
+        for number in distinct(block.heads["channel"]).tolist():
             topic = trace.channels[number].topic
             if not left.get(topic):
                 continue

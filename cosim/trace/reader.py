@@ -250,7 +250,8 @@ class Trace(Framed):
         """Read several topics (all protobuf topics if None) in one pass over the file."""
         if topics is None:
             topics = [name for name, info in self.topics.items() if info.encoding == "protobuf"]
-        gathered = {topic: self._gathered(topic) for topic in topics}
+        expected = self.counts if start is None and end is None else {}
+        gathered = {topic: self._gathered(topic, expected) for topic in topics}
         for _ in self._collect(gathered, *window_ns(start, end)):
             pass
         tables = {topic: each.table() for topic, each in gathered.items()}
@@ -473,11 +474,11 @@ class Trace(Framed):
                     messages = read_segment(stream, segment, declared)
                 yield messages
 
-    def _gathered(self, topic: str) -> TopicRows:
+    def _gathered(self, topic: str, expected: Mapping[int, int] | None = None) -> TopicRows:
         if topic not in self.topics:
             raise InputError.unknown("topic", topic, self.topics, where=str(self.path))
         channels = self._contents.declared.of_topic(topic)
-        return TopicRows(f"{self.path}, {topic}", topic, channels)
+        return TopicRows(f"{self.path}, {topic}", topic, channels, expected or {})
 
     def _check_count(self, topic: str, found: int) -> None:
         if found != self.topics[topic].count:

@@ -62,8 +62,11 @@ class Result:
         return error
 
 
-def cosim(*arguments: str | Path, cwd: Path) -> Result:
-    """Run the command in this process, as its entry point does, from the folder `cwd`."""
+def cosim(*arguments: str | Path, cwd: Path, columns: int = 200) -> Result:
+    """Run the command in this process, as its entry point does, from the folder `cwd`.
+
+    columns : width of its terminal.
+    """
     out, err = StringIO(), StringIO()
     code = 0
     line = ["cosim", *map(str, arguments)]
@@ -72,7 +75,7 @@ def cosim(*arguments: str | Path, cwd: Path) -> Result:
         chdir(cwd),
         patch.object(sys, "argv", line),
         patch.object(typer.main, "get_command", command_of),
-        patch.dict(os.environ, {"COLUMNS": "200"}),
+        patch.dict(os.environ, {"COLUMNS": str(columns)}),
         redirect_stdout(out),
         redirect_stderr(err),
     ):

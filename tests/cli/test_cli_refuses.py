@@ -42,9 +42,9 @@ DESIGNS = [
     (["plain"], 2, "there is no system"),
     (["paper", "--k1", "a"], 2, "--k1: not a list of numbers"),
     (["paper", "--k1", ""], 2, "--k1: not a list of numbers"),
-    (["paper", "--k1", "0.6,0.6"], 2, "1 finite numbers, one per delay"),
-    (["paper", "--k1", "nan"], 2, "1 finite numbers, one per delay"),
-    (["paper", "--k1", "1e400"], 2, "1 finite numbers, one per delay"),
+    (["paper", "--k1", "0.6,0.6"], 2, "1 finite number, one per delay"),
+    (["paper", "--k1", "nan"], 2, "1 finite number, one per delay"),
+    (["paper", "--k1", "1e400"], 2, "1 finite number, one per delay"),
     (["paper", "--k2", "0"], 2, "k2 must not be zero"),
     (["auv", "--k2", "1.0"], 2, "2 finite numbers, one per delay"),
     (["paper", "--gamma", "nan"], 2, "gamma must be a positive number"),
@@ -75,7 +75,7 @@ def test_scenario_without_design_has_none(tmp_path: Path) -> None:
     """`design FILE.toml` takes systems; a scenario's file is told apart by its keys."""
     result = cosim("design", PLAIN, "--json", cwd=tmp_path)
     assert result.code == 2
-    assert "there is no key 'title'" in result.error["what"]
+    assert "this file is a scenario, not a system" in result.error["what"]
 
 
 TRACES = {

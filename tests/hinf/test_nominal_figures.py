@@ -21,7 +21,7 @@ from cosim.hinf import (
     spectral_abscissa,
     without_uncertainty,
 )
-from cosim.hinf.synthesis.designs import Design
+from cosim.hinf.synthesis.certified_design import Design
 from cosim.models import paper_example
 from cosim.models.delay_system import Delay, DelaySystem
 

@@ -11,9 +11,10 @@ import pytest
 from hypothesis import given, strategies as st
 from hypothesis.extra import numpy as hnp
 
+from cosim.core import parse_toml
 from cosim.core.errors import InputError
 from cosim.hinf.certificate.system_json import MATRICES, system_from_json, system_to_json
-from cosim.hinf.problem.system_toml import load_system, parse_toml, system_from_toml
+from cosim.hinf.problem.system_toml import load_system, system_from_toml
 from cosim.models import paper_example
 from cosim.models.delay_system import Delay, DelaySystem
 
@@ -282,7 +283,7 @@ def test_nothing_is_collected_where_nesting_uses_up_the_stack(
         seen.append(gc.isenabled())
         raise RecursionError
 
-    monkeypatch.setattr("cosim.hinf.problem.system_toml.tomllib.loads", loads)
+    monkeypatch.setattr("cosim.core.toml_text.tomllib.loads", loads)
     with pytest.raises(InputError, match="malformed TOML"):
         parse_toml("", "here")
     assert seen == [False]

@@ -204,7 +204,10 @@ def check_answers(
     if isinstance(s, PacketSchedule):
         assert s.in_use(instants).tolist() == [model.index(n.used) for n in notes]
     else:
-        assert s.sent_in_use(instants).tolist() == [model.sent(n.used) for n in notes]
+        used = s.sent_in_use(instants).tolist()
+        assert used == [model.sent(n.used) for n in notes]
+        if instants == sorted(instants):
+            assert np.repeat(*s.runs_in_use(np.array(instants))).tolist() == used
     state = s.state(instants)
     assert state.sequence.tolist() == [model.sequence(n.used) for n in notes]
     assert state.delivered.tolist() == [n.delivered for n in notes]

@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from cosim.core.errors import NotAchievableError
+from cosim.fmu import component_module
 from cosim.models.delay_system import Delay, DelaySystem
-from cosim.scenario.gain import Problem, solve
+from cosim.scenario.gain import Problem, proves_exact_delays, solve
+from cosim.scenario.plant import is_plant_of
+
+PLANT = component_module("delayed_plant.variables")
 
 
 def link(*, any_age: bool) -> Problem:
@@ -31,3 +37,18 @@ def test_delay_of_any_age_is_designed_at_order_0() -> None:
     found = solve(link(any_age=True), None, 1)
     assert found.covers_smaller_delays
     assert found.order == 1
+
+
+def test_a_constant_delay_in_the_plant_may_be_proved_exactly() -> None:
+    """Beside feedback of any age; a run is then covered with that delay, not with a shorter one."""
+    inner, late = Delay(0.4, [[0, 0], [0, -0.2]]), link(any_age=True).system
+    system = replace(late, delays=(inner, *late.delays))
+    found = solve(Problem(system, None, None, None), [[-0.2, -0.6]], 1)
+    assert proves_exact_delays(found)
+    parameters = {
+        f"{name}[{i + 1},{j + 1}]": float(value)
+        for name, matrix in PLANT.plant_matrices(system).items()
+        for (i, j), value in np.ndenumerate(matrix)
+    }
+    for d, exact, covered in ((0.4, True, True), (0.3, True, False), (0.3, False, True)):
+        assert is_plant_of(system, {**parameters, "delay.d": d}, exact=exact) is covered

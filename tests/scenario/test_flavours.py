@@ -9,19 +9,22 @@ from unittest.mock import patch
 
 import pytest
 from cli.shell import cosim, trace_of
+from shared import fmu_store
 
 from cosim.trace import Trace
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="Python and the FMU must call one C library")
 @pytest.mark.parametrize("name", ["auv-acoustic", "paper-example"])
-def test_native_fmus_give_the_same_bits(native_fmus: Path, tmp_path: Path, name: str) -> None:
+def test_python_fmus_give_the_same_bits(tmp_path: Path, name: str) -> None:
     """Every message of every topic: times, sequence and values."""
-    trace = tmp_path / "native.mcap"
-    words = ("run", name, "--flavour", "native", "--fmus", native_fmus.parent, "--out", trace)
+    trace = tmp_path / "python.mcap"
+    words = ("run", name, "--flavour", "python", "--fmus", fmu_store("python"), "--out", trace)
     result = cosim(*words, "--json", cwd=tmp_path)
     assert result.code == 0, result.err
-    native, python = Trace(trace), Trace(trace_of(name))
+    origins = set(result.json["binaries"].values())
+    assert origins == {f"from {fmu_store('python') / 'python'}", "compiled on this machine"}
+    python, native = Trace(trace), Trace(trace_of(name))
     kinds = [
         {channel.topic for channel, *_ in each.messages() if channel.topic != "/log"}
         for each in (native, python)
@@ -40,9 +43,10 @@ def test_native_fmus_give_the_same_bits(native_fmus: Path, tmp_path: Path, name:
 
 
 def test_without_a_compiler_no_other_flavour_is_run(tmp_path: Path) -> None:
-    """The flavour asked for cannot be had: an error in words, and no fall back."""
+    """The default flavour cannot be had: an error in words, and no fall back."""
     with patch.dict(os.environ, {"CC": "no-such-compiler"}):
-        result = cosim("run", "paper-example", "--flavour", "native", "--json", cwd=tmp_path)
+        result = cosim("run", "paper-example", "--json", cwd=tmp_path)
     assert result.code == 2
     assert "C compiler" in result.error["what"]
+    assert "this installation has no prebuilt binaries" in result.error["got"]
     assert not list(tmp_path.rglob("*.fmu"))

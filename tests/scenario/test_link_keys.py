@@ -38,7 +38,7 @@ from cosim.scenario.links import (
 )
 
 VARIABLES = component_module("link_channel.variables")
-DOCS = Path(cosim.__file__).parents[1] / "docs" / "links.md"
+DOCS = Path(cosim.__file__).parents[1] / "docs" / "reference" / "links.md"
 PARTS = {
     PacketLink: PacketPart,
     TransportLink: TransportPart,

@@ -96,9 +96,9 @@ def test_a_run_whose_assertion_fails_is_not_finished(tmp_path: Path) -> None:
 def test_a_run_that_ends_the_process_ends_its_child_alone(tmp_path: Path) -> None:
     """In the first run, which is tried before the others, and in a later one."""
     result = execute_study(plan([DEADLY, 1.0, DEADLY + 1.0, 0.5]), tmp_path / "study")
-    assert result.statuses == {"failed": 2, "finished": 2}
+    assert result.statuses == {"crashed": 2, "finished": 2}
     found = table(tmp_path / "study")
-    assert found["status"] == ["failed", "finished", "failed", "finished"]
+    assert found["status"] == ["crashed", "finished", "crashed", "finished"]
     for reason in (found["reason"][i] for i in (0, 2)):
         assert "component 'tiny'" in reason
         assert "SIGKILL" in reason

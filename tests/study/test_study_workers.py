@@ -5,15 +5,15 @@ from __future__ import annotations
 import contextlib
 import os
 import signal
-import subprocess
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import dask
+import hostile.studies
 import pytest
-from study.deadly import DEADLY, U, folder, plan, truth
+from shared import slow_share_of
+from study.deadly import DEADLY, plan, truth
 
 from cosim.core.errors import ComponentError, InputError
 from cosim.study.execution import execute_study
@@ -70,8 +70,8 @@ def test_a_worker_killed_in_the_middle_loses_nothing(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_a_run_that_kills_its_worker_is_recorded_and_stops_no_other(tmp_path: Path) -> None:
-    """Each time that it is tried; all others are the closed form."""
+def test_a_run_that_crashes_is_recorded_and_stops_no_other(tmp_path: Path) -> None:
+    """Its child process ends, not the worker; all others are the closed form."""
     values = [0.0, 1.0, DEADLY, *(0.1 * i for i in range(12))]
 
     @contextlib.contextmanager
@@ -81,9 +81,10 @@ def test_a_run_that_kills_its_worker_is_recorded_and_stops_no_other(tmp_path: Pa
 
     done = execute_study(plan(values), tmp_path, two)
     found = read_table(tmp_path)[0].to_pydict()
-    assert done.statuses == {"finished": 14, "failed": 1}
-    assert found["status"][2] == "failed"
-    assert "died" in found["reason"][2]
+    assert done.statuses == {"finished": 14, "crashed": 1}
+    assert done.retried == 0
+    assert found["status"][2] == "crashed"
+    assert "component 'tiny'" in found["reason"][2]
     others = [i for i in range(15) if i != 2]
     assert [found["x"][i] for i in others] == pytest.approx([truth(values[i]) for i in others])
 
@@ -110,39 +111,35 @@ def test_workers_are_replaced_when_they_are_lost_and_not_given_up_before(tmp_pat
 def test_a_study_that_loses_its_workers_ends_and_can_be_continued(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Where none can be started any more, that is said; what is done is kept."""
-    monkeypatch.setattr("cosim.study.workers._NO_WORKER", "100 ms")
-    monkeypatch.setattr("cosim.study.workers._LOOK_S", 3600.0)
-    with local(1) as pool:
+    """Where none can be started any more, that is reported; what is done is kept."""
+    monkeypatch.setattr("cosim.study.workers._replace_lost", lambda *_: None)
+    monkeypatch.setattr("cosim.study.workers._LOOK_S", 0.05)
+    monkeypatch.setattr("cosim.study.workers._SAY_S", 0.1)
+    notices: list[str] = []
+    with local(1, wait_s=0.5) as pool:
         give_up(pool)
-        with pytest.raises(ComponentError, match="cannot be executed on the cluster") as caught:
-            execute_study(plan([0.0, 1.0]), tmp_path, lambda: contextlib.nullcontext(pool))
-    assert "without any running workers" in str(caught.value.got)
+        with pytest.raises(ComponentError, match="no workers for") as caught:
+            execute_study(
+                plan([0.0, 1.0]),
+                tmp_path,
+                lambda: contextlib.nullcontext(pool),
+                progress=lambda what, _: notices.append(what),
+            )
+    assert "the same command continues" in str(caught.value.hint)
+    assert any("no workers for" in what for what in notices)
     assert execute_study(plan([0.0, 1.0]), tmp_path).statuses == {"finished": 2}
 
 
-@pytest.mark.slow
-def test_many_runs_that_kill_their_workers_do_not_stop_the_study(tmp_path: Path) -> None:
-    """Five of forty: each is a row that says so, all others are the closed form.
+STUDIES = [(fault, n) for fault in hostile.studies.EXPECTED for n in hostile.studies.WORKERS]
+
+
+@pytest.mark.parametrize(("fault", "workers"), slow_share_of(STUDIES))
+def test_runs_that_misbehave_do_not_stop_a_study(fault: str, workers: int) -> None:
+    """Five of forty: each is a row that names the component, all others are the closed form.
 
     In a process of its own, since a study that stops for ever is what is looked for.
     """
-    deadly = range(3, 40, 8)
-    values = [DEADLY + i if i in deadly else 0.1 * i for i in range(40)]
-    (tmp_path / "s.toml").write_text(
-        f'title = "x follows u"\nscenario = "{folder() / "tiny.toml"}"\n'
-        f'[[vary]]\nkind = "grid"\nname = "u"\npath = {U!r}\nvalues = {values}\n'
-        '[metrics]\nx = "final.tiny.x"\n'
-    )
-    line = [sys.executable, "-m", "cosim", "study", "run", "s.toml", "--workers", "2"]
-    subprocess.run(  # noqa: S603 - ourselves
-        [*line, "--out", "out"], cwd=tmp_path, check=True, capture_output=True, timeout=1800
-    )
-    found = read_table(tmp_path / "out")[0].to_pydict()
-    assert [i for i in range(40) if found["status"][i] == "failed"] == list(deadly)
-    assert all("died" in found["reason"][i] for i in deadly)
-    others = [i for i in range(40) if i not in deadly]
-    assert [found["x"][i] for i in others] == pytest.approx([truth(values[i]) for i in others])
+    assert hostile.studies.run_study_with(fault, workers).wrong == []
 
 
 def test_all_runs_of_a_batch_but_the_one_that_kills_its_worker_are_kept(tmp_path: Path) -> None:
@@ -163,7 +160,7 @@ def test_all_runs_of_a_batch_but_the_one_that_kills_its_worker_are_kept(tmp_path
     done = execute_study(
         plan([0.1 * i for i in range(100)]), tmp_path, lambda: contextlib.nullcontext(Fragile())
     )
-    assert done.statuses == {"finished": 99, "failed": 1}
+    assert done.statuses == {"finished": 99, "lost": 1}
     assert sorted([0, *executed]) == [i for i in range(100) if i != 7]
     found = read_table(tmp_path)[0].to_pydict()
-    assert found["status"][7] == "failed"
+    assert found["status"][7] == "lost"

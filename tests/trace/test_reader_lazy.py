@@ -208,7 +208,6 @@ def test_decompression_bombs_are_refused(tmp_path: Path, size: int, claimed: int
 
 def test_more_rows_than_memory_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("os.sysconf", lambda _name: 1)
-    monkeypatch.setattr("cosim.trace.tables.gather._ROOM", 1000)
     with pytest.raises(InputError, match="memory"):
         Trace(two_topics(tmp_path / "a.mcap")).read("/plant/output")
 

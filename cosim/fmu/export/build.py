@@ -1,4 +1,4 @@
-"""Build FMUs into a folder as <flavour>/NAME.fmu, unless they are up to date."""
+"""Find the FMUs of the catalogue: in a folder as <flavour>/NAME.fmu, prebuilt, or built now."""
 
 from __future__ import annotations
 
@@ -9,18 +9,15 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from cosim.core import InputError
+from platformdirs import user_cache_path
+
+from cosim.core import InputError, copy_whole
 from cosim.fmu.export.catalogue import CATALOGUE
-from cosim.fmu.export.native.package import build_native_fmu, guid as native_guid
+from cosim.fmu.export.flavours import DEFAULT_FLAVOUR, FMI_VERSION
+from cosim.fmu.export.identity import kept_guid
 from cosim.fmu.export.native.platforms import Platform, host
-from cosim.fmu.export.python.package import build_python_fmu, guid as python_guid
 from cosim.fmu.export.spec import ComponentSpec
-
-DEFAULT_FLAVOUR = "python"
-"""The flavour where none is named."""
-
-FMI_VERSION = {"native": "2.0", "native-fmi3": "3.0", "python": "2.0"}
-"""Flavour, which is the name of its folder -> version of FMI."""
+from cosim.fmu.prebuilt import prebuilt_file
 
 
 @dataclass(frozen=True)
@@ -40,9 +37,12 @@ def ensure_fmu(
     platforms: Sequence[Platform] = (),
     force: bool = False,
 ) -> Built:
-    """Return the FMU `name` of the catalogue below `root`/`flavour`; build it if out of date.
+    """Return the FMU `name` of the catalogue; build it below `root`/`flavour` if there is none.
 
-    `platforms`: those to cross-compile a native FMU for; none: this machine, by its own compiler.
+    The FMU below `root`/`flavour` is taken if it is up to date, otherwise the prebuilt one.
+
+    `platforms`: those to cross-compile a native FMU for; none: those of the prebuilt FMU, or this
+    machine, by its own compiler. `force`: build it in any case.
 
     Raises
     ------
@@ -52,14 +52,20 @@ def ensure_fmu(
     path = root / flavour / f"{name}.fmu"
     if not force and path.is_file() and _up_to_date(path, name, flavour, platforms):
         return Built(name, path, new=False)
-    return Built(name, build_fmu(CATALOGUE[name], path.parent, flavour, platforms), new=True)
+    ready = None if force or platforms else prebuilt_file(f"{flavour}/{name}.fmu")
+    if ready is not None:
+        return Built(name, ready, new=False)
+    build_fmu(CATALOGUE[name], path.parent, flavour, platforms, prebuilt=False)
+    return Built(name, path, new=True)
 
 
 def build_fmu(
     component: str | ComponentSpec,
     folder: Path | str = "fmus",
-    flavour: str = "native",
+    flavour: str = DEFAULT_FLAVOUR,
     platforms: Sequence[Platform] = (),
+    *,
+    prebuilt: bool = True,
 ) -> Path:
     """Write `folder`/NAME.fmu of a component and return its path.
 
@@ -67,20 +73,44 @@ def build_fmu(
     ----------
     component : the name of a built-in component, such as "AuvPlant", or a specification.
     flavour : "native" (C, FMI 2.0), "native-fmi3" (C, FMI 3.0) or "python" (pythonfmu).
-    platforms : to cross-compile a native FMU for; none: this machine, by its own compiler.
+    platforms : to cross-compile a native FMU for; none: those that are prebuilt, or this machine,
+        by its own compiler.
+    prebuilt : whether to use what the wheel brings: the FMU of a built-in component; for any other
+        a binary of its kind, which reads the model and computes the same bits.
 
     Raises
     ------
-    InputError : no such component or flavour, or no compiler for a native FMU.
+    InputError : no such component or flavour, no compiler for a native FMU, or a component that is
+        too large for a prebuilt binary.
     """
     if isinstance(component, str) and component not in CATALOGUE:
         raise InputError.unknown("component", component, CATALOGUE, where="build_fmu")
     if flavour not in FMI_VERSION:
         raise InputError.unknown("flavour", flavour, FMI_VERSION, where="build_fmu")
+    if isinstance(component, str):
+        ready = prebuilt_file(f"{flavour}/{component}.fmu") if prebuilt and not platforms else None
+        if ready is not None:
+            target = Path(folder) / ready.name
+            target.parent.mkdir(parents=True, exist_ok=True)
+            copy_whole(ready, target)
+            return target
+    # what packs FMUs is loaded here: a run rarely makes one
+    from cosim.fmu.export.native.package import build_native_fmu  # noqa: PLC0415
+    from cosim.fmu.export.native.tape_package import (  # noqa: PLC0415
+        build_tape_fmu,
+        prebuilt_binaries,
+    )
+
     spec = CATALOGUE[component] if isinstance(component, str) else component
     if flavour == "python":
+        from cosim.fmu.export.python.package import build_python_fmu  # noqa: PLC0415
+
         return build_python_fmu(spec, Path(folder))
-    return build_native_fmu(spec, Path(folder), FMI_VERSION[flavour], platforms)
+    version = FMI_VERSION[flavour]
+    binaries = prebuilt_binaries(spec, version) if prebuilt and not platforms else {}
+    if binaries:
+        return build_tape_fmu(spec, Path(folder), version, binaries)
+    return build_native_fmu(spec, Path(folder), version, platforms)
 
 
 def ensure_all(
@@ -108,9 +138,19 @@ def _up_to_date(path: Path, name: str, flavour: str, platforms: Sequence[Platfor
 
 @functools.cache
 def _guid(name: str, flavour: str) -> str:
-    """Return the GUID of a build by the present code; cached, for it takes half of a short run."""
+    """Return the GUID of a build by the present code."""
     spec = CATALOGUE[name]
-    return python_guid(spec) if flavour == "python" else native_guid(spec, FMI_VERSION[flavour])
+
+    def compute() -> str:
+        if flavour == "python":
+            from cosim.fmu.export.python.package import guid as python_guid  # noqa: PLC0415
+
+            return python_guid(spec)
+        from cosim.fmu.export.native.package import guid as native_guid  # noqa: PLC0415
+
+        return native_guid(spec, FMI_VERSION[flavour])
+
+    return kept_guid(f"{flavour}/{name}", user_cache_path("auv-cosim", appauthor=False), compute)
 
 
 def _inside(path: Path) -> tuple[str, set[str]]:

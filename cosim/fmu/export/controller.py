@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from cosim.core import InputError
+from cosim.core import InputError, counted
 from cosim.fmu.export.components import component_module
 from cosim.fmu.export.fmu_file import FmuTarget, checked_name, model_name, write_fmu
 from cosim.fmu.export.spec import ComponentSpec
@@ -139,7 +139,7 @@ def _settings(
             where="--limits",
             expected="largest thrust [N] and largest moment [N m]"
             if form == "vehicle"
-            else f"{m} numbers >= 0, one per command",
+            else f"{counted(m, 'number')} >= 0, one per command",
             got=", ".join(map(repr, bounds)),
         )
     return {"sample_time": chosen, "limits": bounds}

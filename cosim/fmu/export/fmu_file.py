@@ -9,14 +9,13 @@ import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
 
 from cosim.core import InputError
-from cosim.fmu.export.build import FMI_VERSION, build_fmu
-from cosim.fmu.export.native.platforms import Platform
+from cosim.fmu.export.build import build_fmu
+from cosim.fmu.export.flavours import FMI_VERSION, Flavour
+from cosim.fmu.export.native.platforms import Platform, platforms_named
 from cosim.fmu.export.spec import ComponentSpec
-
-Flavour = Literal["native", "native-fmi3", "python"]
+from cosim.fmu.prebuilt import why_none_prebuilt
 
 LONGEST_NAME = 80
 """Greatest length of a model name, which is a file name inside the FMU."""
@@ -29,11 +28,14 @@ class FmuTarget:
     Attributes
     ----------
     flavour : `native` (FMI 2.0 in C), `native-fmi3` (FMI 3.0 in C) or `python` (pythonfmu).
-    platforms : to cross-compile a native FMU for; none: this machine, by its own compiler.
+    platforms : to cross-compile a native FMU for; none: those that are prebuilt, or this machine,
+        by its own compiler.
+    prebuilt : whether to use the binaries that the wheel brings, if it does.
     """
 
     flavour: Flavour = "native"
     platforms: Sequence[Platform] = ()
+    prebuilt: bool = True
 
     def __post_init__(self) -> None:
         if self.flavour == "python" and self.platforms:
@@ -47,8 +49,28 @@ class FmuTarget:
     @property
     def text(self) -> str:
         """The version of FMI and the flavour in words."""
-        what = "pythonfmu, needs a Python host" if self.flavour == "python" else "native"
-        return f"FMI {FMI_VERSION[self.flavour]}, {what}"
+        return f"FMI {FMI_VERSION[self.flavour]}, {self._origin}"
+
+    @property
+    def _origin(self) -> str:
+        if self.flavour == "python":
+            return "pythonfmu, needs a Python host"
+        if self.platforms:
+            return "native, cross-compiled"
+        ready = self.prebuilt and why_none_prebuilt() is None
+        return "native, prebuilt for all platforms" if ready else "native, compiled on this machine"
+
+
+def target_named(flavour: Flavour, platforms: str) -> FmuTarget:
+    """Return the kind of FMU with the platforms that a text names: prebuilt, host, all, or a list.
+
+    Raises
+    ------
+    InputError : a platform that does not exist, or platforms of an FMU in Python.
+    """
+    if platforms == "prebuilt":
+        return FmuTarget(flavour)
+    return FmuTarget(flavour, platforms_named(platforms, "prebuilt"), prebuilt=False)
 
 
 def write_fmu(spec: ComponentSpec, path: Path, kind: FmuTarget) -> None:
@@ -60,7 +82,9 @@ def write_fmu(spec: ComponentSpec, path: Path, kind: FmuTarget) -> None:
     """
     try:
         with tempfile.TemporaryDirectory(prefix="cosim-fmu-") as folder:
-            built = build_fmu(spec, Path(folder, "fmu"), kind.flavour, kind.platforms)
+            built = build_fmu(
+                *(spec, Path(folder, "fmu"), kind.flavour, kind.platforms), prebuilt=kind.prebuilt
+            )
             path.parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(built, path)
     except OSError as error:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from cosim.core import InputError
+from cosim.core import InputError, counted
 from cosim.fmu.export.components import component_module
 from cosim.fmu.export.fmu_file import FmuTarget, checked_name, model_name, write_fmu
 from cosim.hinf import system_by_name
@@ -71,7 +71,7 @@ def export_plant(
         raise InputError(
             "the initial state does not fit the system",
             where="--initial",
-            expected=f"{len(usual)} finite numbers, one per state",
+            expected=f"{counted(len(usual), 'finite number')}, one per state",
             got=", ".join(map(repr, start)),
         )
     spec = _VARIABLES.delayed_plant_spec(

@@ -15,7 +15,7 @@ from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
 
-from cosim.core import InputError
+from cosim.core import InputError, similar_files
 from cosim.fmu.inspect.findings import Finding, finding, printable, refusal
 
 MOST_BYTES = 4 << 30  # unpacked in all; the largest FMUs of practice have about 1 GiB
@@ -31,6 +31,7 @@ BROKEN_ARCHIVE = (
     *(zipfile.BadZipFile, zlib.error, struct.error, EOFError, OSError, NotImplementedError),
     *(RuntimeError, ValueError, KeyError, IndexError, OverflowError),
 )
+"""What `zipfile` raises of archives that are damaged."""
 
 
 class CheckedArchive:
@@ -178,7 +179,7 @@ def open_archive(path: Path, sha256: str | None = None) -> CheckedArchive:
 
 def _content(path: Path, *, described: bool) -> bytes:
     if not (described or path.is_file()):
-        raise InputError("no such FMU", where=str(path))
+        raise InputError("no such FMU", where=str(path), hint=similar_files(path))
     try:
         return path.read_bytes()
     except OSError as error:

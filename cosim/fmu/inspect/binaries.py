@@ -85,6 +85,14 @@ def binary_findings(
         yield finding("binary-here", ROOT, missing_binary())
     for binary in binaries:
         yield from _binary(model, binary, inside[binary.folder])
+    yield from _unexamined(binaries)
+
+
+def _unexamined(binaries: Sequence[Binary]) -> Iterator[Finding]:
+    """Say once which readers are not installed."""
+    missing = sorted({binary.unexamined for binary in binaries if binary.unexamined is not None})
+    if missing:
+        yield finding("binary-unexamined", ROOT, f"not installed: {', '.join(missing)}")
 
 
 def _folder(folder: str, major: int) -> Iterator[Finding]:
@@ -101,6 +109,8 @@ def _folder(folder: str, major: int) -> Iterator[Finding]:
 
 def _binary(model: DeclaredModel, binary: Binary, beside: set[str]) -> Iterator[Finding]:
     where = binary.name
+    if binary.unexamined is not None:
+        return
     if binary.damage is not None:
         yield finding("binary-damaged", where, binary.damage)
         return

@@ -12,6 +12,8 @@ from cosim.fmu.inspect.rules import RULES
 
 Level = Literal["error", "warning", "note"]
 LEVELS: tuple[Level, ...] = ("error", "warning", "note")
+"""Levels of a finding, the gravest first."""
+
 _MOST_OF_ONE_CODE = 25
 
 

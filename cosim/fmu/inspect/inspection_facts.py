@@ -80,6 +80,7 @@ def _binary(binary: Binary) -> dict[str, Any]:
         "file": binary.name,
         "damage": binary.damage,
         "unread": binary.unread,
+        "unexamined": binary.unexamined,
         "images": [
             {
                 "format": image.format,
@@ -101,7 +102,10 @@ def _runs_here(inspection: Inspection) -> bool:
     machine = this_machine()
     return any(
         platform_of(binary.folder) == machine
-        and any(image.platform == machine for image in binary.images)
+        and (
+            binary.unexamined is not None
+            or any(image.platform == machine for image in binary.images)
+        )
         for binary in inspection.binaries
     )
 

@@ -12,6 +12,8 @@ from lxml import etree
 from cosim.fmu.inspect.findings import Finding, finding, printable
 
 MAX_XML = 64 << 20  # 100,000 variables take about 30 MiB
+"""Greatest size of a model description [bytes]."""
+
 _SCHEMAS = Path(fmpy.__file__).with_name("schema")
 
 

@@ -140,6 +140,10 @@ _CONTENT = {
         "its reader here failed, so it was not checked; that says nothing about the file: report "
         "it, with the file"
     ),
+    "binary-unexamined": _note(
+        "the headers of libraries were not read, so that their platforms, functions and needs are "
+        "not checked: pip install 'auv-cosim[check]'"
+    ),
     "binary-platform": _error("it is built for another machine than its folder says: move it"),
     "function-missing": _error("without this function nothing can run it: build it again"),
     "function-optional": _warning(

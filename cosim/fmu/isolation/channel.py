@@ -9,11 +9,10 @@ import sys
 import tempfile
 from ctypes import c_char_p, c_int32, c_int64, c_uint32, c_uint64, c_void_p
 from functools import cache
-from importlib.resources import files
 from typing import Any, Final
 
 from cosim.core import InputError
-from cosim.fmu.compiled import compiled_library
+from cosim.fmu.compiled import compiled_library, library_source
 
 GONE: Final = -2147483647
 """The status of a proxy whose slave cannot answer; no status of FMI."""
@@ -67,10 +66,8 @@ def channel_library() -> Any:
             got="Windows",
             hint="isolate = false",
         )
-    source = files("cosim.fmu.isolation").joinpath("channel.c").read_bytes()
-    head = b"" if FUTEX else b"#define WITHOUT_FUTEX\n"
     try:
-        return declared(compiled_library("channel", head + source))
+        return declared(compiled_library("channel", library_source("channel", futex=FUTEX)))
     except InputError as error:
         raise InputError(
             "components cannot be isolated here",

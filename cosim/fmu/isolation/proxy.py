@@ -12,7 +12,7 @@ from itertools import count
 from types import MappingProxyType
 from typing import Any, Final
 
-from cffi import FFI
+from _cffi_backend import FFI  # reads C types itself: no parser of C has to be loaded
 from fmpy.fmi1 import FMICallException
 
 from cosim.core import DEATH_HINTS, ComponentError, death_of

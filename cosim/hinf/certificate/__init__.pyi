@@ -127,6 +127,8 @@ from .system_json import (
     known_keys as known_keys,
     matrix_from_rows as matrix_from_rows,
     number as number,
+    refused as refused,
+    seconds as seconds,
     system_from_json as system_from_json,
 )
 from .theorem import (

@@ -2,7 +2,8 @@
 
 The loop is x' = f = sum_i A_i x(t - tau_i) + C w + E p for u = K x(t - tau_f), as in
 `analysis_proof`: doubles taken exactly, delays of zero folded into x(t). V is y'P y plus the
-terms of each positive delay (`ages_terms`); docs/theory.md derives them and gives the sources.
+terms of each positive delay (`ages_terms`); docs/explanation/theory.md derives them and gives the
+sources.
 With a = least_age, N the order, c = (333/106)^2/4 < pi^2/4, |v|_R^2 = v'R v, He M = M + M':
 
     over a constant part of length l, from x(t) to x(t - l) (l = d for a constant delay, else a):

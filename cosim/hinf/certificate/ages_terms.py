@@ -9,7 +9,7 @@ Each positive delay has one of five functionals:
     looped      the same; sharper, with more unknowns
 
 An age with a known rate is one of any variation as well, and so is a sampled one. The unknowns
-and the equations are those of `ages_proof`; docs/theory.md derives them.
+and the equations are those of `ages_proof`; docs/explanation/theory.md derives them.
 """
 
 from __future__ import annotations

@@ -15,21 +15,18 @@ and, where more is proved than gamma, `guarantees` (`cosim.hinf.certificate.guar
 from __future__ import annotations
 
 import hashlib
+import importlib
 import json
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cosim.core import InputError
-from cosim.hinf.certificate.ages_certificate import AGES, check_ages
-from cosim.hinf.certificate.analysis_certificate import KIND, check_analysis
+from cosim.core import DESIGN_FILE, SCHEMA, InputError, unreadable
 from cosim.hinf.certificate.document import Certificate
 from cosim.hinf.certificate.exact_lmi import ExactVariables
 from cosim.hinf.certificate.guarantees import Guarantees, guarantees_from_json
-from cosim.hinf.certificate.norm_certificate import NORM, check_norm
 from cosim.hinf.certificate.proof import (
     CertificateCheck,
     Variables,
@@ -38,12 +35,6 @@ from cosim.hinf.certificate.proof import (
     proved,
 )
 from cosim.hinf.certificate.rational import exact_matrix, matrix_from_text, matrix_to_text
-from cosim.hinf.certificate.refutation_certificate import (
-    FLOOR,
-    REFUTATION,
-    check_gamma_floor,
-    check_refutation,
-)
 from cosim.hinf.certificate.system_json import (
     format_value,
     known_keys,
@@ -55,17 +46,18 @@ from cosim.hinf.certificate.theorem import theorem_of
 from cosim.hinf.certificate.variables_json import variables_from_json, variables_to_json
 from cosim.models import DelaySystem, Matrix
 
-_OTHERS: dict[str, Callable[[dict[str, Any]], CertificateCheck]] = {
-    KIND: check_analysis,
-    AGES: check_ages,
-    REFUTATION: check_refutation,
-    FLOOR: check_gamma_floor,
-    NORM: check_norm,
+_OTHERS = {
+    "analysis": ("analysis_certificate", "check_analysis"),
+    "ages": ("ages_certificate", "check_ages"),
+    "refutation": ("refutation_certificate", "check_refutation"),
+    "gamma floor": ("refutation_certificate", "check_gamma_floor"),
+    "norm": ("norm_certificate", "check_norm"),
 }
-"""Checks of certificates by kind; a gain proved by Theorem 2 has no kind."""
+"""Module and function that checks a kind of certificate, loaded for one that is of this kind; a
+gain proved by Theorem 2 has no kind."""
 
 _KEYS = ("claim", "system", "variables", "K")
-_NOTES = ("figures", "made_for")  # keys of a saved design that are no part of its certificate
+_NOTES = (SCHEMA, "figures", "made_for")  # of a saved design, no part of its certificate
 _VARIABLES = ("X", "Y", "Q", "R", "eps", "k1", "k2", "gamma")
 
 
@@ -132,8 +124,8 @@ def check_certificate(data: Any) -> CertificateCheck:
         raise InputError("not a certificate", expected="an object of keys", got=type(data).__name__)
     if "kind" in data:
         kind = data["kind"]
-        check = _OTHERS.get(kind) if isinstance(kind, str) else None
-        if check is None:
+        named = _OTHERS.get(kind) if isinstance(kind, str) else None
+        if named is None:
             known = ", ".join(f'"{name}"' for name in _OTHERS)
             raise InputError(
                 "not a kind of certificate",
@@ -141,7 +133,9 @@ def check_certificate(data: Any) -> CertificateCheck:
                 expected=f"{known}, or no kind at all (Theorem 2)",
                 got=format_value(kind),
             )
-        return check(data)
+        module, name = named
+        check = getattr(importlib.import_module(f"cosim.hinf.certificate.{module}"), name)
+        return check(data)  # type: ignore[no-any-return]
     own = {key: data[key] for key in _KEYS if key in data}
     known_keys(own, "certificate", _KEYS, required=_KEYS)
     system = system_from_json(data["system"])
@@ -170,7 +164,7 @@ def read_certificate(path: str | Path) -> Any:
     try:
         content = Path(path).read_bytes()
     except OSError as error:
-        raise InputError("cannot be read", where=str(path), got=error.strerror) from error
+        raise unreadable(Path(path), error, what="cannot be read") from error
     return certificate_from_bytes(content, str(path))
 
 
@@ -179,7 +173,7 @@ def certificate_from_bytes(content: bytes, where: str) -> Any:
 
     Raises
     ------
-    InputError : if it is no JSON, with the line.
+    InputError : if it is no JSON, with the line; if it has a newer schema version.
     """
     try:
         data = json.loads(content.decode("utf-8"))
@@ -188,7 +182,9 @@ def certificate_from_bytes(content: bytes, where: str) -> Any:
         raise InputError("not JSON", where=place, got=error.msg) from error
     except (ValueError, RecursionError) as error:
         raise InputError("not a certificate in JSON", where=where, got=str(error)) from error
-    return Certificate(data) if isinstance(data, dict) else data
+    if not isinstance(data, dict):
+        return data
+    return Certificate(DESIGN_FILE.current(data, where))
 
 
 def certificate_bytes(data: dict[str, Any]) -> bytes:

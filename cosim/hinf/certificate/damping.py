@@ -1,10 +1,10 @@
 """Damping, proved: a sector for the roots of the nominal loop, cut off at the left.
 
-No sector holds all roots of a loop with a delay (docs/theory.md), but one can hold those that
-matter: every root of det H(s), H(s) = s I - sum_i A_i e^{-s d_i}, with Re s >= -sigma (`within`)
-has a damping ratio -Re s / |s| above zeta. F = 0 there, and every age is constant, exactly d. The
-doubles of the system and of K are taken exactly; the rest is ball arithmetic (`flint.arb`), which
-encloses its own rounding.
+No sector holds all roots of a loop with a delay (docs/explanation/theory.md), but one can hold
+those that matter: every root of det H(s), H(s) = s I - sum_i A_i e^{-s d_i}, with Re s >= -sigma
+(`within`) has a damping ratio -Re s / |s| above zeta. F = 0 there, and every age is constant,
+exactly d. The doubles of the system and of K are taken exactly; the rest is ball arithmetic
+(`flint.arb`), which encloses its own rounding.
 
 A root in the excluded region {Re s >= -sigma, -Re s <= zeta |s|} has |s| <= a,
 a = sum_i |A_i| e^{sigma d_i} (Frobenius norms). The roots are symmetric about the real axis, and

@@ -2,8 +2,8 @@
 
 For those who doubt the prover: no line is shared with it, and all arithmetic is of fractions
 (`standalone_numbers.py`, to be kept beside this file). exact_lmi.py derives Theorem 2, decay.py and
-control_limits.py the guarantees, refutation_proof.py refutations, docs/theory.md the functionals of
-an analysis. The sentences under "theorem" and "hypotheses" are not read.
+control_limits.py the guarantees, refutation_proof.py refutations, docs/explanation/theory.md the
+functionals of an analysis. The sentences under "theorem" and "hypotheses" are not read.
 """
 # mypy: ignore-errors
 # ruff: noqa: ANN001, ANN201, ANN202, B905, D103, FBT002, N817, T201

@@ -1,9 +1,9 @@
 """The analyses that `standalone.py` checks: Bessel-Legendre of any order, and ages as they are.
 
-docs/theory.md derives the functionals, and has the letters: V is y'P y with one group of terms
-per positive delay, Phi what bounds its derivative. Shown are -Phi > 0 at every corner of the ages,
-and V > 0. An analysis of order N is one with constant delays; of order 0 where any age is allowed,
-and then without Q.
+docs/explanation/theory.md derives the functionals, and has the letters: V is y'P y with one group
+of terms per positive delay, Phi what bounds its derivative. Shown are -Phi > 0 at every corner of
+the ages, and V > 0. An analysis of order N is one with constant delays; of order 0 where any age is
+allowed, and then without Q.
 """
 
 # mypy: ignore-errors

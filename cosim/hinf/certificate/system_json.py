@@ -13,7 +13,9 @@ and rows of H of every block of F, [[1, 1], [2, 3]], where there are several.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import re
+from collections.abc import Iterator, Mapping
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -29,6 +31,7 @@ BLOCKS = "uncertainty_blocks"
 
 _FLAGS = ("feedback", "any_age", "sampled")
 _TRUTHS = "true or false, or a list of them, one per state"
+_NO_HINTS: Mapping[str, str] = MappingProxyType({})
 _HINTS = {"sampled": "the longest interval between two samples is d - least_age"}
 
 
@@ -93,14 +96,14 @@ def delay_from(data: Any, where: str, n: int) -> Delay:
             )
     A = matrix_from_rows(data["A"], f"{where}.A") if "A" in data else np.zeros((n, n))
     H = matrix_from_rows(data["H"], f"{where}.H") if "H" in data else None
-    d = number(data["d"], f"{where}.d")
+    d = seconds(data["d"], f"{where}.d")
     ages: dict[str, Any] = {
         k: number(data[k], f"{where}.{k}") for k in ("least_age", "rate") if k in data
     }
     try:
         return Delay(d, A, H, **flags, **ages)
     except ValueError as error:
-        raise InputError(str(error), where=where) from error
+        raise refused(error, where) from error
 
 
 def is_truth_list(value: Any) -> bool:
@@ -149,7 +152,7 @@ def assembled(data: dict[str, Any], delays: list[Delay], where: str, name: str =
             uncertainty_blocks=_block_sizes(data[BLOCKS], where) if BLOCKS in data else None,
         )
     except ValueError as error:
-        raise InputError(str(error), where=where) from error
+        raise refused(error, where) from error
 
 
 def _block_sizes(value: Any, where: str) -> list[list[int]]:
@@ -171,14 +174,25 @@ def _block_sizes(value: Any, where: str) -> list[list[int]]:
 
 
 def known_keys(
-    data: Any, where: str, known: tuple[str, ...], *, required: tuple[str, ...] = ()
+    data: Any,
+    where: str,
+    known: tuple[str, ...],
+    *,
+    required: tuple[str, ...] = (),
+    hints: Mapping[str, str] = _NO_HINTS,
 ) -> None:
-    """Refuse anything but a table, an unknown key (naming the nearest known), a missing key."""
+    """Refuse anything but a table, an unknown key (naming the nearest known), a missing key.
+
+    hints : what to do about keys that are often meant.
+    """
     if not isinstance(data, dict):
         raise InputError("not a table of keys", where=where, expected="keys", got=_kind(data))
     for key in data:
         if key not in known:
-            raise InputError.unknown("key", str(key), known, where=where)
+            wrong = InputError.unknown("key", str(key), known, where=where)
+            wrong.hint = hints.get(key, wrong.hint)
+            wrong.args = (wrong.text(),)
+            raise wrong
     for key in required:
         if key not in data:
             raise InputError(
@@ -187,6 +201,45 @@ def known_keys(
                 expected=", ".join(required),
                 got=", ".join(map(str, data)) or "nothing",
             )
+
+
+def seconds(value: Any, where: str) -> float:
+    """Read a time as `number`; a text with a unit is pointed out.
+
+    Raises
+    ------
+    InputError : as `number`.
+    """
+    if isinstance(value, str):
+        raise InputError(
+            "not a finite number",
+            where=where,
+            expected="a finite number, in seconds",
+            got=format_value(value),
+            hint="without quotes and unit: 0.3 for 300 ms",
+        )
+    return number(value, where)
+
+
+def refused(error: ValueError, where: str) -> InputError:
+    """Return the refusal of a system's parts as an error with its parts apart."""
+    found = _SHAPE.fullmatch(str(error))
+    if found is None:
+        return InputError(str(error), where=where)
+    what, expected, got = found.groups()
+    return InputError(what, where=where, expected=expected, got=got, hint=_SHAPES.get(what[0]))
+
+
+_SHAPE = re.compile(r"(.*: wrong shape); expected (.*), got (.*)")
+_BY_STATE = "one row per state: a column is [[4.0], [3.0]]"
+_SHAPES = {
+    "A": "one row and one column per state",
+    "B": _BY_STATE,
+    "C": _BY_STATE,
+    "D": "one column per state: a row is [[4.0, 3.0]]",
+    "E": _BY_STATE,
+    "H": "one column per state: a row is [[4.0, 3.0]]",
+}
 
 
 def number(value: Any, where: str) -> float:
@@ -245,13 +298,23 @@ def first_difference(one: DelaySystem, other: DelaySystem) -> str | None:
     return next(differences(one, other, close=_CLOSE), None)
 
 
+def _other_counts(one: DelaySystem, other: DelaySystem) -> str | None:
+    """Return the numbers of states or of delays of two systems, if they differ."""
+    for what, key in (("states", "A"), ("delays", "delays")):
+        a, b = (len(getattr(system, key)) for system in (one, other))
+        if a != b:
+            return f"{what}: {a} and {b}"
+    return None
+
+
 def differences(one: DelaySystem, other: DelaySystem, *, close: float = 0.0) -> Iterator[str]:
     """Yield every place where two systems differ, as `A[1,2]: 0.5 and 0.6`; names are ignored.
 
     close : relative distance that entries of E and H may have.
     """
-    if len(one.delays) != len(other.delays):
-        yield f"delays: {len(one.delays)} and {len(other.delays)}"
+    counts = _other_counts(one, other)
+    if counts is not None:
+        yield counts
         return
     for kind in (("d", "feedback", "any_age"), ("least_age", "rate", "sampled")):
         facts = [

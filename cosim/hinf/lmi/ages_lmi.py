@@ -1,8 +1,8 @@
 """The LMI that analyses a given loop whose ages are known, for an SDP solver.
 
 The inequalities are those of `cosim.hinf.certificate.ages_proof`, which proves them again from
-the functional; docs/theory.md derives them. For u = K x with K given they are linear in all
-unknowns, and affine in every age, so that Phi < 0 at the corners is enough.
+the functional; docs/explanation/theory.md derives them. For u = K x with K given they are linear
+in all unknowns, and affine in every age, so that Phi < 0 at the corners is enough.
 
 One small LMI for each part of the loop (`parts`), tied by gamma and eps alone: the four axes of
 the vehicle are solved in seconds instead of minutes.

@@ -33,12 +33,13 @@ from .other_delays import (
     with_delays as with_delays,
     without_uncertainty as without_uncertainty,
 )
+from .system_keys import SYSTEM_TABLES as SYSTEM_TABLES
 from .system_toml import (
     BUILT_IN_SYSTEMS as BUILT_IN_SYSTEMS,
     Delay as Delay,
     DelaySystem as DelaySystem,
     NamedSystem as NamedSystem,
-    parse_toml as parse_toml,
     system_by_name as system_by_name,
+    unknown_system as unknown_system,
 )
 from .weights import weighted as weighted

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from cosim.core import InputError
+from cosim.core import InputError, counted
 from cosim.hinf.certificate import (
     MAX_OFFSETS,
     Damping,
@@ -124,7 +124,7 @@ def _start(
         raise InputError(
             "the offset does not fit the system",
             where=f"{prefix}offset",
-            expected=f"{n} numbers, one per state",
+            expected=f"{counted(n, 'number')}, one per state",
             got=f"{len(box)} of them",
         )
     for i, value in enumerate(box):

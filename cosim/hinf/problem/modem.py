@@ -76,6 +76,7 @@ class Modem:
                 where="loss",
                 expected="from 0 to below 1",
                 got=repr(self.loss),
+                hint="a probability: 0.05 for 5 %",
             )
         if self.losses is not None and not 0 <= self.losses <= _MOST_LOSSES:
             raise InputError(

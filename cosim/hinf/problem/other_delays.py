@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from cosim.core import InputError
+from cosim.core import InputError, counted
 from cosim.models import Delay, DelaySystem
 
 
@@ -27,7 +27,7 @@ def with_delays(system: DelaySystem, lengths: Sequence[float]) -> DelaySystem:
         raise InputError(
             "the delays do not fit the system",
             where="delays",
-            expected=f"{len(system.delays)} numbers of seconds",
+            expected=f"{counted(len(system.delays), 'number')} of seconds",
             got=str(list(lengths)),
         )
     try:
@@ -56,7 +56,7 @@ def with_ages(
         raise InputError(
             "the least ages do not fit the system",
             where="least_ages",
-            expected=f"{len(system.delays)} numbers of seconds",
+            expected=f"{counted(len(system.delays), 'number')} of seconds",
             got=str(least),
         )
     if sampled and system.immediate_feedback:

@@ -43,6 +43,8 @@ state-space or, for a diagonal filter, as transfer functions by falling powers o
     numerators = [[1.0]]                  # one per w; here 1 / (10 s + 1)
     denominators = [[10.0, 1.0]]
 
+`schema = 1` above the tables says the version of their keys (`cosim.core.file_kinds`).
+
 Optional settings of a design, k1 and k2 one number per delay, with its constraints
 (`cosim.hinf.problem.design_constraints`)::
 
@@ -61,35 +63,30 @@ Optional settings of a design, k1 and k2 one number per delay, with its constrai
 
 from __future__ import annotations
 
-import gc
-import re
-import tomllib
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from cosim.core import InputError
+from cosim.core import SYSTEM_FILE, InputError, unreadable
+from cosim.hinf import problem
 from cosim.hinf.certificate import (
-    BLOCKS,
-    MATRICES,
     assembled,
     delay_from,
     format_value,
     known_keys,
     matrix_from_rows,
     number,
+    refused,
+    seconds,
 )
-from cosim.hinf.problem.auv import DEFAULT_K1, DEFAULT_K2, auv_system
 from cosim.hinf.problem.design_constraints import (
-    KEYS as DESIGN_CONSTRAINT_KEYS,
     DesignConstraints,
     design_constraints_from_table,
 )
-from cosim.hinf.problem.feedback_structure import states_of, with_integral
-from cosim.hinf.problem.filters import Filter, filtered
-from cosim.hinf.problem.weights import weighted
+from cosim.hinf.problem.misplaced_keys import AT_THE_TOP, IN_DESIGN, IN_SYSTEM, OTHER_FILES
+from cosim.hinf.problem.system_keys import DESIGN, FILTER, INTEGRAL, SYSTEM
 from cosim.models import (
     Delay as Delay,  # noqa: PLC0414 - the face of this package offers it
     DelaySystem as DelaySystem,  # noqa: PLC0414 - the same
@@ -97,6 +94,8 @@ from cosim.models import (
 )
 
 BUILT_IN_SYSTEMS = ("paper", "auv")
+"""Names of the systems that need no file."""
+
 _ONE_DELAY = ("d", "A1", "H1")
 
 
@@ -132,10 +131,17 @@ def system_by_name(name: str) -> NamedSystem:
     if name == "paper":
         return NamedSystem(paper_example.system(), (paper_example.K1,), (paper_example.K2,))
     if name == "auv":
-        return NamedSystem(auv_system(), DEFAULT_K1, DEFAULT_K2)
+        return NamedSystem(problem.auv_system(), problem.DEFAULT_K1, problem.DEFAULT_K2)
     if not name.endswith(".toml"):
-        raise InputError.unknown("system", name, (*BUILT_IN_SYSTEMS, "FILE.toml"))
+        raise unknown_system(name)
     return load_system(name)
+
+
+def unknown_system(name: str, where: str | None = None) -> InputError:
+    """Return the error for a name that is neither a built-in system nor a file of one."""
+    hint = OTHER_FILES.get(Path(name).suffix, "a system of your own is a TOML file")
+    known = (*BUILT_IN_SYSTEMS, "FILE.toml")
+    return InputError.unknown("system", name, known, where=where, hint=hint.format(file=name))
 
 
 def load_system(path: str | Path) -> NamedSystem:
@@ -150,7 +156,7 @@ def load_system(path: str | Path) -> NamedSystem:
     try:
         text = path.read_text("utf-8")
     except (OSError, UnicodeDecodeError) as error:
-        raise InputError("the file cannot be read", where=str(path), got=str(error)) from error
+        raise unreadable(path, error) from error
     return system_from_toml(text, where=str(path), name=path.stem)
 
 
@@ -161,17 +167,15 @@ def system_from_toml(text: str, *, where: str, name: str) -> NamedSystem:
     ------
     InputError : as `load_system`.
     """
-    data = parse_toml(text, where)
-    known_keys(data, where, ("system", "design", "weights"), required=("system",))
+    data = SYSTEM_FILE.from_toml(text, where)
+    known_keys(data, where, ("system", "design", "weights"), required=("system",), hints=AT_THE_TOP)
     table, place = data["system"], f"{where}: system"
-    more = ("delays", "name", "weights", "feedback", "integral", BLOCKS)
-    keys = (*MATRICES, *_ONE_DELAY, *more)
-    known_keys(table, place, keys, required=("A",))
+    known_keys(table, place, tuple(SYSTEM), required=("A",), hints=IN_SYSTEM)
     system = assembled(table, _delays(table, place), place, name)
     weights, unweighted = None, None
     if "weights" in table:
         weights, unweighted = _numbers(table["weights"], f"{place}.weights"), system
-        system = weighted(unweighted, weights, where=f"{place}.weights")
+        system = problem.weighted(unweighted, weights, where=f"{place}.weights")
     N, plant = len(system.delays), None
     if "integral" in table or "weights" in data:
         plant = system
@@ -179,7 +183,7 @@ def system_from_toml(text: str, *, where: str, name: str) -> NamedSystem:
         unweighted = None if unweighted is None else _with_more_states(unweighted, data, where)
     place = f"{where}: design"
     design = data.get("design", {})
-    known_keys(design, place, ("k1", "k2", "gamma", *DESIGN_CONSTRAINT_KEYS))
+    known_keys(design, place, tuple(DESIGN), hints=IN_DESIGN)
     k1 = _scalars(design["k1"], f"{place}.k1", N) if "k1" in design else None
     k2 = _scalars(design["k2"], f"{place}.k2", N) if "k2" in design else None
     if k2 is not None and 0.0 in k2:
@@ -202,35 +206,6 @@ def system_from_toml(text: str, *, where: str, name: str) -> NamedSystem:
     return NamedSystem(system, k1, k2, gamma, weights, unweighted, design_constraints, plant)
 
 
-def parse_toml(text: str, where: str) -> dict[str, Any]:
-    """Parse TOML.
-
-    Raises
-    ------
-    InputError : it is malformed; the message has the line and its content.
-    """
-    # a finaliser that the collector runs where nesting has used up the stack would fail, and say so
-    collecting = gc.isenabled()
-    gc.disable()
-    try:
-        return tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        place = re.search(r"line (\d+)", str(error))
-        # "at end of document": the last line is where something is missing
-        lines = text.splitlines() or [""]
-        line = int(place.group(1)) if place else len(lines)
-        content = lines[min(line, len(lines)) - 1].strip()
-        raise InputError(
-            "malformed TOML", where=f"{where}:{line}", expected=str(error), got=content
-        ) from error
-    except (ValueError, RecursionError) as error:
-        # beyond the limits of the parser: an integer of thousands of digits, deep nesting
-        raise InputError("malformed TOML", where=where, got=str(error)) from error
-    finally:
-        if collecting:
-            gc.enable()
-
-
 def _delays(data: dict[str, Any], where: str) -> list[Delay]:
     """Return the delays of either spelling."""
     n = len(data["A"]) if isinstance(data["A"], list) else 0
@@ -249,7 +224,9 @@ def _delays(data: dict[str, Any], where: str) -> list[Delay]:
                 "not a list of delays",
                 where=f"{where}.delays",
                 expected="[[system.delays]], double brackets",
-                got=type(tables).__name__,
+                got="[system.delays], single brackets"
+                if isinstance(tables, dict)
+                else format_value(tables),
             )
         return [delay_from(table, f"{where}.delays[{i}]", n) for i, table in enumerate(tables)]
     if one and (one == ["d"] or "d" not in one):
@@ -258,17 +235,18 @@ def _delays(data: dict[str, Any], where: str) -> list[Delay]:
             where=where,
             expected="d, and A1 or H1 (or both)",
             got=", ".join(one),
-            hint="a delay through which only the control acts is a [[system.delays]]",
+            hint="a delay of the feedback alone is a table [[system.delays]], with "
+            f"d = {format_value(data.get('d', 0.3))}, feedback = true, any_age = true",
         )
     if not one:
         return []
     A1 = matrix_from_rows(data["A1"], f"{where}.A1") if "A1" in data else np.zeros((n, n))
     H1 = matrix_from_rows(data["H1"], f"{where}.H1") if "H1" in data else None
-    d = number(data["d"], f"{where}.d")
+    d = seconds(data["d"], f"{where}.d")
     try:
         return [Delay(d, A1, H1)]
     except ValueError as error:
-        raise InputError(str(error), where=f"{where} (d, A1, H1)") from error
+        raise refused(error, f"{where} (d, A1, H1)") from error
 
 
 def _with_more_states(system: DelaySystem, data: dict[str, Any], where: str) -> DelaySystem:
@@ -277,23 +255,23 @@ def _with_more_states(system: DelaySystem, data: dict[str, Any], where: str) -> 
         tables = data["weights"]
         known_keys(tables, f"{where}: weights", ("z", "w"))
         filters = {key: _filter(tables[key], f"{where}: weights.{key}") for key in tables}
-        system = filtered(system, **filters)
+        system = problem.filtered(system, **filters)
     if "integral" in data["system"]:
         settings = _integral(data["system"]["integral"], f"{where}: system.integral")
-        system = with_integral(system, **settings)
+        system = problem.with_integral(system, **settings)
     return system
 
 
-def _filter(table: Any, where: str) -> Filter:
+def _filter(table: Any, where: str) -> problem.Filter:
     """Read a filter from its table, in either spelling."""
     quotients = ("numerators", "denominators")
-    known_keys(table, where, ("A", "B", "C", "D", *quotients))
+    known_keys(table, where, tuple(FILTER))
     spelling = quotients if any(key in table for key in quotients) else ("A", "B", "C")
     allowed = quotients if spelling is quotients else ("A", "B", "C", "D")
     known_keys(table, where, allowed, required=spelling)
     if spelling is not quotients:
         matrices = {key: matrix_from_rows(table[key], f"{where}.{key}") for key in table}
-        return Filter.from_matrices(**matrices, where=where)
+        return problem.Filter.from_matrices(**matrices, where=where)
     rows = []
     for key in quotients:
         if not isinstance(table[key], list):
@@ -311,19 +289,19 @@ def _filter(table: Any, where: str) -> Filter:
             expected="one denominator per numerator",
             got=f"{len(rows[0])} and {len(rows[1])}",
         )
-    return Filter.from_coefficients(list(zip(*rows, strict=True)), where=where)
+    return problem.Filter.from_coefficients(list(zip(*rows, strict=True)), where=where)
 
 
 def _integral(table: Any, where: str) -> dict[str, Any]:
     """Return the arguments of `with_integral` in a table."""
-    known_keys(table, where, ("of", "weights", "age"), required=("of",))
+    known_keys(table, where, tuple(INTEGRAL), required=("of",))
     settings: dict[str, Any] = {}
     of = table["of"]
     if isinstance(of, list) and of and isinstance(of[0], list):
         settings["integrated"] = matrix_from_rows(of, f"{where}.of")
     else:
         states = _numbers(of, f"{where}.of")
-        settings["integrated"] = states_of(states, f"{where}.of")
+        settings["integrated"] = problem.states_of(states, f"{where}.of")
     if "weights" in table:
         settings["weights"] = _numbers(table["weights"], f"{where}.weights")
     if "age" in table:

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from cosim.core import InputError
+from cosim.core import InputError, counted
 from cosim.models import DelaySystem
 
 
@@ -35,7 +35,9 @@ def weighted(
         raise InputError(
             "the weights do not fit the system",
             where=where,
-            expected=f"{p} numbers, one per output z" if p else "none: this system has no z",
+            expected=f"{counted(p, 'number')}, one per output z"
+            if p
+            else "none: this system has no z",
             got=f"{len(values)} of them",
         )
     wrong = [value for value in values if not (math.isfinite(value) and value > 0)]

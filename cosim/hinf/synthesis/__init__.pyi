@@ -13,18 +13,17 @@ from .certified_delays import (
     CertifiedDelay as CertifiedDelay,
     certified_delay as certified_delay,
 )
+from .certified_design import Design as Design
 from .cvxpy_lmi import (
     CvxpyLmi as CvxpyLmi,
     as_cvxpy as as_cvxpy,
 )
 from .design_file import (
+    design_from_certificate as design_from_certificate,
     design_from_json as design_from_json,
     design_to_json as design_to_json,
 )
-from .designs import (
-    Design as Design,
-    quickly_proved as quickly_proved,
-)
+from .designs import quickly_proved as quickly_proved
 from .gain_design import (
     design as design,
     greatest_delay as greatest_delay,

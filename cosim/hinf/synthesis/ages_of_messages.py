@@ -28,12 +28,14 @@ from cosim.hinf.nominal import (
 from cosim.hinf.problem import refuse_structure
 from cosim.hinf.synthesis.analysis import Analysis, analyse, gain_of
 from cosim.hinf.synthesis.certified_delays import certified_age
-from cosim.hinf.synthesis.designs import Design
+from cosim.hinf.synthesis.certified_design import Design
 from cosim.hinf.synthesis.gain_design import design
 from cosim.hinf.synthesis.greatest_delays import DELAY_LIMIT
 from cosim.models import Delay, DelaySystem
 
 Assumption = Literal["any", "sampled", "constant"]
+"""What may be known of an age beside its bound."""
+
 ASSUMPTIONS: tuple[Assumption, ...] = ("any", "sampled", "constant")
 
 _SHARES = (0.25, 0.5, 0.75, 1.0, 1.5, 2.0)

@@ -18,7 +18,7 @@ from typing import Any, Literal, Protocol, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cosim.core import InputError, html_table, matrix_text
+from cosim.core import InputError, counted, html_table, matrix_text
 from cosim.hinf.certificate import (
     MAX_ORDER,
     Certificate,
@@ -45,6 +45,7 @@ from cosim.hinf.synthesis.conditions import (
     prove,
     widened,
 )
+from cosim.hinf.synthesis.result_text import proved_words, result_rows
 from cosim.models import DelaySystem, Matrix
 
 _ABOVE_LEAST = (2e-6, 1e-5, 5e-5, 3e-4, 2e-3, 1e-2, 5e-2)
@@ -118,33 +119,6 @@ class Analysis:
         if self.abscissa < 0 or any(delay.sampled for delay in self.system.delays):
             return "undecided"
         return verdict_of(self.system, gain_of(self.system, self.K), self.abscissa)[0]
-
-
-def proved_words(found: Any) -> str:
-    """Return what a design or an analysis proves, in a few words."""
-    if not found.certified:
-        return f"not certified: {found.reason}"
-    delays = found.system.delays
-    cover = ", for every smaller delay too" if delays and found.covers_smaller_delays else ""
-    what = "stability" if found.gamma is None else f"gamma {found.gamma:.6g}"
-    return f"{what} certified{cover}"
-
-
-def result_rows(found: Any) -> dict[str, str]:
-    """Return the rows about a design or an analysis in a notebook."""
-    rows = {} if found.K is None else {"K": matrix_text(found.K, most=24)}
-    rows["certified"] = proved_words(found)
-    if found.abscissa is not None:
-        rows["rightmost root (computed)"] = f"real part {found.abscissa:.6g} 1/s"
-    if found.exact_norm is not None:
-        rows["norm of the nominal loop (computed)"] = f"{found.exact_norm:.6g}"
-    if found.exact_norm_upper is not None:
-        rows["the same, an upper bound (proved)"] = f"{found.exact_norm_upper:.6g}"
-    for i, margin in enumerate(found.delay_margin or (), 1):
-        rows[f"stable up to delay {i} of (computed)"] = (
-            "any" if margin is None else f"{margin:.6g} s"
-        )
-    return rows
 
 
 Order = int | Literal["auto"]
@@ -378,7 +352,7 @@ def gain_of(system: DelaySystem, gain: ArrayLike | None) -> NDArray[np.float64]:
         raise InputError(
             "the gain does not fit the system",
             where="gain",
-            expected=f"{m} rows of {n} finite numbers",
+            expected=f"{counted(m, 'row')} of {counted(n, 'finite number')}",
             got=f"shape {np.shape(K)}" if np.isfinite(K).all() else "not only finite numbers",
         )
     check_measured(K, system)

@@ -27,8 +27,8 @@ from cosim.hinf.lmi import (
 )
 from cosim.hinf.problem import DesignConstraints
 from cosim.hinf.synthesis import theorem_2
+from cosim.hinf.synthesis.certified_design import Design
 from cosim.hinf.synthesis.decay_search import corner_scalars, proved_decay
-from cosim.hinf.synthesis.designs import Design
 from cosim.hinf.synthesis.level_search import Level, best_level, level_of
 from cosim.hinf.synthesis.search import starts
 from cosim.hinf.synthesis.theorem_2 import checked_scalars

@@ -19,7 +19,8 @@ from cosim.core import InputError, NotAchievableError
 from cosim.hinf.lmi import Unknowns, omega, scaling_of, unknowns
 from cosim.hinf.nominal import checked_system
 from cosim.hinf.synthesis.analysis import gain_of
-from cosim.hinf.synthesis.designs import Design, check_achievable, rounded_gain
+from cosim.hinf.synthesis.certified_design import Design
+from cosim.hinf.synthesis.designs import check_achievable, rounded_gain
 from cosim.hinf.synthesis.search import starts
 from cosim.hinf.synthesis.theorem_2 import checked_scalars, design
 from cosim.models import DelaySystem, Matrix

@@ -22,9 +22,10 @@ from cosim.core import NotAchievableError
 from cosim.hinf.certificate import Damping, exact
 from cosim.hinf.lmi import units_of
 from cosim.hinf.problem import DesignConstraints
+from cosim.hinf.synthesis.certified_design import Design
 from cosim.hinf.synthesis.constrained_search import describe_constraints, with_guarantees
 from cosim.hinf.synthesis.descent import proposals
-from cosim.hinf.synthesis.designs import Design, rounded_gain
+from cosim.hinf.synthesis.designs import rounded_gain
 from cosim.hinf.synthesis.loop_gain import LoopGain
 from cosim.hinf.synthesis.stabilisability import NoGainError
 from cosim.models import DelaySystem, Matrix

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import scipy
 
+from cosim.core import report
 from cosim.hinf.lmi import ROUGH_TOLERANCE, Answer, Array, Problem, Scalars
 from cosim.hinf.synthesis.search import MULTIPLES, RATIO_LIMIT, SearchDoneError, scaled, starts
 
@@ -55,6 +56,7 @@ def search_greatest_delay(
         key = u.tobytes()
         if key not in seen:
             at = scalars(u)
+            report("searching the greatest delay", 1.0 - (budget - problem.solve_count) / _SOLVES)
             found = _slack(problem, at, gamma)
             if found is None:
                 seen[key] = (_WALL, np.zeros(2 * N + 1))

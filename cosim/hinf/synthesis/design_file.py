@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from contextlib import suppress
+from dataclasses import asdict, replace
 from fractions import Fraction
 from typing import Any
 
 import numpy as np
 
-from cosim.core import InputError
+from cosim.core import InputError, NotAchievableError
+from cosim.hinf import nominal
 from cosim.hinf.certificate import (
     KEY,
     check_certificate,
@@ -17,8 +19,7 @@ from cosim.hinf.certificate import (
     number,
     system_from_json,
 )
-from cosim.hinf.nominal import worst_case_from_json
-from cosim.hinf.synthesis.designs import Design
+from cosim.hinf.synthesis.certified_design import Design
 
 # computed, not part of the claim
 _FIGURES = ("least_gamma", "abscissa", "exact_norm", "norm_frequency")
@@ -46,9 +47,7 @@ def design_from_json(data: Any, *, where: str) -> Design:
     ------
     InputError : not a design, or one whose proof does not hold.
     """
-    proof = check_certificate(data)
-    if not proof.valid:
-        raise InputError("the proof of this design does not hold", where=where, got=proof.reason)
+    _require_proof(data, where)
     figures = data.get("figures")
     known = set(_FIGURES + _LATER_FIGURES)
     if not isinstance(figures, dict) or not set(_FIGURES) <= set(figures) <= known:
@@ -60,6 +59,47 @@ def design_from_json(data: Any, *, where: str) -> Design:
             expected=f"figures: {', '.join(_FIGURES)}, optionally {', '.join(_LATER_FIGURES)}",
             got=format_value(sorted(figures) if isinstance(figures, dict) else figures),
         )
+    return _design(data, figures, where)
+
+
+def design_from_certificate(data: Any, *, where: str) -> Design:
+    """Read a design from its certificate alone, as a controller FMU carries it.
+
+    The figures of the nominal loop, which no claim depends on, are computed.
+
+    Raises
+    ------
+    InputError : a proof that does not hold, or that is not about a gain.
+    """
+    _require_proof(data, where)
+    K, variables = data.get("K"), data.get("variables")
+    if not K or not K[0] or not isinstance(variables, dict) or "gamma" not in variables:
+        raise InputError(
+            "not a design", where=where, expected="the proof of a gain", got=_kind_of(data)
+        )
+    system, found = system_from_json(data["system"]), None
+    with suppress(NotAchievableError, np.linalg.LinAlgError), np.errstate(all="ignore"):
+        found = nominal.nominal_figures_of(system, K)
+    if found is None:
+        return _design(data, {}, where)
+    margin = found.delay_margin
+    figures = found._asdict() | {"delay_margin": None if margin is None else list(margin)}
+    worst = nominal.worst_case_at(system, np.array(K), found.norm_frequency)
+    return replace(_design(data, figures, where), worst_case=worst)
+
+
+def _require_proof(data: Any, where: str) -> None:
+    proof = check_certificate(data)
+    if not proof.valid:
+        raise InputError("the proof of this design does not hold", where=where, got=proof.reason)
+
+
+def _kind_of(data: Any) -> str:
+    return f"a certificate of kind {data['kind']}" if "kind" in data else "no gain K"
+
+
+def _design(data: Any, figures: dict[str, Any], where: str) -> Design:
+    """Return the design of a certificate whose proof holds, with these figures."""
     # the claimed values are read from the proof, never from a note beside it
     proved = data["variables"]
     system = system_from_json(data["system"])
@@ -72,7 +112,7 @@ def design_from_json(data: Any, *, where: str) -> Design:
         margins = _margins(margins, f"{where}: delay_margin", len(system.delays))
     worst = figures.get("worst_case")
     if worst is not None:
-        worst = worst_case_from_json(worst, f"{where}: worst_case", system.C.shape[1])
+        worst = nominal.worst_case_from_json(worst, f"{where}: worst_case", system.C.shape[1])
     order: int | None = proved.get("order")
     own = ("kind", "theorem", "claim", "system", "variables", "K", KEY)
     return Design(

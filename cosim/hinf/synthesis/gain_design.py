@@ -29,6 +29,7 @@ from cosim.hinf.problem import (
 from cosim.hinf.synthesis import theorem_2
 from cosim.hinf.synthesis.analysis import Order, analyse
 from cosim.hinf.synthesis.bessel_legendre_gains import bessel_legendre_gains, check_order
+from cosim.hinf.synthesis.certified_design import Design
 from cosim.hinf.synthesis.constrained_search import (
     ConstrainedSearch,
     constrained,
@@ -39,12 +40,7 @@ from cosim.hinf.synthesis.constrained_search import (
 )
 from cosim.hinf.synthesis.cvxpy_lmi import cvxpy_design
 from cosim.hinf.synthesis.damped_gains import damped_design
-from cosim.hinf.synthesis.designs import (
-    Design,
-    check_achievable,
-    given_gain_design,
-    proved_by_analysis,
-)
+from cosim.hinf.synthesis.designs import check_achievable, given_gain_design, proved_by_analysis
 from cosim.hinf.synthesis.greatest_delays import (
     DELAY_LIMIT,
     GreatestDelay,

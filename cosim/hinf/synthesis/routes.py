@@ -28,7 +28,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from itertools import chain
 
-from cosim.core import NotAchievableError
+from cosim.core import NotAchievableError, report
 from cosim.hinf.nominal import NominalFigures
 from cosim.hinf.problem import ages_are_known, of_any_age
 from cosim.hinf.synthesis import theorem_2
@@ -40,8 +40,9 @@ from cosim.hinf.synthesis.ages_gains import (
 )
 from cosim.hinf.synthesis.analysis import Analysis, Order, best_analysis, is_exact, preferred
 from cosim.hinf.synthesis.bessel_legendre_gains import bessel_legendre_gains
+from cosim.hinf.synthesis.certified_design import Design
 from cosim.hinf.synthesis.cvxpy_lmi import cvxpy_design
-from cosim.hinf.synthesis.designs import Design, design_of_analysis, proved_by_analysis
+from cosim.hinf.synthesis.designs import design_of_analysis, proved_by_analysis
 from cosim.hinf.synthesis.not_achievable import none_succeeded
 from cosim.hinf.synthesis.stabilisability import NoGainError, unstabilisable_error
 from cosim.hinf.synthesis.structured_gains import descent_design
@@ -100,6 +101,7 @@ def designed_by_some_route(asked: Request, order: Order = "auto") -> Design:
     for route in _routes_with_ages(asked, order) if known else _routes(asked):
         if found and not route.improves:
             continue
+        report(route.name, 0.0)
         try:
             found.append(route.design(found))
         except NotAchievableError as error:
@@ -122,6 +124,7 @@ def analysed_again(found: Design) -> Design:
     figures = NominalFigures.of(found)
     if _unknowns(found.system, 0) > _MOST_UNKNOWNS or is_exact(found):
         return found
+    report("the best proof of this gain", 0.0)
     again = best_analysis(found.system, found.K, None, "auto", figures)
     if not again.certified:
         return found

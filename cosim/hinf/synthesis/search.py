@@ -12,10 +12,12 @@ import math
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from itertools import count
 
 import numpy as np
 import scipy
 
+from cosim.core import report
 from cosim.hinf.lmi import ROUGH_TOLERANCE, Answer, Array, Problem, Scalars, Solution
 from cosim.models import DelaySystem, Matrix
 
@@ -47,8 +49,11 @@ def least_gamma(
     be proved, so the others are kept: each is worse than the one before by `_APART` at least.
     """
     passed: list[tuple[Scalars, float]] = []
+    asked = count()
+    expected = len(starts(p)) + 2 * _STEPS_ALONG + _STEPS
 
     def ask(at: Scalars) -> Answer | None:
+        report("searching k1, k2", next(asked) / expected)
         answer = _answer(problem.least_gamma(at, gain, ROUGH_TOLERANCE))
         if answer is not None and answer.value > 0:
             passed.append((at, answer.value))
@@ -77,8 +82,11 @@ def widest_margin(
     problem: Problem, p: Scalars, gamma: float | None, gain: Matrix | None = None
 ) -> tuple[Scalars, float] | None:
     """Return k1, k2 with a margin at the delays of `p`, and the margin; < 0: none was found."""
+    asked = count()
+    expected = len(starts(p)) + 2 * _STEPS
 
     def ask(at: Scalars) -> Answer | None:
+        report("searching k1, k2 for stability", next(asked) / expected)
         return _answer(problem.margin(at, gamma, gain, tolerance=ROUGH_TOLERANCE))
 
     found = _feasible_starts(ask, p)

@@ -20,15 +20,11 @@ from cosim.hinf.problem import DesignConstraints
 from cosim.hinf.synthesis import theorem_2
 from cosim.hinf.synthesis.ages_gains import is_past_the_best
 from cosim.hinf.synthesis.analysis import Analysis, Order
+from cosim.hinf.synthesis.certified_design import Design
 from cosim.hinf.synthesis.constrained_search import constrained
 from cosim.hinf.synthesis.damped_gains import damped_design
 from cosim.hinf.synthesis.descent import proposals
-from cosim.hinf.synthesis.designs import (
-    Design,
-    given_gain_design,
-    proved_by_analysis,
-    rounded_gain,
-)
+from cosim.hinf.synthesis.designs import given_gain_design, proved_by_analysis, rounded_gain
 from cosim.hinf.synthesis.loop_gain import LoopGain
 from cosim.hinf.synthesis.search import initial_scalars
 from cosim.models import Delay, DelaySystem, Matrix

@@ -21,7 +21,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cosim.core import InputError, NotAchievableError
+from cosim.core import InputError, NotAchievableError, counted
 from cosim.hinf.certificate import Variables, certify
 from cosim.hinf.lmi import (
     Answer,
@@ -37,12 +37,8 @@ from cosim.hinf.lmi import (
 from cosim.hinf.nominal import one_thread
 from cosim.hinf.problem import refuse_structure
 from cosim.hinf.synthesis.analysis import gain_of
-from cosim.hinf.synthesis.designs import (
-    Design,
-    check_achievable,
-    design_of_theorem_2,
-    rounded_gain,
-)
+from cosim.hinf.synthesis.certified_design import Design
+from cosim.hinf.synthesis.designs import check_achievable, design_of_theorem_2, rounded_gain
 from cosim.hinf.synthesis.ladder import FAR, NEAR, first_proved, levels_above
 from cosim.hinf.synthesis.not_achievable import (
     gamma_below_least,
@@ -261,7 +257,7 @@ def _scalars(name: str, values: Sequence[float], system: DelaySystem) -> tuple[f
         raise InputError(
             f"{name} does not fit the system",
             where=name,
-            expected=f"{len(system.delays)} finite numbers, one per delay",
+            expected=f"{counted(len(system.delays), 'finite number')}, one per delay",
             got=str(list(numbers)),
         )
     return numbers

@@ -13,7 +13,7 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from multiprocessing.connection import Connection
 from multiprocessing.reduction import recv_handle
 from pathlib import Path
@@ -99,6 +99,9 @@ class _Executor:
                 if kind == messages.CLOSE:
                     self._close(number)
                     continue
+                if kind == messages.CALL:
+                    self._call(number, *rest)
+                    continue
                 job = rest[0]
                 wired = job.wired or self._wired(job)
             except (EOFError, OSError):
@@ -109,6 +112,12 @@ class _Executor:
         data = messages.packed((number, kind, *content))
         with self._guard:  # an FMU may log from a thread of its own
             self._connection.send_bytes(data)
+
+    def _call(self, number: int, function: Callable[..., Any], arguments: Sequence[Any]) -> None:
+        try:
+            self._send(number, messages.CALLED, function(*arguments))
+        except Exception as error:  # noqa: BLE001 - raised in the parent
+            self._send(number, messages.RAISED, *messages.exception_parts(error))
 
     def _wired(self, job: Job) -> tuple[Wiring, SharedRun]:
         descriptor = recv_handle(self._connection)

@@ -7,12 +7,12 @@ import selectors
 import signal
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from multiprocessing.reduction import send_handle
 from types import MappingProxyType
 from typing import Any, Final, Protocol
 
-from cosim.core import DEATH_HINTS, ComponentError, InputError, death_of
+from cosim.core import InputError, death_of
 from cosim.fmu import own_folder, unpack_fmu
 from cosim.master.adjustments import Adjustments
 from cosim.master.engine import EngineChoice, EngineName
@@ -20,15 +20,14 @@ from cosim.master.observers import Observer, ObserverDispatch
 from cosim.master.run import Run, RunStatus
 from cosim.master.session import Session
 from cosim.master.supervision import messages
-from cosim.master.supervision.limits import Limits
+from cosim.master.supervision.broken_off import BrokenOffError, CallInProgress, broken_off
+from cosim.master.supervision.limits import Limits, Timer
 from cosim.master.supervision.messages import Job
 from cosim.master.supervision.output import Output
 from cosim.master.supervision.process import Worker
-from cosim.master.supervision.shared import SharedRun, reserve
+from cosim.master.supervision.wired import Wired
 from cosim.master.system import System
 from cosim.master.table import Move, Set, make_table
-from cosim.master.wire import wire
-from cosim.master.wiring import RowMemory, Wiring
 from cosim.trace import Cause, CauseKind
 
 _TICK_S: Final = 0.02
@@ -46,47 +45,6 @@ class Interruption(Protocol):
     @property
     def requested(self) -> int:
         """The number of the signal, or 0."""
-
-
-class _BrokenOffError(Exception):
-    """The child is gone; `cause` says why, `words` is the message."""
-
-    def __init__(self, cause: Cause, words: str) -> None:
-        super().__init__(words)
-        self.cause, self.words = cause, words
-
-
-@dataclass(frozen=True, eq=False)
-class Wired:
-    """A wiring whose rows lie in shared memory.
-
-    Attributes
-    ----------
-    wiring : of the run.
-    shared, descriptor, size : the memory, as `reserve` returns it.
-    """
-
-    wiring: Wiring
-    shared: SharedRun
-    descriptor: int
-    size: int
-
-    @classmethod
-    def of(cls, system: System) -> Wired:
-        """Wire a system.
-
-        Raises
-        ------
-        InputError : see `wire` and `reserve`.
-        """
-        made: list[tuple[SharedRun, int, int]] = []
-
-        def memory(shape: tuple[int, int]) -> RowMemory:
-            if not made:
-                made.append(reserve(shape))
-            return made[0][0].rows(shape)
-
-        return cls(wire(system, memory), *made[0])
 
 
 class FollowedRun:
@@ -158,7 +116,7 @@ class FollowedRun:
         self._send_descriptor(send=not there)
         try:
             kind, *content = self._follow(messages.CONDUCTED, messages.RAISED)
-        except _BrokenOffError as broken:
+        except BrokenOffError as broken:
             return self._broken_off(broken), None
         except BaseException as error:
             self._abandon(error)
@@ -182,7 +140,7 @@ class FollowedRun:
         try:
             self._send(messages.CLOSE)
             _, self.end_failure = self._follow(messages.CLOSED)
-        except _BrokenOffError as broken:
+        except BrokenOffError as broken:
             self.end_failure = broken.cause, broken.words
         self._end_output()
         if not self._muted:
@@ -203,7 +161,7 @@ class FollowedRun:
         found = (self._wiring, complete, status, reason, self._engine, cause)
         return Run.of(*found, kept=self._keep)
 
-    def _broken_off(self, broken: _BrokenOffError) -> Run:
+    def _broken_off(self, broken: BrokenOffError) -> Run:
         """Return the run up to its last complete row, all of which the observers receive."""
         self._over = True
         complete = self._complete()
@@ -223,7 +181,7 @@ class FollowedRun:
             self._shared.request_stop()
             try:
                 self._follow(messages.CONDUCTED, messages.RAISED)
-            except _BrokenOffError:
+            except BrokenOffError:
                 self._over = True
         else:
             self._worker.kill()
@@ -250,9 +208,9 @@ class FollowedRun:
 
         Raises
         ------
-        _BrokenOffError : the child is dead, by itself or because it exceeded a limit.
+        BrokenOffError : the child is dead, by itself or because it exceeded a limit.
         """
-        timer = _Timer(self._patient, closing=last == (messages.CLOSED,))
+        timer = Timer(self._patient, closing=last == (messages.CLOSED,))
         with selectors.DefaultSelector() as selector:
             selector.register(self._worker.connection, selectors.EVENT_READ)
             for output in self._outputs:
@@ -340,12 +298,12 @@ class FollowedRun:
         death = death_of(status)
         raise self._broken(death.kind, f"the process of the components {death.words}")
 
-    def _check(self, timer: _Timer) -> None:
+    def _check(self, timer: Timer) -> None:
         """Check limits and interruption; end the child where it exceeds its time.
 
         Raises
         ------
-        _BrokenOffError : it was ended.
+        BrokenOffError : it was ended.
         """
         now = time.monotonic()
         over = timer.exceeded(now, self._shared.in_call, begun=self._begun)
@@ -377,37 +335,28 @@ class FollowedRun:
         self._stop_since, self._stop_cause = now, cause
         self._shared.request_stop()
 
-    def _broken(self, kind: CauseKind, what: str, limit: str | None = None) -> _BrokenOffError:
-        """Say that the child is gone, in which call of which component, and when."""
-        component, call, time_ns = self._call_in_progress()
-        seconds = None if not self._begun and not time_ns else time_ns / 1e9
-        lines = [line for output in self._outputs[1:] for line in output.last]
-        path = "" if component is None else self._system.components[component].description.path.name
-        where = "the run" if component is None else f"component {component!r} ({path})"
-        place = "" if call is None else f" in {call}"
-        at = "before the first communication point" if seconds is None else f"at t = {seconds:g} s"
-        error = ComponentError(
-            f"{what}{place} {at}",
-            where=where,
-            got=" | ".join(lines) or None,
-            hint=_HINTS.get(limit or kind),
-        )
-        return _BrokenOffError(Cause(kind, component, call, seconds, what), error.text())
-
-    def _call_in_progress(self) -> tuple[str | None, str | None, int]:
-        """Return component, call and time [ns]; no component between two calls."""
+    def _call_in_progress(self) -> CallInProgress:
         points = self._points.points_ns
+        component = call = None
         if self._shared.in_loop:
             k, number = self._table.place()
             self._make_ready(k)
             if number >= len(self._table.operations):  # several step side by side
                 number = self._table.place_in_team() or number
             component, call = self._table.call(number)
-            return component or None, call or None, int(points[k])
-        outside = self._shared.outside_call()
-        if outside is not None:
-            return outside
-        return None, None, int(points[min(self._shared.complete, self._points.count - 1)])
+            time_ns = int(points[k])
+        elif (outside := self._shared.outside_call()) is not None:
+            component, call, time_ns = outside
+        else:
+            time_ns = int(points[min(self._shared.complete, self._points.count - 1)])
+        seconds = time_ns / 1e9 if self._begun or time_ns else None
+        return CallInProgress(component or None, call or None, seconds)
+
+    def _broken(self, kind: CauseKind, what: str, limit: str | None = None) -> BrokenOffError:
+        """Say that the child is gone, in which call of which component, and when."""
+        printed = [line for output in self._outputs[1:] for line in output.last]
+        at = self._call_in_progress()
+        return broken_off(self._system, kind, what, at, limit=limit, printed=printed)
 
     def _complete(self) -> int:
         """Return how many rows a child that is gone has completed."""
@@ -438,42 +387,3 @@ class FollowedRun:
             if not output.ended:
                 output.read(self._log_output)
             output.end_run(self._log_output)
-
-
-class _Timer:
-    """Knows how long start, run, end and the call in progress have taken."""
-
-    def __init__(self, limits: Limits, *, closing: bool) -> None:
-        self._limits, self._closing = limits, closing
-        self._since = self._call_since = time.monotonic()
-        self._begun_at: float | None = None
-        self._call: tuple[int, int] | None = None
-
-    def exceeded(self, now: float, call: tuple[int, int] | None, *, begun: bool) -> str | None:
-        """Return the name of a limit that is exceeded."""
-        if call != self._call:
-            self._call, self._call_since = call, now
-        if self._closing:
-            return "end" if _more(now - self._since, self._limits.end) else None
-        if _more(now - self._since, self._limits.run):
-            return "run"
-        if not begun:
-            return "start" if _more(now - self._since, self._limits.start) else None
-        taken = now - self._call_since
-        return "call" if call is not None and _more(taken, self._limits.call) else None
-
-
-def _more(seconds: float, limit: float | None) -> bool:
-    return limit is not None and seconds > limit
-
-
-_HINTS: Final[Mapping[str, str]] = MappingProxyType(
-    {
-        **DEATH_HINTS,
-        **{
-            f"limits.{name}": f"a greater limit: --limit {name}=..., or limits.{name} in the "
-            "scenario; none for no limit"
-            for name in ("call", "run", "start", "end", "memory")
-        },
-    }
-)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import time
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -37,3 +38,29 @@ class Limits:
     memory: int | None = field(default_factory=most_memory)
     start: float | None = HOUR_S
     end: float | None = HOUR_S / 6
+
+
+class Timer:
+    """Knows how long start, run, end and the call in progress have taken."""
+
+    def __init__(self, limits: Limits, *, closing: bool) -> None:
+        self._limits, self._closing = limits, closing
+        self._since = self._call_since = time.monotonic()
+        self._call: tuple[int, int] | None = None
+
+    def exceeded(self, now: float, call: tuple[int, int] | None, *, begun: bool) -> str | None:
+        """Return the name of a limit that is exceeded."""
+        if call != self._call:
+            self._call, self._call_since = call, now
+        if self._closing:
+            return "end" if _more(now - self._since, self._limits.end) else None
+        if _more(now - self._since, self._limits.run):
+            return "run"
+        if not begun:
+            return "start" if _more(now - self._since, self._limits.start) else None
+        taken = now - self._call_since
+        return "call" if call is not None and _more(taken, self._limits.call) else None
+
+
+def _more(seconds: float, limit: float | None) -> bool:
+    return limit is not None and seconds > limit

@@ -1,7 +1,7 @@
 """The messages between parent and child: plain tuples, pickled.
 
 To the child: `(RUN, number, Job)`, followed by the file descriptor of the rows unless they are
-there already, and `(CLOSE, number)`.
+there already, `(CLOSE, number)`, and `(CALL, number, function, arguments)`.
 To the parent, each with the number of the run: see the names below.
 """
 
@@ -23,7 +23,7 @@ from cosim.master.supervision.shared import SharedRun
 from cosim.master.system import System
 from cosim.master.wiring import Wiring
 
-RUN, CLOSE = "run", "close"
+RUN, CLOSE, CALL = "run", "close", "call"
 BEGUN: Final = "begun"
 """engine choice: all slaves are initialised."""
 LINE: Final = "line"
@@ -38,6 +38,8 @@ RAISED: Final = "raised"
 """An exception and its traceback."""
 CLOSED: Final = "closed"
 """All slaves are freed; cause and words of what ended the process of an isolated one, or None."""
+CALLED: Final = "called"
+"""What the function of a call returned."""
 PROCESS: Final = "process"
 """Number and memory [bytes] of the process of an isolated slave, before it loads anything."""
 

@@ -13,9 +13,10 @@ from cosim.master.engine import EngineName
 from cosim.master.observers import Observer
 from cosim.master.run import Run
 from cosim.master.session import Session
-from cosim.master.supervision.follow import FollowedRun, Interruption, Wired
+from cosim.master.supervision.follow import FollowedRun, Interruption
 from cosim.master.supervision.limits import Limits, most_memory
 from cosim.master.supervision.process import Method, Worker, default_method
+from cosim.master.supervision.wired import Wired
 from cosim.master.system import System
 from cosim.trace import Cause
 

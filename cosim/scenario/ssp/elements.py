@@ -44,7 +44,7 @@ class Resources:
         return self._of[digest]
 
     def build(self, spec: ComponentSpec) -> str:
-        """Build and add an FMU, native and for this machine; an InputError without a compiler."""
+        """Build and add a native FMU; an InputError where nothing is prebuilt and no compiler."""
         with tempfile.TemporaryDirectory(prefix="cosim-ssp-") as folder:
             return self.add(spec.name, build_fmu(spec, Path(folder), "native").read_bytes())
 

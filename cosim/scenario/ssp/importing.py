@@ -13,7 +13,7 @@ from typing import Any
 
 import tomli_w
 
-from cosim.core import InputError
+from cosim.core import SCENARIO_FILE, InputError
 from cosim.fmu import FmuDescription, describe_fmu
 from cosim.master import receiving_order
 from cosim.scenario.assembly import assemble
@@ -140,7 +140,9 @@ def import_ssp(
 
 
 def _parsed(data: Mapping[str, Any], path: Path) -> tuple[str, LoadedScenario]:
-    text = tomli_w.dumps({key: value for key, value in data.items() if value})
+    text = tomli_w.dumps(
+        SCENARIO_FILE.stamped({key: value for key, value in data.items() if value})
+    )
     return text, parse(text, name=path.stem, where=str(path), folder=path.resolve().parent)
 
 

@@ -8,6 +8,7 @@ import numpy as np
 from mcap.opcode import Opcode
 from mcap.records import Attachment, Header, Metadata
 
+from cosim.core import distinct
 from cosim.trace.file.contents import Contents, Segment, declared_only
 from cosim.trace.file.messages import Messages
 from cosim.trace.file.records import LATEST_NS, DamageError, parsed
@@ -57,7 +58,7 @@ def _take(record: Record, found: Contents) -> None:
 def _note(record: Record, messages: Messages, found: Contents, *, damaged: bool) -> None:
     """Take note of messages that came together."""
     times, numbers = messages.heads["log"], messages.heads["channel"]
-    ids = np.unique(numbers).tolist()
+    ids = distinct(numbers).tolist()
     found.segments.append(
         Segment(
             record.position,

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import os
-import zlib
 from collections.abc import Iterator
 from typing import BinaryIO
 
 from mcap.opcode import Opcode
 from mcap.records import AttachmentIndex, ChunkIndex, Footer, MetadataIndex
 
+from cosim.trace.file.checksum import crc32
 from cosim.trace.file.records import HEAD, MAGIC, DamageError, parsed
 
 WINDOW = 2**20
@@ -67,7 +67,7 @@ class FileBytes:
     def checksum(self, first: int, last: int, before: int = 0) -> int:
         """Return the CRC-32 of the bytes first to last - 1, continued from `before`."""
         for at in range(first, last, WINDOW):
-            before = zlib.crc32(self(at, min(WINDOW, last - at)), before)
+            before = crc32(self(at, min(WINDOW, last - at)), before)
         return before
 
     def content(self, position: int, end: int) -> bytes:

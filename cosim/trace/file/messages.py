@@ -18,6 +18,7 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Schema
 from numpy.typing import NDArray
 
+from cosim.core import distinct
 from cosim.trace.file.records import DamageError, inner_records, may_follow, parsed
 
 Integers = NDArray[np.int64]
@@ -127,7 +128,7 @@ class Messages:
         if sizes.size and (sizes == sizes[0]).all():
             yield np.arange(sizes.size), self._matrix(self.places, int(sizes[0]))
             return
-        for size in np.unique(sizes).tolist():
+        for size in distinct(sizes).tolist():
             which = np.flatnonzero(sizes == size)
             yield which, self._matrix(self.places[which], size)
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 import stat
 import struct
 import threading
-import zlib
 from collections.abc import Iterator
 from io import BytesIO
 from pathlib import Path
@@ -22,6 +21,7 @@ from mcap.opcode import Opcode
 from mcap.records import Attachment, McapRecord, Metadata
 
 from cosim.core import InputError
+from cosim.trace.file.checksum import crc32
 
 Parsed = TypeVar("Parsed", bound=McapRecord)
 
@@ -118,7 +118,7 @@ def _checksum_holds(content: bytes | memoryview, end: int) -> bool:
     given = int.from_bytes(content[end - 4 : end], "little")
     if given == 0:  # where something follows, a wrong length may have led to this place
         return end == len(content)
-    return given == zlib.crc32(memoryview(content)[: end - 4]) and may_follow(content[end:])
+    return given == crc32(memoryview(content)[: end - 4]) and may_follow(content[end:])
 
 
 def _entries_follow(fields: Fields) -> bool:
@@ -229,7 +229,7 @@ def chunk_data(content: bytes | memoryview) -> bytes:
         raise DamageError(f"a chunk does not decompress ({error})") from None
     if len(data) != head.size:
         raise DamageError(f"a chunk has {len(data)} bytes where it claims {head.size}")
-    if head.checksum not in (0, zlib.crc32(data)):
+    if head.checksum not in (0, crc32(data)):
         raise DamageError("the checksum of a chunk does not match")
     return data
 

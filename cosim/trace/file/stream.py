@@ -7,7 +7,6 @@ one message at a time, some 130,000 a second.)
 
 from __future__ import annotations
 
-import zlib
 from collections import defaultdict
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Protocol
@@ -31,11 +30,12 @@ from mcap.records import (
     Statistics,
     SummaryOffset,
 )
-from mcap.writer import MCAP0_MAGIC
 
 from cosim.trace.file.block import Block
+from cosim.trace.file.checksum import crc32
 from cosim.trace.file.chunk import ClosedChunk, OpenChunk
 from cosim.trace.file.compress import Compressor, Data
+from cosim.trace.file.records import MAGIC
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -93,7 +93,7 @@ class McapStream:
 
     def start(self, library: str, profile: str = "") -> None:
         """Write magic bytes and header."""
-        self._write(MCAP0_MAGIC)
+        self._write(MAGIC)
         self._record(Header(profile=profile, library=library))
 
     def metadata(self, name: str, entries: Mapping[str, str]) -> None:
@@ -217,10 +217,10 @@ class McapStream:
             Footer(
                 summary_start=start,
                 summary_offset_start=offset_start,
-                summary_crc=zlib.crc32(head, zlib.crc32(summary)),
+                summary_crc=crc32(head, crc32(summary)),
             )
         )
-        self._write(MCAP0_MAGIC)
+        self._write(MAGIC)
 
     @contextmanager
     def undivided(self) -> Iterator[None]:
@@ -264,7 +264,7 @@ class McapStream:
                 data=b"",
                 message_start_time=chunk.first,
                 message_end_time=chunk.last,
-                uncompressed_crc=zlib.crc32(chunk.data),
+                uncompressed_crc=crc32(chunk.data),
                 uncompressed_size=len(chunk.data),
             )
         )
@@ -312,7 +312,7 @@ class McapStream:
         """One record or several, whole."""
         for data in parts:
             self._stream.write(data)
-            self._crc = zlib.crc32(data, self._crc)
+            self._crc = crc32(data, self._crc)
         self.position += sum(len(data) for data in parts)
 
 

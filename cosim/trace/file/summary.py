@@ -7,7 +7,6 @@ between the records it names.
 from __future__ import annotations
 
 import struct
-import zlib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import BinaryIO
@@ -16,6 +15,7 @@ import numpy as np
 from mcap.opcode import Opcode
 from mcap.records import AttachmentIndex, Header, Metadata, MetadataIndex, Statistics
 
+from cosim.trace.file.checksum import crc32
 from cosim.trace.file.contents import Contents, Segment
 from cosim.trace.file.records import (
     HEAD,
@@ -82,7 +82,7 @@ class _Summary:
         if not len(MAGIC) < start < at:
             return None
         section = _read(self._stream, start, at - start)
-        if checksum not in (0, zlib.crc32(footer[: HEAD.size + 16], zlib.crc32(section))):
+        if checksum not in (0, crc32(footer[: HEAD.size + 16], crc32(section))):
             return None
         for opcode, content in _records(section):
             self._take(opcode, content)

@@ -6,7 +6,6 @@ Every reader of whole files uses this walk. It holds one chunk at a time.
 from __future__ import annotations
 
 import re
-import zlib
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -25,6 +24,7 @@ from mcap.records import (
     Schema,
 )
 
+from cosim.trace.file.checksum import crc32
 from cosim.trace.file.file_bytes import WINDOW, FileBytes, NamedRecord
 from cosim.trace.file.messages import Messages, Others, find_messages, salvaged_messages
 from cosim.trace.file.records import (
@@ -188,7 +188,7 @@ class Walk:
             if self._policy == "stop" or not header:
                 check_start(start, self.size, self._path)
             self._lose(0, len(MAGIC), "the magic bytes at the start are not there")
-        self._checksum = zlib.crc32(start)
+        self._checksum = crc32(start)
 
     def _next(self) -> Record | None:
         """Take what lies at the position, and go on behind it."""

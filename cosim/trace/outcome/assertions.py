@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
 Result = Literal["holds", "fails", "undecided"]
+"""How an assertion came out."""
 
 
 @dataclass(frozen=True)

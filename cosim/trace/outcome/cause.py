@@ -21,6 +21,8 @@ CauseKind = Literal[
     "asked-to-end",
     "event",
 ]
+"""What ended a run, as a word that programs compare."""
+
 VERSION: Final = 1
 """Of what `Cause.to_json` returns; it grows when a key changes its meaning."""
 _KINDS: Final = frozenset(get_args(CauseKind))

@@ -17,6 +17,8 @@ EventKind = Literal[
     "failure",
     "scenario",
 ]
+"""What kind of thing happened in a run."""
+
 _KINDS = frozenset(get_args(EventKind))
 SERIOUS = frozenset({"warning", "error", "fatal"})
 """Levels of what a reader of the log must not miss."""

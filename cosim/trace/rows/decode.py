@@ -11,6 +11,7 @@ from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from google.protobuf.message import DecodeError
 from numpy.typing import NDArray
 
+from cosim.core import distinct
 from cosim.trace.file.messages import Messages
 from cosim.trace.rows.hold import blanks
 from cosim.trace.rows.layout import DTYPES, Kind, Signal, message_class, signal_of
@@ -72,7 +73,9 @@ class RowDecoder:
     def __call__(self, messages: Messages) -> list[Column]:
         """Return a column per signal: values, and where they are present (None: everywhere).
 
-        An absent value is NaN, 0, False or "". `ValueError` if a message does not fit the schema.
+        The values may be of a narrower type than in `dtypes`, and lie in the buffer of the
+        messages. An absent value is NaN, 0, False or "". `ValueError` if a message does not fit the
+        schema.
         """
         parts = list(messages.by_size()) if _few(messages.sizes) else []
         if len(parts) == 1:
@@ -103,7 +106,7 @@ class RowDecoder:
         columns: list[Column] = []
         for i, (leaf, dtype) in enumerate(zip(self._leaves, self.dtypes, strict=True)):
             if i in values:
-                columns.append((np.array(values[i], dtype), None))
+                columns.append((values[i], None))
             elif i in made.defaults:
                 columns.append((np.full(len(rows), leaf.path[-1].default_value, dtype), None))
             else:
@@ -156,7 +159,7 @@ def _few(sizes: NDArray[np.int64]) -> bool:
     """Whether there are so few lengths that rows of one length are decoded together."""
     if sizes.size and (sizes == sizes[0]).all():
         return True
-    return bool(np.unique(sizes).size <= max(1, sizes.size // _WORTH))
+    return bool(distinct(sizes).size <= max(1, sizes.size // _WORTH))
 
 
 def _in_order(files: FileDescriptorSet) -> FileDescriptorSet:

@@ -27,8 +27,11 @@ from cosim.core import InputError
 
 Kind = Literal["float", "int", "bool", "string"]
 
-RUN, RESULT = "cosim.run", "cosim.result"
-"""Names of the first and the last metadata record of a trace."""
+RUN = "cosim.run"
+"""Name of the first metadata record of a trace."""
+
+RESULT = "cosim.result"
+"""Name of the last one, which a run that did not end by itself lacks."""
 
 RECOVERED = "cosim.recovered"
 """Metadata record of a recovered file that says what was lost; not part of the content hash."""
@@ -36,9 +39,17 @@ RECOVERED = "cosim.recovered"
 HOST_PREFIX = "host."
 """Prefix of metadata keys (wall clock, machine) that are not part of the content hash."""
 
-SCENARIO_ATTACHMENT, DESIGN_ATTACHMENT = "scenario.toml", "design.json"
-CERTIFICATE_ATTACHMENT, CERTIFICATE_HASH = "certificate.json", "certificate.sha256"
-"""Attachments of a run with a design, and the key of `cosim.run` with the proof's SHA-256."""
+SCENARIO_ATTACHMENT = "scenario.toml"
+"""Attachment with the scenario as it was run."""
+
+DESIGN_ATTACHMENT = "design.json"
+"""Attachment with the design of a run that has one."""
+
+CERTIFICATE_ATTACHMENT = "certificate.json"
+"""Attachment with the proof of that design."""
+
+CERTIFICATE_HASH = "certificate.sha256"
+"""Key of `cosim.run` with the SHA-256 of that proof."""
 
 LOG_TOPIC, FRAME_TOPIC = "/log", "/tf"
 
@@ -52,6 +63,7 @@ One part longer than that of any component, which may be called `scene`.
 """
 
 LINK_STATE_SCHEMA = f"{SCENE_SCHEMAS}State"
+"""Schema of what a link is doing, ten times a second."""
 
 VEHICLE = "auv"
 """Frame of the vehicle, where a run has one, and the first part of its topics."""

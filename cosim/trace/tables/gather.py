@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Mapping
 from typing import Any
@@ -17,12 +18,12 @@ from cosim.trace.rows.decode import RowDecoder
 from cosim.trace.rows.hold import blanks
 from cosim.trace.rows.json_rows import json_columns
 from cosim.trace.rows.layout import Signal
+from cosim.trace.tables.growing import GrowingColumn
 from cosim.trace.tables.table import Table
 
 _OTHER = {"ros1": "ROS 1", "cdr": "ROS 2 (CDR)"}
 _MANY, _MANY_BYTES = 4096, 2**22
 """From so many chunks, or of so many bytes, messages are decoded together."""
-_ROOM = 2**28  # bytes that need no check of the memory
 
 
 def decoder_of(channel: Channel) -> RowDecoder:
@@ -37,16 +38,26 @@ class TopicRows:
     ----------
     where : file and topic, for error messages.
     channels : those of the topic, by id; the columns of several are merged.
+    expected : how many messages of a channel there probably are, if all are added.
 
     Raises
     ------
     InputError : a channel is neither protobuf nor JSON, or its schema cannot be used.
     """
 
-    def __init__(self, where: str, topic: str, channels: Mapping[int, Channel]) -> None:
+    def __init__(
+        self,
+        where: str,
+        topic: str,
+        channels: Mapping[int, Channel],
+        expected: Mapping[int, int],
+    ) -> None:
         self.channels = channels
         self._where, self._topic = where, topic
-        self._sources = {number: _Source(channel, where) for number, channel in channels.items()}
+        self._sources = {
+            number: _Source(channel, where, expected.get(number, 0))
+            for number, channel in channels.items()
+        }
         self._heads: list[NDArray[Any]] = []
         self._rows = 0
 
@@ -118,10 +129,11 @@ def _unreadable(where: str, why: str) -> LossError:
 class _Source:
     """The rows of one channel."""
 
-    def __init__(self, channel: Channel, where: str) -> None:
-        self._where = where
+    def __init__(self, channel: Channel, where: str, expected: int) -> None:
+        self._where, self._expected = where, expected
         self._decoder: RowDecoder | None = None
-        self._parts: list[Any] = []
+        self._columns: list[GrowingColumn] = []
+        self._texts: list[Messages] = []  # of JSON
         self._places: list[NDArray[np.int64]] = []
         self._waiting: list[Messages] = []
         self._waiting_bytes = 0
@@ -150,7 +162,7 @@ class _Source:
     def add(self, messages: Messages, places: NDArray[np.int64]) -> None:
         self._places.append(places)
         if self._decoder is None:
-            self._parts.append(messages)
+            self._texts.append(messages)
             return
         # to decode those of several chunks at once costs less
         self._waiting.append(messages.compact())
@@ -163,13 +175,20 @@ class _Source:
         if self._decoder is None or not self._waiting:
             return
         messages, self._waiting, self._waiting_bytes = Messages.joined(self._waiting), [], 0
+        if not self._columns:
+            dtypes = self._decoder.dtypes
+            fits = 9 * self._expected * len(dtypes) <= _room()  # a damaged file may expect anything
+            self._columns = [GrowingColumn(t, self._expected if fits else 0) for t in dtypes]
         try:
-            self._parts.append(self._decoder(messages))
+            found = self._decoder(messages)
         except ValueError as error:
             raise _unreadable(self._where, str(error)) from error
+        for column, (values, present) in zip(self._columns, found, strict=True):
+            column.extend(values, present)
 
     def forget(self) -> None:
-        self._parts, self._places, self._waiting, self._waiting_bytes = [], [], [], 0
+        self._columns, self._texts, self._places = [], [], []
+        self._waiting, self._waiting_bytes = [], 0
 
     def columns(
         self,
@@ -179,22 +198,14 @@ class _Source:
         places = np.concatenate(self._places) if self._places else np.zeros(0, np.int64)
         everywhere = np.ones(places.size, np.bool_)
         if self._decoder is None:
-            payloads = (payload for part in self._parts for payload in part.payloads())
+            payloads = (payload for part in self._texts for payload in part.payloads())
             signals, columns = json_columns(payloads, places.size)
             return [(s, *column) for s, column in zip(signals, columns, strict=True)], places
+        grown = self._columns or [GrowingColumn(dtype, 0) for dtype in self._decoder.dtypes]
         found = []
-        for i, signal in enumerate(self._decoder.signals):
-            empty = blanks(self._decoder.dtypes[i], 0), None
-            parts = [part[i] for part in self._parts] or [empty]
-            values = parts[0][0]
-            if len(parts) > 1:
-                values = np.concatenate([part for part, _ in parts])
-            there = everywhere
-            if any(present is not None for _, present in parts):
-                there = np.concatenate(
-                    [np.ones(part.size, bool) if own is None else own for part, own in parts]
-                )
-            found.append((signal, values, there))
+        for signal, column in zip(self._decoder.signals, grown, strict=True):
+            present = column.present
+            found.append((signal, column.values, everywhere if present is None else present))
         return found, places
 
 
@@ -220,15 +231,18 @@ def _merge(
 
 def _check_room(rows: int, sources: Mapping[int, _Source], where: str) -> None:
     """Raise an `InputError` if the rows would need more memory than the machine has."""
-    needed = rows * 9 * (4 + sum(source.width for source in sources.values()))
-    if needed < _ROOM or not hasattr(os, "sysconf"):  # not known on Windows
-        return
-    there = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
-    if needed > 0.8 * there:
+    if rows * 9 * (4 + sum(source.width for source in sources.values())) > _room():
         raise InputError(
             "the topic's rows do not fit into the memory of this machine",
             where=where,
-            expected=f"less than {0.8 * there / 1e9:.3g} GB",
+            expected=f"less than {_room() / 1e9:.3g} GB",
             got=f"more than {rows} rows",
             hint="read a part of it: start, end",
         )
+
+
+def _room() -> float:
+    """Return how many bytes rows may take; not known on Windows."""
+    if not hasattr(os, "sysconf"):
+        return math.inf
+    return 0.8 * os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")

@@ -14,6 +14,7 @@ from cosim.trace.viewers import lichtblick, plotjuggler
 from cosim.trace.viewers.plots import Tab, tabs_of
 
 Viewer = Literal["lichtblick", "plotjuggler"]
+"""Viewers that a layout can be written for."""
 
 _Layout = Callable[[dict[str, TopicInfo], Sequence[Tab]], str]
 _LAYOUTS: Mapping[Viewer, tuple[str, _Layout]] = {

@@ -23,6 +23,11 @@ class ModelWriter:
     ----------
     v : FMI name -> recorded scalar.
     header, body : lines for model.h and model.c.
+    defined : macro -> value.
+    tables : name of a table of value references -> names of the variables.
+    programs : name of a function -> its targets.
+    conditions : quantities that must be positive, each with the message if one is not.
+    rows : instants [ns] and values of a signal table.
     """
 
     spec: ComponentSpec
@@ -30,6 +35,11 @@ class ModelWriter:
     header: list[str] = field(default_factory=list)
     body: list[str] = field(default_factory=list)
     v: dict[str, Scalar] = field(init=False)
+    defined: dict[str, object] = field(default_factory=dict)
+    tables: dict[str, Sequence[str]] = field(default_factory=dict)
+    programs: dict[str, Sequence[tuple[str, Scalar]]] = field(default_factory=dict)
+    conditions: Sequence[tuple[Scalar, str]] = ()
+    rows: tuple[Sequence[int], Sequence[Sequence[float]]] = ((), ())
 
     def __post_init__(self) -> None:
         self.ns = Functions(self.tape)
@@ -48,11 +58,13 @@ class ModelWriter:
 
     def define(self, name: str, value: object) -> None:
         """Add a macro to model.h."""
+        self.defined[name] = value
         self.header.append(f"#define {name} {value}")
 
     def references(self, name: str, names: Sequence[str], size: str) -> None:
         """Add a table of value references, and the macro `size` of its length."""
         self.define(size, len(names))
+        self.tables[name] = names
         listed = ", ".join(enumerator(n) for n in names) or "0"
         array = f"const unsigned {name}[{max(1, len(names))}]"
         self.header.append(f"extern {array};")
@@ -74,6 +86,8 @@ class ModelWriter:
         hoisted: bool = False,
     ) -> None:
         """Add a function to model.c that assigns the targets."""
+        name = signature[: signature.index("(")].rsplit(maxsplit=1)[-1].lstrip("*")
+        self.programs[name] = targets
         inside = statements(self.tape, targets, self.known if hoisted else None)
         self.header.append(f"{signature};")
         arguments = re.findall(r"(\w+)(?:,|\))", signature)
@@ -83,6 +97,7 @@ class ModelWriter:
 
     def parameter_check(self, conditions: Sequence[tuple[Scalar, str]]) -> None:
         """Add the function that finds invalid parameters."""
+        self.conditions = conditions
         signature = "const char *model_objection(const double *v)"
         targets = [(f"q[{i}]", value) for i, (value, _) in enumerate(conditions)]
         lines = [f"    double q[{max(1, len(conditions))}];\n    (void)(q);\n    (void)(v);\n"]

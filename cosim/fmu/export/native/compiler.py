@@ -17,6 +17,7 @@ from pathlib import Path
 
 from cosim.core import InputError
 from cosim.fmu.export.native.platforms import Platform
+from cosim.fmu.prebuilt import why_none_prebuilt
 
 STANDARD = ("-std=c99", "-O3", "-ffp-contract=off", "-fvisibility=hidden")
 
@@ -36,7 +37,9 @@ def host_compiler() -> list[str]:
     raise InputError(
         "native FMUs need a C compiler",
         expected="cc, gcc or clang on the PATH, or the one named by CC",
-        got=f"CC={chosen}" if chosen else "none of them",
+        got="; ".join(
+            filter(None, [f"CC={chosen}" if chosen else "none of them", why_none_prebuilt()])
+        ),
         hint="install one (Debian: apt install gcc), or the extra that brings a cross compiler, "
         "pip install 'auv-cosim[cross]', and build with --platforms all; --flavour python "
         "needs none",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import textwrap
+from collections.abc import Sequence
 from typing import Any, get_args
 
 from cosim.fmu.export.components import component_module
@@ -36,6 +37,22 @@ def model_files(spec: ComponentSpec, identity: str) -> tuple[dict[str, str], tup
     ------
     TypeError : a behaviour that the C shell does not support.
     """
+    writer, sources = recorded_model(spec)
+    return {**writer.files(identity), **shared_headers(sources)}, sources
+
+
+def shared_headers(sources: Sequence[str]) -> dict[str, str]:
+    """Return the generated headers that the hand-written C needs, by file name."""
+    return {"link_step.h": link_step_header()} if "packet_link.c" in sources else {}
+
+
+def recorded_model(spec: ComponentSpec) -> tuple[ModelWriter, tuple[str, ...]]:
+    """Record a component; return that, and the names of the hand-written C beside `COMMON`.
+
+    Raises
+    ------
+    TypeError : a behaviour that the C shell does not support.
+    """
     distinct_enumerators(spec)
     behaviour = behaviour_of(spec)
     writer = ModelWriter(spec)
@@ -54,10 +71,7 @@ def model_files(spec: ComponentSpec, identity: str) -> tuple[dict[str, str], tup
         sources = record_table(writer, behaviour)
     else:
         raise TypeError(f"{spec.name}: the native shell has no C for {type(behaviour).__name__}")
-    files = writer.files(identity)
-    if "packet_link.c" in sources:
-        files["link_step.h"] = link_step_header()
-    return files, sources
+    return writer, sources
 
 
 def record_delay_plant(writer: ModelWriter, behaviour: DelayPlant) -> None:
@@ -105,7 +119,7 @@ def record_delay_plant(writer: ModelWriter, behaviour: DelayPlant) -> None:
         hoisted=True,
     )
     writer.function(
-        "void model_outputs(const double *x, const double *v, const double *c, double *out)",
+        "void model_other_outputs(const double *x, const double *v, const double *c, double *out)",
         others,
         hoisted=True,
     )
@@ -167,11 +181,12 @@ def record_table(writer: ModelWriter, behaviour: Any) -> tuple[str, ...]:
     writer.references("model_outputs", behaviour.outputs, "MODEL_OUTPUTS")
     writer.define("MODEL_ROWS", count)
     writer.header.append("extern const int64_t model_instants[MODEL_ROWS];")
-    writer.header.append(f"extern const double model_table[MODEL_ROWS][{width}];")
+    writer.rows = behaviour.instants_ns, behaviour.rows
+    writer.header.append(f"extern const double model_table[MODEL_ROWS * {width}];")
     instants = ", ".join(f"INT64_C({t})" for t in behaviour.instants_ns)
     listed = textwrap.fill(instants, 100, initial_indent="    ", subsequent_indent="    ")
     writer.body.append(f"const int64_t model_instants[MODEL_ROWS] = {{\n{listed}\n}};\n")
-    rows = "\n".join(f"    {{{', '.join(map(repr, row))}}}," for row in behaviour.rows)
-    writer.body.append(f"const double model_table[MODEL_ROWS][{width}] = {{\n{rows}\n}};\n")
+    rows = "\n".join(f"    {', '.join(map(repr, row))}," for row in behaviour.rows)
+    writer.body.append(f"const double model_table[MODEL_ROWS * {width}] = {{\n{rows}\n}};\n")
     writer.header.insert(0, "#include <stdint.h>\n")
     return ("table.c",)

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import functools
+import os
 from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from importlib.resources import files
 from pathlib import Path
 from xml.etree import ElementTree as ET
@@ -27,6 +29,7 @@ _HEADERS_OF = (
     ("packet_link.c", "clock.h"),
     ("transport_link.c", "clock.h"),
     ("table.c", "clock.h"),
+    ("tape.c", "tape.h"),
 )
 """C file of a kind of behaviour -> header that it needs beside `_OWN_HEADERS`."""
 _OWN_HEADERS = ("arithmetic.h", "behaviour.h", "instance.h", "message.h", "variable.h")
@@ -49,19 +52,31 @@ def sources(spec: ComponentSpec, version: str, identity: str) -> tuple[dict[str,
     identity : GUID or instantiation token, which the binary checks.
     """
     generated, own = model_files(spec, identity)
+    found, compiled = hand_written(own, version)
+    found |= {name: text.encode() for name, text in generated.items()}
+    return found, sorted([*compiled, "model.c"])
+
+
+def hand_written(own: Sequence[str], version: str) -> tuple[dict[str, bytes], list[str]]:
+    """Return the hand-written files of sources/ by name, and those of them to compile.
+
+    Parameters
+    ----------
+    own : C files beside `COMMON`.
+    version : of FMI, "2.0" or "3.0".
+    """
     compiled = [*COMMON, *own, "fmi2.c" if version == "2.0" else "fmi3.c"]
     headers = [*_OWN_HEADERS, *_HEADERS[version]]
     headers += [header for source, header in _HEADERS_OF if source in own]
-    found = {name: text.encode() for name, text in generated.items()}
-    found.update({name: _shell(name) for name in (*compiled, *headers)})
-    return found, sorted([*compiled, "model.c"])
+    return {name: _shell(name) for name in (*compiled, *headers)}, sorted(compiled)
 
 
 def guid(spec: ComponentSpec, version: str) -> str:
     """Return the hash that shows whether a built FMU is up to date; the binary checks it too."""
     content, _ = sources(spec, version, "")
     options = " ".join(STANDARD).encode()
-    return spec.guid({**content, **_files(spec, version, "", content), "options": options})
+    archive = fmu_files(spec, version, "", _to_compile(content))
+    return spec.guid({**content, **archive, "options": options})
 
 
 def build_native_fmu(
@@ -80,19 +95,28 @@ def build_native_fmu(
     """
     identity = guid(spec, version)
     content, compiled = sources(spec, version, identity)
-    archive = _files(spec, version, identity, content)
+    archive = fmu_files(spec, version, identity, compiled)
     archive.update({f"sources/{name}": text for name, text in content.items()})
-    for target in platforms or [host()]:
-        path = f"binaries/{target.folder(version)}/{spec.name}{target.suffix}"
-        archive[path] = shared_library(spec.name, content, compiled, target, cross=bool(platforms))
+    targets = platforms or [host()]
+
+    def binary(target: Platform) -> bytes:
+        return shared_library(spec.name, content, compiled, target, cross=bool(platforms))
+
+    with ThreadPoolExecutor(min(len(targets), os.cpu_count() or 1)) as pool:
+        for target, library in zip(targets, pool.map(binary, targets), strict=True):
+            path = f"binaries/{target.folder(version)}/{spec.name}{target.suffix}"
+            archive[path] = library
     return deterministic_zip(archive, destination / f"{spec.name}.fmu")
 
 
-def _files(
-    spec: ComponentSpec, version: str, identity: str, content: Mapping[str, bytes]
+def _to_compile(content: Mapping[str, bytes]) -> list[str]:
+    return sorted(name for name in content if name.endswith(".c"))
+
+
+def fmu_files(
+    spec: ComponentSpec, version: str, identity: str, compiled: Sequence[str]
 ) -> dict[str, bytes]:
-    """Return the archive without sources and binaries."""
-    compiled = sorted(name for name in content if name.endswith(".c"))
+    """Return the archive without sources and binaries; `compiled` : the sources to compile."""
     archive = {**documentation_files(spec), **spec.resource_files()}
     archive["documentation/licenses/fmi-headers.txt"] = _shell("license.txt")
     if version == "2.0":

@@ -53,8 +53,10 @@ def host() -> Platform:
     return PLATFORMS.get(name, Platform(name, name, here.suffix, ""))
 
 
-def platforms_named(text: str) -> tuple[Platform, ...]:
+def platforms_named(text: str, *others: str) -> tuple[Platform, ...]:
     """Return the platforms that `host` (none: no cross-compiling), `all` or a list names.
+
+    `others`: words that the caller takes beside these, for the message.
 
     Raises
     ------
@@ -66,6 +68,6 @@ def platforms_named(text: str) -> tuple[Platform, ...]:
     for name in names:
         if name not in PLATFORMS:
             raise InputError.unknown(
-                "platform", name, ("host", "all", *PLATFORMS), where="--platforms"
+                "platform", name, (*others, "host", "all", *PLATFORMS), where="--platforms"
             )
     return tuple(PLATFORMS[name] for name in PLATFORMS if name in names)

@@ -5,12 +5,15 @@
 
 #include "arithmetic.h"
 
-#define N MODEL_STATES
+#define N ((size_t)MODEL_STATES)
+#define DELAYS ((size_t)MODEL_DELAYS)
 #define STEP_LIMIT 200000 /* sub-steps in one communication step before it is refused */
 
 static Piece *piece(const DelayLine *line, size_t number) {
     return &line->ring[number & (line->capacity - 1)];
 }
+
+static void copy(double *to, const double *x) { memcpy(to, x, N * sizeof *to); }
 
 /* ---- memory */
 
@@ -59,7 +62,7 @@ static void insert_sorted(double *sorted, size_t *count, double value) {
 
 int delay_line_start(DelayLine *line, const double *initial, const double *delay, double step,
                      double start, Message *why) {
-    for (size_t k = 0; k < MODEL_DELAYS; k++)
+    for (size_t k = 0; k < DELAYS; k++)
         if (!(isfinite(delay[k]) && delay[k] >= 0.0))
             return say(why, "a delay must be finite and not negative, got %s",
                        shortest(delay[k]).text);
@@ -68,12 +71,12 @@ int delay_line_start(DelayLine *line, const double *initial, const double *delay
                    shortest(step).text);
     line->time = line->start = start;
     line->step = step;
-    memcpy(line->x, initial, sizeof line->x);
-    memcpy(line->before, initial, sizeof line->before);
+    copy(line->x, initial);
+    copy(line->before, initial);
     line->shortest = HUGE_VAL;
     line->longest = 0.0;
     line->images = 0;
-    for (size_t k = 0; k < MODEL_DELAYS; k++) {
+    for (size_t k = 0; k < DELAYS; k++) {
         line->delay[k] = delay[k];
         line->cursor[k] = 0;
         if (!(delay[k] > 0.0)) continue;
@@ -95,7 +98,7 @@ int delay_line_start(DelayLine *line, const double *initial, const double *delay
 /* Fill `out` with x(t). True if a piece more would not change the answer. */
 static int look_up(DelayLine *line, size_t k, double t, double *out) {
     if (t <= line->start || line->first == line->end) {
-        memcpy(out, line->before, sizeof line->before);
+        copy(out, line->before);
         return t <= line->start;
     }
     size_t i = line->cursor[k];
@@ -122,18 +125,18 @@ static int look_up(DelayLine *line, size_t k, double t, double *out) {
 /* Delayed states at time t, with x for delays of zero. True if a piece more changes nothing. */
 static int lagged(DelayLine *line, double t, const double *x, double *late) {
     int settled = 1;
-    for (size_t k = 0; k < MODEL_DELAYS; k++) {
+    for (size_t k = 0; k < DELAYS; k++) {
         if (line->delay[k] > 0.0)
             settled &= look_up(line, k, t - line->delay[k], late + k * N);
         else
-            memcpy(late + k * N, x, N * sizeof *x);
+            copy(late + k * N, x);
     }
     return settled;
 }
 
 static void lagged_present(const DelayLine *line, const double *x, double *late) {
-    for (size_t k = 0; k < MODEL_DELAYS; k++)
-        if (!(line->delay[k] > 0.0)) memcpy(late + k * N, x, N * sizeof *x);
+    for (size_t k = 0; k < DELAYS; k++)
+        if (!(line->delay[k] > 0.0)) copy(late + k * N, x);
 }
 
 /* ---- one step */
@@ -141,8 +144,8 @@ static void lagged_present(const DelayLine *line, const double *x, double *late)
 /* From t0 to t1, with the slope k1 at t0; the new piece holds the slope at t1. */
 static int runge_kutta(DelayLine *line, double t0, double t1, const double *k1, const Held *held,
                        Message *why) {
-    double late[AT_LEAST_ONE(MODEL_DELAYS) * N];
-    double k2[N], k3[N], k4[N], x[N];
+    double late[AT_LEAST_ONE(MOST_DELAYS) * MOST_STATES];
+    double k2[MOST_STATES], k3[MOST_STATES], k4[MOST_STATES], x[MOST_STATES];
     Piece *p = piece(line, line->end);
     const double *x0 = line->x;
     double h = t1 - t0;
@@ -159,8 +162,8 @@ static int runge_kutta(DelayLine *line, double t0, double t1, const double *k1, 
     int settled = lagged(line, t1, x, late);
     model_rates(t1, x, late, held->v, held->c, k4);
     double zero = 0.0; /* stays it as long as every x1 - x1 is, that is, every x1 is finite */
-    memcpy(p->x0, x0, sizeof p->x0);
-    memcpy(p->m0, k1, sizeof p->m0);
+    copy(p->x0, x0);
+    copy(p->m0, k1);
     for (size_t i = 0; i < N; i++)
         p->x1[i] = x0[i] + sixth * (k1[i] + 2.0 * (k2[i] + k3[i]) + k4[i]);
     for (size_t i = 0; i < N; i++) zero += p->x1[i] - p->x1[i];
@@ -170,7 +173,7 @@ static int runge_kutta(DelayLine *line, double t0, double t1, const double *k1, 
     p->t1 = t1;
     lagged_present(line, p->x1, late);
     model_rates(t1, p->x1, late, held->v, held->c, p->m1);
-    memcpy(line->x, p->x1, sizeof line->x);
+    copy(line->x, p->x1);
     line->settled = settled;
     line->end++;
     return 1;
@@ -253,12 +256,12 @@ int delay_line_advance(DelayLine *line, double end, const Held *held, int jump, 
                    total, shortest(end - begin).text, shortest(line->shortest).text,
                    shortest(line->step).text, STEP_LIMIT);
     if (!room_for_pieces(line, (size_t)total, why)) return 0;
-    double first[N];
+    double first[MOST_STATES];
     const double *slope = first;
     if (same && line->settled) {
         slope = piece(line, line->end - 1)->m1;
     } else {
-        double late[AT_LEAST_ONE(MODEL_DELAYS) * N];
+        double late[AT_LEAST_ONE(MOST_DELAYS) * MOST_STATES];
         lagged(line, begin, line->x, late);
         model_rates(begin, line->x, late, held->v, held->c, first);
     }
@@ -290,7 +293,7 @@ Mark delay_line_mark(const DelayLine *line) {
 }
 
 void delay_line_return(DelayLine *line, const Mark *mark) {
-    if (line->end > mark->end) memcpy(line->x, piece(line, mark->end)->x0, sizeof line->x);
+    if (line->end > mark->end) copy(line->x, piece(line, mark->end)->x0);
     line->time = mark->time;
     line->end = mark->end;
     line->jumps = mark->jumps;
@@ -319,7 +322,7 @@ void delay_line_forget(DelayLine *line) {
     }
 }
 
-#define PIECE_SIZE (sizeof(Piece) / sizeof(double))
+#define PIECE_SIZE (2 + 4 * N)
 
 static double *put(double *to, const double *from, size_t count) {
     if (count > 0) memcpy(to, from, count * sizeof *to);
@@ -340,8 +343,12 @@ void delay_line_save(const DelayLine *line, double *to) {
     to = put(to, line->x, N);
     to = put(to, line->before, N);
     for (size_t i = 0; i < line->images; i++) *to++ = (double)(line->head[i] - done);
-    for (size_t i = line->first; i != line->end; i++, to += PIECE_SIZE)
-        memcpy(to, piece(line, i), sizeof(Piece));
+    for (size_t i = line->first; i != line->end; i++) {
+        const Piece *p = piece(line, i);
+        *to++ = p->t0;
+        *to++ = p->t1;
+        to = put(put(put(put(to, p->x0, N), p->x1, N), p->m0, N), p->m1, N);
+    }
     put(to, line->jump + done, line->jumps - done);
 }
 
@@ -371,12 +378,21 @@ int delay_line_restore(DelayLine *line, const double *from, size_t count, Messag
     if (jumps > 0 && !room(&line->jump, &line->jump_capacity, jumps, why)) return 0;
     line->time = from[0];
     line->start = from[1];
-    memcpy(line->x, from + 4, sizeof line->x);
-    memcpy(line->before, from + 4 + N, sizeof line->before);
+    copy(line->x, from + 4);
+    copy(line->before, from + 4 + N);
     for (size_t i = 0; i < line->images; i++) line->head[i] = (size_t)heads[i];
     line->first = 0;
     line->end = pieces;
-    for (size_t i = 0; i < pieces; i++) memcpy(piece(line, i), first + i * PIECE_SIZE, sizeof(Piece));
+    for (size_t i = 0; i < pieces; i++) {
+        const double *saved = first + i * PIECE_SIZE;
+        Piece *p = piece(line, i);
+        p->t0 = saved[0];
+        p->t1 = saved[1];
+        copy(p->x0, saved + 2);
+        copy(p->x1, saved + 2 + N);
+        copy(p->m0, saved + 2 + 2 * N);
+        copy(p->m1, saved + 2 + 3 * N);
+    }
     line->jumps = jumps;
     put(line->jump, first + pieces * PIECE_SIZE, jumps);
     line->settled = 0;

@@ -12,31 +12,32 @@
 
 #include "message.h"
 #include "model.h"
+#include "variable.h"
 
-#define MODEL_IMAGES (MODEL_DELAYS * (MODEL_DELAYS + 3) / 2)
+#define MOST_IMAGES (MOST_DELAYS * (MOST_DELAYS + 3) / 2)
 #define AT_LEAST_ONE(n) ((n) > 0 ? (n) : 1)
 
 /* One step: its ends, x and x' there. */
 typedef struct {
     double t0, t1;
-    double x0[MODEL_STATES], x1[MODEL_STATES], m0[MODEL_STATES], m1[MODEL_STATES];
+    double x0[MOST_STATES], x1[MOST_STATES], m0[MOST_STATES], m1[MOST_STATES];
 } Piece;
 
 typedef struct {
     double time, start, step, shortest, longest;
-    double delay[AT_LEAST_ONE(MODEL_DELAYS)];
-    double image[AT_LEAST_ONE(MODEL_IMAGES)]; /* sums of one and two delays, ascending */
+    double delay[AT_LEAST_ONE(MOST_DELAYS)];
+    double image[AT_LEAST_ONE(MOST_IMAGES)]; /* sums of one and two delays, ascending */
     size_t images;
-    double x[MODEL_STATES], before[MODEL_STATES];
+    double x[MOST_STATES], before[MOST_STATES];
     int settled; /* the slope that the last step ended with is what the history by now gives */
 
     Piece *ring; /* pieces first to end - 1, at their number modulo the capacity */
     size_t capacity, first, end;
-    size_t cursor[AT_LEAST_ONE(MODEL_DELAYS)]; /* piece that the last look-up found */
+    size_t cursor[AT_LEAST_ONE(MOST_DELAYS)]; /* piece that the last look-up found */
 
     double *jump; /* times when inputs jumped and whose images lie ahead */
     size_t jump_capacity, jumps;
-    size_t head[AT_LEAST_ONE(MODEL_IMAGES)]; /* first jump whose image is still ahead */
+    size_t head[AT_LEAST_ONE(MOST_IMAGES)]; /* first jump whose image is still ahead */
 
     double *point; /* ends of the segments of the present communication step */
     size_t point_capacity, points;
@@ -55,7 +56,7 @@ void delay_line_free(DelayLine *line);
 /* The line before an advance, which may fail half-way. */
 typedef struct {
     double time;
-    size_t end, jumps, head[AT_LEAST_ONE(MODEL_IMAGES)];
+    size_t end, jumps, head[AT_LEAST_ONE(MOST_IMAGES)];
     int settled;
 } Mark;
 

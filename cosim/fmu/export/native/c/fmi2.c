@@ -49,19 +49,27 @@ fmi2Status fmi2SetDebugLogging(fmi2Component c, fmi2Boolean on, size_t count,
 fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, fmi2String resources,
                               const fmi2CallbackFunctions *functions, fmi2Boolean visible,
                               fmi2Boolean logging) {
-    UNUSED(resources), UNUSED(visible);
+    UNUSED(resources), UNUSED(visible); /* of a model that is compiled in */
     Slave before = {NULL, functions ? functions->logger : NULL,
                     functions ? functions->componentEnvironment : NULL,
                     (char *)(name ? name : "")};
     const char *why = NULL;
+    Message told;
+    if (!model_take(resources, &told)) {
+        to_logger(&before, FAILURE, "logStatusError", told.text);
+        return NULL;
+    }
     if (!functions) why = "the callback functions are missing";
     if (!name || !*name) why = "the instance needs a name";
     if (type != fmi2CoSimulation) why = "this FMU is for co-simulation";
-    if (!guid || strcmp(guid, MODEL_GUID) != 0)
-        why = "the GUID is not that of this binary, " MODEL_GUID
-              ": model description and binary belong to different builds";
+    if (!guid || strcmp(guid, MODEL_GUID) != 0) {
+        say(&told, "the GUID is not that of this binary, %s: model description and binary belong "
+                   "to different builds", MODEL_GUID);
+        why = told.text;
+    }
     if (why) {
         to_logger(&before, FAILURE, "logStatusError", why);
+        model_leave();
         return NULL;
     }
     Slave *slave = malloc(sizeof *slave);
@@ -70,6 +78,7 @@ fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, f
     if (!it) {
         free(slave);
         free(copy);
+        model_leave();
         to_logger(&before, FAILURE, "logStatusError", "there is no memory left");
         return NULL;
     }
@@ -85,6 +94,7 @@ void fmi2FreeInstance(fmi2Component c) {
     instance_free(slave->it);
     free(slave->name);
     free(slave);
+    model_leave();
 }
 
 fmi2Status fmi2SetupExperiment(fmi2Component c, fmi2Boolean tolerance_defined, fmi2Real tolerance,

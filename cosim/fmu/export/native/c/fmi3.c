@@ -47,16 +47,24 @@ fmi3Instance fmi3InstantiateCoSimulation(
     UNUSED(update);
     Slave before = {NULL, log, environment};
     const char *why = NULL;
+    Message told;
+    if (!model_take(resources, &told)) {
+        to_log(&before, FAILURE, "logStatusError", told.text);
+        return NULL;
+    }
     if (event_mode) why = "this FMU has no event mode";
     if (intermediates > 0) why = "this FMU has no intermediate variables";
     if (!name || !*name) why = "the instance needs a name";
-    if (!token || strcmp(token, MODEL_GUID) != 0)
-        why = "the instantiation token is not that of this binary, " MODEL_GUID
-              ": model description and binary belong to different builds";
+    if (!token || strcmp(token, MODEL_GUID) != 0) {
+        say(&told, "the instantiation token is not that of this binary, %s: model description and "
+                   "binary belong to different builds", MODEL_GUID);
+        why = told.text;
+    }
     Slave *slave = why ? NULL : malloc(sizeof *slave);
     Instance *it = slave ? instance_new(to_log, slave, logging) : NULL;
     if (!it) {
         free(slave);
+        model_leave();
         to_log(&before, FAILURE, "logStatusError", why ? why : "there is no memory left");
         return NULL;
     }
@@ -95,6 +103,7 @@ void fmi3FreeInstance(fmi3Instance c) {
     if (!slave) return;
     instance_free(slave->it);
     free(slave);
+    model_leave();
 }
 
 fmi3Status fmi3EnterInitializationMode(fmi3Instance c, fmi3Boolean tolerance_defined,
@@ -285,7 +294,7 @@ fmi3Status fmi3GetAdjointDerivative(fmi3Instance c, const fmi3ValueReference unk
                                     size_t knowns, const fmi3Float64 seed[], size_t seeds,
                                     fmi3Float64 sensitivity[], size_t sensitivities) {
     INSTANCE(c);
-    double column[MODEL_VARIABLES], one = 1.0;
+    double column[MOST_VARIABLES], one = 1.0;
     Status status = fits(it, unknowns, seeds);
     if (status == FINE) status = fits(it, knowns, sensitivities);
     if (status == FINE && ((unknowns > 0 && !seed) || (knowns > 0 && (!inputs || !sensitivity))))

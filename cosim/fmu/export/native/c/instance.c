@@ -71,7 +71,7 @@ static Status not_now(Instance *it, const char *call) {
 /* ---- life cycle */
 
 static void set_defaults(Instance *it) {
-    for (size_t i = 0; i < MODEL_VARIABLES; i++) it->v[i] = model_variables[i].start;
+    for (size_t i = 0; i < (size_t)MODEL_VARIABLES; i++) it->v[i] = model_variables[i].start;
     it->phase = INSTANTIATED;
     it->time = 0.0;
     it->stale = 0;
@@ -182,7 +182,7 @@ static Status known(Instance *it, const unsigned *vr, size_t count, const void *
     if (count > 0 && (!vr || !values))
         return instance_refuse(it, "the value references or values are missing");
     for (size_t i = 0; i < count; i++) {
-        if (vr[i] >= MODEL_VARIABLES)
+        if (vr[i] >= (unsigned)MODEL_VARIABLES)
             return instance_refuse(it, "value reference %u is unknown; 0 to %d exist", vr[i],
                                    MODEL_VARIABLES - 1);
         if (model_variables[vr[i]].kind != kind)
@@ -265,7 +265,7 @@ Status instance_set_integers(Instance *it, const unsigned *vr, size_t count, con
 Status instance_no_such_type(Instance *it, const unsigned *vr, size_t count, const char *type) {
     if (count == 0) return FINE;
     if (!vr) return instance_refuse(it, "the value references are missing");
-    if (vr[0] >= MODEL_VARIABLES)
+    if (vr[0] >= (unsigned)MODEL_VARIABLES)
         return instance_refuse(it, "value reference %u is unknown; 0 to %d exist", vr[0],
                                MODEL_VARIABLES - 1);
     return instance_refuse(it, "value reference %u (%s) is of type %s, not %s", vr[0],
@@ -275,7 +275,7 @@ Status instance_no_such_type(Instance *it, const unsigned *vr, size_t count, con
 Status instance_direction(Instance *it, const unsigned *unknown, size_t unknowns,
                           const unsigned *inputs, size_t knowns, const double *seed,
                           double *change) {
-    double moved[MODEL_VARIABLES] = {0.0}, out[MODEL_VARIABLES] = {0.0};
+    double moved[MOST_VARIABLES] = {0.0}, out[MOST_VARIABLES] = {0.0};
     if (it->phase != RUNNING && it->phase != INITIALIZING)
         return not_now(it, "getDirectionalDerivative");
     Status status = known(it, unknown, unknowns, change, REAL);

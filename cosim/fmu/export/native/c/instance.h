@@ -14,6 +14,12 @@
 #include "model.h"
 #include "variable.h"
 
+/* A model that is compiled in is always there; see tape.h for one that is not. */
+#ifndef MODEL_IS_READ
+#define model_take(resources, why) ((void)(resources), (void)(why), 1)
+#define model_leave() ((void)0)
+#endif
+
 /* In the order of fmi2Status and fmi3Status. */
 typedef enum { FINE, UNUSUAL, DISCARDED, FAILURE, FATAL } Status;
 
@@ -23,7 +29,7 @@ typedef enum { INSTANTIATED, INITIALIZING, RUNNING, TERMINATED, FAILED } Phase;
 typedef void Sink(void *owner, Status status, const char *category, const char *text);
 
 typedef struct {
-    double v[MODEL_VARIABLES];
+    double v[MOST_VARIABLES];
     Behaviour *behaviour;
     Phase phase;
     double time;

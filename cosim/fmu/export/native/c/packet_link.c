@@ -18,13 +18,15 @@
 #include "model.h"
 #include "variable.h"
 
+#define LANES ((size_t)MODEL_LANES)
+
 #define MOST_MESSAGES 50000000
 #define LONGEST 9007199.254740992 /* s: 2^53 ns, up to which doubles count them exactly */
 
 typedef struct {
     int64_t arrival;
     LinkArrival is;
-    double value[MODEL_LANES];
+    double value[MOST_LANES];
 } Entry;
 
 typedef struct {
@@ -116,7 +118,7 @@ int behaviour_initialise(Behaviour *b, double *v, double start, Message *why) {
     b->receiver = receiver;
     b->bad = 0;
     b->count = 0;
-    for (size_t i = 0; i < MODEL_LANES; i++) v[model_outputs[i]] = v[model_initials[i]];
+    for (size_t i = 0; i < LANES; i++) v[model_outputs[i]] = v[model_initials[i]];
     publish(b, v);
     return 1;
 }
@@ -143,7 +145,7 @@ static void put(Behaviour *b, const double *v, int64_t arrival, int64_t fate) {
     e->is.message = b->next;
     e->is.sent_ns = b->clock.now;
     e->is.fate = fate;
-    for (size_t i = 0; i < MODEL_LANES; i++)
+    for (size_t i = 0; i < LANES; i++)
         e->value[i] = quantized(v[model_inputs[i]], v[V_quantization]);
 }
 
@@ -199,7 +201,7 @@ static void receive(Behaviour *b, double *v, const Entry *e) {
     b->receiver.origin_ns = found.origin_ns;
     b->receiver.dropped = found.dropped;
     b->receiver.delivered = found.delivered;
-    for (size_t i = 0; i < MODEL_LANES; i++) {
+    for (size_t i = 0; i < LANES; i++) {
         if (found.status == LINK_DELIVERED) v[model_outputs[i]] = e->value[i];
         if (found.noticed) v[model_outputs[i]] = v[V_on_loss_value];
     }
@@ -236,7 +238,7 @@ void behaviour_direction(const Behaviour *b, const double *v, const double *chan
 
 #define OWN 9
 #define HEAD (CLOCK_NUMBERS + OWN)
-#define EACH (4 + MODEL_LANES)
+#define EACH (4 + LANES)
 
 size_t behaviour_size(const Behaviour *b) { return HEAD + EACH * b->count; }
 
@@ -254,8 +256,8 @@ void behaviour_save(const Behaviour *b, double *to) {
         *to++ = (double)e->is.message;
         *to++ = (double)e->is.sent_ns;
         *to++ = (double)e->is.fate;
-        memcpy(to, e->value, sizeof e->value);
-        to += MODEL_LANES;
+        memcpy(to, e->value, LANES * sizeof(double));
+        to += LANES;
     }
 }
 
@@ -289,7 +291,7 @@ int behaviour_restore(Behaviour *b, const double *v, const double *from, size_t 
         LinkArrival is = {(int64_t)from[1], (int64_t)from[2], (int64_t)from[3]};
         entry[i].arrival = (int64_t)from[0];
         entry[i].is = is;
-        memcpy(entry[i].value, from + 4, sizeof entry[i].value);
+        memcpy(entry[i].value, from + 4, LANES * sizeof(double));
     }
     return 1;
 }

@@ -9,13 +9,16 @@
 #include "model.h"
 #include "variable.h"
 
-static const size_t OTHERS = MODEL_OTHERS, INPUTS = MODEL_INPUTS, DELAYS = MODEL_DELAYS;
-static const size_t CONSTANTS = MODEL_CONSTANTS;
+#define OTHERS ((size_t)MODEL_OTHERS)
+#define INPUTS ((size_t)MODEL_INPUTS)
+#define DELAYS ((size_t)MODEL_DELAYS)
+#define CONSTANTS ((size_t)MODEL_CONSTANTS)
+#define STATES ((size_t)MODEL_STATES)
 
 struct Behaviour {
     DelayLine line;
-    double constants[AT_LEAST_ONE(MODEL_CONSTANTS)];
-    double held[AT_LEAST_ONE(MODEL_INPUTS)]; /* inputs of the last step */
+    double constants[AT_LEAST_ONE(MOST_CONSTANTS)];
+    double held[AT_LEAST_ONE(MOST_INPUTS)]; /* inputs of the last step */
     int stepped;                             /* there was one */
 };
 
@@ -34,16 +37,16 @@ static int prepare(Behaviour *b, const double *v, double start, Message *why) {
     for (size_t i = 0; i < CONSTANTS; i++)
         if (!isfinite(b->constants[i]))
             return say(why, "the parameters give a coefficient that is not finite");
-    double initial[MODEL_STATES], delay[AT_LEAST_ONE(MODEL_DELAYS)];
-    for (size_t i = 0; i < MODEL_STATES; i++) initial[i] = v[model_initials[i]];
+    double initial[MOST_STATES], delay[AT_LEAST_ONE(MOST_DELAYS)];
+    for (size_t i = 0; i < STATES; i++) initial[i] = v[model_initials[i]];
     for (size_t k = 0; k < DELAYS; k++) delay[k] = v[model_delays[k]];
     b->stepped = 0;
     return delay_line_start(&b->line, initial, delay, v[MODEL_STEP], start, why);
 }
 
 static int others(const Behaviour *b, double *v, Message *why) {
-    double out[AT_LEAST_ONE(MODEL_OTHERS)];
-    model_outputs(b->line.x, v, b->constants, out);
+    double out[AT_LEAST_ONE(MOST_OTHERS)];
+    model_other_outputs(b->line.x, v, b->constants, out);
     for (size_t i = 0; i < OTHERS; i++)
         if (!isfinite(out[i]))
             return say(why, "%s is not finite", model_variables[model_others[i]].name);
@@ -53,7 +56,7 @@ static int others(const Behaviour *b, double *v, Message *why) {
 
 static int publish(const Behaviour *b, double *v, Message *why) {
     if (!others(b, v, why)) return 0;
-    for (size_t i = 0; i < MODEL_STATES; i++) v[model_states[i]] = b->line.x[i];
+    for (size_t i = 0; i < STATES; i++) v[model_states[i]] = b->line.x[i];
     return 1;
 }
 
@@ -62,7 +65,7 @@ int behaviour_initialise(Behaviour *b, double *v, double start, Message *why) {
 }
 
 int behaviour_advance(Behaviour *b, double *v, double end, Message *why) {
-    double inputs[AT_LEAST_ONE(MODEL_INPUTS)];
+    double inputs[AT_LEAST_ONE(MOST_INPUTS)];
     int jump = !b->stepped;
     for (size_t i = 0; i < INPUTS; i++) {
         inputs[i] = v[model_inputs[i]];
@@ -84,7 +87,7 @@ int behaviour_advance(Behaviour *b, double *v, double end, Message *why) {
 int behaviour_refresh(Behaviour *b, double *v, Message *why) { return others(b, v, why); }
 
 void behaviour_direction(const Behaviour *b, const double *v, const double *change, double *out) {
-    double inputs[AT_LEAST_ONE(MODEL_INPUTS)], changed[AT_LEAST_ONE(MODEL_OTHERS)];
+    double inputs[AT_LEAST_ONE(MOST_INPUTS)], changed[AT_LEAST_ONE(MOST_OTHERS)];
     for (size_t i = 0; i < INPUTS; i++) inputs[i] = change[model_inputs[i]];
     model_outputs_change(b->line.x, v, b->constants, inputs, changed);
     for (size_t i = 0; i < OTHERS; i++) out[model_others[i]] = changed[i];

@@ -9,7 +9,7 @@
 #include "variable.h"
 
 struct Behaviour {
-    double constants[MODEL_CONSTANTS > 0 ? MODEL_CONSTANTS : 1];
+    double constants[MOST_CONSTANTS > 0 ? MOST_CONSTANTS : 1];
     double start;
     double samples; /* taken so far */
 #ifdef MODEL_INTEGRALS
@@ -35,7 +35,7 @@ int behaviour_initialise(Behaviour *b, double *v, double start, Message *why) {
 #ifdef MODEL_INTEGRALS
     b->time = start;
 #endif
-    for (size_t i = 0; i < MODEL_OUTPUTS; i++) v[model_outputs[i]] = 0.0;
+    for (size_t i = 0; i < (size_t)MODEL_OUTPUTS; i++) v[model_outputs[i]] = 0.0;
     return 1;
 }
 
@@ -59,16 +59,16 @@ int behaviour_advance(Behaviour *b, double *v, double end, Message *why) {
         samples = greater(taken, samples);
     }
     if (due) {
-        double out[MODEL_OUTPUTS];
+        double out[MOST_OUTPUTS];
 #ifdef MODEL_INTEGRALS
         model_law(elapsed, v, b->constants, out);
 #else
         model_law(v, b->constants, out);
 #endif
-        for (size_t i = 0; i < MODEL_OUTPUTS; i++)
+        for (size_t i = 0; i < (size_t)MODEL_OUTPUTS; i++)
             if (!isfinite(out[i]))
                 return say(why, "%s is not finite", model_variables[model_outputs[i]].name);
-        for (size_t i = 0; i < MODEL_OUTPUTS; i++) v[model_outputs[i]] = out[i];
+        for (size_t i = 0; i < (size_t)MODEL_OUTPUTS; i++) v[model_outputs[i]] = out[i];
     }
     b->samples = samples;
 #ifdef MODEL_INTEGRALS

@@ -7,6 +7,8 @@
 #include "arithmetic.h"
 #include "instance.h"
 
+#define VARIABLES ((size_t)MODEL_VARIABLES)
+
 #define MARK 0x5AFEu
 #define HEAD 3 /* phase, stale, time */
 
@@ -32,13 +34,13 @@ Status instance_save(Instance *it, Saved **saved) {
     size_t own = it->phase == INSTANTIATED || it->phase == INITIALIZING
                      ? 0
                      : behaviour_size(it->behaviour);
-    Saved *taken = saved_new(*saved, HEAD + MODEL_VARIABLES + own);
+    Saved *taken = saved_new(*saved, HEAD + VARIABLES + own);
     if (!taken) return instance_refuse(it, "there is no memory left to save the state");
     taken->numbers[0] = it->phase;
     taken->numbers[1] = it->stale;
     taken->numbers[2] = it->time;
-    memcpy(taken->numbers + HEAD, it->v, sizeof it->v);
-    if (own > 0) behaviour_save(it->behaviour, taken->numbers + HEAD + MODEL_VARIABLES);
+    memcpy(taken->numbers + HEAD, it->v, VARIABLES * sizeof *it->v);
+    if (own > 0) behaviour_save(it->behaviour, taken->numbers + HEAD + VARIABLES);
     *saved = taken;
     return FINE;
 }
@@ -46,13 +48,13 @@ Status instance_save(Instance *it, Saved **saved) {
 /* Check what was saved and make a behaviour of it; NULL with the reason in `why`. */
 static Behaviour *revived(const Saved *saved, Message *why) {
     const double *n = saved->numbers, *v = n + HEAD;
-    if (saved->count < HEAD + MODEL_VARIABLES ||
+    if (saved->count < HEAD + VARIABLES ||
         !(n[0] == INSTANTIATED || n[0] == INITIALIZING || n[0] == RUNNING || n[0] == TERMINATED) ||
         !isfinite(n[2])) {
         say(why, "the saved state does not fit this component");
         return NULL;
     }
-    for (size_t i = 0; i < MODEL_VARIABLES; i++) {
+    for (size_t i = 0; i < VARIABLES; i++) {
         const Variable *variable = &model_variables[i];
         int whole = variable->kind == REAL || v[i] == floor(v[i]);
         if (!isfinite(v[i]) || !whole || v[i] < variable->minimum || v[i] > variable->maximum) {
@@ -66,9 +68,9 @@ static Behaviour *revived(const Saved *saved, Message *why) {
         say(why, "there is no memory left");
         return NULL;
     }
-    size_t own = saved->count - HEAD - MODEL_VARIABLES;
+    size_t own = saved->count - HEAD - VARIABLES;
     int set_up = n[0] == RUNNING || n[0] == TERMINATED;
-    if (set_up ? behaviour_restore(b, v, v + MODEL_VARIABLES, own, why)
+    if (set_up ? behaviour_restore(b, v, v + VARIABLES, own, why)
                : own == 0 || say(why, "the saved state does not fit this component"))
         return b;
     behaviour_free(b);
@@ -84,7 +86,7 @@ Status instance_load(Instance *it, const Saved *saved) {
     it->behaviour = b;
     it->phase = (Phase)saved->numbers[0];
     it->time = saved->numbers[2];
-    memcpy(it->v, saved->numbers + HEAD, sizeof it->v);
+    memcpy(it->v, saved->numbers + HEAD, VARIABLES * sizeof *it->v);
     /* before a run outputs are computed when they are asked for */
     it->stale = it->phase == INITIALIZING || saved->numbers[1] != 0.0;
     it->failure.text[0] = 0;

@@ -9,6 +9,9 @@
 #include "model.h"
 #include "variable.h"
 
+#define OUTPUTS ((size_t)MODEL_OUTPUTS)
+#define ROWS ((size_t)MODEL_ROWS)
+
 struct Behaviour {
     Clock clock;
 };
@@ -20,7 +23,7 @@ void behaviour_free(Behaviour *b) { free(b); }
 static void publish(const Behaviour *b, double *v) {
     /* the run's own time, whatever the master calls its start */
     int64_t t = b->clock.now + nanoseconds(b->clock.start);
-    size_t low = 0, high = MODEL_ROWS; /* the last row at or before t, or the first */
+    size_t low = 0, high = ROWS; /* the last row at or before t, or the first */
     while (high - low > 1) {
         size_t middle = low + (high - low) / 2;
         if (model_instants[middle] <= t)
@@ -29,13 +32,13 @@ static void publish(const Behaviour *b, double *v) {
             high = middle;
     }
     double weight = 0.0;
-    if (low + 1 < MODEL_ROWS && t > model_instants[low])
+    if (low + 1 < ROWS && t > model_instants[low])
         weight = (double)(t - model_instants[low]) /
                  (double)(model_instants[low + 1] - model_instants[low]);
-    for (size_t i = 0; i < MODEL_OUTPUTS; i++) {
-        double here = model_table[low][i];
+    for (size_t i = 0; i < OUTPUTS; i++) {
+        double here = model_table[low * OUTPUTS + i];
         v[model_outputs[i]] =
-            weight == 0.0 ? here : here + weight * (model_table[low + 1][i] - here);
+            weight == 0.0 ? here : here + weight * (model_table[(low + 1) * OUTPUTS + i] - here);
     }
 }
 

@@ -12,9 +12,11 @@
 #include "model.h"
 #include "variable.h"
 
+#define LANES ((size_t)MODEL_LANES)
+
 typedef struct {
     int64_t time; /* ns */
-    double value[MODEL_LANES];
+    double value[MOST_LANES];
 } Row;
 
 struct Behaviour {
@@ -36,7 +38,7 @@ int behaviour_initialise(Behaviour *b, double *v, double start, Message *why) {
     b->clock = clock_at(start);
     b->delay = nanoseconds(v[V_delay]);
     b->count = 0;
-    for (size_t i = 0; i < MODEL_LANES; i++) v[model_outputs[i]] = v[model_initials[i]];
+    for (size_t i = 0; i < LANES; i++) v[model_outputs[i]] = v[model_initials[i]];
     v[V_age] = 0.0;
     return 1;
 }
@@ -55,7 +57,7 @@ int behaviour_advance(Behaviour *b, double *v, double end, Message *why) {
     if (!room_for_one(b, why)) return 0;
     Row *last = &b->row[b->count++];
     last->time = b->clock.now;
-    for (size_t i = 0; i < MODEL_LANES; i++) last->value[i] = v[model_inputs[i]];
+    for (size_t i = 0; i < LANES; i++) last->value[i] = v[model_inputs[i]];
     b->clock = clock_moved(b->clock, end);
     int64_t wanted = b->clock.now - b->delay;
     if (wanted < 0) wanted = 0;
@@ -65,7 +67,7 @@ int behaviour_advance(Behaviour *b, double *v, double end, Message *why) {
     const Row *here = &b->row[k], *after = &b->row[k + 1 < b->count ? k + 1 : k];
     int64_t past = wanted - here->time, gap = after->time - here->time;
     double weight = past > 0 ? (double)past / (double)gap : 0.0;
-    for (size_t i = 0; i < MODEL_LANES; i++)
+    for (size_t i = 0; i < LANES; i++)
         v[model_outputs[i]] = weight == 0.0
                                   ? here->value[i]
                                   : (1.0 - weight) * here->value[i] + weight * after->value[i];
@@ -84,7 +86,7 @@ void behaviour_direction(const Behaviour *b, const double *v, const double *chan
     (void)b, (void)v, (void)change, (void)out;
 }
 
-#define EACH (1 + MODEL_LANES)
+#define EACH (1 + LANES)
 
 size_t behaviour_size(const Behaviour *b) { return CLOCK_NUMBERS + EACH * b->count; }
 
@@ -93,7 +95,7 @@ void behaviour_save(const Behaviour *b, double *to) {
     to += CLOCK_NUMBERS;
     for (size_t i = 0; i < b->count; i++, to += EACH) {
         to[0] = (double)b->row[i].time;
-        memcpy(to + 1, b->row[i].value, sizeof b->row[i].value);
+        memcpy(to + 1, b->row[i].value, LANES * sizeof(double));
     }
 }
 
@@ -115,7 +117,7 @@ int behaviour_restore(Behaviour *b, const double *v, const double *from, size_t 
         if (fabs(from[0]) >= 1e18 || (i > 0 && from[0] <= (double)row[i - 1].time))
             return say(why, "the saved signal does not fit this link");
         row[i].time = (int64_t)from[0];
-        memcpy(row[i].value, from + 1, sizeof row[i].value);
+        memcpy(row[i].value, from + 1, LANES * sizeof(double));
     }
     return 1;
 }

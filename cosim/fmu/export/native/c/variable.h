@@ -13,6 +13,17 @@ typedef struct {
     double start, minimum, maximum;
 } Variable;
 
+/* Greatest sizes of arrays: those of the model, unless it is read when an instance is made. */
+#ifndef MODEL_IS_READ
 extern const Variable model_variables[];
+#define MOST_VARIABLES MODEL_VARIABLES
+#define MOST_STATES MODEL_STATES
+#define MOST_DELAYS MODEL_DELAYS
+#define MOST_INPUTS MODEL_INPUTS
+#define MOST_OUTPUTS MODEL_OUTPUTS
+#define MOST_OTHERS MODEL_OTHERS
+#define MOST_CONSTANTS MODEL_CONSTANTS
+#define MOST_LANES MODEL_LANES
+#endif
 
 #endif

@@ -1,0 +1,85 @@
+"""A design: a gain with its proof.
+
+It stands apart from what makes one: a run reads a design, and loads no solver for that.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cosim.core import html_table, matrix_text
+from cosim.hinf.certificate import Certificate, Guarantees
+from cosim.hinf.synthesis.result_text import proved_words, result_rows
+from cosim.models import DelaySystem
+
+if TYPE_CHECKING:
+    from cosim.hinf.nominal import WorstCase
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Design:
+    """A certified gain, with its proof and the figures of its nominal loop.
+
+    Attributes
+    ----------
+    system : the system it is designed for.
+    K : (m, n) the gain, as its doubles.
+    gamma : certified bound of the gain from w to z, uncertainty included; None where the
+        system has no w or no z, and stability alone is certified.
+    k1, k2 : one per delay; empty where the proof has an `order`.
+    least_gamma : the solver's least gamma at k1, k2; not proved.
+    abscissa, exact_norm, exact_norm_upper, norm_frequency, delay_margin : of the nominal loop
+        (`cosim.hinf.nominal.nominal_figures`); None also where it could not be computed (a delay
+        too long for its roots to be counted), or where an older file has none.
+    certificate : the proof as JSON values, for `check_certificate`.
+    order : Bessel-Legendre order of the proof, an analysis of K without k1, k2; None for
+        Theorem 2.
+    worst_case : the sinusoid that the nominal loop amplifies most; None where its norm is not
+        attained at a finite frequency, and in older files.
+    guarantees : the design constraints that are proved, also in the certificate.
+    """
+
+    system: DelaySystem
+    K: NDArray[np.float64]
+    gamma: float | None
+    k1: tuple[float, ...]
+    k2: tuple[float, ...]
+    least_gamma: float | None
+    abscissa: float | None
+    exact_norm: float | None
+    exact_norm_upper: float | None
+    norm_frequency: float | None
+    delay_margin: tuple[float | None, ...] | None
+    certificate: dict[str, Any]
+    order: int | None = None
+    worst_case: WorstCase | None = None
+    guarantees: Guarantees = field(default_factory=Guarantees)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "certificate", Certificate(self.certificate))
+
+    def __repr__(self) -> str:
+        name = f" {self.system.name!r}" if self.system.name else ""
+        return f"<Design{name}: K = {matrix_text(self.K)}, {proved_words(self)}>"
+
+    def _repr_html_(self) -> str:
+        """Return the gain, what is proved of it and the figures of its loop, for notebooks."""
+        return html_table(repr(self), {"system": repr(self.system)[1:-1], **result_rows(self)})
+
+    @property
+    def covers_smaller_delays(self) -> bool:
+        """Whether the proof covers every delay up to the system's, not exactly these alone."""
+        if self.order is None:
+            return True
+        from cosim.hinf.certificate import covers_smaller  # noqa: PLC0415 - of analyses only
+
+        return covers_smaller(self.certificate["claim"])
+
+    @property
+    def certified(self) -> bool:
+        """Always true: a `Design` is only made with a proof."""
+        return True

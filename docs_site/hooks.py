@@ -1,0 +1,41 @@
+"""What `mkdocs build` adds to the pages of docs: the generated reference, notebooks, formulas.
+
+The generated pages exist in the built site alone. `mkdocs.yml` names this file.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Any
+
+from mkdocs.config.defaults import MkDocsConfig
+from mkdocs.structure.files import File, Files
+
+ROOT = Path(__file__).parents[1]
+sys.path.insert(0, str(ROOT))  # `mkdocs` does not put the folder of mkdocs.yml there
+
+from docs_site import api_pages, cli_page, notebook_pages, toml_pages  # noqa: E402
+from docs_site.formulas import fence  # noqa: E402
+
+
+def on_config(config: MkDocsConfig) -> MkDocsConfig:
+    """Show ```math fences as MathML, which browsers draw by themselves."""
+    fences = [{"name": "math", "class": "math", "format": fence}]
+    settings: dict[str, Any] = config.mdx_configs.setdefault("pymdownx.superfences", {})
+    settings["custom_fences"] = fences
+    return config
+
+
+def on_files(files: Files, config: MkDocsConfig) -> Files:
+    """Add the pages that are generated from the code."""
+    pages = {
+        "reference/cli.md": cli_page.page(),
+        **toml_pages.pages(),
+        **api_pages.pages(),
+    }
+    for path in sorted(Path(config.docs_dir).glob("notebooks/*.ipynb")):
+        pages[f"notebooks/{path.stem}.md"] = notebook_pages.page(path)
+    for name, text in pages.items():
+        files.append(File.generated(config, name, content=text))
+    return files

@@ -1,0 +1,132 @@
+"""The help of every command: it wraps, and its examples can be typed as they stand."""
+
+from __future__ import annotations
+
+import os
+import re
+import shlex
+import shutil
+from collections.abc import Iterator
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import pytest
+import typer.main
+from cli.shell import cosim
+from shared import copied, fmu_store
+
+from cosim.cli.application import app
+
+EXAMPLE = re.compile(r"^  (cosim .*)$", re.MULTILINE)
+NOT_RUN = ("trace play", "trace view", "--scheduler", "--workers", "paper --html")
+"""A server, a viewer and a cluster: what would not end, or is not here; what runs elsewhere."""
+OTHER_CODES = {"trace diff": 1, "trace recover": 3, "migrate --check": 1}
+"""Of examples that compare different runs, read a trace that was cut, and find old files."""
+
+BEFORE = ("scenario", "design", "fmu build", "fmu controller", "ssp", "trace rerun")
+"""What writes the files that others read."""
+
+
+def leaf_of(words: list[str]) -> tuple[Any, Any, list[str]]:
+    """Return the command that a line names, its context before it is parsed, and the rest."""
+    node: Any = typer.main.get_command(app)
+    context, rest = None, list(words)
+    while hasattr(node, "resolve_command") and rest and not rest[0].startswith("-"):
+        context = node.context_class(node, info_name=node.name, parent=context)
+        _, node, rest = node.resolve_command(context, rest)
+    return node, context, rest
+
+
+def paths(node: Any = None, path: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
+    """Yield the words of every command and group that is listed."""
+    node = leaf_of(list(path))[0] if node is None else node
+    yield path
+    for name, listed in sorted(getattr(node, "commands", {}).items()):
+        if not listed.hidden:
+            yield from paths(None, (*path, name))
+
+
+EVERY = list(paths())
+
+
+def words_of(line: str) -> list[str]:
+    """Return the words after `cosim`, without a redirection."""
+    return shlex.split(re.sub(r" > \S+$", "", line))[1:]
+
+
+def examples(path: tuple[str, ...], folder: Path) -> list[str]:
+    """Return the examples of a command, those that are broken joined again."""
+    text = cosim(*path, "--help", cwd=folder, columns=60).out
+    return EXAMPLE.findall(re.sub(r" \\\n +", " ", text))
+
+
+@pytest.mark.parametrize("width", [60, 80, 120])
+def test_every_help_wraps(width: int, tmp_path: Path) -> None:
+    """No line beyond the terminal, no word cut off, and full lines where there is more text."""
+    for path in EVERY:
+        out = cosim(*path, "--help", cwd=tmp_path, columns=width).out
+        assert out.startswith("Usage: cosim")
+        lines = out.splitlines()
+        assert max(map(len, lines)) <= width, (path, max(lines, key=len))
+        assert "…" not in out
+        assert "\b" not in out
+        body = re.split(r"\n\n\w.*:\n", out.partition("\n\n")[2])[0]
+        for line, after in pairwise(body.splitlines()):
+            if line.strip() and after.strip():
+                assert len(line) + 1 + len(after.split()[0]) > width - 3, (path, line, after)
+
+
+def test_every_command_has_examples_that_parse(tmp_path: Path) -> None:
+    """Each names its own command; options, arguments and choices exist."""
+    for path in EVERY:
+        if hasattr(leaf_of(list(path))[0], "commands"):
+            continue
+        found = examples(path, tmp_path)
+        assert found, path
+        assert any(line.startswith(f"cosim {' '.join(path)}") for line in found)
+        for line in found:
+            words = words_of(line)
+            leaf, context, rest = leaf_of(words)
+            leaf.make_context(leaf.name, rest, parent=context)
+
+
+def test_cosim_alone_shows_a_first_hour(tmp_path: Path) -> None:
+    """Commands that exist, in lines that fit a narrow terminal; exit code 0."""
+    result = cosim(cwd=tmp_path)
+    assert result.code == 0
+    assert max(map(len, result.out.splitlines())) <= 60
+    typed = [line for line in EXAMPLE.findall(result.out) if "COMMAND" not in line]
+    assert len(typed) == 4
+    for line in typed:
+        leaf, context, rest = leaf_of(words_of(line))
+        leaf.make_context(leaf.name, rest, parent=context)
+
+
+@pytest.mark.slow
+def test_the_examples_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Typed one after the other, after what `cosim` alone shows: each does what it says."""
+    readme = (Path(__file__).parents[2] / "README.md").read_text("utf-8")
+    system = re.search(r"```toml\n(# my-system.toml\n.*?)```", readme, re.DOTALL)
+    assert system is not None
+    (tmp_path / "my-system.toml").write_text(system[1], "utf-8")
+    copied(fmu_store("python", "native"), tmp_path / "fmus")
+    monkeypatch.setattr("webbrowser.open", lambda _: True)
+    first = [line for line in EXAMPLE.findall(cosim(cwd=tmp_path).out) if "COMMAND" not in line]
+    leaves = [path for path in EVERY if not hasattr(leaf_of(list(path))[0], "commands")]
+    leaves.sort(key=lambda path: not " ".join(path).startswith(BEFORE))
+    leaves.sort(key=lambda path: path != ("scenario", "new"))
+    failed = {}
+    lines = [*first, *(line for path in leaves for line in examples(path, tmp_path))]
+    for line in dict.fromkeys(lines):
+        if any(words in line for words in NOT_RUN):
+            continue
+        trace = tmp_path / "traces" / "auv-acoustic.mcap"
+        if "trace recover" in line:
+            shutil.copy(trace, f"{trace}.partial")
+            os.truncate(f"{trace}.partial", trace.stat().st_size // 2)
+        done = cosim(*words_of(line), cwd=tmp_path)
+        allowed = {0, OTHER_CODES.get(" ".join(line.split()[1:3]))}
+        if done.code not in allowed:
+            failed[line] = done.err
+    assert not failed, "\n".join(f"{line}\n{error}" for line, error in failed.items())

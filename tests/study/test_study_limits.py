@@ -1,0 +1,128 @@
+"""A study ends in time, and says what it could not do: limits, full disk, other versions."""
+
+from __future__ import annotations
+
+import resource
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from study.deadly import DEADLY, U, plan, truth
+
+from cosim.core import InputError, LossError
+from cosim.study import batch
+from cosim.study.execution import execute_study
+from cosim.study.folder import RESULTS, RUN_LOG
+from cosim.study.plan import Plan
+from cosim.study.repeat import repeat_run
+from cosim.study.table import read_table
+from cosim.trace import Trace
+
+
+def test_a_run_that_hangs_ends_at_its_limit(tmp_path: Path) -> None:
+    """With its component and call named; the others are the closed form."""
+    done = execute_study(plan([0.0, DEADLY, 1.0], "hang"), tmp_path, limits=["run=1"])
+    found = read_table(tmp_path)[0].to_pydict()
+    assert found["status"] == ["finished", "timed_out", "finished"]
+    assert "fmi2DoStep" in found["reason"][1]
+    assert found["x"][2] == pytest.approx(truth(1.0))
+    assert [(row.run, row.status) for row in done.incomplete] == [(1, "timed_out")]
+
+
+def test_a_first_run_that_hangs_is_left_to_the_limit_of_the_others(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its time is no measure; if none of the first runs ends, that is the answer."""
+    monkeypatch.setattr("cosim.study.plan.TRIAL_S", 0.5)
+    monkeypatch.setattr("cosim.study.execution.RUN_LIMIT_S", 1.0)
+    done = execute_study(plan([DEADLY, 0.5, 1.0], "hang"), tmp_path / "one")
+    assert done.statuses == {"timed_out": 1, "finished": 2}
+    assert done.run_limit_s is not None
+    assert done.run_limit_s >= 1.0
+    with pytest.raises(Exception, match="the first runs of the study do not end"):
+        execute_study(plan([DEADLY, DEADLY + 1], "hang"), tmp_path / "two")
+
+
+def test_a_study_that_takes_too_long_ends_and_can_be_continued(tmp_path: Path) -> None:
+    made = plan([0.0, 1.0, 2.0])
+    with pytest.raises(LossError, match="the time of the study is over") as caught:
+        execute_study(made, tmp_path, time_limit_s=0.0)
+    assert caught.value.got == "1, which are kept"
+    assert execute_study(made, tmp_path).executed == 2
+
+
+def test_a_full_disk_is_named_and_the_study_can_be_continued(tmp_path: Path) -> None:
+    """The greatest size of a file stands for the disk; the half line that it leaves is removed."""
+    made = plan([0.1 * i for i in range(30)])
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+
+    def fill(what: str, _share: float) -> None:
+        if what.startswith("5 of"):
+            size = (tmp_path / RUN_LOG).stat().st_size + 20
+            resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
+
+    try:
+        with pytest.raises(LossError, match="results cannot be written") as caught:
+            execute_study(made, tmp_path, progress=fill)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert RUN_LOG in str(caught.value.where)
+    done = execute_study(made, tmp_path)
+    assert done.statuses == {"finished": 30}
+    assert 24 <= done.executed <= 26
+
+
+def test_a_worker_with_other_versions_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(batch, "_runners", type(batch._runners)())
+    job = replace(plan([0.0, 1.0]).job, software={**batch.software(), "numpy": "1.0"})
+    with pytest.raises(InputError, match="other versions") as caught:
+        batch.run_batch(job, [0])
+    assert caught.value.expected == "numpy 1.0"
+
+
+def test_a_run_that_crashes_is_repeated_alone_with_its_trace(tmp_path: Path) -> None:
+    """In a child of its own: nothing happens to this process."""
+    outcome = repeat_run(plan([0.0, DEADLY]), 1, tmp_path / "run.mcap")
+    assert outcome.status == "failed"
+    assert outcome.cause is not None
+    assert outcome.cause.kind == "crashed"
+    trace = Trace(tmp_path / "run.mcap")
+    assert trace.outcome is not None
+    assert trace.outcome.status == "failed"
+    with pytest.raises(InputError, match="no such run"):
+        repeat_run(plan([0.0, DEADLY]), 2, tmp_path / "none.mcap")
+
+
+def test_traces_of_failed_runs_are_kept_of_runs_that_crash(tmp_path: Path) -> None:
+    done = execute_study(plan([0.0, DEADLY], traces="failed"), tmp_path)
+    assert done.traces == {1: None}
+    assert Trace(tmp_path / "traces" / "run-1.mcap").outcome is not None
+
+
+def test_a_study_with_more_samples_keeps_the_runs_that_it_has(tmp_path: Path) -> None:
+    """The same table, bit for bit, as if it had had all samples from the start."""
+
+    def of(samples: int, kind: str = "sobol") -> Plan:
+        axes = [
+            {
+                "kind": "grid",
+                "name": "x0",
+                "path": "components.tiny.parameters.x0",
+                "values": [1, 2],
+            },
+            {"kind": kind, "name": "u", "path": U, "uniform": [0.0, 5.0]},
+        ]
+        return plan([], vary=axes, samples=samples)
+
+    execute_study(of(4), tmp_path / "grown")
+    done = execute_study(of(16), tmp_path / "grown")
+    assert (done.runs, done.executed) == (32, 24)
+    execute_study(of(16), tmp_path / "whole")
+    tables = [(tmp_path / name / RESULTS).read_bytes() for name in ("grown", "whole")]
+    assert tables[0] == tables[1]
+    assert execute_study(of(16), tmp_path / "grown").executed == 0
+    with pytest.raises(InputError, match="results of another study"):
+        execute_study(of(4), tmp_path / "grown")
+    execute_study(of(4, "latin"), tmp_path / "latin")
+    with pytest.raises(InputError, match="results of another study"):
+        execute_study(of(16, "latin"), tmp_path / "latin")
