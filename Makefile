@@ -12,11 +12,11 @@ DEV := $(VENV)/.ready-dev
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help demo test lint bench fmus clean
+.PHONY: help demo test lint bench docs fmus clean release
 
 help: ## show this list
 	@echo "make <target>   [PYTHON=$(PYTHON)] [VENV=$(VENV)] [JOBS=$(JOBS)]"
-	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  %-7s %s\n", $$1, $$2 }' $(firstword $(MAKEFILE_LIST))
+	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  %-8s %s\n", $$1, $$2 }' $(firstword $(MAKEFILE_LIST))
 
 demo: $(READY) ## fly two designs over the same late link, from design to trace
 	$(BIN)/cosim demo
@@ -28,10 +28,14 @@ test: $(DEV) ## run the tests, all but the slow ones [ORDER=NUMBER: in another o
 	$(BIN)/python -m pytest -n $(JOBS) --dist worksteal -m "not slow" \
 		$(if $(ORDER),--random-order-bucket=module --random-order-seed=$(ORDER))
 
-lint: $(DEV) ## check style, formatting and types
+lint: $(DEV) ## check style, formatting and types, workflows and Containerfile
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+	$(BIN)/zizmor --offline --quiet .github/workflows
+	$(BIN)/check-jsonschema --quiet --builtin-schema vendor.github-workflows \
+		.github/workflows/*.yml
+	$(BIN)/hadolint Containerfile
 
 bench: $(DEV) ## run every benchmark; each prints its table and its JSON
 	@# the masters to compare with, where they can be had
@@ -41,11 +45,22 @@ bench: $(DEV) ## run every benchmark; each prints its table and its JSON
 		echo "== $$script"; $(BIN)/python -m tests.benchmarks.$$(basename $$script .py); \
 	done
 
+docs: $(READY) ## build the documentation into site/, which needs no network
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check \
+		-c constraints.txt -e '.[docs]'
+	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict --quiet
+	$(BIN)/python -m docs_site.offline site
+
 fmus: $(READY) ## build every FMU into fmus/
 	$(BIN)/python build_fmu.py
 
+release: $(READY) ## make dist/: wheel, sdist, FMUs and SSPs, SBOM, checksums; twice the same
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check \
+		-c constraints.txt -e '.[release]'
+	$(BIN)/python .ci/release.py
+
 clean: ## remove what the other targets made, traces excepted
-	rm -rf .venv .venv-ci fmus dist build .mypy_cache .pytest_cache .ruff_cache .hypothesis
+	rm -rf .venv .venv-ci fmus dist build site .mypy_cache .pytest_cache .ruff_cache .hypothesis
 	find cosim fmu_src tests -type d -name __pycache__ -prune -exec rm -rf {} +
 
 # The environment is hidden from git and from ruff wherever it stands.

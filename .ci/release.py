@@ -46,8 +46,8 @@ def main() -> None:
     print("".join(sums), end="")
 
 
-def write_archive(scratch: Path, target: Path) -> None:
-    """Write the native FMUs, and every built-in scenario as SSP, its links as FMUs."""
+def write_archive(scratch: Path, archived: Path) -> None:
+    """Write the native FMUs, and the built-in scenarios as SSP, links as FMUs where they can be."""
     with zipfile.ZipFile(next(DIST.glob("*.whl"))) as wheel:
         wheel.extractall(scratch / "package")
     files = {
@@ -57,11 +57,16 @@ def write_archive(scratch: Path, target: Path) -> None:
     package = {**os.environ, "PYTHONPATH": str(scratch / "package"), "CC": "none"}
     scenarios = scratch / "package" / "cosim" / "scenario" / "library"
     for name in sorted(path.stem for path in scenarios.glob("*.toml")):
-        words = ("ssp", "export", name, "--links", "fmu", "-o", str(scratch / f"{name}.ssp"))
-        run(sys.executable, "-m", "cosim", *words, cwd=scratch, env=package)
-        files[f"ssps/{name}.ssp"] = (scratch / f"{name}.ssp").read_bytes()
+        target = scratch / f"{name}.ssp"
+        for links in ("fmu", "annotate"):
+            words = ("ssp", "export", name, "--links", links, "-o", str(target))
+            refusal = output(sys.executable, "-m", "cosim", *words, cwd=scratch, env=package)
+            if refusal is None:
+                files[f"ssps/{name}.ssp"] = target.read_bytes()
+                break
+            print(f"{name}: no SSP with --links {links}: {refusal}")
     files["LICENSE"] = (ROOT / "LICENSE").read_bytes()
-    with zipfile.ZipFile(target, "w", zipfile.ZIP_STORED) as archive:
+    with zipfile.ZipFile(archived, "w", zipfile.ZIP_STORED) as archive:
         for name in sorted(files):
             info = zipfile.ZipInfo(name, DATE)
             info.create_system, info.external_attr = 3, 0o100644 << 16
@@ -113,11 +118,17 @@ def commit_time() -> str:
 
 def run(*command: str, cwd: Path = ROOT, env: dict[str, str] | None = None) -> None:
     """Run a command, and end with its output if it fails."""
+    failure = output(*command, cwd=cwd, env=env)
+    if failure is not None:
+        sys.exit(f"{' '.join(command)}:\n{failure}")
+
+
+def output(*command: str, cwd: Path = ROOT, env: dict[str, str] | None = None) -> str | None:
+    """Run a command; return its output if it fails."""
     done = subprocess.run(  # noqa: S603 - our own tools
         command, cwd=cwd, env=env, check=False, stdout=subprocess.PIPE, stderr=subprocess.STDOUT
     )
-    if done.returncode != 0:
-        sys.exit(f"{' '.join(command)}:\n{done.stdout.decode(errors='replace')}")
+    return done.stdout.decode(errors="replace").strip() if done.returncode else None
 
 
 def sha256(path: Path) -> str:

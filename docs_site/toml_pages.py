@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from cosim.hinf import SYSTEM_TABLES
-from cosim.scenario import Scenario
+from cosim.scenario import json_schema
 from cosim.study import Study
 
 _HEADS = Path(__file__).parent / "heads"
@@ -18,9 +18,10 @@ Json = dict[str, Any]
 
 def pages() -> dict[str, str]:
     """Return the pages by their path: systems, scenarios, studies."""
+    scenario = json_schema()
     found = {
         "systems": "\n\n".join(system_tables()),
-        "scenarios": "\n\n".join(tables(Scenario.model_json_schema(by_alias=True))),
+        "scenarios": "\n\n".join(tables(scenario["else"] | {"$defs": scenario["$defs"]})),
         "studies": "\n\n".join(tables(Study.model_json_schema(by_alias=True))),
     }
     return {

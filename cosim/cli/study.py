@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
-from cosim.cli.arguments import names
+from cosim.cli.arguments import names, numbers
 from cosim.cli.common import (
     FMUS,
     TRACES,
@@ -21,7 +22,7 @@ from cosim.cli.common import (
 )
 from cosim.cli.help_text import HelpTyper
 from cosim.cli.runs import interruptions_reported, report_outcome
-from cosim.cli.study_view import checked_view, finished_view, summary_view
+from cosim.cli.study_view import checked_view, finished_view, sensitivity_view, summary_view
 from cosim.cli.terminal import titles_table
 from cosim.core import InputError, StoppedError
 from cosim.fmu import DEFAULT_FLAVOUR
@@ -41,6 +42,8 @@ from cosim.study import (
     read_rows,
     read_table,
     repeat_run,
+    sensitivity,
+    study_schema,
     summarise,
 )
 
@@ -83,6 +86,17 @@ def list_studies(*, as_json: JsonOption = False) -> None:
     """
     rows = [{"name": name, "title": load_study(name).study.title} for name in builtin_studies()]
     answer(as_json, lambda: {"studies": rows}, lambda: titles_table("study", "title", rows))
+
+
+@study_app.command()
+def schema(*, as_json: JsonOption = False) -> None:
+    """Print the JSON Schema of studies, for editors that complete and check TOML.
+
+    \b
+    cosim study schema > study.schema.json
+    """
+    del as_json  # the output is JSON with or without it
+    print(json.dumps(study_schema(), indent=1))
 
 
 @study_app.command()
@@ -129,6 +143,14 @@ def run(
         str | None,
         typer.Option(help="Run on the workers of this Dask scheduler instead: tcp://HOST:PORT."),
     ] = None,
+    samples: Annotated[
+        int | None,
+        typer.Option(
+            min=1,
+            help="Number of sampled points, instead of the study's; a study that was run with "
+            "fewer is extended, and keeps its runs.",
+        ),
+    ] = None,
     traces: Annotated[
         str | None,
         typer.Option(
@@ -168,6 +190,8 @@ def run(
     loaded = load_study(name)
     if traces is not None:
         loaded = replace(loaded, study=_with_traces(loaded.study, traces))
+    if samples is not None:
+        loaded = replace(loaded, study=loaded.study.model_copy(update={"samples": samples}))
     wait_s = time_limit_of(wait_for_workers, "--wait-for-workers")
     pool = pool_for(workers, scheduler, wait_s)
     folder = out or STUDIES / loaded.name
@@ -233,6 +257,10 @@ def show(
         bool,
         typer.Option("--bootstrap", help="Bootstrap the intervals of means (not Student's t)."),
     ] = False,
+    quantiles: Annotated[
+        str | None,
+        typer.Option(help="Quantiles of the metrics, with intervals: 0.05,0.95."),
+    ] = None,
     picture: Annotated[
         Path | None,
         typer.Option(help="Draw the stability map of the study to this .png, .svg or .pdf file."),
@@ -254,11 +282,18 @@ def show(
 
     \b
     cosim study show studies/delay-margin --picture margin.png
-    cosim study show studies/delay-margin --by delay
+    cosim study show studies/delay-margin --by delay --quantiles 0.05,0.95
     """
     table, manifest = read_table(path)
     groups = None if by is None else [] if by == "all" else list(names("--by", by))
-    found = summarise(table, manifest, groups, confidence=confidence, bootstrap=bootstrap)
+    found = summarise(
+        table,
+        manifest,
+        groups,
+        confidence=confidence,
+        bootstrap=bootstrap,
+        quantiles=[] if quantiles is None else numbers("--quantiles", quantiles),
+    )
     edge = boundary(table, manifest)
     if (metric is None) != (over is None) or (metric is not None and picture is None):
         raise InputError(
@@ -275,6 +310,23 @@ def show(
         "picture": None if picture is None else str(picture),
     }
     answer(as_json, lambda: data, lambda: summary_view(found, edge, picture))
+
+
+@study_app.command("sensitivity")
+def show_sensitivity(
+    path: Annotated[Path, typer.Argument(help="Folder of a study, or its results.parquet.")],
+    metric: Annotated[str, typer.Argument(help="Metric of the study.")],
+    confidence: Annotated[float, typer.Option(help="Confidence level of the intervals.")] = 0.95,
+    as_json: JsonOption = False,
+) -> None:
+    """Show how much of a metric's variance is due to each axis, of a study of kind "saltelli".
+
+    \b
+    cosim study sensitivity studies/my-study error
+    """
+    table, manifest = read_table(path)
+    found = sensitivity(table, manifest, metric, confidence=confidence)
+    answer(as_json, found.to_json, lambda: sensitivity_view(found))
 
 
 def _plan(loaded: LoadedStudy, fmus: Path, flavour: RunFlavour) -> Plan:

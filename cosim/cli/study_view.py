@@ -10,7 +10,16 @@ from rich.table import Table
 from rich.text import Text
 
 from cosim.cli.terminal import NONE, facts_table, number
-from cosim.study import Boundary, Group as RunGroup, Numbers, Share, StudyResult, Summary
+from cosim.study import (
+    Boundary,
+    Group as RunGroup,
+    Numbers,
+    Quantile,
+    Sensitivity,
+    Share,
+    StudyResult,
+    Summary,
+)
 
 
 def checked_view(data: dict[str, Any]) -> RenderableType:
@@ -78,6 +87,23 @@ def summary_view(found: Summary, edge: Boundary | None, picture: Path | None) ->
     return Group(*parts)
 
 
+def sensitivity_view(found: Sensitivity) -> RenderableType:
+    """Show the indices of each axis."""
+    table = Table(box=None, pad_edge=False)
+    for column in ("axis", "alone", "interval", "with others", "interval"):
+        table.add_column(column, justify="left" if column == "axis" else "right")
+    for axis, first in found.first.items():
+        cells = []
+        for index in (first, found.total[axis]):
+            cells += [f"{index.value:.3f}", f"[{index.low:.3f}, {index.high:.3f}]"]
+        table.add_row(axis, *cells)
+    head = Text(
+        f"shares of the variance of {found.metric}, {found.samples} samples; "
+        f"intervals: {100 * found.confidence:g} %, bootstrap"
+    )
+    return Group(head, table)
+
+
 def _all_runs(group: RunGroup) -> RenderableType:
     table = Table(box=None, pad_edge=False)
     table.add_column("metric")
@@ -92,6 +118,8 @@ def _all_runs(group: RunGroup) -> RenderableType:
             *(number(v, 4) for v in (found.deviation, found.minimum, found.median, found.maximum)),
             str(found.count) + (f", {found.missing} without" if found.missing else ""),
         )
+        for one in found.quantiles:
+            table.add_row(f"  {100 * one.share:g} % below", *_quantile(one), *[""] * 5)
     return table
 
 
@@ -111,7 +139,8 @@ def _per_group(found: Summary) -> RenderableType:
             cells.append(NONE if share is None else " ".join(_share(share)))
         for name in means:
             mean = group.numbers.get(name)
-            cells.append(NONE if mean is None else " ".join(_mean(mean)))
+            parts = [] if mean is None else [_mean(mean), *map(_quantile, mean.quantiles)]
+            cells.append("\n".join(" ".join(part) for part in parts) or NONE)
         table.add_row(*cells[: len(found.by)], str(group.runs), *cells[len(found.by) :])
     return table
 
@@ -124,6 +153,11 @@ def _mean(found: Numbers) -> tuple[str, str]:
     if found.low is None or found.high is None or found.low == found.high:
         return number(found.mean, 4), ""
     return number(found.mean, 4), f"[{found.low:.4g}, {found.high:.4g}]"
+
+
+def _quantile(found: Quantile) -> tuple[str, str]:
+    low, high = (NONE if end is None else f"{end:.4g}" for end in (found.low, found.high))
+    return number(found.value, 4), f"[{low}, {high}]"
 
 
 def _value(value: Any) -> str:

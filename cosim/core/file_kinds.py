@@ -113,17 +113,25 @@ class FileKind:
 
 
 SCENARIO_FILE: Final = FileKind("scenario", "cosim run {file} runs it")
+"""A scenario, TOML."""
+
 SYSTEM_FILE: Final = FileKind(
     "system",
     "cosim design {file} designs a gain for it, cosim fmu build {file} makes its FMU; a scenario "
     'names it: [design] system = "{file}"',
 )
+"""A system, TOML."""
+
 STUDY_FILE: Final = FileKind("study", "cosim study run {file} runs it")
+"""A study, TOML."""
+
 DESIGN_FILE: Final = FileKind(
     "design",
     "cosim certificate check {file} proves it, cosim fmu controller {file} makes its FMU; a "
     'scenario names it: [design] file = "{file}"',
 )
+"""A design with its certificate, JSON."""
+
 _OF_SCENARIOS = ("run", "components", "connections", "connect", "extends")
 
 

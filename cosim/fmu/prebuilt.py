@@ -102,13 +102,19 @@ def _contents(folder: Path, platforms: Sequence[str]) -> dict[str, Any]:
         for path in sorted(folder.rglob("*"))
         if path.is_file() and path.name != MANIFEST
     }
-    compiler = f"ziglang {importlib.metadata.version('ziglang')}"
     return {
         "sources": source_digest(),
-        "compiler": compiler,
+        "compiler": _compiler(),
         "platforms": [*platforms],
         "files": files,
     }
+
+
+def _compiler() -> str:
+    try:
+        return f"ziglang {importlib.metadata.version('ziglang')}"
+    except importlib.metadata.PackageNotFoundError:
+        return "none"
 
 
 @cache
@@ -121,7 +127,9 @@ def _source_files() -> Iterator[tuple[str, Path]]:
     """Yield each source with its name in an installed package."""
     folders = {name: _PACKAGE / name for name in _SOURCES} | {"components": components_folder()}
     for name, folder in folders.items():
-        for path in [folder] if folder.is_file() else folder.rglob("*"):
+        if folder.is_file():
+            yield name, folder
+        for path in folder.rglob("*"):
             if path.is_file() and path.suffix != ".pyc" and not path.name.startswith("."):
                 yield f"{name}/{path.relative_to(folder).as_posix()}", path
 

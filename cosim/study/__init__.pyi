@@ -22,6 +22,12 @@ from .schema import (
     ReplicatesAxis as ReplicatesAxis,
     SampledAxis as SampledAxis,
     Study as Study,
+    study_schema as study_schema,
+)
+from .sensitivity_indices import (
+    Index as Index,
+    Sensitivity as Sensitivity,
+    sensitivity as sensitivity,
 )
 from .stability_boundary import (
     Boundary as Boundary,
@@ -32,6 +38,7 @@ from .stability_picture import draw_stability as draw_stability
 from .summary import (
     Group as Group,
     Numbers as Numbers,
+    Quantile as Quantile,
     Share as Share,
     Summary as Summary,
     summarise as summarise,

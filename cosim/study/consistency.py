@@ -41,9 +41,13 @@ def check_consistent(study: Study, place: Place = nowhere) -> None:
         raise InputError(
             "samples needs an axis to draw values for",
             where=place("samples"),
-            expected="an axis of kind 'random' or 'sobol'",
+            expected="an axis of kind 'random', 'sobol', 'latin' or 'saltelli'",
             got=f"samples = {study.samples}",
         )
+    sampled = [axis.column for axis in study.vary if isinstance(axis, SampledAxis)]
+    for i, correlation in enumerate(study.correlations):
+        for name in correlation.axes:
+            _one_of("sampled axis", name, sampled, place("correlations", i))
     if study.worst is not None:
         _one_of("metric", study.worst[1].removeprefix("-"), study.metrics, place("traces"))
     part = study.stability

@@ -29,7 +29,7 @@ from cosim.study.batch import (
 )
 from cosim.study.folder import Folder
 from cosim.study.manifest import manifest_of
-from cosim.study.plan import Plan, trial_run
+from cosim.study.plan import Plan, extended_by, trial_run
 from cosim.study.schema import Study
 from cosim.study.stability_boundary import nominal_loop_figures
 from cosim.study.table import make_table, pyarrow, write_table
@@ -124,7 +124,9 @@ def execute_study(
     register_runner(plan.job.digest, plan.runner)
     plan.runner.limits, retried = plan.job.limits, 0
     with plan.runner.supervised(), Folder(out) as folder:
-        folder.begin(manifest_of(plan), fresh=fresh)
+        folder.begin(
+            manifest_of(plan), fresh=fresh, extended=lambda before: extended_by(plan, before)
+        )
         done = folder.rows()
         before = len(done)
         if before < plan.count:

@@ -2,6 +2,7 @@
 
     study.json        what the results depend on, and their provenance
     journal.jsonl     the run log: a line per finished run, in the order of completion
+                      (journal-N.jsonl in a study that was extended to N runs)
     results.parquet   the table of all runs by number, once all are done
     traces/           the traces of chosen runs
 
@@ -14,14 +15,15 @@ import contextlib
 import json
 import os
 import shutil
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, Self
 
-from cosim.core import InputError, LossError, write_whole
+from cosim.core import InputError, LossError, lock_file, write_whole
 from cosim.study.batch import Row
 
 MANIFEST, RUN_LOG, RESULTS, TRACES = "study.json", "journal.jsonl", "results.parquet", "traces"
+LOCK = ".lock"
 
 
 class Folder:
@@ -30,6 +32,7 @@ class Folder:
     def __init__(self, path: Path) -> None:
         self.path = path
         self._run_log: Any = None
+        self._lock: Any = None
 
     @property
     def results(self) -> Path:
@@ -41,10 +44,18 @@ class Folder:
         """Folder of the traces."""
         return self.path / TRACES
 
-    def begin(self, manifest: dict[str, Any], *, fresh: bool = False) -> None:
+    def begin(
+        self,
+        manifest: dict[str, Any],
+        *,
+        fresh: bool = False,
+        extended: Callable[[dict[str, Any]], Callable[[int], int] | None] = lambda _: None,
+    ) -> None:
         """Open the folder for the study of this manifest, new or to continue.
 
         fresh : delete the results of any study in the folder.
+        extended : returns, for the manifest of a study with fewer samples that is the same else,
+            what gives the numbers of its runs in this one; None for any other study.
 
         Raises
         ------
@@ -53,7 +64,7 @@ class Folder:
         """
         try:
             self.path.mkdir(parents=True, exist_ok=True)
-            self._run_log = (self.path / RUN_LOG).open("a+b")
+            self._lock = (self.path / LOCK).open("a+b")
         except OSError as error:
             raise InputError(
                 "the folder of the study cannot be written",
@@ -62,20 +73,41 @@ class Folder:
                 hint="another folder: --out",
             ) from error
         try:
-            _lock(self._run_log, self.path)
+            _lock(self._lock, self.path)
             before = read_manifest(self.path) if (self.path / MANIFEST).exists() else None
             if fresh:
                 self._forget()
-            elif before is not None and before["digest"] != manifest["digest"]:
-                raise _another(self.path, before, manifest)  # noqa: TRY301
-            if fresh or before is None:
-                self._run_log.truncate(0)
+                before = None
+            manifest = manifest | {"run_log": RUN_LOG if before is None else _run_log_of(before)}
+            if before is not None and before["digest"] != manifest["digest"]:
+                number = extended(before)
+                if number is None:
+                    raise _another(self.path, before, manifest)  # noqa: TRY301
+                manifest |= {"run_log": self._extend(manifest["count"], number)}
             # the same study may have another title, or keep other traces
             with not_written(self.path / MANIFEST):
                 write_whole(self.path / MANIFEST, json.dumps(manifest, indent=1).encode())
+            for old in self.path.glob("journal*.jsonl"):
+                if old.name != manifest["run_log"]:
+                    old.unlink()
+            self._run_log = (self.path / manifest["run_log"]).open("a+b")
+            if before is None:
+                self._run_log.truncate(0)
         except BaseException:
             self.close()
             raise
+
+    def _extend(self, count: int, number: Callable[[int], int]) -> str:
+        """Write the runs of a study with fewer samples under their new numbers; return the file.
+
+        It counts once the manifest names it. Traces and table have the former numbers: they go.
+        """
+        self._forget_results()
+        rows = [row._replace(run=number(row.run)) for row in read_rows(self.path)]
+        path = self.path / f"journal-{count}.jsonl"
+        with not_written(path):
+            write_whole(path, _lines(rows))
+        return path.name
 
     def rows(self) -> list[Row]:
         """Return the rows of the run log, each run once; remove an incomplete last line."""
@@ -94,9 +126,8 @@ class Folder:
         ------
         LossError : they cannot be written, as on a full disk.
         """
-        lines = [json.dumps([r.run, r.status, r.reason, r.seconds, *r.values]) for r in rows]
-        with not_written(self.path / RUN_LOG):
-            self._run_log.write("".join(f"{line}\n" for line in lines).encode())
+        with not_written(Path(self._run_log.name)):
+            self._run_log.write(_lines(rows))
             self._run_log.flush()
 
     def close(self) -> None:
@@ -105,10 +136,16 @@ class Folder:
             with contextlib.suppress(OSError):  # what could not be written was reported
                 self._run_log.close()
             self._run_log = None
+        if self._lock is not None:
+            self._lock.close()
+            self._lock = None
 
     def _forget(self) -> None:
-        for name in (MANIFEST, RESULTS):
-            (self.path / name).unlink(missing_ok=True)
+        (self.path / MANIFEST).unlink(missing_ok=True)
+        self._forget_results()
+
+    def _forget_results(self) -> None:
+        self.results.unlink(missing_ok=True)
         shutil.rmtree(self.traces, ignore_errors=True)
 
     def __enter__(self) -> Self:
@@ -158,11 +195,21 @@ def read_manifest(path: Path) -> dict[str, Any]:
 
 def read_rows(path: Path) -> list[Row]:
     """Read the run log in a folder, each run once, without changing it."""
+    manifest = read_manifest(path) if (path / MANIFEST).exists() else {}
     try:
-        text = (path / RUN_LOG).read_bytes()
+        text = (path / _run_log_of(manifest)).read_bytes()
     except OSError as error:
         raise InputError("the run log cannot be read", where=str(path), got=str(error)) from error
     return list(_rows(text[: text.rfind(b"\n") + 1]))
+
+
+def _run_log_of(manifest: dict[str, Any]) -> str:
+    return str(manifest.get("run_log", RUN_LOG))
+
+
+def _lines(rows: Iterable[Row]) -> bytes:
+    lines = [json.dumps([r.run, r.status, r.reason, r.seconds, *r.values]) for r in rows]
+    return "".join(f"{line}\n" for line in lines).encode()
 
 
 def _rows(text: bytes) -> Iterator[Row]:
@@ -176,16 +223,10 @@ def _rows(text: bytes) -> Iterator[Row]:
 
 
 def _lock(run_log: Any, path: Path) -> None:
-    try:
-        import fcntl  # noqa: PLC0415 - without it, two processes at once are not detected
-    except ImportError:
-        return
-    try:
-        fcntl.flock(run_log, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError as error:
+    if not lock_file(run_log):
         raise InputError(
             "another process is running this study", where=str(path), hint="another folder: --out"
-        ) from error
+        )
 
 
 def _another(path: Path, before: dict[str, Any], manifest: dict[str, Any]) -> InputError:

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import json
-from hashlib import sha256
 from typing import Any
 
 from cosim.study.batch import software
-from cosim.study.plan import Plan
+from cosim.study.plan import Plan, part_hash
 
 
 def manifest_of(plan: Plan) -> dict[str, Any]:
@@ -16,7 +14,7 @@ def manifest_of(plan: Plan) -> dict[str, Any]:
     study = job.study.model_dump(mode="json", exclude_unset=True)
     return {
         "digest": job.digest,
-        "parts": {name: _hash(part) for name, part in plan.content.items()},
+        "parts": {name: part_hash(part) for name, part in plan.content.items()},
         "count": plan.count,
         "study": study,
         "scenario": {"name": job.base.name, "text": job.base.text},
@@ -25,7 +23,3 @@ def manifest_of(plan: Plan) -> dict[str, Any]:
         "seeds": {"samples": job.study.seed, "run": job.base.scenario.run.seed},
         "versions": software(),
     }
-
-
-def _hash(part: Any) -> str:
-    return sha256(json.dumps(part, sort_keys=True).encode()).hexdigest()

@@ -6,6 +6,7 @@ import hashlib
 import importlib.metadata
 import json
 import time
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ from cosim.core import ComponentError, CosimError, InputError
 from cosim.scenario import design_content, is_file, split
 from cosim.study.batch import TIMED_OUT, Job, Row, run_and_measure, status_of
 from cosim.study.consistency import Place, changed_error, check_consistent, nowhere
+from cosim.study.points import Points
 from cosim.study.schema import Axis, GridAxis, SampledAxis, Study
 from cosim.study.study_runner import BaseScenario, StudyRunner
 from cosim.study.varied import check_parameter
@@ -80,7 +82,7 @@ def make_plan(study: Study, base: BaseScenario, place: Place = nowhere) -> Plan:
     part = base.scenario.design
     if part is not None and part.file is not None:
         content["design"] = hashlib.sha256(design_content(part.file, base.folder)[1]).hexdigest()
-    digest = hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+    digest = part_hash(content)
     digits = len(str(runner.points.count - 1))
     return Plan(Job(study, base, hashes, digest, digits), runner, content)
 
@@ -191,3 +193,36 @@ def _system_file(base: BaseScenario) -> str | None:
         return None
     path: Path = base.folder / part.system
     return path.read_text("utf-8") if path.is_file() else None
+
+
+def extended_by(plan: Plan, before: Mapping[str, Any]) -> Callable[[int], int] | None:
+    """Return what gives the numbers of the runs of a study with fewer samples in this one.
+
+    None if `before`, its manifest, is of a study that differs otherwise, or whose points are not
+    among the points of this one (a Latin hypercube).
+    """
+    study = plan.job.study
+    parts = {name: part_hash(part) for name, part in plan.content.items()}
+    others = {name: part for name, part in before.get("parts", {}).items() if name != "study"}
+    try:
+        fewer = Study.model_validate(before["study"])
+    except ValueError:
+        return None
+    if (
+        others != {name: part for name, part in parts.items() if name != "study"}
+        or fewer.samples >= study.samples
+        or _without_samples(fewer) != _without_samples(study)
+        or any(isinstance(axis, SampledAxis) and axis.kind == "latin" for axis in study.vary)
+    ):
+        return None
+    points = Points(fewer)
+    return lambda run: points.extended(run, plan.runner.points)
+
+
+def _without_samples(study: Study) -> Any:
+    return study.model_dump(mode="json", exclude={*_BESIDE, "samples"})
+
+
+def part_hash(part: Any) -> str:
+    """Return the hash of a part of what the results depend on."""
+    return hashlib.sha256(json.dumps(part, sort_keys=True).encode()).hexdigest()

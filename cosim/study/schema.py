@@ -16,7 +16,7 @@ from pydantic import (
     model_validator,
 )
 
-from cosim.core import InputError, with_field_docs
+from cosim.core import SCHEMA, STUDY_FILE, InputError, with_field_docs
 from cosim.scenario import split
 from cosim.study.expression import Expression
 
@@ -112,9 +112,11 @@ class GridAxis(Axis):
 class SampledAxis(Axis):
     """Random values; all axes of this kind together give the study's `samples` points."""
 
-    kind: Literal["random", "sobol"]
+    kind: Literal["random", "sobol", "latin", "saltelli"]
     """How they are drawn. "random": independent draws; "sobol": points of a scrambled Sobol
-    sequence, one dimension per such axis.
+    sequence, one dimension per such axis; "latin": a Latin hypercube, one point in each of
+    `samples` intervals of equal probability; "saltelli": for sensitivity indices, samples times
+    (number of such axes + 2) points, with no other kind beside it.
     """
     uniform: Annotated[list[Number], Field(min_length=2, max_length=2)] | None = None
     """[low, high]."""
@@ -122,19 +124,32 @@ class SampledAxis(Axis):
     """[low, high]: the logarithm is uniform."""
     normal: Annotated[list[Number], Field(min_length=2, max_length=2)] | None = None
     """[mean, standard deviation]."""
+    lognormal: Annotated[list[Number], Field(min_length=2, max_length=2)] | None = None
+    """[median, standard deviation of the natural logarithm]."""
+    triangular: Annotated[list[Number], Field(min_length=3, max_length=3)] | None = None
+    """[low, most likely, high]."""
+    empirical: Annotated[list[Number], Field(min_length=2)] | None = None
+    """Measured values: their quantiles, linear in between."""
     integers: Annotated[list[Integer], Field(min_length=2, max_length=2)] | None = None
     """[low, high], both included."""
     choice: Annotated[list[Any], Field(min_length=1)] | None = None
-    """Values with equal probability."""
+    """Values with equal probability, or by `weights`."""
+    weights: Annotated[list[Annotated[Number, Field(gt=0)]], Field(min_length=1)] | None = None
+    """Relative probability of each value of `choice`."""
 
     @model_validator(mode="after")
     def _one_distribution(self) -> Self:
-        keys = ("uniform", "loguniform", "normal", "integers", "choice")
-        _exactly_one(self, keys, "gives the distribution")
-        for key in ("uniform", "loguniform", "integers"):
+        keys = ("uniform", "loguniform", "normal", "lognormal", "triangular", "empirical")
+        _exactly_one(self, (*keys, "integers", "choice"), "gives the distribution")
+        for key in ("uniform", "loguniform", "integers", "triangular"):
             bounds = getattr(self, key)
             if bounds is not None and any(b < a for a, b in pairwise(bounds)):
-                raise ValueError(f"{key} is [low, high]; got {bounds}")
+                words = "[low, most likely, high]" if key == "triangular" else "[low, high]"
+                raise ValueError(f"{key} is {words}; got {bounds}")
+        if self.lognormal is not None and (self.lognormal[0] <= 0 or self.lognormal[1] < 0):
+            raise ValueError(f"lognormal is [median > 0, deviation >= 0]; got {self.lognormal}")
+        if self.weights is not None and len(self.weights) != len(self.choice or ()):
+            raise ValueError(f"weights has one number for each value of choice; got {self.weights}")
         if self.loguniform is not None and self.loguniform[0] <= 0:
             raise ValueError(f"loguniform runs between positive numbers; got {self.loguniform}")
         if self.normal is not None and self.normal[1] < 0:
@@ -223,6 +238,21 @@ class Metric(_Part):
         return (self.signal,) if isinstance(self.signal, str) else tuple(self.signal or ())
 
 
+class Correlation(_Part):
+    """Two sampled axes that are correlated, by a Gaussian copula."""
+
+    axes: Annotated[list[Text], Field(min_length=2, max_length=2)]
+    """Names of two sampled axes."""
+    value: Annotated[float, Field(gt=-1, lt=1)]
+    """Correlation of the normal values behind them: of two normal axes it is their own."""
+
+    @model_validator(mode="after")
+    def _two_axes(self) -> Self:
+        if self.axes[0] == self.axes[1]:
+            raise ValueError(f"two axes; got {self.axes[0]} twice")
+        return self
+
+
 class StabilityPart(_Part):
     """[stability]: what `cosim study show --picture` draws for a study of delay (and loss)."""
 
@@ -257,6 +287,8 @@ class Study(_Part):
     """Number of points of all sampled axes together."""
     seed: Seed = 1
     """Seed of their draws."""
+    correlations: list[Correlation] = []
+    """Sampled axes that are not independent."""
     traces: str = "none"
     """Runs whose traces are kept: none, all, failed, or worst:N by METRIC (by -METRIC: the
     smallest).
@@ -297,3 +329,10 @@ def _check(parse: Callable[[str], Any], text: str) -> None:
         parse(text)
     except InputError as error:
         raise ValueError(f"{error.what}: {error.got}; expected {error.expected}") from error
+
+
+def study_schema() -> dict[str, Any]:
+    """Return the JSON Schema of a study file, for editors."""
+    whole = Study.model_json_schema()
+    whole["properties"] = {SCHEMA: STUDY_FILE.json_schema(), **whole["properties"]}
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **whole}

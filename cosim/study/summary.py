@@ -1,7 +1,9 @@
 """Shares and means of a table of runs, each with its confidence interval, per group.
 
 Intervals of shares are Wilson's for a binomial proportion (1927); those of means are Student's t,
-or the bias-corrected bootstrap (Efron 1987) for values far from normal.
+or the bias-corrected bootstrap (Efron 1987) for values far from normal; those of quantiles are
+between two of the values, so many of them being smaller as the binomial distribution has it: they
+hold for any distribution.
 """
 
 from __future__ import annotations
@@ -9,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,6 +53,19 @@ class Share:
 
 
 @dataclass(frozen=True)
+class Quantile:
+    """The value below which this share of the runs is, and an interval for it.
+
+    low, high : None where there are too few runs for an end of the interval.
+    """
+
+    share: float
+    value: float
+    low: float | None
+    high: float | None
+
+
+@dataclass(frozen=True)
 class Numbers:
     """Statistics of a metric over runs; `missing` runs had no finite value.
 
@@ -66,6 +81,7 @@ class Numbers:
     minimum: float | None
     median: float | None
     maximum: float | None
+    quantiles: tuple[Quantile, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -99,21 +115,25 @@ def summarise(
     *,
     confidence: float = 0.95,
     bootstrap: bool = False,
+    quantiles: Sequence[float] = (),
 ) -> Summary:
     """Summarise a table of results (`read_table`).
 
     Parameters
     ----------
     by : axes to group by; None for the grid axes, if they give few groups of several runs.
+    quantiles : shares of runs, such as 0.95, below whose values these are.
 
     Raises
     ------
-    InputError : no such axis, or the confidence is not between 0 and 1.
+    InputError : no such axis, or a confidence or quantile that is not between 0 and 1.
     """
-    if not 0.0 < confidence < 1.0:
-        raise InputError(
-            "not a confidence level", where="confidence", expected="0 < p < 1", got=str(confidence)
-        )
+    for what, given in (("confidence level", confidence), *(("quantile", q) for q in quantiles)):
+        if not 0.0 < given < 1.0:
+            raise InputError(
+                f"not a {what}", where=what.split()[0], expected="0 < p < 1", got=str(given)
+            )
+    interval = _Intervals(confidence, bootstrap, tuple(quantiles))
     study = Study.model_validate(manifest["study"])
     frame = table.to_pandas()
     axes = [axis.column for axis in study.vary]
@@ -125,9 +145,9 @@ def summarise(
     if chosen:
         for key, part in frame.groupby(chosen, sort=True, dropna=False):
             where = dict(zip(chosen, key, strict=True))
-            groups.append(_group(where, part, study, confidence, bootstrap=bootstrap))
+            groups.append(_group(where, part, study, interval))
     else:
-        groups.append(_group({}, frame, study, confidence, bootstrap=bootstrap))
+        groups.append(_group({}, frame, study, interval))
     return Summary(
         title=study.title,
         runs=len(frame),
@@ -147,22 +167,27 @@ def _usual(study: Study, frame: Any) -> list[str]:
     return grids if groups <= _MOST_GROUPS and len(frame) > groups else []
 
 
-def _group(
-    where: dict[str, Any], frame: Any, study: Study, confidence: float, *, bootstrap: bool
-) -> Group:
+class _Intervals(NamedTuple):
+    confidence: float
+    bootstrap: bool
+    quantiles: tuple[float, ...]
+
+
+def _group(where: dict[str, Any], frame: Any, study: Study, intervals: _Intervals) -> Group:
     shares: dict[str, Share] = {}
     numbers: dict[str, Numbers] = {}
     for name in ("status", *study.metrics):
         column = frame[name]
         values = [v for v in column.tolist() if v is not None and v == v]  # noqa: PLR0124 - no NaN
         if values and all(isinstance(v, bool) for v in values):
-            shares[name] = share(sum(values), len(values), confidence)
+            shares[name] = share(sum(values), len(values), intervals.confidence)
         elif any(isinstance(v, str) for v in values):
             words = sorted(set(values))
             for word in words if len(words) <= _MOST_WORDS else ():
-                shares[f"{name} = {word}"] = share(values.count(word), len(values), confidence)
+                found = share(values.count(word), len(values), intervals.confidence)
+                shares[f"{name} = {word}"] = found
         else:
-            numbers[name] = mean_of(values, len(column), confidence, bootstrap=bootstrap)
+            numbers[name] = mean_of(values, len(column), *intervals)
     plain = {k: v.item() if isinstance(v, np.generic) else v for k, v in where.items()}
     return Group(plain, len(frame), shares, numbers)
 
@@ -176,7 +201,11 @@ def share(count: int, of: int, confidence: float = 0.95) -> Share:
 
 
 def mean_of(
-    values: Sequence[float], total: int, confidence: float = 0.95, *, bootstrap: bool = False
+    values: Sequence[float],
+    total: int,
+    confidence: float = 0.95,
+    bootstrap: bool = False,  # noqa: FBT001, FBT002 - as in the tuple of its callers
+    quantiles: Sequence[float] = (),
 ) -> Numbers:
     """Return the statistics of the finite `values`, out of `total` runs."""
     x = np.array([float(v) for v in values])
@@ -194,6 +223,24 @@ def mean_of(
         minimum=float(x.min()),
         median=float(np.median(x)),
         maximum=float(x.max()),
+        quantiles=tuple(quantile_of(x, q, confidence) for q in quantiles),
+    )
+
+
+def quantile_of(values: Sequence[float], share: float, confidence: float = 0.95) -> Quantile:
+    """Return the quantile of values, and an interval that holds for any distribution."""
+    from scipy import stats  # noqa: PLC0415 - loading it takes half a second
+
+    x = np.sort(np.asarray(values, np.float64))
+    # the r-th value is below the quantile if at least r of n runs are: a binomial number
+    tail = 0.5 - 0.5 * confidence
+    smaller = stats.binom(x.size, share)
+    low, high = int(smaller.ppf(tail)), int(smaller.ppf(1.0 - tail)) + 1
+    return Quantile(
+        share,
+        float(np.quantile(x, share)),
+        float(x[low - 1]) if low >= 1 else None,
+        float(x[high - 1]) if high <= x.size else None,
     )
 
 

@@ -2,7 +2,7 @@
 
 | block | what is done with it |
 |---|---|
-| `console` | each line is a command, typed in the folder of the page |
+| `sh` | each line is a command, typed in the folder of the page |
 | `toml` that begins with `# NAME.toml` | that file is written |
 | `toml` below `<!-- part of a scenario -->` | the tables are read as tables of a scenario |
 | `python` that begins with `# NAME.py` | that file is written |
@@ -39,13 +39,17 @@ SLOW = "<!-- slow -->"
 PART = "part of a scenario"
 NOT_RUN = "not run: "
 _FENCE = re.compile(
-    r"^(?:<!-- (?P<note>[^>]+) -->\n\n?)?(?P<in>[ ]*)```(?P<language>\w*)[^\n]*\n"
+    r"^(?:[ ]*<!-- (?P<note>[^>]+) -->\n\n?)?(?P<in>[ ]*)```(?P<language>\w*)[^\n]*\n"
     r"(?P<text>.*?)^(?P=in)```$",
     re.MULTILINE | re.DOTALL,
 )
 _NAMED = re.compile(r"# (\S+\.(?:toml|py))\n")
 _OURS = re.compile(r"^(?:cosim|python|fmpy) ")
-LANGUAGES = {"console", "toml", "python", "text", "math"}
+TESTED_BY_ITSELF = ("delay-systems.md",)
+"""Pages whose blocks another test runs, with numbers to nine digits."""
+SETUP = ("python3 -m venv .venv", ". .venv/bin/activate")
+"""What every reader of an install section knows; the gate does the same to get its wheel."""
+LANGUAGES = {"sh", "toml", "python", "text", "math"}
 
 
 @dataclass(frozen=True)
@@ -118,7 +122,7 @@ class Reader:
             file.write_text(block.text, "utf-8")
             return
         match block.language:
-            case "console":
+            case "sh":
                 self.output = "".join(self._typed(line) for line in block.commands)
             case "python":
                 self.output = self._run(block)
@@ -137,7 +141,7 @@ class Reader:
             result = cosim(*arguments, cwd=self.folder)
             assert result.code == 0, f"{line}\n{result.out}\n{result.err}"
             return result.out + result.err
-        if name in ("pip", "make"):
+        if name in ("pip", "make") or line in SETUP:
             checked_by_name(line)
             return ""
         program = Path(sys.executable).with_name("python" if name == "python" else name)

@@ -47,14 +47,17 @@ SAYS = {
     "two-targets": (7, "got path and paths"),
     "uneven-rows": (7, "one value per entry of paths: 2"),
     "unknown-component": (7, "did you mean plant"),
-    "unknown-kind": (7, "kind = 'grid' or 'random' or 'sobol' or 'replicates'"),
+    "unknown-kind": (
+        7,
+        "'sobol' or 'latin' or 'saltelli' or 'replicates'",
+    ),
     "unknown-link": (7, "links has nothing"),
     "unknown-parameter": (7, "did you mean F.amplitude"),
     "unknown-path": (7, "did you mean step"),
     "unknown-reduction": (10, "'growth_rate'"),
     "unknown-scenario": (None, "did you mean paper-example"),
     "wrong-traces": (3, "worst:N by METRIC"),
-    "wrong-type": (3, "a valid integer"),
+    "wrong-type": (3, "a whole number"),
 }
 """File -> the line that the message names, and words of it."""
 

@@ -7,12 +7,13 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from study.deadly import DEADLY, plan, truth
+from study.deadly import DEADLY, U, plan, truth
 
 from cosim.core import InputError, LossError
 from cosim.study import batch
 from cosim.study.execution import execute_study
-from cosim.study.folder import RUN_LOG
+from cosim.study.folder import RESULTS, RUN_LOG
+from cosim.study.plan import Plan
 from cosim.study.repeat import repeat_run
 from cosim.study.table import read_table
 from cosim.trace import Trace
@@ -96,3 +97,32 @@ def test_traces_of_failed_runs_are_kept_of_runs_that_crash(tmp_path: Path) -> No
     done = execute_study(plan([0.0, DEADLY], traces="failed"), tmp_path)
     assert done.traces == {1: None}
     assert Trace(tmp_path / "traces" / "run-1.mcap").outcome is not None
+
+
+def test_a_study_with_more_samples_keeps_the_runs_that_it_has(tmp_path: Path) -> None:
+    """The same table, bit for bit, as if it had had all samples from the start."""
+
+    def of(samples: int, kind: str = "sobol") -> Plan:
+        axes = [
+            {
+                "kind": "grid",
+                "name": "x0",
+                "path": "components.tiny.parameters.x0",
+                "values": [1, 2],
+            },
+            {"kind": kind, "name": "u", "path": U, "uniform": [0.0, 5.0]},
+        ]
+        return plan([], vary=axes, samples=samples)
+
+    execute_study(of(4), tmp_path / "grown")
+    done = execute_study(of(16), tmp_path / "grown")
+    assert (done.runs, done.executed) == (32, 24)
+    execute_study(of(16), tmp_path / "whole")
+    tables = [(tmp_path / name / RESULTS).read_bytes() for name in ("grown", "whole")]
+    assert tables[0] == tables[1]
+    assert execute_study(of(16), tmp_path / "grown").executed == 0
+    with pytest.raises(InputError, match="results of another study"):
+        execute_study(of(4), tmp_path / "grown")
+    execute_study(of(4, "latin"), tmp_path / "latin")
+    with pytest.raises(InputError, match="results of another study"):
+        execute_study(of(16, "latin"), tmp_path / "latin")

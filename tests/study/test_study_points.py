@@ -10,7 +10,8 @@ import pytest
 from scipy import stats
 
 from cosim.core.errors import InputError
-from cosim.study.points import Points, _distributed
+from cosim.study.points import Points
+from cosim.study.sampling import distributed
 from cosim.study.schema import SampledAxis, Study
 
 
@@ -47,13 +48,16 @@ def test_spaced_values_are_short_decimals() -> None:
     ]  # fmt: skip
 
 
-@pytest.mark.parametrize("kind", ["random", "sobol"])
+@pytest.mark.parametrize("kind", ["random", "sobol", "latin"])
 @pytest.mark.parametrize(
     ("how", "truth"),
     [
         ({"uniform": [2.0, 5.0]}, stats.uniform(2, 3)),
         ({"loguniform": [0.01, 100.0]}, stats.loguniform(0.01, 100)),
         ({"normal": [3.0, 0.5]}, stats.norm(3, 0.5)),
+        ({"lognormal": [3.0, 0.5]}, stats.lognorm(0.5, scale=3.0)),
+        ({"triangular": [1.0, 2.0, 5.0]}, stats.triang(0.25, 1.0, 4.0)),
+        ({"empirical": [5.0, 1.0, 2.0]}, stats.rv_histogram(([1, 1], [1, 2, 5]), density=False)),
     ],
 )
 def test_draws_have_their_distribution(kind: str, how: dict[str, Any], truth: Any) -> None:
@@ -61,7 +65,7 @@ def test_draws_have_their_distribution(kind: str, how: dict[str, Any], truth: An
     drawn = column(points({"kind": kind, **how}, samples=1024, seed=3), 0)
     distance = stats.kstest(drawn, truth.cdf)
     assert distance.pvalue > 0.01
-    if kind == "sobol":
+    if kind != "random":
         assert distance.statistic < 0.004
 
 
@@ -115,9 +119,71 @@ def test_random_axes_have_streams_of_their_own() -> None:
 def test_the_least_number_drawn_has_a_normal_value() -> None:
     """0 is one of 2^53 steps: as far out as the first of them, not infinitely far."""
     axis = SampledAxis(kind="random", path="run.p0", normal=[1.0, 2.0])
-    drawn = _distributed(axis, np.array([0.0, 2.0**-53, 0.5]))
+    drawn = distributed(axis, np.array([0.0, 2.0**-53, 0.5]))
     assert drawn[0] == drawn[1] == pytest.approx(1.0 + 2.0 * stats.norm.ppf(2.0**-53))
     assert drawn[2] == 1.0
+
+
+def test_a_latin_hypercube_has_a_point_in_every_interval_of_every_axis() -> None:
+    axis = {"kind": "latin", "uniform": [0.0, 1.0]}
+    found = points(axis, axis, axis, samples=50, seed=2)
+    for place in range(3):
+        assert sorted(int(50 * x) for x in column(found, place)) == list(range(50))
+
+
+def test_weights_are_the_shares_of_the_choices() -> None:
+    axis = {"kind": "latin", "choice": ["a", "b", "c"], "weights": [1.0, 2.0, 5.0]}
+    drawn = [points(axis, samples=800)[i][0] for i in (0, 1)]
+    assert set(drawn) <= {"a", "b", "c"}
+    found = points(axis, samples=800)
+    assert [sum(found[i][0] == name for i in range(800)) for name in "abc"] == [100, 200, 500]
+
+
+@pytest.mark.parametrize("kind", ["random", "sobol"])
+def test_correlated_axes_keep_their_distributions(kind: str) -> None:
+    """Spearman's correlation of a Gaussian copula is 6 / pi asin(r / 2); the third is alone."""
+    found = points(
+        {"kind": kind, "name": "a", "path": "run.p0", "uniform": [0.0, 1.0]},
+        {"kind": kind, "name": "b", "path": "run.p1", "normal": [0.0, 2.0]},
+        {"kind": kind, "name": "c", "path": "run.p2", "uniform": [0.0, 1.0]},
+        samples=4096,
+        correlations=[{"axes": ["b", "a"], "value": -0.8}],
+    )
+    a, b, c = (column(found, i) for i in range(3))
+    expected = 6.0 / np.pi * np.arcsin(-0.4)
+    assert stats.spearmanr(a, b).statistic == pytest.approx(expected, abs=0.02)
+    assert abs(stats.spearmanr(a, c).statistic) < 0.05
+    assert stats.kstest(b, stats.norm(0, 2).cdf).pvalue > 0.01
+    assert list(c) == list(
+        column(points(*([{"kind": kind, "uniform": [0.0, 1.0]}] * 3), samples=4096), 2)
+    )
+
+
+def test_correlations_that_cannot_be_together_are_refused() -> None:
+    axes = [{"kind": "random", "name": n, "path": f"run.p{n}", "normal": [0, 1]} for n in "abc"]
+    pairs = (("a", "b", 0.9), ("b", "c", 0.9), ("a", "c", -0.9))
+    with pytest.raises(InputError, match="cannot be together"):
+        points(
+            *axes,
+            samples=4,
+            correlations=[{"axes": [x, y], "value": r} for x, y, r in pairs],
+        )
+
+
+@pytest.mark.parametrize("kind", ["random", "sobol"])
+def test_more_samples_begin_with_fewer_under_their_new_numbers(kind: str) -> None:
+    """Every run of the small study is the run of the large one with the number that is said."""
+    axes: list[dict[str, Any]] = [
+        {"kind": "grid", "name": "g", "path": "run.g", "values": [1, 2, 3]},
+        {"kind": kind, "name": "a", "path": "run.a", "uniform": [0.0, 1.0]},
+        {"kind": kind, "name": "b", "path": "run.b", "normal": [0.0, 1.0]},
+        {"kind": "replicates", "count": 2},
+    ]
+    more = {"correlations": [{"axes": ["a", "b"], "value": 0.5}]}
+    few, many = points(*axes, samples=16, **more), points(*axes, samples=64, **more)
+    numbers = [few.extended(run, many) for run in range(few.count)]
+    assert len(set(numbers)) == few.count == 96
+    assert [few[run] for run in range(96)] == [many[number] for number in numbers]
 
 
 def test_too_many_runs_are_refused() -> None:

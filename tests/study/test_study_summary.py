@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 from study.deadly import plan
 
 from cosim.core.errors import InputError
 from cosim.study.batch import Row
 from cosim.study.manifest import manifest_of
-from cosim.study.summary import mean_of, share, summarise
+from cosim.study.summary import mean_of, quantile_of, share, summarise
 from cosim.study.table import make_table
 
 
@@ -70,3 +71,16 @@ def test_groups_are_those_of_the_axes_asked_for() -> None:
     for confidence in (0.0, 1.0, -0.5, 95.0, float("nan")):
         with pytest.raises(InputError, match="not a confidence"):
             summarise(table, manifest, confidence=confidence)
+
+
+@pytest.mark.parametrize("share", [0.1, 0.5, 0.95])
+def test_intervals_of_quantiles_contain_the_true_one_as_often_as_they_say(share: float) -> None:
+    """Of an exponential distribution; at least as often, and the exact count for a median of 10."""
+    draw = np.random.default_rng(7)
+    true = -np.log(1.0 - share)
+    found = [quantile_of(draw.exponential(size=200), share, 0.9) for _ in range(400)]
+    count = sum(q.low is not None and q.high is not None and q.low <= true <= q.high for q in found)
+    assert 0.88 * 400 <= count <= 0.97 * 400
+    ten = quantile_of(range(1, 11), 0.5, 0.95)
+    assert (ten.value, ten.low, ten.high) == (5.5, 2.0, 9.0)
+    assert quantile_of(range(10), 0.99).high is None

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Final, Literal
 
 Flavour = Literal["native", "native-fmi3", "python"]
+"""FMI 2.0 in C, FMI 3.0 in C, or FMI 2.0 as a Python slave."""
 
 DEFAULT_FLAVOUR: Final = "native"
 """The flavour where none is named."""

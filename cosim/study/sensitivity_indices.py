@@ -1,0 +1,113 @@
+"""Sensitivity indices: the share of a metric's variance that is due to each axis.
+
+First-order and total indices of Sobol', from a study whose axes are of kind "saltelli", by the
+estimators of Saltelli et al. (2010), with bootstrap intervals.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from cosim.core import InputError
+from cosim.study.points import Points
+from cosim.study.schema import SampledAxis, Study
+
+
+@dataclass(frozen=True)
+class Index:
+    """A sensitivity index, and an interval for it."""
+
+    value: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class Sensitivity:
+    """The indices of one metric.
+
+    Attributes
+    ----------
+    metric : its name.
+    samples : number of samples, each of (axes + 2) runs.
+    first : by axis, the share of the variance that this axis causes alone.
+    total : by axis, the share that it causes alone and together with others.
+    """
+
+    metric: str
+    samples: int
+    confidence: float
+    first: dict[str, Index]
+    total: dict[str, Index]
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the object that `--json` prints."""
+        return asdict(self)
+
+
+def sensitivity(
+    table: Any, manifest: dict[str, Any], metric: str, *, confidence: float = 0.95
+) -> Sensitivity:
+    """Return the sensitivity indices of a metric.
+
+    table, manifest : of a study that is finished (`read_table`).
+
+    Raises
+    ------
+    InputError : no such metric; axes of other kinds; runs that are missing or have no finite value;
+        or a metric that does not vary.
+    """
+    from scipy.stats import sobol_indices  # noqa: PLC0415 - loading it takes half a second
+
+    study = Study.model_validate(manifest["study"])
+    if metric not in study.metrics:
+        raise InputError.unknown("metric", metric, study.metrics, where="sensitivity")
+    axes = [axis.column for axis in study.vary if isinstance(axis, SampledAxis)]
+    if not axes or any(getattr(axis, "kind", "") != "saltelli" for axis in study.vary):
+        raise InputError(
+            "sensitivity indices need a study made for them",
+            where=study.title,
+            expected="axes of kind 'saltelli' alone",
+            got=", ".join(axis.kind for axis in study.vary),
+        )
+    values = _values(table, metric, Points(study).count)
+    if np.ptp(values) == 0.0:
+        raise InputError("the metric does not vary", where=metric, got=f"{values[0]:g} in all runs")
+    blocks = values.reshape(study.samples, len(axes) + 2)
+    given: Any = {
+        "f_A": blocks[:, :1].T,
+        "f_B": blocks[:, -1:].T,
+        "f_AB": blocks[:, None, 1:-1].transpose(2, 1, 0),
+    }
+    found = sobol_indices(func=given, n=study.samples, rng=np.random.default_rng(0))
+    bounds = found.bootstrap(confidence_level=confidence)
+    return Sensitivity(
+        metric,
+        study.samples,
+        confidence,
+        _by_axis(axes, found.first_order, bounds.first_order.confidence_interval),
+        _by_axis(axes, found.total_order, bounds.total_order.confidence_interval),
+    )
+
+
+def _values(table: Any, metric: str, count: int) -> Any:
+    """Return the metric of every run, by its number, (count,)."""
+    column = table.column(metric).to_pylist()
+    values = np.array([np.nan if value is None else float(value) for value in column])
+    if values.size < count or not np.isfinite(values).all():
+        raise InputError(
+            "sensitivity indices need the metric of every run",
+            where=metric,
+            expected=f"{count} finite values",
+            got=f"{int(np.isfinite(values).sum())}",
+            hint="finish the study, or take a metric that every run has",
+        )
+    return values
+
+
+def _by_axis(axes: list[str], values: Any, interval: Any) -> dict[str, Index]:
+    found = zip(axes, values, interval.low, interval.high, strict=True)
+    return {axis: Index(*map(float, numbers)) for axis, *numbers in found}

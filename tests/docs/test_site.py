@@ -1,0 +1,161 @@
+"""What the site generates from the code is complete: keys, commands, public names, settings."""
+
+from __future__ import annotations
+
+import ast
+import importlib
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import cosim
+from cosim.cli.verbs import TRACE_VERBS, VERBS, loaded
+from cosim.core import InputError
+from cosim.hinf import SYSTEM_TABLES
+from cosim.hinf.problem.system_toml import system_from_toml
+from cosim.scenario import json_schema
+from cosim.study import Study
+from docs_site import api_pages, cli_page, toml_pages
+from docs_site.offline import loaded_from_elsewhere
+
+ROOT = Path(cosim.__file__).parents[1]
+SETTINGS = ROOT.joinpath("mkdocs.yml").read_text("utf-8")
+
+
+def properties(schema: Any, where: str = "top level") -> list[tuple[str, str, Any]]:
+    """Return table, key and what is said of it, for every key of a JSON schema."""
+    parts = {where: schema, **schema.get("$defs", {})}
+    tables = [(name, part) for name, part in parts.items() if "properties" in part]
+    tables += [("else", schema["else"])] if "else" in schema else []
+    return [
+        (table, key, value) for table, part in tables for key, value in part["properties"].items()
+    ]
+
+
+@pytest.mark.parametrize("what", ["scenario", "study"])
+def test_every_key_of_a_file_is_described(what: str) -> None:
+    """In the schema, where editors find it, and so on the page."""
+    schema = json_schema() if what == "scenario" else Study.model_json_schema()
+    found = properties(schema)
+    assert len(found) > 40
+    bare = [f"{table}: {key}" for table, key, value in found if not value.get("description")]
+    assert bare == []
+    name = {"scenario": "scenarios", "study": "studies"}[what]
+    page = toml_pages.pages()[f"reference/{name}.md"]
+    missing = [
+        key for table, key, _ in found if "In_extension" not in table and f"`{key}`" not in page
+    ]
+    assert missing == []
+
+
+TABLES = {
+    "[system]": "[system]\nA = [[-1.0]]\n",
+    "[[system.delays]]": "[system]\nA = [[-1.0]]\n[[system.delays]]\nd = 1.0\n",
+    "[system.integral]": "[system]\nA = [[-1.0]]\n[system.integral]\nof = [1]\n",
+    "[weights.z], [weights.w]": "[system]\nA = [[-1.0]]\n[weights.z]\n",
+    "[design]": "[system]\nA = [[-1.0]]\n[design]\n",
+}
+
+
+def refusal(table: str, key: str) -> InputError:
+    """Return what is said of a system file with this key, and no value that fits it."""
+    start = TABLES[table]
+    text = re.sub(rf"(?m)^{key} = .*\n", "", start) if start.count(f"\n{key} = ") else start
+    if text != start and table == "[system]":
+        text = "[system]\n"
+    with pytest.raises(InputError) as refused:
+        system_from_toml(f'{text}{key} = {{ x = "y" }}\n', where="file", name="file")
+    return refused.value
+
+
+@pytest.mark.parametrize("table", SYSTEM_TABLES)
+def test_a_system_file_has_the_keys_that_are_documented(table: str) -> None:
+    """The reader knows each of them, and refuses another one."""
+    for key in SYSTEM_TABLES[table][1]:
+        assert f"there is no key {key!r}" not in refusal(table, key).what
+    assert "there is no key" in refusal(table, "no_such_key").what
+    page = toml_pages.pages()["reference/systems.md"]
+    assert all(f"| `{key}` |" in page for key in SYSTEM_TABLES[table][1])
+
+
+def test_a_delay_has_no_key_beyond_those_documented() -> None:
+    """What the reader of one delay names as known; the other tables it has from the page's own."""
+    named = set(re.findall(r"\w+", str(refusal("[[system.delays]]", "no_such_key").expected)))
+    assert named == set(SYSTEM_TABLES["[[system.delays]]"][1])
+
+
+def test_every_command_and_option_is_on_the_page() -> None:
+    """Hidden ones excepted; each with words beside it."""
+    page = cli_page.page()
+
+    def walk(command: Any, path: str) -> None:
+        if command.hidden:
+            return
+        assert f"# {path}\n" in page
+        for parameter in command.params:
+            if not parameter.hidden:
+                assert parameter.help, (path, parameter.name)
+        for name, inner in getattr(command, "commands", {}).items():
+            if name not in TRACE_VERBS:
+                walk(inner, f"{path} {name}")
+
+    for name, verb in VERBS.items():
+        if not verb.hidden:
+            walk(loaded(name, verb), f"cosim {name}")
+    for name in TRACE_VERBS:
+        assert f"### cosim trace {name}\n" in page
+    assert page.count("\n| `--") > 100
+
+
+def documented(place: str) -> bool:
+    """Whether the source has a docstring, or a string below an assignment, at this place."""
+    module, _, name = place.rpartition(".")
+    path = ROOT.joinpath(*module.split("."))
+    path = path / "__init__.py" if path.is_dir() else path.with_suffix(".py")
+    if ROOT.joinpath(*place.split(".")).with_suffix(".py").exists():
+        return importlib.import_module(place).__doc__ is not None  # a module
+    body = ast.parse(path.read_text("utf-8")).body
+    for node, below in zip(body, [*body[1:], ast.Pass()], strict=True):
+        if isinstance(node, ast.FunctionDef | ast.ClassDef) and node.name == name:
+            return bool(ast.get_docstring(node))
+        targets = getattr(node, "targets", [getattr(node, "target", getattr(node, "name", None))])
+        if any(isinstance(target, ast.Name) and target.id == name for target in targets):
+            return isinstance(below, ast.Expr) and isinstance(below.value, ast.Constant)
+    return False
+
+
+def test_every_public_name_is_documented() -> None:
+    """All of them: each name of each face has a docstring, and stands on a page."""
+    pages = api_pages.pages()
+    text = "\n".join(pages.values())
+    faces = ("cosim", *api_pages.FACES)
+    names = {face: api_pages.names_of(face) for face in faces}
+    for face, found in names.items():
+        assert set(found) == set(importlib.import_module(face).__all__)
+    places = {place for found in names.values() for place in found.values()}
+    assert len(places) > 350
+    assert sorted(place for place in places if not documented(place)) == []
+    version = "cosim.core.version.__version__"
+    assert sorted(place for place in places if f"::: {place}\n" not in text) == [version]
+
+
+def test_an_undocumented_name_is_seen() -> None:
+    """The check above, of names that have no docstring."""
+    assert documented("cosim.models.delay_system.DelaySystem")
+    assert not documented("cosim.hinf.problem.system_toml._ONE_DELAY")
+    assert not documented("cosim.hinf.problem.system_toml.no_such_name")
+
+
+def test_the_site_is_strict_and_needs_no_network(tmp_path: Path) -> None:
+    """Warnings are errors, links and anchors are looked at, no font is fetched."""
+    assert "\nstrict: true\n" in SETTINGS
+    assert "  font: false" in SETTINGS
+    assert "not_found: warn, anchors: warn" in SETTINGS
+    assert "://" not in SETTINGS
+    (tmp_path / "a.html").write_text('<a href="https://x.org/"><img src="c.png">', "utf-8")
+    assert not list(loaded_from_elsewhere(tmp_path))
+    (tmp_path / "b.html").write_text('<script src="https://x.org/a.js"></script>', "utf-8")
+    (tmp_path / "c.css").write_text("@import url(//fonts.example/x.css)", "utf-8")
+    assert len(list(loaded_from_elsewhere(tmp_path))) == 2
