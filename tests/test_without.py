@@ -65,10 +65,10 @@ def test_a_library_is_compiled_where_the_cache_cannot_be_written(
         library = compiled.compiled_library.__wrapped__("seven", SOURCE + extra)
         assert library.seven() == 7
         assert Path(library._name).parent == own_folder()
-    said = capfd.readouterr().err
-    assert said.count("cannot be written") == 1
-    assert str(blocked) in said
-    assert "XDG_CACHE_HOME" in said
+    printed = capfd.readouterr().err
+    assert printed.count("cannot be written") == 1
+    assert str(blocked) in printed
+    assert "XDG_CACHE_HOME" in printed
 
 
 def test_fmus_are_built_where_their_folder_cannot_be_written(
@@ -82,9 +82,9 @@ def test_fmus_are_built_where_their_folder_cannot_be_written(
     found = [cache.find("WaveField").path for _ in range(2)]
     assert found[0] == found[1]
     assert found[0].is_relative_to(own_folder())
-    said = capfd.readouterr().err
-    assert said.count("cannot be written") == 1
-    assert "--fmus" in said
+    printed = capfd.readouterr().err
+    assert printed.count("cannot be written") == 1
+    assert "--fmus" in printed
 
 
 @pytest.mark.slow
