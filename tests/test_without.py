@@ -59,7 +59,7 @@ def test_a_library_is_compiled_where_the_cache_cannot_be_written(
     """It lies in the temporary folder of the process; standard error says so once."""
     blocked = tmp_path / "no folder"
     blocked.write_text("a file")
-    monkeypatch.setattr(compiled, "user_cache_path", lambda *_, **__: blocked / "auv-cosim")
+    monkeypatch.setattr(compiled, "cache_folder", lambda: blocked / "auv-cosim")
     notices.say_once.cache_clear()
     for extra in (b"", b"int eight(void) { return 8; }\n"):
         library = compiled.compiled_library.__wrapped__("seven", SOURCE + extra)
