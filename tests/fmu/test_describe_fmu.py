@@ -76,9 +76,9 @@ def test_unknown_variable_suggests_the_nearest(fmus: Path) -> None:
 
 
 def test_error_of_a_missing_file_says_where_paths_start(tmp_path: Path) -> None:
-    """Also for a folder in place of the file."""
-    for path in (tmp_path / "None.fmu", tmp_path):
-        with pytest.raises(InputError, match="starts from the folder of its file"):
+    """A folder in place of the file is named as such."""
+    for path, hint in ((tmp_path / "None.fmu", "folder of its file"), (tmp_path, "is a folder")):
+        with pytest.raises(InputError, match=hint):
             describe_fmu(path)
 
 
