@@ -87,6 +87,7 @@ def _kept(path: Path, library: bytes) -> Path:
             "temporary folder, and compiled again by the next command; XDG_CACHE_HOME names "
             "another place"
         )
+
         path = own_folder() / path.name
         write_whole(path, library)
     return path
