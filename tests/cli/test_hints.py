@@ -108,13 +108,15 @@ def test_a_mistake_in_a_file_is_answered(name: str, folder: Path) -> None:
     for (old, new), words in cases.items():
         assert old in whole
         (folder / "mine.toml").write_text(whole.replace(old, new, 1), "utf-8")
-        said = answer(name, "mine.toml", folder=folder)
-        if words not in said:
-            wrong[new] = (words, said)
+        reply = answer(name, "mine.toml", folder=folder)
+        if words not in reply:
+            wrong[new] = (words, reply)
     assert not wrong
 
 
 def test_a_mistake_in_a_command_is_answered(folder: Path) -> None:
     """A file of another kind, a name of another list, an option of another tool."""
-    said = {line: answer(*line, folder=folder) for line in COMMANDS}
-    assert {line: said[line] for line, words in COMMANDS.items() if words not in said[line]} == {}
+    replies = {line: answer(*line, folder=folder) for line in COMMANDS}
+    assert {
+        line: replies[line] for line, words in COMMANDS.items() if words not in replies[line]
+    } == {}

@@ -25,8 +25,8 @@ def test_the_paragraph_states_what_the_trace_says(tmp_path: Path) -> None:
         run["content_hash"][:16],
     ):
         assert words in found.methods, words
-    shown = cosim("trace", "cite", TRACE, cwd=tmp_path, columns=40)
-    assert shown.out == f"{found.methods}\n\n{found.bibtex}\n"
+    printed = cosim("trace", "cite", TRACE, cwd=tmp_path, columns=40)
+    assert printed.out == f"{found.methods}\n\n{found.bibtex}\n"
     assert cosim("trace", "cite", TRACE, "--json", cwd=tmp_path).json == found.to_json()
 
 
