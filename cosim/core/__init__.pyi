@@ -33,6 +33,10 @@ from .migration import (
     migrate as migrate,
     write_migrated as write_migrated,
 )
+from .notebook import (
+    html_table as html_table,
+    matrix_text as matrix_text,
+)
 from .notices import say_once as say_once
 from .processes import (
     DEATH_HINTS as DEATH_HINTS,

@@ -1,4 +1,5 @@
 from .certificate import (
+    Certificate as Certificate,
     CertificateCheck as CertificateCheck,
     ExactVariables as ExactVariables,
     Guarantees as Guarantees,

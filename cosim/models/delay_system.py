@@ -28,6 +28,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cosim.core import html_table, matrix_text
 from cosim.models.state_space import plant_from
 
 Matrix = NDArray[np.float64]
@@ -98,7 +99,7 @@ def _block_sizes(value: Any, s: int, r: int) -> tuple[tuple[int, int], ...] | No
     return blocks if len(blocks) > 1 else None
 
 
-@dataclass(frozen=True, init=False, eq=False)
+@dataclass(frozen=True, init=False, eq=False, repr=False)
 class Delay:
     """One delayed term (A_i + dA_i) x(t-d_i) of a `DelaySystem`.
 
@@ -172,6 +173,32 @@ class Delay:
         object.__setattr__(self, "rate", None if rate is None else float(rate))
         object.__setattr__(self, "sampled", bool(sampled))
 
+    def __repr__(self) -> str:
+        return f"<Delay: {self.description}, of {self.A.shape[0]} states>"
+
+    def _repr_html_(self) -> str:
+        """Return what is known of it and its matrix, as notebooks show it."""
+        rows = {"A": matrix_text(self.A)} | ({"H": matrix_text(self.H)} if self.H.size else {})
+        return html_table(repr(self), rows)
+
+    @property
+    def description(self) -> str:
+        """What is known of the delay, in a few words: "0.3 s, any age, feedback"."""
+        words = [f"{self.d:.6g} s"]
+        if self.sampled:
+            words.append("sampled")
+        elif self.rate is not None:
+            words.append(f"rate up to {self.rate:g}")
+        elif self.any_age:
+            words.append("any age")
+        if self.least_age:
+            words.append(f"at least {self.least_age:g} s")
+        if self.feedback:
+            chosen = self.feedback if isinstance(self.feedback, tuple) else ()
+            states = ", ".join(str(i) for i, own in enumerate(chosen, 1) if own)
+            words.append(f"feedback of x[{states}]" if states else "feedback")
+        return ", ".join(words)
+
     @property
     def ages_are_known(self) -> bool:
         """Whether more is said of an age that varies than its bound d."""
@@ -209,7 +236,7 @@ def _fed_back_at_once(
     return None if usual else tuple(bool(x) for x in _mask(at_once, n))
 
 
-@dataclass(frozen=True, init=False, eq=False)
+@dataclass(frozen=True, init=False, eq=False, repr=False)
 class DelaySystem:
     """Eq. (7) with several delays; matrices are read-only float arrays.
 
@@ -347,6 +374,29 @@ class DelaySystem:
         """
         matrices = plant_from(plant, ncon)
         return cls(*matrices, E, H, delays, name, uncertainty_blocks=uncertainty_blocks)
+
+    def __repr__(self) -> str:
+        (n, m), q, p = self.B.shape, self.C.shape[1], self.D.shape[0]
+        counts = [(n, "state"), (m, "control"), (q, "disturbance"), (p, "output")]
+        words = [f"{k} {what}{'' if k == 1 else 's'}" for k, what in counts if k]
+        late = "; ".join(delay.description for delay in self.delays)
+        words.append(
+            f"{'delays' if len(self.delays) > 1 else 'delay'} {late}" if late else "no delay"
+        )
+        if self.E.size:
+            words.append("uncertain")
+        name = f" {self.name!r}" if self.name else ""
+        return f"<DelaySystem{name}: {', '.join(words)}>"
+
+    def _repr_html_(self) -> str:
+        """Return sizes and matrices, as notebooks show them."""
+        names = ("A", "B", "C", "D", "D1", "D2", "E", "H")
+        rows = {name: matrix_text(M) for name in names if (M := getattr(self, name)).size}
+        rows |= {
+            f"delay {i}": f"{delay.description}: A = {matrix_text(delay.A)}"
+            for i, delay in enumerate(self.delays, 1)
+        }
+        return html_table(repr(self), rows)
 
     @property
     def immediate_feedback(self) -> bool:

@@ -70,6 +70,11 @@ from .decay import (
     corners as corners,
     growth_of as growth_of,
 )
+from .document import (
+    Certificate as Certificate,
+    claim_words as claim_words,
+    theorem_rows as theorem_rows,
+)
 from .exact_lmi import (
     ExactVariables as ExactVariables,
     minus_omega as minus_omega,

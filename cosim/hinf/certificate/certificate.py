@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cosim.core import DESIGN_FILE, SCHEMA, InputError, unreadable
+from cosim.hinf.certificate.document import Certificate
 from cosim.hinf.certificate.exact_lmi import ExactVariables
 from cosim.hinf.certificate.guarantees import Guarantees, guarantees_from_json
 from cosim.hinf.certificate.proof import (
@@ -181,7 +182,9 @@ def certificate_from_bytes(content: bytes, where: str) -> Any:
         raise InputError("not JSON", where=place, got=error.msg) from error
     except (ValueError, RecursionError) as error:
         raise InputError("not a certificate in JSON", where=where, got=str(error)) from error
-    return DESIGN_FILE.current(data, where) if isinstance(data, dict) else data
+    if not isinstance(data, dict):
+        return data
+    return Certificate(DESIGN_FILE.current(data, where))
 
 
 def certificate_bytes(data: dict[str, Any]) -> bytes:

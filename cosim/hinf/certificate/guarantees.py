@@ -33,7 +33,7 @@ _READERS: dict[str, Callable[[Any, DelaySystem, str], Any]] = {
 }
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Guarantees:
     """The guarantees of a design; None where a constraint was not set."""
 
@@ -41,6 +41,10 @@ class Guarantees:
     damping: Damping | None = None
     gain_limit: GainLimit | None = None
     peak_control: PeakControl | None = None
+
+    def __repr__(self) -> str:
+        proved = "; ".join(one.claim()["property"] for _, one in self._each())
+        return f"<Guarantees: {proved or 'none'}>"
 
     def _each(self) -> list[tuple[str, Decay | Damping | GainLimit | PeakControl]]:
         named = [(field.name, getattr(self, field.name)) for field in fields(self)]

@@ -16,8 +16,9 @@ from typing import Any
 
 import numpy as np
 
-from cosim.core import InputError
+from cosim.core import InputError, html_table
 from cosim.hinf.certificate.block_multipliers import exact_eps
+from cosim.hinf.certificate.document import claim_words, theorem_rows
 from cosim.hinf.certificate.exact_lmi import ExactVariables, Shift, minus_omega
 from cosim.hinf.certificate.rational import (
     asymmetric,
@@ -54,7 +55,7 @@ class Variables:
     gamma: float | None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class CertificateCheck:
     """Outcome of an exact check.
 
@@ -66,6 +67,14 @@ class CertificateCheck:
     valid: bool
     reason: str | None
     claim: dict[str, Any]
+
+    def __repr__(self) -> str:
+        found = "valid" if self.valid else f"not valid: {self.reason}"
+        return f"<CertificateCheck: {found}; {claim_words(self.claim)}>"
+
+    def _repr_html_(self) -> str:
+        """Return the outcome and every sentence of the theorem, as notebooks show them."""
+        return html_table(repr(self), theorem_rows(self.claim))
 
 
 def judged(

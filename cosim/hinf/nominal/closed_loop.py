@@ -48,7 +48,7 @@ def checked_matrix(name: str, value: ArrayLike, rows: int | None, columns: int |
     return matrix
 
 
-@dataclass(frozen=True, init=False, eq=False)
+@dataclass(frozen=True, init=False, eq=False, repr=False)
 class ClosedLoop:
     """x' = sum_i A_i x(t-d_i) + C w, z = sum_i D_i x(t-d_i) + D1 w.
 
@@ -129,6 +129,12 @@ class ClosedLoop:
             object.__setattr__(self, "C", disturbance)
             object.__setattr__(self, "D", merge("D", D, p))
             object.__setattr__(self, "D1", checked_matrix("D1", direct, p, disturbance.shape[1]))
+
+    def __repr__(self) -> str:
+        late = ", ".join(f"{d:.6g}" for d in self.delays[1:])
+        gain = "no w or no z" if self.D1 is None else "{1} w, {0} z".format(*self.D1.shape)
+        delays = f"delays {late} s" if late else "no delay"
+        return f"<ClosedLoop: {self.order} states, {gain}, {delays}>"
 
     @property
     def order(self) -> int:

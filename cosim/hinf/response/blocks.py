@@ -135,7 +135,10 @@ class Blocks:
                 got=f"a least singular value of {singular[-1]:.3g}",
                 hint="a small delay or a fast filter in the loop, or another gain",
             )
-        MC, MDw, MD = (np.linalg.solve(loop, X) for X in (self.C, self.Dw, self.D))
+        MC, MDw, MD = (
+            np.asarray(np.linalg.solve(loop, X), dtype=np.float64)
+            for X in (self.C, self.Dw, self.D)
+        )
         into = np.eye(self.inputs) + gain @ MD
         late, now = gain @ MDw, gain @ MC
         return Blocks(
@@ -244,7 +247,7 @@ def beside(*systems: Blocks) -> Blocks:
 
 
 def balanced(blocks: Blocks) -> tuple[Blocks, Reals]:
-    """Return the same response with states x / scale, powers of two that make A small; and scale."""
+    """Return the same response with states x / scale, powers of two that balance A; and scale."""
     if not blocks.order:
         return blocks, np.ones(0)
     through = np.abs(blocks.A) + np.abs(blocks.Bw) @ np.abs(blocks.Cv)

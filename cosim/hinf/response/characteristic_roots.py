@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -10,7 +10,7 @@ import numpy as np
 class CharacteristicRoots(np.ndarray[tuple[int], np.dtype[np.complex128]]):
     """Rightmost characteristic roots [1/s], an array of complex numbers with `plot`."""
 
-    def __new__(cls, roots: Any) -> CharacteristicRoots:
+    def __new__(cls, roots: Any) -> Self:
         """Return the roots as such an array."""
         return np.asarray(roots, dtype=np.complex128).view(cls)
 

@@ -18,7 +18,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cosim.core import InputError, NotAchievableError
+from cosim.core import InputError, NotAchievableError, html_table, matrix_text
 from cosim.hinf.nominal import NormResult
 from cosim.hinf.response import to_models
 from cosim.hinf.response.blocks import Blocks, beside, blocks_from, from_inputs
@@ -33,7 +33,7 @@ from cosim.hinf.response.from_models import blocks_of
 from cosim.hinf.response.margins import Margins, margins_of
 from cosim.hinf.response.norm import norm_of, norm_proved_of
 from cosim.hinf.response.retarded import plain_of
-from cosim.hinf.response.roots import roots_of
+from cosim.hinf.response.roots import is_stable, roots_of
 from cosim.hinf.response.time_response import (
     TimeResponse,
     forced_response,
@@ -65,15 +65,18 @@ class DelayLTI(Blocks):
     def __repr__(self) -> str:
         """Return one line: sizes and delays."""
         delays = sorted(set(self.delays.tolist()))
-        kind = "neutral system" if self.is_neutral else "system"
+        kind = "neutral, " if self.is_neutral else ""
         late = ", ".join(f"{d:.6g}" for d in delays[:6]) + (", ..." if len(delays) > 6 else "")
-        return (
-            f"{kind}, {_count(self.inputs, 'input')}, {_count(self.outputs, 'output')}, "
-            f"{_count(self.order, 'state')}, " + (f"delays {late} s" if delays else "no delay")
-        )
+        counts = [(self.inputs, "input"), (self.outputs, "output"), (self.order, "state")]
+        words = [f"{k} {what}{'' if k == 1 else 's'}" for k, what in counts]
+        words.append(f"internal delays {late} s" if delays else "no delay")
+        return f"<DelayLTI: {kind}{', '.join(words)}>"
 
     def _repr_html_(self) -> str:
-        return f"<code>{self!r}</code>"
+        """Return sizes and matrices, as notebooks show them."""
+        return html_table(
+            repr(self), {name: matrix_text(M) for name, M in self.matrices.items() if M.size}
+        )
 
     # connections
 
@@ -210,9 +213,13 @@ class DelayLTI(Blocks):
         return CharacteristicRoots(roots_of(self, count))
 
     def is_stable(self) -> bool:
-        """Whether every characteristic root has a negative real part."""
-        roots = roots_of(self, 1)
-        return not roots.size or bool(roots[0].real < 0.0)
+        """Whether every characteristic root has a negative real part, and none come near the axis.
+
+        Raises
+        ------
+        NotAchievableError : roots that cannot be found.
+        """
+        return is_stable(self)
 
     def norm(self) -> NormResult | None:
         """Return the H-infinity norm, its frequency and an upper bound; None: not stable.
@@ -478,21 +485,15 @@ def _made(blocks: Blocks) -> DelayLTI:
     return DelayLTI(**blocks.simplified().matrices)
 
 
-def _count(k: int, what: str) -> str:
-    return f"{k} {what}" + ("" if k == 1 else "s")
-
-
 def _dead(tau: float) -> Blocks:
     one = np.ones((1, 1))
     return blocks_from({"Dw": one, "Dv": one, "delays": [tau]}, (0, 1, 1), "dead time")
 
 
 def _delays_of(name: str, given: float | Sequence[float], size: int) -> list[float]:
-    delays = (
-        np.broadcast_to(np.asarray(given, dtype=np.float64), (size,))
-        if np.ndim(given) == 0
-        else np.asarray(given, dtype=np.float64)
-    )
+    delays = np.asarray(given, dtype=np.float64)
+    if delays.ndim == 0:
+        delays = np.full(size, delays)
     if delays.shape != (size,):
         raise InputError(
             "the delays do not fit the model",

@@ -48,8 +48,8 @@ class FrequencyResponse:
         gains = np.linalg.norm(np.moveaxis(self.response, -1, 0), 2, axis=(1, 2))
         k = int(np.argmax(gains))
         return (
-            f"frequency response, {self.omega.size} points from {self.omega[0]:.4g} to "
-            f"{self.omega[-1]:.4g} rad/s, greatest gain {gains[k]:.4g} at {self.omega[k]:.4g} rad/s"
+            f"<FrequencyResponse: {self.omega.size} points from {self.omega[0]:.4g} to "
+            f"{self.omega[-1]:.4g} rad/s, greatest gain {gains[k]:.4g} at {self.omega[k]:.4g}>"
         )
 
     def plot(self, ax: Any = None) -> Any:
@@ -91,9 +91,9 @@ class Nyquist:
     def __repr__(self) -> str:
         verdict = "stable" if self.stable else "unstable"
         return (
-            f"Nyquist curve: {self.encirclements} clockwise encirclements of -1 + "
+            f"<Nyquist: {self.encirclements} clockwise encirclements of -1 + "
             f"{self.open_poles} open-loop poles on the right = {self.closed_roots} closed-loop "
-            f"roots on the right: {verdict}"
+            f"roots on the right: {verdict}>"
         )
 
     def plot(self, ax: Any = None) -> Any:

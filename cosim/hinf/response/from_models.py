@@ -38,13 +38,7 @@ def blocks_of(model: Any, gain: ArrayLike | None = None) -> Blocks:
         return _of_loop(model)
     _refuse_discrete(model)
     try:
-        if all(hasattr(model, name) for name in "ABCD"):
-            return _of_state_space(*(np.asarray(getattr(model, name)) for name in "ABCD"))
-        if hasattr(model, "num") and hasattr(model, "den"):
-            return _of_transfer_function(model.num, model.den)
-        if hasattr(model, "zeros") and hasattr(model, "gain"):
-            return blocks_of(model.to_tf())
-        static = np.atleast_2d(np.asarray(model, dtype=np.float64))
+        return _of_foreign(model)
     except (TypeError, ValueError) as error:
         raise InputError(
             "not a model of a linear system",
@@ -52,6 +46,16 @@ def blocks_of(model: Any, gain: ArrayLike | None = None) -> Blocks:
             expected=_EXPECTED,
             got=type(model).__name__,
         ) from error
+
+
+def _of_foreign(model: Any) -> Blocks:
+    if all(hasattr(model, name) for name in "ABCD"):
+        return _of_state_space(*(np.asarray(getattr(model, name)) for name in "ABCD"))
+    if hasattr(model, "num") and hasattr(model, "den"):
+        return _of_transfer_function(model.num, model.den)
+    if hasattr(model, "zeros") and hasattr(model, "gain"):
+        return _of_foreign(model.to_tf())
+    static = np.atleast_2d(np.asarray(model, dtype=np.float64))
     return _of_state_space(np.zeros((0, 0)), np.zeros((0, static.shape[1])), None, static)
 
 

@@ -3,8 +3,8 @@
     G = D + Dw E F Dv + R,  F = (I - Dvw E)^-1
     |R(s)| <= |[C, Dw E F Cv]| |[B, Bw E F Dv]| / (|s| - a),  a = |A| + |Bw E F Cv|,  Re s >= 0
 
-E = diag(e^{-s tau}) has entries of modulus one at most, so that the entries of F are at most those of
-(I - |Dvw|)^-1 where the spectral radius of |Dvw| is below one; states are taken in balanced units.
+E = diag(e^{-s tau}) has entries of modulus one at most, so that the entries of F are at most those
+of (I - |Dvw|)^-1 where the spectral radius of |Dvw| is below one; states are in balanced units.
 """
 
 from __future__ import annotations
@@ -29,8 +29,7 @@ class HighFrequency:
         Dvw = np.abs(self.blocks.Dvw)
         if np.abs(np.linalg.eigvals(Dvw)).max(initial=0.0) >= 1.0 - 1e-9:
             return None
-        found: Reals = np.linalg.inv(np.eye(len(Dvw)) - Dvw)
-        return found
+        return np.asarray(np.linalg.inv(np.eye(len(Dvw)) - Dvw), dtype=np.float64)
 
     @cached_property
     def direct(self) -> float:

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import scipy
 
-from cosim.core import InputError, NotAchievableError
+from cosim.core import InputError, NotAchievableError, html_table
 from cosim.hinf.response.blocks import Blocks, Complexes, Reals, balanced
 from cosim.hinf.response.high_frequency import HighFrequency
 from cosim.hinf.response.winding import Winding, winding_of
@@ -28,7 +28,7 @@ _SMALLEST = 1e-3  # |L| below which a gain margin is not looked for
 _FARTHER = 64.0  # times what was looked at first
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Margins:
     """What one loop L, closed by u = r - L u, can stand; L as it is must be stable in the loop.
 
@@ -56,15 +56,26 @@ class Margins:
     def __str__(self) -> str:
         """Return the margins in one line."""
         if not self.stable:
-            return "margins: the closed loop is not stable"
+            return "the closed loop is not stable"
         decibel = 20.0 * math.log10(self.gain) if math.isfinite(self.gain) else math.inf
         text = (
-            f"margins: gain {self.gain:.4g} ({decibel:.3g} dB), "
+            f"gain {self.gain:.4g} ({decibel:.3g} dB), "
             f"phase {math.degrees(self.phase):.4g} deg, delay {self.delay:.4g} s"
         )
         return text + (f", gain down to {self.gain_decrease:.4g}" if self.gain_decrease else "")
 
-    __repr__ = __str__
+    def __repr__(self) -> str:
+        return f"<Margins: {self}>"
+
+    def _repr_html_(self) -> str:
+        """Return every margin with its frequency, as notebooks show them."""
+        rows = {
+            "gain": f"{self.gain:.6g} at {self.gain_frequency:.6g} rad/s",
+            "gain decrease": f"{self.gain_decrease:.6g} at {self.decrease_frequency:.6g} rad/s",
+            "phase": f"{math.degrees(self.phase):.6g} deg at {self.phase_frequency:.6g} rad/s",
+            "delay": f"{self.delay:.6g} s at {self.delay_frequency:.6g} rad/s",
+        }
+        return html_table(repr(self), rows if self.stable else {})
 
 
 def margins_of(loop: Blocks, winding: Winding | None = None) -> Margins:
@@ -197,8 +208,8 @@ class _Crossings:
         both = (self.values.real < 0.0)[:-1] | (self.values.real < 0.0)[1:]
         found = []
         for k in np.flatnonzero((turned[1:] * turned[:-1] < 0.0) & both).tolist():
-            ends = self.omega[k : k + 2]
-            root = scipy.optimize.brentq(self._turned, *ends, xtol=1e-300, rtol=_RELATIVE)
+            low, high = self.omega[k], self.omega[k + 1]
+            root = scipy.optimize.brentq(self._turned, low, high, xtol=1e-300, rtol=_RELATIVE)
             value = complex(self.loop.at(1j * root)[0, 0])
             if value.real < 0.0:
                 found.append((float(root), abs(value)))

@@ -74,7 +74,7 @@ def rule(stages: int) -> Rule:
     logs = -np.log(np.abs(gaps)).sum(axis=1)
     weights = np.sign(gaps).prod(axis=1) * np.exp(logs - logs.max())
     everywhere = np.polynomial.legendre.legvander(2.0 * nodes - 1.0, stages)
-    return Rule(nodes, a, weights, np.linalg.inv(everywhere))
+    return Rule(nodes, a, weights, np.asarray(np.linalg.inv(everywhere), dtype=np.float64))
 
 
 def interpolation(of: Rule, points: Reals) -> Reals:
@@ -111,7 +111,7 @@ class Question:
     breaks: tuple[float, ...] = ()
 
 
-@dataclass(eq=False)
+@dataclass(frozen=True, eq=False)
 class _Instant:
     """An instant at which something jumps: derivative orders of w, impulses in w and of u."""
 
@@ -119,6 +119,15 @@ class _Instant:
     impulse: Reals
     order_u: int
     impulse_u: Reals
+
+    def with_another(self, other: _Instant) -> _Instant:
+        """Return this instant and another at the same time as one."""
+        return _Instant(
+            np.minimum(self.order_w, other.order_w),
+            self.impulse + other.impulse,
+            min(self.order_u, other.order_u),
+            self.impulse_u + other.impulse_u,
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,20 +185,15 @@ def _instants(blocks: Blocks, asked: Question, end: float) -> list[tuple[float, 
     for t in asked.breaks:
         if 0.0 < t <= end:
             add(t, 0, never, nothing)
-    # a beginning whose history does not fit together jumps as well: w at 0 and at each delay
-    if asked.order is None and (asked.start.any() or asked.before.any()):
-        for i, tau in enumerate(blocks.delays.tolist()):
-            add(tau, _NEVER, np.where(np.arange(N) == i, 0, _NEVER), nothing)
+    # from an initial state, what the delays contained may not fit to what follows it
+    for i, tau in enumerate(blocks.delays.tolist() if asked.order is None else ()):
+        add(tau, _NEVER, np.where(np.arange(N) == i, 0, _NEVER), nothing)
     while waiting:
         t, _, instant = heapq.heappop(waiting)
         if t > end:
             break
         while waiting and waiting[0][0] - t <= _NEAR * max(t, 1e-300):
-            other = heapq.heappop(waiting)[2]
-            instant.order_w = np.minimum(instant.order_w, other.order_w)
-            instant.impulse = instant.impulse + other.impulse
-            instant.order_u = min(instant.order_u, other.order_u)
-            instant.impulse_u = instant.impulse_u + other.impulse_u
+            instant = instant.with_another(heapq.heappop(waiting)[2])
         order_v, impulse_v = _onward(blocks, instant)
         found.append((t, instant))
         if len(found) > _MOST_INSTANTS:

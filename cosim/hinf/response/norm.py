@@ -25,7 +25,7 @@ from cosim.hinf.nominal import (
 from cosim.hinf.response.blocks import Blocks, Complexes, Reals, balanced
 from cosim.hinf.response.high_frequency import HighFrequency
 from cosim.hinf.response.retarded import plain_of
-from cosim.hinf.response.roots import roots_of
+from cosim.hinf.response.roots import is_stable, roots_of
 
 _ABOVE = (1e-8, 1e-6, 1e-4, 1e-2)
 
@@ -49,15 +49,13 @@ def norm_of(blocks: Blocks) -> NormResult | None:
         gain = float(np.linalg.norm(blocks.D, 2))
         return NormResult(gain, 0.0, gain)
     roots = roots_of(blocks, ROOTS)
-    if roots.size and not roots[0].real < 0.0:
+    if (roots.size and not roots[0].real < 0.0) or (blocks.is_neutral and not is_stable(blocks)):
         return None
     if not blocks.is_neutral and blocks.order:
         plain = plain_of(blocks)
         if plain is not None:
             return hinf_norm(plain.loop(), roots)
     high = HighFrequency(balanced(blocks)[0])
-    if high.through_delays is None:
-        return None  # roots as near the axis as one likes, or beyond it
     if not roots.size:
         roots = np.array([-1.0 + 1j]) / blocks.delays.max()
     return norm_between(_Late(high.blocks), _Bounds(high), roots)

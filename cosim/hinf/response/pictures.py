@@ -17,13 +17,14 @@ if TYPE_CHECKING:
 _GRID = {"alpha": 0.3}
 _GREY = "#6b7280"
 _RED = "#d1495b"
+_SEEN = 0.1  # share of the greatest magnitude down to which the phase is shown
 _FARTHEST = 4.0  # of a Nyquist curve that is shown, where it goes to infinity
 
 
 def _pyplot() -> Any:
-    return optional("matplotlib.pyplot", extra="plot", what="plots need matplotlib") and (
-        __import__("matplotlib.pyplot", fromlist=["pyplot"])
-    )
+    needed = {"extra": "plot", "what": "plots need matplotlib"}
+    optional("matplotlib", **needed)
+    return optional("matplotlib.pyplot", **needed)
 
 
 def _axes(ax: Any) -> Any:
@@ -101,9 +102,9 @@ def _mark_margins(found: FrequencyResponse, upper: Any, lower: Any, phase: Any) 
 def _lowest_phase(found: FrequencyResponse, lower: Any, phase: Any) -> None:
     """Cut off the phase where a delay has turned it through many circles and little is left."""
     size = np.abs(found.response).max(axis=(0, 1))
-    seen = phase[..., size > 1e-2 * size.max()]
-    if seen.size and float(phase.min()) < float(seen.min()) - 720.0:
-        lower.set_ylim(float(seen.min()) - 360.0, float(seen.max()) + 45.0)
+    seen = phase[..., size > _SEEN * size.max()]
+    if seen.size and float(phase.min()) < float(seen.min()) - 360.0:
+        lower.set_ylim(float(seen.min()) - 180.0, float(seen.max()) + 45.0)
 
 
 def draw_nyquist(found: Nyquist, ax: Any = None) -> Any:
@@ -123,10 +124,8 @@ def draw_nyquist(found: Nyquist, ax: Any = None) -> Any:
     ax.set_aspect("equal")
     ax.set(xlabel="real part", ylabel="imaginary part")
     verdict = "stable" if found.stable else f"{found.closed_roots} unstable roots"
-    ax.set_title(
-        f"{found.encirclements} clockwise encirclements of −1 + {found.open_poles} poles: {verdict}",
-        fontsize="medium",
-    )
+    turns = f"{found.encirclements} clockwise encirclements of -1"
+    ax.set_title(f"{turns}, {found.open_poles} unstable poles: {verdict}", fontsize="medium")
     ax.grid(**_GRID)
     return ax
 

@@ -12,9 +12,10 @@ import math
 import numpy as np
 import scipy
 
-from cosim.core import InputError
+from cosim.core import InputError, NotAchievableError
 from cosim.hinf.nominal import ClosedLoop, Roots, characteristic_roots, collocation
 from cosim.hinf.response.blocks import Blocks, Reals, balanced
+from cosim.hinf.response.high_frequency import HighFrequency
 from cosim.hinf.response.retarded import terms_of
 
 _NODES = 60
@@ -44,6 +45,32 @@ def roots_of(blocks: Blocks, count: int = 10) -> Roots:
     return characteristic_roots(loop, count)
 
 
+def is_stable(blocks: Blocks) -> bool:
+    """Whether every characteristic root has a negative real part.
+
+    A neutral system has roots near the lines that its difference equation v = Dvw E v has; these
+    must lie left of the axis, whatever small changes of the delays (strong stability), which is
+    decided by a bound: the spectral radius of |Dvw| below one.
+
+    Raises
+    ------
+    NotAchievableError : roots that cannot be found, or that bound is not enough.
+    """
+    roots = roots_of(blocks, 4)
+    if roots.size and not roots.real.max() < 0.0:
+        return False
+    if blocks.is_neutral and HighFrequency(blocks).through_delays is None:
+        if blocks.delays.size == 1:
+            return False
+        raise NotAchievableError(
+            "the stability of this neutral system is not decided",
+            where="system",
+            expected="a spectral radius of |Dvw| below one",
+            got="one or more: its roots may come as near the axis as one likes",
+        )
+    return True
+
+
 def _neutral_roots(blocks: Blocks, count: int) -> Roots:
     """Return roots near the eigenvalues of the collocated system, polished."""
     found: list[complex] = []
@@ -59,10 +86,13 @@ def _neutral_roots(blocks: Blocks, count: int) -> Roots:
         root = complex(root.real, abs(root.imag))
         if not any(abs(root - other) <= near for other in found):
             found.append(root)
-    found.sort(key=lambda root: (-round(root.real, 12), root.imag))
+    # many lie next to one line: there the slow ones come first
+    step = 0.1 / float(blocks.delays.max())
+    found.sort(key=lambda root: (-round(root.real / step), root.imag))
     pairs = [[r, r.conjugate()] if r.imag else [r] for r in found]
     whole = [root for pair in pairs for root in pair]
-    return np.array(whole[: count + 1 if count < len(whole) else count], dtype=np.complex128)
+    end = count + (0 < count < len(whole) and whole[count - 1].imag > 0.0)
+    return np.array(whole[:end], dtype=np.complex128)
 
 
 def _transport(blocks: Blocks, nodes: int) -> Reals:

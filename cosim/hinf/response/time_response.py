@@ -54,8 +54,8 @@ class TimeResponse:
     def __repr__(self) -> str:
         y = np.atleast_1d(self.outputs)
         return (
-            f"{self.kind} response, {self.time.size} samples to {self.time[-1]:g} s, "
-            f"output {y.min():.4g} to {y.max():.4g}, last {np.ravel(y[..., -1])[0]:.4g}"
+            f"<TimeResponse: {self.kind}, {self.time.size} samples to {self.time[-1]:g} s, "
+            f"output {y.min():.4g} to {y.max():.4g}, last {np.ravel(y[..., -1])[0]:.4g}>"
         )
 
     @cached_property
@@ -126,7 +126,7 @@ def initial_response(
         )
     past = np.zeros(blocks.delays.size)
     if before == "constant":
-        past = np.linalg.solve(np.eye(past.size) - blocks.Dvw, blocks.Cv @ start)
+        past[:] = np.linalg.solve(np.eye(past.size) - blocks.Dvw, blocks.Cv @ start)
     elif before != "rest":
         raise InputError("not a history", where="before", expected="rest or constant", got=before)
     times = times_of(blocks, t)
@@ -307,4 +307,4 @@ def _settling(blocks: Blocks) -> float:
     fastest = min([slowest, *blocks.delays.tolist()])
     end = min(_SETTLED * slowest + 2.0 * late, _LONGEST * fastest)
     digit = 10.0 ** math.floor(math.log10(end))
-    return math.ceil(end / digit) * digit
+    return float(math.ceil(end / digit) * digit)

@@ -75,26 +75,19 @@ def winding_of(loop: Blocks) -> Winding:
     ratio = _Ratio(loop)
     top = _top(loop)
     poles, right = _open_poles(loop)
-    paths, omega = [], np.zeros(0)
+    omega = np.zeros(0)
     total, start = 0.0, 0.0
-    marks = sorted({abs(p) for p in poles.tolist()})
-    for i, pole in enumerate(marks):
-        others = [abs(pole - x) for x in (*marks[:i], *marks[i + 1 :], -pole, top) if x != pole]
+    for i, pole in enumerate(poles):
+        others = [abs(pole - x) for x in (*poles[:i], *poles[i + 1 :], -pole, top) if x != pole]
         radius = _INDENT * min([*others, 1.0 / max(loop.delays.max(initial=0.0), 1e-300)])
         if pole > 0.0:
-            paths.append((1j * start, 1j * (pole - radius)))
-            paths.append((1j * pole, radius, -0.5 * math.pi, 0.5 * math.pi))
-        else:
-            paths.append((0j, radius, 0.0, 0.5 * math.pi))
+            turned, points = _along_line(ratio, start, pole - radius)
+            total, omega = total + turned, np.append(omega, points)
+        begin = -0.5 * math.pi if pole > 0.0 else 0.0
+        total += _along_arc(ratio, 1j * pole, radius, begin, 0.5 * math.pi)
         start = pole + radius
-    paths.append((1j * start, 1j * top))
-    for path in paths:
-        if len(path) == 2:
-            turned, points = _along_line(ratio, path[0].imag, path[1].imag)
-            omega = np.concatenate([omega, points])
-        else:
-            turned = _along_arc(ratio, *path)
-        total += turned
+    turned, points = _along_line(ratio, start, top)
+    total, omega = total + turned, np.append(omega, points)
     # f(conj s) = conj f(s): the lower half turns as much, and the arc at infinity goes back
     whole = 2.0 * total - 2.0 * _end_phase(loop, top)
     turns = whole / (2.0 * math.pi)
@@ -115,7 +108,8 @@ def _top(loop: Blocks) -> float:
     if late:
         top = high.last(0.5 * (1.0 + min(high.direct, 1.0)))
     else:
-        room = _INSIDE / max(np.linalg.norm(np.linalg.inv(np.eye(loop.inputs) + loop.D), 2), 1e-300)
+        inverse = np.linalg.inv(np.eye(loop.inputs) + loop.D)
+        room = _INSIDE / max(float(np.linalg.norm(inverse, 2)), 1e-300)
         top = high.a + high.through / room if high.through_delays is not None else math.inf
     if not math.isfinite(top):
         raise NotAchievableError(
@@ -129,10 +123,10 @@ def _top(loop: Blocks) -> float:
     return top if top > 0.0 else 1.0 / float(loop.delays.max(initial=1.0))
 
 
-def _open_poles(loop: Blocks) -> tuple[Complexes, int]:
-    """Return the open-loop poles on the axis, and the number of those right of it."""
+def _open_poles(loop: Blocks) -> tuple[list[float], int]:
+    """Return the moduli of the open-loop poles on the axis, rising; and the number right of it."""
     if not loop.order and not loop.is_neutral:
-        return np.zeros(0, dtype=np.complex128), 0
+        return [], 0
     if (not loop.Bw.any() or not loop.Cv.any()) and not loop.is_neutral:
         poles = np.linalg.eigvals(loop.A).astype(np.complex128)
         scale = float(np.abs(loop.A).max(initial=0.0))
@@ -153,7 +147,7 @@ def _open_poles(loop: Blocks) -> tuple[Complexes, int]:
     for value in sorted(set(np.abs(axis).tolist())):
         if not merged or value - merged[-1] > _DOUBLE * scale:
             merged.append(value)
-    return np.array(merged, dtype=np.complex128), int(((poles.real > 0.0) & ~on_axis).sum())
+    return merged, int(((poles.real > 0.0) & ~on_axis).sum())
 
 
 def _along_line(ratio: _Ratio, low: float, high: float) -> tuple[float, Reals]:

@@ -18,7 +18,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cosim.core import InputError, NotAchievableError, Progress, silent
+from cosim.core import InputError, NotAchievableError, Progress, html_table, silent
 from cosim.hinf.nominal import (
     checked_system,
     close,
@@ -43,7 +43,7 @@ _OF_PACE = (0.1, 0.2, 0.3, 0.45, 0.6, 0.8)
 _PRECISION = 2e-3  # of the limits, relative
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class AgeRow:
     """The loop with messages of one greatest age.
 
@@ -68,6 +68,11 @@ class AgeRow:
     stable: bool
     reason: str | None
 
+    def __repr__(self) -> str:
+        found = "certified" if self.certified else f"not certified: {self.reason}"
+        gamma = "" if self.gamma is None else f"gamma {self.gamma:.6g} "
+        return f"<AgeRow: {self.age:g} s, {gamma}{found}>"
+
     @property
     def certified(self) -> bool:
         """Whether there is a proof."""
@@ -90,7 +95,7 @@ class AgeLimit:
     limit_reached: bool = False
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class MessageAges:
     """The answer to how old the messages of a loop may be.
 
@@ -114,6 +119,17 @@ class MessageAges:
     age: float
     K: NDArray[np.float64]
     limits: tuple[AgeLimit, ...]
+
+    def __repr__(self) -> str:
+        limits = ", ".join(
+            f"{x.assumption} {'-' if x.age is None else f'{x.age:.4g} s'}" for x in self.limits
+        )
+        return f"<MessageAges: {len(self.rows)} ages, the gain for {self.age:g} s stands {limits}>"
+
+    def _repr_html_(self) -> str:
+        """Return the rows and limits, as notebooks show them."""
+        rows = {f"{row.age:g} s": repr(row)[9:-1].split(", ", 1)[1] for row in self.rows}
+        return html_table(repr(self), rows)
 
 
 @one_thread

@@ -18,9 +18,10 @@ from typing import Any, Literal, Protocol, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cosim.core import InputError, counted
+from cosim.core import InputError, counted, html_table, matrix_text
 from cosim.hinf.certificate import (
     MAX_ORDER,
+    Certificate,
     Damping,
     Guarantees,
     check_measured,
@@ -44,6 +45,7 @@ from cosim.hinf.synthesis.conditions import (
     prove,
     widened,
 )
+from cosim.hinf.synthesis.result_text import proved_words, result_rows
 from cosim.models import DelaySystem, Matrix
 
 _ABOVE_LEAST = (2e-6, 1e-5, 5e-5, 3e-4, 2e-3, 1e-2, 5e-2)
@@ -53,7 +55,7 @@ _FIRST_IF_COSTLY = 3
 _MUCH = 0.1  # share of gamma worth a proof of exactly these delays, or an odd gain
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Analysis:
     """The result of an analysis: what is certified of a loop, and its nominal figures.
 
@@ -90,6 +92,19 @@ class Analysis:
     certificate: dict[str, Any] | None
     guarantees: Guarantees = field(default_factory=Guarantees)
     damping_reason: str | None = None
+
+    def __post_init__(self) -> None:
+        if self.certificate is not None:
+            object.__setattr__(self, "certificate", Certificate(self.certificate))
+
+    def __repr__(self) -> str:
+        name = f" {self.system.name!r}" if self.system.name else ""
+        gain = "u = 0" if self.K is None else f"K = {matrix_text(self.K)}"
+        return f"<Analysis{name}: {gain}, {proved_words(self)}>"
+
+    def _repr_html_(self) -> str:
+        """Return what is proved and the figures of the nominal loop, as notebooks show them."""
+        return html_table(repr(self), {"system": repr(self.system)[1:-1], **result_rows(self)})
 
     @property
     def covers_smaller_delays(self) -> bool:

@@ -43,7 +43,7 @@ PRECISION = 1e-6
 """Of the bisection, relative."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class CertifiedDelay:
     """The greatest certified value of one delay, the others kept.
 
@@ -62,6 +62,12 @@ class CertifiedDelay:
     not_certified_at: float | None
     limit_reached: bool
     analysis: Analysis
+
+    def __repr__(self) -> str:
+        if self.d is None:
+            return f"<CertifiedDelay: none, {self.analysis!r}>"
+        end = ", the limit of the search" if self.limit_reached else ""
+        return f"<CertifiedDelay: delay {self.delay_index + 1} up to {self.d:.6g} s{end}>"
 
 
 def certified_delay(

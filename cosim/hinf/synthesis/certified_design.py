@@ -11,14 +11,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.hinf.certificate import Guarantees
+from cosim.core import html_table, matrix_text
+from cosim.hinf.certificate import Certificate, Guarantees
+from cosim.hinf.synthesis.result_text import proved_words, result_rows
 from cosim.models import DelaySystem
 
 if TYPE_CHECKING:
     from cosim.hinf.nominal import WorstCase
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Design:
     """A certified gain, with its proof and the figures of its nominal loop.
 
@@ -56,6 +58,17 @@ class Design:
     order: int | None = None
     worst_case: WorstCase | None = None
     guarantees: Guarantees = field(default_factory=Guarantees)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "certificate", Certificate(self.certificate))
+
+    def __repr__(self) -> str:
+        name = f" {self.system.name!r}" if self.system.name else ""
+        return f"<Design{name}: K = {matrix_text(self.K)}, {proved_words(self)}>"
+
+    def _repr_html_(self) -> str:
+        """Return the gain, what is proved of it and the figures of its loop, for notebooks."""
+        return html_table(repr(self), {"system": repr(self.system)[1:-1], **result_rows(self)})
 
     @property
     def covers_smaller_delays(self) -> bool:

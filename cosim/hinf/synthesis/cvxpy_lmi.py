@@ -28,7 +28,7 @@ from cosim.models import DelaySystem, Matrix
 _SINGULAR = 1e14  # condition number of X beyond which Y X^-1 is noise
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class CvxpyLmi(Unknowns):
     """The LMI of one system at given k1, k2, as a cvxpy problem.
 
@@ -48,6 +48,10 @@ class CvxpyLmi(Unknowns):
     k2: tuple[float, ...]
     constraints: list[Any]
     problem: Any
+
+    def __repr__(self) -> str:
+        status = self.problem.status or "not solved"
+        return f"<CvxpyLmi: k1 = {list(self.k1)}, k2 = {list(self.k2)}, {status}, {self.system!r}>"
 
     def gain(self) -> Matrix:
         """Return K = Y X^-1 (m, n) of the solved problem, rounded as in every design.

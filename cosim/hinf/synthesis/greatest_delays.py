@@ -20,6 +20,7 @@ from typing import Any
 import scipy
 
 from cosim.core import InputError, NotAchievableError
+from cosim.hinf.certificate import Certificate
 from cosim.hinf.lmi import (
     ROUGH_TOLERANCE,
     Answer,
@@ -52,7 +53,7 @@ _BEYOND = (1e-3, 1e-2, 0.1, 1.0)
 """Shares beyond a greatest delay found where its end at fixed k1, k2 is searched."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class GreatestDelay:
     """The greatest delay certified for a gamma.
 
@@ -69,6 +70,18 @@ class GreatestDelay:
     limit_reached: bool
     refuted_at: float | None
     refutation: dict[str, Any] | None
+
+    def __post_init__(self) -> None:
+        if self.refutation is not None:
+            object.__setattr__(self, "refutation", Certificate(self.refutation))
+
+    def __repr__(self) -> str:
+        end = ""
+        if self.limit_reached:
+            end = ", the limit of the search"
+        elif self.refuted_at is not None:
+            end = f", refuted from {self.refuted_at:.6g} s on"
+        return f"<GreatestDelay: {self.delay:.6g} s{end}, {self.design!r}>"
 
 
 @one_thread
