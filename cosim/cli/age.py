@@ -8,13 +8,12 @@ from typing import Annotated, Any, get_args
 
 import typer
 
+from cosim import hinf, trace
 from cosim.cli.age_view import age_json, age_view, draw_ages
 from cosim.cli.arguments import gain_from, named_problem, numbers
 from cosim.cli.common import JsonOption, answer, progress
 from cosim.cli.design import DelayLimitOption, SystemArgument
 from cosim.core import InputError
-from cosim.hinf import DELAY_LIMIT, SOUND_SPEED, Assumption, Modem, message_ages
-from cosim.trace import pyplot
 
 _PANEL = "What is known of the modem"
 _MOST_AGES = 4
@@ -83,8 +82,8 @@ def age(
     sound_speed: Annotated[
         float,
         typer.Option(help="Speed of the signal [m/s]; 3e8: radio.", rich_help_panel=_PANEL),
-    ] = SOUND_SPEED,
-    delay_limit: DelayLimitOption = DELAY_LIMIT,
+    ] = hinf.SOUND_SPEED,
+    delay_limit: DelayLimitOption = hinf.DELAY_LIMIT,
     picture: Annotated[
         Path | None,
         typer.Option(help="Also draw the table: a .png, .svg or .pdf file (needs the extra plot)."),
@@ -106,12 +105,14 @@ def age(
     cosim age auv --bit-rate 5000 --packet 64 --range 600 --slot 0.5 --loss 0.05
     """
     if picture is not None:
-        pyplot()
+        trace.pyplot()
     named, own_gain = named_problem(name)
     modem = _modem(bit_rate, packet, distance, slot, loss, losses, other, sound_speed)
     chosen: Any = assumption or (None if modem is None else "sampled")
-    if chosen is not None and chosen not in get_args(Assumption):
-        raise InputError.unknown("assumption", chosen, get_args(Assumption), where="--assumption")
+    if chosen is not None and chosen not in get_args(hinf.Assumption):
+        raise InputError.unknown(
+            "assumption", chosen, get_args(hinf.Assumption), where="--assumption"
+        )
     least, own_age = 0.0, None
     wanted: Sequence[float] | None = None if ages is None else numbers("--ages", ages)
     if modem is not None:
@@ -119,7 +120,7 @@ def age(
         own_age = modem.greatest if chosen != "constant" else modem.least
         wanted = wanted or _ages_of(modem, own_age)
     with progress() as report_progress:
-        found = message_ages(
+        found = hinf.message_ages(
             named.system,
             named.k1,
             named.k2,
@@ -150,7 +151,7 @@ def _modem(
     losses: int | None,
     other: float,
     sound_speed: float,
-) -> Modem | None:
+) -> hinf.Modem | None:
     """Return the modem that the options describe; None without any of them."""
     if bit_rate is None and packet is None:
         given = {
@@ -174,10 +175,10 @@ def _modem(
             where="--bit-rate" if bit_rate is None else "--packet",
             expected="--bit-rate and --packet",
         )
-    return Modem(bit_rate, packet, distance, slot, loss, losses, other, sound_speed)
+    return hinf.Modem(bit_rate, packet, distance, slot, loss, losses, other, sound_speed)
 
 
-def _ages_of(modem: Modem, own: float) -> list[float]:
+def _ages_of(modem: hinf.Modem, own: float) -> list[float]:
     """Return the greatest ages after 0, 1, ... losses in a row, a few of them, up to its own."""
     if own == modem.least:
         return [own]

@@ -12,10 +12,9 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from cosim import hinf, trace
 from cosim.cli.terminal import NONE, facts_table, number
 from cosim.core import at_least, at_most
-from cosim.hinf import AgeLimit, AgeRow, MessageAges, Modem
-from cosim.trace import pyplot, save_picture
 
 _BLUE, _RED, _GREY = "#0b6e99", "#d1495b", "#666666"
 _NAMES = {
@@ -27,7 +26,7 @@ _NAMES = {
 
 
 def age_json(
-    name: str, found: MessageAges, modem: Modem | None, picture: Path | None
+    name: str, found: hinf.MessageAges, modem: hinf.Modem | None, picture: Path | None
 ) -> dict[str, Any]:
     """Return the answer as plain JSON values."""
     return {
@@ -65,7 +64,7 @@ def age_json(
     }
 
 
-def age_view(name: str, found: MessageAges, modem: Modem | None) -> RenderableType:
+def age_view(name: str, found: hinf.MessageAges, modem: hinf.Modem | None) -> RenderableType:
     """Show the arithmetic of the modem, the limits in order, and the table."""
     parts: list[RenderableType] = []
     if modem is not None:
@@ -79,7 +78,7 @@ def age_view(name: str, found: MessageAges, modem: Modem | None) -> RenderableTy
     return Group(*parts)
 
 
-def _limits(name: str, found: MessageAges) -> RenderableType:
+def _limits(name: str, found: hinf.MessageAges) -> RenderableType:
     goal = "stability" if found.gamma is None else f"gamma = {found.gamma:g}"
     head = Text.assemble(
         (f"How old the messages of {name} may be", "bold"),
@@ -91,7 +90,7 @@ def _limits(name: str, found: MessageAges) -> RenderableType:
     return Group(head, facts)
 
 
-def _age(limit: AgeLimit) -> str:
+def _age(limit: hinf.AgeLimit) -> str:
     if limit.age is None:
         return "no limit" if limit.assumption == "exact" else NONE
     if limit.assumption == "exact":
@@ -99,7 +98,7 @@ def _age(limit: AgeLimit) -> str:
     return f"{'≥ ' if limit.limit_reached else ''}{at_least(limit.age, 4)} s"
 
 
-def _meaning(limit: AgeLimit, found: MessageAges) -> str:
+def _meaning(limit: hinf.AgeLimit, found: hinf.MessageAges) -> str:
     least = f" from {found.least_age:.4g} s" if found.least_age else ""
     what = {
         "any": f"certified: however the age varies{least}",
@@ -114,7 +113,7 @@ def _meaning(limit: AgeLimit, found: MessageAges) -> str:
     return what
 
 
-def _table(found: MessageAges) -> Table:
+def _table(found: hinf.MessageAges) -> Table:
     assumed = {
         "any": "any age up to this",
         "sampled": "sampled, up to this",
@@ -148,20 +147,20 @@ def _table(found: MessageAges) -> Table:
     return table
 
 
-def _gamma(row: AgeRow) -> str:
+def _gamma(row: hinf.AgeRow) -> str:
     if row.gamma is not None:
         return at_most(row.gamma, 5)
     return "stable" if row.certified else "not proved"
 
 
-def draw_ages(name: str, found: MessageAges, target: Path) -> Path:
+def draw_ages(name: str, found: hinf.MessageAges, target: Path) -> Path:
     """Draw gamma, norm and control over the age, with the limits as lines.
 
     Raises
     ------
     InputError : matplotlib is not installed, or the file cannot be written.
     """
-    plt = pyplot()
+    plt = trace.pyplot()
     with plt.rc_context({"font.size": 9, "axes.grid": True, "grid.alpha": 0.3}):
         figure, (above, below) = plt.subplots(
             2, 1, figsize=(8.4, 6.2), layout="constrained", sharex=True, height_ratios=(1.7, 1)
@@ -194,6 +193,6 @@ def draw_ages(name: str, found: MessageAges, target: Path) -> Path:
                     ha="left" if exact else "right",
                 )  # fmt: skip
         try:
-            return save_picture(figure, target)
+            return trace.save_picture(figure, target)
         finally:
             plt.close(figure)

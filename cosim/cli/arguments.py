@@ -7,33 +7,32 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from cosim import hinf, scenario
 from cosim.core import InputError
-from cosim.hinf import NamedSystem, matrix_from_rows, system_by_name, weighted
-from cosim.scenario import builtin_names, load, named_design, problem_of
 
 
-def named_problem(name: str) -> tuple[NamedSystem, Any]:
+def named_problem(name: str) -> tuple[hinf.NamedSystem, Any]:
     """Return the system that a name stands for, and the gain if it names a scenario with a gain."""
-    if name not in builtin_names():
-        return system_by_name(name), None
-    loaded = load(name)
+    if name not in scenario.builtin_names():
+        return hinf.system_by_name(name), None
+    loaded = scenario.load(name)
     part = loaded.scenario.design
     if part is None:
         raise InputError("this scenario has no [design]", where=name)
     if part.file is not None:
-        problem, found, _ = named_design(part, loaded.folder)
-        return NamedSystem(problem.system, problem.k1, problem.k2), found.K.tolist()
-    problem = problem_of(part, loaded.folder)
-    named = NamedSystem(
+        problem, found, _ = scenario.named_design(part, loaded.folder)
+        return hinf.NamedSystem(problem.system, problem.k1, problem.k2), found.K.tolist()
+    problem = scenario.problem_of(part, loaded.folder)
+    named = hinf.NamedSystem(
         problem.system, problem.k1, problem.k2, design_constraints=problem.design_constraints
     )
     return named, part.gain
 
 
-def with_weights(named: NamedSystem, weights: tuple[float, ...]) -> NamedSystem:
+def with_weights(named: hinf.NamedSystem, weights: tuple[float, ...]) -> hinf.NamedSystem:
     """Replace the weights of z of a system; raise InputError if their number does not fit."""
     before = named.unweighted or named.system
-    after = weighted(before, weights, where="--weights")
+    after = hinf.weighted(before, weights, where="--weights")
     return replace(named, system=after, weights=weights, unweighted=before)
 
 
@@ -57,7 +56,7 @@ def gain_from(text: str) -> Any:
             got=text,
             hint=f'one row per control input: "[{text.strip()}]"',
         )
-    return matrix_from_rows(value, "--gain")
+    return hinf.matrix_from_rows(value, "--gain")
 
 
 def numbers(option: str, text: str) -> tuple[float, ...]:

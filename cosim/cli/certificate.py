@@ -8,14 +8,13 @@ from typing import Annotated, Any
 
 import typer
 
+from cosim import hinf, replay
 from cosim.cli.arguments import named_problem
 from cosim.cli.certificate_view import certificate_view, system_facts
 from cosim.cli.common import JsonOption, answer
 from cosim.cli.help_text import HelpTyper
 from cosim.core import CheckFailedError
-from cosim.hinf import check_certificate, differences, system_from_json, theorem_of
 from cosim.models import DelaySystem
-from cosim.replay import certificate_in
 
 certificate_app = HelpTyper(help="Check the certificate of a design or an analysis.")
 
@@ -50,16 +49,16 @@ def check(
     cosim certificate check gain.json --system paper
     cosim certificate check traces/auv-acoustic.mcap
     """
-    found = certificate_in(file)
-    checked = check_certificate(found.data)
-    own = system_from_json(found.data["system"])
+    found = replay.certificate_in(file)
+    checked = hinf.check_certificate(found.data)
+    own = hinf.system_from_json(found.data["system"])
     if checked.valid and found.mismatch is not None:
         checked = replace(checked, valid=False, reason=found.mismatch)
     apart = None if system is None else _differences(own, system)
     if checked.valid and apart:
         reason = f"it is proved, but about another system than {system}: {apart[0]}"
         checked = replace(checked, valid=False, reason=reason)
-    theorem = theorem_of(checked.claim)
+    theorem = hinf.theorem_of(checked.claim)
     answer(
         as_json,
         lambda: {
@@ -83,4 +82,4 @@ def check(
 def _differences(own: DelaySystem, name: str) -> list[str]:
     """Return where the system of a certificate differs from the one of that name."""
     named: Any = named_problem(name)[0]
-    return list(differences(own, named.system))
+    return list(hinf.differences(own, named.system))

@@ -8,12 +8,11 @@ from typing import Any
 from rich.console import Group, RenderableType
 from rich.text import Text
 
+from cosim import hinf, replay
 from cosim.cli.design_view import acts_of, condition_of
 from cosim.cli.terminal import facts_table
 from cosim.core import at_least, at_most
-from cosim.hinf import CertificateCheck
 from cosim.models import DelaySystem
-from cosim.replay import EmbeddedCertificate
 
 _MOST_DIFFERENCES = 10
 _WHOSE = {
@@ -25,8 +24,8 @@ _WHOSE = {
 
 def certificate_view(
     file: str,
-    certificate: CertificateCheck,
-    found: EmbeddedCertificate,
+    certificate: hinf.CertificateCheck,
+    found: replay.EmbeddedCertificate,
     system: DelaySystem,
     theorem: list[str],
     compared_with: str | None,

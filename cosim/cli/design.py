@@ -12,31 +12,12 @@ from typing import Annotated, Final, Literal
 import numpy as np
 import typer
 
+from cosim import hinf
 from cosim.cli.arguments import gain_from, named_problem, numbers, with_weights, write_json
 from cosim.cli.common import JsonOption, answer, progress
 from cosim.cli.design_answers import analysis_json, design_json
 from cosim.cli.design_view import analysis_view, design_view
 from cosim.core import DESIGN_FILE, InputError, NotAchievableError
-from cosim.hinf import (
-    DELAY_LIMIT,
-    Analysis,
-    CertifiedDelay,
-    Design,
-    GreatestDelay,
-    analyse as make_analysis,
-    certified_delay,
-    design as make_design,
-    design_to_json,
-    gain_remark,
-    greatest_delay,
-    nominal_gamma,
-    norm_certificate,
-    states_of,
-    with_ages,
-    with_delays,
-    with_integral,
-    with_measured,
-)
 from cosim.models import DelaySystem
 
 SaveNormOption = Annotated[
@@ -161,7 +142,7 @@ def design(
             "or else the first delay.",
         ),
     ] = False,
-    delay_limit: DelayLimitOption = DELAY_LIMIT,
+    delay_limit: DelayLimitOption = hinf.DELAY_LIMIT,
     price: Annotated[
         bool,
         typer.Option(
@@ -234,10 +215,10 @@ def design(
         named = with_weights(named, numbers("--weights", weights))
     system = named.system
     if delays is not None:
-        system = with_delays(system, numbers("--delays", delays))
+        system = hinf.with_delays(system, numbers("--delays", delays))
     if least_ages is not None or sampled:
         least = None if least_ages is None else numbers("--least-ages", least_ages)
-        system = with_ages(system, least, sampled=sampled)
+        system = hinf.with_ages(system, least, sampled=sampled)
     if measured is not None or integral is not None:
         system = _with_structure(system, measured, integral, integral_weights, integral_age)
         # those of the system are for feedback of the whole state
@@ -260,7 +241,7 @@ def design(
     }
     goal = named.gamma if gamma is None else gamma
     condition = _order(order, AUTO, THEOREM_2)
-    greatest: GreatestDelay | None = None
+    greatest: hinf.GreatestDelay | None = None
     with progress() as report_progress, _refutation_saved(save_refutation):
         report_progress(f"design of {name}", 0.0)
         if max_delay:
@@ -276,7 +257,7 @@ def design(
                     expected="no decay, damping, gain limit or peak of the control",
                     hint="try them at a given delay: --delays",
                 )
-            greatest = greatest_delay(
+            greatest = hinf.greatest_delay(
                 system,
                 goal,
                 *scalars,
@@ -287,7 +268,7 @@ def design(
             )
             found = greatest.design
         else:
-            found = make_design(
+            found = hinf.design(
                 system,
                 *scalars,
                 gamma=goal,
@@ -297,16 +278,16 @@ def design(
                 solver=solver.value,
                 **design_constraints,
             )
-        nominal = nominal_gamma(found) if price else None
+        nominal = hinf.nominal_gamma(found) if price else None
     if save is not None:
-        write_json(save, DESIGN_FILE.stamped(design_to_json(found)))
+        write_json(save, DESIGN_FILE.stamped(hinf.design_to_json(found)))
     refutation = None if greatest is None else greatest.refutation
     kept = None if refutation is None else save_refutation
     if kept is not None:
         write_json(kept, refutation)
     norm_file = _save_norm(save_norm, found)
     has_limit = found.guarantees.gain_limit is not None
-    remark = None if has_limit else gain_remark(found.system, found.K)
+    remark = None if has_limit else hinf.gain_remark(found.system, found.K)
     answer(
         as_json,
         lambda: (
@@ -326,12 +307,12 @@ def _with_structure(
 ) -> DelaySystem:
     """Return the system with the feedback that --measured and --integral ask for."""
     if measured is not None:
-        states = states_of(numbers("--measured", measured), "--measured")
-        system = with_measured(system, states)
+        states = hinf.states_of(numbers("--measured", measured), "--measured")
+        system = hinf.with_measured(system, states)
     if integral is not None:
-        states = states_of(numbers("--integral", integral), "--integral")
+        states = hinf.states_of(numbers("--integral", integral), "--integral")
         own = None if weights is None else numbers("--integral-weights", weights)
-        system = with_integral(system, states, weights=own, age=age)
+        system = hinf.with_integral(system, states, weights=own, age=age)
     return system
 
 
@@ -365,12 +346,12 @@ def _refutation_saved(path: Path | None) -> Iterator[None]:
         raise
 
 
-def _save_norm(path: Path | None, found: Design | Analysis) -> str | None:
+def _save_norm(path: Path | None, found: hinf.Design | hinf.Analysis) -> str | None:
     """Write the proof of the upper bound of the nominal norm; return where, None without one."""
     if path is None or found.exact_norm_upper is None:
         return None
     K = np.zeros(found.system.B.shape[::-1]) if found.K is None else found.K
-    proof = norm_certificate(found.system, K, found.exact_norm_upper)
+    proof = hinf.norm_certificate(found.system, K, found.exact_norm_upper)
     if proof is None:
         return None
     write_json(path, proof)
@@ -411,7 +392,7 @@ def analyse(
             "of the feedback, or else the first delay.",
         ),
     ] = False,
-    delay_limit: DelayLimitOption = DELAY_LIMIT,
+    delay_limit: DelayLimitOption = hinf.DELAY_LIMIT,
     damping: DampingOption = None,
     within: WithinOption = None,
     save: Annotated[
@@ -437,13 +418,13 @@ def analyse(
     named, own_gain = named_problem(name)
     system = named.system
     if delays is not None:
-        system = with_delays(system, numbers("--delays", delays))
+        system = hinf.with_delays(system, numbers("--delays", delays))
     if least_ages is not None or sampled:
         least = None if least_ages is None else numbers("--least-ages", least_ages)
-        system = with_ages(system, least, sampled=sampled)
+        system = hinf.with_ages(system, least, sampled=sampled)
     K = own_gain if gain is None else gain_from(gain)
     condition = _order(order, AUTO) or 0  # never None: Theorem 2 is no word here
-    greatest: CertifiedDelay | None = None
+    greatest: hinf.CertifiedDelay | None = None
     with progress() as report_progress:
         report_progress(f"analysis of {name}", 0.0)
         if max_delay:
@@ -455,12 +436,12 @@ def analyse(
                     hint="try it at a given delay: --delays",
                 )
             varied = _varied_delay(system)
-            greatest = certified_delay(
+            greatest = hinf.certified_delay(
                 system, K, gamma, delay_index=varied, order=condition, limit=delay_limit
             )
             found = greatest.analysis
         else:
-            found = make_analysis(system, K, gamma, order=condition, damping=damping, within=within)
+            found = hinf.analyse(system, K, gamma, order=condition, damping=damping, within=within)
     saved = save if found.certified else None
     if saved is not None:
         write_json(saved, found.certificate)

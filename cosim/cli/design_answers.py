@@ -5,14 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from cosim.hinf import Analysis, CertifiedDelay, Design, GreatestDelay
+from cosim import hinf
 from cosim.models import DelaySystem
 
 
 def design_json(
     name: str,
-    found: Design,
-    greatest: GreatestDelay | None,
+    found: hinf.Design,
+    greatest: hinf.GreatestDelay | None,
     save: Path | None,
     refutation: Path | None = None,
     nominal: float | None = None,
@@ -57,7 +57,7 @@ def design_json(
 
 
 def analysis_json(
-    name: str, found: Analysis, greatest: CertifiedDelay | None, save: Path | None
+    name: str, found: hinf.Analysis, greatest: hinf.CertifiedDelay | None, save: Path | None
 ) -> dict[str, Any]:
     """Return the object that `cosim analyse --json` prints; `save`: file of the certificate."""
     delays: list[float | None] = [delay.d for delay in found.system.delays]
@@ -86,7 +86,7 @@ def analysis_json(
     }
 
 
-def _damping(found: Design | Analysis) -> dict[str, Any]:
+def _damping(found: hinf.Design | hinf.Analysis) -> dict[str, Any]:
     """Return the damping ratio that is proved, and for which roots; None without one."""
     proved = found.guarantees.damping
     return {
@@ -106,7 +106,7 @@ def _terms(system: DelaySystem) -> list[dict[str, Any]]:
     ]
 
 
-def _nominal_figures(found: Design | Analysis) -> dict[str, Any]:
+def _nominal_figures(found: hinf.Design | hinf.Analysis) -> dict[str, Any]:
     """Return the figures of the nominal loop, and the ratio of gamma to its exact norm."""
     margins, norm = found.delay_margin, found.exact_norm
     ratio = found.gamma / norm if found.gamma is not None and norm else None

@@ -10,10 +10,10 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from cosim import hinf
 from cosim.cli.terminal import facts_table, number
 from cosim.core import at_least, at_most
 from cosim.fmu import ControllerFmu, PlantFmu
-from cosim.hinf import Analysis, CertifiedDelay, Design, GreatestDelay, Guarantees
 from cosim.models import Delay, DelaySystem
 
 _LIMIT_REACHED = "certified; the search ended here, longer delays may be certified too"
@@ -21,8 +21,8 @@ _LIMIT_REACHED = "certified; the search ended here, longer delays may be certifi
 
 def design_view(
     name: str,
-    design: Design,
-    greatest: GreatestDelay | None = None,
+    design: hinf.Design,
+    greatest: hinf.GreatestDelay | None = None,
     nominal: float | None = None,
     remark: str | None = None,
 ) -> RenderableType:
@@ -59,7 +59,7 @@ def design_view(
     return Group(facts, gain, Text.assemble(("remark", "bold yellow"), f": {remark}"))
 
 
-def _guarantees(more: Guarantees) -> list[tuple[str, str, str]]:
+def _guarantees(more: hinf.Guarantees) -> list[tuple[str, str, str]]:
     """Return rows for what is proved beside gamma: (figure, value, explanation)."""
     rows = []
     if more.decay is not None:
@@ -85,7 +85,7 @@ def _guarantees(more: Guarantees) -> list[tuple[str, str, str]]:
 
 
 def analysis_view(
-    name: str, analysis: Analysis, greatest: CertifiedDelay | None = None
+    name: str, analysis: hinf.Analysis, greatest: hinf.CertifiedDelay | None = None
 ) -> RenderableType:
     """Show an analysis: what is proved, or why nothing is, and what is computed."""
     what = f"{name}, u = 0" if analysis.K is None else f"{name}, u = K x"
@@ -120,7 +120,7 @@ def analysis_view(
     return Group(head, facts)
 
 
-def _age(delay: Delay, found: Design | Analysis) -> str:
+def _age(delay: Delay, found: hinf.Design | hinf.Analysis) -> str:
     """Say which ages a proof covers, or was looked for."""
     if not delay.any_age:
         kind = "any constant up to this" if found.covers_smaller_delays else "exactly this constant"
@@ -165,7 +165,7 @@ def _feedback_rows(facts: Table, system: DelaySystem) -> None:
         facts.add_row("integrals", states_text(last), "kept by the controller; outputs z too")
 
 
-def _nominal_rows(facts: Table, found: Design | Analysis) -> None:
+def _nominal_rows(facts: Table, found: hinf.Design | hinf.Analysis) -> None:
     """Add the figures of the nominal loop, with all delays constant."""
     norm, upper = found.exact_norm, found.exact_norm_upper
     if norm is not None:
@@ -208,7 +208,7 @@ def condition_of(claim: dict[str, Any]) -> str:
     return "Theorem 1" if claim["order"] == 0 else f"Bessel-Legendre, order {claim['order']}"
 
 
-def _end(greatest: GreatestDelay) -> str:
+def _end(greatest: hinf.GreatestDelay) -> str:
     """Say what is known beyond a greatest delay."""
     if greatest.limit_reached:
         return _LIMIT_REACHED

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from cosim import replay
 from cosim.cli.arguments import numbers
 from cosim.cli.common import JsonOption, answer
 from cosim.cli.design_view import packed_view, plant_view
@@ -23,7 +24,6 @@ from cosim.fmu import (
     run_findings,
     target_named,
 )
-from cosim.replay import certificate_in
 
 fmu_app = HelpTyper(
     help="Export a plant or a controller as an FMU; inspect or check any FMU.",
@@ -208,7 +208,7 @@ def controller(
     cosim fmu controller gain.json -o sampled.fmu --sample-time 0.05 --limits 2
     """
     kind = target_named(flavour, platforms)
-    found = certificate_in(file)
+    found = replay.certificate_in(file)
     if found.mismatch is not None:
         raise InputError(
             "the certificate is not about the gain in this file",

@@ -8,10 +8,10 @@ from typing import Annotated
 
 import typer
 
+from cosim import trace
 from cosim.cli.arguments import write
 from cosim.cli.common import JsonOption, answer, progress
 from cosim.core import InputError
-from cosim.trace import pyplot
 
 
 def paper(
@@ -46,7 +46,7 @@ def paper(
 
 def _check(html: Path) -> None:
     """Check that the page can be drawn and written, before the long computation begins."""
-    pyplot()
+    trace.pyplot()
     nearest = next(folder for folder in html.absolute().parents if folder.exists())
     if html.is_dir() or not nearest.is_dir() or not os.access(nearest, os.W_OK | os.X_OK):
         raise InputError(

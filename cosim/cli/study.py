@@ -9,6 +9,7 @@ from typing import Annotated, Any
 
 import typer
 
+from cosim import scenario, study as studies
 from cosim.cli.arguments import names, numbers
 from cosim.cli.common import (
     FMUS,
@@ -26,26 +27,6 @@ from cosim.cli.study_view import checked_view, finished_view, sensitivity_view, 
 from cosim.cli.terminal import titles_table
 from cosim.core import InputError, StoppedError
 from cosim.fmu import DEFAULT_FLAVOUR
-from cosim.scenario import check_writable, time_limit as time_limit_of
-from cosim.study import (
-    LoadedStudy,
-    Plan,
-    Study,
-    boundary,
-    builtin_studies,
-    draw,
-    draw_stability,
-    execute_study,
-    load_study,
-    plan_of,
-    pool_for,
-    read_rows,
-    read_table,
-    repeat_run,
-    sensitivity,
-    study_schema,
-    summarise,
-)
 
 STUDIES = Path("studies")
 
@@ -84,7 +65,10 @@ def list_studies(*, as_json: JsonOption = False) -> None:
     \b
     cosim study list
     """
-    rows = [{"name": name, "title": load_study(name).study.title} for name in builtin_studies()]
+    rows = [
+        {"name": name, "title": studies.load_study(name).study.title}
+        for name in studies.builtin_studies()
+    ]
     answer(as_json, lambda: {"studies": rows}, lambda: titles_table("study", "title", rows))
 
 
@@ -96,7 +80,7 @@ def schema(*, as_json: JsonOption = False) -> None:
     cosim study schema > study.schema.json
     """
     del as_json  # the output is JSON with or without it
-    print(json.dumps(study_schema(), indent=1))
+    print(json.dumps(studies.study_schema(), indent=1))
 
 
 @study_app.command()
@@ -111,7 +95,7 @@ def check(
     \b
     cosim study check delay-margin
     """
-    loaded = load_study(name)
+    loaded = studies.load_study(name)
     plan = _plan(loaded, fmus, flavour)
     data = {
         "study": loaded.name,
@@ -187,28 +171,28 @@ def run(
     cosim study run delay-margin --workers all
     cosim study run sea-states --scheduler tcp://10.0.0.5:8786 --out /shared/sea --fmus /shared/fmus
     """
-    loaded = load_study(name)
+    loaded = studies.load_study(name)
     if traces is not None:
         loaded = replace(loaded, study=_with_traces(loaded.study, traces))
     if samples is not None:
         loaded = replace(loaded, study=loaded.study.model_copy(update={"samples": samples}))
-    wait_s = time_limit_of(wait_for_workers, "--wait-for-workers")
-    pool = pool_for(workers, scheduler, wait_s)
+    wait_s = scenario.time_limit(wait_for_workers, "--wait-for-workers")
+    pool = studies.pool_for(workers, scheduler, wait_s)
     folder = out or STUDIES / loaded.name
     plan = _plan(loaded, fmus, flavour)
     try:
         with progress() as report_progress:
-            done = execute_study(
+            done = studies.execute_study(
                 plan,
                 folder,
                 pool,
                 fresh=fresh,
                 limits=limit or (),
-                time_limit_s=time_limit_of(time_limit, "--time-limit"),
+                time_limit_s=scenario.time_limit(time_limit, "--time-limit"),
                 progress=report_progress,
             )
     except KeyboardInterrupt:
-        there = len(read_rows(folder)) if folder.is_dir() else 0
+        there = len(studies.read_rows(folder)) if folder.is_dir() else 0
         raise StoppedError(
             "interrupted",
             where=str(folder),
@@ -236,12 +220,12 @@ def repeat(
     cosim study repeat delay-margin 17
     cosim trace report traces/delay-margin-run-17.mcap
     """
-    loaded = load_study(name)
+    loaded = studies.load_study(name)
     plan = _plan(loaded, fmus, flavour)
     trace = out or TRACES / f"{loaded.name}-run-{number}.mcap"
-    check_writable(trace)
+    scenario.check_writable(trace)
     with interruptions_reported():
-        outcome = repeat_run(plan, number, trace, limits=limit or ())
+        outcome = studies.repeat_run(plan, number, trace, limits=limit or ())
     report_outcome(outcome, as_json)
 
 
@@ -284,9 +268,9 @@ def show(
     cosim study show studies/delay-margin --picture margin.png
     cosim study show studies/delay-margin --by delay --quantiles 0.05,0.95
     """
-    table, manifest = read_table(path)
+    table, manifest = studies.read_table(path)
     groups = None if by is None else [] if by == "all" else list(names("--by", by))
-    found = summarise(
+    found = studies.summarise(
         table,
         manifest,
         groups,
@@ -294,7 +278,7 @@ def show(
         bootstrap=bootstrap,
         quantiles=[] if quantiles is None else numbers("--quantiles", quantiles),
     )
-    edge = boundary(table, manifest)
+    edge = studies.boundary(table, manifest)
     if (metric is None) != (over is None) or (metric is not None and picture is None):
         raise InputError(
             "--metric and --over need each other and --picture",
@@ -302,9 +286,9 @@ def show(
             hint="--metric gain --over delay --picture gain.png",
         )
     if picture is not None and metric is not None and over is not None:
-        draw(table, manifest, picture, metric, list(names("--over", over)))
+        studies.draw(table, manifest, picture, metric, list(names("--over", over)))
     elif picture is not None:
-        draw_stability(table, manifest, picture)
+        studies.draw_stability(table, manifest, picture)
     data = found.to_json() | {
         "stability": None if edge is None else edge.to_json(),
         "picture": None if picture is None else str(picture),
@@ -324,23 +308,25 @@ def show_sensitivity(
     \b
     cosim study sensitivity studies/my-study error
     """
-    table, manifest = read_table(path)
-    found = sensitivity(table, manifest, metric, confidence=confidence)
+    table, manifest = studies.read_table(path)
+    found = studies.sensitivity(table, manifest, metric, confidence=confidence)
     answer(as_json, found.to_json, lambda: sensitivity_view(found))
 
 
-def _plan(loaded: LoadedStudy, fmus: Path, flavour: RunFlavour) -> Plan:
-    return plan_of(loaded.study, loaded.base, loaded.place, fmus=fmus, flavour=flavour)
+def _plan(loaded: studies.LoadedStudy, fmus: Path, flavour: RunFlavour) -> studies.Plan:
+    return studies.plan_of(loaded.study, loaded.base, loaded.place, fmus=fmus, flavour=flavour)
 
 
-def _values(plan: Plan, number: int) -> dict[str, Any]:
+def _values(plan: studies.Plan, number: int) -> dict[str, Any]:
     axes = plan.job.study.vary
     return {a.column: v for a, v in zip(axes, plan.runner.points[number], strict=True)}
 
 
-def _with_traces(study: Study, traces: str) -> Study:
+def _with_traces(study: studies.Study, traces: str) -> studies.Study:
     try:
-        return Study.model_validate(study.model_dump(exclude_unset=True) | {"traces": traces})
+        return studies.Study.model_validate(
+            study.model_dump(exclude_unset=True) | {"traces": traces}
+        )
     except ValueError as error:
         raise InputError(
             "not a valid choice of traces",

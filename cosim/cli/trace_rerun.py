@@ -7,11 +7,11 @@ from typing import Annotated
 
 import typer
 
+from cosim import replay
 from cosim.cli.common import FMUS, FmusOption, JsonOption, answer, progress
 from cosim.cli.replay_view import rerun_view
 from cosim.cli.runs import make_fmu_cache
 from cosim.core import CheckFailedError
-from cosim.replay import rerun as run_again
 
 
 def rerun(
@@ -29,7 +29,7 @@ def rerun(
     cosim trace rerun traces/auv-acoustic.mcap --out again.mcap
     """
     with progress() as report_progress:
-        result = run_again(file, make_fmu_cache(fmus), output=out, progress=report_progress)
+        result = replay.rerun(file, make_fmu_cache(fmus), output=out, progress=report_progress)
     answer(as_json, result.to_json, lambda: rerun_view(result))
     if not result.identical:
         raise typer.Exit(CheckFailedError.exit_code)

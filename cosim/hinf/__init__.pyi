@@ -42,6 +42,7 @@ from .problem import (
     DEFAULT_ENVELOPE as DEFAULT_ENVELOPE,
     DEFAULT_K1 as DEFAULT_K1,
     DEFAULT_K2 as DEFAULT_K2,
+    DELAY_LIMIT as DELAY_LIMIT,
     SOUND_SPEED as SOUND_SPEED,
     SYSTEM_TABLES as SYSTEM_TABLES,
     AuvDesignSettings as AuvDesignSettings,
@@ -83,7 +84,6 @@ from .response import (
     series as series,
 )
 from .synthesis import (
-    DELAY_LIMIT as DELAY_LIMIT,
     AgeLimit as AgeLimit,
     AgeRow as AgeRow,
     Analysis as Analysis,

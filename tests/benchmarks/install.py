@@ -29,6 +29,7 @@ from pathlib import Path
 from typing import Any
 
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 ROOT = Path(__file__).parents[2]
@@ -157,7 +158,7 @@ def main() -> None:
         for column in ("command", "exit code", "s", "last line"):
             calls.add_column(column, justify="right" if column in {"exit code", "s"} else "left")
         for one in found["calls"]:
-            calls.add_row(*map(str, one.values()))
+            calls.add_row(*(escape(str(value)) for value in one.values()))
         Console().print(sizes, calls)
     if found["megabytes_ratio"] > MOST or any(one["exit_code"] for one in found["calls"]):
         raise SystemExit(1)

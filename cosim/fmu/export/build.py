@@ -137,9 +137,9 @@ def _up_to_date(path: Path, name: str, flavour: str, platforms: Sequence[Platfor
 @functools.cache
 def _guid(name: str, flavour: str) -> str:
     """Return the GUID of a build by the present code."""
-    spec = CATALOGUE[name]
 
     def compute() -> str:
+        spec = CATALOGUE[name]
         if flavour == "python":
             from cosim.fmu.export.python.package import guid as python_guid  # noqa: PLC0415
 

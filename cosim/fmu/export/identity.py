@@ -29,7 +29,8 @@ def kept_guid(key: str, folder: Path, compute: Callable[[], str]) -> str:
 
     `folder` : where GUIDs are kept; one that cannot be written costs time, and nothing else.
     """
-    path = folder / "guids.json"
+    # of this installation: others have other sources, and would replace the file in turn
+    path = folder / f"guids-{hashlib.sha256(str(_PACKAGE).encode()).hexdigest()[:12]}.json"
     now = _sources_state()
     known: dict[str, str] = {}
     # absent, of other sources, or not ours: as if there were none

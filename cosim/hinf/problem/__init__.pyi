@@ -26,6 +26,7 @@ from .modem import (
     Modem as Modem,
 )
 from .other_delays import (
+    DELAY_LIMIT as DELAY_LIMIT,
     ages_are_known as ages_are_known,
     of_any_age as of_any_age,
     with_ages as with_ages,

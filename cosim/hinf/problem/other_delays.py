@@ -8,6 +8,9 @@ from dataclasses import replace
 from cosim.core import InputError, counted
 from cosim.models import Delay, DelaySystem
 
+DELAY_LIMIT = 20.0
+"""Where a search for the greatest delay ends [s]."""
+
 
 def with_delay(system: DelaySystem, delay_index: int, d: float) -> DelaySystem:
     """Return the same system with delay `delay_index` replaced by d [s]."""

@@ -31,6 +31,5 @@ from .gain_design import (
 )
 from .gain_size import gain_remark as gain_remark
 from .greatest_delays import (
-    DELAY_LIMIT as DELAY_LIMIT,
     GreatestDelay as GreatestDelay,
 )

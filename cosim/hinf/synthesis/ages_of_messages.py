@@ -25,12 +25,11 @@ from cosim.hinf.nominal import (
     hinf_norm,
     one_thread,
 )
-from cosim.hinf.problem import refuse_structure
+from cosim.hinf.problem import DELAY_LIMIT, refuse_structure
 from cosim.hinf.synthesis.analysis import Analysis, analyse, gain_of
 from cosim.hinf.synthesis.certified_delays import certified_age
 from cosim.hinf.synthesis.certified_design import Design
 from cosim.hinf.synthesis.gain_design import design
-from cosim.hinf.synthesis.greatest_delays import DELAY_LIMIT
 from cosim.models import Delay, DelaySystem
 
 Assumption = Literal["any", "sampled", "constant"]

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cosim.hinf.nominal import nominal_figures_of
-from cosim.hinf.problem import with_delay
+from cosim.hinf.problem import DELAY_LIMIT, with_delay
 from cosim.hinf.synthesis.analysis import (
     Analysis,
     Order,
@@ -34,7 +34,7 @@ from cosim.hinf.synthesis.conditions import (
     prove,
     widened,
 )
-from cosim.hinf.synthesis.greatest_delays import DELAY_LIMIT, check_delay
+from cosim.hinf.synthesis.greatest_delays import check_delay
 from cosim.models import DelaySystem
 
 _STEP = 1.1

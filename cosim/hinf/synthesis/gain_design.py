@@ -19,6 +19,7 @@ from cosim.core import InputError, NotAchievableError
 from cosim.hinf.lmi import Scalars, without_performance
 from cosim.hinf.nominal import checked_system, one_thread
 from cosim.hinf.problem import (
+    DELAY_LIMIT,
     DesignConstraints,
     ages_are_known,
     design_constraints_of,
@@ -42,7 +43,6 @@ from cosim.hinf.synthesis.cvxpy_lmi import cvxpy_design
 from cosim.hinf.synthesis.damped_gains import damped_design
 from cosim.hinf.synthesis.designs import check_achievable, given_gain_design, proved_by_analysis
 from cosim.hinf.synthesis.greatest_delays import (
-    DELAY_LIMIT,
     GreatestDelay,
     bessel_legendre_delay,
     greatest_delay as delay_of_theorem_2,

@@ -31,7 +31,7 @@ from cosim.hinf.lmi import (
     solver_words,
 )
 from cosim.hinf.nominal import one_thread
-from cosim.hinf.problem import with_delay
+from cosim.hinf.problem import DELAY_LIMIT, with_delay
 from cosim.hinf.synthesis.bessel_legendre_gains import Gain, Loop, check_order, continue_gain
 from cosim.hinf.synthesis.certified_design import Design
 from cosim.hinf.synthesis.delay_search import search_greatest_delay
@@ -41,9 +41,6 @@ from cosim.hinf.synthesis.not_achievable import hint_after
 from cosim.hinf.synthesis.stabilisability import unstabilisable_error
 from cosim.hinf.synthesis.theorem_2 import checked_scalars, find_certified_gain
 from cosim.models import DelaySystem
-
-DELAY_LIMIT = 20.0
-"""Where a search ends [s]."""
 
 _SHORT = 2.0**-10  # first delay tried where Theorem 2 certifies none, as a share of the limit
 _SMALLEST = 1e-6  # shortest delay searched, as a share of the limit

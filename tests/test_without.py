@@ -1,0 +1,154 @@
+"""What goes on without something: extras, a cache that can be written, a folder for FMUs."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from shared import fmu_store
+
+from cosim.core import InputError, notices
+from cosim.fmu import compiled, inspect_fmu, own_folder
+from cosim.fmu.export import identity
+from cosim.scenario import FmuCache, demo
+
+SOURCE = b'__attribute__((visibility("default"))) int seven(void) { return 7; }\n'
+
+
+def test_the_demo_flies_without_matplotlib(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Both runs are there, no picture, and the extra that draws it is named."""
+
+    def missing() -> None:
+        raise InputError("pictures need matplotlib", hint="pip install 'auv-cosim[plot]'")
+
+    def flown(*_: Any, **__: Any) -> Any:
+        return SimpleNamespace(metrics={"designed_age_s": 1.0})
+
+    monkeypatch.setattr(demo, "pyplot", missing)
+    monkeypatch.setattr(demo, "prepare", lambda *_, **__: None)
+    monkeypatch.setattr(demo, "execute_run", flown)
+    found = demo.demonstrate(FmuCache(tmp_path, tmp_path), tmp_path)
+    assert list(found.outcomes) == ["delay-aware", "naive"]
+    assert found.picture is None
+    assert "auv-cosim[plot]" in str(found.no_picture)
+
+
+def test_an_fmu_is_checked_without_readers_of_binaries(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What needs them is not checked, which is said once and is no error."""
+    for name in ("elftools", "pefile", "macholib"):
+        monkeypatch.setitem(sys.modules, name, None)
+    for name in ("elf", "pe", "macho"):
+        monkeypatch.delitem(sys.modules, f"cosim.fmu.inspect.{name}", raising=False)
+    found = inspect_fmu(fmu_store("native") / "native" / "WaveField.fmu")
+    notes = [each for each in found.findings if each.code == "binary-unexamined"]
+    assert found.valid
+    assert [(note.level, "auv-cosim[check]" in note.why) for note in notes] == [("note", True)]
+    assert {each.code for each in found.findings}.isdisjoint({"binary-damaged", "binary-unread"})
+
+
+def test_a_library_is_compiled_where_the_cache_cannot_be_written(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """It lies in the temporary folder of the process; standard error says so once."""
+    blocked = tmp_path / "no folder"
+    blocked.write_text("a file")
+    monkeypatch.setattr(compiled, "cache_folder", lambda: blocked / "auv-cosim")
+    notices.say_once.cache_clear()
+    for extra in (b"", b"int eight(void) { return 8; }\n"):
+        library = compiled.compiled_library.__wrapped__("seven", SOURCE + extra)
+        assert library.seven() == 7
+        assert Path(library._name).parent == own_folder()
+    printed = capfd.readouterr().err
+    assert printed.count("cannot be written") == 1
+    assert str(blocked) in printed
+    assert "XDG_CACHE_HOME" in printed
+
+
+def test_fmus_are_built_where_their_folder_cannot_be_written(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """They lie in the temporary folder of the process; standard error says so once."""
+    blocked = tmp_path / "no folder"
+    blocked.write_text("a file")
+    notices.say_once.cache_clear()
+    cache = FmuCache(blocked / "fmus", tmp_path, flavour="python")
+    found = [cache.find("WaveField").path for _ in range(2)]
+    assert found[0] == found[1]
+    assert found[0].is_relative_to(own_folder())
+    printed = capfd.readouterr().err
+    assert printed.count("cannot be written") == 1
+    assert "--fmus" in printed
+
+
+@pytest.mark.slow
+def test_a_command_goes_on_without_home_and_cache(tmp_path: Path) -> None:
+    """What needs both: a run, with a kernel and FMUs."""
+    blocked = tmp_path / "no folder"
+    blocked.write_text("a file")
+    done = subprocess.run(  # noqa: S603 - our own command
+        [sys.executable, "-m", "cosim", "run", "paper-example", "--fmus", blocked / "fmus"],
+        cwd=tmp_path,
+        env=os.environ | {"HOME": str(blocked), "XDG_CACHE_HOME": str(blocked)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert "unexpected" not in done.stdout + done.stderr
+    assert "cosim:" not in done.stdout, "said to the user, not in the trace"
+
+
+def test_a_guid_is_computed_once_for_the_same_sources(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """It is computed again for other sources, for a damaged file, and where none can be kept."""
+    computed: list[str] = []
+
+    def guid(name: str = "a", folder: Path = tmp_path) -> str:
+        return identity.kept_guid(name, folder, lambda: computed.append(name) or f"{{{name}}}")
+
+    assert [guid(), guid(), guid("b"), guid("b"), guid()] == ["{a}", "{a}", "{b}", "{b}", "{a}"]
+    assert computed == ["a", "b"]
+    (file,) = tmp_path.iterdir()
+    file.write_text("[]")
+    assert guid() == "{a}"
+    monkeypatch.setattr(identity, "_sources_state", lambda: "others")
+    assert guid() == "{a}"
+    file.unlink()
+    file.write_text("a file")
+    assert [guid(folder=file), guid(folder=file)] == ["{a}", "{a}"]
+    assert computed == ["a", "b", "a", "a", "a", "a"]
+
+
+def test_the_state_of_the_sources_changes_with_a_file(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    package = tmp_path / "cosim"
+    for name in identity._SOURCES:
+        (package / name).mkdir(parents=True, exist_ok=True)
+    source = package / "models" / "auv.py"
+    source.write_text("x = 1\n")
+    monkeypatch.setattr(identity, "_PACKAGE", package)
+    before = identity._sources_state.__wrapped__()
+    assert identity._sources_state.__wrapped__() == before
+    source.write_text("x = 12\n")
+    assert identity._sources_state.__wrapped__() != before
+
+
+def test_an_installation_without_extras_names_them() -> None:
+    """Every extra that an error names exists."""
+    root = Path(__file__).parents[1]
+    project = tomllib.loads((root / "pyproject.toml").read_text("utf-8"))["project"]
+    named: set[str] = set()
+    for path in (root / "cosim").rglob("*.py"):
+        for pair in re.findall(r'\bextra="(\w+)"|auv-cosim\[(\w+)\]', path.read_text("utf-8")):
+            named |= {*filter(None, pair)} - {"forbid"}  # pydantic's own
+    assert len(named) > 4
+    assert named <= set(project["optional-dependencies"])
