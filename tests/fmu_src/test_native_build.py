@@ -24,7 +24,7 @@ from cosim.fmu.export.build import ensure_fmu
 from cosim.fmu.export.catalogue import CATALOGUE
 from cosim.fmu.export.native import compiler
 from cosim.fmu.export.native.package import guid
-from cosim.fmu.export.native.platforms import PLATFORMS, host
+from cosim.fmu.export.native.platforms import host
 from cosim.fmu.inspect.platforms import this_machine
 
 NAMES = sorted(CATALOGUE)
@@ -317,40 +317,6 @@ def test_guid_tells_flavours_and_components_apart(flavour: tuple[str, Path]) -> 
     assert found == {name: guid(CATALOGUE[name], VERSIONS[kind]) for name in NAMES}
     other = {guid(CATALOGUE[name], v) for name in NAMES for v in VERSIONS.values()}
     assert len(other) == 2 * len(NAMES)
-
-
-MAGIC = {
-    "x86_64-linux": (b"\x7fELF", b"\x3e\x00", 18),
-    "aarch64-linux": (b"\x7fELF", b"\xb7\x00", 18),
-    "x86_64-darwin": (b"\xcf\xfa\xed\xfe", b"\x07\x00\x00\x01", 4),
-    "aarch64-darwin": (b"\xcf\xfa\xed\xfe", b"\x0c\x00\x00\x01", 4),
-    "x86_64-windows": (b"MZ", b"PE\x00\x00\x64\x86", None),
-}
-
-
-@pytest.mark.slow
-def test_all_platforms_in_one_file(tmp_path: Path) -> None:
-    """Five binaries, each for its machine, twice the same bytes; old glibc is enough."""
-    pytest.importorskip("ziglang")
-    targets = list(PLATFORMS.values())
-    first = ensure_fmu("PaperController", tmp_path / "a", flavour="native", platforms=targets).path
-    again = ensure_fmu("PaperController", tmp_path / "b", flavour="native", platforms=targets).path
-    assert first.read_bytes() == again.read_bytes()
-    with zipfile.ZipFile(first) as archive:
-        for name, (magic, machine, place) in MAGIC.items():
-            p = PLATFORMS[name]
-            binary = archive.read(f"binaries/{p.fmi2}/PaperController{p.suffix}")
-            assert binary.startswith(magic)
-            if place is None:
-                assert machine in binary[:1024]
-            else:
-                assert binary[place : place + len(machine)] == machine
-            assert b"fmi2DoStep" in binary
-            versions = {v for v in binary.split(b"\0") if v.startswith(b"GLIBC_2.")}
-            assert {int(v.split(b".")[1]) for v in versions} <= set(range(18))
-    assert validate_fmu(str(first)) == []
-    with started(first.parent, "PaperController") as raw:
-        assert drive(raw, "PaperController", 0, 10)
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="names a Linux machine")
