@@ -87,7 +87,6 @@ def _kept(path: Path, library: bytes) -> Path:
             "temporary folder, and compiled again by the next command; XDG_CACHE_HOME names "
             "another place"
         )
-        from cosim.fmu.unpacking import own_folder  # noqa: PLC0415
 
         path = own_folder() / path.name
         write_whole(path, library)

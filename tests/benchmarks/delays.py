@@ -1,7 +1,7 @@
 """What a delay costs: exact against Pade approximants of order 1 to 10, digits and CPU seconds.
 
-The loops are L = k e^{-s tau} / (s + a), closed by unit feedback. Everything about them has a closed
-form, evaluated in forty digits here:
+The loops are L = k e^{-s tau} / (s + a), closed by unit feedback. Everything about them has a
+closed form, evaluated in forty digits here:
 
 * step response y(t) = sum_j (-1)^(j+1) (k/a)^j P(j, a (t - j tau)), P the regularised incomplete
   gamma function; for a = 0 the polynomials of the method of steps;

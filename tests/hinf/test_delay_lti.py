@@ -102,7 +102,7 @@ def test_delays_in_series_are_one_and_no_delay_is_none() -> None:
     assert late.delays.tolist() == pytest.approx([0.3])
     assert dead_time(0.0).delays.size == 0
     assert (G := lti(control.tf([1], [1, 1]), input_delay=1)).delays.tolist() == [1.0]
-    assert (G + G).delays.size == 2  # of two signals: they are not the same
+    assert (G + G).delays.size == 1  # both wait for the same input
     assert exp(-0.5 * control.tf("s")).delays.tolist() == [0.5]
     # a loop through a delay of zero is an algebraic one, and is solved
     assert (0.5 * dead_time(0.0)).feedback()(1j) == pytest.approx(1 / 3)

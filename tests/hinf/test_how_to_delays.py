@@ -14,7 +14,9 @@ import cosim
 
 PAGE = Path(cosim.__file__).parents[1] / "docs" / "how-to" / "delay-systems.md"
 BLOCKS = re.findall(
-    r"^```python\n(.*?)^```\n(?:\n```text\n(.*?)^```\n)?", PAGE.read_text("utf-8"), re.M | re.S
+    r"^```python\n(.*?)^```\n(?:\n```text\n(.*?)^```\n)?",
+    PAGE.read_text("utf-8"),
+    re.MULTILINE | re.DOTALL,
 )
 
 

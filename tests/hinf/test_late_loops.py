@@ -87,7 +87,7 @@ def test_nyquist_with_poles_everywhere(
     L = lti(model) * dead_time(tau)
     found = L.nyquist()
     assert (found.encirclements, found.open_poles, found.closed_roots) == expected
-    assert int((L.feedback().roots(12).real > 0).sum()) == found.closed_roots
+    assert int((L.feedback().roots(4).real > 0).sum()) == found.closed_roots
 
 
 def test_nyquist_of_several_loops_at_once() -> None:
@@ -96,10 +96,10 @@ def test_nyquist_of_several_loops_at_once() -> None:
         control.tf([[[1], [2]], [[1], [3]]], [[[1, 1], [1, 2]], [[1, 3], [1, 1]]]),
         io_delay=[[0.1, 0.2], [0.3, 0.4]],
     )
-    for gain in (0.5, 5.0):
-        roots = feedback(gain * G, np.eye(2)).roots(20)
-        assert (gain * G).nyquist().closed_roots == int((roots.real > 0).sum())
-    assert (5.0 * G).nyquist().closed_roots == 4
+    for gain, expected in ((0.5, 0), (5.0, 2)):
+        roots = feedback(gain * G, np.eye(2)).roots(4)
+        assert int((roots.real > 0).sum()) == expected
+        assert (gain * G).nyquist().closed_roots == expected
     with pytest.raises(InputError, match="one input and one output"):
         G.margins()
 

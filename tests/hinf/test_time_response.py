@@ -20,7 +20,7 @@ def closed(k: float, a: float, tau: float) -> Any:
 
 
 @pytest.mark.parametrize(
-    ("k", "a", "tau"), [(2.0, 1.0, 0.5), (1.0, 0.0, 1.0), (0.9, 0.3, 3.0), (3.0, 1.0, 1e-3)]
+    ("k", "a", "tau"), [(2.0, 1.0, 0.5), (1.0, 0.0, 1.0), (0.9, 0.3, 3.0), (3.0, 1.0, 1e-2)]
 )
 def test_a_loop_of_first_order_to_rounding(k: float, a: float, tau: float) -> None:
     """A sum of incomplete gamma functions in forty digits; a short delay is no longer work."""
@@ -112,21 +112,15 @@ def test_a_sampled_input_is_what_its_samples_say(hold: Any) -> None:
     for t in (np.linspace(0.0, 4.0, 41), np.array([0.0, 0.1, 0.5, 0.6, 1.7, 2.0, 3.5, 4.0])):
         u = np.cos(3 * t)
         found = G.forced_response(t, u, hold=hold).outputs
-        fine = np.unique(np.concatenate([np.linspace(0, 4, 80_001), t]))
-        late = fine - 0.25
-        value = (
-            np.interp(late, t, u)
-            if hold == "line"
-            else u[np.searchsorted(t, late + 1e-12, side="right") - 1]
-        )
-        value = np.where(late < 0, 0.0, value)
-        middle = 0.5 * (value[1:] + value[:-1]) if hold == "line" else value[:-1]
+        fine = np.unique(np.concatenate([np.linspace(0, 4, 8_001), t]))
+        late = 0.5 * (fine[1:] + fine[:-1]) - 0.25
+        latest = np.maximum(np.searchsorted(t, late, side="right") - 1, 0)
+        value = np.interp(late, t, u) if hold == "line" else u[latest]
+        value[late < 0.0] = 0.0
         state = np.zeros(fine.size)
-        for k, (h, m) in enumerate(zip(np.diff(fine), middle, strict=True)):
-            state[k + 1] = math.exp(-h) * state[k] + (1 - math.exp(-h)) * m
-        np.testing.assert_allclose(
-            found, np.interp(t, fine, state), atol=2e-4 if hold == "constant" else 1e-7
-        )
+        for k, (h, v) in enumerate(zip(np.diff(fine), value, strict=True)):
+            state[k + 1] = math.exp(-h) * state[k] + (1 - math.exp(-h)) * v
+        np.testing.assert_allclose(found, np.interp(t, fine, state), atol=1e-7)
     step = G.step_response(t).outputs
     np.testing.assert_allclose(G.forced_response(t, np.ones_like(t)).outputs, step, atol=1e-15)
 
@@ -153,7 +147,10 @@ def test_mimo_responses_have_one_column_per_input() -> None:
 
 def test_without_times_it_goes_on_until_it_has_settled() -> None:
     """Of a stable loop the last value is that at rest, to a per mille."""
-    for loop, last in ((closed(2.0, 1.0, 0.5), 2 / 3), (feedback(1, closed(2.0, 1.0, 0.5)), 0.6)):
+    for loop, last in (
+        (closed(2.0, 1.0, 0.5), 2 / 3),
+        (feedback(1, lti(control.tf([2], [1, 1])) * dead_time(0.5)), 1 / 3),
+    ):
         assert loop.step_response().outputs[-1] == pytest.approx(last, rel=2e-3)
 
 
@@ -163,7 +160,7 @@ def test_without_times_it_goes_on_until_it_has_settled() -> None:
         (lambda G: G.step_response(-1.0), "not an end"),
         (lambda G: G.step_response([0.0, 2.0, 1.0]), "each later"),
         (lambda G: G.step_response([-1.0, 2.0]), "before 0"),
-        (lambda G: G.step_response("soon"), "not times|not an end"),
+        (lambda G: G.step_response("soon"), "not an end.*\\n.*soon|soon"),
         (lambda G: G.forced_response([0.0, 1.0], [1.0]), "1 inputs by 2 times"),
         (lambda G: G.forced_response([0.0, 1.0], [1.0, 1.0], hold="spline"), "line or constant"),
         (lambda G: G.initial_response([1.0, 2.0]), "1 finite"),

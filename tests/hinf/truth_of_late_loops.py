@@ -1,7 +1,7 @@
 """Closed forms of L = k e^{-s tau} / (s + a) and of its unit feedback, in forty digits.
 
-T = L / (1 + L) = sum_j (-1)^(j+1) k^j e^{-j s tau} / (s + a)^j, so that each term of the step response
-is a regularised incomplete gamma function; only finitely many have begun at any time.
+T = L / (1 + L) = sum_j (-1)^(j+1) k^j e^{-j s tau} / (s + a)^j, so that each term of the step
+response is a regularised incomplete gamma function; only finitely many have begun at any time.
 """
 
 from __future__ import annotations

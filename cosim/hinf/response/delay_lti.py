@@ -274,8 +274,8 @@ class DelayLTI(Blocks):
         ------
         InputError : there is none: neutral, or inputs and outputs late in different ways.
         """
-        plain = plain_of(self) if self.order else None
-        found = None if plain is None else plain.system()
+        plain = plain_of(self)
+        found = None if plain is None or not self.order else plain.system()
         if found is None:
             raise InputError(
                 "no DelaySystem has the response of this system",

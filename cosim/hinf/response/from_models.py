@@ -39,6 +39,8 @@ def blocks_of(model: Any, gain: ArrayLike | None = None) -> Blocks:
     _refuse_discrete(model)
     try:
         return _of_foreign(model)
+    except InputError:
+        raise
     except (TypeError, ValueError) as error:
         raise InputError(
             "not a model of a linear system",

@@ -267,9 +267,12 @@ def times_of(blocks: Blocks, t: ArrayLike | None) -> Reals:
     if t is None:
         t = _settling(blocks)
     if np.ndim(t) == 0:
-        end = float(np.asarray(t))
+        try:
+            end = float(np.asarray(t))
+        except (TypeError, ValueError):
+            end = math.nan
         if not (math.isfinite(end) and end > 0.0):
-            raise InputError("not an end", where="t", expected="seconds > 0", got=str(end))
+            raise InputError("not an end", where="t", expected="seconds > 0", got=str(t))
         return np.linspace(0.0, end, _POINTS)
     times = _rising(t)
     if times[0] < 0.0:

@@ -124,7 +124,7 @@ def _top(loop: Blocks) -> float:
 
 
 def _open_poles(loop: Blocks) -> tuple[list[float], int]:
-    """Return the moduli of the open-loop poles on the axis, rising; and the number right of it."""
+    """Return moduli of the open-loop poles on the axis, rising, and how many are right of it."""
     if not loop.order and not loop.is_neutral:
         return [], 0
     if (not loop.Bw.any() or not loop.Cv.any()) and not loop.is_neutral:
