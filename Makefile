@@ -48,7 +48,7 @@ bench: $(DEV) ## run every benchmark; each prints its table and its JSON
 docs: $(READY) ## build the documentation into site/, which needs no network
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check \
 		-c constraints.txt -e '.[docs]'
-	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict --quiet
+	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict
 	$(BIN)/python -m docs_site.offline site
 
 fmus: $(READY) ## build every FMU into fmus/

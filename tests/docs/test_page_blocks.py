@@ -22,7 +22,7 @@ from docs.page_blocks import (
 )
 from shared import copied, fmu_store
 
-FLAVOURS = ("python", "native", "native-fmi3")
+FLAVOURS = ("native", "python")
 
 
 def _parameters() -> list[Any]:

@@ -159,3 +159,12 @@ def test_the_site_is_strict_and_needs_no_network(tmp_path: Path) -> None:
     (tmp_path / "b.html").write_text('<script src="https://x.org/a.js"></script>', "utf-8")
     (tmp_path / "c.css").write_text("@import url(//fonts.example/x.css)", "utf-8")
     assert len(list(loaded_from_elsewhere(tmp_path))) == 2
+
+
+def test_warnings_are_counted() -> None:
+    """A quiet build does not see its warnings, and would end well with broken links."""
+    makefile = ROOT.joinpath("Makefile").read_text("utf-8")
+    (command,) = re.findall(r"mkdocs build.*", makefile)
+    assert "--strict" in command
+    assert "--quiet" not in command
+    assert "project docs" in ROOT.joinpath(".ci", "run").read_text("utf-8")
