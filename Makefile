@@ -1,5 +1,6 @@
 # Every target sets up its own environment in $(VENV); it needs Python 3.11 or later with venv,
-# make, and a C compiler (the native FMUs and one reference tool of the tests are compiled).
+# make, and a C compiler (the native FMUs and one reference tool of the tests are compiled). What
+# is installed is what the target needs: $(READY) marks what flies, $(DEV) the tests' tools as well.
 
 PYTHON ?= python3
 VENV ?= .venv
@@ -7,6 +8,7 @@ JOBS ?= 2
 
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
+DEV := $(VENV)/.ready-dev
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
@@ -18,12 +20,15 @@ help: ## show this list
 
 demo: $(READY) ## fly two designs over the same late link, from design to trace
 	$(BIN)/cosim demo
+	@echo
+	@echo "The command is $(BIN)/cosim. Call it so, or put it on the path of this shell:"
+	@echo "  . $(BIN)/activate && cosim"
 
-test: $(READY) ## run the tests, all but the slow ones [ORDER=NUMBER: in another order]
+test: $(DEV) ## run the tests, all but the slow ones [ORDER=NUMBER: in another order]
 	$(BIN)/python -m pytest -n $(JOBS) --dist worksteal -m "not slow" \
 		$(if $(ORDER),--random-order-bucket=module --random-order-seed=$(ORDER))
 
-lint: $(READY) ## check style, formatting and types, workflows and Containerfile
+lint: $(DEV) ## check style, formatting and types, workflows and Containerfile
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
@@ -32,7 +37,7 @@ lint: $(READY) ## check style, formatting and types, workflows and Containerfile
 		.github/workflows/*.yml
 	$(BIN)/hadolint Containerfile
 
-bench: $(READY) ## run every benchmark; each prints its table and its JSON
+bench: $(DEV) ## run every benchmark; each prints its table and its JSON
 	@# the masters to compare with, where they can be had
 	-@$(BIN)/python -m pip install --quiet --disable-pip-version-check \
 		-c constraints.txt -e '.[toolchains]'
@@ -65,8 +70,16 @@ $(READY): pyproject.toml constraints.txt
 		echo "  got: $(PYTHON), $$($(PYTHON) --version 2>&1)"; \
 		echo "  try: make PYTHON=python3.11 $(MAKECMDGOALS)"; \
 		exit 1; } >&2
+	@echo "== 1 of 2: an environment in $(VENV)"
 	$(PYTHON) -m venv $(VENV)
 	@echo '*' > $(VENV)/.gitignore
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check \
+	@echo "== 2 of 2: auv-cosim and what it needs to fly and draw, some 700 MB"
+	$(BIN)/python -m pip install --disable-pip-version-check -c constraints.txt -e '.[plot]'
+	@$(BIN)/python -m compileall -q cosim fmu_src # the first command starts as fast as the next
+	@touch $@
+
+$(DEV): $(READY)
+	@echo "== what tests, benchmarks and checks need besides, another gigabyte"
+	$(BIN)/python -m pip install --disable-pip-version-check \
 		-c constraints.txt -e '.[plot,test,lint,bench]'
 	@touch $@

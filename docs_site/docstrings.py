@@ -20,7 +20,7 @@ _ENTRY = re.compile(
 def as_markdown(text: str) -> str:
     """Return a docstring as Markdown."""
     text = _HEADING.sub(lambda found: f"**{found['title']}**\n\n", text)
-    blocks = []
+    blocks: list[str] = []
     for block in text.split("\n\n"):
         lines = block.splitlines()
         if all(line.startswith("    ") for line in lines) and blocks and not _is_list(blocks[-1]):

@@ -1,6 +1,6 @@
 """Check that a built site loads nothing from elsewhere: `python -m docs_site.offline site`.
 
-Links to other hosts are refused as well: the pages have none, and a reader may have no network.
+A link that a reader may follow is no address that is loaded.
 """
 
 from __future__ import annotations
@@ -11,14 +11,14 @@ from collections.abc import Iterator
 from pathlib import Path
 
 _LOADED = re.compile(
-    r"""(?:\s(?:src|href|srcset|data-md-component-src)=["']?|url\(["']?|@import\s+["'])"""
+    r"""(?:\s(?:src|srcset)=["']?|<link\s[^>]*href=["']?|url\(["']?|@import\s+["'])"""
     r"((?:https?:)?//[^\"'\s)>]+)"
 )
 _NAMESPACE = "www.w3.org"
 
 
 def loaded_from_elsewhere(site: Path) -> Iterator[str]:
-    """Give each address beyond the site that a page or a style sheet names, with its file."""
+    """Give each address beyond the site that a page or a style sheet loads, with its file."""
     for path in sorted(site.rglob("*")):
         if path.suffix in (".html", ".css", ".svg"):
             for found in _LOADED.findall(path.read_text("utf-8")):

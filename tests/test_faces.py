@@ -47,7 +47,7 @@ LOWER_ROOMS: dict[str, set[str]] = {
 ROOMS_OF_TRACE = (
     *("file", "rows", "outcome", "tables", "writer", "info_view", "reader"),
     *("checks", "content", "picture", "traces", "ros2", "viewers"),
-    *("info", "recovery", "comparison", "exports", "report", "live"),
+    *("info", "citation", "recovery", "comparison", "exports", "report", "live"),
 )
 """Rooms and modules of `cosim.trace`; each may import from those before it."""
 

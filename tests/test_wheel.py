@@ -56,7 +56,12 @@ def installed(package: Path, cwd: Path, *words: str) -> Any:
         capture_output=True,
         text=True,
         cwd=cwd,
-        env={"PATH": str(cwd), "HOME": str(cwd / "nowhere"), "PYTHONPATH": str(package)},
+        env={
+            "PATH": str(cwd),
+            "HOME": str(cwd / "nowhere"),
+            "PYTHONPATH": str(package),
+            "PYTHONDONTWRITEBYTECODE": "1",
+        },
     )
     assert done.returncode == 0, done.stdout + done.stderr
     return json.loads(done.stdout)

@@ -55,8 +55,8 @@ def export_verb(
     """Write a scenario as an SSP 1.0 archive: FMUs, parameters, gain, connections, end time.
 
     A reference path or a disturbance becomes an FMU that plays it. Anything that SSP cannot
-    express is an error, or is left out with a warning. Prebuilt FMUs are for all platforms, FMUs
-    that are compiled for this machine only.
+    express is an error, or is left out with a warning. Prebuilt FMUs are for all platforms;
+    FMUs that are compiled are for this machine only.
 
     With --links fmu the links step on the grid of the other tool, so compare with a scenario that
     has events = "grid".

@@ -24,6 +24,7 @@ from cosim.cli.verbs import TraceVerbs
 from cosim.core import CheckFailedError, LossError
 from cosim.trace import (
     Player,
+    cite,
     describe,
     recover as recover_trace,
     render,
@@ -185,6 +186,23 @@ def verify(
     if found.verdict != "ok":
         failed = found.verdict == "failed"
         raise typer.Exit(CheckFailedError.exit_code if failed else LossError.exit_code)
+
+
+@trace_app.command("cite")
+def cite_verb(file: FileArgument, *, as_json: JsonOption = False) -> None:
+    """Write how to cite a run: a paragraph for a methods section, and BibTeX.
+
+    Both are made of what the trace says of its run: software, FMUs, step, seed, links, certificate,
+    outcome and content hash.
+
+    \b
+    cosim trace cite traces/auv-acoustic.mcap
+    cosim trace cite traces/auv-acoustic.mcap --json
+    """
+    found = cite(file)
+    # as it is to be pasted: not wrapped
+    text = f"{found.methods}\n\n{found.bibtex}"
+    print(json.dumps(found.to_json(), indent=1) if as_json else text)
 
 
 @trace_app.command()

@@ -23,12 +23,14 @@ from .file_kinds import (
     FileKind as FileKind,
 )
 from .files import (
+    cache_folder as cache_folder,
     copy_whole as copy_whole,
     similar_files as similar_files,
     unreadable as unreadable,
     write_whole as write_whole,
     written_beside as written_beside,
 )
+from .locks import lock_file as lock_file
 from .migration import (
     migrate as migrate,
     write_migrated as write_migrated,

@@ -13,6 +13,18 @@ from cosim.core.errors import InputError, did_you_mean, nearest
 _MOST_FILES = 10_000
 
 
+def cache_folder() -> Path:
+    """Return the user's folder for what can be made again; it may not exist, or not be writable.
+
+    Without a home it is a path that nobody can make.
+    """
+    from platformdirs import user_cache_path  # noqa: PLC0415 - most commands need no cache
+
+    folder = user_cache_path("auv-cosim", appauthor=False)
+    # where there is no home, the path begins with its sign, and would be made in this folder
+    return folder if folder.is_absolute() else Path(os.devnull, "auv-cosim")
+
+
 def unreadable(
     path: Path, error: OSError | ValueError, *, what: str = "the file cannot be read", **more: str
 ) -> InputError:

@@ -9,9 +9,7 @@ import shlex
 from functools import cache
 from pathlib import Path
 
-from platformdirs import user_cache_path
-
-from cosim.core import say_once, write_whole
+from cosim.core import cache_folder, say_once, write_whole
 from cosim.fmu.export.native.compiler import STANDARD, host_compiler, shared_library
 from cosim.fmu.export.native.platforms import Platform, host
 from cosim.fmu.prebuilt import prebuilt_file
@@ -46,7 +44,7 @@ def compiled_library(name: str, source: bytes) -> ctypes.CDLL:
     kind = f"{platform.platform()}\0{platform.machine()}\0{command}\0".encode()
     digest = hashlib.sha256(kind + source).hexdigest()[:24]
     file = f"{name}-{digest}{host().suffix}"
-    path = user_cache_path("auv-cosim", appauthor=False) / file
+    path = cache_folder() / file
     if not path.is_file():
         library = shared_library(name, {f"{name}.c": source}, [f"{name}.c"], host(), cross=False)
         path = _kept(path, library)
@@ -89,6 +87,7 @@ def _kept(path: Path, library: bytes) -> Path:
             "temporary folder, and compiled again by the next command; XDG_CACHE_HOME names "
             "another place"
         )
+
         path = own_folder() / path.name
         write_whole(path, library)
     return path

@@ -102,13 +102,19 @@ def _contents(folder: Path, platforms: Sequence[str]) -> dict[str, Any]:
         for path in sorted(folder.rglob("*"))
         if path.is_file() and path.name != MANIFEST
     }
-    compiler = f"ziglang {importlib.metadata.version('ziglang')}"
     return {
         "sources": source_digest(),
-        "compiler": compiler,
+        "compiler": _compiler(),
         "platforms": [*platforms],
         "files": files,
     }
+
+
+def _compiler() -> str:
+    try:
+        return f"ziglang {importlib.metadata.version('ziglang')}"
+    except importlib.metadata.PackageNotFoundError:
+        return "none"
 
 
 @cache

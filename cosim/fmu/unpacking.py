@@ -10,14 +10,12 @@ import atexit
 import contextlib
 import os
 import shutil
-import sys
 import tempfile
 import threading
 import time
 from pathlib import Path
-from typing import IO
 
-from cosim.core import InputError
+from cosim.core import InputError, lock_file
 from cosim.fmu.description import FmuDescription
 from cosim.fmu.inspect.archive import open_archive
 
@@ -35,7 +33,7 @@ class _ProcessFolder:
         # locked before it gets the name that `_remove_stale` looks for
         draft = Path(tempfile.mkdtemp(prefix="cosim-new-", dir=self.parent))
         self._lock = (draft / _LOCK).open("w")
-        _locked(self._lock)
+        lock_file(self._lock)
         self.folder = self.parent / f"{PREFIX}{self.process}-{time.time_ns()}"
         draft.rename(self.folder)
 
@@ -127,22 +125,6 @@ def _remove_stale(parent: Path) -> None:
     for folder in parent.glob(f"{PREFIX}*"):
         with contextlib.suppress(OSError):  # another user's, or being removed by another process
             with (folder / _LOCK).open("r+") as lock:
-                gone = _locked(lock)
+                gone = lock_file(lock)
             if gone:
                 shutil.rmtree(folder, ignore_errors=True)
-
-
-def _locked(lock: IO[str]) -> bool:
-    """Try to take a lock, which its process holds while it lives; return whether it was free."""
-    try:
-        if sys.platform == "win32":
-            import msvcrt  # noqa: PLC0415 - on Windows only
-
-            msvcrt.locking(lock.fileno(), msvcrt.LK_NBLCK, 1)
-        else:
-            import fcntl  # noqa: PLC0415 - not on Windows
-
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError:
-        return False
-    return True

@@ -19,7 +19,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, Self
 
-from cosim.core import InputError, LossError, write_whole
+from cosim.core import InputError, LossError, lock_file, write_whole
 from cosim.study.batch import Row
 
 MANIFEST, RUN_LOG, RESULTS, TRACES = "study.json", "journal.jsonl", "results.parquet", "traces"
@@ -222,17 +222,11 @@ def _rows(text: bytes) -> Iterator[Row]:
                 yield Row(run, status, reason, seconds, tuple(values))
 
 
-def _lock(file: Any, path: Path) -> None:
-    try:
-        import fcntl  # noqa: PLC0415 - without it, two processes at once are not detected
-    except ImportError:
-        return
-    try:
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError as error:
+def _lock(run_log: Any, path: Path) -> None:
+    if not lock_file(run_log):
         raise InputError(
             "another process is running this study", where=str(path), hint="another folder: --out"
-        ) from error
+        )
 
 
 def _another(path: Path, before: dict[str, Any], manifest: dict[str, Any]) -> InputError:

@@ -219,10 +219,17 @@ def local(workers: int, wait_s: float | None = WAIT_S) -> Iterator[WorkerPool]:
         "distributed.worker.profile.enabled": False,
         "distributed.admin.tick.limit": "1h",
     }
+    spawn = "distributed.nanny.pre-spawn-environ"
     with (
         # a worker that is killed leaves its files there
         tempfile.TemporaryDirectory(prefix="cosim-study-", ignore_cleanup_errors=True) as scratch,
-        dask.config.set({**settings, "temporary-directory": scratch}),
+        dask.config.set(
+            {
+                **settings,
+                "temporary-directory": scratch,
+                spawn: {**dask.config.get(spawn), "TMPDIR": scratch},
+            }
+        ),
         _silent(),
         distributed.LocalCluster(
             n_workers=workers,

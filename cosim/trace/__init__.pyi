@@ -3,6 +3,10 @@ from .checks.verification import (
     Verification as Verification,
     verify as verify,
 )
+from .citation import (
+    Citation as Citation,
+    cite as cite,
+)
 from .comparison.context import Change as Change
 from .comparison.format import (
     diff_json as diff_json,

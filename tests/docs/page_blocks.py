@@ -39,12 +39,14 @@ SLOW = "<!-- slow -->"
 PART = "part of a scenario"
 NOT_RUN = "not run: "
 _FENCE = re.compile(
-    r"^(?:<!-- (?P<note>[^>]+) -->\n\n?)?(?P<in>[ ]*)```(?P<language>\w*)[^\n]*\n"
+    r"^(?:[ ]*<!-- (?P<note>[^>]+) -->\n\n?)?(?P<in>[ ]*)```(?P<language>\w*)[^\n]*\n"
     r"(?P<text>.*?)^(?P=in)```$",
     re.MULTILINE | re.DOTALL,
 )
 _NAMED = re.compile(r"# (\S+\.(?:toml|py))\n")
 _OURS = re.compile(r"^(?:cosim|python|fmpy) ")
+TESTED_BY_ITSELF = ("delay-systems.md",)
+"""Pages whose blocks another test runs, with numbers to nine digits."""
 SETUP = ("python3 -m venv .venv", ". .venv/bin/activate")
 """What every reader of an install section knows; the gate does the same to get its wheel."""
 LANGUAGES = {"sh", "toml", "python", "text", "math"}

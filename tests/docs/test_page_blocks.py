@@ -13,6 +13,7 @@ from docs.page_blocks import (
     NOT_RUN,
     ROOT,
     SLOW,
+    TESTED_BY_ITSELF,
     Block,
     Reader,
     blocks_of,
@@ -28,7 +29,7 @@ def _parameters() -> list[Any]:
     found = []
     for page in pages():
         marks = [pytest.mark.slow] if SLOW in page.read_text("utf-8") else []
-        if any(block.is_run for block in blocks_of(page)):
+        if page.name not in TESTED_BY_ITSELF and any(b.is_run for b in blocks_of(page)):
             found.append(pytest.param(page, id=str(page.relative_to(ROOT)), marks=marks))
     return found
 

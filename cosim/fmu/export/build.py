@@ -9,9 +9,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from platformdirs import user_cache_path
-
-from cosim.core import InputError, copy_whole
+from cosim.core import InputError, cache_folder, copy_whole
 from cosim.fmu.export.catalogue import CATALOGUE
 from cosim.fmu.export.flavours import DEFAULT_FLAVOUR, FMI_VERSION
 from cosim.fmu.export.identity import kept_guid
@@ -150,7 +148,7 @@ def _guid(name: str, flavour: str) -> str:
 
         return native_guid(spec, FMI_VERSION[flavour])
 
-    return kept_guid(f"{flavour}/{name}", user_cache_path("auv-cosim", appauthor=False), compute)
+    return kept_guid(f"{flavour}/{name}", cache_folder(), compute)
 
 
 def _inside(path: Path) -> tuple[str, set[str]]:

@@ -42,7 +42,8 @@ _SPAWN: Final = "import sys; from cosim.fmu.isolation.server import main; main(*
 
 def start_method() -> Literal["fork", "spawn"]:
     """Return how the process of a slave is started here and now."""
-    return "fork" if sys.platform == "linux" and not has_loaded() else "spawn"
+    can_fork = sys.platform == "linux" and hasattr(os, "fork")
+    return "fork" if can_fork and not has_loaded() else "spawn"
 
 
 class SlaveProcess:

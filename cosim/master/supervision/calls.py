@@ -14,6 +14,7 @@ from itertools import count
 from typing import Any, Final
 
 from cosim.core import death_of
+from cosim.fmu import own_folder
 from cosim.master.supervision import messages
 from cosim.master.supervision.limits import Limits
 from cosim.master.supervision.output import Output
@@ -50,7 +51,9 @@ class Calls:
         """
         worker = self._alive()
         number = next(self._numbers)
-        content = messages.packed((messages.CALL, number, function, arguments), worker.known)
+        folder = str(own_folder())
+        message = (messages.CALL, number, folder, function, arguments)
+        content = messages.packed(message, worker.known)
         try:
             worker.connection.send_bytes(content)
             kind, *found = self._answer(worker, number, limits)

@@ -113,7 +113,10 @@ class _Executor:
         with self._guard:  # an FMU may log from a thread of its own
             self._connection.send_bytes(data)
 
-    def _call(self, number: int, function: Callable[..., Any], arguments: Sequence[Any]) -> None:
+    def _call(
+        self, number: int, folder: str, function: Callable[..., Any], arguments: Sequence[Any]
+    ) -> None:
+        adopt_folder(Path(folder))
         try:
             self._send(number, messages.CALLED, function(*arguments))
         except Exception as error:  # noqa: BLE001 - raised in the parent

@@ -1,7 +1,7 @@
 """The messages between parent and child: plain tuples, pickled.
 
 To the child: `(RUN, number, Job)`, followed by the file descriptor of the rows unless they are
-there already, `(CLOSE, number)`, and `(CALL, number, function, arguments)`.
+there already, `(CLOSE, number)`, and `(CALL, number, folder, function, arguments)`.
 To the parent, each with the number of the run: see the names below.
 """
 

@@ -24,9 +24,9 @@ _open: WeakSet[Worker] = WeakSet()
 
 def default_method() -> Method | None:
     """Return how children are started here; None where runs cannot be supervised (Windows)."""
-    if sys.platform == "win32":
+    if sys.platform == "win32" or not hasattr(os, "killpg"):
         return None
-    return "fork" if sys.platform == "linux" else "spawn"
+    return "fork" if sys.platform == "linux" and hasattr(os, "fork") else "spawn"
 
 
 class Worker:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import stat
 import sys
@@ -9,11 +10,8 @@ import threading
 from contextlib import suppress
 from pathlib import Path
 
-from cosim.core import InputError, LossError
+from cosim.core import InputError, LossError, lock_file
 from cosim.trace.file.stream import McapStream
-
-if sys.platform != "win32":
-    import fcntl
 
 
 class PartialFile:
@@ -115,8 +113,8 @@ _FLAGS = getattr(os, "O_BINARY", 0) | getattr(os, "O_CLOEXEC", 0)
 
 def _lock(handle: int) -> None:
     """Lock the file against a second writer until it is closed or the process ends."""
-    if sys.platform != "win32":
-        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    if not lock_file(handle):
+        raise BlockingIOError(errno.EAGAIN, os.strerror(errno.EAGAIN))
 
 
 class Guard:

@@ -6,7 +6,6 @@ import atexit
 import contextlib
 import os
 import signal
-import sys
 import threading
 import weakref
 from types import FrameType
@@ -26,7 +25,9 @@ class Open(Protocol):
 
 
 _open: weakref.WeakSet[Open] = weakref.WeakSet()
-_END_SIGNALS = (signal.SIGTERM,) if sys.platform == "win32" else (signal.SIGTERM, signal.SIGHUP)
+_END_SIGNALS = tuple(
+    getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)
+)
 
 
 def register(trace: Open) -> None:

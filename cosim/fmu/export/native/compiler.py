@@ -57,6 +57,7 @@ def cross_compiler() -> list[str]:
         raise InputError(
             "FMUs for other platforms need a cross compiler",
             expected="the package ziglang",
+            got="no such package",
             hint="pip install 'auv-cosim[cross]'",
         )
     return [sys.executable, "-m", "ziglang", "cc"]
