@@ -49,6 +49,8 @@ def similar_files(path: Path) -> str | None:
     """
     if "\\" in str(path) and os.sep != "\\":
         return f"with forward slashes: {str(path).replace(chr(92), '/')}"
+    if path.is_dir():
+        return "this is a folder; name the file in it"
     beside: list[str] = []
     with suppress(OSError, ValueError):
         names = (entry.name for entry in path.parent.iterdir())

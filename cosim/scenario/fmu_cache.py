@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -16,6 +17,8 @@ from cosim.fmu import (
     ensure_fmu,
     own_folder,
 )
+
+_READ_ONLY = (errno.EACCES, errno.EPERM, errno.EROFS)
 
 
 @dataclass(frozen=True)
@@ -59,6 +62,8 @@ class FmuCache:
         try:
             return ensure_fmu(fmu, self.root, flavour=self.flavour).path
         except OSError as error:
+            if error.errno not in _READ_ONLY:  # such as a file in place of the folder
+                raise _not_built(fmu, self.root, error) from error
             say_once(
                 f"{self.root} cannot be written ({error.strerror}): FMUs are built in a temporary "
                 "folder, and built again by the next command; --fmus names another place"
@@ -67,13 +72,7 @@ class FmuCache:
         try:
             return ensure_fmu(fmu, folder, flavour=self.flavour).path
         except OSError as error:
-            raise InputError(
-                f"the FMU {fmu} cannot be built",
-                where=str(folder),
-                expected="a folder that can be written",
-                got=str(error),
-                hint="another folder: --fmus",
-            ) from error
+            raise _not_built(fmu, folder, error) from error
 
     def _unknown(self, fmu: str) -> InputError:
         """Return the error for a name that is no FMU of the catalogue."""
@@ -84,3 +83,13 @@ class FmuCache:
         if (self.folder / f"{fmu}.fmu").is_file():
             wrong.hint = f"did you mean {fmu}.fmu?"
         return wrong
+
+
+def _not_built(fmu: str, folder: Path, error: OSError) -> InputError:
+    return InputError(
+        f"the FMU {fmu} cannot be built",
+        where=str(folder),
+        expected="a folder that can be written",
+        got=str(error),
+        hint="another folder: --fmus",
+    )

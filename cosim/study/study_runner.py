@@ -7,6 +7,7 @@ depends on the study and on the run's number alone.
 from __future__ import annotations
 
 import json
+import math
 from collections import OrderedDict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -148,8 +149,11 @@ class StudyRunner:
         supervision = self._supervision(self._first_scenario)
         if self._calls is None or supervision.method is None:
             return None
+        limits = supervision.limits
+        if limits.call is not None and limits.call < (limits.run or math.inf):
+            return None  # only a supervised run knows how long a call takes
         try:
-            return self._calls(supervision.limits, _unsupervised, function, self, run)
+            return self._calls(limits, _unsupervised, function, self, run)
         except CallBrokenError:
             return None
 

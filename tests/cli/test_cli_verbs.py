@@ -32,7 +32,7 @@ def test_the_former_name_of_scenario_list_is_hidden_and_works(tmp_path: Path) ->
         now = cosim("scenario", "list", *options, cwd=tmp_path)
         assert cosim("scenarios", *options, cwd=tmp_path).out == now.out
     displayed = cosim("--help", cwd=tmp_path).out
-    assert "cosim scenario list" in displayed
+    assert re.search(r"^  scenario  +List", displayed, re.MULTILINE)
     assert not re.search(r"\bscenarios\b", displayed.replace("show scenarios", ""))
 
 

@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 from cli.shell import cosim
 
+from cosim import hinf
 from cosim.core.errors import InputError
 from cosim.fmu.export.catalogue import CATALOGUE
 from cosim.hinf import certificate_bytes, check_certificate, design_from_json, system_by_name
-from cosim.scenario import gain as making
 from cosim.scenario.execute import execute_unrecorded
 from cosim.scenario.extend import open_source
 from cosim.scenario.fmu_cache import FmuCache
@@ -69,7 +69,7 @@ def no_solver() -> Iterator[None]:
 
     with (
         patch("clarabel.DefaultSolver", refuse),
-        patch("cosim.scenario.gain.design", refuse),
+        patch("cosim.hinf.design", refuse),
         patch("numpy.linalg.svd", refuse),
     ):
         yield
@@ -369,7 +369,7 @@ def test_a_design_is_made_once_and_kept(table: str, mine: Path, native_fmus: Pat
     assert f"kept in {beside}" in first["design"]["words"]
     assert check_certificate(json.loads(beside.read_text())).valid
     before = beside.read_bytes()
-    with patch.object(making, "design", side_effect=AssertionError("asked a solver")):
+    with patch.object(hinf, "design", side_effect=AssertionError("asked a solver")):
         second = ran(mine, native_fmus)
         with open_session(mine, fmus=native_fmus.parent, flavour="native") as session:
             session.step()
@@ -386,7 +386,7 @@ def test_another_solver_does_not_change_a_run_that_has_a_design(
 ) -> None:
     """A gain that is 1e-4 larger elsewhere: with the kept file, the run stays what it was."""
     named = system_by_name("paper")
-    true = making.design
+    true = hinf.design
 
     def elsewhere(*_: Any, **__: Any) -> Any:
         K = np.round(np.array(first_gain) * 1.0001, 6)
@@ -395,7 +395,7 @@ def test_another_solver_does_not_change_a_run_that_has_a_design(
     first = ran(mine, native_fmus)
     beside = mine.with_name("mine.design.json")
     first_gain = json.loads(beside.read_text())["K"]
-    with patch.object(making, "design", elsewhere):
+    with patch.object(hinf, "design", elsewhere):
         assert ran(mine, native_fmus)["content_hash"] == first["content_hash"]
         beside.unlink()
         assert ran(mine, native_fmus)["content_hash"] != first["content_hash"]
