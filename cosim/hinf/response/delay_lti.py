@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import numbers
 from collections.abc import Sequence
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -42,8 +42,10 @@ from cosim.hinf.response.time_response import (
     step_response,
 )
 from cosim.hinf.response.winding import winding_of
-from cosim.hinf.synthesis import Analysis, analyse
 from cosim.models import DelaySystem
+
+if TYPE_CHECKING:
+    from cosim.hinf.synthesis import Analysis
 
 
 class DelayLTI(Blocks):
@@ -292,6 +294,8 @@ class DelayLTI(Blocks):
         ------
         InputError : as `system`.
         """
+        from cosim.hinf.synthesis import analyse  # noqa: PLC0415 - solvers are slow to import
+
         return analyse(self.system(), gamma=gamma, **how)
 
     # other libraries

@@ -165,7 +165,7 @@ def _column(tops: list[Reals], bottoms: list[Reals], j: int) -> Blocks:
         own = _monic(tops[left[0]], bottoms[left[0]])[1]
         same = [i for i in left if np.array_equal(_monic(tops[i], bottoms[i])[1], own)]
         rows = [_monic(tops[i], bottoms[i])[0] for i in same]
-        parts.append(_companion_form(rows, own))
+        parts.append(_canonical_form(rows, own))
         places.append(same)
         left = [i for i in left if i not in same]
     order = np.concatenate(places)
@@ -195,7 +195,7 @@ def _check_proper(top: Reals, bottom: Reals, where: str) -> None:
         )
 
 
-def _companion_form(tops: list[Reals], bottom: Reals) -> Blocks:
+def _canonical_form(tops: list[Reals], bottom: Reals) -> Blocks:
     """Realise numerators over one monic denominator, in balanced units."""
     n = bottom.size - 1
     padded = np.array([np.concatenate([np.zeros(n + 1 - top.size), top]) for top in tops])

@@ -20,7 +20,6 @@ from cosim.hinf.nominal import (
     gain_between,
     hinf_norm,
     norm_between,
-    norm_proved,
 )
 from cosim.hinf.response.blocks import Blocks, Complexes, Reals, balanced
 from cosim.hinf.response.high_frequency import HighFrequency
@@ -73,6 +72,8 @@ def norm_proved_of(blocks: Blocks, norm: NormResult) -> float | None:
     system = None if plain is None else plain.system()
     if system is None:
         return None
+    from cosim.hinf.nominal import norm_proved  # noqa: PLC0415 - ball arithmetic is slow to import
+
     K = np.zeros((0, blocks.order))
     levels = (norm.value * (1.0 + share) for share in _ABOVE)
     return next((level for level in levels if norm_proved(system, K, level)), None)

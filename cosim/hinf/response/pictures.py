@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from cosim.core import optional
 from cosim.hinf.nominal import Roots
-
-if TYPE_CHECKING:
-    from cosim.hinf.response.frequency import FrequencyResponse, Nyquist
-    from cosim.hinf.response.time_response import TimeResponse
 
 _GRID = {"alpha": 0.3}
 _GREY = "#6b7280"
@@ -31,8 +27,8 @@ def _axes(ax: Any) -> Any:
     return ax if ax is not None else _pyplot().subplots(layout="constrained")[1]
 
 
-def draw_time(found: TimeResponse, ax: Any = None) -> Any:
-    """Draw a response in time; return the axes."""
+def draw_time(found: Any, ax: Any = None) -> Any:
+    """Draw a `TimeResponse`; return the axes."""
     ax = _axes(ax)
     y = found.outputs
     if y.ndim == 1:
@@ -57,8 +53,8 @@ def draw_time(found: TimeResponse, ax: Any = None) -> Any:
     return ax
 
 
-def draw_bode(found: FrequencyResponse, ax: Any = None) -> Any:
-    """Draw magnitude and phase; return both axes."""
+def draw_bode(found: Any, ax: Any = None) -> Any:
+    """Draw magnitude and phase of a `FrequencyResponse`; return both axes."""
     if ax is None:
         ax = _pyplot().subplots(2, 1, sharex=True, layout="constrained")[1]
     upper, lower = ax
@@ -82,7 +78,7 @@ def draw_bode(found: FrequencyResponse, ax: Any = None) -> Any:
     return ax
 
 
-def _mark_margins(found: FrequencyResponse, upper: Any, lower: Any, phase: Any) -> None:
+def _mark_margins(found: Any, upper: Any, lower: Any, phase: Any) -> None:
     margins = found.margins
     if margins is None:
         return
@@ -99,7 +95,7 @@ def _mark_margins(found: FrequencyResponse, upper: Any, lower: Any, phase: Any) 
     upper.set_title(str(margins), fontsize="medium")
 
 
-def _lowest_phase(found: FrequencyResponse, lower: Any, phase: Any) -> None:
+def _lowest_phase(found: Any, lower: Any, phase: Any) -> None:
     """Cut off the phase where a delay has turned it through many circles and little is left."""
     size = np.abs(found.response).max(axis=(0, 1))
     seen = phase[..., size > _SEEN * size.max()]
@@ -107,8 +103,8 @@ def _lowest_phase(found: FrequencyResponse, lower: Any, phase: Any) -> None:
         lower.set_ylim(float(seen.min()) - 180.0, float(seen.max()) + 45.0)
 
 
-def draw_nyquist(found: Nyquist, ax: Any = None) -> Any:
-    """Draw the curve, its mirror image and -1; return the axes."""
+def draw_nyquist(found: Any, ax: Any = None) -> Any:
+    """Draw the curve of a `Nyquist`, its mirror image and -1; return the axes."""
     ax = _axes(ax)
     x, y = found.response.real, found.response.imag
     (line,) = ax.plot(x, y, lw=1.5)
