@@ -27,6 +27,17 @@ OTHER_CODES = {"trace diff": 1, "trace recover": 3, "migrate --check": 1}
 BEFORE = ("scenario", "design", "fmu build", "fmu controller", "ssp", "trace rerun")
 """What writes the files that others read."""
 
+SYSTEM = """[system]
+A = [[-5.0, 0.0], [6.0, -10.0]]
+A1 = [[-1.0, 0.0], [2.0, 1.0]]
+B = [[-1.0], [3.0]]
+C = [[4.0], [3.0]]
+D = [[-1.0, 0.0], [0.0, -1.0]]
+D1 = [[4.0], [3.0]]
+D2 = [[3.0], [-1.0]]
+d = 0.3
+"""
+
 
 def leaf_of(words: list[str]) -> tuple[Any, Any, list[str]]:
     """Return the command that a line names, its context before it is parsed, and the rest."""
@@ -106,10 +117,7 @@ def test_cosim_alone_shows_a_first_hour(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_the_examples_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Typed one after the other, after what `cosim` alone shows: each does what it says."""
-    readme = (Path(__file__).parents[2] / "README.md").read_text("utf-8")
-    system = re.search(r"```toml\n(# my-system.toml\n.*?)```", readme, re.DOTALL)
-    assert system is not None
-    (tmp_path / "my-system.toml").write_text(system[1], "utf-8")
+    (tmp_path / "my-system.toml").write_text(SYSTEM, "utf-8")
     copied(fmu_store("python", "native"), tmp_path / "fmus")
     monkeypatch.setattr("webbrowser.open", lambda _: True)
     first = [line for line in EXAMPLE.findall(cosim(cwd=tmp_path).out) if "COMMAND" not in line]
