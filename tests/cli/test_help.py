@@ -19,8 +19,15 @@ from shared import copied, fmu_store
 from cosim.cli.application import app
 
 EXAMPLE = re.compile(r"^  (cosim .*)$", re.MULTILINE)
-NOT_RUN = ("trace play", "trace view", "--scheduler", "--workers", "paper --html")
-"""A server, a viewer and a cluster: what would not end, or is not here; what runs elsewhere."""
+NOT_RUN = (
+    "study sensitivity",
+    "trace play",
+    "trace view",
+    "--scheduler",
+    "--workers",
+    "paper --html",
+)
+"""A study, a server, a viewer and a cluster that are not here, or would not end."""
 OTHER_CODES = {"trace diff": 1, "trace recover": 3, "migrate --check": 1}
 """Of examples that compare different runs, read a trace that was cut, and find old files."""
 
