@@ -17,10 +17,25 @@ from typing import Any
 from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 
 VARIABLE = "AUV_COSIM_PREBUILT"
+REQUIREMENTS = [
+    "latex2mathml>=3.77",
+    "lazy-loader>=0.4",
+    "markdown-it-py>=3.0",
+    "numpy>=2.0",
+    "platformdirs>=4.2",
+    "ziglang==0.17.1",
+]
+"""What build_fmu.py needs; the bytes of the FMUs in the wheel are those of this zig."""
 
 
 class PrebuiltHook(BuildHookInterface[Any]):
     """Adds the folder `cosim/prebuilt` to a wheel."""
+
+    def dependencies(self) -> list[str]:
+        """Return what is installed for the build: nothing where nothing is compiled."""
+        # pip and build name on their command line what they ask for
+        editable = "get_requires_for_build_editable" in sys.argv
+        return [] if editable or os.environ.get(VARIABLE) == "none" else REQUIREMENTS
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
         """Build the folder, or take the one that the environment names.
