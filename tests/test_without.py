@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import re
 import subprocess
@@ -14,10 +15,11 @@ from typing import Any
 import pytest
 from shared import fmu_store
 
+import cosim.fmu.inspect
 from cosim.core import InputError, notices
-from cosim.fmu import compiled, inspect_fmu, own_folder
+from cosim.fmu import compiled, ensure_fmu, inspect_fmu, own_folder
 from cosim.fmu.export import identity
-from cosim.scenario import FmuCache, demo
+from cosim.scenario import FmuCache, demo, fmu_cache
 
 SOURCE = b'__attribute__((visibility("default"))) int seven(void) { return 7; }\n'
 
@@ -28,12 +30,12 @@ def test_the_demo_flies_without_matplotlib(monkeypatch: pytest.MonkeyPatch, tmp_
     def missing() -> None:
         raise InputError("pictures need matplotlib", hint="pip install 'auv-cosim[plot]'")
 
-    def flown(*_: Any, **__: Any) -> Any:
+    def finished(*_: Any, **__: Any) -> Any:
         return SimpleNamespace(metrics={"designed_age_s": 1.0})
 
     monkeypatch.setattr(demo, "pyplot", missing)
     monkeypatch.setattr(demo, "prepare", lambda *_, **__: None)
-    monkeypatch.setattr(demo, "execute_run", flown)
+    monkeypatch.setattr(demo, "execute_run", finished)
     found = demo.demonstrate(FmuCache(tmp_path, tmp_path), tmp_path)
     assert list(found.outcomes) == ["delay-aware", "naive"]
     assert found.picture is None
@@ -43,9 +45,12 @@ def test_the_demo_flies_without_matplotlib(monkeypatch: pytest.MonkeyPatch, tmp_
 def test_an_fmu_is_checked_without_readers_of_binaries(monkeypatch: pytest.MonkeyPatch) -> None:
     """What needs them is not checked, which is said once and is no error."""
     for name in ("elftools", "pefile", "macholib"):
+        for loaded in [one for one in sys.modules if one.startswith(f"{name}.")]:
+            monkeypatch.delitem(sys.modules, loaded)
         monkeypatch.setitem(sys.modules, name, None)
     for name in ("elf", "pe", "macho"):
         monkeypatch.delitem(sys.modules, f"cosim.fmu.inspect.{name}", raising=False)
+        monkeypatch.delattr(cosim.fmu.inspect, name, raising=False)
     found = inspect_fmu(fmu_store("native") / "native" / "WaveField.fmu")
     notes = [each for each in found.findings if each.code == "binary-unexamined"]
     assert found.valid
@@ -72,13 +77,19 @@ def test_a_library_is_compiled_where_the_cache_cannot_be_written(
 
 
 def test_fmus_are_built_where_their_folder_cannot_be_written(
-    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     """They lie in the temporary folder of the process; standard error says so once."""
-    blocked = tmp_path / "no folder"
-    blocked.write_text("a file")
+    blocked = tmp_path / "fmus"
+
+    def ensured(fmu: str, folder: Path, **more: Any) -> Any:
+        if folder == blocked:  # the tests may be allowed to write everywhere
+            raise PermissionError(errno.EACCES, "Permission denied")
+        return ensure_fmu(fmu, folder, **more)
+
+    monkeypatch.setattr(fmu_cache, "ensure_fmu", ensured)
     notices.say_once.cache_clear()
-    cache = FmuCache(blocked / "fmus", tmp_path, flavour="python")
+    cache = FmuCache(blocked, tmp_path, flavour="python")
     found = [cache.find("WaveField").path for _ in range(2)]
     assert found[0] == found[1]
     assert found[0].is_relative_to(own_folder())

@@ -14,7 +14,6 @@ import pytest
 from cli.shell import cosim as command
 from rich.console import Console
 
-import cosim.cli.paper as verb
 import cosim.paper
 from cosim.core.errors import InputError
 from cosim.models import paper_example as example
@@ -168,7 +167,7 @@ def test_unwritable_page_is_refused_before_the_computation(
         result = command("paper", "--html", place, "--json", cwd=tmp_path)
         assert result.code == 2
         assert "cannot be written" in result.error["what"]
-    monkeypatch.setattr(verb, "pyplot", missing)
+    monkeypatch.setattr(cosim.trace, "pyplot", missing)
     result = command("paper", "--html", "page.html", "--json", cwd=tmp_path)
     assert result.code == 2
     assert "plot" in result.error["hint"]

@@ -106,7 +106,10 @@ class RowDecoder:
         columns: list[Column] = []
         for i, (leaf, dtype) in enumerate(zip(self._leaves, self.dtypes, strict=True)):
             if i in values:
-                columns.append((values[i], None))
+                found = values[i]  # texts are a list
+                columns.append(
+                    (found if isinstance(found, np.ndarray) else np.array(found, dtype), None)
+                )
             elif i in made.defaults:
                 columns.append((np.full(len(rows), leaf.path[-1].default_value, dtype), None))
             else:

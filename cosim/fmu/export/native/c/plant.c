@@ -47,10 +47,10 @@ static int prepare(Behaviour *b, const double *v, double start, Message *why) {
 static int others(const Behaviour *b, double *v, Message *why) {
     double out[AT_LEAST_ONE(MOST_OTHERS)];
     model_other_outputs(b->line.x, v, b->constants, out);
-    for (size_t i = 0; i < OTHERS; i++)
+    for (int i = 0; i < (int)OTHERS; i++)
         if (!isfinite(out[i]))
             return say(why, "%s is not finite", model_variables[model_others[i]].name);
-    for (size_t i = 0; i < OTHERS; i++) v[model_others[i]] = out[i];
+    for (int i = 0; i < (int)OTHERS; i++) v[model_others[i]] = out[i];
     return 1;
 }
 
@@ -90,7 +90,7 @@ void behaviour_direction(const Behaviour *b, const double *v, const double *chan
     double inputs[AT_LEAST_ONE(MOST_INPUTS)], changed[AT_LEAST_ONE(MOST_OTHERS)];
     for (size_t i = 0; i < INPUTS; i++) inputs[i] = change[model_inputs[i]];
     model_outputs_change(b->line.x, v, b->constants, inputs, changed);
-    for (size_t i = 0; i < OTHERS; i++) out[model_others[i]] = changed[i];
+    for (int i = 0; i < (int)OTHERS; i++) out[model_others[i]] = changed[i];
 }
 
 size_t behaviour_size(const Behaviour *b) {
