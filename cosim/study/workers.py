@@ -219,7 +219,8 @@ def local(workers: int, wait_s: float | None = WAIT_S) -> Iterator[WorkerPool]:
         "distributed.worker.profile.enabled": False,
         "distributed.admin.tick.limit": "1h",
     }
-    spawn = "distributed.nanny.pre-spawn-environ"
+    # set in each worker: what is set before a worker is started may stay set in this process
+    environ = "distributed.nanny.environ"
     with (
         # a worker that is killed leaves its files there
         tempfile.TemporaryDirectory(prefix="cosim-study-", ignore_cleanup_errors=True) as scratch,
@@ -227,7 +228,7 @@ def local(workers: int, wait_s: float | None = WAIT_S) -> Iterator[WorkerPool]:
             {
                 **settings,
                 "temporary-directory": scratch,
-                spawn: {**dask.config.get(spawn), "TMPDIR": scratch},
+                environ: {**dask.config.get(environ), "TMPDIR": scratch},
             }
         ),
         _silent(),

@@ -23,13 +23,18 @@ from cosim.study.workers import WorkerDied, cluster, local
 
 
 def test_two_processes_give_the_table_of_one_bit_for_bit(tmp_path: Path) -> None:
-    """And the scheduler of the same cluster, asked by its address, as well."""
+    """And the scheduler of the same cluster, asked by its address, as well.
+
+    Where this process keeps its temporary files stays what it was.
+    """
+    before = os.environ.get("TMPDIR")
     values = [0.1 * i for i in range(24)]
     execute_study(plan(values), tmp_path / "here")
     with local(2) as pool:
         execute_study(plan(values), tmp_path / "local", lambda: contextlib.nullcontext(pool))
         address = pool._client.scheduler.address
         execute_study(plan(values), tmp_path / "cluster", lambda: cluster(address))
+        assert os.environ.get("TMPDIR") == before
     tables = [(tmp_path / name / RESULTS).read_bytes() for name in ("here", "local", "cluster")]
     assert tables[0] == tables[1] == tables[2]
 
