@@ -103,7 +103,7 @@ def test_a_command_goes_on_without_home_and_cache(tmp_path: Path) -> None:
     """What needs a cache: a run, with a kernel and FMUs."""
     blocked = tmp_path / "no folder"
     blocked.write_text("a file")
-    done = subprocess.run(  # noqa: S603 - our own command
+    done = subprocess.run(
         [sys.executable, "-m", "cosim", "run", "paper-example"],
         cwd=tmp_path,
         env=os.environ | {"HOME": str(blocked), "XDG_CACHE_HOME": str(blocked)},
