@@ -20,16 +20,22 @@ from docs.page_blocks import (
     indented_commands,
     pages,
 )
-from shared import copied, fmu_store
+from shared import copied, fmu_store, share_of
 
 FLAVOURS = ("native", "python")
 
 
 def _parameters() -> list[Any]:
+    """Return every page with blocks; of the slow ones a third, with a SHARE."""
     found = []
+    kept, slow = share_of(range(3)), 0
     for page in pages():
-        marks = [pytest.mark.slow] if SLOW in page.read_text("utf-8") else []
-        if page.name not in TESTED_BY_ITSELF and any(b.is_run for b in blocks_of(page)):
+        if page.name in TESTED_BY_ITSELF or not any(b.is_run for b in blocks_of(page)):
+            continue
+        is_slow = SLOW in page.read_text("utf-8")
+        slow += is_slow
+        if not is_slow or slow % 3 in kept:
+            marks = [pytest.mark.slow] if is_slow else []
             found.append(pytest.param(page, id=str(page.relative_to(ROOT)), marks=marks))
     return found
 
