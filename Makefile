@@ -74,7 +74,7 @@ $(READY): pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
 	@echo '*' > $(VENV)/.gitignore
 	@echo "== 2 of 2: auv-cosim and what it needs to fly and draw, some 700 MB"
-	$(BIN)/python -m pip install --disable-pip-version-check -c constraints.txt -e '.[plot]'
+	$(BIN)/python -m pip install --disable-pip-version-check -c constraints.txt -e '.[plot,report]'
 	@$(BIN)/python -m compileall -q cosim fmu_src # the first command starts as fast as the next
 	@touch $@
 
