@@ -41,14 +41,16 @@ def completed_from(room: str) -> Callable[[str], list[str]]:
     return names
 
 
-ScenarioArgument = Annotated[
-    str,
-    typer.Argument(
-        metavar="SCENARIO",
-        help="Name of a built-in scenario, or FILE.toml.",
-        autocompletion=completed_from("scenario"),
-    ),
-]
+def built_in_or_file(room: str) -> Any:
+    """Return the argument that names a built-in scenario or study, or a file."""
+    return typer.Argument(
+        metavar=room.upper(),
+        help=f"Name of a built-in {room}, or FILE.toml.",
+        autocompletion=completed_from(room),
+    )
+
+
+ScenarioArgument = Annotated[str, built_in_or_file("scenario")]
 SetOption = Annotated[
     list[str] | None,
     typer.Option(

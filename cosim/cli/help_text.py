@@ -23,18 +23,24 @@ _WORD = re.compile(r"""(?:[^\s'"]|'[^']*'|"[^"]*")+""")
 _PANEL = "rich_help_panel"
 
 
-class HelpCommand(TyperCommand):
-    """A command whose help is written by this module."""
+class _HelpPage:
+    """What the help pages of commands and groups have in common; comes before typer's class."""
+
+    help: str | None
 
     def format_help(self, ctx: Any, formatter: Any) -> None:
         """Write the help page."""
         _adapt(formatter)
-        super().format_help(ctx, formatter)
+        super().format_help(ctx, formatter)  # type: ignore[misc]
 
     def format_help_text(self, ctx: Any, formatter: Any) -> None:
         """Write the paragraphs, and the examples under a heading of their own."""
         del ctx
         _write_text(self.help, formatter)
+
+
+class HelpCommand(_HelpPage, TyperCommand):
+    """A command whose help is written by this module."""
 
     def format_options(self, ctx: Any, formatter: Any) -> None:
         """Write arguments and options, those of a panel under its title."""
@@ -53,18 +59,8 @@ class HelpCommand(TyperCommand):
                     formatter.write_dl(rows)
 
 
-class HelpGroup(TyperGroup):
+class HelpGroup(_HelpPage, TyperGroup):
     """A group of commands whose help is written by this module."""
-
-    def format_help(self, ctx: Any, formatter: Any) -> None:
-        """Write the help page."""
-        _adapt(formatter)
-        super().format_help(ctx, formatter)
-
-    def format_help_text(self, ctx: Any, formatter: Any) -> None:
-        """Write the paragraphs."""
-        del ctx
-        _write_text(self.help, formatter)
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
         """List the commands with their whole first sentence."""

@@ -18,7 +18,7 @@ from cosim.cli.common import (
     JsonOption,
     RunFlavour,
     answer,
-    completed_from,
+    built_in_or_file,
     progress,
 )
 from cosim.cli.help_text import HelpTyper
@@ -34,14 +34,7 @@ study_app = HelpTyper(
     help="Run one scenario many times: over grids, random samples or seeds; on cores or a cluster.",
 )
 
-StudyArgument = Annotated[
-    str,
-    typer.Argument(
-        metavar="STUDY",
-        help="Name of a built-in study, or FILE.toml.",
-        autocompletion=completed_from("study"),
-    ),
-]
+StudyArgument = Annotated[str, built_in_or_file("study")]
 FlavourOption = Annotated[
     RunFlavour,
     typer.Option(help="Language of the built-in FMUs: native (C), or python."),
@@ -173,9 +166,11 @@ def run(
     """
     loaded = studies.load_study(name)
     if traces is not None:
-        loaded = replace(loaded, study=_with_traces(loaded.study, traces))
+        expected = "none, all, failed, or 'worst:N by METRIC'"
+        loaded = replace(loaded, study=_with_option(loaded.study, "traces", traces, expected))
     if samples is not None:
-        loaded = replace(loaded, study=loaded.study.model_copy(update={"samples": samples}))
+        expected = f"1 to {studies.MAX_RUNS}"
+        loaded = replace(loaded, study=_with_option(loaded.study, "samples", samples, expected))
     wait_s = scenario.time_limit(wait_for_workers, "--wait-for-workers")
     pool = studies.pool_for(workers, scheduler, wait_s)
     folder = out or STUDIES / loaded.name
@@ -322,15 +317,11 @@ def _values(plan: studies.Plan, number: int) -> dict[str, Any]:
     return {a.column: v for a, v in zip(axes, plan.runner.points[number], strict=True)}
 
 
-def _with_traces(study: studies.Study, traces: str) -> studies.Study:
+def _with_option(study: studies.Study, key: str, value: Any, expected: str) -> studies.Study:
+    """Return the study with another value of a key, which an option of this name gives."""
     try:
-        return studies.Study.model_validate(
-            study.model_dump(exclude_unset=True) | {"traces": traces}
-        )
+        return studies.Study.model_validate(study.model_dump(exclude_unset=True) | {key: value})
     except ValueError as error:
         raise InputError(
-            "not a valid choice of traces",
-            where="--traces",
-            expected="none, all, failed, or 'worst:N by METRIC'",
-            got=repr(traces),
+            f"not a valid choice of {key}", where=f"--{key}", expected=expected, got=repr(value)
         ) from error

@@ -17,6 +17,7 @@ from .running import (
     run_study as run_study,
 )
 from .schema import (
+    MAX_RUNS as MAX_RUNS,
     GridAxis as GridAxis,
     Metric as Metric,
     ReplicatesAxis as ReplicatesAxis,

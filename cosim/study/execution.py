@@ -137,7 +137,8 @@ def execute_study(
                     folder.append([first])
                     done.append(first)
             else:
-                seconds = max(row.seconds for row in done if row.status != TIMED_OUT)
+                known = (row.seconds for row in done if row.status != TIMED_OUT)
+                seconds = max(known, default=0.0)
             plan = _with_limit(plan, seconds, report_progress)
             until = math.inf if time_limit_s is None else began + time_limit_s
             with pool() as opened:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from cosim.study.batch import software
-from cosim.study.plan import Plan, part_hash
+from cosim.study.plan import Plan
 
 
 def manifest_of(plan: Plan) -> dict[str, Any]:
@@ -14,7 +14,7 @@ def manifest_of(plan: Plan) -> dict[str, Any]:
     study = job.study.model_dump(mode="json", exclude_unset=True)
     return {
         "digest": job.digest,
-        "parts": {name: part_hash(part) for name, part in plan.content.items()},
+        "parts": plan.hashes,
         "count": plan.count,
         "study": study,
         "scenario": {"name": job.base.name, "text": job.base.text},

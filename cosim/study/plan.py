@@ -42,6 +42,11 @@ class Plan:
     content: dict[str, Any]
 
     @property
+    def hashes(self) -> dict[str, str]:
+        """The hash of each part of the content."""
+        return {name: part_hash(part) for name, part in self.content.items()}
+
+    @property
     def count(self) -> int:
         """Number of runs."""
         return self.runner.points.count
@@ -202,14 +207,12 @@ def extended_by(plan: Plan, before: Mapping[str, Any]) -> Callable[[int], int] |
     among the points of this one (a Latin hypercube).
     """
     study = plan.job.study
-    parts = {name: part_hash(part) for name, part in plan.content.items()}
-    others = {name: part for name, part in before.get("parts", {}).items() if name != "study"}
     try:
         fewer = Study.model_validate(before["study"])
     except ValueError:
         return None
     if (
-        others != {name: part for name, part in parts.items() if name != "study"}
+        {**before.get("parts", {}), "study": None} != {**plan.hashes, "study": None}
         or fewer.samples >= study.samples
         or _without_samples(fewer) != _without_samples(study)
         or any(isinstance(axis, SampledAxis) and axis.kind == "latin" for axis in study.vary)

@@ -26,6 +26,7 @@ Number = Annotated[float, Field(allow_inf_nan=False)]
 Integer = Annotated[int, Field(ge=-(2**53), le=2**53)]
 Seed = Annotated[int, Field(ge=0, lt=2**31)]
 MAX_RUNS = 10_000_000
+"""Most runs, and samples, of a study."""
 
 _TRACES = re.compile(r"^(none|all|failed|worst:(?P<n>[1-9][0-9]{0,5}) by (?P<by>-?\S.*))$")
 RESERVED = ("run", "status", "reason")

@@ -86,6 +86,7 @@ def test_a_study_is_run_resumed_and_displayed(tmp_path: Path) -> None:
         (("run", "follows.toml", "--workers", "none"), "not a number of workers"),
         (("run", "follows.toml", "--workers", "0"), "not a number of workers"),
         (("run", "follows.toml", "--traces", "best"), "not a valid choice of traces"),
+        (("run", "follows.toml", "--samples", "99999999999"), "not a valid choice of samples"),
         (("run", "folows"), "there is no study 'folows'"),
         (("run", "follows.toml", "--scheduler", "tcp://127.0.0.1:9"), "no scheduler answers"),
         (("check", "nowhere.toml"), "cannot be read"),

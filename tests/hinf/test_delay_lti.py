@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-import builtins
+import re
+import sys
 from typing import Any
 
 import control
@@ -166,18 +167,11 @@ def test_what_cannot_be_is_refused_in_words(ask: Any, words: str) -> None:
     """What, where, what was expected, and a way out."""
     with pytest.raises(InputError) as caught:
         ask()
-    assert __import__("re").search(words, " ".join(str(caught.value).split()))
+    assert re.search(words, " ".join(str(caught.value).split()))
 
 
 def test_a_missing_python_control_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     """Only to_control needs it."""
-    real = builtins.__import__
-
-    def missing(name: str, *args: Any, **kwargs: Any) -> Any:
-        if name == "control":
-            raise ImportError(name)
-        return real(name, *args, **kwargs)
-
-    monkeypatch.setattr(builtins, "__import__", missing)
+    monkeypatch.setitem(sys.modules, "control", None)
     with pytest.raises(InputError, match=r"auv-cosim\[control\]"):
         dead_time(1.0).to_control(omega=[1.0])

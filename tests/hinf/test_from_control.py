@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import builtins
+import sys
 from typing import Any
 
 import control
@@ -130,14 +130,7 @@ def test_a_plant_in_place_of_a_system_says_how_to_make_one() -> None:
 
 def test_without_python_control_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     """The message says what to install."""
-    real = builtins.__import__
-
-    def missing(name: str, *args: Any, **kwargs: Any) -> Any:
-        if name == "control":
-            raise ImportError(name)
-        return real(name, *args, **kwargs)
-
-    monkeypatch.setattr(builtins, "__import__", missing)
+    monkeypatch.setitem(sys.modules, "control", None)
     loop = close(paper_example.system(), [list(paper_example.PRINTED_K)])
     with pytest.raises(InputError, match=r"auv-cosim\[control\]"):
         to_control(loop, [1.0])

@@ -11,8 +11,10 @@ from study.deadly import DEADLY, U, plan, truth
 
 from cosim.core import InputError, LossError
 from cosim.study import batch
+from cosim.study.batch import Row
 from cosim.study.execution import execute_study
-from cosim.study.folder import RESULTS, RUN_LOG
+from cosim.study.folder import RESULTS, RUN_LOG, Folder
+from cosim.study.manifest import manifest_of
 from cosim.study.plan import Plan
 from cosim.study.repeat import repeat_run
 from cosim.study.table import read_table
@@ -41,6 +43,20 @@ def test_a_first_run_that_hangs_is_left_to_the_limit_of_the_others(
     assert done.run_limit_s >= 1.0
     with pytest.raises(Exception, match="the first runs of the study do not end"):
         execute_study(plan([DEADLY, DEADLY + 1], "hang"), tmp_path / "two")
+
+
+def test_a_study_whose_only_run_hung_goes_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What is done says nothing of how long a run takes: the least limit holds."""
+    monkeypatch.setattr("cosim.study.execution.RUN_LIMIT_S", 1.0)
+    made = plan([DEADLY, 0.5], "hang")
+    with Folder(tmp_path) as folder:
+        folder.begin(manifest_of(made))
+        folder.append([Row(0, "timed_out", "no answer", 1.0, (None,))])
+    done = execute_study(made, tmp_path)
+    assert done.statuses == {"timed_out": 1, "finished": 1}
+    assert done.run_limit_s == 1.0
 
 
 def test_a_study_that_takes_too_long_ends_and_can_be_continued(tmp_path: Path) -> None:
