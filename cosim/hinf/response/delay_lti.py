@@ -21,8 +21,9 @@ from numpy.typing import ArrayLike
 from cosim.core import InputError, NotAchievableError, html_table, matrix_text
 from cosim.hinf.nominal import NormResult
 from cosim.hinf.response import to_models
-from cosim.hinf.response.blocks import Blocks, beside, blocks_from, from_inputs
+from cosim.hinf.response.blocks import Blocks, beside
 from cosim.hinf.response.characteristic_roots import CharacteristicRoots
+from cosim.hinf.response.connections import dead, delays_of, in_series, with_io_delays
 from cosim.hinf.response.frequency import (
     FrequencyResponse,
     Nyquist,
@@ -356,13 +357,13 @@ def lti(
     """
     blocks = blocks_of(model, gain)
     if io_delay is not None:
-        blocks = _with_io_delays(blocks, io_delay)
-    before = _delays_of("input_delay", input_delay, blocks.inputs)
-    after = _delays_of("output_delay", output_delay, blocks.outputs)
+        blocks = with_io_delays(blocks, io_delay)
+    before = delays_of("input_delay", input_delay, blocks.inputs)
+    after = delays_of("output_delay", output_delay, blocks.outputs)
     if any(before):
-        blocks = series(beside(*(_dead(d) for d in before)), blocks)
+        blocks = series(beside(*(dead(d) for d in before)), blocks)
     if any(after):
-        blocks = series(blocks, beside(*(_dead(d) for d in after)))
+        blocks = series(blocks, beside(*(dead(d) for d in after)))
     return _made(blocks)
 
 
@@ -373,7 +374,7 @@ def dead_time(tau: float, size: int = 1) -> DelayLTI:
     ------
     InputError : tau is no number of seconds >= 0.
     """
-    return _made(beside(*[_dead(tau)] * size))
+    return _made(beside(*[dead(tau)] * size))
 
 
 def exp(exponent: Any) -> DelayLTI:
@@ -419,7 +420,7 @@ def series(*models: Any) -> DelayLTI:
     """
     first, *rest = (blocks_of(model) for model in models)
     for following in rest:
-        first = _in_series(first, following)
+        first = in_series(first, following)
     return _made(first)
 
 
@@ -487,63 +488,3 @@ def feedback(forward: Any, backward: Any = 1, sign: int = -1) -> DelayLTI:
 
 def _made(blocks: Blocks) -> DelayLTI:
     return DelayLTI(**blocks.simplified().matrices)
-
-
-def _dead(tau: float) -> Blocks:
-    one = np.ones((1, 1))
-    return blocks_from({"Dw": one, "Dv": one, "delays": [tau]}, (0, 1, 1), "dead time")
-
-
-def _delays_of(name: str, given: float | Sequence[float], size: int) -> list[float]:
-    delays = np.asarray(given, dtype=np.float64)
-    if delays.ndim == 0:
-        delays = np.full(size, delays)
-    if delays.shape != (size,):
-        raise InputError(
-            "the delays do not fit the model",
-            where=name,
-            expected=f"{size} numbers of seconds",
-            got=str(delays.shape),
-        )
-    return [float(d) for d in delays]
-
-
-def _with_io_delays(blocks: Blocks, given: ArrayLike) -> Blocks:
-    """Return the model with a delay from each input to each output: one copy per input."""
-    delays = np.asarray(given, dtype=np.float64)
-    p, m = blocks.D.shape
-    if delays.shape != (p, m):
-        raise InputError(
-            "the delays do not fit the model",
-            where="io_delay",
-            expected=f"{p} by {m} numbers of seconds",
-            got=str(delays.shape),
-        )
-    columns = [
-        _in_series(
-            from_inputs(blocks.between(np.eye(p), np.eye(m)[:, [j]])),
-            beside(*(_dead(d) for d in delays[:, j])),
-        )
-        for j in range(m)
-    ]
-    return beside(*columns).between(np.tile(np.eye(p), m), np.eye(m))
-
-
-def _in_series(first: Blocks, following: Blocks) -> Blocks:
-    if first.outputs != following.inputs:
-        if following.D.shape == (1, 1):
-            following = beside(*[following] * first.outputs)
-        elif first.D.shape == (1, 1):
-            first = beside(*[first] * following.inputs)
-        else:
-            raise InputError(
-                "models that do not fit in series",
-                where="series",
-                expected=f"{first.outputs} inputs of what follows",
-                got=str(following.inputs),
-            )
-    F = np.zeros((first.inputs + following.inputs, first.outputs + following.outputs))
-    F[first.inputs :, : first.outputs] = np.eye(first.outputs)
-    whole = beside(first, following).closed(F)
-    left = np.eye(following.outputs, first.outputs + following.outputs, first.outputs)
-    return whole.between(left, np.eye(first.inputs + following.inputs, first.inputs)).simplified()
