@@ -187,7 +187,10 @@ def run(
                 progress=report_progress,
             )
     except KeyboardInterrupt:
-        there = len(studies.read_rows(folder)) if folder.is_dir() else 0
+        there = 0
+        if folder.is_dir():
+            with studies.read_rows(folder) as rows:
+                there = len(rows)
         raise StoppedError(
             "interrupted",
             where=str(folder),

@@ -292,3 +292,26 @@ def test_what_cannot_be_displayed_is_refused(tmp_path: Path) -> None:
     (tmp_path / "x.parquet").write_text("no table")
     with pytest.raises(InputError, match="not the results of a study"):
         read_table(tmp_path / "x.parquet")
+
+
+def test_a_table_in_parts_is_the_same_table(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Seven runs in files of three: the rows, types and provenance of one file.
+
+    A column has one type in all parts: u is whole in the first part, and a fraction in the last.
+    The table of a study that is extended beyond one part becomes parts, and back.
+    """
+    values = [0, 1, 2, 3, 4, 5.5, 6]
+    execute_study(plan(values, metrics={"x": "final.tiny.x"}), tmp_path / "one")
+    monkeypatch.setattr("cosim.study.table.PART_RUNS", 3)
+    execute_study(plan(values, metrics={"x": "final.tiny.x"}), tmp_path / "parts")
+    parts = tmp_path / "parts" / RESULTS
+    assert sorted(p.name for p in parts.iterdir()) == [f"part-000{i}.parquet" for i in range(3)]
+    (one, about), (all_parts, also) = read_table(tmp_path / "one"), read_table(parts)
+    assert about == also
+    assert one.equals(all_parts, check_metadata=True)
+    assert read_table(tmp_path / "parts")[0].equals(one)
+    monkeypatch.setattr("cosim.study.table.PART_RUNS", 7)
+    execute_study(plan(values, metrics={"x": "final.tiny.x"}), tmp_path / "parts")
+    assert parts.read_bytes() == (tmp_path / "one" / RESULTS).read_bytes()
