@@ -92,8 +92,7 @@ class Folder:
                     raise _another(self.path, before, manifest)  # noqa: TRY301
                 manifest |= {"run_log": self._extend(manifest["count"], number)}
             # the same study may have another title, or keep other traces
-            with not_written(self.path / MANIFEST):
-                write_whole(self.path / MANIFEST, json.dumps(manifest, indent=1).encode())
+            self._write(manifest)
             for old in self.path.glob("journal*.jsonl"):
                 if old.name != manifest["run_log"]:
                     old.unlink()
@@ -120,6 +119,19 @@ class Folder:
         ):
             file.writelines(line_of(row._replace(run=number(row.run))) for row in rows)
         return path.name
+
+    def describe(self, manifest: dict[str, Any]) -> None:
+        """Write the manifest again, of which more is known now.
+
+        Raises
+        ------
+        LossError : it cannot be written.
+        """
+        self._write(manifest | {"run_log": self.rows.path.name})
+
+    def _write(self, manifest: dict[str, Any]) -> None:
+        with not_written(self.path / MANIFEST):
+            write_whole(self.path / MANIFEST, json.dumps(manifest, indent=1).encode())
 
     def append(self, rows: Iterable[Row]) -> None:
         """Append rows to the run log; they survive the end of this process.

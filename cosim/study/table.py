@@ -83,7 +83,8 @@ class _Cells:
             for row in rows:
                 for found, value in zip(metrics, row.values, strict=True):
                     found.add(type(value))
-        axes = [{t if t in _CELLS else str for t in types} for types in self._points.types()]
+        of_axes = self._points.types()
+        axes: list[set[type]] = [{t if t in _CELLS else str for t in ts} for ts in of_axes]
         kinds: list[set[type]] = [{int}, *axes, {str}, {str}, *metrics]
         return [(name, _type_of(found)) for name, found in zip(self.names, kinds, strict=True)]
 

@@ -14,6 +14,7 @@ from cosim.study import batch
 from cosim.study.execution import execute_study
 from cosim.study.folder import RESULTS, RUN_LOG, Folder
 from cosim.study.manifest import manifest_of
+from cosim.study.study_runner import StudyRunner
 from cosim.study.table import read_table
 from cosim.trace import Trace
 
@@ -195,6 +196,40 @@ def test_traces_of_all_and_of_failed_runs(tmp_path: Path) -> None:
     assert list(execute_study(plan(values, "error", traces="all"), tmp_path / "a").traces) == [0, 1]
     assert list(execute_study(plan(values, "error", traces="failed"), tmp_path / "b").traces) == [1]
     assert [p.name for p in (tmp_path / "b" / "traces").iterdir()] == ["run-1.mcap"]
+
+
+def test_a_run_whose_trace_is_kept_is_flown_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With `traces = "all"` each run writes its trace as it is flown, and the table is the same."""
+    values, metrics = [0.0, 1.0, DEADLY], {"peak": {"signal": "tiny.x", "reduce": "max_abs"}}
+    execute_study(plan(values, metrics=metrics), tmp_path / "none")
+    recorded: list[int] = []
+    record = StudyRunner.record
+
+    def counting(self: StudyRunner, run: int, trace: Path, **more: Any) -> Any:
+        recorded.append(run)
+        return record(self, run, trace, **more)
+
+    def unrecorded(*_: object) -> None:
+        raise AssertionError
+
+    monkeypatch.setattr(StudyRunner, "record", counting)
+    made = plan(values, metrics=metrics, traces="all")
+    monkeypatch.setattr("cosim.study.execution.trial_run", lambda *_: (None, 1.0))
+    monkeypatch.setattr(batch, "run_and_measure", unrecorded)
+    assert execute_study(made, tmp_path / "all").traces == dict.fromkeys(range(3))
+    assert recorded == [0, 1, 2]
+    assert read_table(tmp_path / "all")[0].equals(read_table(tmp_path / "none")[0])
+
+
+def test_a_run_that_hangs_is_waited_for_once(tmp_path: Path) -> None:
+    """Its limit is over when it is repeated to name the call; the reason gives the limit."""
+    done = execute_study(plan([0.0, DEADLY], "hang"), tmp_path, limits=["run=4"])
+    row = done.incomplete[0]
+    assert (row.run, row.status) == (1, "timed_out")
+    assert "limit of 4 s in fmi2DoStep" in str(row.reason)
+    assert row.seconds < 4.0
 
 
 def test_one_process_at_a_time(tmp_path: Path) -> None:
