@@ -192,7 +192,7 @@ class _Queue:
     """The runs that are left, in batches that take about `BATCH_S`."""
 
     def __init__(self, runs: Iterator[int], count: int, workers: int, seconds: float) -> None:
-        self._runs, self._left, self._workers = runs, count, workers
+        self._runs, self._left, self.workers = runs, count, workers
         self._each = seconds
         self._again: list[Batch] = []
 
@@ -202,7 +202,7 @@ class _Queue:
             return self._again.pop()
         size = int(BATCH_S / max(self._each, 1e-6))
         # smaller batches towards the end, so that all workers end at about the same time
-        size = max(1, min(size, MAX_AT_ONCE, math.ceil(self._left / (4 * self._workers))))
+        size = max(1, min(size, MAX_AT_ONCE, math.ceil(self._left / (4 * self.workers))))
         batch = list(itertools.islice(self._runs, size))
         self._left -= len(batch)
         return batch or None
@@ -244,6 +244,7 @@ def _run_rest(
     retried = 0
 
     def next_batch() -> Batch | None:
+        queue.workers = pool.size  # workers may come and go
         return queue.next_batch() if time.perf_counter() < until else None
 
     def report(more: str = "") -> None:
