@@ -17,6 +17,7 @@ from cosim.study.plan import Plan
 from cosim.study.running import plan_of
 from cosim.study.study_runner import StudyRunner
 
+
 def drawn(path: str, least: float, most: float) -> dict[str, Any]:
     """An axis of random values."""
     return {"kind": "random", "path": path, "uniform": [least, most]}
@@ -131,7 +132,7 @@ def test_a_run_of_a_series_is_the_run_alone(name: str, monkeypatch: pytest.Monke
     monkeypatch.setattr(Session, "begin_again", counted)
     plan.runner.supervise_no_more()
     order = [*range(plan.count)] * 2
-    random.Random(7).shuffle(order)
+    random.Random(7).shuffle(order)  # noqa: S311 - any order
     for run in order:
         assert rows_of(plan.runner.execute_run(run)) == alone[run], run
     assert again
@@ -161,7 +162,8 @@ def test_a_session_does_not_begin_again_for_another_structure() -> None:
     uplink = first.links["uplink"]
     reordered = with_links(first)
     order = receiving_order(reordered)
-    object.__setattr__(reordered, "receiving", order._replace(order=order.order[::-1]))
+    other = order._replace(order=order.order[::-1])
+    object.__setattr__(reordered, "receiving", (None, other))
     with Session(first) as session:
         assert session.can_begin_again(with_links(first))
         assert not session.can_begin_again(reordered)
