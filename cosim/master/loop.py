@@ -200,7 +200,7 @@ class Loop:
             self._wiring.reset_inputs(self._exchanged)
         self._exchanged = None
 
-    def result(self, count: int) -> Run:
+    def result(self, count: int, *, whole: bool) -> Run:
         """Return the first `count` rows; "stopped" if the run has not ended by itself."""
         reason = self.reason if self.status else f"stopped at t = {self.time_ns / 1e9:g} s"
         return Run.of(
@@ -211,6 +211,7 @@ class Loop:
             self._choice,
             self.cause,
             kept=self._keep,
+            whole=whole,
         )
 
     def _advance(self, first: int, last: int) -> None:

@@ -413,16 +413,17 @@ class Session:
         snapshot.restore_into(self._wiring)
         loop.go_back(snapshot.complete, snapshot.adjustments)
 
-    def result(self, *, complete: bool = False) -> Run:
+    def result(self, *, complete: bool = False, whole: bool = True) -> Run:
         """Return the run so far; its status is "stopped" if it has not ended by itself.
 
         Its rows are those of the session: `restore` and what follows writes over them. It includes
         the values at `time_s`, where they are known before the run continues (see
-        `value`); `complete` : rows that are complete only, as the observers have them.
+        `value`); `complete` : rows that are complete only, as the observers have them; `whole` : as
+        in `Run.of`.
         """
         loop = self._opened()
         known = not complete and loop.exchange(self._wiring.rows.shape[1] - 1)
-        return loop.result(loop.complete + known)
+        return loop.result(loop.complete + known, whole=whole)
 
     def _adjust(self, component: str, variable: str, by: Adjustment | None) -> None:
         loop, column = self._opened(), self._column(component, variable)

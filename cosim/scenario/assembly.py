@@ -138,7 +138,8 @@ def assemble(
         at_rest=at_rest,
         like=like,
     )
-    return Assembled(scenario, fmus, parameters, parts, system_of(scenario, parts, findings))
+    system = system_of(scenario, parts, findings, like)
+    return Assembled(scenario, fmus, parameters, parts, system)
 
 
 def parts_of(
@@ -296,8 +297,12 @@ def _driven(
     return driven
 
 
-def system_of(scenario: Scenario, parts: SystemParts, findings: Findings) -> System:
+def system_of(
+    scenario: Scenario, parts: SystemParts, findings: Findings, like: Assembled | None = None
+) -> System:
     """Make the system; an error of it is located at the part of the scenario it names.
+
+    like : as in `assemble`.
 
     Raises
     ------
@@ -321,7 +326,9 @@ def system_of(scenario: Scenario, parts: SystemParts, findings: Findings) -> Sys
             run.solve_tolerance,
             run.solve_limit,
         )
-        receiving_order(system)  # an algebraic loop is found here, not when the run begins
+        same = like is not None and like.parts.wires is parts.wires and like.scenario.run is run
+        # an algebraic loop is found here, not when the run begins
+        receiving_order(system, like.system if like is not None and same else None)
     except InputError as error:
         raise findings.placed(error, _blamed(error, parts.wires, scenario)) from error
     return system

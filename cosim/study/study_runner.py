@@ -10,7 +10,7 @@ import json
 import math
 from collections import OrderedDict
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -144,19 +144,21 @@ class StudyRunner:
         """Execute runs in a child process in this context, where runs can be supervised.
 
         A run that ends the child, or exceeds a limit, has failed; the next one has a new child.
+        Elsewhere they are executed in this process, one after the other, as one series.
         """
-        if default_method() is None or self._supervisor is not None:
+        if self._series is not None:
             yield
             return
-        with Supervisor() as supervisor:
-            calls = Calls([self]) if default_method() == "fork" else None
-            self._supervisor, self._calls = supervisor, calls
+        with closing(RunSeries()) as series, ExitStack() as opened:
+            self._series = series
+            if default_method() is not None:
+                self._supervisor = opened.enter_context(Supervisor())
+            if default_method() == "fork":
+                self._calls = opened.enter_context(closing(Calls([self])))
             try:
                 yield
             finally:
-                self._supervisor = self._calls = None
-                if calls is not None:
-                    calls.close()
+                self._series = self._supervisor = self._calls = None
 
     def in_child(
         self, function: Callable[[StudyRunner, int], Any], runs: Sequence[int]
