@@ -142,6 +142,13 @@ class Loop:
         if not comm_points.crossing:
             self._wiring.extend()
 
+    def begin_again(self, system: System) -> None:
+        """Begin another run, of a system to whose beginning slaves and wiring have returned."""
+        self._system = system
+        self._dispatch.make_whole = self._wiring.make_whole
+        self.table.begin_again()
+        self.go_back(0, {})
+
     def go_back(self, complete: int, adjustments: Mapping[int, Adjustment]) -> None:
         """Continue from `complete` rows, to which slaves and wiring have been restored."""
         self.complete, self._exchanged = complete, None

@@ -71,6 +71,13 @@ def receiving_order(system: System) -> ReceivingOrder:
     InputError : an algebraic loop that is neither cut nor to be solved, with its connections; or
         a given order that contradicts.
     """
+    if system.receiving is None:
+        object.__setattr__(system, "receiving", _receiving_order(system))
+    found: ReceivingOrder = system.receiving
+    return found
+
+
+def _receiving_order(system: System) -> ReceivingOrder:
     edges, at_start = _edges(system)
     initialised = _inside(_loops(system, [*edges, *map(_pair, at_start)]), at_start)
     for c in at_start:
