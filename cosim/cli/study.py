@@ -1,8 +1,9 @@
-"""Commands for studies: list, check, run, show."""
+"""Commands for studies: list, check, run, repeat, show, report, sensitivity."""
 
 from __future__ import annotations
 
 import json
+import webbrowser
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -23,9 +24,15 @@ from cosim.cli.common import (
 )
 from cosim.cli.help_text import HelpTyper
 from cosim.cli.runs import interruptions_reported, report_outcome
-from cosim.cli.study_view import checked_view, finished_view, sensitivity_view, summary_view
+from cosim.cli.study_view import (
+    checked_view,
+    finished_view,
+    sensitivity_view,
+    study_report_view,
+    summary_view,
+)
 from cosim.cli.terminal import titles_table
-from cosim.core import InputError, StoppedError
+from cosim.core import InputError, LossError, StoppedError
 from cosim.fmu import DEFAULT_FLAVOUR
 
 STUDIES = Path("studies")
@@ -289,6 +296,37 @@ def show(
         "picture": None if picture is None else str(picture),
     }
     answer(as_json, lambda: data, lambda: summary_view(found, edge, picture))
+
+
+@study_app.command()
+def report(
+    path: Annotated[Path, typer.Argument(help="Folder of a study, or its results.parquet.")],
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", "-o", help="File to write (default: report.html in the folder)."),
+    ] = None,
+    confidence: Annotated[float, typer.Option(help="Confidence level of the intervals.")] = 0.95,
+    *,
+    show: Annotated[bool, typer.Option("--open", help="Open the page in the browser.")] = False,
+    as_json: JsonOption = False,
+) -> None:
+    """Write one HTML page about a study: how its runs ended, its metrics, what they depend on.
+
+    The page contains everything it shows and needs no network; the worst runs link to their traces
+    beside it. For a study that is not finished, the page has the runs that are done.
+
+    Exit code 3: the page is written, but lines of the run log cannot be read.
+
+    \b
+    cosim study report studies/delay-margin
+    cosim study report studies/delay-margin -o margin.html --open
+    """
+    written = studies.write_study_report(path, out, confidence=confidence)
+    answer(as_json, written.to_json, lambda: study_report_view(written))
+    if show:
+        webbrowser.open(written.output.absolute().as_uri())
+    if written.unread:
+        raise typer.Exit(LossError.exit_code)
 
 
 @study_app.command("sensitivity")
