@@ -20,6 +20,7 @@ from cosim.cli.common import (
     RunFlavour,
     answer,
     built_in_or_file,
+    completed_from,
     progress,
 )
 from cosim.cli.help_text import HelpTyper
@@ -206,7 +207,14 @@ def run(
 
 @study_app.command()
 def repeat(
-    name: StudyArgument,
+    name: Annotated[
+        str,
+        typer.Argument(
+            metavar="STUDY",
+            help="Name of a built-in study, FILE.toml, or the folder of its results.",
+            autocompletion=completed_from("study"),
+        ),
+    ],
     number: Annotated[int, typer.Argument(help="Number of the run, counted from 0.")],
     out: Annotated[
         Path | None, typer.Option(help="Trace (default: traces/STUDY-run-NUMBER.mcap).")
@@ -218,12 +226,17 @@ def repeat(
 ) -> None:
     """Execute one run of a study alone, with a trace, as `cosim run` does.
 
+    With the folder of its results, the study is what it was then, its samples included; if FMUs,
+    scenario or software have changed since, nothing is run.
+
     \b
     cosim study repeat delay-margin 17
+    cosim study repeat studies/delay-margin 17
     cosim trace report traces/delay-margin-run-17.mcap
     """
     loaded = studies.load_study(name)
     plan = _plan(loaded, fmus, flavour)
+    studies.check_unchanged(plan, loaded)
     trace = out or TRACES / f"{loaded.name}-run-{number}.mcap"
     scenario.check_writable(trace)
     with interruptions_reported():

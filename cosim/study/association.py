@@ -24,6 +24,7 @@ class Groups:
     ----------
     names, centres : of the groups, (k,).
     mean, low, high : of the runs of each group, with interval, (k,); NaN where there is none.
+    number : of runs of each group that have the metric, (k,).
     explained : share of the metric's variance (of its ranks) between the groups, less what chance
         gives; None where the metric does not vary.
     """
@@ -33,6 +34,7 @@ class Groups:
     mean: Reals
     low: Reals
     high: Reals
+    number: Reals
     explained: float | None
 
 
@@ -49,7 +51,7 @@ def groups_of(metric: Column, axis: Column, confidence: float = 0.95) -> Groups:
         else:
             squares = np.bincount(group, (values - mean[group]) ** 2, len(names))
             low, high = student(mean, squares / np.maximum(n - 1.0, 1.0), n, confidence)
-    return Groups(names, centres, mean, low, high, _explained(values, group, n))
+    return Groups(names, centres, mean, low, high, n, _explained(values, group, n))
 
 
 def _explained(values: Reals, group: NDArray[np.int64], n: Reals) -> float | None:

@@ -20,7 +20,7 @@ Reals = NDArray[np.float64]
 Integers = NDArray[np.int64]
 MOST_GROUPS = 24
 """Most values of an axis that are groups of their own; of more, neighbours are taken together."""
-_BINS = 12
+_MOST_PARTS, _PER_PART = 12, 8
 
 
 @dataclass(frozen=True)
@@ -54,18 +54,18 @@ class Column:
     def groups(self) -> tuple[Integers, tuple[str, ...], Reals]:
         """Return the group of each run, -1 without, (n,), and names and centres of the groups.
 
-        Each value is a group; of an axis with many values, each of twelve parts with equally many.
+        Each value is a group; of an axis with many values, each of some parts with equally many.
         """
         distinct, inverse = np.unique(self.values[self.known], return_inverse=True)
         if distinct.size <= MOST_GROUPS or self.kind != "number":
             names = tuple(self.text(value) for value in distinct)
             centres = distinct
         else:
-            shares = np.linspace(0.0, 1.0, _BINS + 1)[1:-1]
-            part = np.searchsorted(np.quantile(distinct, shares), distinct, side="right")
+            parts = min(_MOST_PARTS, distinct.size // _PER_PART)
+            part = np.arange(distinct.size) * parts // distinct.size
             inverse = part[inverse]
-            centres = np.array([np.median(distinct[part == k]) for k in range(_BINS)])
-            ends = [(distinct[part == k][0], distinct[part == k][-1]) for k in range(_BINS)]
+            centres = np.array([np.median(distinct[part == k]) for k in range(parts)])
+            ends = [(distinct[part == k][0], distinct[part == k][-1]) for k in range(parts)]
             names = tuple(f"{low:.4g} to {high:.4g}" for low, high in ends)
         found = np.full(self.values.size, -1, np.int64)
         found[self.known] = inverse

@@ -76,7 +76,7 @@ def _histogram(values: Reals) -> Distribution:
     width = 2.0 * (three - quarter) / np.cbrt(values.size)
     bins = int(np.clip((high - low) / width, 5, _MOST_BINS)) if width > 0.0 else 20
     if not high > low or not np.isfinite(high - low):  # one value, or beyond all arithmetic
-        half = 0.5 * max(abs(low), 1.0) * 1e-3
+        half = 0.05 * max(abs(low), 1.0)
         low, high, bins = low - half, high + half if high == low else high, 1 if high == low else 20
     if not np.isfinite(high - low):
         low, high = 0.5 * low, 0.5 * high

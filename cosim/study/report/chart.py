@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from cosim.page import packed, packed_values, plain
+from cosim.page import LARGEST, packed, packed_values, plain
 from cosim.study.association import Cells, Groups
 from cosim.study.columns import Column, Reals
 from cosim.study.convergence import Convergence
@@ -22,6 +22,8 @@ from cosim.study.distribution import Distribution
 from cosim.study.sensitivity_indices import Index, Sensitivity
 
 _MOST_NUMBERS = 12
+_FEW = 5
+"""Fewer runs have no interval in a chart."""
 _SYMBOLS: Mapping[int | str, str] = MappingProxyType({1: "x", 3: "triangle-up-open"})
 
 
@@ -103,7 +105,11 @@ def convergence_chart(key: str, metric: Column, found: Convergence, confidence: 
     low, high = float(np.min(shown_values)), float(np.max(shown_values))
     margin = 0.06 * (high - low) or 0.5 * abs(high) or 0.5
     layout = {
-        "xaxis": {"title": "draws", "type": "log" if n[-1] >= 50 else "linear"},
+        "xaxis": {
+            "title": "draws",
+            "type": "log" if n[-1] >= 50 else "linear",
+            "exponentformat": "none",
+        },
         "yaxis": {
             "title": f"share of {metric.name}" if share else f"mean of {metric.name}",
             "range": [low - margin, high + margin],
@@ -121,8 +127,9 @@ def scatter_chart(
 ) -> Chart:
     """Draw a metric of the single runs over an axis, with means per value or part of the range."""
     interval = f"{'share' if metric.kind == 'truth' else 'mean'}, {100 * confidence:g} %"
-    known = np.isfinite(found.mean)
-    mean = found.mean[known]
+    # a mean of a single run is the run itself, and the interval of two is as wide as nothing else
+    known = np.isfinite(found.mean) & (found.number > 1)
+    mean, few = found.mean[known], found.number[known] < _FEW
     data = [
         _points(0, axis, metric, "finished"),
         _points(1, axis, metric, "flagged"),
@@ -139,15 +146,15 @@ def scatter_chart(
             "error_y": {
                 "type": "data",
                 "symmetric": False,
-                "array": _gaps(found.high[known] - mean),
-                "arrayminus": _gaps(mean - found.low[known]),
+                "array": _gaps(np.where(few, np.nan, found.high[known] - mean)),
+                "arrayminus": _gaps(np.where(few, np.nan, mean - found.low[known])),
                 "width": 2,
             },
         },
     ]
     layout = {
         "xaxis": {"title": plain(axis.name), **_ticks(axis)},
-        "yaxis": {"title": plain(metric.name), **_ticks(metric)},
+        "yaxis": {"title": plain(metric.name), **_span(metric), **_ticks(metric)},
         "yaxis2": {"overlaying": "y", "range": [0, 1], "visible": False, "fixedrange": True},
     }
     words = "; ".join(
@@ -202,7 +209,7 @@ def correlation_chart(
         }
     layout = {
         "xaxis": {"title": "", "type": "category"},
-        "yaxis": {"title": "", "type": "category", "autorange": "reversed"},
+        "yaxis": {"title": "", "type": "category", "autorange": "reversed", "dtick": 1},
     }
     pairs = [
         (abs(values[i, j]), f"{row.name} and {column.name} {values[i, j]:.2f}")
@@ -290,6 +297,14 @@ def _heat(names_x: Sequence[str], names_y: Sequence[str], values: Reals, scale: 
         "z": packed_cells,
         "meta": {"role": 0, "scale": scale},
     }
+
+
+def _span(column: Column) -> dict[str, Any]:
+    """Return the range of an axis that has every run on it."""
+    values = column.values[column.known]
+    low, high = np.clip([values.min(), values.max()], -LARGEST, LARGEST)
+    margin = 0.06 * (high / 2 - low / 2) * 2 or 0.5 * abs(high) or 0.5
+    return {"range": [float(low - margin), float(high + margin)]}
 
 
 def _ticks(column: Column) -> dict[str, Any]:

@@ -35,7 +35,12 @@ from cosim.study.report.run_statuses import (
     tone_of,
 )
 from cosim.study.report.stability_chart import stability_chart
-from cosim.study.report.varied import VariedAxis, correlations_asked, varied_axes
+from cosim.study.report.varied import (
+    VariedAxis,
+    correlations_asked,
+    set_everywhere,
+    varied_axes,
+)
 from cosim.study.report.worst_runs import WorstRuns, worst_figures, worst_runs
 from cosim.study.schema import Metric, ReplicatesAxis, SampledAxis
 from cosim.study.sensitivity_indices import sensitivity
@@ -48,6 +53,9 @@ OPEN_METRICS = 4
 _MOST_SCATTERS = (6, 4)
 """Most charts over an axis: in a study with few axes, and per metric in one with more."""
 _MOST_CORRELATED = 60
+_MOST_POINTS, _MOST_NUMBERS = 1500, 150_000
+"""Most runs that are drawn as points, and most of their numbers on a page."""
+_FEWEST_DRAWS = 5
 
 
 @dataclass(frozen=True)
@@ -90,6 +98,7 @@ class StudyContent:
     causes: list[RunCause]
     more_causes: int
     axes: list[VariedAxis]
+    set_everywhere: list[tuple[str, str]]
     correlations_asked: list[tuple[str, str]]
     boundary: Boundary | None
     stability: Chart | None
@@ -107,6 +116,13 @@ class StudyContent:
         """All charts with data of their own."""
         alone = [c for c in (self.stability, self.correlations) if c is not None]
         return [*alone, *self.sensitivity, *(c for part in self.metrics for c in part.charts)]
+
+    @property
+    def partial(self) -> int:
+        """Number of runs without a result that left a value of some metric."""
+        known = np.any([metric.known for metric in self.columns.metrics.values()], axis=0)
+        bad = np.array([tone_of(status) == "bad" for status in self.columns.statuses], bool)
+        return int((known & bad).sum())
 
     @property
     def without_result(self) -> int:
@@ -161,6 +177,7 @@ def content_of(
         causes=causes,
         more_causes=more,
         axes=varied_axes(columns),
+        set_everywhere=set_everywhere(columns),
         correlations_asked=correlations_asked(columns),
         boundary=edge,
         stability=None if edge is None else stability_chart(columns, edge),
@@ -178,15 +195,11 @@ def content_of(
     )
 
 
-def figures(content: StudyContent, points: int) -> dict[str, Any]:
-    """Return what `study.js` draws: columns of some of the runs, charts, and worst runs.
-
-    points : about how many numbers of runs there may be; which runs these are depends on their
-        numbers alone.
-    """
+def figures(content: StudyContent) -> dict[str, Any]:
+    """Return what `study.js` draws: columns of some of the runs, charts, and worst runs."""
     columns = content.columns
     everything = [*columns.axes.values(), *columns.metrics.values()]
-    kept = thinned(columns, max(points // (12 * max(len(everything), 4)), 50))
+    kept = thinned(columns)
     return {
         "repeat": content.repeat,
         "runs": columns.runs[kept].tolist(),
@@ -206,17 +219,13 @@ def figures(content: StudyContent, points: int) -> dict[str, Any]:
     }
 
 
-MOST_POINTS = 1500
-"""Most runs drawn as points in one chart."""
-
-
-def thinned(columns: StudyColumns, most: int = MOST_POINTS) -> list[int]:
+def thinned(columns: StudyColumns) -> list[int]:
     """Return the places of the runs that are drawn as points, increasing.
 
     The extremes of every metric are among them; the others are chosen by a hash of their numbers,
     so that no pattern of the grid is kept or lost.
     """
-    count = min(most, MOST_POINTS)
+    count = min(_MOST_POINTS, max(_MOST_NUMBERS // (len(columns.axes) + len(columns.metrics)), 200))
     if columns.runs.size <= count:
         return list(range(columns.runs.size))
     chosen = {
@@ -246,7 +255,7 @@ def _precision(column: Column) -> float:
 def _ranked(
     columns: StudyColumns, metric: Column, confidence: float
 ) -> list[tuple[Column, Groups]]:
-    """Return the axes that vary, those that explain most of the metric first; seeds last."""
+    """Return the axes that vary, those that explain most of the metric first."""
     if metric.kind == "text" or not metric.known.any():
         return []
     found = []
@@ -254,8 +263,10 @@ def _ranked(
         if np.unique(axis.values[axis.known]).size > 1:
             seeds = isinstance(columns.varied_axis(axis.name), ReplicatesAxis)
             found.append((seeds, axis, groups_of(metric, axis, confidence)))
-    found.sort(key=lambda one: (one[0], -(one[2].explained or 0.0)))
-    return [(axis, groups) for _, axis, groups in found]
+    found.sort(key=lambda one: -(one[2].explained or 0.0))
+    # a seed is no quantity: it has a chart only where nothing else varies
+    kept = [one for one in found if not one[0]] or found
+    return [(axis, groups) for _, axis, groups in kept]
 
 
 def _part(
@@ -286,7 +297,7 @@ def _metric_charts(
         return
     yield distribution_chart(f"{key}-distribution", metric, distribution_of(metric))
     settled = convergence_of(columns, metric, confidence)
-    if settled is not None and settled.draws[-1] > 1:
+    if settled is not None and settled.draws[-1] >= _FEWEST_DRAWS:
         yield convergence_chart(f"{key}-convergence", metric, settled, confidence)
     pair = heat_axes(columns, [axis for axis, _ in ranked] or list(columns.axes.values()))
     if pair is not None and metric.kind != "text":

@@ -1,8 +1,7 @@
-"""Where the results of a study come from, in words: versions, hashes, seeds, changes."""
+"""Where the results of a study come from, in words: versions, hashes, seeds."""
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Mapping
 from typing import Any
 
@@ -18,8 +17,6 @@ def _facts(manifest: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     yield "FMUs", str(manifest.get("flavour", ""))
     for key, seed in (manifest.get("seeds") or {}).items():
         yield f"seed of the {key}", str(seed)
-    for key, value in (manifest["study"].get("set") or {}).items():
-        yield f"set {key}", json.dumps(value, sort_keys=True)
     for fmu, sha256 in (manifest.get("fmus") or {}).items():
         yield f"SHA-256 of {fmu}", str(sha256)
     for part, sha256 in (manifest.get("parts") or {}).items():

@@ -89,11 +89,19 @@ def _over_delay_and_loss(
         | {"showscale": False, "zmin": 0.0, "zmax": 1.0}
         | {"hovertemplate": "%{z:.0%} of the runs not stable<extra></extra>"}
     )
+    if (share < 1.0).any():
+        square = {"mode": "markers", "marker": {"size": 12, "symbol": "square"}}
+        name = "not stable (darker: more of the runs)"
+        data.append(_curve(np.array([np.nan]), np.array([np.nan]), "limit", name) | square)
     data.append(_border(bx, by, share >= 1.0, "reference", "measured: all runs stable to here"))
     if part.certified:
         _, _, kept = _means(delay, loss, columns.metrics[part.certified])
         name = "certified: every message age within design"
         data.append(_border(bx, by, kept >= 1.0, 2, name))
+    if found.certified_age is not None:
+        at, ends = np.full(2, found.certified_age), np.array([by[0], by[-1]])
+        line = _curve(at, ends, 2, f"age that the design allows: {at[0]:.4g} s")
+        data.append(line | {"mode": "lines", "line": {"width": 1.8, "dash": "dot"}})
     data += _margin(found, float(by[0]), float(by[-1]))
     ticks = {"tickvals": list(range(y.size)), "ticktext": [f"{value:g}" for value in y]}
     title = f"{part.loss}: share of messages lost"

@@ -55,6 +55,14 @@ def varied_axes(columns: StudyColumns) -> list[VariedAxis]:
     return found
 
 
+def set_everywhere(columns: StudyColumns) -> list[tuple[str, str]]:
+    """Return the places of the scenario that have other values in every run, and the values."""
+    return [
+        (place, _cut(json.dumps(value, sort_keys=True)))
+        for place, value in columns.study.set.items()
+    ]
+
+
 def correlations_asked(columns: StudyColumns) -> list[tuple[str, str]]:
     """Return the correlations of the study in words, beside those of the runs."""
     found = []

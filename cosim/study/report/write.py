@@ -103,7 +103,7 @@ def study_page(content: StudyContent) -> str:
         "cosim.study.report",
         "study.html.j2",
         "study.js",
-        lambda points: figures(content, points),
+        lambda _: figures(content),
         c=content,
         study=content.columns.study,
         drawn_points=len(thinned(content.columns)),
