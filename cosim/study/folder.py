@@ -17,10 +17,11 @@ import os
 import shutil
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 from cosim.core import InputError, LossError, lock_file, write_whole
 from cosim.study.batch import Row
+from cosim.study.schema import Study
 
 MANIFEST, RUN_LOG, RESULTS, TRACES = "study.json", "journal.jsonl", "results.parquet", "traces"
 LOCK = ".lock"
@@ -33,6 +34,7 @@ class Folder:
         self.path = path
         self._run_log: Any = None
         self._lock: Any = None
+        self._manifest: dict[str, Any] = {}
 
     @property
     def results(self) -> Path:
@@ -87,6 +89,7 @@ class Folder:
             # the same study may have another title, or keep other traces
             with not_written(self.path / MANIFEST):
                 write_whole(self.path / MANIFEST, json.dumps(manifest, indent=1).encode())
+            self._manifest = manifest
             for old in self.path.glob("journal*.jsonl"):
                 if old.name != manifest["run_log"]:
                     old.unlink()
@@ -117,7 +120,7 @@ class Folder:
         if whole < len(text):
             self._run_log.truncate(whole)
         self._run_log.seek(0, os.SEEK_END)
-        return list(_rows(text[:whole]))
+        return _each_once(_row_of(line, self._manifest) for line in text[:whole].splitlines())
 
     def append(self, rows: Iterable[Row]) -> None:
         """Append rows to the run log; they survive the end of this process.
@@ -190,17 +193,54 @@ def read_manifest(path: Path) -> dict[str, Any]:
         ) from error
     if not isinstance(found, dict) or not {"digest", "study", "count"} <= set(found):
         raise InputError("not the manifest of a study", where=str(file))
+    try:
+        Study.model_validate(found["study"])
+    except ValueError as error:
+        raise InputError(
+            "not the manifest of a study, or of another release",
+            where=str(file),
+            expected="the keys of a study",
+            got=str(error).splitlines()[0],
+        ) from error
     return found
+
+
+class RunLog(NamedTuple):
+    """The run log in a folder: its rows, each run once, and how many lines cannot be read."""
+
+    rows: list[Row]
+    unread: int
 
 
 def read_rows(path: Path) -> list[Row]:
     """Read the run log in a folder, each run once, without changing it."""
+    return read_run_log(path).rows
+
+
+def read_run_log(path: Path) -> RunLog:
+    """Read the run log in a folder, without changing it; an incomplete last line is left out.
+
+    Raises
+    ------
+    InputError : it cannot be read, or none of its lines can.
+    """
     manifest = read_manifest(path) if (path / MANIFEST).exists() else {}
+    file = path / _run_log_of(manifest)
     try:
-        text = (path / _run_log_of(manifest)).read_bytes()
+        text = file.read_bytes()
     except OSError as error:
         raise InputError("the run log cannot be read", where=str(path), got=str(error)) from error
-    return list(_rows(text[: text.rfind(b"\n") + 1]))
+    found = [_row_of(line, manifest) for line in text[: text.rfind(b"\n") + 1].splitlines()]
+    rows, unread = _each_once(found), found.count(None)
+    if unread and not rows:
+        raise InputError(
+            "the run log is damaged",
+            where=str(file),
+            expected="a line per run: [run, status, reason, seconds, metrics ...]",
+            got=f"{unread} lines that cannot be read",
+            hint="the command that runs the study executes all runs again",
+        )
+    return RunLog(rows, unread)
 
 
 def _run_log_of(manifest: dict[str, Any]) -> str:
@@ -212,14 +252,35 @@ def _lines(rows: Iterable[Row]) -> bytes:
     return "".join(f"{line}\n" for line in lines).encode()
 
 
-def _rows(text: bytes) -> Iterator[Row]:
-    seen = set()
-    for line in text.splitlines():
-        with contextlib.suppress(ValueError, TypeError):
-            run, status, reason, seconds, *values = json.loads(line)
-            if run not in seen:
-                seen.add(run)
-                yield Row(run, status, reason, seconds, tuple(values))
+def _each_once(rows: Iterable[Row | None]) -> list[Row]:
+    """Return the first row of each run."""
+    found: dict[int, Row] = {}
+    for row in rows:
+        if row is not None:
+            found.setdefault(row.run, row)
+    return list(found.values())
+
+
+def _row_of(line: bytes, manifest: dict[str, Any]) -> Row | None:
+    """Return the row of a line; None if it is none, or not of this study."""
+    try:
+        row = Row(*(fields := json.loads(line))[:4], tuple(fields[4:]))
+    except (ValueError, TypeError, KeyError):
+        return None
+    known = (
+        isinstance(row.run, int)
+        and isinstance(row.status, str)
+        and isinstance(row.reason, str | None)
+        and isinstance(row.seconds, int | float)
+        and all(isinstance(value, _CELL) for value in row.values)
+    )
+    if known and manifest:
+        known = 0 <= row.run < manifest["count"]
+        known = known and len(row.values) == len(manifest["study"]["metrics"])
+    return row if known else None
+
+
+_CELL = bool | int | float | str | None
 
 
 def _lock(run_log: Any, path: Path) -> None:
