@@ -33,7 +33,7 @@ def repeat_run(plan: Plan, run: int, trace: Path, *, limits: Sequence[str] = ())
             got=str(run),
         )
     plan.runner.limits = limits
-    return plan.runner.record(run, trace)
+    return plan.runner.record(run, trace)[0]
 
 
 def check_unchanged(plan: Plan, loaded: LoadedStudy) -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from cosim.page import render_page, write_page
-from cosim.study.folder import MANIFEST, RESULTS, read_run_log
+from cosim.study.folder import MANIFEST, RESULTS, read_rows
 from cosim.study.report.content import OPEN_METRICS, StudyContent, content_of, figures, thinned
 from cosim.study.report.provenance import provenance_of
 from cosim.study.report.worst_runs import COUNTS
@@ -78,7 +78,10 @@ def write_study_report(
     table, manifest = read_table(path)
     folder = path if path.is_dir() else path.parent
     finished = not path.is_dir() or (path / RESULTS).is_file()
-    unread = 0 if finished else read_run_log(path).unread
+    unread = 0
+    if not finished:
+        with read_rows(path) as rows:
+            unread = rows.unread
     target = folder / REPORT if output is None else output
     content = content_of(table, manifest, folder, target, unread=unread, confidence=confidence)
     html = study_page(content)
