@@ -322,7 +322,7 @@ class _Traffic:
         return Rows(self._state, times, values, rank=(_SCENE,))
 
     def _values(self, messages: Arrivals) -> Any:
-        rows = self._comm_points.rows_at(messages.sent_ns)
+        rows = self._comm_points.rows_sent_at(messages.sent_ns)
         values = np.empty((rows.size, len(self._sources)))
         for column, (instance, j) in enumerate(self._sources):
             values[:, column] = instance.outputs[instance.own_points.last[rows], j]

@@ -193,7 +193,7 @@ def test_ports_of_fmi3(described: FmuDescription) -> None:
     assert ports["Int8.row"].start == (0, 0)
     assert (ports["status"].minimum, ports["status"].maximum, ports["n"].maximum) == (0, 5, 8)
     assert (ports["level"].kind, ports["level"].getter_type) == ("int", "Int64")
-    assert (ports["blob"].kind, ports["clock"].kind) == (None, None)
+    assert (ports["blob"].kind, ports["clock"].kind) == ("binary", "clock")
     assert ports["state"].reference == ports["x"].reference
     assert not ports["state"].feedthrough
     assert ports["Float64.out"].feedthrough

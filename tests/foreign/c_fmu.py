@@ -127,7 +127,7 @@ def every(*, strings: bool = True) -> str:
         '<?xml version="1.0" encoding="UTF-8"?>\n'
         '<fmiModelDescription fmiVersion="3.0" modelName="every" instantiationToken="{every}">'
         '<CoSimulation modelIdentifier="every_fmi3" canGetAndSetFMUState="true" '
-        'canSerializeFMUState="true" hasEventMode="true" '
+        'canSerializeFMUState="true" '
         'canHandleVariableCommunicationStepSize="true"/>'
         '<TypeDefinitions><EnumerationType name="Level"><Item name="low" value="1"/>'
         "</EnumerationType></TypeDefinitions>"
