@@ -212,7 +212,7 @@ class Fmi3Slave(CheckedCalls, FMU3Slave):  # type: ignore[misc]
             requiredIntermediateVariables=list(options.intermediate) or None,
         )
 
-    def _update(  # noqa: PLR0913 - as fmi3IntermediateUpdateCallback
+    def _update(
         self,
         _environment: int | None,
         time: float,
@@ -235,7 +235,7 @@ class Fmi3Slave(CheckedCalls, FMU3Slave):  # type: ignore[misc]
         return found
 
     def intervals(self, clocks: Sequence[int], fractions: bool) -> list[ClockInterval]:  # noqa: FBT001
-        """Return of each Clock its interval [s], exactly, and the qualifier (fmi3GetInterval...)."""
+        """Return the exact interval of each Clock [s], and its qualifier (fmi3GetInterval...)."""
         count, references = len(clocks), (fmi3ValueReference * len(clocks))(*clocks)
         qualifiers = (c_int * count)()
         if fractions:

@@ -71,8 +71,8 @@ class Port:
     reference : value reference.
     kind : what its values are; enumerations are "int"; None for what cannot be exchanged here
         (a Clock without event mode).
-    start : as declared, or None; a number, truth value, text or bytes; for an array a tuple of `size`
-        of them, the last index running fastest.
+    start : as declared, or None; a number, truth value, text or bytes; for an array a tuple of
+        `size` of them, the last index running fastest.
     minimum, maximum : of a number, its own or else its type's.
     feedthrough : an output with direct feedthrough from some input.
     feedthrough_declared : whether `feedthrough` is declared, by the FMU or on its behalf; an

@@ -169,4 +169,4 @@ def _feedthrough(model: Any) -> tuple[set[Any], set[Any]]:
 
 def _is_time_based(variable: Any) -> bool:
     """Whether a variable is a Clock that ticks by the time (of FMI 3.0)."""
-    return variable.type == "Clock" and variable.intervalVariability != "triggered"
+    return bool(variable.type == "Clock" and variable.intervalVariability != "triggered")

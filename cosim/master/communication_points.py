@@ -3,7 +3,8 @@
 How far they are known depends on the links: the arrival of a message, which is a point, is known
 when the message is sent; where its delay follows a signal of the run, when the loop has reached
 that point. Where components have events, each point becomes known when the steps to it are made:
-an event may come first, and several points may have one instant. A point keeps its index for the whole run, in arrays that are reserved for all of them.
+an event may come first, and several points may have one instant. A point keeps its index for the
+whole run, in arrays that are reserved for all of them.
 """
 
 from __future__ import annotations

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Literal, NamedTuple, Protocol
-
 from collections.abc import Mapping
+from typing import Literal, NamedTuple, Protocol
 
 from cosim.core import InputError
 from cosim.master.event_instance import EventInstance

@@ -156,7 +156,9 @@ class EventInstance:
         if qualifier == INTERVAL_CHANGED or (changing and not first):
             self._next[port.name] = now + self._checked(port, interval)
 
-    def _checked(self, port: Port, interval: Fraction, *, least: Fraction = Fraction(0)) -> Fraction:
+    def _checked(
+        self, port: Port, interval: Fraction, *, least: Fraction = Fraction(0)
+    ) -> Fraction:
         if interval < least:
             raise ComponentError(
                 f"the interval of {port.name} is none",
@@ -235,7 +237,9 @@ class EventInstance:
     def _setting(
         self, group: Group, ports: Sequence[Port], columns: slice, plain: Callable[[Rows], int]
     ) -> Callable[[Rows, int], int]:
-        discrete = np.repeat([p.variability != "continuous" for p in ports], [p.size for p in ports])
+        discrete = np.repeat(
+            [p.variability != "continuous" for p in ports], [p.size for p in ports]
+        )
         points = self.instance.comm_points.points_ns
 
         def give(rows: Rows, at: int) -> int:

@@ -27,9 +27,7 @@ _TOLERANCE = 1e-12
 """Largest change of a settled value, relative to the greater of its magnitude and 1."""
 
 
-def initialise(
-    system: System, wiring: Wiring, events: Iterable[EventInstance] = ()
-) -> int:
+def initialise(system: System, wiring: Wiring, events: Iterable[EventInstance] = ()) -> int:
     """Initialise all slaves and return the number of passes.
 
     `events` : the instances in event mode, whose Clocks are prepared.

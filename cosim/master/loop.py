@@ -59,7 +59,8 @@ class _SegmentLength:
 class Loop:
     """The execution of a run whose slaves are initialised.
 
-    `word` : as in `Table`. `events` : the instances in event mode, by number. `keep` : all rows stay in memory; else those that may still be read.
+    `word` : as in `Table`. `events` : the instances in event mode, by number. `keep` : all rows
+    stay in memory; else those that may still be read.
 
     Attributes
     ----------

@@ -109,7 +109,7 @@ class Session:
         self._comm_points = self._wiring.comm_points
         events = system.has_events
         self._choice = choose_engine(engine, texts=texts, events=events, threads=system.threads)
-        self._events: dict[int, EventInstance] = {}
+        self._in_event_mode: dict[int, EventInstance] = {}
         self._dispatch = dispatch or ObserverDispatch(observers)
         self._stack = ExitStack()
         self._loop: Loop | None = None
@@ -130,18 +130,18 @@ class Session:
                 )
                 self._stack.enter_context(slave)
                 self._wiring.instance(name).slave = slave
-            self._events = {
+            self._in_event_mode = {
                 number: EventInstance(number, instance)
                 for number, instance in enumerate(self._wiring.instances)
                 if instance.component.has_events
             }
-            events = self._events.values()
+            events = self._in_event_mode.values()
             self.initial_passes = initialise(self.system, self._wiring, events)
             for observer in self._observers:
                 observer.begin(self._wiring.instances)
             self._loop = Loop(
                 *(self.system, self._wiring, self._dispatch, self._choice, self._word),
-                self._events,
+                self._in_event_mode,
                 keep=self._keep,
             )
         except BaseException as error:
@@ -283,7 +283,7 @@ class Session:
                 hint="override() it, or set its source",
             )
         instance.slave.write({variable: value})
-        for one in self._events.values():
+        for one in self._in_event_mode.values():
             one.event_needed |= one.instance is instance  # what is set may be an event
         self._opened().forget_exchange()
 
@@ -311,7 +311,7 @@ class Session:
         instance.slave.reset()
         instance.slave.set_start(instance.component.parameters)
         instance.slave.enter_initialisation(self.time_s, end)
-        for one in self._events.values():
+        for one in self._in_event_mode.values():
             if one.instance is instance:
                 one.prepare(Fraction(self.time_ns, 10**9))
         instance.slave.exit_initialisation()
@@ -406,11 +406,11 @@ class Session:
         return number
 
     def _check_without_events(self) -> None:
-        if self._events:
+        if self._in_event_mode:
             raise InputError(
                 "there is no snapshot of a run whose components have events",
                 where="Session",
-                got=", ".join(one.instance.name for one in self._events.values()),
+                got=", ".join(one.instance.name for one in self._in_event_mode.values()),
                 hint="event_mode = false for these components",
             )
 

@@ -130,15 +130,19 @@ def parts_of(
                 for p in fmu.ports.values()
                 if _of_the_start(p, Endpoint(name, p.name) in connected)
             }
-        step = scenario.components[name].step
-        components[name] = Component(
-            fmu,
-            {**own[name], **parameters.get(name, {})},
-            None if step is None else nanoseconds(step),
-            *_wanted_log(scenario, name),
-            feedthrough=declared.get(name),
-            isolate=scenario.components[name].isolate,
-        )
+        part = scenario.components[name]
+        with findings.at("components", name):
+            components[name] = Component(
+                fmu,
+                {**own[name], **parameters.get(name, {})},
+                None if part.step is None else nanoseconds(part.step),
+                *_wanted_log(scenario, name),
+                feedthrough=declared.get(name),
+                isolate=part.isolate,
+                event_mode=part.event_mode,
+                clocks=part.clocks,
+                intermediate=part.intermediate,
+            )
     return SystemParts(components, wires, links, driven, comm_schedule)
 
 

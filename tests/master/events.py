@@ -63,7 +63,7 @@ _DEPENDENCIES = {
 
 
 def _reference(text: str) -> str:
-    return text.split('valueReference="')[1].split('"')[0]
+    return text.split('valueReference="')[1].split('"', maxsplit=1)[0]
 
 
 def event_fmu(folder: Path, names: Iterable[str], tick: str = "", *, state: bool = True) -> Path:

@@ -14,9 +14,13 @@ from events import event_fmu
 from cosim.core.errors import InputError
 from cosim.fmu import describe_fmu
 from cosim.master import Component, Connection, Endpoint, Run, Session, System, make_schedule
-from cosim.network import PacketLink, TransportLink
+from cosim.network import PacketLink
 
 PERIODIC = 'intervalVariability="constant" intervalDecimal="0.1"'
+THIRDS = (
+    'intervalVariability="constant" intervalDecimal="0.333" intervalCounter="1" resolution="3" '
+    'shiftDecimal="0.14" shiftCounter="1"'
+)
 
 
 def system_of(
@@ -77,14 +81,16 @@ def test_events_of_two_components_cause_each_other_at_one_instant(tmp_path: Path
     ("tick", "first", "interval"),
     [
         (PERIODIC, Fraction(0), Fraction(1, 10)),
-        ('intervalVariability="constant" intervalDecimal="0.333" intervalCounter="1" '
-         'resolution="3" shiftDecimal="0.14" shiftCounter="1"', Fraction(1, 3), Fraction(1, 3)),
-        ('intervalVariability="fixed" supportsFraction="true" resolution="21"',
-         Fraction(1, 7), Fraction(1, 3)),
+        (THIRDS, Fraction(1, 3), Fraction(1, 3)),
+        (
+            'intervalVariability="fixed" supportsFraction="true" resolution="21"',
+            Fraction(1, 7),
+            Fraction(1, 3),
+        ),
         # this one gives its interval anew in every event, from there on: first in that of the start
         ('intervalVariability="tunable"', Fraction(1, 10), Fraction(1, 10)),
     ],
-)  # fmt: skip
+)
 def test_periodic_clock_ticks_at_rational_instants(
     tmp_path: Path, tick: str, first: Fraction, interval: Fraction
 ) -> None:
@@ -193,7 +199,7 @@ def test_slave_without_states_returns_early_only_alone(tmp_path: Path) -> None:
     assert 300_000_000 in run_of(system_of({"one": one})).points_ns
     run = run_of(system_of({"one": one, "two": Component(fmu)}))
     assert 300_000_000 not in run.points_ns
-    assert [t for t, y in rows_of(run, "one", "y") if y][0] == 500_000_000
+    assert next(t for t, y in rows_of(run, "one", "y") if y) == 500_000_000
 
 
 def test_binary_passes_and_arrays_have_the_given_size(tmp_path: Path) -> None:
@@ -224,7 +230,7 @@ def test_links_send_what_events_left(tmp_path: Path) -> None:
     run = run_of(system)
     received = [t for t, u in rows_of(run, "effect", "u") if u == 100.0]
     assert received[0] == 450_000_000
-    assert [t for t, y in rows_of(run, "effect", "y") if y == 101.0][0] == 450_000_000
+    assert next(t for t, y in rows_of(run, "effect", "y") if y == 101.0) == 450_000_000
 
 
 @pytest.mark.parametrize(
