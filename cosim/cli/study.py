@@ -46,7 +46,7 @@ study_app = HelpTyper(
 StudyArgument = Annotated[str, built_in_or_file("study")]
 FlavourOption = Annotated[
     RunFlavour,
-    typer.Option(help="Language of the built-in FMUs: native (C), or python."),
+    typer.Option(help="Flavour of the built-in FMUs: native, native-fmi3, or python."),
 ]
 
 LimitOption = Annotated[
