@@ -18,6 +18,7 @@ from cosim.study import (
     Quantile,
     Sensitivity,
     Share,
+    StudyReport,
     StudyResult,
     Summary,
 )
@@ -122,6 +123,22 @@ def sensitivity_view(found: Sensitivity) -> RenderableType:
         f"intervals: {100 * found.confidence:g} %, bootstrap"
     )
     return Group(head, table)
+
+
+def study_report_view(written: StudyReport) -> RenderableType:
+    """Show where the page is, and what is on it."""
+    of = "" if written.runs == written.count else f" of {written.count}: the study is not finished"
+    facts = facts_table()
+    facts.add_row("runs", str(written.runs), of.strip())
+    for status, count in written.statuses.items():
+        label = Text(status.replace("_", " "), style="" if status == "finished" else "yellow")
+        facts.add_row(label, str(count), "")
+    parts: list[RenderableType] = [Text(written.title, style="bold"), facts]
+    if written.unread:
+        parts.append(Text(f"{written.unread} lines of the run log cannot be read", style="yellow"))
+    size = f"{written.bytes / 1e6:.2g} MB, {written.metrics} metrics, {written.charts} charts"
+    parts.append(Text(f"page: {written.output} ({size})"))
+    return Group(*parts)
 
 
 def _all_runs(group: RunGroup) -> RenderableType:

@@ -132,8 +132,12 @@ def execute_study(
     register_runner(plan.job.digest, plan.runner)
     plan.runner.limits, retried = plan.job.limits, 0
     with plan.runner.supervised(), Folder(out) as folder:
+        # where the scenario is, for `cosim study repeat FOLDER`; the table must not depend on it
+        origin = {"scenario_folder": str(plan.job.base.folder)}
         folder.begin(
-            manifest_of(plan), fresh=fresh, extended=lambda before: extended_by(plan, before)
+            manifest_of(plan) | origin,
+            fresh=fresh,
+            extended=lambda before: extended_by(plan, before),
         )
         done = folder.rows
         before = len(done)
