@@ -41,7 +41,7 @@ from .session import (
 )
 from .snapshot import Snapshot as Snapshot
 from .supervision import (
-    CallBrokenError as CallBrokenError,
+    BROKEN as BROKEN,
     Calls as Calls,
     Limits as Limits,
     Supervisor as Supervisor,

@@ -45,6 +45,7 @@ from .pinned import (
     named_design as named_design,
 )
 from .preparation import (
+    MADE_BEFORE as MADE_BEFORE,
     PreparedScenario as PreparedScenario,
     prepare as prepare,
 )
@@ -65,6 +66,7 @@ from .run_limits import (
     parse_limits as parse_limits,
     time_limit as time_limit,
 )
+from .run_series import RunSeries as RunSeries
 from .schema import Scenario as Scenario
 from .ssp.export import (
     SspExport as SspExport,
@@ -84,3 +86,7 @@ from .supervision import (
 )
 from .system_run import run_system as run_system
 from .templates import template as template
+from .wanted import (
+    ALL_FIGURES as ALL_FIGURES,
+    Wanted as Wanted,
+)

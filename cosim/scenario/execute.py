@@ -36,9 +36,11 @@ from cosim.scenario.outcome import Outcome, result_entries
 from cosim.scenario.preparation import PreparedScenario
 from cosim.scenario.run_events import EventCollector
 from cosim.scenario.run_metadata import run_metadata_of
+from cosim.scenario.run_series import RunSeries
 from cosim.scenario.script import Event, script_of
 from cosim.scenario.supervision import Supervision, raise_if_interrupted, supervision_of
 from cosim.scenario.system_run import run_system
+from cosim.scenario.wanted import ALL_FIGURES, Wanted
 from cosim.trace import Cause, RunOutcome, TraceWriter, content_hash
 
 
@@ -133,6 +135,8 @@ def execute_unrecorded(
     pace: Pace | None = None,
     supervision: Supervision | None = None,
     supervisor: Supervisor | None = None,
+    series: RunSeries | None = None,
+    wanted: Wanted = ALL_FIGURES,
     keep: bool = True,
 ) -> tuple[Outcome, Run]:
     """Run the scenario without a trace; return its outcome and its rows.
@@ -140,6 +144,8 @@ def execute_unrecorded(
     zero_state_run : whether to make the zero-state run as well; without it no gain is measured,
         and envelope and limits are evaluated on this run alone.
     supervision : None: in this process, or by `supervisor`, which is open already.
+    series : the run is one of these, in this process.
+    wanted : the outcome has these figures and lacks others, beside status and assertions.
     keep : whether the run returned keeps its rows.
 
     Raises
@@ -147,7 +153,7 @@ def execute_unrecorded(
     InputError, ComponentError : see `execute_run`.
     """
     began = time.perf_counter()
-    system, events = assembled_system(prepared)
+    system, events = assembled_system(prepared, series)
     with ExitStack() as opened, ExitStack() as living:
         if supervision is not None:
             fmus = list(prepared.fmus.values())
@@ -155,6 +161,8 @@ def execute_unrecorded(
         made = _Runs(
             *(prepared, system, events, living, supervisor, progress or silent, engine, pace),
             call_limit=None if supervision is None else supervision.limits.call,
+            series=series,
+            wanted=wanted,
         )
         run = made.run(keep=keep, zero_state_run=zero_state_run)
         made.run_from_zero_state()
@@ -181,21 +189,36 @@ def check_writable(trace: Path) -> None:
         )
 
 
-def assembled_system(prepared: PreparedScenario) -> tuple[System, Sequence[Event]]:
+def assembled_system(
+    prepared: PreparedScenario, series: RunSeries | None = None
+) -> tuple[System, Sequence[Event]]:
     """Assemble the system; return it and its events."""
     loaded = prepared.loaded
     scenario = loaded.scenario
-    system = assemble(
-        scenario,
-        prepared.fmus,
-        parameters=prepared.gain,
-        worst_case=prepared.worst_case,
-        origin=loaded.origin,
-    )
+    system = _assembled(prepared, series)
     findings = Findings(loaded.origin)
     events = script_of(scenario, system, findings)
     bind_assertions(scenario, system, findings)
     return system, events
+
+
+def _assembled(
+    prepared: PreparedScenario, series: RunSeries | None, *, at_rest: bool = False
+) -> System:
+    """Assemble the system of the run or, `at_rest`, of the zero-state run."""
+    purpose = "zero-state run" if at_rest else "run"
+    made = assemble(
+        prepared.loaded.scenario,
+        prepared.fmus,
+        parameters=prepared.gain,
+        worst_case=prepared.worst_case,
+        at_rest=at_rest,
+        origin=prepared.loaded.origin,
+        like=None if series is None else series.assembled.get(purpose),
+    )
+    if series is not None:
+        series.assembled[purpose] = made
+    return made.system
 
 
 class _Runs:
@@ -222,8 +245,11 @@ class _Runs:
         *,
         call_limit: float | None,
         collector: EventCollector | None = None,
+        series: RunSeries | None = None,
+        wanted: Wanted = ALL_FIGURES,
     ) -> None:
-        self._call_limit, self._collector = call_limit, collector
+        self._call_limit, self._collector, self._series = call_limit, collector, series
+        self._wanted = wanted
         self._prepared, self._system, self._events = prepared, system, events
         self._living, self._supervisor = living, supervisor
         self._report_progress, self._engine, self._pace = report_progress, engine, pace
@@ -238,13 +264,17 @@ class _Runs:
         zero_state_run : whether a zero-state run is wanted.
         """
         measures = RunMeasures(
-            self._prepared, self._system, self._collector, at_once=self._collector is not None
+            self._prepared,
+            self._system,
+            self._collector,
+            at_once=self._collector is not None,
+            wanted=self._wanted,
         )
         # a recorder writes the events that the measures have found in the same rows
         watching: list[Observer] = [measures, *observers]
         if zero_state_run and self._prepared.design is not None:
             self._zero_state = ZeroStateMeasures(self._prepared)
-            self._at_rest = self._assembled_at_rest()
+            self._at_rest = _assembled(self._prepared, self._series, at_rest=True)
             if same_start(self._system, self._at_rest):
                 self._at_rest = None
                 watching.append(self._zero_state)
@@ -260,6 +290,7 @@ class _Runs:
             supervisor=self._supervisor,
             keep=keep,
             call_limit=self._call_limit,
+            series=self._series,
         )
         self._completed, self._figures = completed, measures.figures(completed.run)
         return completed.run
@@ -296,6 +327,7 @@ class _Runs:
             supervisor=self._supervisor,
             keep=False,
             call_limit=self._call_limit,
+            series=self._series,
         ).run
 
     def outcome(self, trace: Path | None, began: float) -> Outcome:
@@ -325,10 +357,12 @@ class _Runs:
             simulated_s=run.end_ns / 1e9,
             wall_s=time.perf_counter() - began,
             final=final_values(self._figures),
-            metrics=metrics_of(context),
+            metrics=metrics_of(context, self._wanted),
             links=links,
             engine=run.engine,
-            binaries=binary_origins(prepared.fmus, run.engine),
+            binaries=binary_origins(prepared.fmus, run.engine)
+            if self._wanted.has("binaries")
+            else {},
             pace=self._pace,
             assertions=self._figures.assertions,
             events=self._figures.events,
@@ -337,15 +371,6 @@ class _Runs:
             supervised=None if self._supervisor is None else self._supervisor.method,
         )
         return _with_later_failure(outcome, self._zero_state_run, self._supervisor)
-
-    def _assembled_at_rest(self) -> System:
-        return assemble(
-            self._prepared.loaded.scenario,
-            self._prepared.fmus,
-            parameters=self._prepared.gain,
-            worst_case=self._prepared.worst_case,
-            at_rest=True,
-        )
 
 
 _DEATHS = ("crashed", "exited", "timed-out", "memory", "interrupted")

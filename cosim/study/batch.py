@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 from cosim.core import ComponentError, CosimError, InputError
 from cosim.hinf import one_thread
+from cosim.master import Run
 from cosim.scenario import Outcome
 from cosim.study.consistency import changed_error
 from cosim.study.measurement import Value, measure
@@ -95,7 +96,8 @@ def run_batch(job: Job, runs: Sequence[int]) -> list[Row]:
     with _alone:
         runner = _runner(job)
         with runner.supervised():
-            return [_row(job, runner, run) for run in runs]
+            rows = zip(runs, runner.in_child(_row_here, runs), strict=True)
+            return [_row(job, runner, run, row) for run, row in rows]
 
 
 @one_thread
@@ -150,21 +152,29 @@ def run_and_measure(runner: StudyRunner, run: int) -> tuple[Outcome, tuple[Value
     ------
     CosimError : the run cannot be executed, or lacks what a metric needs.
     """
-    outcome, completed = runner.execute_run(run)
+    outcome, completed = runner.execute_run(run, runner.wanted)
+    try:
+        return outcome, _measured(runner.study, outcome, completed)
+    except InputError:  # with all figures the message names those that are alike
+        outcome, completed = runner.execute_run(run)
+        return outcome, _measured(runner.study, outcome, completed)
+
+
+def _measured(study: Study, outcome: Outcome, completed: Run) -> tuple[Value, ...]:
     figures = outcome.to_json()
     values = []
-    for name, metric in runner.study.metrics.items():
+    for name, metric in study.metrics.items():
         try:
             values.append(measure(metric, figures, completed))
         except InputError as error:
             place = f"metrics.{name}"
             where = f"{place}: {error.where}" if error.where else place
             raise changed_error(error, where=where) from error
-    return outcome, tuple(values)
+    return tuple(values)
 
 
-def _row(job: Job, runner: StudyRunner, run: int) -> Row:
-    row: Row | None = runner.in_child(_row_here, run)
+def _row(job: Job, runner: StudyRunner, run: int, row: Row | None) -> Row:
+    """Return the row of a run; None: it ended the child in which it was executed."""
     if row is None:  # it is repeated in a way that tells which component and call ended it
         row = _row_here(runner, run)
     if job.traces is not None and row.status not in INCOMPLETE:

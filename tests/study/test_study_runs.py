@@ -29,9 +29,9 @@ def counted(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     executed: list[int] = []
     before = batch._row
 
-    def row(job: batch.Job, runner: Any, run: int) -> batch.Row:
+    def row(job: batch.Job, runner: Any, run: int, known: batch.Row | None) -> batch.Row:
         executed.append(run)
-        return before(job, runner, run)
+        return before(job, runner, run, known)
 
     monkeypatch.setattr(batch, "_row", row)
     return executed
