@@ -23,7 +23,13 @@ from cosim.cli.common import (
 )
 from cosim.cli.help_text import HelpTyper
 from cosim.cli.runs import interruptions_reported, report_outcome
-from cosim.cli.study_view import checked_view, finished_view, sensitivity_view, summary_view
+from cosim.cli.study_view import (
+    checked_view,
+    finished_view,
+    merged_view,
+    sensitivity_view,
+    summary_view,
+)
 from cosim.cli.terminal import titles_table
 from cosim.core import InputError, StoppedError
 from cosim.fmu import DEFAULT_FLAVOUR
@@ -135,6 +141,14 @@ def run(
         ),
     ] = None,
     limit: LimitOption = None,
+    runs: Annotated[
+        str | None,
+        typer.Option(
+            metavar="FIRST:END",
+            help="Run only this part of the study's runs, which count from 0; run END is not in "
+            "it. `cosim study merge` joins the folders of parts.",
+        ),
+    ] = None,
     time_limit: Annotated[
         str,
         typer.Option(
@@ -162,6 +176,7 @@ def run(
     \b
     cosim study run delay-margin
     cosim study run delay-margin --workers all
+    cosim study run delay-margin --runs 0:20 --out part-1
     cosim study run sea-states --scheduler tcp://10.0.0.5:8786 --out /shared/sea --fmus /shared/fmus
     """
     loaded = studies.load_study(name)
@@ -184,10 +199,14 @@ def run(
                 fresh=fresh,
                 limits=limit or (),
                 time_limit_s=scenario.time_limit(time_limit, "--time-limit"),
+                runs=None if runs is None else plan.part(runs),
                 progress=report_progress,
             )
     except KeyboardInterrupt:
-        there = len(studies.read_rows(folder)) if folder.is_dir() else 0
+        there = 0
+        if folder.is_dir():
+            with studies.read_rows(folder) as rows:
+                there = len(rows)
         raise StoppedError(
             "interrupted",
             where=str(folder),
@@ -195,6 +214,27 @@ def run(
             hint="the same command continues",
         ) from None
     answer(as_json, done.to_json, lambda: finished_view(name, done))
+
+
+@study_app.command()
+def merge(
+    folders: Annotated[
+        list[Path], typer.Argument(help="Folders of one study, each with a part of its runs.")
+    ],
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the whole study.")],
+    as_json: JsonOption = False,
+) -> None:
+    """Merge parts of one study, executed in different places, into one folder.
+
+    Folders of different studies are refused: the message names what differs. A run that is in
+    several folders must have the same results in each, bit for bit. Once all runs are there the
+    table is written; it is the one of a study executed in one place.
+
+    \b
+    cosim study merge part-1 part-2 --out studies/delay-margin
+    """
+    found = studies.merge_studies(folders, out)
+    answer(as_json, found.to_json, lambda: merged_view(found))
 
 
 @study_app.command()

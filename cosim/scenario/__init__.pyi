@@ -11,6 +11,7 @@ from .diagram import (
 from .editor_schema import json_schema as json_schema
 from .execute import (
     check_writable as check_writable,
+    execute_recorded as execute_recorded,
     execute_run as execute_run,
     execute_unrecorded as execute_unrecorded,
 )

@@ -3,6 +3,10 @@ from .execution import (
     execute_study as execute_study,
 )
 from .folder import read_rows as read_rows
+from .merge import (
+    MergedStudy as MergedStudy,
+    merge_studies as merge_studies,
+)
 from .pictures import draw as draw
 from .plan import Plan as Plan
 from .read import (

@@ -7,9 +7,10 @@ import platform
 import threading
 import time
 from collections import OrderedDict
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from importlib.metadata import version
+from itertools import repeat
 from pathlib import Path
 from typing import NamedTuple
 
@@ -96,8 +97,10 @@ def run_batch(job: Job, runs: Sequence[int]) -> list[Row]:
     with _alone:
         runner = _runner(job)
         with runner.supervised():
-            rows = zip(runs, runner.in_child(_row_here, runs), strict=True)
-            return [_row(job, runner, run, row) for run, row in rows]
+            rows: Iterable[Row | None] = repeat(None, len(runs))
+            if job.traces is None:
+                rows = runner.in_child(_row_here, runs)
+            return [_row(job, runner, *found) for found in zip(runs, rows, strict=True)]
 
 
 @one_thread
@@ -174,19 +177,31 @@ def _measured(study: Study, outcome: Outcome, completed: Run) -> tuple[Value, ..
 
 
 def _row(job: Job, runner: StudyRunner, run: int, row: Row | None) -> Row:
-    """Return the row of a run; None: it ended the child in which it was executed."""
-    if row is None:  # it is repeated in a way that tells which component and call ended it
-        row = _row_here(runner, run)
-    if job.traces is not None and row.status not in INCOMPLETE:
-        row = row._replace(reason=_recorded(job, runner, run) or row.reason)
-    return row
+    """Return the row of a run; None: it was not executed, or ended the child that did it."""
+    if job.traces is not None:
+        return _recorded_row(runner, run, job.trace_of(job.traces, run))
+    # repeated in a way that tells which component and call ended the child
+    return row or _row_here(runner, run)
 
 
-def _row_here(runner: StudyRunner, run: int) -> Row:
+def _recorded_row(runner: StudyRunner, run: int, trace: Path) -> Row:
+    """Return the row of a run that writes its trace; the reason says why a trace is missing."""
+    row = _row_here(runner, run, trace)
+    if row.status != REFUSED:
+        return row
+    plain = _row_here(runner, run)  # the run or the trace was refused
+    return plain if plain.status in INCOMPLETE else plain._replace(reason=row.reason)
+
+
+def _row_here(runner: StudyRunner, run: int, trace: Path | None = None) -> Row:
     began = time.perf_counter()
     values: tuple[Value, ...] = (None,) * len(runner.study.metrics)
     try:
-        outcome, values = run_and_measure(runner, run)
+        if trace is None:
+            outcome, values = run_and_measure(runner, run)
+        else:
+            _, outcome, completed = runner.record(run, trace, keep=True)
+            values = _measured(runner.study, outcome, completed)
         status, reason = status_of(outcome)
     except ComponentError as error:
         status, reason = _BY_CAUSE.get(error.kind or "", FAILED), error.text()

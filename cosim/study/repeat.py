@@ -31,4 +31,4 @@ def repeat_run(plan: Plan, run: int, trace: Path, *, limits: Sequence[str] = ())
             got=str(run),
         )
     plan.runner.limits = limits
-    return plan.runner.record(run, trace)
+    return plan.runner.record(run, trace)[0]
