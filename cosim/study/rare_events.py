@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Generator
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -70,6 +70,24 @@ class RareEstimate:
             return 0.0, 1.0
         half = float(stats.t.ppf(0.5 + 0.5 * confidence, self.freedom)) * self.deviation
         return math.exp(self.logarithm - half), math.exp(min(self.logarithm + half, 0.0))
+
+    def to_json(self, confidence: float) -> dict[str, Any]:
+        """Return the object that `--json` prints; `effective` as `effective_samples`."""
+        low, high = self.interval(confidence)
+        known = self.probability is not None
+        return {
+            "probability": self.probability,
+            "low": low if known else None,
+            "high": high if known else None,
+            "confidence": confidence,
+            "deviation": self.deviation,
+            "effective_samples": self.effective,
+            "reason": self.reason,
+            "levels": [
+                {k: v if v is None or math.isfinite(v) else None for k, v in asdict(level).items()}
+                for level in self.levels
+            ],
+        }
 
 
 def estimated(evaluations: Evaluations, function: Callable[[Reals], Reals]) -> RareEstimate:

@@ -7,6 +7,7 @@ runs before. Runs have numbers in the order of the stages.
 from __future__ import annotations
 
 import math
+from bisect import bisect_right
 from collections.abc import Sequence
 from typing import Any
 
@@ -45,6 +46,7 @@ class RarePoints:
         self._study, self._part = study, study.rare
         self._sampled = [axis for axis in study.vary if isinstance(axis, SampledAxis)]
         self._values: list[tuple[Any, ...]] = []
+        self._begins: list[int] = []
         self._estimator = _estimator(study, study.rare, self._sampled)
         self._add(next(self._estimator))
 
@@ -57,10 +59,19 @@ class RarePoints:
         """Return the value of every axis in run number `run`, counted from 0."""
         return self._values[run]
 
+    def level(self, run: int) -> int:
+        """Return the level of a run, counted from 1; the last one is an importance sample's."""
+        stage = bisect_right(self._begins, run) - 1
+        return 1 if stage == 0 else 2 + (stage - 1) // (CHAIN - 1)
+
+    def types(self) -> list[set[type]]:
+        """Return the types of the values of each axis."""
+        return [set(map(type, column)) for column in zip(*self._values, strict=True)]
+
     @property
     def drawn(self) -> Drawn:
-        """The points of the stage."""
-        first = self.stage.start if self.stage is not None else self.count
+        """The points of the stage; at the end those of all runs."""
+        first = self.stage.start if self.stage is not None else 0
         return first, self._values[first:]
 
     def learn(self, drawn: Drawn) -> None:
@@ -100,6 +111,7 @@ class RarePoints:
         ]
         self._values += list(zip(*columns, strict=True))
         self.stage = range(first, self.count)
+        self._begins.append(first)
 
 
 def beyond_by(part: RarePart, run: int, value: Any) -> float:
@@ -135,23 +147,3 @@ def _estimator(study: Study, part: RarePart, axes: Sequence[SampledAxis]) -> Eva
         return subset_simulation(len(axes), study.samples, part.levels, study.seed, rough)
     pilot = part.pilot or study.samples
     return importance_sampling(len(axes), study.samples, pilot, part.levels, study.seed, rough)
-
-
-def check_samples(study: Study, where: str) -> None:
-    """Check that levels of so many points can be divided into chains.
-
-    Raises
-    ------
-    InputError : they cannot.
-    """
-    part = study.rare
-    if part is None:
-        return
-    per_level = study.samples if part.method == "subset" else part.pilot or study.samples
-    if per_level < 10 * CHAIN or per_level % CHAIN:
-        raise InputError(
-            "a level cannot be divided into chains",
-            where=where,
-            expected=f"a multiple of {CHAIN} from {10 * CHAIN} on; 1000 is usual",
-            got=f"{per_level} runs per level",
-        )

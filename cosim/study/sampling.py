@@ -127,7 +127,8 @@ def values_at(normal: Shares, axes: Sequence[SampledAxis], study: Study) -> list
     for column, total in _combined(columns, factor, normal[:, columns]):
         correlated[:, column] = total
     return [
-        _at_normal(axis, np.ascontiguousarray(z)) for axis, z in zip(axes, correlated.T, strict=True)
+        _at_normal(axis, np.ascontiguousarray(z))
+        for axis, z in zip(axes, correlated.T, strict=True)
     ]
 
 
@@ -158,7 +159,7 @@ def _cholesky(names: Sequence[str], study: Study) -> tuple[list[int], Shares]:
         i, j = (mine.index(name) for name in one.axes)
         matrix[i, j] = matrix[j, i] = one.value
     try:
-        factor = np.linalg.cholesky(matrix)
+        factor: Shares = np.linalg.cholesky(matrix).astype(np.float64)
     except np.linalg.LinAlgError:
         raise InputError(
             "these correlations cannot be together",

@@ -69,7 +69,11 @@ class Stopping:
 
     def to_json(self) -> dict[str, Any]:
         """Return the object that `--json` prints."""
-        return asdict(self)
+        found = asdict(self)
+        return {
+            k: None if isinstance(v, float) and not math.isfinite(v) else v
+            for k, v in found.items()
+        }
 
 
 def looks(first: int, most: int) -> tuple[int, ...]:
@@ -223,7 +227,9 @@ def _missing_counts(n: int, p: Reals, error: float) -> tuple[Reals, Reals]:
     """Return up to which count, and from which on, the interval of a look does not contain p."""
     from scipy.stats import binom  # noqa: PLC0415 - loading it takes half a second
 
-    return binom.ppf(0.5 * error, n, p) - 1.0, binom.isf(0.5 * error, n, p) + 1.0
+    below = np.asarray(binom.ppf(0.5 * error, n, p) - 1.0, np.float64)
+    above = np.asarray(binom.isf(0.5 * error, n, p) + 1.0, np.float64)
+    return below, above
 
 
 def _cdf(count: Any, n: int, p: Reals) -> Reals:
