@@ -121,7 +121,7 @@ class Process:
         self._process = subprocess.Popen(  # noqa: S603 - ourselves
             line, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
         )
-        self.said = self._line()
+        self.greeting = self._line()
         self._usage = psutil.Process(self._process.pid)
 
     def _line(self) -> str:
@@ -159,7 +159,7 @@ def measure(job: Job, asked: argparse.Namespace, folder: Path) -> dict[str, Any]
     """Execute the batches on the simulated workers."""
     scheduler = Process("scheduler")
     began = time.perf_counter()
-    workers = Process("workers", scheduler.said, str(asked.workers), str(folder))
+    workers = Process("workers", scheduler.greeting, str(asked.workers), str(folder))
     joined = time.perf_counter() - began
     mine, me = counted_bytes(), psutil.Process()
     batches = asked.rounds * asked.workers
@@ -169,7 +169,7 @@ def measure(job: Job, asked: argparse.Namespace, folder: Path) -> dict[str, Any]
         found = next(numbers, None)
         return None if found is None else list(range(found * asked.rows, (found + 1) * asked.rows))
 
-    with distributed.Client(scheduler.said, timeout="120s") as client:
+    with distributed.Client(scheduler.greeting, timeout="120s") as client:
         pool = pools.DaskPool(client, None)
         log = RunLog(folder / "journal.jsonl", append=True)
         before = scheduler.written(), workers.written(), [*mine]
