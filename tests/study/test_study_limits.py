@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import errno
+import os
 import resource
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 from study.deadly import DEADLY, U, plan, truth
@@ -17,6 +20,7 @@ from cosim.study.folder import RESULTS, RUN_LOG, Folder
 from cosim.study.manifest import manifest_of
 from cosim.study.plan import Plan
 from cosim.study.repeat import repeat_run
+from cosim.study.run_log import RunLog
 from cosim.study.table import read_table
 from cosim.trace import Trace
 
@@ -86,6 +90,28 @@ def test_a_full_disk_is_named_and_the_study_can_be_continued(tmp_path: Path) -> 
     done = execute_study(made, tmp_path)
     assert done.statuses == {"finished": 30}
     assert 24 <= done.executed <= 26
+
+
+def test_a_folder_that_is_lost_is_named_and_the_study_can_be_continued(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As one of a network whose server is gone: the system refuses every access to it."""
+    append, written = RunLog.append, []
+
+    def lost(self: RunLog, rows: Any) -> None:
+        if len(written) == 2:
+            raise OSError(errno.ESTALE, os.strerror(errno.ESTALE))
+        written.append(rows)
+        append(self, rows)
+
+    values = [0.1 * i for i in range(5)]
+    monkeypatch.setattr(RunLog, "append", lost)
+    with pytest.raises(LossError, match="results cannot be written") as refused:
+        execute_study(plan(values), tmp_path)
+    assert str(tmp_path) in refused.value.text()
+    monkeypatch.setattr(RunLog, "append", append)
+    done = execute_study(plan(values), tmp_path)
+    assert (done.runs, done.executed) == (5, 3)
 
 
 def test_a_worker_with_other_versions_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
