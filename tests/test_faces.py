@@ -24,13 +24,14 @@ LOWER = {
     "core": set(),
     "models": {"core"},
     "network": {"core"},
-    "trace": {"core"},
+    "page": {"core"},
+    "trace": {"core", "page"},
     "hinf": {"core", "models"},
     "fmu": {"core", "models", "hinf", "network"},
     "master": {"core", "fmu", "network", "trace"},
     "scenario": {"core", "models", "network", "trace", "hinf", "fmu", "master"},
     "replay": {"core", "models", "network", "trace", "hinf", "fmu", "master", "scenario"},
-    "study": {"core", "models", "network", "trace", "hinf", "fmu", "master", "scenario"},
+    "study": {"core", "models", "network", "page", "trace", "hinf", "fmu", "master", "scenario"},
     "paper": {"core", "models", "trace", "hinf"},
 }
 LOWER["cli"] = {*LOWER}

@@ -1,8 +1,9 @@
-"""Commands for studies: list, check, run, show."""
+"""Commands for studies: list, check, run, repeat, show, report, sensitivity."""
 
 from __future__ import annotations
 
 import json
+import webbrowser
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -19,13 +20,21 @@ from cosim.cli.common import (
     RunFlavour,
     answer,
     built_in_or_file,
+    completed_from,
     progress,
 )
 from cosim.cli.help_text import HelpTyper
 from cosim.cli.runs import interruptions_reported, report_outcome
-from cosim.cli.study_view import checked_view, finished_view, sensitivity_view, summary_view
+from cosim.cli.study_view import (
+    checked_view,
+    finished_view,
+    merged_view,
+    sensitivity_view,
+    study_report_view,
+    summary_view,
+)
 from cosim.cli.terminal import titles_table
-from cosim.core import InputError, StoppedError
+from cosim.core import InputError, LossError, StoppedError
 from cosim.fmu import DEFAULT_FLAVOUR
 
 STUDIES = Path("studies")
@@ -37,7 +46,7 @@ study_app = HelpTyper(
 StudyArgument = Annotated[str, built_in_or_file("study")]
 FlavourOption = Annotated[
     RunFlavour,
-    typer.Option(help="Language of the built-in FMUs: native (C), or python."),
+    typer.Option(help="Flavour of the built-in FMUs: native, native-fmi3, or python."),
 ]
 
 LimitOption = Annotated[
@@ -135,6 +144,14 @@ def run(
         ),
     ] = None,
     limit: LimitOption = None,
+    runs: Annotated[
+        str | None,
+        typer.Option(
+            metavar="FIRST:END",
+            help="Run only this part of the study's runs, which count from 0; run END is not in "
+            "it. `cosim study merge` joins the folders of parts.",
+        ),
+    ] = None,
     time_limit: Annotated[
         str,
         typer.Option(
@@ -162,6 +179,7 @@ def run(
     \b
     cosim study run delay-margin
     cosim study run delay-margin --workers all
+    cosim study run delay-margin --runs 0:20 --out part-1
     cosim study run sea-states --scheduler tcp://10.0.0.5:8786 --out /shared/sea --fmus /shared/fmus
     """
     loaded = studies.load_study(name)
@@ -184,10 +202,14 @@ def run(
                 fresh=fresh,
                 limits=limit or (),
                 time_limit_s=scenario.time_limit(time_limit, "--time-limit"),
+                runs=None if runs is None else plan.part(runs),
                 progress=report_progress,
             )
     except KeyboardInterrupt:
-        there = len(studies.read_rows(folder)) if folder.is_dir() else 0
+        there = 0
+        if folder.is_dir():
+            with studies.read_rows(folder) as rows:
+                there = len(rows)
         raise StoppedError(
             "interrupted",
             where=str(folder),
@@ -198,8 +220,36 @@ def run(
 
 
 @study_app.command()
+def merge(
+    folders: Annotated[
+        list[Path], typer.Argument(help="Folders of one study, each with a part of its runs.")
+    ],
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the whole study.")],
+    as_json: JsonOption = False,
+) -> None:
+    """Merge parts of one study, executed in different places, into one folder.
+
+    Folders of different studies are refused: the message names what differs. A run that is in
+    several folders must have the same results in each, bit for bit. Once all runs are there the
+    table is written; it is the one of a study executed in one place.
+
+    \b
+    cosim study merge part-1 part-2 --out studies/delay-margin
+    """
+    found = studies.merge_studies(folders, out)
+    answer(as_json, found.to_json, lambda: merged_view(found))
+
+
+@study_app.command()
 def repeat(
-    name: StudyArgument,
+    name: Annotated[
+        str,
+        typer.Argument(
+            metavar="STUDY",
+            help="Name of a built-in study, FILE.toml, or the folder of its results.",
+            autocompletion=completed_from("study"),
+        ),
+    ],
     number: Annotated[int, typer.Argument(help="Number of the run, counted from 0.")],
     out: Annotated[
         Path | None, typer.Option(help="Trace (default: traces/STUDY-run-NUMBER.mcap).")
@@ -211,12 +261,17 @@ def repeat(
 ) -> None:
     """Execute one run of a study alone, with a trace, as `cosim run` does.
 
+    With the folder of its results, the study is what it was then, its samples included; if FMUs,
+    scenario or software have changed since, nothing is run.
+
     \b
     cosim study repeat delay-margin 17
+    cosim study repeat studies/delay-margin 17
     cosim trace report traces/delay-margin-run-17.mcap
     """
     loaded = studies.load_study(name)
     plan = _plan(loaded, fmus, flavour)
+    studies.check_unchanged(plan, loaded)
     trace = out or TRACES / f"{loaded.name}-run-{number}.mcap"
     scenario.check_writable(trace)
     with interruptions_reported():
@@ -289,6 +344,37 @@ def show(
         "picture": None if picture is None else str(picture),
     }
     answer(as_json, lambda: data, lambda: summary_view(found, edge, picture))
+
+
+@study_app.command()
+def report(
+    path: Annotated[Path, typer.Argument(help="Folder of a study, or its results.parquet.")],
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", "-o", help="File to write (default: report.html in the folder)."),
+    ] = None,
+    confidence: Annotated[float, typer.Option(help="Confidence level of the intervals.")] = 0.95,
+    *,
+    show: Annotated[bool, typer.Option("--open", help="Open the page in the browser.")] = False,
+    as_json: JsonOption = False,
+) -> None:
+    """Write one HTML page about a study: how its runs ended, its metrics, what they depend on.
+
+    The page contains everything it shows and needs no network; the worst runs link to their traces
+    beside it. For a study that is not finished, the page has the runs that are done.
+
+    Exit code 3: the page is written, but lines of the run log cannot be read.
+
+    \b
+    cosim study report studies/delay-margin
+    cosim study report studies/delay-margin -o margin.html --open
+    """
+    written = studies.write_study_report(path, out, confidence=confidence)
+    answer(as_json, written.to_json, lambda: study_report_view(written))
+    if show:
+        webbrowser.open(written.output.absolute().as_uri())
+    if written.unread:
+        raise typer.Exit(LossError.exit_code)
 
 
 @study_app.command("sensitivity")

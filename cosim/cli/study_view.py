@@ -13,10 +13,12 @@ from cosim.cli.terminal import NONE, facts_table, number
 from cosim.study import (
     Boundary,
     Group as RunGroup,
+    MergedStudy,
     Numbers,
     Quantile,
     Sensitivity,
     Share,
+    StudyReport,
     StudyResult,
     Summary,
 )
@@ -46,7 +48,8 @@ def finished_view(name: str, done: StudyResult) -> RenderableType:
     """
     facts = facts_table()
     now = f"{done.executed} of them executed now, in {done.seconds:.3g} s"
-    facts.add_row("runs", str(done.runs), now)
+    of = "" if done.runs == done.count else f" of {done.count}"
+    facts.add_row("runs", f"{done.runs}{of}", now)
     for status, count in sorted(done.statuses.items()):
         label = Text(status.replace("_", " "), style="" if status == "finished" else "yellow")
         facts.add_row(label, str(count), "")
@@ -66,7 +69,25 @@ def finished_view(name: str, done: StudyResult) -> RenderableType:
         for run, why in done.traces.items():
             if why is not None:
                 parts.append(Text(f"no trace of run {run}: {why}", style="yellow"))
-    parts.append(Text(f"table:  {done.results}\nnext:   cosim study show {done.folder}"))
+    table = str(done.results) if done.runs == done.count else "written when all runs are done"
+    parts.append(Text(f"table:  {table}\nnext:   cosim study show {done.folder}"))
+    return Group(*parts)
+
+
+def merged_view(found: MergedStudy) -> RenderableType:
+    """Show how many runs are there, which are missing, and where the table is."""
+    facts = facts_table()
+    of = "" if found.runs == found.count else f" of {found.count}"
+    facts.add_row("runs", f"{found.runs}{of}", f"{found.twice} of them in several folders")
+    facts.add_row("traces copied", str(found.traces), "")
+    parts: list[RenderableType] = [facts]
+    if found.without_trace:
+        runs = ", ".join(map(str, found.without_trace[:_MOST_REASONS]))
+        parts.append(Text(f"no trace of run {runs}: the study's own command adds it", "yellow"))
+    if found.missing:
+        parts.append(Text(f"missing: --runs {', --runs '.join(found.missing)}", "yellow"))
+    table = str(found.results) if found.runs == found.count else "written when all runs are there"
+    parts.append(Text(f"table:  {table}\nnext:   cosim study show {found.folder}"))
     return Group(*parts)
 
 
@@ -102,6 +123,22 @@ def sensitivity_view(found: Sensitivity) -> RenderableType:
         f"intervals: {100 * found.confidence:g} %, bootstrap"
     )
     return Group(head, table)
+
+
+def study_report_view(written: StudyReport) -> RenderableType:
+    """Show where the page is, and what is on it."""
+    of = "" if written.runs == written.count else f" of {written.count}: the study is not finished"
+    facts = facts_table()
+    facts.add_row("runs", str(written.runs), of.strip())
+    for status, count in written.statuses.items():
+        label = Text(status.replace("_", " "), style="" if status == "finished" else "yellow")
+        facts.add_row(label, str(count), "")
+    parts: list[RenderableType] = [Text(written.title, style="bold"), facts]
+    if written.unread:
+        parts.append(Text(f"{written.unread} lines of the run log cannot be read", style="yellow"))
+    size = f"{written.bytes / 1e6:.2g} MB, {written.metrics} metrics, {written.charts} charts"
+    parts.append(Text(f"page: {written.output} ({size})"))
+    return Group(*parts)
 
 
 def _all_runs(group: RunGroup) -> RenderableType:

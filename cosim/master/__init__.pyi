@@ -42,6 +42,7 @@ from .session import (
 from .snapshot import Snapshot as Snapshot
 from .supervision import (
     BROKEN as BROKEN,
+    OVERDUE as OVERDUE,
     Calls as Calls,
     Limits as Limits,
     Supervisor as Supervisor,

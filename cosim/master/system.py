@@ -38,7 +38,7 @@ class System(Parts):
         to the greater of its magnitude and 1.
     solve_limit : most iterations of a loop at one point.
 
-    receiving : the order in which components receive, once it is known (`receiving_order`).
+    receiving : what `receiving_order` keeps, once it was asked.
 
     Raises
     ------

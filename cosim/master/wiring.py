@@ -133,8 +133,8 @@ class Wiring:
 
     def begin_again(self, system: System) -> None:
         """Begin another run, of a system of the same structure, into the same memory."""
-        self.all_rows[: self.comm_points.count] = 0.0
-        self.all_rows[-1] = 0.0
+        # an algebraic loop begins with what stands in the first row; other rows are written first
+        self.all_rows[[0, -1]] = 0.0
         self.comm_points.begin_again(system.comm_schedule)
         for instance in self.instances:
             instance.component = system.components[instance.name]

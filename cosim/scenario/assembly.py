@@ -138,7 +138,8 @@ def assemble(
         at_rest=at_rest,
         like=like,
     )
-    return Assembled(scenario, fmus, parameters, parts, system_of(scenario, parts, findings))
+    system = system_of(scenario, parts, findings, like)
+    return Assembled(scenario, fmus, parameters, parts, system)
 
 
 def parts_of(
@@ -178,15 +179,19 @@ def parts_of(
             components[name] = like.parts.components[name]
             continue
         still = _at_rest(fmu, name, connected) if at_rest else {}
-        step = scenario.components[name].step
-        components[name] = Component(
-            fmu,
-            {**own[name], **still, **more},
-            None if step is None else nanoseconds(step),
-            *_wanted_log(scenario, name),
-            feedthrough=declared.get(name),
-            isolate=scenario.components[name].isolate,
-        )
+        part = scenario.components[name]
+        with findings.at("components", name):
+            components[name] = Component(
+                fmu,
+                {**own[name], **still, **more},
+                None if part.step is None else nanoseconds(part.step),
+                *_wanted_log(scenario, name),
+                feedthrough=declared.get(name),
+                isolate=part.isolate,
+                event_mode=part.event_mode,
+                clocks=part.clocks,
+                intermediate=part.intermediate,
+            )
     return SystemParts(components, wires, links, driven, comm_schedule, own, shaped)
 
 
@@ -296,8 +301,12 @@ def _driven(
     return driven
 
 
-def system_of(scenario: Scenario, parts: SystemParts, findings: Findings) -> System:
+def system_of(
+    scenario: Scenario, parts: SystemParts, findings: Findings, like: Assembled | None = None
+) -> System:
     """Make the system; an error of it is located at the part of the scenario it names.
+
+    like : as in `assemble`.
 
     Raises
     ------
@@ -321,7 +330,9 @@ def system_of(scenario: Scenario, parts: SystemParts, findings: Findings) -> Sys
             run.solve_tolerance,
             run.solve_limit,
         )
-        receiving_order(system)  # an algebraic loop is found here, not when the run begins
+        same = like is not None and like.parts.wires is parts.wires and like.scenario.run is run
+        # an algebraic loop is found here, not when the run begins
+        receiving_order(system, like.system if like is not None and same else None)
     except InputError as error:
         raise findings.placed(error, _blamed(error, parts.wires, scenario)) from error
     return system

@@ -80,6 +80,38 @@ def execute_run(
             supervision=supervision,
             keep=False,
         )[0]
+    return execute_recorded(
+        prepared,
+        trace,
+        progress=progress,
+        engine=engine,
+        pace=pace,
+        fsync=fsync,
+        supervision=supervision,
+    )[0]
+
+
+def execute_recorded(
+    prepared: PreparedScenario,
+    trace: Path,
+    *,
+    progress: Progress | None = None,
+    engine: EngineName = "auto",
+    pace: Pace | None = None,
+    fsync: bool = False,
+    supervision: Supervision,
+    zero_state_run: bool = True,
+    keep: bool = False,
+) -> tuple[Outcome, Outcome, Run]:
+    """Run the scenario with a trace; return its outcome, that of `execute_unrecorded`, its rows.
+
+    The second outcome is what the run without a trace has with the same `zero_state_run`, so that
+    the figures of a run do not depend on whether its trace is kept.
+
+    Raises
+    ------
+    As `execute_run`.
+    """
     began = time.perf_counter()
     system, events = assembled_system(prepared)
     check_writable(trace)
@@ -103,7 +135,7 @@ def execute_run(
             collector=events_found,
         )
         try:
-            made.run(recorder, keep=False)
+            run = made.run(recorder, keep=keep)
         except ComponentError as error:
             cause = Cause.of_error(error, None)
             refused = RunOutcome(
@@ -118,12 +150,13 @@ def execute_run(
             living.close()
             supervisor.let_go()
         outcome = made.outcome(trace, began)
+        unrecorded = made.outcome(None, began, zero_state_run=zero_state_run)
         recorder.conclude(round(outcome.simulated_s * 1e9), outcome.conclusion)
         writer.finish(result_entries(outcome))
         outcome = replace(outcome, content_hash=content_hash(trace))
     outcome = replace(outcome, log_after_end=tuple(recorder.log_after_end))
     raise_if_interrupted(outcome, supervisor)
-    return outcome
+    return outcome, unrecorded, run
 
 
 def execute_unrecorded(
@@ -330,8 +363,8 @@ class _Runs:
             series=self._series,
         ).run
 
-    def outcome(self, trace: Path | None, began: float) -> Outcome:
-        """Return the outcome of both; `began` : when the first did, of `time.perf_counter`."""
+    def outcome(self, trace: Path | None, began: float, *, zero_state_run: bool = True) -> Outcome:
+        """Return the outcome of both, or of the first; `began` : when, of `time.perf_counter`."""
         prepared, run = self._prepared, self._completed.run
         links = {name: dict(figures) for name, figures in run.statistics.items()}
         context = RunContext(
@@ -341,7 +374,7 @@ class _Runs:
             self._system,
             run,
             self._figures,
-            self._zero_state_figures,
+            self._zero_state_figures if zero_state_run else None,
             links,
             prepared.worst_case,
             altered_by_events=self._completed.altered_by_events,
@@ -370,7 +403,8 @@ class _Runs:
             cause=run.cause,
             supervised=None if self._supervisor is None else self._supervisor.method,
         )
-        return _with_later_failure(outcome, self._zero_state_run, self._supervisor)
+        at_rest = self._zero_state_run if zero_state_run else None
+        return _with_later_failure(outcome, at_rest, self._supervisor)
 
 
 _DEATHS = ("crashed", "exited", "timed-out", "memory", "interrupted")

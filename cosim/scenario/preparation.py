@@ -20,7 +20,6 @@ from cosim.scenario.pinned import DesignSource, kept_or_made, named_design
 from cosim.scenario.read import LoadedScenario
 from cosim.scenario.signals import no_disturbance, reference_inputs, worst_case_of
 
-
 MADE_BEFORE = DesignSource("made before, its proof checked again")
 """The source of a design that is given to `prepare`."""
 

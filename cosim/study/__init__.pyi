@@ -3,6 +3,10 @@ from .execution import (
     execute_study as execute_study,
 )
 from .folder import read_rows as read_rows
+from .merge import (
+    MergedStudy as MergedStudy,
+    merge_studies as merge_studies,
+)
 from .pictures import draw as draw
 from .plan import Plan as Plan
 from .read import (
@@ -10,7 +14,14 @@ from .read import (
     builtin_studies as builtin_studies,
     load_study as load_study,
 )
-from .repeat import repeat_run as repeat_run
+from .repeat import (
+    check_unchanged as check_unchanged,
+    repeat_run as repeat_run,
+)
+from .report import (
+    StudyReport as StudyReport,
+    write_study_report as write_study_report,
+)
 from .running import (
     plan_of as plan_of,
     pool_for as pool_for,

@@ -10,7 +10,7 @@ import json
 import math
 from collections import OrderedDict
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -19,7 +19,7 @@ from typing import Any
 from cosim.core import InputError, NotAchievableError
 from cosim.fmu import FmuDescription
 from cosim.hinf import Design, design_from_json, design_to_json
-from cosim.master import BROKEN, Calls, Run, Supervisor, default_method
+from cosim.master import BROKEN, OVERDUE, Calls, Run, Supervisor, default_method
 from cosim.scenario import (
     ALL_FIGURES,
     MADE_BEFORE,
@@ -32,7 +32,7 @@ from cosim.scenario import (
     Scenario,
     Supervision,
     Wanted,
-    execute_run,
+    execute_recorded,
     execute_unrecorded,
     parse_limits,
     prepare,
@@ -46,6 +46,8 @@ from cosim.study.schema import Study
 from cosim.study.varied import Variations
 
 _DESIGNS_KEPT = 256
+_NAMED_S, _NAMED_SHARE = 1.0, 0.1
+"""How long a run that hangs is repeated: at least so long [s], or this share of its limit."""
 
 
 @dataclass(frozen=True)
@@ -109,6 +111,7 @@ class StudyRunner:
         self.run_limit_s: float | None = None
         self._supervisor: Supervisor | None = None
         self._calls: Calls | None = None
+        self._overdue = False
         self._series: RunSeries | None = None
         self._last: tuple[Scenario, PreparedScenario] | None = None
         self._given = designs or {}
@@ -141,19 +144,21 @@ class StudyRunner:
         """Execute runs in a child process in this context, where runs can be supervised.
 
         A run that ends the child, or exceeds a limit, has failed; the next one has a new child.
+        Elsewhere they are executed in this process, one after the other, as one series.
         """
-        if default_method() is None or self._supervisor is not None:
+        if self._series is not None:
             yield
             return
-        with Supervisor() as supervisor:
-            calls = Calls([self]) if default_method() == "fork" else None
-            self._supervisor, self._calls = supervisor, calls
+        with closing(RunSeries()) as series, ExitStack() as opened:
+            self._series = series
+            if default_method() is not None:
+                self._supervisor = opened.enter_context(Supervisor())
+            if default_method() == "fork":
+                self._calls = opened.enter_context(closing(Calls([self])))
             try:
                 yield
             finally:
-                self._supervisor = self._calls = None
-                if calls is not None:
-                    calls.close()
+                self._series = self._supervisor = self._calls = None
 
     def in_child(
         self, function: Callable[[StudyRunner, int], Any], runs: Sequence[int]
@@ -171,7 +176,9 @@ class StudyRunner:
             yield from (None for _ in runs)
             return
         for found in self._calls(limits, _unsupervised, function, self, each=runs):
-            yield None if found is BROKEN else found
+            self._overdue = found is OVERDUE
+            yield None if found in (BROKEN, OVERDUE) else found
+        self._overdue = False
 
     @cached_property
     def _first_scenario(self) -> Scenario:
@@ -186,20 +193,35 @@ class StudyRunner:
         self._supervisor = self._calls = None
         self._series = self._series or RunSeries()
 
-    def record(self, run: int, trace: Path) -> Outcome:
-        """Execute one run with a trace, which contains its scenario and can be rerun."""
+    def record(self, run: int, trace: Path, *, keep: bool = False) -> tuple[Outcome, Outcome, Run]:
+        """Execute one run with a trace, which contains its scenario and can be rerun.
+
+        Return the outcome in the trace, the one that `execute_run` gives, and the run.
+
+        keep : whether the run keeps its rows.
+        """
         text = self.variations.scenario(self.points[run]).to_toml()
         prepared = self._prepared(self._loaded(run, text))
-        supervision = self._supervision(prepared.loaded.scenario)
-        return execute_run(prepared, trace, supervision=supervision)
+        return execute_recorded(
+            prepared,
+            trace,
+            supervision=self._supervision(prepared.loaded.scenario),
+            zero_state_run=self._zero_state_run,
+            keep=keep,
+        )
 
     def _supervision(self, scenario: Scenario) -> Supervision:
         """Return how runs of a scenario are supervised, within which limits."""
         found = supervision_of(scenario, self.limits)
         given = scenario.limits is not None and "run" in scenario.limits.model_fields_set
-        if given or "run" in parse_limits(self.limits):
+        if not given and "run" not in parse_limits(self.limits):
+            found = replace(found, limits=replace(found.limits, run=self.run_limit_s))
+        limit = found.limits.run
+        if limit is None or not self._overdue:
             return found
-        return replace(found, limits=replace(found.limits, run=self.run_limit_s))
+        # the run has exceeded its limit, and is repeated to name the component that does not return
+        waited = max(0.0, limit - max(_NAMED_S, _NAMED_SHARE * limit))
+        return replace(found, limits=replace(found.limits, waited=waited))
 
     def designs_made(self) -> dict[str, str]:
         """Return the designs made so far, as JSON by their [design] keys, for other runners."""

@@ -25,7 +25,9 @@ from cosim.master.supervision.process import Worker
 
 _TICK_S: Final = 0.05
 BROKEN: Final = object()
-"""In place of a result: the child died in this call, or was ended since it exceeded a limit."""
+"""In place of a result: the child died in this call, or was ended since it took too much memory."""
+OVERDUE: Final = object()
+"""In place of a result: the child was ended since this call took too long."""
 
 
 class Calls:
@@ -53,7 +55,8 @@ class Calls:
     ) -> Iterator[Any]:
         """Call a function of a module there for each of some things, its last argument.
 
-        Yield each result in order, or `BROKEN`; `limits.run` and `limits.memory` are of one call.
+        Yield each result in order, `BROKEN` or `OVERDUE`; `limits.run` and `limits.memory` are of
+        one call.
 
         Raises
         ------
@@ -67,14 +70,14 @@ class Calls:
                 for results in self._results(message, limits):
                     done += len(results)
                     yield from results
-            except (EOFError, OSError):
+            except (EOFError, OSError) as error:
                 if self._worker is not None:
                     self._worker.kill()
                 self.close()
                 # what it had not sent yet is done again, in another child
                 broken = int(self._progress[0])
                 yield from self(limits, function, *arguments, each=left[done:broken])
-                yield BROKEN
+                yield OVERDUE if isinstance(error, TimeoutError) else BROKEN
                 done = broken + 1
             left = left[done:]
 
@@ -139,9 +142,16 @@ class Calls:
                     raise EOFError
 
     def _is_over(self, worker: Worker, longest: float, memory: int | None) -> bool:
-        """Whether the child is gone, or exceeds a limit; `memory` : None for none, or not now."""
-        if worker.exit_status() is not None or time.monotonic() - self._progress[1] > longest:
+        """Whether the child is gone, or takes more than `memory`; None: no limit, or not now.
+
+        Raises
+        ------
+        TimeoutError : the call takes longer than `longest`.
+        """
+        if worker.exit_status() is not None:
             return True
+        if time.monotonic() - self._progress[1] > longest:
+            raise TimeoutError
         used = None if memory is None else worker.memory_used()
         return memory is not None and used is not None and used > memory
 
