@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+from rich.console import Group
 
 from cosim import scenario, study as studies
 from cosim.cli.arguments import names, numbers
@@ -29,7 +30,9 @@ from cosim.cli.study_view import (
     checked_view,
     finished_view,
     merged_view,
+    rare_view,
     sensitivity_view,
+    stopped_view,
     study_report_view,
     summary_view,
 )
@@ -98,12 +101,13 @@ def check(
     cosim study check delay-margin
     """
     loaded = studies.load_study(name)
-    plan = _plan(loaded, fmus, flavour)
+    plan, study = _plan(loaded, fmus, flavour), loaded.study
     data = {
         "study": loaded.name,
         "title": loaded.study.title,
         "scenario": loaded.base.name,
         "runs": plan.count,
+        "runs_are": "at most" if study.stop else "at least" if study.rare else "exactly",
         "axes": {a.column: list(a.places) for a in loaded.study.vary},
         "metrics": list(loaded.study.metrics),
         "first": _values(plan, 0),
@@ -254,6 +258,14 @@ def repeat(
     out: Annotated[
         Path | None, typer.Option(help="Trace (default: traces/STUDY-run-NUMBER.mcap).")
     ] = None,
+    results: Annotated[
+        Path | None,
+        typer.Option(
+            "--from",
+            help="Folder of the study (default: studies/NAME): later runs of a rare event follow "
+            "from the results there.",
+        ),
+    ] = None,
     limit: LimitOption = None,
     fmus: FmusOption = FMUS,
     flavour: FlavourOption = DEFAULT_FLAVOUR,
@@ -274,8 +286,15 @@ def repeat(
     studies.check_unchanged(plan, loaded)
     trace = out or TRACES / f"{loaded.name}-run-{number}.mcap"
     scenario.check_writable(trace)
+    folder = results or STUDIES / loaded.name
     with interruptions_reported():
-        outcome = studies.repeat_run(plan, number, trace, limits=limit or ())
+        outcome = studies.repeat_run(
+            plan,
+            number,
+            trace,
+            limits=limit or (),
+            results=folder if results is not None or folder.is_dir() else None,
+        )
     report_outcome(outcome, as_json)
 
 
@@ -312,13 +331,17 @@ def show(
 ) -> None:
     """Summarise a study: shares and means with confidence intervals, per group; and draw it.
 
-    For a study that is not finished, the summary covers the runs that are done.
+    For a study that is not finished, the summary covers the runs that are done. Of a study with
+    `stop` it says what was reached, of one with `rare` the probability.
 
     \b
     cosim study show studies/delay-margin --picture margin.png
     cosim study show studies/delay-margin --by delay --quantiles 0.05,0.95
     """
-    table, manifest = studies.read_table(path)
+    whole, manifest = studies.read_table(path)
+    stopped = studies.stopping_of(whole, manifest)
+    rare = studies.rare_estimate(whole, manifest)
+    table, manifest = studies.plain_sample(whole, manifest)
     groups = None if by is None else [] if by == "all" else list(names("--by", by))
     found = studies.summarise(
         table,
@@ -343,7 +366,15 @@ def show(
         "stability": None if edge is None else edge.to_json(),
         "picture": None if picture is None else str(picture),
     }
-    answer(as_json, lambda: data, lambda: summary_view(found, edge, picture))
+    event = manifest["study"].get("rare")
+    if stopped is not None:
+        data["stop"] = stopped.to_json()
+    if event is not None:
+        runs = {"runs": whole.num_rows, "complete": rare is not None}
+        data["rare"] = event | runs | ({} if rare is None else rare.to_json(confidence))
+    parts = [] if stopped is None else [stopped_view(stopped)]
+    parts += [] if event is None else [rare_view(event, rare, whole.num_rows, confidence)]
+    answer(as_json, lambda: data, lambda: Group(summary_view(found, edge, picture), *parts))
 
 
 @study_app.command()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -16,8 +17,10 @@ from cosim.study import (
     MergedStudy,
     Numbers,
     Quantile,
+    RareEstimate,
     Sensitivity,
     Share,
+    Stopping,
     StudyReport,
     StudyResult,
     Summary,
@@ -32,8 +35,9 @@ def checked_view(data: dict[str, Any]) -> RenderableType:
     for axis, places in data["axes"].items():
         ends = (str(data[end][axis])[:24] for end in ("first", "last"))
         table.add_row(axis, "\n".join(places), *ends)
+    about = "" if data["runs_are"] == "exactly" else f"{data['runs_are']} "
     head = Text.assemble(
-        (data["title"], "bold"), f"\n{data['runs']} runs of the scenario {data['scenario']}"
+        (data["title"], "bold"), f"\n{about}{data['runs']} runs of the scenario {data['scenario']}"
     )
     return Group(head, table, Text(f"metrics: {', '.join(data['metrics'])}"))
 
@@ -139,6 +143,67 @@ def study_report_view(written: StudyReport) -> RenderableType:
     size = f"{written.bytes / 1e6:.2g} MB, {written.metrics} metrics, {written.charts} charts"
     parts.append(Text(f"page: {written.output} ({size})"))
     return Group(*parts)
+
+
+def stopped_view(found: Stopping) -> RenderableType:
+    """Show what a study that stops at a width has reached, and after how many runs."""
+    word = "as narrow as asked for" if found.reached else "wider than asked for"
+    missing = f", {found.missing} without a value" if found.missing else ""
+    what = (
+        f"{found.metric}: {found.value:.4g} [{found.low:.4g}, {found.high:.4g}], "
+        f"{found.high - found.low:.3g} wide: {word}, {found.width:g}"
+    )
+    how = (
+        f"{'stopped after' if found.reached else 'after'} {found.runs} of at most {found.most} "
+        f"runs{missing}; look {len(found.looks)}, at {100 * found.look_confidence:.4g} % each, so "
+        f"that all looks together have {100 * found.confidence:g} %"
+    )
+    return Text(f"{what}\n{how}", style="" if found.reached else "yellow")
+
+
+def rare_view(
+    event: Mapping[str, Any], found: RareEstimate | None, runs: int, confidence: float
+) -> RenderableType:
+    """Show the probability of a rare event, and the levels on the way to it."""
+    over = event.get("above") is not None
+    bound = event["above"] if over else event["below"]
+    name = f"P({event['metric']} {'>' if over else '<'} {bound:g})"
+    if found is None:
+        return Text(f"the summary is of the first level\n{name}: not finished, {runs} runs")
+    table = Table(box=None, pad_edge=False)
+    for column in ("level", "bound", "share beyond", "moves accepted", "correlation", "deviation"):
+        table.add_column(column, justify="right")
+    for place, level in enumerate(found.levels, 1):
+        at = bound + level.beyond if over else bound - level.beyond
+        table.add_row(
+            str(place),
+            f"{at:.5g}",
+            f"{100 * level.share:.1f} %",
+            NONE if level.acceptance is None else f"{100 * level.acceptance:.0f} %",
+            f"{level.correlation:.2f}",
+            f"{level.deviation:.3f}",
+        )
+    if found.probability is None or found.deviation is None:
+        answer = Text(f"{name}: no estimate; {found.reason}", style="yellow")
+    else:
+        low, high = found.interval(confidence)
+        answer = Text(
+            f"{name} = {found.probability:.3g} [{low:.3g}, {high:.3g}], coefficient of variation "
+            f"{found.deviation:.2g}",
+            style="bold",
+        )
+    method = event.get("method", "subset")
+    if method == "importance":
+        effective = "" if found.effective is None else f", {found.effective:.4g} effective"
+        how = f"importance sampling{effective}; levels of the pilot above"
+    else:
+        how = "subset simulation; deviations include the correlation along chains"
+    return Group(
+        Text("the summary is of the first level, which has the distributions of the axes"),
+        table,
+        answer,
+        Text(f"{how}; {runs} runs"),
+    )
 
 
 def _all_runs(group: RunGroup) -> RenderableType:

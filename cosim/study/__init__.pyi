@@ -9,6 +9,10 @@ from .merge import (
 )
 from .pictures import draw as draw
 from .plan import Plan as Plan
+from .rare_events import (
+    Level as Level,
+    RareEstimate as RareEstimate,
+)
 from .read import (
     LoadedStudy as LoadedStudy,
     builtin_studies as builtin_studies,
@@ -47,6 +51,12 @@ from .stability_boundary import (
     loop_delay_margin as loop_delay_margin,
 )
 from .stability_picture import draw_stability as draw_stability
+from .stages import (
+    plain_sample as plain_sample,
+    rare_estimate as rare_estimate,
+    stopping_of as stopping_of,
+)
+from .stopping import Stopping as Stopping
 from .summary import (
     Group as Group,
     Numbers as Numbers,

@@ -20,6 +20,7 @@ from cosim.master import Run
 from cosim.scenario import Outcome
 from cosim.study.consistency import changed_error
 from cosim.study.measurement import Value, measure
+from cosim.study.rare_study import Drawn, RarePoints
 from cosim.study.schema import Study
 from cosim.study.study_runner import BaseScenario, StudyRunner
 
@@ -53,6 +54,7 @@ class Job:
     limits : of each run, as for `cosim run --limit`; they come before those of the scenario.
     run_limit_s : wall-clock time of a run for which no limit is given [s]; None: none.
     software : the versions that the starting process has; workers must have the same.
+    drawn : the points of runs that follow from results, in a study of a rare event.
     """
 
     study: Study
@@ -65,6 +67,7 @@ class Job:
     limits: tuple[str, ...] = ()
     run_limit_s: float | None = None
     software: dict[str, str] = field(default_factory=dict)
+    drawn: Drawn | None = None
 
     def trace_of(self, folder: Path, run: int) -> Path:
         """Return the path of a run's trace."""
@@ -126,6 +129,8 @@ def runner_of(job: Job) -> StudyRunner:
     _runners.move_to_end(job.digest)
     runner = _runners[job.digest]
     runner.limits, runner.run_limit_s = job.limits, job.run_limit_s
+    if job.drawn is not None and isinstance(runner.points, RarePoints):
+        runner.points.learn(job.drawn)
     return runner
 
 

@@ -7,7 +7,7 @@ import itertools
 import math
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -29,9 +29,11 @@ from cosim.study.batch import (
 from cosim.study.folder import Folder
 from cosim.study.manifest import manifest_of
 from cosim.study.plan import Plan, extended_by, trial_run
+from cosim.study.rare_study import RarePoints
 from cosim.study.run_log import RunLog
 from cosim.study.schema import Study
 from cosim.study.stability_boundary import nominal_loop_figures
+from cosim.study.stages import stages_of
 from cosim.study.table import pyarrow, write_table
 from cosim.study.workers import Batch, WorkerDied, WorkerPool, in_process
 
@@ -131,7 +133,7 @@ def execute_study(
     plan = replace(plan, job=replace(plan.job, limits=tuple(limits), software=software()))
     register_runner(plan.job.digest, plan.runner)
     plan.runner.limits, retried = plan.job.limits, 0
-    with plan.runner.supervised(), Folder(out) as folder:
+    with Folder(out) as folder, ExitStack() as pools:
         # where the scenario is, for `cosim study repeat FOLDER`; the table must not depend on it
         origin = {"scenario_folder": str(plan.job.base.folder)}
         folder.begin(
@@ -141,24 +143,37 @@ def execute_study(
         )
         done = folder.rows
         before = len(done)
-        mine = runs or range(plan.count)
-        if any(run not in done for run in mine):
-            if not done:
-                report_progress("trial run", 0.0)
-                first, seconds = trial_run(plan, mine)
-                if first is not None:
-                    folder.append([first])
-            else:
-                seconds = done.longest
-            plan = _with_limit(plan, seconds, report_progress)
-            until = math.inf if time_limit_s is None else began + time_limit_s
-            with pool() as opened:
-                retried = _run_rest(plan, mine, folder, opened, report_progress, until)
-        _check_complete(mine, done)
-        manifest = {**manifest_of(plan), "stability": nominal_loop_figures(plan)}
-        complete = len(done) == plan.count
+        until = math.inf if time_limit_s is None else began + time_limit_s
+        opened: WorkerPool | None = None
+        stage = range(0)
+        for stage in stages_of(plan, done) if runs is None else [runs]:
+            if any(run not in done for run in stage):
+                # a stage has its own child, which knows its points
+                with plan.runner.supervised():
+                    if opened is None:
+                        if not done:
+                            report_progress("trial run", 0.0)
+                            first, seconds = trial_run(plan, stage)
+                            if first is not None:
+                                folder.append([first])
+                        else:
+                            seconds = done.longest
+                        plan = _with_limit(plan, seconds, report_progress)
+                        opened = pools.enter_context(pool())
+                    retried += _run_rest(plan, stage, folder, opened, report_progress, until)
+            _check_complete(stage, done)
+        pools.close()
+        count = plan.count if runs is not None else stage.stop
+        manifest = {
+            **manifest_of(plan),
+            "count": count,
+            "stability": nominal_loop_figures(plan),
+        }
+        complete = all(run in done for run in range(count))
         if complete:
-            write_table(manifest, done, folder.results)
+            # a study that stopped later before may have more
+            whole = done if len(done) == count else [done[run] for run in range(count)]
+            write_table(manifest, whole, folder.results)
         else:
             folder.describe(manifest)  # `merge_studies` takes it from here
         chosen = chosen_runs(plan.job.study, done)
@@ -167,13 +182,13 @@ def execute_study(
         if missing:
             with pool() as opened:
                 kept |= _record(plan, folder, opened, missing, report_progress)
-        incomplete = _incomplete(done)
+        incomplete, executed = _incomplete(done), len(done) - before
     return StudyResult(
         folder=out,
         results=folder.results if complete else out,
-        runs=len(done),
-        count=plan.count,
-        executed=len(done) - before,
+        runs=min(len(done), count),
+        count=count,
+        executed=executed,
         statuses=dict(sorted(done.statuses.items())),
         traces=kept,
         seconds=time.perf_counter() - began,
@@ -306,10 +321,11 @@ def _check_complete(runs: range, done: RunLog) -> None:
 
 def _ready(plan: Plan, folder: Folder) -> Job:
     """Return the job for workers, with the designs made here and the folder for traces."""
-    all_kept = plan.job.study.traces == "all"
+    all_kept, points = plan.job.study.traces == "all", plan.runner.points
     return replace(
         plan.job,
         designs=plan.runner.designs_made(),
+        drawn=points.drawn if isinstance(points, RarePoints) else None,
         traces=folder.traces.absolute() if all_kept else None,
     )
 

@@ -22,7 +22,7 @@ from cosim.study.varied import check_parameter
 
 TRIAL_S = 600.0
 """Wall-clock limit of the first run, if none is given [s]."""
-BESIDE = ("title", "description", "traces", "stability")
+BESIDE = ("title", "description", "traces", "stability", "stop")
 """Keys of a study that do not affect the results."""
 
 
@@ -58,6 +58,14 @@ class Plan:
         ------
         InputError : they are no runs of the study.
         """
+        study = self.job.study
+        if study.stop is not None or study.rare is not None:
+            raise InputError(
+                "the runs of this study follow from the results of earlier ones",
+                where="--runs",
+                expected="a study without stop and rare",
+                got="stop" if study.stop is not None else "rare",
+            )
         first, colon, end = text.partition(":")
         numbers = [first.strip() or "0", end.strip() or str(self.count)]
         if colon and all(number.isdecimal() for number in numbers):
@@ -239,8 +247,11 @@ def extended_by(plan: Plan, before: Mapping[str, Any]) -> Callable[[int], int] |
         or any(isinstance(axis, SampledAxis) and axis.kind == "latin" for axis in study.vary)
     ):
         return None
-    points = Points(fewer)
-    return lambda run: points.extended(run, plan.runner.points)
+    if study.rare is not None:
+        follows = study.rare.pilot is not None  # the sample; all the rest has other points
+        return (lambda run: run) if follows else None
+    points, more = Points(fewer), Points(study)
+    return lambda run: points.extended(run, more)
 
 
 def _without_samples(study: Study) -> Any:

@@ -42,6 +42,7 @@ from cosim.scenario import (
 from cosim.study.consistency import Place, nowhere
 from cosim.study.measurement import needs_zero_state_run
 from cosim.study.points import Points
+from cosim.study.rare_study import RarePoints
 from cosim.study.schema import Study
 from cosim.study.varied import Variations
 
@@ -100,7 +101,9 @@ class StudyRunner:
         place: Place = nowhere,
     ) -> None:
         self.study, self.base = study, base
-        self.points = Points(study, place("vary", 0))
+        self.points: Points | RarePoints = (
+            Points(study, place("vary", 0)) if study.rare is None else RarePoints(study)
+        )
         self.variations = Variations(study, base.scenario, place)
         self._hashes = hashes or {}
         # by hash an FMU is found at once; by name the cache first checks that it is up to date

@@ -15,9 +15,10 @@ from typing import Any
 from cosim.core import InputError, optional
 from cosim.study.batch import Row
 from cosim.study.folder import RESULTS, not_written, read_manifest, read_rows, remove
-from cosim.study.points import Points
+from cosim.study.rare_study import RarePoints
 from cosim.study.run_log import RunLog
 from cosim.study.schema import RESERVED, Study
+from cosim.study.stages import points_of_rows
 from cosim.study.varied import as_cell
 
 KEY = b"cosim.study"
@@ -47,7 +48,7 @@ def make_table(manifest: dict[str, Any], rows: RunLog | Iterable[Row]) -> Any:
 def _parts(manifest: dict[str, Any], rows: Rows) -> Iterator[Any]:
     """Yield the table in parts of `PART_RUNS` runs, at least one."""
     pa = pyarrow()
-    cells = _Cells(Study.model_validate(manifest["study"]))
+    cells = _Cells(Study.model_validate(manifest["study"]), rows)
     about = {KEY: json.dumps(manifest, sort_keys=True).encode()}
     schema = pa.schema(cells.types(rows), metadata=about)
     given = iter(rows)
@@ -60,11 +61,13 @@ def _parts(manifest: dict[str, Any], rows: Rows) -> Iterator[Any]:
 class _Cells:
     """The cells of a study's table."""
 
-    def __init__(self, study: Study) -> None:
-        self._study, self._points = study, Points(study)
+    def __init__(self, study: Study, rows: Rows) -> None:
+        self._study, self._points = study, points_of_rows(study, rows)
+        self._levels = ["level"] if isinstance(self._points, RarePoints) else []
         self.names = (
             "run",
             *(axis.column for axis in study.vary),
+            *self._levels,
             *RESERVED[1:],
             *study.metrics,
         )
@@ -72,7 +75,8 @@ class _Cells:
     def of(self, row: Row) -> tuple[Any, ...]:
         """Return the cells of a run."""
         values = map(as_cell, self._points[row.run])
-        return row.run, *values, row.status, row.reason, *row.values
+        level = [self._points.level(row.run)] if isinstance(self._points, RarePoints) else []
+        return row.run, *values, *level, row.status, row.reason, *row.values
 
     def types(self, rows: Rows) -> list[tuple[str, Any]]:
         """Return the name of each column and the type that fits all its values."""
@@ -85,7 +89,8 @@ class _Cells:
                     found.add(type(value))
         of_axes = self._points.types()
         axes: list[set[type]] = [{t if t in _CELLS else str for t in ts} for ts in of_axes]
-        kinds: list[set[type]] = [{int}, *axes, {str}, {str}, *metrics]
+        levels: list[set[type]] = [{int} for _ in self._levels]
+        kinds: list[set[type]] = [{int}, *axes, *levels, {str}, {str}, *metrics]
         return [(name, _type_of(found)) for name, found in zip(self.names, kinds, strict=True)]
 
     def batch(self, rows: Sequence[Row], schema: Any) -> Any:
@@ -120,7 +125,7 @@ def _column(values: Sequence[Any], kind: Any) -> Any:
     return pa.array(values, kind)
 
 
-def write_table(manifest: dict[str, Any], rows: RunLog, path: Path) -> None:
+def write_table(manifest: dict[str, Any], rows: Rows, path: Path) -> None:
     """Write a complete table or none; the same rows give the same bytes.
 
     Raises
