@@ -3,6 +3,10 @@ from .execution import (
     execute_study as execute_study,
 )
 from .folder import read_rows as read_rows
+from .picture_kinds import (
+    PICTURE_KINDS as PICTURE_KINDS,
+    draw_study as draw_study,
+)
 from .pictures import draw as draw
 from .plan import Plan as Plan
 from .read import (

@@ -12,12 +12,13 @@ from typing import Any
 import numpy as np
 
 from cosim.core import InputError
+from cosim.fmu import DEFAULT_FLAVOUR
 from cosim.page import packed
 from cosim.study.association import Groups, cells_of, groups_of, rank_correlations
 from cosim.study.columns import Column, StudyColumns, columns_of
 from cosim.study.convergence import convergence_of
 from cosim.study.distribution import distribution_of
-from cosim.study.folder import TRACES
+from cosim.study.folder import MANIFEST, TRACES
 from cosim.study.report.chart import (
     Chart,
     convergence_chart,
@@ -171,7 +172,7 @@ def content_of(
         manifest=manifest,
         columns=columns,
         confidence=confidence,
-        repeat=f"cosim study repeat {shlex.quote(str(folder))}",
+        repeat=_repeat(manifest, folder),
         unread=unread,
         statuses=status_counts(columns, confidence),
         causes=causes,
@@ -193,6 +194,14 @@ def content_of(
         worst=worst,
         worst_figures={} if worst is None else worst_figures(columns, worst, trace_of),
     )
+
+
+def _repeat(manifest: dict[str, Any], folder: Path) -> str:
+    """Return the command that repeats a run, without its number."""
+    name = shlex.quote(str(folder)) if (folder / MANIFEST).is_file() else "STUDY"
+    flavour = manifest.get("flavour", DEFAULT_FLAVOUR)
+    option = "" if flavour == DEFAULT_FLAVOUR else f" --flavour {flavour}"
+    return f"cosim study repeat{option} {name}"
 
 
 def figures(content: StudyContent) -> dict[str, Any]:
