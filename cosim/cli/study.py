@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+from rich.console import Group
 
 from cosim import scenario, study as studies
 from cosim.cli.arguments import names, numbers
@@ -28,7 +29,10 @@ from cosim.cli.runs import interruptions_reported, report_outcome
 from cosim.cli.study_view import (
     checked_view,
     finished_view,
+    merged_view,
+    rare_view,
     sensitivity_view,
+    stopped_view,
     study_report_view,
     summary_view,
 )
@@ -45,7 +49,7 @@ study_app = HelpTyper(
 StudyArgument = Annotated[str, built_in_or_file("study")]
 FlavourOption = Annotated[
     RunFlavour,
-    typer.Option(help="Language of the built-in FMUs: native (C), or python."),
+    typer.Option(help="Flavour of the built-in FMUs: native, native-fmi3, or python."),
 ]
 
 LimitOption = Annotated[
@@ -97,12 +101,13 @@ def check(
     cosim study check delay-margin
     """
     loaded = studies.load_study(name)
-    plan = _plan(loaded, fmus, flavour)
+    plan, study = _plan(loaded, fmus, flavour), loaded.study
     data = {
         "study": loaded.name,
         "title": loaded.study.title,
         "scenario": loaded.base.name,
         "runs": plan.count,
+        "runs_are": "at most" if study.stop else "at least" if study.rare else "exactly",
         "axes": {a.column: list(a.places) for a in loaded.study.vary},
         "metrics": list(loaded.study.metrics),
         "first": _values(plan, 0),
@@ -143,6 +148,14 @@ def run(
         ),
     ] = None,
     limit: LimitOption = None,
+    runs: Annotated[
+        str | None,
+        typer.Option(
+            metavar="FIRST:END",
+            help="Run only this part of the study's runs, which count from 0; run END is not in "
+            "it. `cosim study merge` joins the folders of parts.",
+        ),
+    ] = None,
     time_limit: Annotated[
         str,
         typer.Option(
@@ -170,6 +183,7 @@ def run(
     \b
     cosim study run delay-margin
     cosim study run delay-margin --workers all
+    cosim study run delay-margin --runs 0:20 --out part-1
     cosim study run sea-states --scheduler tcp://10.0.0.5:8786 --out /shared/sea --fmus /shared/fmus
     """
     loaded = studies.load_study(name)
@@ -192,10 +206,14 @@ def run(
                 fresh=fresh,
                 limits=limit or (),
                 time_limit_s=scenario.time_limit(time_limit, "--time-limit"),
+                runs=None if runs is None else plan.part(runs),
                 progress=report_progress,
             )
     except KeyboardInterrupt:
-        there = len(studies.read_rows(folder)) if folder.is_dir() else 0
+        there = 0
+        if folder.is_dir():
+            with studies.read_rows(folder) as rows:
+                there = len(rows)
         raise StoppedError(
             "interrupted",
             where=str(folder),
@@ -203,6 +221,27 @@ def run(
             hint="the same command continues",
         ) from None
     answer(as_json, done.to_json, lambda: finished_view(name, done))
+
+
+@study_app.command()
+def merge(
+    folders: Annotated[
+        list[Path], typer.Argument(help="Folders of one study, each with a part of its runs.")
+    ],
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the whole study.")],
+    as_json: JsonOption = False,
+) -> None:
+    """Merge parts of one study, executed in different places, into one folder.
+
+    Folders of different studies are refused: the message names what differs. A run that is in
+    several folders must have the same results in each, bit for bit. Once all runs are there the
+    table is written; it is the one of a study executed in one place.
+
+    \b
+    cosim study merge part-1 part-2 --out studies/delay-margin
+    """
+    found = studies.merge_studies(folders, out)
+    answer(as_json, found.to_json, lambda: merged_view(found))
 
 
 @study_app.command()
@@ -218,6 +257,14 @@ def repeat(
     number: Annotated[int, typer.Argument(help="Number of the run, counted from 0.")],
     out: Annotated[
         Path | None, typer.Option(help="Trace (default: traces/STUDY-run-NUMBER.mcap).")
+    ] = None,
+    results: Annotated[
+        Path | None,
+        typer.Option(
+            "--from",
+            help="Folder of the study (default: studies/NAME): later runs of a rare event follow "
+            "from the results there.",
+        ),
     ] = None,
     limit: LimitOption = None,
     fmus: FmusOption = FMUS,
@@ -239,8 +286,15 @@ def repeat(
     studies.check_unchanged(plan, loaded)
     trace = out or TRACES / f"{loaded.name}-run-{number}.mcap"
     scenario.check_writable(trace)
+    folder = results or STUDIES / loaded.name
     with interruptions_reported():
-        outcome = studies.repeat_run(plan, number, trace, limits=limit or ())
+        outcome = studies.repeat_run(
+            plan,
+            number,
+            trace,
+            limits=limit or (),
+            results=folder if results is not None or folder.is_dir() else None,
+        )
     report_outcome(outcome, as_json)
 
 
@@ -287,14 +341,18 @@ def show(
 ) -> None:
     """Summarise a study: shares and means with confidence intervals, per group; and draw it.
 
-    For a study that is not finished, the summary covers the runs that are done.
+    For a study that is not finished, the summary covers the runs that are done. Of a study with
+    `stop` it says what was reached, of one with `rare` the probability.
 
     \b
     cosim study show studies/delay-margin --picture margin.png
     cosim study show studies/delay-margin --by delay --quantiles 0.05,0.95
     cosim study show studies/mine --picture error.png --kind scatter --metric error --over Hs
     """
-    table, manifest = studies.read_table(path)
+    whole, manifest = studies.read_table(path)
+    stopped = studies.stopping_of(whole, manifest)
+    rare = studies.rare_estimate(whole, manifest)
+    table, manifest = studies.plain_sample(whole, manifest)
     groups = None if by is None else [] if by == "all" else list(names("--by", by))
     found = studies.summarise(
         table,
@@ -318,7 +376,15 @@ def show(
         "stability": None if edge is None else edge.to_json(),
         "picture": None if picture is None else str(picture),
     }
-    answer(as_json, lambda: data, lambda: summary_view(found, edge, picture))
+    event = manifest["study"].get("rare")
+    if stopped is not None:
+        data["stop"] = stopped.to_json()
+    if event is not None:
+        runs = {"runs": whole.num_rows, "complete": rare is not None}
+        data["rare"] = event | runs | ({} if rare is None else rare.to_json(confidence))
+    parts = [] if stopped is None else [stopped_view(stopped)]
+    parts += [] if event is None else [rare_view(event, rare, whole.num_rows, confidence)]
+    answer(as_json, lambda: data, lambda: Group(summary_view(found, edge, picture), *parts))
 
 
 @study_app.command()

@@ -3,12 +3,20 @@ from .execution import (
     execute_study as execute_study,
 )
 from .folder import read_rows as read_rows
+from .merge import (
+    MergedStudy as MergedStudy,
+    merge_studies as merge_studies,
+)
 from .picture_kinds import (
     PICTURE_KINDS as PICTURE_KINDS,
     draw_study as draw_study,
 )
 from .pictures import draw as draw
 from .plan import Plan as Plan
+from .rare_events import (
+    Level as Level,
+    RareEstimate as RareEstimate,
+)
 from .read import (
     LoadedStudy as LoadedStudy,
     builtin_studies as builtin_studies,
@@ -47,6 +55,12 @@ from .stability_boundary import (
     loop_delay_margin as loop_delay_margin,
 )
 from .stability_picture import draw_stability as draw_stability
+from .stages import (
+    plain_sample as plain_sample,
+    rare_estimate as rare_estimate,
+    stopping_of as stopping_of,
+)
+from .stopping import Stopping as Stopping
 from .summary import (
     Group as Group,
     Numbers as Numbers,

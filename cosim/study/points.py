@@ -63,6 +63,13 @@ class Points:
         """Return the value of every axis in run number `run`, counted from 0."""
         return tuple(self._value(axis, run) for axis in self.axes)
 
+    def types(self) -> list[set[type]]:
+        """Return the types of the values of each axis."""
+        every = (self._values[id(axis)] for axis in self.axes)
+        return [
+            {type(v[0].item())} if isinstance(v, np.ndarray) else set(map(type, v)) for v in every
+        ]
+
     def extended(self, run: int, more: Points) -> int:
         """Return the number of a run in a study that has more samples and is the same else."""
         sampled = next(axis for axis in self.axes if isinstance(axis, SampledAxis))

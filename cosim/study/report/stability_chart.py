@@ -73,7 +73,7 @@ def _over_delay_and_loss(
     delay, loss = columns.axes[part.delay], columns.axes[part.loss or ""]
     stable = columns.metrics[part.stable]
     x, y, share = _means(delay, loss, stable)
-    bx: Reals = edges(x)
+    bx: Reals = np.asarray(edges(x), np.float64)
     by: Reals = np.arange(y.size + 1) - 0.5
     data = []
     if part.gain:
@@ -104,7 +104,11 @@ def _over_delay_and_loss(
         data.append(line | {"mode": "lines", "line": {"width": 1.8, "dash": "dot"}})
     data += _margin(found, float(by[0]), float(by[-1]))
     ticks = {"tickvals": list(range(y.size)), "ticktext": [f"{value:g}" for value in y]}
-    return data, {"title": plain(f"{part.loss}: share of messages lost"), "range": [float(by[0]), float(by[-1])], **ticks}
+    return data, {
+        "title": plain(f"{part.loss}: share of messages lost"),
+        "range": [float(by[0]), float(by[-1])],
+        **ticks,
+    }
 
 
 def _means(x: Column, y: Column, values: Column) -> tuple[Reals, Reals, Reals]:
