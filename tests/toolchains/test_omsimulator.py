@@ -9,10 +9,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cosim.scenario.names import built_in_scenarios
 from shared import sampled
 
 from cosim.master import simulate
+from cosim.scenario.extend import builtin_names
 from cosim.scenario.fmu_cache import FmuCache
 from cosim.scenario.preparation import prepare
 from cosim.scenario.read import load, parse
@@ -33,7 +33,7 @@ pytestmark = [
 
 
 @pytest.mark.parametrize("version", ["1.0", "2.0"])
-@pytest.mark.parametrize("name", sampled(sorted(set(built_in_scenarios()) - VARYING), 2))
+@pytest.mark.parametrize("name", sampled(sorted(set(builtin_names()) - VARYING), 2))
 def test_archive_runs_unedited_as_here(
     native_fmus: Path, tmp_path: Path, name: str, version: SspVersion
 ) -> None:
