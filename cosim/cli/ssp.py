@@ -14,7 +14,6 @@ from cosim.cli.common import (
     FMUS,
     FmusOption,
     JsonOption,
-    RunFlavour,
     answer,
     progress,
 )
@@ -66,7 +65,7 @@ def export_verb(
         ),
     ] = "1.0",
     flavour: Annotated[
-        RunFlavour,
+        Literal["native", "python"],
         typer.Option(help="Built-in FMUs: native (C) for any tool, python for Python hosts."),
     ] = DEFAULT_FLAVOUR,
     fmus: FmusOption = FMUS,

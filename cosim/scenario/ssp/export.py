@@ -128,7 +128,8 @@ def export_ssp(
 def system_of(prepared: PreparedScenario, scenario: Scenario) -> System:
     """Assemble the system that the master would run, with the designed gain as parameters."""
     worst_case = prepared.worst_case
-    return assemble(scenario, prepared.fmus, parameters=prepared.gain, worst_case=worst_case)
+    made = assemble(scenario, prepared.fmus, parameters=prepared.gain, worst_case=worst_case)
+    return made.system
 
 
 def _toml(part: Part) -> str:

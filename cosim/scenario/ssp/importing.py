@@ -157,7 +157,7 @@ def _cut_loops(
         return {}
     run = scenario.run.model_copy(update={key: "previous"})
     try:
-        system = assemble(scenario.model_copy(update={"run": run}), fmus, parameters={})
+        system = assemble(scenario.model_copy(update={"run": run}), fmus, parameters={}).system
     except InputError:
         return {}  # what else keeps it from running is reported when it is run
     cut = receiving_order(system).cut
