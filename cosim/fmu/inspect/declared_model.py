@@ -211,8 +211,8 @@ def read_declared_model(root: Any) -> DeclaredModel:
         base = element.find("BaseUnit")
         name = element.get("unit" if model.major == 1 else "name", "")
         displays = tuple(dict(display.attrib) for display in element.findall("DisplayUnit"))
-        attributes = None if base is None else dict(base.attrib)
-        model.units.append(Unit(name, element.sourceline, attributes, displays))
+        exponents = None if base is None else dict(base.attrib)
+        model.units.append(Unit(name, element.sourceline, exponents, displays))
     model.types = list(_types(root, model.major))
     model.types_by_name = {each.name: each for each in model.types}
     for tag, path in _NAMED.items():
@@ -299,7 +299,8 @@ def _variable(element: Any, index: int, model: DeclaredModel) -> Variable:
     starts = None if start is None else (start,)
     children = element.findall("Start") if model.major == 3 else []
     if kind in ("String", "Binary") and model.major == 3:
-        starts = tuple(child.get("value", "") for child in children) or None
+        values = [child.get("value") for child in children]
+        starts = tuple(values) if values and None not in values else None
     elif start is not None and model.major == 3:
         starts = tuple(start.split())
     return Variable(

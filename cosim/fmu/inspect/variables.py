@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import Iterator
 
 from cosim.fmu.inspect.declared_model import XML, DeclaredModel, Variable, integer, number
-from cosim.fmu.inspect.findings import Finding, finding, first_few
+from cosim.fmu.inspect.findings import Finding, Level, finding, first_few
 
 # FMI 2.0.4 and 3.0.2, 2.2.9 / 2.4.7.5.1: the grammar of structured names; linear in its length
 _Q = r"'(?:[A-Za-z0-9_!#$%&()*+,\-./:;<>=?@\[\]^{}|~ ]|\\['\"?\\abfnrtv])+'"
@@ -116,8 +116,9 @@ def _range(v: Variable) -> Iterator[Finding]:
     low, high = number(v.minimum), number(v.maximum)
     if low is not None and high is not None and low > high:
         yield finding("range-empty", v.where, f"min {v.minimum} is greater than max {v.maximum}")
-    if number(v.nominal) == 0.0:
-        yield finding("nominal", v.where, "nominal is 0")
+    nominal = number(v.nominal)
+    if nominal is not None and not 0.0 < nominal < math.inf:
+        yield finding("nominal", v.where, f"nominal is {nominal:g}")
 
 
 def _has_start(v: Variable) -> Iterator[Finding]:
@@ -144,7 +145,7 @@ def _start(v: Variable, model: DeclaredModel) -> Iterator[Finding]:
         if value is None:
             continue  # a finding of the schema
         if not math.isfinite(value):
-            level = "error" if model.major == 2 else None
+            level: Level | None = "error" if model.major == 2 else None
             yield finding("start-number", v.where, f"start is {word}", level=level)
         elif (low is not None and value < low) or (high is not None and value > high):
             bounds = f"[{v.minimum or '-inf'}, {v.maximum or 'inf'}]"
@@ -166,7 +167,7 @@ def _unit(v: Variable, model: DeclaredModel) -> Iterator[Finding]:
             yield finding("unit-display", v.where, f"display unit {name!r} without a unit")
         elif name not in {display.get("name") for display in units[v.unit].displays}:
             what = f"display unit {name!r} is not defined in unit {v.unit!r}"
-            level = "warning" if model.major == 2 else None
+            level: Level | None = "warning" if model.major == 2 else None
             yield finding("unit-display", v.where, what, level=level)
 
 
