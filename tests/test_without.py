@@ -61,7 +61,7 @@ def test_an_fmu_is_checked_without_readers_of_binaries(monkeypatch: pytest.Monke
 
 
 def test_an_fmu_is_checked_with_a_handful_of_packages(tmp_path: Path) -> None:
-    """Only what `pip install --no-deps auv-cosim` needs beside it, as docs/how-to/own-fmus.md says."""
+    """Those of docs/how-to/own-fmus.md, and the two that typer brings."""
     allowed = {"cosim", "lazy_loader", "lxml", "pydantic", "rich", "typer"}
     code = (
         "import sys\n"
