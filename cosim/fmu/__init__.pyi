@@ -1,4 +1,8 @@
-from .binary import ACCEPTED_STATUSES as ACCEPTED_STATUSES
+from .binary import (
+    ACCEPTED_STATUSES as ACCEPTED_STATUSES,
+    SlaveOptions as SlaveOptions,
+    exactly as exactly,
+)
 from .call_watch import (
     calling as calling,
     watch_calls as watch_calls,
@@ -17,6 +21,7 @@ from .description import (
     FmuDescription as FmuDescription,
     describe_fmu as describe_fmu,
 )
+from .event_mode import INTERVAL_CHANGED as INTERVAL_CHANGED
 from .export.archive import deterministic_zip as deterministic_zip
 from .export.build import (
     build_fmu as build_fmu,

@@ -78,6 +78,16 @@ class FmuDescription:
         return bool(self.model.coSimulation.canSerializeFMUstate)
 
     @property
+    def has_event_mode(self) -> bool:
+        """Whether its events can be handled in event mode (FMI 3)."""
+        return self.version == "3.0" and bool(self.model.coSimulation.hasEventMode)
+
+    @property
+    def provides_intermediate_update(self) -> bool:
+        """Whether its outputs can be read within a step (FMI 3)."""
+        return self.version == "3.0" and bool(self.model.coSimulation.providesIntermediateUpdate)
+
+    @property
     def can_interpolate_inputs(self) -> bool:
         """Whether it takes derivatives of its inputs (FMI 2)."""
         return bool(self.model.coSimulation.canInterpolateInputs)
@@ -123,6 +133,16 @@ class FmuDescription:
                 )
             values[name] = int(value)
         ports = {name: port.resized(values) for name, port in self.ports.items()}
+        return replace(self, ports=MappingProxyType(ports))
+
+    def without_events(self) -> FmuDescription:
+        """Return the description for a run without event mode: without Clocks that tick."""
+        if not any(port.clock is not None or port.clocks for port in self.ports.values()):
+            return self
+        ports = {
+            name: replace(port, clocks=(), kind=None if port.clock is not None else port.kind)
+            for name, port in self.ports.items()
+        }
         return replace(self, ports=MappingProxyType(ports))
 
     def with_feedthrough(self, given: Feedthrough | None) -> FmuDescription:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from functools import partial
 from math import prod
 from typing import Any
 
 from lxml import etree
 
+from cosim.fmu.clock import declared_clock
 from cosim.fmu.port import TYPE_MAPPINGS, FmiVersion, Port, SignalKind, parse_start, parse_value
 
 
@@ -60,6 +62,12 @@ def declared_ports(model: Any, xml: bytes, version: FmiVersion) -> dict[str, Por
             items=_items(variable),
             nominal=_nominal(variable, words, type_mapping.kind),
             feedthrough_declared=key not in undeclared,
+            clock=declared_clock(partial(words.clock, variable))
+            if words is not None and variable.type == "Clock"
+            else None,
+            clocks=tuple(clock.name for clock in variable.clocks or ()),
+            intermediate=words is not None
+            and words.get(variable, "intermediateUpdate") in ("true", "1"),
         )
     return ports
 
@@ -69,18 +77,27 @@ class _Words:
 
     def __init__(self, xml: bytes) -> None:
         parser = etree.XMLParser(resolve_entities=False, no_network=True, load_dtd=False)
-        found = etree.fromstring(xml, parser).find("ModelVariables")
+        root = etree.fromstring(xml, parser)
+        found, types = root.find("ModelVariables"), root.find("TypeDefinitions")
         self._elements = {} if found is None else {v.get("name"): v for v in found}
+        self._types = {} if types is None else {t.get("name"): t for t in types}
 
     def get(self, variable: Any, attribute: str) -> str | None:
         """Return an attribute of a variable, or of the one that it is an alias of."""
         value = self._element(variable).get(attribute)
         return None if value is None else str(value)
 
+    def clock(self, variable: Any, attribute: str) -> str | None:
+        """Return an attribute of a Clock, its own or else its type's."""
+        own = self.get(variable, attribute)
+        declared = self._types.get(self.get(variable, "declaredType"))
+        found = declared.get(attribute) if own is None and declared is not None else own
+        return None if found is None else str(found)
+
     def start(self, variable: Any, shape: tuple[int, ...]) -> list[str]:
         """Return the words of all start values: an element per text, one attribute of numbers."""
         element = self._element(variable)
-        if variable.type == "String":
+        if variable.type in ("String", "Binary"):
             return [str(s.get("value")) for s in element.findall("Start")]
         text = element.get("start")
         if text is None:
@@ -133,7 +150,8 @@ def _key(model: Any, variable: Any) -> Any:
 def _feedthrough(model: Any) -> tuple[set[Any], set[Any]]:
     """Return the outputs with direct feedthrough, and those of them that do not declare it.
 
-    Undeclared dependencies mean all inputs (FMI 2.0.4 2.2.8, FMI 3.0 2.4.8).
+    Undeclared dependencies mean all inputs (FMI 2.0.4 2.2.8, FMI 3.0 2.4.8). A time-based Clock is
+    an input that depends on nobody: the master lets it tick before values are exchanged.
     """
     declared = {_key(model, unknown.variable): unknown.dependencies for unknown in model.outputs}
     found, undeclared = set(), set()
@@ -142,8 +160,13 @@ def _feedthrough(model: Any) -> tuple[set[Any], set[Any]]:
             key = _key(model, variable)
             dependencies: Iterable[Any] | None = declared.get(key)
             given = model.modelVariables if dependencies is None else dependencies
-            if any(v.causality == "input" for v in given):
+            if any(v.causality == "input" and not _is_time_based(v) for v in given):
                 found.add(key)
                 if dependencies is None:
                     undeclared.add(key)
     return found, undeclared
+
+
+def _is_time_based(variable: Any) -> bool:
+    """Whether a variable is a Clock that ticks by the time (of FMI 3.0)."""
+    return bool(variable.type == "Clock" and variable.intervalVariability != "triggered")

@@ -15,6 +15,7 @@ from cosim.fmu.values import checked_scalars, rounded_to_c, value_of
 
 CheckedValue = tuple[Port, list[Any]]
 """A variable and the scalars to set it to."""
+_UNCHANGEABLE = (float, int, bool, str)
 
 
 class VariableAccess(Instance):
@@ -23,6 +24,7 @@ class VariableAccess(Instance):
     def __init__(self, *arguments: Any, **options: Any) -> None:
         super().__init__(*arguments, **options)
         self._given: list[CheckedValue] = []
+        self._checked: dict[str, tuple[Any, CheckedValue]] = {}
 
     @property
     def _input(self) -> str:
@@ -45,7 +47,7 @@ class VariableAccess(Instance):
                 got=", ".join(p.name for p in ports) or None,
             )
         for port in ports:
-            if port.kind is None:
+            if port.kind in (None, "clock"):
                 checked_scalars(port, None, self._input)
         found = {}
         for members in _by_type(ports):
@@ -123,6 +125,10 @@ class VariableAccess(Instance):
     ) -> list[CheckedValue]:
         prepared = []
         for name, value in values.items():
+            before = self._checked.get(name)
+            if self.phase == "instantiated" and before is not None and before[0] is value:
+                prepared.append(before[1])  # after a reset
+                continue
             port = description.port(name, where=self._input)
             if self.phase in PHASE_TEXT and not may_be_set(port, self.phase):
                 raise InputError(
@@ -131,12 +137,30 @@ class VariableAccess(Instance):
                     got=describe_settable(port),
                 )
             prepared.append((port, checked_scalars(port, value, self._input)))
+            if type(value) in _UNCHANGEABLE:  # the same object is the same value
+                self._checked[name] = value, prepared[-1]
         return prepared
 
     def _set(self, prepared: Sequence[CheckedValue]) -> None:
         flat = {port.name: items for port, items in prepared}
         for members in _by_type([port for port, _ in prepared]):
             self._move("set", members, [x for port in members for x in flat[port.name]])
+
+    def get_binaries(self, references: Sequence[int], size: int) -> tuple[int, list[bytes]]:
+        """Return the status of reading variables of type Binary, and their values."""
+        try:
+            found = self._attempt("getBinary", list(references), size)
+        except FMICallException as error:
+            return error.status, []
+        return 0, [raw or b"" for raw in found]
+
+    def set_binaries(self, references: Sequence[int], values: Sequence[bytes]) -> int:
+        """Set variables of type Binary and return the status."""
+        try:
+            self._attempt("setBinary", list(references), list(values))
+        except FMICallException as error:
+            return int(error.status)
+        return 0
 
     def _move(self, way: Literal["get", "set"], ports: Sequence[Port], *arguments: Any) -> Any:
         """Get or set variables of one type; after a discarded value the slave can go on.

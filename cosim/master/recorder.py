@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.fmu import Port
+from cosim.fmu import Port, SignalKind
 from cosim.master.communication_points import CommunicationPoints
-from cosim.master.component_instance import Column, ComponentInstance
+from cosim.master.component_instance import MOST_EXACT, Column, ComponentInstance
 from cosim.master.observers import Observer
 from cosim.master.system import System
 from cosim.network import DELIVERED, LOST, REASONS, Arrivals, PacketLink
@@ -214,13 +214,24 @@ def _named(posed: list[_Posed]) -> list[_Posed]:
     return posed
 
 
+_KINDS: Mapping[SignalKind | None, Literal["float", "int", "bool", "string"]] = {
+    "float": "float",
+    "int": "int",
+    "bool": "bool",
+    "string": "string",
+    "binary": "string",
+    "clock": "bool",
+}
+"""Kind of a variable -> of its signal: Binary is the hexadecimal text of its bytes."""
+
+
 def signal_of(port: Port, name: str | None = None) -> Signal:
     """Describe an FMI variable as a signal of the trace, under its own name or another."""
     return Signal(
         name=name or port.name,
         value_reference=port.reference,
         unit=port.unit,
-        kind=port.kind or "float",
+        kind="uint" if port.getter_type == "UInt64" else _KINDS.get(port.kind, "float"),
         hold=port.variability,
         description=port.description,
     )
@@ -228,9 +239,17 @@ def signal_of(port: Port, name: str | None = None) -> Signal:
 
 def _cast(instance: ComponentInstance, columns: Sequence[Column]) -> _Cast:
     """Return a function from rows of doubles to rows of values of the columns' own types."""
-    if all(column.port.kind in ("float", "int", "bool") for column in columns):
+    if not all(column.port.kind in ("float", "int", "bool", "clock") for column in columns):
+        return lambda rows: instance.values(rows, columns)
+    wide = [j for j, column in enumerate(columns) if column.port.c_type in ("i8", "u8")]
+    if not wide:
         return lambda rows: rows
-    return lambda rows: instance.values(rows, columns)
+
+    def cast(rows: NDArray[np.float64]) -> Any:
+        numbers = bool((np.abs(rows[:, wide]) <= MOST_EXACT).all())
+        return rows if numbers else instance.values(rows, columns)
+
+    return cast
 
 
 def identifier(name: str) -> str:
@@ -322,7 +341,7 @@ class _Traffic:
         return Rows(self._state, times, values, rank=(_SCENE,))
 
     def _values(self, messages: Arrivals) -> Any:
-        rows = self._comm_points.rows_at(messages.sent_ns)
+        rows = self._comm_points.rows_sent_at(messages.sent_ns)
         values = np.empty((rows.size, len(self._sources)))
         for column, (instance, j) in enumerate(self._sources):
             values[:, column] = instance.outputs[instance.own_points.last[rows], j]

@@ -17,6 +17,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
+from fractions import Fraction
 from typing import TYPE_CHECKING, Any, Self, get_args
 
 import numpy as np
@@ -27,13 +28,16 @@ from cosim.fmu import FmuSlave
 from cosim.master.adjustments import Adjustment
 from cosim.master.component_instance import ComponentInstance
 from cosim.master.engine import EngineChoice, EngineName, choose_engine
-from cosim.master.initialisation import initialise
+from cosim.master.event_checks import slave_options
+from cosim.master.event_instance import EventInstance
+from cosim.master.initialisation import Initialisation
 from cosim.master.loop import Loop
 from cosim.master.observers import Observer, ObserverDispatch
 from cosim.master.pacing import Pace
 from cosim.master.parts import LogLevel
 from cosim.master.run import Run
 from cosim.master.snapshot import Snapshot, fingerprint
+from cosim.master.structure import can_be_reset, same_structure
 from cosim.master.system import System
 from cosim.master.wire import wire
 from cosim.master.wiring import Wiring
@@ -99,15 +103,18 @@ class Session:
                 hint="a longer step, a shorter run, or keep=False: observers receive the rows",
             )
         texts = any(
-            column.port.kind == "string"
+            column.port.kind in ("string", "binary")
             for instance in self._wiring.instances
             for column in (*instance.output_columns, *instance.input_columns)
         )
         self._comm_points = self._wiring.comm_points
-        self._choice = choose_engine(engine, texts=texts, threads=system.threads)
+        events = system.has_events
+        self._choice = choose_engine(engine, texts=texts, events=events, threads=system.threads)
+        self._in_event_mode: dict[int, EventInstance] = {}
         self._dispatch = dispatch or ObserverDispatch(observers)
         self._stack = ExitStack()
         self._loop: Loop | None = None
+        self._initialisation = Initialisation(self._wiring)
         self.initial_passes = 0
 
     def __enter__(self) -> Self:
@@ -121,22 +128,76 @@ class Session:
                     note,
                     categories=component.log_categories,
                     process=processes.get(name),
+                    options=slave_options(self.system, name),
                 )
                 self._stack.enter_context(slave)
                 self._wiring.instance(name).slave = slave
-            self.initial_passes = initialise(self.system, self._wiring)
-            for observer in self._observers:
-                observer.begin(self._wiring.instances)
+            self._in_event_mode = {
+                number: EventInstance(number, instance)
+                for number, instance in enumerate(self._wiring.instances)
+                if instance.component.has_events
+            }
+            self._begin_run()
             self._loop = Loop(
                 *(self.system, self._wiring, self._dispatch, self._choice, self._word),
+                self._in_event_mode,
                 keep=self._keep,
             )
         except BaseException as error:
-            if isinstance(error, CosimError):
-                self._dispatch.note("master", "error", error.text())
-            self.close()
+            self._break_off(error)
             raise
         return self
+
+    def _begin_run(self) -> None:
+        events = self._in_event_mode.values()
+        self.initial_passes = self._initialisation.run(self.system, events)
+        for observer in self._observers:
+            observer.begin(self._wiring.instances)
+
+    def _break_off(self, error: BaseException) -> None:
+        if isinstance(error, CosimError):
+            self._dispatch.note("master", "error", error.text())
+        self.close()
+
+    def begin_again(self, system: System, observers: Sequence[Observer] = ()) -> None:
+        """Begin another run from its start, with the same slaves; its rows replace those there are.
+
+        Parameters
+        ----------
+        system : one that `can_begin_again` says this of.
+        observers : of the new run, in place of those so far.
+
+        Raises
+        ------
+        InputError, ComponentError : as `__enter__`; the session is closed then.
+        """
+        loop = self._opened()
+        self.system, self._observers = system, observers
+        try:
+            self._dispatch.begin(observers)
+            self._wiring.begin_again(system)
+            for instance in self._wiring.instances:
+                instance.slave.reset()
+            self._begin_run()
+            loop.begin_again(system)
+        except BaseException as error:
+            self._break_off(error)
+            raise
+
+    def can_begin_again(self, system: System) -> bool:
+        """Whether `begin_again` is a new session of a system, bit for bit.
+
+        It is where the systems differ only in start values, driven signals and what links do to
+        messages, and all slaves can be reset to what a new one is.
+        """
+        slaves = [instance.slave for instance in self._wiring.instances] if self.opened else []
+        return (
+            bool(slaves)
+            and self._keep
+            and all(slave.phase == "stepping" for slave in slaves)
+            and can_be_reset(system)
+            and same_structure(self.system, system)
+        )
 
     def _start_processes(self) -> dict[str, SlaveProcess]:
         """Start the processes of isolated slaves, before an FMU is loaded in this one."""
@@ -164,10 +225,14 @@ class Session:
                 self._loop.close()
             self._stack.close()
         finally:
-            self._dispatch.close()
+            self.release_observers()
             # the function refers to the session, which would keep the rows in memory
             place = self._dispatch.where()
             self._dispatch.where = lambda: place
+
+    def release_observers(self) -> None:
+        """Deliver the last log lines to the observers; they receive nothing more."""
+        self._dispatch.close()
 
     @property
     def opened(self) -> bool:
@@ -270,6 +335,8 @@ class Session:
                 hint="override() it, or set its source",
             )
         instance.slave.write({variable: value})
+        for one in self._in_event_mode.values():
+            one.event_needed |= one.instance is instance  # what is set may be an event
         self._opened().forget_exchange()
 
     def override(self, component: str, variable: str, value: float) -> None:
@@ -294,7 +361,12 @@ class Session:
         instance = self._instance(component)
         end = self.system.comm_schedule.end_ns / 1e9
         instance.slave.reset()
-        instance.slave.initialise(instance.component.parameters, self.time_s, end)
+        instance.slave.set_start(instance.component.parameters)
+        instance.slave.enter_initialisation(self.time_s, end)
+        for one in self._in_event_mode.values():
+            if one.instance is instance:
+                one.prepare(Fraction(self.time_ns, 10**9))
+        instance.slave.exit_initialisation()
         self._opened().forget_exchange()
 
     def note(self, level: str, name: str, message: str, *, time_ns: int | None = None) -> None:
@@ -332,6 +404,7 @@ class Session:
         InputError : a component whose FMU cannot save its state, or serialise it, named.
         """
         loop = self._opened()
+        self._check_without_events()
         self._check_kept("there is no snapshot of a run whose rows are not kept")
         if loop.status in ("failed", "diverged"):
             raise InputError(
@@ -361,16 +434,17 @@ class Session:
         snapshot.restore_into(self._wiring)
         loop.go_back(snapshot.complete, snapshot.adjustments)
 
-    def result(self, *, complete: bool = False) -> Run:
+    def result(self, *, complete: bool = False, whole: bool = True) -> Run:
         """Return the run so far; its status is "stopped" if it has not ended by itself.
 
         Its rows are those of the session: `restore` and what follows writes over them. It includes
         the values at `time_s`, where they are known before the run continues (see
-        `value`); `complete` : rows that are complete only, as the observers have them.
+        `value`); `complete` : rows that are complete only, as the observers have them; `whole` : as
+        in `Run.of`.
         """
         loop = self._opened()
         known = not complete and loop.exchange(self._wiring.rows.shape[1] - 1)
-        return loop.result(loop.complete + known)
+        return loop.result(loop.complete + known, whole=whole)
 
     def _adjust(self, component: str, variable: str, by: Adjustment | None) -> None:
         loop, column = self._opened(), self._column(component, variable)
@@ -378,9 +452,20 @@ class Session:
 
     def _column(self, component: str, variable: str) -> int:
         number, column = self._instance(component).place(variable, "output or connected input")
-        if column.port.kind == "string":
-            raise InputError("a text cannot be overridden", where=f"{component}.{variable}")
+        if column.port.kind in ("string", "binary", "clock"):
+            what = {"string": "a text", "binary": "bytes", "clock": "the tick of a Clock"}
+            where = f"{component}.{variable}"
+            raise InputError(f"{what[column.port.kind]} cannot be overridden", where=where)
         return number
+
+    def _check_without_events(self) -> None:
+        if self._in_event_mode:
+            raise InputError(
+                "there is no snapshot of a run whose components have events",
+                where="Session",
+                got=", ".join(one.instance.name for one in self._in_event_mode.values()),
+                hint="event_mode = false for these components",
+            )
 
     def _check_kept(self, what: str) -> None:
         if not self._keep:

@@ -103,15 +103,15 @@ def test_c_host_runs_saves_restores(native_fmus: Path, tmp_path: Path, name: str
 @pytest.mark.parametrize("version", ["2.0", "3.0"])
 def test_sources_have_no_warning(tmp_path: Path, version: str) -> None:
     """Of any component: users compile the sources with their own warnings, errors among them."""
-    said = {}
+    warnings = {}
     for name in NAMES:
         content, compiled = sources(CATALOGUE[name], version, "identity")
         for file, text in content.items():
             (tmp_path / file).write_bytes(text)
         line = [*host_compiler(), "-std=c99", "-fsyntax-only", "-Wall", "-Wextra", *compiled]
         done = subprocess.run(line, check=True, capture_output=True, text=True, cwd=tmp_path)  # noqa: S603
-        said[name] = done.stderr
-    assert said == dict.fromkeys(NAMES, "")
+        warnings[name] = done.stderr
+    assert warnings == dict.fromkeys(NAMES, "")
 
 
 @pytest.mark.skipif(platform.system() != "Linux", reason="the sanitizers of the system's compiler")

@@ -19,6 +19,9 @@ from multiprocessing.reduction import recv_handle
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from cosim.core import ComponentError, flush_output, prepare_for_foreign_code
 from cosim.fmu import adopt_folder, watch_calls
 from cosim.master.component_instance import ComponentInstance
@@ -33,6 +36,8 @@ from cosim.trace import Cause
 
 _REPORT_S = 0.01
 _WAIT_S = 0.0005
+_RESULTS_S = 0.02
+"""How long the results of calls wait for others to be sent with them."""
 _AHEAD_BYTES = 1 << 24
 _ORPHAN_S = 5.0
 """How long an orphan may go on: it has been asked to leave, and may be just doing so."""
@@ -114,11 +119,26 @@ class _Executor:
             self._connection.send_bytes(data)
 
     def _call(
-        self, number: int, folder: str, function: Callable[..., Any], arguments: Sequence[Any]
+        self,
+        number: int,
+        folder: str,
+        progress: NDArray[np.float64],
+        function: Callable[..., Any],
+        arguments: Sequence[Any],
+        each: Sequence[Any],
     ) -> None:
+        """Call a function for each of some things; write to `progress` which it is, since when."""
         adopt_folder(Path(folder))
+        results: list[Any] = []
+        sent = time.monotonic()
         try:
-            self._send(number, messages.CALLED, function(*arguments))
+            for turn, one in enumerate(each):
+                progress[:] = turn, (now := time.monotonic())
+                if now - sent > _RESULTS_S:
+                    self._send(number, messages.CALLED, results)
+                    results, sent = [], now
+                results.append(function(*arguments, one))
+            self._send(number, messages.CALLED, results)
         except Exception as error:  # noqa: BLE001 - raised in the parent
             self._send(number, messages.RAISED, *messages.exception_parts(error))
 
@@ -136,6 +156,7 @@ class _Executor:
             ahead = None if job.keep else _AHEAD_BYTES // wiring.all_rows.strides[0]
             report = _Report(self, number, shared, ahead)
             wiring.texts.on_new = report.text
+            wiring.comm_points.on_new = report.point
             session = Session(
                 job.system,
                 [begun := _Begun(self, number)],
@@ -247,6 +268,10 @@ class _Report(ObserverDispatch):
     def text(self, number: int, text: str) -> None:
         """Tell a new value of a String."""
         self._tell(messages.TEXT, number, text)
+
+    def point(self, instant_ns: int, seconds: float) -> None:
+        """Tell a point that was added."""
+        self._tell(messages.POINT, instant_ns, seconds)
 
     def close(self) -> None:
         """Do nothing: the parent closes its own."""
