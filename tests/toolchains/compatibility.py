@@ -23,7 +23,7 @@ import pytest
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE.parent))
 
-from shared import fmu_folder  # noqa: E402 - the folder of tests is on the path now
+from shared import fmu_folder, share_below  # noqa: E402 - the folder of tests is on the path now
 from toolchains import test_c_host, test_toolchains as runs  # noqa: E402
 from toolchains.peer_run import TOOLS, Part, PeerRun, Tool, run_peer  # noqa: E402
 
@@ -224,4 +224,6 @@ def page() -> str:
 
 
 if __name__ == "__main__":
-    Path(sys.argv[1]).write_text(page(), "utf-8")
+    with tempfile.TemporaryDirectory() as session:
+        share_below(Path(session))
+        Path(sys.argv[1]).write_text(page(), "utf-8")
