@@ -44,7 +44,8 @@ class Variable:
     minimum, maximum, nominal, unit, display_unit : its own, or else its declared type's.
     derivative, previous : index in FMI 2, value reference in FMI 3.
     dimensions : one entry per dimension: (size, None) or (None, value reference).
-    aliases : its further names in FMI 3: (name, display unit).
+    aliases : its further names in FMI 3: (name, display unit, description).
+    inherited : the attributes of its declared type.
     """
 
     index: int
@@ -67,7 +68,8 @@ class Variable:
     previous: int | None
     clocks: tuple[int, ...] | None
     dimensions: tuple[tuple[int | None, int | None], ...]
-    aliases: tuple[tuple[str, str | None], ...]
+    aliases: tuple[tuple[str, str | None, str | None], ...]
+    inherited: Mapping[str, str]
 
     @property
     def real(self) -> bool:
@@ -285,7 +287,7 @@ def _variable(element: Any, index: int, model: DeclaredModel) -> Variable:
     declared = model.types_by_name.get(attributes.get("declaredType", ""))
     inherited = {} if declared is None else declared.attributes
 
-    def own(key: str) -> Any:
+    def own(key: str) -> str | None:
         return attributes.get(key, inherited.get(key))
 
     causality = element.get("causality", "local")
@@ -327,7 +329,11 @@ def _variable(element: Any, index: int, model: DeclaredModel) -> Variable:
             (integer(d.get("start")), integer(d.get("valueReference")))
             for d in (element.findall("Dimension") if model.major == 3 else ())
         ),
-        aliases=tuple((a.get("name", ""), a.get("displayUnit")) for a in element.findall("Alias")),
+        aliases=tuple(
+            (a.get("name", ""), a.get("displayUnit"), a.get("description"))
+            for a in element.findall("Alias")
+        ),
+        inherited=inherited,
     )
 
 

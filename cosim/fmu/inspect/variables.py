@@ -69,7 +69,7 @@ def variable_findings(model: DeclaredModel) -> Iterator[Finding]:
 def _names(model: DeclaredModel) -> Iterator[Finding]:
     structured = model.attributes.get("variableNamingConvention") == "structured"
     names = [(v.where, v.name) for v in model.variables]
-    names += [(v.where, alias) for v in model.variables for alias, _ in v.aliases]
+    names += [(v.where, alias) for v in model.variables for alias, *_ in v.aliases]
     counts = Counter(name for _, name in names)
     for where, name in names:
         if not name:
@@ -160,7 +160,7 @@ def _unit(v: Variable, model: DeclaredModel) -> Iterator[Finding]:
     if v.unit is not None and v.unit not in units:
         yield finding("unit-undefined", v.where, f"unit {v.unit!r} is not defined")
         return
-    for name in (v.display_unit, *(alias for _, alias in v.aliases)):
+    for name in (v.display_unit, *(display for _, display, _ in v.aliases)):
         if name is None:
             continue
         if v.unit is None:
