@@ -38,7 +38,7 @@ def test_ports_are_the_table_of_the_component(fmus: Path, name: str) -> None:
     path = fmus / f"{name}.fmu"
     found = describe_fmu(path)
     assert list(found.ports) == [v.name for v in CATALOGUE[name].variables]
-    for reference, variable in enumerate(CATALOGUE[name].variables):
+    for reference, variable in enumerate(CATALOGUE[name].variables, 1):
         port = found.ports[variable.name]
         assert (port.reference, port.causality) == (reference, variable.causality)
         assert (port.unit, port.start) == (variable.unit, variable.start)
