@@ -158,6 +158,8 @@ class DeclaredModel:
     ----------
     types : every type as it is listed; `types_by_name` has the last of each name.
     named : tag -> names of log categories and of the annotations of tools.
+    states : the continuous-time states, as ModelStructure numbers variables: those whose
+        derivatives it lists.
     """
 
     version: str
@@ -169,6 +171,7 @@ class DeclaredModel:
     named: dict[str, list[str]] = field(default_factory=dict)
     variables: list[Variable] = field(default_factory=list)
     structure: list[Unknown] = field(default_factory=list)
+    states: frozenset[int] = frozenset()
     experiment: Mapping[str, str] = field(default_factory=dict)
 
     @property
@@ -185,12 +188,6 @@ class DeclaredModel:
     def kinds(self) -> frozenset[str]:
         """The kinds of use that it offers."""
         return frozenset(interface.kind for interface in self.interfaces)
-
-    def states(self) -> frozenset[int]:
-        """Return the continuous-time states: those whose derivatives ModelStructure lists."""
-        by_target = self.variables_by_target()
-        listed = (by_target.get(u.target or -1) for u in self.structure if u.role == "derivative")
-        return frozenset(v.derivative for v in listed if v is not None and v.derivative is not None)
 
     def variables_by_target(self) -> Mapping[int, Variable]:
         """Return variables by number in ModelStructure: index in FMI 2, reference in FMI 3."""
@@ -223,6 +220,9 @@ def read_declared_model(root: Any) -> DeclaredModel:
     for element in [] if places is None else places.iterchildren(tag="*"):
         model.variables.append(_variable(element, len(model.variables) + 1, model))
     model.structure = list(_structure(root, model.major))
+    by_target = model.variables_by_target()
+    listed = (by_target.get(u.target or -1) for u in model.structure if u.role == "derivative")
+    model.states = frozenset(v.derivative for v in listed if v and v.derivative is not None)
     experiment = root.find("DefaultExperiment")
     model.experiment = {} if experiment is None else dict(experiment.attrib)
     return model

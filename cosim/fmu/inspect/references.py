@@ -132,7 +132,7 @@ def _derivative(
         yield finding("derivative", v.where, f"its state {state.name} is of type {state.type}")
     elif state.dimensions != v.dimensions:
         yield finding("derivative", v.where, f"its state {state.name} has other dimensions")
-    elif v.derivative in model.states():
+    elif v.derivative in model.states:
         wrong = []
         if state.causality not in ("local", "output"):
             wrong.append(f"causality {state.causality}")

@@ -101,7 +101,7 @@ def _initial_unknowns(model: DeclaredModel, by_target: Mapping[int, Variable]) -
     """Compare InitialUnknowns with the variables that the standard asks for."""
     listed = [u.target for u in model.structure if u.role == "initial" and u.target is not None]
     derivatives = {u.target for u in model.structure if u.role == "derivative"}
-    states = model.states()
+    states, known = model.states, {*listed}
     for v in model.variables:
         target = _target(v, model)
         unknown = (
@@ -114,14 +114,14 @@ def _initial_unknowns(model: DeclaredModel, by_target: Mapping[int, Variable]) -
             )
         )
         unknown = unknown or v.causality == "calculatedParameter"
-        if unknown and target not in listed:
+        if unknown and target not in known:
             what = f"{v.name} is computed at the start, and is not listed"
             yield finding("structure-initial", v.where, what)
-        elif target in listed and not unknown and not v.clocks and v.type != "Clock":
+        elif target in known and not unknown and not v.clocks and v.type != "Clock":
             what = f"{v.name} is listed: {v.causality}, initial {v.initial}"
             yield finding("structure-initial", v.where, what)
-    known = [number for number in listed if number in by_target]
-    if model.major == 2 and known != sorted(known):
+    existing = [number for number in listed if number in by_target]
+    if model.major == 2 and existing != sorted(existing):
         what = "InitialUnknowns are not in the order of their indices"
         yield finding("structure-order", XML, what)
 

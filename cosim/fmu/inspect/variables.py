@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Container, Iterator, Mapping
 
 from cosim.fmu.inspect.declared_model import XML, DeclaredModel, Variable, integer, number
 from cosim.fmu.inspect.findings import Finding, Level, finding, first_few
@@ -45,6 +45,7 @@ _UNTYPED_STARTS = ("String", "Binary", "Boolean", "Clock", "")
 def variable_findings(model: DeclaredModel) -> Iterator[Finding]:
     """Check every variable by itself, and that names are unique."""
     yield from _names(model)
+    units = {unit.name: {display.get("name") for display in unit.displays} for unit in model.units}
     for variable in model.variables:
         if model.major > 1:
             yield from _combination(variable, model)
@@ -53,7 +54,7 @@ def variable_findings(model: DeclaredModel) -> Iterator[Finding]:
         yield from _range(variable)
         yield from _start(variable, model)
         if model.major > 1:
-            yield from _unit(variable, model)
+            yield from _unit(variable, units, model.major)
             yield from _flags(variable, model)
     yield from _independent(model)
     bare = [
@@ -154,9 +155,8 @@ def _start(v: Variable, model: DeclaredModel) -> Iterator[Finding]:
             yield finding("start-item", v.where, f"start {word} is not one of {', '.join(items)}")
 
 
-def _unit(v: Variable, model: DeclaredModel) -> Iterator[Finding]:
+def _unit(v: Variable, units: Mapping[str, Container[str | None]], major: int) -> Iterator[Finding]:
     """Check that the unit and display units are defined; FMI 2 ignores undefined display units."""
-    units = {unit.name: unit for unit in model.units}
     if v.unit is not None and v.unit not in units:
         yield finding("unit-undefined", v.where, f"unit {v.unit!r} is not defined")
         return
@@ -165,9 +165,9 @@ def _unit(v: Variable, model: DeclaredModel) -> Iterator[Finding]:
             continue
         if v.unit is None:
             yield finding("unit-display", v.where, f"display unit {name!r} without a unit")
-        elif name not in {display.get("name") for display in units[v.unit].displays}:
+        elif name not in units[v.unit]:
             what = f"display unit {name!r} is not defined in unit {v.unit!r}"
-            level: Level | None = "warning" if model.major == 2 else None
+            level: Level | None = "warning" if major == 2 else None
             yield finding("unit-display", v.where, what, level=level)
 
 
@@ -180,7 +180,7 @@ def _flags(v: Variable, model: DeclaredModel) -> Iterator[Finding]:
         yield finding("attribute-place", v.where, what)
     key = v.index if model.major == 2 else v.reference
     reinit = v.attributes.get("reinit")
-    if reinit is not None and exchange and key not in model.states():
+    if reinit is not None and exchange and key not in model.states:
         yield finding("attribute-place", v.where, "reinit at a variable that is no state")
     if model.major == 2 and model.kinds and not exchange:
         for name, value in (("canHandleMultipleSetPerTimeInstant", once), ("reinit", reinit)):
