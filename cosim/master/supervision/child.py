@@ -19,6 +19,9 @@ from multiprocessing.reduction import recv_handle
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from cosim.core import ComponentError, flush_output, prepare_for_foreign_code
 from cosim.fmu import adopt_folder, watch_calls
 from cosim.master.component_instance import ComponentInstance
@@ -248,6 +251,12 @@ class _Report(ObserverDispatch):
     def text(self, number: int, text: str) -> None:
         """Tell a new value of a String."""
         self._tell(messages.TEXT, number, text)
+
+    def within_steps(
+        self, component: str, times_ns: NDArray[np.int64], values: NDArray[np.float64]
+    ) -> None:
+        """Tell outputs within steps."""
+        self._tell(messages.WITHIN, component, times_ns, values)
 
     def point(self, instant_ns: int, seconds: float) -> None:
         """Tell a point that was added."""
