@@ -11,7 +11,7 @@ from cosim import replay
 from cosim.cli.arguments import numbers
 from cosim.cli.common import JsonOption, answer
 from cosim.cli.design_view import packed_view, plant_view
-from cosim.cli.fmu_view import check_view, info_view
+from cosim.cli.fmu_view import check_view, info_view, rule_view
 from cosim.cli.help_text import HelpTyper
 from cosim.core import CheckFailedError, InputError
 from cosim.fmu import (
@@ -21,6 +21,7 @@ from cosim.fmu import (
     export_plant,
     fmu_facts,
     inspect_fmu,
+    rule_named,
     run_findings,
     target_named,
 )
@@ -78,8 +79,14 @@ def info(file: FileArgument, *, as_json: JsonOption = False) -> None:
 
 @fmu_app.command()
 def check(
-    file: FileArgument,
+    file: Annotated[
+        Path | None, typer.Argument(help="Any FMU: FMI 1.0, 2.0 or 3.0.", show_default=False)
+    ] = None,
     *,
+    rule: Annotated[
+        str | None,
+        typer.Option(help="Explain a rule instead, by its number or name: V11, start-missing."),
+    ] = None,
     run: Annotated[
         bool, typer.Option("--run", help="Also load the binary and run it, in a separate process.")
     ] = False,
@@ -93,8 +100,10 @@ def check(
 ) -> None:
     """Check an FMU for faults: archive, schema, variables, units, dependencies, binaries.
 
-    Each finding is an error, a warning or a note, and explains why it matters. The binary is
-    loaded only with --run. It is then initialised, stepped with its start values, saved,
+    Each finding is an error, a warning or a note, and explains why it matters. Each has a rule
+    with a number; --rule explains it, with the sections of the standards and an example. What this
+    tool cannot read is a warning or a note, never an error of the FMU. The binary is loaded only
+    with --run. It is then initialised, stepped with its start values, saved,
     restored, reset and terminated in a separate process, so that a crash is reported as a finding.
 
     Exit code 0: no errors; 1: at least one error; 2: the file is not an FMU.
@@ -102,7 +111,14 @@ def check(
     \b
     cosim fmu check my-plant.fmu
     cosim fmu check my-plant.fmu --run
+    cosim fmu check --rule start-missing
     """
+    if rule is not None:
+        explained = rule_named(rule)
+        answer(as_json, explained.to_json, lambda: rule_view(explained))
+        return
+    if file is None:
+        raise InputError("no FMU to check", expected="cosim fmu check FILE, or --rule NAME")
     found = inspect_fmu(file)
     if run:
         found = found.with_findings(run_findings(found, time))

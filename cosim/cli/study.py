@@ -1,13 +1,15 @@
-"""Commands for studies: list, check, run, show."""
+"""Commands for studies: list, check, run, repeat, show, report, sensitivity."""
 
 from __future__ import annotations
 
 import json
+import webbrowser
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+from rich.console import Group
 
 from cosim import scenario, study as studies
 from cosim.cli.arguments import names, numbers
@@ -19,13 +21,23 @@ from cosim.cli.common import (
     RunFlavour,
     answer,
     built_in_or_file,
+    completed_from,
     progress,
 )
 from cosim.cli.help_text import HelpTyper
 from cosim.cli.runs import interruptions_reported, report_outcome
-from cosim.cli.study_view import checked_view, finished_view, sensitivity_view, summary_view
+from cosim.cli.study_view import (
+    checked_view,
+    finished_view,
+    merged_view,
+    rare_view,
+    sensitivity_view,
+    stopped_view,
+    study_report_view,
+    summary_view,
+)
 from cosim.cli.terminal import titles_table
-from cosim.core import InputError, StoppedError
+from cosim.core import InputError, LossError, StoppedError
 from cosim.fmu import DEFAULT_FLAVOUR
 
 STUDIES = Path("studies")
@@ -89,12 +101,13 @@ def check(
     cosim study check delay-margin
     """
     loaded = studies.load_study(name)
-    plan = _plan(loaded, fmus, flavour)
+    plan, study = _plan(loaded, fmus, flavour), loaded.study
     data = {
         "study": loaded.name,
         "title": loaded.study.title,
         "scenario": loaded.base.name,
         "runs": plan.count,
+        "runs_are": "at most" if study.stop else "at least" if study.rare else "exactly",
         "axes": {a.column: list(a.places) for a in loaded.study.vary},
         "metrics": list(loaded.study.metrics),
         "first": _values(plan, 0),
@@ -135,6 +148,14 @@ def run(
         ),
     ] = None,
     limit: LimitOption = None,
+    runs: Annotated[
+        str | None,
+        typer.Option(
+            metavar="FIRST:END",
+            help="Run only this part of the study's runs, which count from 0; run END is not in "
+            "it. `cosim study merge` joins the folders of parts.",
+        ),
+    ] = None,
     time_limit: Annotated[
         str,
         typer.Option(
@@ -162,6 +183,7 @@ def run(
     \b
     cosim study run delay-margin
     cosim study run delay-margin --workers all
+    cosim study run delay-margin --runs 0:20 --out part-1
     cosim study run sea-states --scheduler tcp://10.0.0.5:8786 --out /shared/sea --fmus /shared/fmus
     """
     loaded = studies.load_study(name)
@@ -184,10 +206,14 @@ def run(
                 fresh=fresh,
                 limits=limit or (),
                 time_limit_s=scenario.time_limit(time_limit, "--time-limit"),
+                runs=None if runs is None else plan.part(runs),
                 progress=report_progress,
             )
     except KeyboardInterrupt:
-        there = len(studies.read_rows(folder)) if folder.is_dir() else 0
+        there = 0
+        if folder.is_dir():
+            with studies.read_rows(folder) as rows:
+                there = len(rows)
         raise StoppedError(
             "interrupted",
             where=str(folder),
@@ -198,11 +224,47 @@ def run(
 
 
 @study_app.command()
+def merge(
+    folders: Annotated[
+        list[Path], typer.Argument(help="Folders of one study, each with a part of its runs.")
+    ],
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the whole study.")],
+    as_json: JsonOption = False,
+) -> None:
+    """Merge parts of one study, executed in different places, into one folder.
+
+    Folders of different studies are refused: the message names what differs. A run that is in
+    several folders must have the same results in each, bit for bit. Once all runs are there the
+    table is written; it is the one of a study executed in one place.
+
+    \b
+    cosim study merge part-1 part-2 --out studies/delay-margin
+    """
+    found = studies.merge_studies(folders, out)
+    answer(as_json, found.to_json, lambda: merged_view(found))
+
+
+@study_app.command()
 def repeat(
-    name: StudyArgument,
+    name: Annotated[
+        str,
+        typer.Argument(
+            metavar="STUDY",
+            help="Name of a built-in study, FILE.toml, or the folder of its results.",
+            autocompletion=completed_from("study"),
+        ),
+    ],
     number: Annotated[int, typer.Argument(help="Number of the run, counted from 0.")],
     out: Annotated[
         Path | None, typer.Option(help="Trace (default: traces/STUDY-run-NUMBER.mcap).")
+    ] = None,
+    results: Annotated[
+        Path | None,
+        typer.Option(
+            "--from",
+            help="Folder of the study (default: studies/NAME): later runs of a rare event follow "
+            "from the results there.",
+        ),
     ] = None,
     limit: LimitOption = None,
     fmus: FmusOption = FMUS,
@@ -211,16 +273,28 @@ def repeat(
 ) -> None:
     """Execute one run of a study alone, with a trace, as `cosim run` does.
 
+    With the folder of its results, the study is what it was then, its samples included; if FMUs,
+    scenario or software have changed since, nothing is run.
+
     \b
     cosim study repeat delay-margin 17
+    cosim study repeat studies/delay-margin 17
     cosim trace report traces/delay-margin-run-17.mcap
     """
     loaded = studies.load_study(name)
     plan = _plan(loaded, fmus, flavour)
+    studies.check_unchanged(plan, loaded)
     trace = out or TRACES / f"{loaded.name}-run-{number}.mcap"
     scenario.check_writable(trace)
+    folder = results or STUDIES / loaded.name
     with interruptions_reported():
-        outcome = studies.repeat_run(plan, number, trace, limits=limit or ())
+        outcome = studies.repeat_run(
+            plan,
+            number,
+            trace,
+            limits=limit or (),
+            results=folder if results is not None or folder.is_dir() else None,
+        )
     report_outcome(outcome, as_json)
 
 
@@ -257,13 +331,17 @@ def show(
 ) -> None:
     """Summarise a study: shares and means with confidence intervals, per group; and draw it.
 
-    For a study that is not finished, the summary covers the runs that are done.
+    For a study that is not finished, the summary covers the runs that are done. Of a study with
+    `stop` it says what was reached, of one with `rare` the probability.
 
     \b
     cosim study show studies/delay-margin --picture margin.png
     cosim study show studies/delay-margin --by delay --quantiles 0.05,0.95
     """
-    table, manifest = studies.read_table(path)
+    whole, manifest = studies.read_table(path)
+    stopped = studies.stopping_of(whole, manifest)
+    rare = studies.rare_estimate(whole, manifest)
+    table, manifest = studies.plain_sample(whole, manifest)
     groups = None if by is None else [] if by == "all" else list(names("--by", by))
     found = studies.summarise(
         table,
@@ -288,7 +366,46 @@ def show(
         "stability": None if edge is None else edge.to_json(),
         "picture": None if picture is None else str(picture),
     }
-    answer(as_json, lambda: data, lambda: summary_view(found, edge, picture))
+    event = manifest["study"].get("rare")
+    if stopped is not None:
+        data["stop"] = stopped.to_json()
+    if event is not None:
+        runs = {"runs": whole.num_rows, "complete": rare is not None}
+        data["rare"] = event | runs | ({} if rare is None else rare.to_json(confidence))
+    parts = [] if stopped is None else [stopped_view(stopped)]
+    parts += [] if event is None else [rare_view(event, rare, whole.num_rows, confidence)]
+    answer(as_json, lambda: data, lambda: Group(summary_view(found, edge, picture), *parts))
+
+
+@study_app.command()
+def report(
+    path: Annotated[Path, typer.Argument(help="Folder of a study, or its results.parquet.")],
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", "-o", help="File to write (default: report.html in the folder)."),
+    ] = None,
+    confidence: Annotated[float, typer.Option(help="Confidence level of the intervals.")] = 0.95,
+    *,
+    show: Annotated[bool, typer.Option("--open", help="Open the page in the browser.")] = False,
+    as_json: JsonOption = False,
+) -> None:
+    """Write one HTML page about a study: how its runs ended, its metrics, what they depend on.
+
+    The page contains everything it shows and needs no network; the worst runs link to their traces
+    beside it. For a study that is not finished, the page has the runs that are done.
+
+    Exit code 3: the page is written, but lines of the run log cannot be read.
+
+    \b
+    cosim study report studies/delay-margin
+    cosim study report studies/delay-margin -o margin.html --open
+    """
+    written = studies.write_study_report(path, out, confidence=confidence)
+    answer(as_json, written.to_json, lambda: study_report_view(written))
+    if show:
+        webbrowser.open(written.output.absolute().as_uri())
+    if written.unread:
+        raise typer.Exit(LossError.exit_code)
 
 
 @study_app.command("sensitivity")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -13,10 +14,14 @@ from cosim.cli.terminal import NONE, facts_table, number
 from cosim.study import (
     Boundary,
     Group as RunGroup,
+    MergedStudy,
     Numbers,
     Quantile,
+    RareEstimate,
     Sensitivity,
     Share,
+    Stopping,
+    StudyReport,
     StudyResult,
     Summary,
 )
@@ -30,8 +35,9 @@ def checked_view(data: dict[str, Any]) -> RenderableType:
     for axis, places in data["axes"].items():
         ends = (str(data[end][axis])[:24] for end in ("first", "last"))
         table.add_row(axis, "\n".join(places), *ends)
+    about = "" if data["runs_are"] == "exactly" else f"{data['runs_are']} "
     head = Text.assemble(
-        (data["title"], "bold"), f"\n{data['runs']} runs of the scenario {data['scenario']}"
+        (data["title"], "bold"), f"\n{about}{data['runs']} runs of the scenario {data['scenario']}"
     )
     return Group(head, table, Text(f"metrics: {', '.join(data['metrics'])}"))
 
@@ -46,7 +52,8 @@ def finished_view(name: str, done: StudyResult) -> RenderableType:
     """
     facts = facts_table()
     now = f"{done.executed} of them executed now, in {done.seconds:.3g} s"
-    facts.add_row("runs", str(done.runs), now)
+    of = "" if done.runs == done.count else f" of {done.count}"
+    facts.add_row("runs", f"{done.runs}{of}", now)
     for status, count in sorted(done.statuses.items()):
         label = Text(status.replace("_", " "), style="" if status == "finished" else "yellow")
         facts.add_row(label, str(count), "")
@@ -66,7 +73,25 @@ def finished_view(name: str, done: StudyResult) -> RenderableType:
         for run, why in done.traces.items():
             if why is not None:
                 parts.append(Text(f"no trace of run {run}: {why}", style="yellow"))
-    parts.append(Text(f"table:  {done.results}\nnext:   cosim study show {done.folder}"))
+    table = str(done.results) if done.runs == done.count else "written when all runs are done"
+    parts.append(Text(f"table:  {table}\nnext:   cosim study show {done.folder}"))
+    return Group(*parts)
+
+
+def merged_view(found: MergedStudy) -> RenderableType:
+    """Show how many runs are there, which are missing, and where the table is."""
+    facts = facts_table()
+    of = "" if found.runs == found.count else f" of {found.count}"
+    facts.add_row("runs", f"{found.runs}{of}", f"{found.twice} of them in several folders")
+    facts.add_row("traces copied", str(found.traces), "")
+    parts: list[RenderableType] = [facts]
+    if found.without_trace:
+        runs = ", ".join(map(str, found.without_trace[:_MOST_REASONS]))
+        parts.append(Text(f"no trace of run {runs}: the study's own command adds it", "yellow"))
+    if found.missing:
+        parts.append(Text(f"missing: --runs {', --runs '.join(found.missing)}", "yellow"))
+    table = str(found.results) if found.runs == found.count else "written when all runs are there"
+    parts.append(Text(f"table:  {table}\nnext:   cosim study show {found.folder}"))
     return Group(*parts)
 
 
@@ -102,6 +127,83 @@ def sensitivity_view(found: Sensitivity) -> RenderableType:
         f"intervals: {100 * found.confidence:g} %, bootstrap"
     )
     return Group(head, table)
+
+
+def study_report_view(written: StudyReport) -> RenderableType:
+    """Show where the page is, and what is on it."""
+    of = "" if written.runs == written.count else f" of {written.count}: the study is not finished"
+    facts = facts_table()
+    facts.add_row("runs", str(written.runs), of.strip())
+    for status, count in written.statuses.items():
+        label = Text(status.replace("_", " "), style="" if status == "finished" else "yellow")
+        facts.add_row(label, str(count), "")
+    parts: list[RenderableType] = [Text(written.title, style="bold"), facts]
+    if written.unread:
+        parts.append(Text(f"{written.unread} lines of the run log cannot be read", style="yellow"))
+    size = f"{written.bytes / 1e6:.2g} MB, {written.metrics} metrics, {written.charts} charts"
+    parts.append(Text(f"page: {written.output} ({size})"))
+    return Group(*parts)
+
+
+def stopped_view(found: Stopping) -> RenderableType:
+    """Show what a study that stops at a width has reached, and after how many runs."""
+    word = "as narrow as asked for" if found.reached else "wider than asked for"
+    missing = f", {found.missing} without a value" if found.missing else ""
+    what = (
+        f"{found.metric}: {found.value:.4g} [{found.low:.4g}, {found.high:.4g}], "
+        f"{found.high - found.low:.3g} wide: {word}, {found.width:g}"
+    )
+    how = (
+        f"{'stopped after' if found.reached else 'after'} {found.runs} of at most {found.most} "
+        f"runs{missing}; look {len(found.looks)}, at {100 * found.look_confidence:.4g} % each, so "
+        f"that all looks together have {100 * found.confidence:g} %"
+    )
+    return Text(f"{what}\n{how}", style="" if found.reached else "yellow")
+
+
+def rare_view(
+    event: Mapping[str, Any], found: RareEstimate | None, runs: int, confidence: float
+) -> RenderableType:
+    """Show the probability of a rare event, and the levels on the way to it."""
+    over = event.get("above") is not None
+    bound = event["above"] if over else event["below"]
+    name = f"P({event['metric']} {'>' if over else '<'} {bound:g})"
+    if found is None:
+        return Text(f"the summary is of the first level\n{name}: not finished, {runs} runs")
+    table = Table(box=None, pad_edge=False)
+    for column in ("level", "bound", "share beyond", "moves accepted", "correlation", "deviation"):
+        table.add_column(column, justify="right")
+    for place, level in enumerate(found.levels, 1):
+        at = bound + level.beyond if over else bound - level.beyond
+        table.add_row(
+            str(place),
+            f"{at:.5g}",
+            f"{100 * level.share:.1f} %",
+            NONE if level.acceptance is None else f"{100 * level.acceptance:.0f} %",
+            f"{level.correlation:.2f}",
+            f"{level.deviation:.3f}",
+        )
+    if found.probability is None or found.deviation is None:
+        answer = Text(f"{name}: no estimate; {found.reason}", style="yellow")
+    else:
+        low, high = found.interval(confidence)
+        answer = Text(
+            f"{name} = {found.probability:.3g} [{low:.3g}, {high:.3g}], coefficient of variation "
+            f"{found.deviation:.2g}",
+            style="bold",
+        )
+    method = event.get("method", "subset")
+    if method == "importance":
+        effective = "" if found.effective is None else f", {found.effective:.4g} effective"
+        how = f"importance sampling{effective}; levels of the pilot above"
+    else:
+        how = "subset simulation; deviations include the correlation along chains"
+    return Group(
+        Text("the summary is of the first level, which has the distributions of the axes"),
+        table,
+        answer,
+        Text(f"{how}; {runs} runs"),
+    )
 
 
 def _all_runs(group: RunGroup) -> RenderableType:

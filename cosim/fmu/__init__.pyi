@@ -87,6 +87,12 @@ from .inspect.findings import (
 )
 from .inspect.inspection_facts import fmu_facts as fmu_facts
 from .inspect.markup import MAX_XML as MAX_XML
+from .inspect.rules import (
+    GROUPS as GROUPS,
+    RULES as RULES,
+    Rule as Rule,
+    rule_named as rule_named,
+)
 from .inspect.run import run_findings as run_findings
 from .isolation import SlaveProcess as SlaveProcess
 from .messages import LogSink as LogSink

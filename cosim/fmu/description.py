@@ -19,9 +19,9 @@ from cosim.fmu.export.catalogue import CATALOGUE
 from cosim.fmu.feedthrough import Feedthrough, declared_feedthrough
 from cosim.fmu.inspect.archive import CheckedArchive
 from cosim.fmu.inspect.declared_model import XML
+from cosim.fmu.inspect.definitions import identifier_findings
 from cosim.fmu.inspect.findings import refusal
 from cosim.fmu.inspect.markup import MAX_XML, parse_xml
-from cosim.fmu.inspect.variables import identifier_findings
 from cosim.fmu.port import FmiVersion, Port
 from cosim.fmu.port_declarations import declared_ports
 

@@ -15,6 +15,7 @@ from cosim.fmu.values import checked_scalars, rounded_to_c, value_of
 
 CheckedValue = tuple[Port, list[Any]]
 """A variable and the scalars to set it to."""
+_UNCHANGEABLE = (float, int, bool, str)
 
 
 class VariableAccess(Instance):
@@ -23,6 +24,7 @@ class VariableAccess(Instance):
     def __init__(self, *arguments: Any, **options: Any) -> None:
         super().__init__(*arguments, **options)
         self._given: list[CheckedValue] = []
+        self._checked: dict[str, tuple[Any, CheckedValue]] = {}
 
     @property
     def _input(self) -> str:
@@ -123,6 +125,10 @@ class VariableAccess(Instance):
     ) -> list[CheckedValue]:
         prepared = []
         for name, value in values.items():
+            before = self._checked.get(name)
+            if self.phase == "instantiated" and before is not None and before[0] is value:
+                prepared.append(before[1])  # after a reset
+                continue
             port = description.port(name, where=self._input)
             if self.phase in PHASE_TEXT and not may_be_set(port, self.phase):
                 raise InputError(
@@ -131,6 +137,8 @@ class VariableAccess(Instance):
                     got=describe_settable(port),
                 )
             prepared.append((port, checked_scalars(port, value, self._input)))
+            if type(value) in _UNCHANGEABLE:  # the same object is the same value
+                self._checked[name] = value, prepared[-1]
         return prepared
 
     def _set(self, prepared: Sequence[CheckedValue]) -> None:

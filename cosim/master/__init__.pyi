@@ -41,7 +41,8 @@ from .session import (
 )
 from .snapshot import Snapshot as Snapshot
 from .supervision import (
-    CallBrokenError as CallBrokenError,
+    BROKEN as BROKEN,
+    OVERDUE as OVERDUE,
     Calls as Calls,
     Limits as Limits,
     Supervisor as Supervisor,

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.core import InputError, distinct
+from cosim.master.communication_schedule import CommunicationSchedule
 from cosim.master.component_points import ComponentPoints
 from cosim.master.parts import DelaySource, Parts
 from cosim.master.reserved import Reserved
@@ -75,6 +76,15 @@ class CommunicationPoints:
         self._steps = {every: ComponentPoints(every, self.most) for every in (*steps, None)}
         self.own_points = {n: self._steps[c.every_ns] for n, c in system.components.items()}
         self._begin()
+
+    def begin_again(self, schedule: CommunicationSchedule) -> None:
+        """Begin another run, by a schedule that differs in links only and has as much room.
+
+        Nothing may have been given back.
+        """
+        self._schedule = schedule
+        if self.links or self.final == self.most:
+            self._begin()
 
     def _begin(self) -> None:
         self.count = self.oldest = self.ready = 0

@@ -8,7 +8,7 @@ settles at the first point.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from fractions import Fraction
 
 import numpy as np
@@ -27,32 +27,40 @@ _TOLERANCE = 1e-12
 """Largest change of a settled value, relative to the greater of its magnitude and 1."""
 
 
-def initialise(system: System, wiring: Wiring, events: Iterable[EventInstance] = ()) -> int:
-    """Initialise all slaves and return the number of passes.
+class Initialisation:
+    """Initialises all slaves of a wiring, for one run after the other."""
 
-    `events` : the instances in event mode, whose Clocks are prepared.
+    def __init__(self, wiring: Wiring) -> None:
+        self._wiring = wiring
+        self._ends: list[_InitialisedComponent] = []
 
-    Raises
-    ------
-    InputError : a parameter that does not exist or cannot be set.
-    ComponentError : a slave that fails, or values that do not settle, named.
-    """
-    end = system.comm_schedule.end_ns / 1e9
-    for name in system.components:
-        instance = wiring.instance(name)
-        instance.slave.set_start(instance.component.parameters)
-        instance.slave.enter_initialisation(0.0, end)
-    most = max(MOST_PASSES, system.solve_limit) if system.solve else MOST_PASSES
-    passes = _settle(wiring, most)
-    for one in events:
-        one.prepare(Fraction(0))
-    for name in system.components:
-        wiring.instance(name).slave.exit_initialisation()
-    return passes
+    def run(self, system: System, events: Iterable[EventInstance] = ()) -> int:
+        """Initialise all slaves, which are there and new or reset; return the number of passes.
+
+        `events` : the instances in event mode, whose Clocks are prepared.
+
+        Raises
+        ------
+        InputError : a parameter that does not exist or cannot be set.
+        ComponentError : a slave that fails, or values that do not settle, named.
+        """
+        wiring, end = self._wiring, system.comm_schedule.end_ns / 1e9
+        for name in system.components:
+            instance = wiring.instance(name)
+            instance.slave.set_start(instance.component.parameters)
+            instance.slave.enter_initialisation(0.0, end)
+        if not self._ends or any(one.is_stale() for one in self._ends):
+            self._ends = [_InitialisedComponent(instance) for instance in wiring.instances]
+        most = max(MOST_PASSES, system.solve_limit) if system.solve else MOST_PASSES
+        passes = _settle(self._ends, wiring, most)
+        for one in events:
+            one.prepare(Fraction(0))
+        for name in system.components:
+            wiring.instance(name).slave.exit_initialisation()
+        return passes
 
 
-def _settle(wiring: Wiring, most: int) -> int:
-    ends = [_InitialisedComponent(instance) for instance in wiring.instances]
+def _settle(ends: Sequence[_InitialisedComponent], wiring: Wiring, most: int) -> int:
     if not any(component.connected_inputs for component in ends):
         return 0
     row = wiring.rows[0].copy()
@@ -87,7 +95,7 @@ class _InitialisedComponent:
     """A component during initialisation: its inputs that have a value, and its outputs."""
 
     def __init__(self, instance: ComponentInstance) -> None:
-        self._instance = instance
+        self._instance, self._slave = instance, instance.slave
         self._routes = [route for route in instance.routes if route.at_start]
         numbers = {instance.routes.index(route) for route in self._routes}
         self.connected_inputs = [
@@ -100,6 +108,11 @@ class _InitialisedComponent:
             for group in (*instance.outputs_without_feedthrough, *instance.outputs_with_feedthrough)
             if group.getter_type != "Clock"
         ]
+
+    def is_stale(self) -> bool:
+        """Whether other inputs have a value in this run, or its slave is another one."""
+        routes = [route for route in self._instance.routes if route.at_start]
+        return routes != self._routes or self._slave is not self._instance.slave
 
     def moved(self, row: Rows) -> dict[Endpoint, float]:
         """Copy the senders' values to the inputs; return how much each input changed."""

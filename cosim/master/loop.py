@@ -152,6 +152,13 @@ class Loop:
         if not comm_points.crossing:
             self._wiring.extend()
 
+    def begin_again(self, system: System) -> None:
+        """Begin another run, of a system to whose beginning slaves and wiring have returned."""
+        self._system = system
+        self._dispatch.make_whole = self._wiring.make_whole
+        self.table.begin_again()
+        self.go_back(0, {})
+
     def go_back(self, complete: int, adjustments: Mapping[int, Adjustment]) -> None:
         """Continue from `complete` rows, to which slaves and wiring have been restored."""
         self.complete, self._exchanged = complete, None
@@ -203,7 +210,7 @@ class Loop:
             self._wiring.reset_inputs(self._exchanged)
         self._exchanged = None
 
-    def result(self, count: int) -> Run:
+    def result(self, count: int, *, whole: bool) -> Run:
         """Return the first `count` rows; "stopped" if the run has not ended by itself."""
         reason = self.reason if self.status else f"stopped at t = {self.time_ns / 1e9:g} s"
         return Run.of(
@@ -214,6 +221,7 @@ class Loop:
             self._choice,
             self.cause,
             kept=self._keep,
+            whole=whole,
         )
 
     def _advance(self, first: int, last: int) -> None:

@@ -50,6 +50,12 @@ class ObserverDispatch:
     """Collects the log lines of a segment and delivers them to observers between its rows."""
 
     def __init__(self, observers: Sequence[Observer]) -> None:
+        self.turn: Callable[[str], int] | None = None
+        """Returns the place of a component while several step side by side, else 0."""
+        self.begin(observers)
+
+    def begin(self, observers: Sequence[Observer]) -> None:
+        """Begin a run with these observers: the first one, or another one."""
         self._observers = observers
         self._lines: list[tuple[int, int, int, str, str, str]] = []
         self._latest_ns = 0
@@ -59,8 +65,6 @@ class ObserverDispatch:
         """Returns the number of complete rows, and the time [ns], at any moment."""
         self.make_whole: Callable[[int], None] = _nothing
         """Makes the first so many rows whole."""
-        self.turn: Callable[[str], int] | None = None
-        """Returns the place of a component while several step side by side, else 0."""
 
     def note(self, name: str, level: str, message: str) -> None:
         """Log a message of a component, or of the loop, now."""

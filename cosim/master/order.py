@@ -60,18 +60,35 @@ class ReceivingOrder(NamedTuple):
     initialised: tuple[Connection, ...] = ()
 
 
-def receiving_order(system: System) -> ReceivingOrder:
+def receiving_order(system: System, like: System | None = None) -> ReceivingOrder:
     """Return the components, each after the senders with direct feedthrough to it.
 
     Under Gauss-Seidel, as far as possible also after all its other senders: in a loop the
     component that is named first begins.
+
+    like : a system with the same components and connections, and the same keys beside them: where
+        the same outputs reach inputs at once, its order is that of the system as well.
 
     Raises
     ------
     InputError : an algebraic loop that is neither cut nor to be solved, with its connections; or
         a given order that contradicts.
     """
-    edges, at_start = _edges(system)
+    if system.receiving is None:
+        edges = _edges(system)
+        if like is None or like.receiving is None or like.receiving[0] != edges:
+            found = edges, _order_from(system, *edges)
+        else:
+            found = like.receiving
+        object.__setattr__(system, "receiving", found)
+    order: ReceivingOrder = system.receiving[1]
+    return order
+
+
+def _order_from(
+    system: System, given: Mapping[tuple[str, str], list[Connection]], at_start: list[Connection]
+) -> ReceivingOrder:
+    edges = {ends: [*connections] for ends, connections in given.items()}
     initialised = _inside(_loops(system, [*edges, *map(_pair, at_start)]), at_start)
     for c in at_start:
         if c not in initialised:

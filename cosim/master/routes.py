@@ -37,7 +37,6 @@ class Route:
     in_step : the rows read for the step from each point.
     at_point : those read for the outputs of the point itself, where they are others: the receiver
         has direct feedthrough, and its policy looks ahead.
-    link : the packet link, or None.
     initialised : as in `RowsInUse`.
     """
 
@@ -45,8 +44,13 @@ class Route:
     columns: NDArray[np.intp]
     targets: NDArray[np.intp]
     in_step: RowsInUse
-    link: PacketLink | None
     at_point: RowsInUse | None = None
+
+    @property
+    def link(self) -> PacketLink | None:
+        """The packet link, or None."""
+        link = self.in_step.link
+        return link if isinstance(link, PacketLink) else None
 
     @property
     def samples(self) -> tuple[RowsInUse, ...]:

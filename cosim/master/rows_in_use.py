@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from cosim.core import InputError
 from cosim.master.communication_points import BLOCK, CommunicationPoints, blocks
+from cosim.master.communication_schedule import Link
 from cosim.master.parts import Parts, RouteKey
 from cosim.master.reserved import Reserved
 from cosim.network import (
@@ -55,6 +56,7 @@ class RowsInUse:
         int64 (most,).
     after : the second row of an interpolated value, int64 (most,); None without weights.
     weight : the value is (1 - weight) row + weight after, (most,); None: row alone.
+    link : of the present run; None: a wire.
     initialised : at the first point the inputs have the values that the initialisation settled
         on: their senders' outputs at that point, which the row may not contain yet.
 
@@ -73,22 +75,21 @@ class RowsInUse:
         stepped_before: bool,
         initialised: bool = False,
     ) -> None:
-        link = None if route_key.link is None else system.links[route_key.link]
-        self._key, self._link, self._stepped_before = route_key, link, stepped_before
+        self._key, self._stepped_before = route_key, stepped_before
+        self.link: Link | None = None if route_key.link is None else system.links[route_key.link]
         self._points, self._step_ns = comm_points, system.comm_schedule.step_ns
         self._sender = comm_points.own_points[route_key.source]
         self._receiver = comm_points.own_points[receiver]
         self._later = route_key.policy == "previous"
         self._ahead = route_key.policy not in ("hold", "previous")
-        if isinstance(link, PacketLink) and self._ahead:
+        if isinstance(self.link, PacketLink) and self._ahead:
             raise InputError(
                 "over a packet link an input is held until the next message",
                 where=f"connection {route_key}",
                 expected="the policy hold or previous",
                 got=route_key.policy,
             )
-        self._at_once = link is None or (stepped_before and is_wire(system, link))
-        interpolated = isinstance(link, TransportLink) or self._ahead
+        interpolated = isinstance(self.link, TransportLink) or self._ahead
         most = comm_points.most
         kinds = (np.int64, np.int64, np.float64) if interpolated else (np.int64,)
         self._reserved = [Reserved((most,), kind) for kind in kinds]
@@ -96,9 +97,19 @@ class RowsInUse:
         self.after: Integers | None = self._reserved[1].array if interpolated else None
         self.weight: NDArray[np.float64] | None = self._reserved[2].array if interpolated else None
         self._settled = self._later or initialised
+        self.begin(system)
+
+    def begin(self, system: Parts) -> None:
+        """Begin a run of a system, whose points begin at 0: the first one, or another one."""
+        name = self._key.link
+        self.link = None if name is None else system.links[name]
+        wired = self._stepped_before and self.link is not None and is_wire(system, self.link)
+        self._at_once = self.link is None or wired
         # a message of unknown delay may be sent at the first point: only this one is known yet
-        live = route_key.link in comm_points.live
-        self.row[0] = NONE_YET if live else self._sample(0, 1).row[0]
+        if name in self._points.live:
+            self.row[0] = NONE_YET
+        elif self._settled or not self._points.ready:
+            self.row[0] = self._sample(0, 1).row[0]
         self.initialised = self._settled and bool(self.row[0] >= 0)
 
     def fill(self, first: int, last: int) -> None:
@@ -140,12 +151,12 @@ class RowsInUse:
     def _oldest_ns(self, k: int) -> int:
         """Return the instant of the oldest value read, or delivered, after point k [ns]."""
         now = int(self._points.points_ns[k])
-        if isinstance(self._link, PacketLink):
-            return self._points.links[self._link.name].oldest_awaited_ns(now)
+        if isinstance(self.link, PacketLink):
+            return self._points.links[self.link.name].oldest_awaited_ns(now)
         back = 0
-        if self._link is not None:
-            delay = self._link.delay
-            back = self._link.delay_ns if delay is None else int(delay.delays_ns.max())
+        if self.link is not None:
+            delay = self.link.delay
+            back = self.link.delay_ns if delay is None else int(delay.delays_ns.max())
         # the line through the latest values begins before them
         return min(now - back, self._line_from(k))
 
@@ -161,10 +172,10 @@ class RowsInUse:
                 return _Sample(self._sender.last[first:last])
             here = np.minimum(np.arange(first, last) + 1, self._points.final)
             return _Sample(self._sender.last[here])
-        if isinstance(self._link, PacketLink):
-            row = self._points.rows_of_messages(self._link.name, first, last)
+        if isinstance(self.link, PacketLink):
+            row = self._points.rows_of_messages(self.link.name, first, last)
             return _Sample(np.where(row >= 0, self._sender.last[np.maximum(row, 0)], row))
-        return self._interpolated(first, last, self._link)
+        return self._interpolated(first, last, self.link)
 
     def _interpolated(self, first: int, last: int, link: TransportLink | None) -> _Sample:
         """Return rows and weights of a delayed continuous signal at the instants of the policy."""

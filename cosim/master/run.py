@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Literal
 
@@ -56,6 +56,7 @@ class Run:
     kept: bool
     _points_ns: NDArray[np.int64]
     _links: Mapping[str, GrowingSchedule]
+    _wiring: Wiring = field(repr=False)
 
     @classmethod
     def of(
@@ -68,10 +69,15 @@ class Run:
         cause: Cause | None,
         *,
         kept: bool,
+        whole: bool = True,
     ) -> Run:
-        """Return the run of which the first `count` rows are complete."""
+        """Return the run of which the first `count` rows are complete.
+
+        `whole` : the rows have the inputs, too; else `signal` copies them when it is asked.
+        """
         points = wiring.comm_points
-        wiring.make_whole(count)
+        if whole:
+            wiring.make_whole(count)
         end_ns = int(points.points_ns[count - 1]) if count else 0
         # nothing is sent on a link of known delay in a run of a single point
         links = {name: one for name, one in points.links.items() if end_ns > 0 or one.is_live}
@@ -81,6 +87,7 @@ class Run:
             *(status, reason, count, end_ns, wiring.instances, engine, statistics, cause, kept),
             points.points_ns[:count],
             links,
+            wiring,
         )
 
     @property
@@ -129,6 +136,8 @@ class Run:
         self._check_kept()
         count = self.count
         number, _ = instance.place(variable)
+        if number >= self._wiring.outputs:
+            self._wiring.make_whole(count)
         values = instance.rows[:count, number]
         return values if instance.own_points.always else values[instance.own_points.last[:count]]
 

@@ -30,13 +30,14 @@ from cosim.master.component_instance import ComponentInstance
 from cosim.master.engine import EngineChoice, EngineName, choose_engine
 from cosim.master.event_checks import slave_options
 from cosim.master.event_instance import EventInstance
-from cosim.master.initialisation import initialise
+from cosim.master.initialisation import Initialisation
 from cosim.master.loop import Loop
 from cosim.master.observers import Observer, ObserverDispatch
 from cosim.master.pacing import Pace
 from cosim.master.parts import LogLevel
 from cosim.master.run import Run
 from cosim.master.snapshot import Snapshot, fingerprint
+from cosim.master.structure import can_be_reset, same_structure
 from cosim.master.system import System
 from cosim.master.wire import wire
 from cosim.master.wiring import Wiring
@@ -113,6 +114,7 @@ class Session:
         self._dispatch = dispatch or ObserverDispatch(observers)
         self._stack = ExitStack()
         self._loop: Loop | None = None
+        self._initialisation = Initialisation(self._wiring)
         self.initial_passes = 0
 
     def __enter__(self) -> Self:
@@ -135,21 +137,67 @@ class Session:
                 for number, instance in enumerate(self._wiring.instances)
                 if instance.component.has_events
             }
-            events = self._in_event_mode.values()
-            self.initial_passes = initialise(self.system, self._wiring, events)
-            for observer in self._observers:
-                observer.begin(self._wiring.instances)
+            self._begin_run()
             self._loop = Loop(
                 *(self.system, self._wiring, self._dispatch, self._choice, self._word),
                 self._in_event_mode,
                 keep=self._keep,
             )
         except BaseException as error:
-            if isinstance(error, CosimError):
-                self._dispatch.note("master", "error", error.text())
-            self.close()
+            self._break_off(error)
             raise
         return self
+
+    def _begin_run(self) -> None:
+        events = self._in_event_mode.values()
+        self.initial_passes = self._initialisation.run(self.system, events)
+        for observer in self._observers:
+            observer.begin(self._wiring.instances)
+
+    def _break_off(self, error: BaseException) -> None:
+        if isinstance(error, CosimError):
+            self._dispatch.note("master", "error", error.text())
+        self.close()
+
+    def begin_again(self, system: System, observers: Sequence[Observer] = ()) -> None:
+        """Begin another run from its start, with the same slaves; its rows replace those there are.
+
+        Parameters
+        ----------
+        system : one that `can_begin_again` says this of.
+        observers : of the new run, in place of those so far.
+
+        Raises
+        ------
+        InputError, ComponentError : as `__enter__`; the session is closed then.
+        """
+        loop = self._opened()
+        self.system, self._observers = system, observers
+        try:
+            self._dispatch.begin(observers)
+            self._wiring.begin_again(system)
+            for instance in self._wiring.instances:
+                instance.slave.reset()
+            self._begin_run()
+            loop.begin_again(system)
+        except BaseException as error:
+            self._break_off(error)
+            raise
+
+    def can_begin_again(self, system: System) -> bool:
+        """Whether `begin_again` is a new session of a system, bit for bit.
+
+        It is where the systems differ only in start values, driven signals and what links do to
+        messages, and all slaves can be reset to what a new one is.
+        """
+        slaves = [instance.slave for instance in self._wiring.instances] if self.opened else []
+        return (
+            bool(slaves)
+            and self._keep
+            and all(slave.phase == "stepping" for slave in slaves)
+            and can_be_reset(system)
+            and same_structure(self.system, system)
+        )
 
     def _start_processes(self) -> dict[str, SlaveProcess]:
         """Start the processes of isolated slaves, before an FMU is loaded in this one."""
@@ -177,10 +225,14 @@ class Session:
                 self._loop.close()
             self._stack.close()
         finally:
-            self._dispatch.close()
+            self.release_observers()
             # the function refers to the session, which would keep the rows in memory
             place = self._dispatch.where()
             self._dispatch.where = lambda: place
+
+    def release_observers(self) -> None:
+        """Deliver the last log lines to the observers; they receive nothing more."""
+        self._dispatch.close()
 
     @property
     def opened(self) -> bool:
@@ -382,16 +434,17 @@ class Session:
         snapshot.restore_into(self._wiring)
         loop.go_back(snapshot.complete, snapshot.adjustments)
 
-    def result(self, *, complete: bool = False) -> Run:
+    def result(self, *, complete: bool = False, whole: bool = True) -> Run:
         """Return the run so far; its status is "stopped" if it has not ended by itself.
 
         Its rows are those of the session: `restore` and what follows writes over them. It includes
         the values at `time_s`, where they are known before the run continues (see
-        `value`); `complete` : rows that are complete only, as the observers have them.
+        `value`); `complete` : rows that are complete only, as the observers have them; `whole` : as
+        in `Run.of`.
         """
         loop = self._opened()
         known = not complete and loop.exchange(self._wiring.rows.shape[1] - 1)
-        return loop.result(loop.complete + known)
+        return loop.result(loop.complete + known, whole=whole)
 
     def _adjust(self, component: str, variable: str, by: Adjustment | None) -> None:
         loop, column = self._opened(), self._column(component, variable)

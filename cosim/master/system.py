@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Any
 
 from cosim.master.checks import check_links, check_parts
 from cosim.master.parts import Parts
@@ -37,10 +38,14 @@ class System(Parts):
         to the greater of its magnitude and 1.
     solve_limit : most iterations of a loop at one point.
 
+    receiving : what `receiving_order` keeps, once it was asked.
+
     Raises
     ------
     InputError : parts that do not fit together.
     """
+
+    receiving: Any = field(default=None, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         check_links(self)

@@ -205,6 +205,11 @@ class Table:
     def __post_init__(self) -> None:
         self.spare = self.rows.shape[0] - 1
         self.copying = np.zeros(1, np.int64)
+        self.begin_again()
+
+    def begin_again(self) -> None:
+        """Prepare for a run: the first one, or another one."""
+        self.copying[0], self.no_way_back[0] = 0, 1
         self.word[_CRASHED:] = _NONE
 
     @cached_property

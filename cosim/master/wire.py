@@ -22,7 +22,6 @@ from cosim.master.routes import LOOKING_AHEAD, Route
 from cosim.master.rows_in_use import RowsInUse, check_midpoint
 from cosim.master.system import System
 from cosim.master.wiring import RowMemory, Wiring
-from cosim.network import PacketLink
 
 NOMINAL_RANGE = 1e6
 """An output that declares its nominal value is in range up to so many times this value."""
@@ -261,12 +260,10 @@ def _route(
         for i in range(system.port(c.target).size)
     ]
     sources, targets = np.array(pairs, dtype=np.intp).T
-    link = system.links[route_key.link] if route_key.link is not None else None
     return Route(
         route_key=route_key,
         columns=sources,
         targets=targets,
         in_step=in_step,
-        link=link if isinstance(link, PacketLink) else None,
         at_point=at_point,
     )

@@ -131,6 +131,24 @@ class Wiring:
         self.fill_routes(0, self.comm_points.ready)
         self.begin_rows(0, max(self.comm_points.ready, 1))
 
+    def begin_again(self, system: System) -> None:
+        """Begin another run, of a system of the same structure, into the same memory."""
+        # an algebraic loop begins with what stands in the first row; other rows are written first
+        self.all_rows[[0, -1]] = 0.0
+        self.comm_points.begin_again(system.comm_schedule)
+        for instance in self.instances:
+            instance.component = system.components[instance.name]
+            instance.driven = {
+                name: system.driven.get(Endpoint(instance.name, name), source)
+                for name, source in instance.driven.items()
+            }
+        for sample in self.samples:
+            sample.begin(system)
+        vars(self).pop("_start", None)  # it has the start values of inputs
+        self.settled.clear()
+        self.whole_from[:] = np.inf
+        self.begin()
+
     def extend(self) -> None:
         """Prepare the rows of the next points."""
         first = self.comm_points.ready

@@ -11,6 +11,7 @@ from .diagram import (
 from .editor_schema import json_schema as json_schema
 from .execute import (
     check_writable as check_writable,
+    execute_recorded as execute_recorded,
     execute_run as execute_run,
     execute_unrecorded as execute_unrecorded,
 )
@@ -45,6 +46,7 @@ from .pinned import (
     named_design as named_design,
 )
 from .preparation import (
+    MADE_BEFORE as MADE_BEFORE,
     PreparedScenario as PreparedScenario,
     prepare as prepare,
 )
@@ -65,7 +67,12 @@ from .run_limits import (
     parse_limits as parse_limits,
     time_limit as time_limit,
 )
+from .run_series import RunSeries as RunSeries
 from .schema import Scenario as Scenario
+from .ssp.check import (
+    SspCheck as SspCheck,
+    check_ssp as check_ssp,
+)
 from .ssp.export import (
     SspExport as SspExport,
     export_ssp as export_ssp,
@@ -73,6 +80,11 @@ from .ssp.export import (
 from .ssp.importing import (
     SspImport as SspImport,
     import_ssp as import_ssp,
+)
+from .ssp.names import SspVersion as SspVersion
+from .ssp.tool_rules import (
+    TOOLS as TOOLS,
+    Tool as Tool,
 )
 from .step_check import (
     StepCheck as StepCheck,
@@ -84,3 +96,7 @@ from .supervision import (
 )
 from .system_run import run_system as run_system
 from .templates import template as template
+from .wanted import (
+    ALL_FIGURES as ALL_FIGURES,
+    Wanted as Wanted,
+)

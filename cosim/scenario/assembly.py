@@ -52,13 +52,53 @@ def find_fmus(
 
 @dataclass(frozen=True)
 class SystemParts:
-    """The parts of a system."""
+    """The parts of a system.
+
+    own, shaped : by component its parameters in the scenario, and its FMU with the lengths of
+        arrays that these give.
+    """
 
     components: Mapping[str, Component]
     wires: Wires
     links: Mapping[str, Link]
     driven: Signals
     comm_schedule: CommunicationSchedule
+    own: Mapping[str, Mapping[str, Any]]
+    shaped: Mapping[str, FmuDescription]
+
+
+@dataclass(frozen=True)
+class Assembled:
+    """A system, and what it was assembled from; the next one may have parts of it.
+
+    parameters : of components, beside those of the scenario.
+    """
+
+    scenario: Scenario
+    fmus: Mapping[str, FmuDescription]
+    parameters: Mapping[str, Mapping[str, float]]
+    parts: SystemParts
+    system: System
+
+    def has_component(
+        self, name: str, scenario: Scenario, fmus: Mapping[str, FmuDescription]
+    ) -> bool:
+        """Whether a component and its FMU are the same in another scenario."""
+        same = self.scenario.components.get(name) is scenario.components[name]
+        return same and self.scenario.log is scenario.log and self.fmus[name] is fmus[name]
+
+    def has_link(self, name: str, scenario: Scenario) -> bool:
+        """Whether a link is the same in another scenario."""
+        mine, run = self.scenario, scenario.run
+        same = mine.run is run or (mine.run.seed, mine.run.end) == (run.seed, run.end)
+        return same and mine.events is scenario.events and mine.links[name] is scenario.links[name]
+
+    def has_wires(self, scenario: Scenario, shaped: Mapping[str, FmuDescription]) -> bool:
+        """Whether the connections are the same in another scenario with these FMUs."""
+        mine, before = self.scenario, self.parts.shaped
+        same = mine.connections is scenario.connections and mine.connect is scenario.connect
+        same &= mine.links.keys() == scenario.links.keys() and before.keys() == shaped.keys()
+        return same and all(before[name] is fmu for name, fmu in shaped.items())
 
 
 def assemble(
@@ -69,7 +109,8 @@ def assemble(
     worst_case: hinf.WorstCase | None = None,
     at_rest: bool = False,
     origin: Origin = NOWHERE,
-) -> System:
+    like: Assembled | None = None,
+) -> Assembled:
     """Assemble the system of a scenario.
 
     Parameters
@@ -80,6 +121,8 @@ def assemble(
     at_rest : assemble the zero-state run: zero initial state and reference, all else equal;
         the gain from w to z is defined there.
     origin : locates the parts of the scenario in messages.
+    like : one assembled before, `at_rest` or not as this one: what is the same object in its
+        scenario is not made again.
 
     Raises
     ------
@@ -87,9 +130,16 @@ def assemble(
     """
     findings = Findings(origin)
     parts = parts_of(
-        scenario, fmus, findings, parameters=parameters, worst_case=worst_case, at_rest=at_rest
+        scenario,
+        fmus,
+        findings,
+        parameters=parameters,
+        worst_case=worst_case,
+        at_rest=at_rest,
+        like=like,
     )
-    return system_of(scenario, parts, findings)
+    system = system_of(scenario, parts, findings, like)
+    return Assembled(scenario, fmus, parameters, parts, system)
 
 
 def parts_of(
@@ -100,41 +150,40 @@ def parts_of(
     parameters: Mapping[str, Mapping[str, float]],
     worst_case: hinf.WorstCase | None = None,
     at_rest: bool = False,
+    like: Assembled | None = None,
 ) -> SystemParts:
     """Make the parts of a system, as `assemble`; errors go to `findings`."""
-    links = _links(scenario, findings)
+    links = _links(scenario, findings, like)
     comm_schedule = _comm_schedule(scenario, links, findings)
-    own = {
-        name: numbers_of(name, fmus[name], part.parameters, findings)
-        for name, part in scenario.components.items()
-        if name in fmus
-    }
+    own, shaped, same = _own_parameters(scenario, fmus, findings, like)
     for name in scenario.log.components if scenario.log is not None else ():
         if name not in scenario.components:
             with findings.at("log", "components", name):
                 raise InputError.unknown("component", name, scenario.components)
     declared: dict[str, Feedthrough | None] = {}
-    shaped = {name: fmus[name].resized(values) for name, values in own.items()}
     for name, fmu in shaped.items():
         with findings.at("components", name, "feedthrough"):
             fmu.with_feedthrough(scenario.components[name].feedthrough)
             declared[name] = scenario.components[name].feedthrough
-    wires = _wires(scenario, shaped, findings)
+    if like is not None and like.has_wires(scenario, shaped):
+        wires = like.parts.wires
+    else:
+        wires = _wires(scenario, shaped, findings)
     driven = _driven(scenario, shaped, comm_schedule, worst_case, findings, at_rest=at_rest)
-    connected = {c.target for c, _ in wires} | set(driven)
     components = {}
+    keep = like is not None and not at_rest and like.parts.wires is wires
+    connected = {c.target for c, _ in wires} | set(driven)
     for name, fmu in shaped.items():
-        if at_rest:
-            own[name] |= {
-                p.name: [0.0] * p.size if p.shape else 0.0
-                for p in fmu.ports.values()
-                if _of_the_start(p, Endpoint(name, p.name) in connected)
-            }
+        more = parameters.get(name, {})
+        if like is not None and keep and name in same and like.parameters.get(name, {}) == more:
+            components[name] = like.parts.components[name]
+            continue
+        still = _at_rest(fmu, name, connected) if at_rest else {}
         part = scenario.components[name]
         with findings.at("components", name):
             components[name] = Component(
                 fmu,
-                {**own[name], **parameters.get(name, {})},
+                {**own[name], **still, **more},
                 None if part.step is None else nanoseconds(part.step),
                 *_wanted_log(scenario, name),
                 feedthrough=declared.get(name),
@@ -143,7 +192,36 @@ def parts_of(
                 clocks=part.clocks,
                 intermediate=part.intermediate,
             )
-    return SystemParts(components, wires, links, driven, comm_schedule)
+    return SystemParts(components, wires, links, driven, comm_schedule, own, shaped)
+
+
+def _own_parameters(
+    scenario: Scenario,
+    fmus: Mapping[str, FmuDescription],
+    findings: Findings,
+    like: Assembled | None,
+) -> tuple[dict[str, Mapping[str, Any]], dict[str, FmuDescription], set[str]]:
+    """Return `own` and `shaped` of `SystemParts`, and the components that are those of `like`."""
+    own: dict[str, Mapping[str, Any]] = {}
+    shaped: dict[str, FmuDescription] = {}
+    same: set[str] = set()
+    for name, part in scenario.components.items():
+        if like is not None and like.has_component(name, scenario, fmus):
+            same.add(name)
+            own[name], shaped[name] = like.parts.own[name], like.parts.shaped[name]
+        elif name in fmus:
+            own[name] = numbers_of(name, fmus[name], part.parameters, findings)
+            shaped[name] = fmus[name].resized(own[name])
+    return own, shaped, same
+
+
+def _at_rest(fmu: FmuDescription, name: str, connected: set[Endpoint]) -> dict[str, Any]:
+    """Return the start values of a component that is at rest."""
+    return {
+        p.name: [0.0] * p.size if p.shape else 0.0
+        for p in fmu.ports.values()
+        if _of_the_start(p, Endpoint(name, p.name) in connected)
+    }
 
 
 def _wanted_log(scenario: Scenario, component: str) -> tuple[LogLevel, list[str] | None]:
@@ -154,10 +232,13 @@ def _wanted_log(scenario: Scenario, component: str) -> tuple[LogLevel, list[str]
     return part.level or scenario.log.level, part.categories
 
 
-def _links(scenario: Scenario, findings: Findings) -> dict[str, Link]:
+def _links(scenario: Scenario, findings: Findings, like: Assembled | None) -> dict[str, Link]:
     links: dict[str, Link] = {}
     changes = changes_of(scenario, findings)
     for name, part in scenario.links.items():
+        if like is not None and name in like.parts.links and like.has_link(name, scenario):
+            links[name] = like.parts.links[name]
+            continue
         with findings.at("links", name):
             links[name] = link_of(name, part, scenario.run.seed, changes.get(name, ()))
     return links
@@ -220,8 +301,12 @@ def _driven(
     return driven
 
 
-def system_of(scenario: Scenario, parts: SystemParts, findings: Findings) -> System:
+def system_of(
+    scenario: Scenario, parts: SystemParts, findings: Findings, like: Assembled | None = None
+) -> System:
     """Make the system; an error of it is located at the part of the scenario it names.
+
+    like : as in `assemble`.
 
     Raises
     ------
@@ -245,7 +330,9 @@ def system_of(scenario: Scenario, parts: SystemParts, findings: Findings) -> Sys
             run.solve_tolerance,
             run.solve_limit,
         )
-        receiving_order(system)  # an algebraic loop is found here, not when the run begins
+        same = like is not None and like.parts.wires is parts.wires and like.scenario.run is run
+        # an algebraic loop is found here, not when the run begins
+        receiving_order(system, like.system if like is not None and same else None)
     except InputError as error:
         raise findings.placed(error, _blamed(error, parts.wires, scenario)) from error
     return system

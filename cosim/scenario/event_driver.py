@@ -5,6 +5,7 @@ from __future__ import annotations
 import heapq
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import cached_property
 from typing import Any, NamedTuple
 
 from cosim.core import InputError
@@ -27,15 +28,20 @@ class LatestValues:
     """Gives conditions the values of the last complete row."""
 
     def __init__(self, scope: RunScope, instances: Sequence[ComponentInstance]) -> None:
-        self._scope = scope
-        self._places: dict[str, tuple[ComponentInstance, int, bool]] = {}
-        for instance in instances:
+        self._scope, self._instances = scope, instances
+
+    @cached_property
+    def _places(self) -> dict[str, tuple[ComponentInstance, int, bool]]:
+        """By name the instance, the number among its outputs or inputs, and whether it is one."""
+        return {
+            f"{instance.name}.{column.name}": (instance, j, is_input)
+            for instance in self._instances
             for is_input, columns in (
                 (False, instance.output_columns),
                 (True, instance.input_columns),
-            ):
-                for j, column in enumerate(columns):
-                    self._places[f"{instance.name}.{column.name}"] = instance, j, is_input
+            )
+            for j, column in enumerate(columns)
+        }
 
     def value(self, name: str, session: Session) -> float:
         """Return the value of a name in the last complete row."""

@@ -36,9 +36,11 @@ from cosim.scenario.outcome import Outcome, result_entries
 from cosim.scenario.preparation import PreparedScenario
 from cosim.scenario.run_events import EventCollector
 from cosim.scenario.run_metadata import run_metadata_of
+from cosim.scenario.run_series import RunSeries
 from cosim.scenario.script import Event, script_of
 from cosim.scenario.supervision import Supervision, raise_if_interrupted, supervision_of
 from cosim.scenario.system_run import run_system
+from cosim.scenario.wanted import ALL_FIGURES, Wanted
 from cosim.trace import Cause, RunOutcome, TraceWriter, content_hash
 
 
@@ -78,6 +80,38 @@ def execute_run(
             supervision=supervision,
             keep=False,
         )[0]
+    return execute_recorded(
+        prepared,
+        trace,
+        progress=progress,
+        engine=engine,
+        pace=pace,
+        fsync=fsync,
+        supervision=supervision,
+    )[0]
+
+
+def execute_recorded(
+    prepared: PreparedScenario,
+    trace: Path,
+    *,
+    progress: Progress | None = None,
+    engine: EngineName = "auto",
+    pace: Pace | None = None,
+    fsync: bool = False,
+    supervision: Supervision,
+    zero_state_run: bool = True,
+    keep: bool = False,
+) -> tuple[Outcome, Outcome, Run]:
+    """Run the scenario with a trace; return its outcome, that of `execute_unrecorded`, its rows.
+
+    The second outcome is what the run without a trace has with the same `zero_state_run`, so that
+    the figures of a run do not depend on whether its trace is kept.
+
+    Raises
+    ------
+    As `execute_run`.
+    """
     began = time.perf_counter()
     system, events = assembled_system(prepared)
     check_writable(trace)
@@ -101,7 +135,7 @@ def execute_run(
             collector=events_found,
         )
         try:
-            made.run(recorder, keep=False)
+            run = made.run(recorder, keep=keep)
         except ComponentError as error:
             cause = Cause.of_error(error, None)
             refused = RunOutcome(
@@ -116,12 +150,13 @@ def execute_run(
             living.close()
             supervisor.let_go()
         outcome = made.outcome(trace, began)
+        unrecorded = made.outcome(None, began, zero_state_run=zero_state_run)
         recorder.conclude(round(outcome.simulated_s * 1e9), outcome.conclusion)
         writer.finish(result_entries(outcome))
         outcome = replace(outcome, content_hash=content_hash(trace))
     outcome = replace(outcome, log_after_end=tuple(recorder.log_after_end))
     raise_if_interrupted(outcome, supervisor)
-    return outcome
+    return outcome, unrecorded, run
 
 
 def execute_unrecorded(
@@ -133,6 +168,8 @@ def execute_unrecorded(
     pace: Pace | None = None,
     supervision: Supervision | None = None,
     supervisor: Supervisor | None = None,
+    series: RunSeries | None = None,
+    wanted: Wanted = ALL_FIGURES,
     keep: bool = True,
 ) -> tuple[Outcome, Run]:
     """Run the scenario without a trace; return its outcome and its rows.
@@ -140,6 +177,8 @@ def execute_unrecorded(
     zero_state_run : whether to make the zero-state run as well; without it no gain is measured,
         and envelope and limits are evaluated on this run alone.
     supervision : None: in this process, or by `supervisor`, which is open already.
+    series : the run is one of these, in this process.
+    wanted : the outcome has these figures and lacks others, beside status and assertions.
     keep : whether the run returned keeps its rows.
 
     Raises
@@ -147,7 +186,7 @@ def execute_unrecorded(
     InputError, ComponentError : see `execute_run`.
     """
     began = time.perf_counter()
-    system, events = assembled_system(prepared)
+    system, events = assembled_system(prepared, series)
     with ExitStack() as opened, ExitStack() as living:
         if supervision is not None:
             fmus = list(prepared.fmus.values())
@@ -155,6 +194,8 @@ def execute_unrecorded(
         made = _Runs(
             *(prepared, system, events, living, supervisor, progress or silent, engine, pace),
             call_limit=None if supervision is None else supervision.limits.call,
+            series=series,
+            wanted=wanted,
         )
         run = made.run(keep=keep, zero_state_run=zero_state_run)
         made.run_from_zero_state()
@@ -181,21 +222,36 @@ def check_writable(trace: Path) -> None:
         )
 
 
-def assembled_system(prepared: PreparedScenario) -> tuple[System, Sequence[Event]]:
+def assembled_system(
+    prepared: PreparedScenario, series: RunSeries | None = None
+) -> tuple[System, Sequence[Event]]:
     """Assemble the system; return it and its events."""
     loaded = prepared.loaded
     scenario = loaded.scenario
-    system = assemble(
-        scenario,
-        prepared.fmus,
-        parameters=prepared.gain,
-        worst_case=prepared.worst_case,
-        origin=loaded.origin,
-    )
+    system = _assembled(prepared, series)
     findings = Findings(loaded.origin)
     events = script_of(scenario, system, findings)
     bind_assertions(scenario, system, findings)
     return system, events
+
+
+def _assembled(
+    prepared: PreparedScenario, series: RunSeries | None, *, at_rest: bool = False
+) -> System:
+    """Assemble the system of the run or, `at_rest`, of the zero-state run."""
+    purpose = "zero-state run" if at_rest else "run"
+    made = assemble(
+        prepared.loaded.scenario,
+        prepared.fmus,
+        parameters=prepared.gain,
+        worst_case=prepared.worst_case,
+        at_rest=at_rest,
+        origin=prepared.loaded.origin,
+        like=None if series is None else series.assembled.get(purpose),
+    )
+    if series is not None:
+        series.assembled[purpose] = made
+    return made.system
 
 
 class _Runs:
@@ -222,8 +278,11 @@ class _Runs:
         *,
         call_limit: float | None,
         collector: EventCollector | None = None,
+        series: RunSeries | None = None,
+        wanted: Wanted = ALL_FIGURES,
     ) -> None:
-        self._call_limit, self._collector = call_limit, collector
+        self._call_limit, self._collector, self._series = call_limit, collector, series
+        self._wanted = wanted
         self._prepared, self._system, self._events = prepared, system, events
         self._living, self._supervisor = living, supervisor
         self._report_progress, self._engine, self._pace = report_progress, engine, pace
@@ -238,13 +297,17 @@ class _Runs:
         zero_state_run : whether a zero-state run is wanted.
         """
         measures = RunMeasures(
-            self._prepared, self._system, self._collector, at_once=self._collector is not None
+            self._prepared,
+            self._system,
+            self._collector,
+            at_once=self._collector is not None,
+            wanted=self._wanted,
         )
         # a recorder writes the events that the measures have found in the same rows
         watching: list[Observer] = [measures, *observers]
         if zero_state_run and self._prepared.design is not None:
             self._zero_state = ZeroStateMeasures(self._prepared)
-            self._at_rest = self._assembled_at_rest()
+            self._at_rest = _assembled(self._prepared, self._series, at_rest=True)
             if same_start(self._system, self._at_rest):
                 self._at_rest = None
                 watching.append(self._zero_state)
@@ -260,6 +323,7 @@ class _Runs:
             supervisor=self._supervisor,
             keep=keep,
             call_limit=self._call_limit,
+            series=self._series,
         )
         self._completed, self._figures = completed, measures.figures(completed.run)
         return completed.run
@@ -296,10 +360,11 @@ class _Runs:
             supervisor=self._supervisor,
             keep=False,
             call_limit=self._call_limit,
+            series=self._series,
         ).run
 
-    def outcome(self, trace: Path | None, began: float) -> Outcome:
-        """Return the outcome of both; `began` : when the first did, of `time.perf_counter`."""
+    def outcome(self, trace: Path | None, began: float, *, zero_state_run: bool = True) -> Outcome:
+        """Return the outcome of both, or of the first; `began` : when, of `time.perf_counter`."""
         prepared, run = self._prepared, self._completed.run
         links = {name: dict(figures) for name, figures in run.statistics.items()}
         context = RunContext(
@@ -309,7 +374,7 @@ class _Runs:
             self._system,
             run,
             self._figures,
-            self._zero_state_figures,
+            self._zero_state_figures if zero_state_run else None,
             links,
             prepared.worst_case,
             altered_by_events=self._completed.altered_by_events,
@@ -325,10 +390,12 @@ class _Runs:
             simulated_s=run.end_ns / 1e9,
             wall_s=time.perf_counter() - began,
             final=final_values(self._figures),
-            metrics=metrics_of(context),
+            metrics=metrics_of(context, self._wanted),
             links=links,
             engine=run.engine,
-            binaries=binary_origins(prepared.fmus, run.engine),
+            binaries=binary_origins(prepared.fmus, run.engine)
+            if self._wanted.has("binaries")
+            else {},
             pace=self._pace,
             assertions=self._figures.assertions,
             events=self._figures.events,
@@ -336,16 +403,8 @@ class _Runs:
             cause=run.cause,
             supervised=None if self._supervisor is None else self._supervisor.method,
         )
-        return _with_later_failure(outcome, self._zero_state_run, self._supervisor)
-
-    def _assembled_at_rest(self) -> System:
-        return assemble(
-            self._prepared.loaded.scenario,
-            self._prepared.fmus,
-            parameters=self._prepared.gain,
-            worst_case=self._prepared.worst_case,
-            at_rest=True,
-        )
+        at_rest = self._zero_state_run if zero_state_run else None
+        return _with_later_failure(outcome, at_rest, self._supervisor)
 
 
 _DEATHS = ("crashed", "exited", "timed-out", "memory", "interrupted")

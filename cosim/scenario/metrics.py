@@ -9,6 +9,8 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
+from functools import cached_property
+from types import MappingProxyType
 from typing import Any
 from weakref import WeakKeyDictionary
 
@@ -37,9 +39,15 @@ from cosim.scenario.plant import is_plant_of, is_vehicle_of
 from cosim.scenario.preparation import PreparedScenario
 from cosim.scenario.run_events import EventCollector
 from cosim.scenario.schema import Scenario
+from cosim.scenario.wanted import ALL_FIGURES, Wanted
 from cosim.trace import SERIOUS, AssertionResult, EventCount, EventKind, RunEvent
 
 _POSITION = ("eta.x", "eta.y", "eta.z")
+_OF_AGE = ("metrics.message_age_s", "metrics.feedback_age", "metrics.assumptions")
+_OF_COUPLING = tuple(
+    f"metrics.{name}" for name in ("coupling_delay_s", "coupling_delays_s", "cut_connections")
+)
+"""Metrics for which ages, and delays of the coupling, are measured."""
 
 
 @dataclass(frozen=True)
@@ -112,29 +120,37 @@ class RunMeasures(Measures):
         collector: EventCollector | None = None,
         *,
         at_once: bool = False,
+        wanted: Wanted = ALL_FIGURES,
     ) -> None:
         scenario = prepared.loaded.scenario
         part = scenario.design
         self._events = DesignEvents(prepared, collector or EventCollector())
         self._collector, self._links = self._events.collector, frozenset(system.links)
-        commands = {name: SaturationMeasure(name, self._collector) for name in system.components}
+        commands = {
+            name: SaturationMeasure(name, self._collector)
+            for name in system.components
+            if wanted.has("events") or (part is not None and name == part.controller)
+        }
         self._saturation = None if part is None else commands[part.controller]
-        self._largest = _envelope_measure(prepared, self._events.envelope)
-        self._age = None
-        if part is not None:
+        self._largest = self._age = self._last_outputs = self._coupling = self._cut = None
+        if wanted.has("events", "metrics.envelope_use", "metrics.assumptions"):
+            self._largest = _envelope_measure(prepared, self._events.envelope)
+        if part is not None and wanted.has("events", *_OF_AGE):
             self._age = AgeMeasure(
                 part.plant, part.controller, scenario.run.algorithm, self._events.age
             )
-        self._last_outputs = LastOutputs()
-        self._coupling, self._cut = CouplingMeasure(system), CutMeasure(system)
+        if wanted.has("final", "metrics.position_error_m"):
+            self._last_outputs = LastOutputs()
+        if wanted.has(*_OF_COUPLING):
+            self._coupling, self._cut = CouplingMeasure(system), CutMeasure(system)
         self._assertions = AssertionsMeasure(
             scenario, system, Findings(prepared.loaded.origin), self._collector
         )
-        self._loss = LossBursts(system, self._collector)
+        self._loss = LossBursts(system, self._collector) if wanted.has("events") else None
         self._others = [m for m in commands.values() if m is not self._saturation]
-        found = (self._saturation, self._largest, self._age)
-        always = (self._last_outputs, self._coupling, self._cut, self._assertions, self._loss)
-        super().__init__([*_made(*found), *always, *self._others], at_once=at_once)
+        found = (self._saturation, self._largest, self._age, self._last_outputs, self._coupling)
+        last = _made(self._cut, self._assertions, self._loss)
+        super().__init__([*_made(*found), *last, *self._others], at_once=at_once)
 
     def log(self, time_ns: int, level: str, name: str, message: str) -> None:
         """Count warnings of components, failures, outages, and events of the scenario."""
@@ -147,16 +163,15 @@ class RunMeasures(Measures):
         """Return them at the end of the run."""
         self.complete(run)
         self._events.close(run.end_ns)
-        self._loss.result(run)
-        for measure in self._others:
+        for measure in _made(self._loss, *self._others):
             measure.result(run)
         return RunFigures(
             saturation=None if self._saturation is None else self._saturation.result(run),
             largest=None if self._largest is None else self._largest.result(run),
             ages=None if self._age is None else self._age.result(run),
-            last_outputs=self._last_outputs.result(run),
-            coupling_delays_s=self._coupling.result(run),
-            cut_delays_s=self._cut.result(run),
+            last_outputs={} if self._last_outputs is None else self._last_outputs.result(run),
+            coupling_delays_s={} if self._coupling is None else self._coupling.result(run),
+            cut_delays_s={} if self._cut is None else self._cut.result(run),
             assertions=self._assertions.result(run),
             events=self._collector.counts(),
         )
@@ -198,6 +213,25 @@ class RunContext:
     worst_case: hinf.WorstCase | None = None
     altered_by_events: bool = False
 
+    @cached_property
+    def known_age(self) -> FeedbackAge | None:
+        """What the settings of the scenario say of the age of the feedback."""
+        part = self.scenario.design
+        if part is None:
+            return None
+        return feedback_age(self.system, part.plant, part.controller)
+
+    @property
+    def age_s(self) -> float | None:
+        """The greatest age of a measurement in use [s]; None if none came into use."""
+        ages = self.figures.ages
+        return None if ages is None else ages.greatest_ns / 1e9
+
+    @property
+    def gain(self) -> float | None:
+        """The gain that the zero-state run measured."""
+        return None if self.zero_state is None else self.zero_state.gain
+
 
 def status_of(context: RunContext) -> str:
     """Return the status: finished, limit_cycle, stopped, diverged or failed."""
@@ -207,32 +241,44 @@ def status_of(context: RunContext) -> str:
     return "limit_cycle" if used is not None and used.limit_cycle else "finished"
 
 
-def metrics_of(context: RunContext) -> dict[str, Any]:
+def metrics_of(context: RunContext, wanted: Wanted = ALL_FIGURES) -> dict[str, Any]:
     """Return the metrics of a run, JSON-safe: None for what does not exist."""
-    design = context.design
-    gamma, norm = (None, None) if design is None else (design.gamma, design.exact_norm)
-    used, ages = context.figures.saturation, context.figures.ages
-    age = None if ages is None else ages.greatest_ns / 1e9
-    known = _known_age(context)
-    gain = None if context.zero_state is None else context.zero_state.gain
-    return {
-        "gain": gain,
-        "norm_reached": gain / norm if gain is not None and norm else None,
-        "gain_within_gamma": None if gain is None or gamma is None else gain <= gamma,
-        "gamma": gamma,
-        "exact_norm": norm,
-        "abscissa": None if design is None else design.abscissa,
-        "worst_case": None if context.worst_case is None else asdict(context.worst_case),
-        "position_error_m": _position_error(context),
-        "saturated_fraction": None if used is None else used.fraction,
-        "largest_command": None if used is None else used.largest,
-        "message_age_s": age,
-        "designed_age_s": _designed_age_s(context),
-        "feedback_age": None if design is None else age_figures(_feedback(context), ages, known),
-        "envelope_use": _envelope_use(context),
-        **_coupling(context),
-        "assumptions": _assumptions(context, used, age, known),
+    found = {
+        name: metric(context) for name, metric in _METRICS.items() if wanted.has(f"metrics.{name}")
     }
+    if wanted.has(*_OF_COUPLING):
+        found |= _coupling(context)
+    if wanted.has("metrics.assumptions"):
+        found["assumptions"] = _assumptions(context)
+    return found
+
+
+def _of_design(name: str) -> Callable[[RunContext], Any]:
+    return lambda c: None if c.design is None else getattr(c.design, name)
+
+
+def _norm_reached(context: RunContext) -> float | None:
+    norm = None if context.design is None else context.design.exact_norm
+    return context.gain / norm if context.gain is not None and norm else None
+
+
+def _gain_within_gamma(context: RunContext) -> bool | None:
+    gamma = None if context.design is None else context.design.gamma
+    return None if context.gain is None or gamma is None else context.gain <= gamma
+
+
+def _of_commands(name: str) -> Callable[[RunContext], Any]:
+    def figure(context: RunContext) -> Any:
+        used = context.figures.saturation
+        return None if used is None else getattr(used, name)
+
+    return figure
+
+
+def _feedback_age(context: RunContext) -> dict[str, Any] | None:
+    if context.design is None:
+        return None
+    return age_figures(_feedback(context), context.figures.ages, context.known_age)
 
 
 def _coupling(context: RunContext) -> dict[str, Any]:
@@ -254,12 +300,11 @@ def _coupling(context: RunContext) -> dict[str, Any]:
     return found
 
 
-def _assumptions(
-    context: RunContext, used: Saturation | None, age: float | None, known: FeedbackAge | None
-) -> dict[str, bool]:
+def _assumptions(context: RunContext) -> dict[str, bool]:
     """Return whether each assumption was met, by name; empty without a guarantee."""
     if context.design is None or context.problem is None:
         return {}
+    used, age = context.figures.saturation, context.age_s
     result = {"certificate_verified": _certificate_verified(context.design)}
     designed = _designed_age_s(context)
     if designed is not None:
@@ -271,7 +316,7 @@ def _assumptions(
         ages = context.figures.ages
         if ages is not None and not ages.alike:
             result["measurements_equally_old"] = False  # u = K x(t - age): one age for all of x
-        result |= age_assumptions(_feedback(context), ages, known, step_ns)
+        result |= age_assumptions(_feedback(context), ages, context.known_age, step_ns)
     use = _envelope_use(context)
     if use is not None:
         result["state_inside_envelope"] = all(share <= 1.0 for share in use.values())
@@ -329,14 +374,6 @@ def _feedback(context: RunContext) -> Delay | None:
     return None if context.problem is None else feedback_of(context.problem.system)
 
 
-def _known_age(context: RunContext) -> FeedbackAge | None:
-    """Return what the settings of the scenario say of the age of the feedback."""
-    part = context.scenario.design
-    if part is None:
-        return None
-    return feedback_age(context.system, part.plant, part.controller)
-
-
 def _envelope_use(context: RunContext) -> dict[str, float] | None:
     """Return the largest |value| / bound per axis, over the run and its zero-state run."""
     runs = [context.figures.largest]
@@ -367,3 +404,24 @@ def _plant_as_designed(context: RunContext) -> bool:
         return is_vehicle_of(problem.vehicle, parameters, exact=exact)
     # integrals are states of the controller
     return is_plant_of(hinf.without_integrals(problem.system), parameters, exact=exact)
+
+
+_METRICS: Mapping[str, Callable[[RunContext], Any]] = MappingProxyType(
+    {
+        "gain": lambda c: c.gain,
+        "norm_reached": _norm_reached,
+        "gain_within_gamma": _gain_within_gamma,
+        "gamma": _of_design("gamma"),
+        "exact_norm": _of_design("exact_norm"),
+        "abscissa": _of_design("abscissa"),
+        "worst_case": lambda c: None if c.worst_case is None else asdict(c.worst_case),
+        "position_error_m": _position_error,
+        "saturated_fraction": _of_commands("fraction"),
+        "largest_command": _of_commands("largest"),
+        "message_age_s": lambda c: c.age_s,
+        "designed_age_s": _designed_age_s,
+        "feedback_age": _feedback_age,
+        "envelope_use": _envelope_use,
+    }
+)
+"""By name how each metric is computed, but for those of `_coupling` and `_assumptions`."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -67,7 +67,7 @@ class Outcome(RunOutcome):
             "binaries": dict(self.binaries),
         }
         if self.design is not None:
-            data["design"] = asdict(self.design)
+            data["design"] = dict(vars(self.design))
         if self.log_after_end:
             data["log_after_end"] = list(self.log_after_end)
         if self.pace is not None:

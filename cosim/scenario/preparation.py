@@ -20,6 +20,9 @@ from cosim.scenario.pinned import DesignSource, kept_or_made, named_design
 from cosim.scenario.read import LoadedScenario
 from cosim.scenario.signals import no_disturbance, reference_inputs, worst_case_of
 
+MADE_BEFORE = DesignSource("made before, its proof checked again")
+"""The source of a design that is given to `prepare`."""
+
 
 @dataclass(frozen=True)
 class PreparedScenario:
@@ -69,7 +72,7 @@ def prepare(
     report_progress("FMUs", 0.0)
     findings = Findings(loaded.origin)
     fmus = find_fmus(loaded.scenario, fmu_cache, findings)
-    source: DesignSource | None = DesignSource("made before, its proof checked again")
+    source: DesignSource | None = MADE_BEFORE
     if loaded.scenario.design is None:
         loaded, saved, source = with_design_of_controller(loaded, fmus)
     loaded = with_numbers(loaded, fmus, findings)
@@ -94,7 +97,8 @@ def prepare(
     if found is None:
         # a scenario that cannot run fails before the design, which takes longest
         roles = {part.controller: blank}
-        system = assemble(scenario, fmus, parameters=roles, worst_case=still, origin=loaded.origin)
+        origin = loaded.origin
+        system = assemble(scenario, fmus, parameters=roles, worst_case=still, origin=origin).system
         report_progress("design", 0.0)
         known = feedback_age(system, part.plant, part.controller) if of_links else None
         found, source = kept_or_made(loaded, problem, known)

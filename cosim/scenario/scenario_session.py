@@ -61,10 +61,10 @@ class ScenarioSession(Session):
         until = None if seconds is None else round(seconds * 1e9)
         return self._driver.advance(self, until, stop=stop, pace=pace)
 
-    def result(self, *, complete: bool = False) -> Run:
+    def result(self, *, complete: bool = False, whole: bool = True) -> Run:
         """Return the run so far, as `Session.result`; an event that ended it is the reason."""
         stopped = self._driver.stopped
-        run = super().result(complete=complete or stopped is not None)
+        run = super().result(complete=complete or stopped is not None, whole=whole)
         return ended_by_event(run, stopped)
 
     def snapshot(self, *, portable: bool = False) -> Snapshot:

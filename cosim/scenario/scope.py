@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,15 +32,29 @@ class RunScope:
 
     def __init__(self, system: System, changed: Sequence[Endpoint] = ()) -> None:
         self._system, self._changed = system, changed
+
+    @cached_property
+    def _signals(self) -> dict[str, dict[str, Port]]:
+        return self._ports[0]
+
+    @cached_property
+    def _others(self) -> dict[str, dict[str, Port]]:
+        return self._ports[1]
+
+    @cached_property
+    def _ports(self) -> tuple[dict[str, dict[str, Port]], dict[str, dict[str, Port]]]:
+        """By component and element: outputs and connected inputs, and all other variables."""
+        system = self._system
         connected = {c.target for c in system.connections} | set(system.driven)
-        self._signals: dict[str, dict[str, Port]] = {}
-        self._others: dict[str, dict[str, Port]] = {}
+        signals: dict[str, dict[str, Port]] = {}
+        others: dict[str, dict[str, Port]] = {}
         for name, component in system.components.items():
-            mine, rest = self._signals.setdefault(name, {}), self._others.setdefault(name, {})
+            mine, rest = signals.setdefault(name, {}), others.setdefault(name, {})
             for port in component.description.ports.values():
                 moves = port.causality == "output" or Endpoint(name, port.name) in connected
                 into = mine if moves and port.kind is not None else rest
                 into.update(dict.fromkeys(element_names(port), port))
+        return signals, others
 
     def signals(self, component: str) -> Mapping[str, Port]:
         """Return outputs and connected inputs of a component, by the names of their elements."""

@@ -19,6 +19,7 @@ from cosim.master import (
 )
 from cosim.scenario.event_driver import EventDriver, LatestValues, ended_by_event
 from cosim.scenario.interrupt import DeferredInterrupt
+from cosim.scenario.run_series import RunSeries
 from cosim.scenario.scope import RunScope
 from cosim.scenario.script import Event
 
@@ -102,6 +103,7 @@ def run_system(
     supervisor: Supervisor | None = None,
     keep: bool = True,
     call_limit: float | None = None,
+    series: RunSeries | None = None,
 ) -> CompletedRun:
     """Run a system from its start to its end, or to where an event stops it.
 
@@ -113,6 +115,8 @@ def run_system(
     supervisor : executes the run in its child process; None: in this process.
     keep : whether the run keeps its rows.
     call_limit : of one call of an isolated slave in this process [s]; None: no limit.
+    series : the run is one of these, in this process; its rows are valid until the next one of
+        this name, whatever `keep` says.
 
     Raises
     ------
@@ -135,17 +139,16 @@ def run_system(
     else:
         with DeferredInterrupt() as interruption:
             watcher = ProgressObserver(system, what, report_progress, interruption)
-            session = living.enter_context(
-                Session(
-                    system,
-                    [*observers, watcher],
-                    engine=engine,
-                    keep=keep,
-                    call_limit=call_limit,
+            watching = [*observers, watcher]
+            if series is not None and series.takes(system):
+                session = series.open(what, system, watching, engine)
+                living.callback(session.release_observers)
+            else:
+                session = living.enter_context(
+                    Session(system, watching, engine=engine, keep=keep, call_limit=call_limit)
                 )
-            )
             found = conduct(session)
             session.deliver()
-            run = session.result(complete=True)
+            run = session.result(complete=True, whole=series is None)
     run = ended_by_event(run, found.stopped)
     return CompletedRun(run, found.altered_by_events, found.event_counts)

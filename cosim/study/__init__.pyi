@@ -3,14 +3,29 @@ from .execution import (
     execute_study as execute_study,
 )
 from .folder import read_rows as read_rows
+from .merge import (
+    MergedStudy as MergedStudy,
+    merge_studies as merge_studies,
+)
 from .pictures import draw as draw
 from .plan import Plan as Plan
+from .rare_events import (
+    Level as Level,
+    RareEstimate as RareEstimate,
+)
 from .read import (
     LoadedStudy as LoadedStudy,
     builtin_studies as builtin_studies,
     load_study as load_study,
 )
-from .repeat import repeat_run as repeat_run
+from .repeat import (
+    check_unchanged as check_unchanged,
+    repeat_run as repeat_run,
+)
+from .report import (
+    StudyReport as StudyReport,
+    write_study_report as write_study_report,
+)
 from .running import (
     plan_of as plan_of,
     pool_for as pool_for,
@@ -36,6 +51,12 @@ from .stability_boundary import (
     loop_delay_margin as loop_delay_margin,
 )
 from .stability_picture import draw_stability as draw_stability
+from .stages import (
+    plain_sample as plain_sample,
+    rare_estimate as rare_estimate,
+    stopping_of as stopping_of,
+)
+from .stopping import Stopping as Stopping
 from .summary import (
     Group as Group,
     Numbers as Numbers,

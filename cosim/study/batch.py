@@ -7,17 +7,20 @@ import platform
 import threading
 import time
 from collections import OrderedDict
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib.metadata import version
+from itertools import repeat
 from pathlib import Path
 from typing import NamedTuple
 
 from cosim.core import ComponentError, CosimError, InputError
 from cosim.hinf import one_thread
+from cosim.master import Run
 from cosim.scenario import Outcome
 from cosim.study.consistency import changed_error
 from cosim.study.measurement import Value, measure
+from cosim.study.rare_study import Drawn, RarePoints
 from cosim.study.schema import Study
 from cosim.study.study_runner import BaseScenario, StudyRunner
 
@@ -51,6 +54,7 @@ class Job:
     limits : of each run, as for `cosim run --limit`; they come before those of the scenario.
     run_limit_s : wall-clock time of a run for which no limit is given [s]; None: none.
     software : the versions that the starting process has; workers must have the same.
+    drawn : the points of runs that follow from results, in a study of a rare event.
     """
 
     study: Study
@@ -63,6 +67,7 @@ class Job:
     limits: tuple[str, ...] = ()
     run_limit_s: float | None = None
     software: dict[str, str] = field(default_factory=dict)
+    drawn: Drawn | None = None
 
     def trace_of(self, folder: Path, run: int) -> Path:
         """Return the path of a run's trace."""
@@ -93,16 +98,19 @@ _alone = threading.Lock()
 def run_batch(job: Job, runs: Sequence[int]) -> list[Row]:
     """Execute these runs; an error of a run becomes its row."""
     with _alone:
-        runner = _runner(job)
+        runner = runner_of(job)
         with runner.supervised():
-            return [_row(job, runner, run) for run in runs]
+            rows: Iterable[Row | None] = repeat(None, len(runs))
+            if job.traces is None:
+                rows = runner.in_child(_row_here, runs)
+            return [_row(job, runner, *found) for found in zip(runs, rows, strict=True)]
 
 
 @one_thread
 def record_batch(job: Job, runs: Sequence[int]) -> list[str | None]:
     """Repeat these runs with a trace each; return the reason for each trace that is missing."""
     with _alone:
-        runner = _runner(job)
+        runner = runner_of(job)
         return [_recorded(job, runner, run) for run in runs]
 
 
@@ -111,16 +119,18 @@ def register_runner(digest: str, runner: StudyRunner) -> None:
     _runners[digest] = runner
 
 
-def _runner(job: Job) -> StudyRunner:
+def runner_of(job: Job) -> StudyRunner:
     """Return this process' runner for a study; it is created once."""
     if job.digest not in _runners:
-        _check_software(job)
+        check_software(job.software)
         _runners[job.digest] = StudyRunner(job.study, job.base, job.hashes, job.designs)
         while len(_runners) > _RUNNERS_KEPT:
             _runners.popitem(last=False)
     _runners.move_to_end(job.digest)
     runner = _runners[job.digest]
     runner.limits, runner.run_limit_s = job.limits, job.run_limit_s
+    if job.drawn is not None and isinstance(runner.points, RarePoints):
+        runner.points.learn(job.drawn)
     return runner
 
 
@@ -129,15 +139,20 @@ def software() -> dict[str, str]:
     return {"python": platform.python_version(), **{name: version(name) for name in PACKAGES}}
 
 
-def _check_software(job: Job) -> None:
-    """Check that a worker has the versions of the process that started the study."""
+def check_software(wanted: Mapping[str, str]) -> None:
+    """Check that a worker has the versions of the process that started the study.
+
+    Raises
+    ------
+    InputError : it has not.
+    """
     here = software()
-    differ = [name for name, wanted in job.software.items() if here.get(name) != wanted]
+    differ = [name for name, version_there in wanted.items() if here.get(name) != version_there]
     if differ:
         raise InputError(
             "a worker has other versions than the process that started the study",
             where=f"worker {platform.node()}, process {os.getpid()}",
-            expected=", ".join(f"{name} {job.software[name]}" for name in differ),
+            expected=", ".join(f"{name} {wanted[name]}" for name in differ),
             got=", ".join(f"{name} {here.get(name)}" for name in differ),
             hint="install the same versions everywhere; results would not be the same bit for bit",
         )
@@ -150,33 +165,53 @@ def run_and_measure(runner: StudyRunner, run: int) -> tuple[Outcome, tuple[Value
     ------
     CosimError : the run cannot be executed, or lacks what a metric needs.
     """
-    outcome, completed = runner.execute_run(run)
+    outcome, completed = runner.execute_run(run, runner.wanted)
+    try:
+        return outcome, _measured(runner.study, outcome, completed)
+    except InputError:  # with all figures the message names those that are alike
+        outcome, completed = runner.execute_run(run)
+        return outcome, _measured(runner.study, outcome, completed)
+
+
+def _measured(study: Study, outcome: Outcome, completed: Run) -> tuple[Value, ...]:
     figures = outcome.to_json()
     values = []
-    for name, metric in runner.study.metrics.items():
+    for name, metric in study.metrics.items():
         try:
             values.append(measure(metric, figures, completed))
         except InputError as error:
             place = f"metrics.{name}"
             where = f"{place}: {error.where}" if error.where else place
             raise changed_error(error, where=where) from error
-    return outcome, tuple(values)
+    return tuple(values)
 
 
-def _row(job: Job, runner: StudyRunner, run: int) -> Row:
-    row: Row | None = runner.in_child(_row_here, run)
-    if row is None:  # it is repeated in a way that tells which component and call ended it
-        row = _row_here(runner, run)
-    if job.traces is not None and row.status not in INCOMPLETE:
-        row = row._replace(reason=_recorded(job, runner, run) or row.reason)
-    return row
+def _row(job: Job, runner: StudyRunner, run: int, row: Row | None) -> Row:
+    """Return the row of a run; None: it was not executed, or ended the child that did it."""
+    if job.traces is not None:
+        return _recorded_row(runner, run, job.trace_of(job.traces, run))
+    # repeated in a way that tells which component and call ended the child
+    return row or _row_here(runner, run)
 
 
-def _row_here(runner: StudyRunner, run: int) -> Row:
+def _recorded_row(runner: StudyRunner, run: int, trace: Path) -> Row:
+    """Return the row of a run that writes its trace; the reason says why a trace is missing."""
+    row = _row_here(runner, run, trace)
+    if row.status != REFUSED:
+        return row
+    plain = _row_here(runner, run)  # the run or the trace was refused
+    return plain if plain.status in INCOMPLETE else plain._replace(reason=row.reason)
+
+
+def _row_here(runner: StudyRunner, run: int, trace: Path | None = None) -> Row:
     began = time.perf_counter()
     values: tuple[Value, ...] = (None,) * len(runner.study.metrics)
     try:
-        outcome, values = run_and_measure(runner, run)
+        if trace is None:
+            outcome, values = run_and_measure(runner, run)
+        else:
+            _, outcome, completed = runner.record(run, trace, keep=True)
+            values = _measured(runner.study, outcome, completed)
         status, reason = status_of(outcome)
     except ComponentError as error:
         status, reason = _BY_CAUSE.get(error.kind or "", FAILED), error.text()

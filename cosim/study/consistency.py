@@ -7,7 +7,9 @@ from typing import Any
 
 from cosim.core import InputError
 from cosim.scenario import line_of
-from cosim.study.schema import RESERVED, SampledAxis, Study
+from cosim.study.schema import RESERVED, RarePart, SampledAxis, Study
+
+_LEAST_SAMPLES = 100  # of a rare event: ten chains
 
 Place = Callable[..., str]
 """Maps the keys that lead to an entry of a study to its place, for messages."""
@@ -44,6 +46,8 @@ def check_consistent(study: Study, place: Place = nowhere) -> None:
             expected="an axis of kind 'random', 'sobol', 'latin' or 'saltelli'",
             got=f"samples = {study.samples}",
         )
+    _check_stop(study, place)
+    _check_rare(study, place)
     sampled = [axis.column for axis in study.vary if isinstance(axis, SampledAxis)]
     for i, correlation in enumerate(study.correlations):
         for name in correlation.axes:
@@ -62,8 +66,65 @@ def check_consistent(study: Study, place: Place = nowhere) -> None:
                 _one_of(kind, getattr(part, key), known, place("stability", key))
 
 
+def _check_stop(study: Study, place: Place) -> None:
+    """Check that a study with `stop` has independent runs that are alike."""
+    if study.stop is None:
+        return
+    where = place("stop")
+    if study.rare is not None:
+        raise InputError("a study has stop or rare", where=where, got="both")
+    _one_of("metric", study.stop.metric, study.metrics, where)
+    kinds = [axis.kind for axis in study.vary]
+    if set(kinds) != {"random"} and kinds != ["replicates"]:
+        raise InputError(
+            "a study can stop at a width if its runs are independent draws",
+            where=where,
+            expected="axes of kind 'random' alone, or one of kind 'replicates'",
+            got=", ".join(kinds),
+            hint="draw seeds beside other values: kind = 'random', path = 'run.seed', "
+            "integers = [1, 2147483647]",
+        )
+
+
+def _check_rare(study: Study, place: Place) -> None:
+    """Check that the runs of a study with `rare` can be drawn one from another."""
+    part = study.rare
+    if part is None:
+        return
+    where = place("rare")
+    _one_of("metric", part.metric, study.metrics, where)
+    if study.metrics[part.metric].asks:
+        raise InputError(
+            "the metric of a rare event is a number",
+            where=where,
+            expected="a metric without below, above and equals: the bound belongs to rare",
+            got=part.metric,
+        )
+    kinds = [axis.kind for axis in study.vary]
+    if set(kinds) != {"random"}:
+        raise InputError(
+            "the runs of a rare event are drawn one from another",
+            where=where,
+            expected="axes of kind 'random' alone",
+            got=", ".join(kinds),
+            hint="for seeds: kind = 'random', path = 'run.seed', integers = [1, 2147483647]",
+        )
+    if study.samples < _LEAST_SAMPLES or _per_level(study, part) % 10:
+        raise InputError(
+            "a level cannot be divided into chains",
+            where=place("samples" if part.pilot is None else "rare"),
+            expected=f"a multiple of 10 from {_LEAST_SAMPLES} on; samples = 1000 is usual",
+            got=f"{_per_level(study, part)} runs per level",
+        )
+
+
+def _per_level(study: Study, part: RarePart) -> int:
+    return study.samples if part.method == "subset" else part.pilot or study.samples
+
+
 def _check_columns(study: Study, place: Place) -> None:
-    taken = dict.fromkeys(RESERVED, "every table has this column")
+    own = ("level",) if study.rare is not None else ()
+    taken = dict.fromkeys((*RESERVED, *own), "every table has this column")
     named: list[tuple[str, tuple[str | int, ...]]] = [
         *((axis.column, ("vary", i)) for i, axis in enumerate(study.vary)),
         *((name, ("metrics", name)) for name in study.metrics),

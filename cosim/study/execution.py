@@ -7,7 +7,7 @@ import itertools
 import math
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -18,7 +18,6 @@ from cosim.study.batch import (
     INCOMPLETE,
     LOST,
     REFUSED,
-    TIMED_OUT,
     UNSUCCESSFUL,
     Job,
     Row,
@@ -30,14 +29,19 @@ from cosim.study.batch import (
 from cosim.study.folder import Folder
 from cosim.study.manifest import manifest_of
 from cosim.study.plan import Plan, extended_by, trial_run
+from cosim.study.rare_study import RarePoints
+from cosim.study.run_log import RunLog
 from cosim.study.schema import Study
 from cosim.study.stability_boundary import nominal_loop_figures
-from cosim.study.table import make_table, pyarrow, write_table
+from cosim.study.stages import stages_of
+from cosim.study.table import pyarrow, write_table
 from cosim.study.workers import Batch, WorkerDied, WorkerPool, in_process
 
 BATCH_S = 2.0
 """Time that a batch should take [s]: much longer than submitting it, short for a user."""
 MAX_AT_ONCE = 1000
+MOST_INCOMPLETE = 1000
+"""Most runs without a result that `StudyResult` lists."""
 _PIECES = 8  # that a batch is split into after a worker died
 
 RUN_LIMIT_S, RUN_LIMIT_FACTOR = 60.0, 50.0
@@ -50,20 +54,23 @@ class StudyResult:
 
     Attributes
     ----------
-    folder, results : the folder of the study, and its table.
-    runs : number of runs in the table; `executed` of them by this call, the others before.
+    folder, results : the folder of the study, and its table; the folder while runs are missing.
+    runs : number of runs that are done; `executed` of them by this call, the others before.
+    count : number of runs of the study.
     statuses : status -> number of runs.
     traces : number of the run -> None for a kept trace, or why there is none.
     seconds : wall time of this call.
     run_limit_s : wall-clock limit of a run for which none was given [s]; None where runs cannot be
         limited.
     retried : number of runs that were executed again, since their worker died.
-    incomplete : the rows of runs that have no result: refused, failed, crashed, timed out or lost.
+    incomplete : the rows of the first 1,000 runs that have no result: refused, failed, crashed,
+        timed out or lost; `statuses` counts all.
     """
 
     folder: Path
     results: Path
     runs: int
+    count: int
     executed: int
     statuses: dict[str, int]
     traces: dict[int, str | None]
@@ -78,6 +85,7 @@ class StudyResult:
             "folder": str(self.folder),
             "results": str(self.results),
             "runs": self.runs,
+            "count": self.count,
             "executed": self.executed,
             "resumed": self.runs - self.executed,
             "statuses": self.statuses,
@@ -100,9 +108,10 @@ def execute_study(
     fresh: bool = False,
     limits: Sequence[str] = (),
     time_limit_s: float | None = None,
+    runs: range | None = None,
     progress: Progress | None = None,
 ) -> StudyResult:
-    """Execute the runs that are not done yet, and write the table.
+    """Execute the runs that are not done yet; write the table once all are.
 
     Parameters
     ----------
@@ -111,6 +120,7 @@ def execute_study(
     fresh : delete earlier results and start again.
     limits : of each run, as for `cosim run --limit`.
     time_limit_s : wall-clock time after which no further run begins [s].
+    runs : execute these only (`Plan.part`), as where others are executed in other places.
 
     Raises
     ------
@@ -123,49 +133,68 @@ def execute_study(
     plan = replace(plan, job=replace(plan.job, limits=tuple(limits), software=software()))
     register_runner(plan.job.digest, plan.runner)
     plan.runner.limits, retried = plan.job.limits, 0
-    with plan.runner.supervised(), Folder(out) as folder:
+    with Folder(out) as folder, ExitStack() as pools:
+        # where the scenario is, for `cosim study repeat FOLDER`; the table must not depend on it
+        origin = {"scenario_folder": str(plan.job.base.folder)}
         folder.begin(
-            manifest_of(plan), fresh=fresh, extended=lambda before: extended_by(plan, before)
+            manifest_of(plan) | origin,
+            fresh=fresh,
+            extended=lambda before: extended_by(plan, before),
         )
-        done = folder.rows()
+        done = folder.rows
         before = len(done)
-        if before < plan.count:
-            if not done:
-                report_progress("trial run", 0.0)
-                first, seconds = trial_run(plan)
-                if first is not None:
-                    folder.append([first])
-                    done.append(first)
-            else:
-                known = (row.seconds for row in done if row.status != TIMED_OUT)
-                seconds = max(known, default=0.0)
-            plan = _with_limit(plan, seconds, report_progress)
-            until = math.inf if time_limit_s is None else began + time_limit_s
-            with pool() as opened:
-                retried = _run_rest(plan, folder, opened, done, report_progress, until)
-        _check_complete(plan, done)
-        table = make_table({**manifest_of(plan), "stability": nominal_loop_figures(plan)}, done)
-        write_table(table, folder.results)
-        chosen = _chosen(plan.job.study, done)
+        until = math.inf if time_limit_s is None else began + time_limit_s
+        opened: WorkerPool | None = None
+        stage = range(0)
+        for stage in stages_of(plan, done) if runs is None else [runs]:
+            if any(run not in done for run in stage):
+                # a stage has its own child, which knows its points
+                with plan.runner.supervised():
+                    if opened is None:
+                        if not done:
+                            report_progress("trial run", 0.0)
+                            first, seconds = trial_run(plan, stage)
+                            if first is not None:
+                                folder.append([first])
+                        else:
+                            seconds = done.longest
+                        plan = _with_limit(plan, seconds, report_progress)
+                        opened = pools.enter_context(pool())
+                    retried += _run_rest(plan, stage, folder, opened, report_progress, until)
+            _check_complete(stage, done)
+        pools.close()
+        count = plan.count if runs is not None else stage.stop
+        manifest = {
+            **manifest_of(plan),
+            "count": count,
+            "stability": nominal_loop_figures(plan),
+        }
+        complete = all(run in done for run in range(count))
+        if complete:
+            # a study that stopped later before may have more
+            whole = done if len(done) == count else [done[run] for run in range(count)]
+            write_table(manifest, whole, folder.results)
+        else:
+            folder.describe(manifest)  # `merge_studies` takes it from here
+        chosen = chosen_runs(plan.job.study, done)
         kept: dict[int, str | None] = dict.fromkeys(chosen)
         missing = [r for r in chosen if not plan.job.trace_of(folder.traces, r).is_file()]
         if missing:
             with pool() as opened:
                 kept |= _record(plan, folder, opened, missing, report_progress)
-    statuses: dict[str, int] = {}
-    for row in sorted(done):
-        statuses[row.status] = statuses.get(row.status, 0) + 1
+        incomplete, executed = _incomplete(done), len(done) - before
     return StudyResult(
         folder=out,
-        results=folder.results,
-        runs=len(done),
-        executed=len(done) - before,
-        statuses=statuses,
+        results=folder.results if complete else out,
+        runs=min(len(done), count),
+        count=count,
+        executed=executed,
+        statuses=dict(sorted(done.statuses.items())),
         traces=kept,
         seconds=time.perf_counter() - began,
         run_limit_s=plan.job.run_limit_s,
         retried=retried,
-        incomplete=tuple(row for row in sorted(done) if row.status in INCOMPLETE),
+        incomplete=incomplete,
     )
 
 
@@ -182,7 +211,7 @@ class _Queue:
     """The runs that are left, in batches that take about `BATCH_S`."""
 
     def __init__(self, runs: Iterator[int], count: int, workers: int, seconds: float) -> None:
-        self._runs, self._left, self._workers = runs, count, workers
+        self._runs, self._left, self.workers = runs, count, workers
         self._each = seconds
         self._again: list[Batch] = []
 
@@ -192,7 +221,7 @@ class _Queue:
             return self._again.pop()
         size = int(BATCH_S / max(self._each, 1e-6))
         # smaller batches towards the end, so that all workers end at about the same time
-        size = max(1, min(size, MAX_AT_ONCE, math.ceil(self._left / (4 * self._workers))))
+        size = max(1, min(size, MAX_AT_ONCE, math.ceil(self._left / (4 * self.workers))))
         batch = list(itertools.islice(self._runs, size))
         self._left -= len(batch)
         return batch or None
@@ -213,41 +242,44 @@ class _Queue:
 
 def _run_rest(
     plan: Plan,
+    runs: range,
     folder: Folder,
     pool: WorkerPool,
-    done: list[Row],
     report_progress: Progress,
     until: float,
 ) -> int:
-    """Execute every run that is not done; append the rows to the run log and to `done`.
+    """Execute those of the runs that are not done; append the rows to the run log.
 
     Return how many were executed again. `until` : when the time of the study is over.
     """
     job = _ready(plan, folder)
-    known = {row.run for row in done}
-    seconds = sum(row.seconds for row in done) / len(done) if done else BATCH_S
-    rest = (run for run in range(plan.count) if run not in known)
-    queue = _Queue(rest, plan.count - len(known), pool.size, seconds)
+    done = folder.rows
+    seconds = done.seconds / len(done) if done else BATCH_S
+    rest = (run for run in runs if run not in done)
+    # other runs than these may be done too
+    others = len(done) - sum(run in done for run in runs)
+    queue = _Queue(rest, others + len(runs) - len(done), pool.size, seconds)
     suspects: list[int] = []
     retried = 0
 
     def next_batch() -> Batch | None:
+        queue.workers = pool.size  # workers may come and go
         return queue.next_batch() if time.perf_counter() < until else None
+
+    def report(more: str = "") -> None:
+        here = len(done) - others
+        report_progress(f"{here} of {len(runs)} runs{more}", here / len(runs))
 
     def keep(rows: list[Row]) -> None:
         folder.append(rows)
-        done.extend(rows)
-        report_progress(f"{len(done)} of {plan.count} runs", len(done) / plan.count)
+        report()
 
-    pool.notice = lambda text: report_progress(text, len(done) / plan.count)
+    pool.notice = lambda text: report_progress(text, (len(done) - others) / len(runs))
     for batch, result in pool.run_batches(run_batch, job, next_batch):
         if isinstance(result, WorkerDied):
             retried += len(batch)
             suspects += queue.give_back(batch)
-            report_progress(
-                f"{len(done)} of {plan.count} runs, {retried} executed again",
-                len(done) / plan.count,
-            )
+            report(f", {retried} executed again")
             continue
         queue.record_durations(result)
         keep(result)
@@ -259,12 +291,12 @@ def _run_rest(
                 keep([Row(run, LOST, _lost(2 * result.attempts), 0.0, nothing)])
             else:
                 keep(result)
-    if len(done) < plan.count and time.perf_counter() >= until:
+    if len(done) - others < len(runs) and time.perf_counter() >= until:
         raise LossError(
             "the time of the study is over",
             where=str(folder.path),
-            expected=f"{plan.count} runs",
-            got=f"{len(done)}, which are kept",
+            expected=f"{len(runs)} runs",
+            got=f"{len(done) - others}, which are kept",
             hint="the same command continues",
         )
     return retried
@@ -274,46 +306,54 @@ def _lost(attempts: int) -> str:
     return f"the worker process that executed this run died at each of {attempts} attempts"
 
 
-def _check_complete(plan: Plan, done: list[Row]) -> None:
-    """Check that every run is there exactly once."""
-    missing = set(range(plan.count)).symmetric_difference(row.run for row in done)
-    if missing or len(done) != plan.count:
+def _check_complete(runs: range, done: RunLog) -> None:
+    """Check that every run is there."""
+    missing = next((run for run in runs if run not in done), None)
+    if missing is not None:
         raise LossError(
             "runs are missing from the table",
             where="study",
-            expected=f"{plan.count} runs",
-            got=f"{len(done)}, without number {min(missing, default=None)}",
+            expected=f"{len(runs)} runs",
+            got=f"{sum(run in done for run in runs)}, without number {missing}",
             hint="the same command continues",
         )
 
 
 def _ready(plan: Plan, folder: Folder) -> Job:
     """Return the job for workers, with the designs made here and the folder for traces."""
-    all_kept = plan.job.study.traces == "all"
+    all_kept, points = plan.job.study.traces == "all", plan.runner.points
     return replace(
         plan.job,
         designs=plan.runner.designs_made(),
+        drawn=points.drawn if isinstance(points, RarePoints) else None,
         traces=folder.traces.absolute() if all_kept else None,
     )
 
 
-def _chosen(study: Study, done: list[Row]) -> list[int]:
-    """Return the runs whose traces are to be kept."""
-    ran = [row for row in done if row.status not in (REFUSED, LOST)]
-    if study.traces == "all":
-        return sorted(row.run for row in ran)
-    if study.traces == "failed":
-        return sorted(row.run for row in ran if row.status in UNSUCCESSFUL)
-    if study.worst is None:
+def _incomplete(done: RunLog) -> tuple[Row, ...]:
+    """Return the first rows of runs that have no result."""
+    if done.statuses.keys().isdisjoint(INCOMPLETE):
+        return ()
+    found = (row for row in done if row.status in INCOMPLETE)
+    return tuple(itertools.islice(found, MOST_INCOMPLETE))
+
+
+def chosen_runs(study: Study, done: RunLog) -> list[int]:
+    """Return the runs whose traces the study keeps."""
+    if study.traces == "none":
         return []
+    ran = (row for row in done if row.status not in (REFUSED, LOST))
+    if study.worst is None:
+        every = study.traces == "all"
+        return [row.run for row in ran if every or row.status in UNSUCCESSFUL]
     count, by = study.worst
     place = list(study.metrics).index(by.removeprefix("-"))
     sign = -1.0 if by.startswith("-") else 1.0
-    ranked = [
+    ranked = (
         (sign * float(value), -row.run)
         for row in ran
         if isinstance(value := row.values[place], (int, float)) and math.isfinite(value)
-    ]
+    )
     return sorted(-run for _, run in heapq.nlargest(count, ranked))
 
 

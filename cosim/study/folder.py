@@ -3,7 +3,8 @@
     study.json        what the results depend on, and their provenance
     journal.jsonl     the run log: a line per finished run, in the order of completion
                       (journal-N.jsonl in a study that was extended to N runs)
-    results.parquet   the table of all runs by number, once all are done
+    results.parquet   the table of all runs by number, once all are done: a file, or a folder of
+                      parts if there are many
     traces/           the traces of chosen runs
 
 An incomplete last line of the run log is removed, and its run is repeated.
@@ -13,25 +14,32 @@ from __future__ import annotations
 
 import contextlib
 import json
-import os
 import shutil
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, Self
 
-from cosim.core import InputError, LossError, lock_file, write_whole
+from cosim.core import InputError, LossError, lock_file, write_whole, written_beside
 from cosim.study.batch import Row
+from cosim.study.run_log import RunLog, line_of
+from cosim.study.schema import Study
 
 MANIFEST, RUN_LOG, RESULTS, TRACES = "study.json", "journal.jsonl", "results.parquet", "traces"
 LOCK = ".lock"
 
 
 class Folder:
-    """The folder of one study, which one process at a time may use."""
+    """The folder of one study, which one process at a time may use.
+
+    Attributes
+    ----------
+    rows : the run log, while the folder is open.
+    """
+
+    rows: RunLog
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self._run_log: Any = None
         self._lock: Any = None
 
     @property
@@ -85,14 +93,14 @@ class Folder:
                     raise _another(self.path, before, manifest)  # noqa: TRY301
                 manifest |= {"run_log": self._extend(manifest["count"], number)}
             # the same study may have another title, or keep other traces
-            with not_written(self.path / MANIFEST):
-                write_whole(self.path / MANIFEST, json.dumps(manifest, indent=1).encode())
+            self._write(manifest)
             for old in self.path.glob("journal*.jsonl"):
                 if old.name != manifest["run_log"]:
                     old.unlink()
-            self._run_log = (self.path / manifest["run_log"]).open("a+b")
+            run_log = self.path / manifest["run_log"]
             if before is None:
-                self._run_log.truncate(0)
+                run_log.unlink(missing_ok=True)
+            self.rows = RunLog(run_log, append=True, fits=_fits(manifest))
         except BaseException:
             self.close()
             raise
@@ -103,21 +111,28 @@ class Folder:
         It counts once the manifest names it. Traces and table have the former numbers: they go.
         """
         self._forget_results()
-        rows = [row._replace(run=number(row.run)) for row in read_rows(self.path)]
         path = self.path / f"journal-{count}.jsonl"
-        with not_written(path):
-            write_whole(path, _lines(rows))
+        with (
+            read_rows(self.path) as rows,
+            not_written(path),
+            written_beside(path) as partial,
+            partial.open("wb") as file,
+        ):
+            file.writelines(line_of(row._replace(run=number(row.run))) for row in rows)
         return path.name
 
-    def rows(self) -> list[Row]:
-        """Return the rows of the run log, each run once; remove an incomplete last line."""
-        self._run_log.seek(0)
-        text = self._run_log.read()
-        whole = text.rfind(b"\n") + 1
-        if whole < len(text):
-            self._run_log.truncate(whole)
-        self._run_log.seek(0, os.SEEK_END)
-        return list(_rows(text[:whole]))
+    def describe(self, manifest: dict[str, Any]) -> None:
+        """Write the manifest again, of which more is known now.
+
+        Raises
+        ------
+        LossError : it cannot be written.
+        """
+        self._write(manifest | {"run_log": self.rows.path.name})
+
+    def _write(self, manifest: dict[str, Any]) -> None:
+        with not_written(self.path / MANIFEST):
+            write_whole(self.path / MANIFEST, json.dumps(manifest, indent=1).encode())
 
     def append(self, rows: Iterable[Row]) -> None:
         """Append rows to the run log; they survive the end of this process.
@@ -126,16 +141,13 @@ class Folder:
         ------
         LossError : they cannot be written, as on a full disk.
         """
-        with not_written(Path(self._run_log.name)):
-            self._run_log.write(_lines(rows))
-            self._run_log.flush()
+        with not_written(self.rows.path):
+            self.rows.append(rows)
 
     def close(self) -> None:
         """Release the folder."""
-        if self._run_log is not None:
-            with contextlib.suppress(OSError):  # what could not be written was reported
-                self._run_log.close()
-            self._run_log = None
+        if hasattr(self, "rows"):
+            self.rows.close()
         if self._lock is not None:
             self._lock.close()
             self._lock = None
@@ -145,7 +157,7 @@ class Folder:
         self._forget_results()
 
     def _forget_results(self) -> None:
-        self.results.unlink(missing_ok=True)
+        remove(self.results)
         shutil.rmtree(self.traces, ignore_errors=True)
 
     def __enter__(self) -> Self:
@@ -190,36 +202,61 @@ def read_manifest(path: Path) -> dict[str, Any]:
         ) from error
     if not isinstance(found, dict) or not {"digest", "study", "count"} <= set(found):
         raise InputError("not the manifest of a study", where=str(file))
+    try:
+        Study.model_validate(found["study"])
+    except ValueError as error:
+        raise InputError(
+            "not the manifest of a study, or of another release",
+            where=str(file),
+            expected="the keys of a study",
+            got=str(error).splitlines()[0],
+        ) from error
     return found
 
 
-def read_rows(path: Path) -> list[Row]:
-    """Read the run log in a folder, each run once, without changing it."""
+def read_rows(path: Path) -> RunLog:
+    """Open the run log in a folder, without changing it: its rows, each run once, by number.
+
+    Raises
+    ------
+    InputError : there is none, it cannot be read, or none of its lines can.
+    """
     manifest = read_manifest(path) if (path / MANIFEST).exists() else {}
+    file = path / _run_log_of(manifest)
     try:
-        text = (path / _run_log_of(manifest)).read_bytes()
+        log = RunLog(file, fits=_fits(manifest))
     except OSError as error:
         raise InputError("the run log cannot be read", where=str(path), got=str(error)) from error
-    return list(_rows(text[: text.rfind(b"\n") + 1]))
+    if log.unread and not len(log):
+        log.close()
+        raise InputError(
+            "the run log is damaged",
+            where=str(file),
+            expected="a line per run: [run, status, reason, seconds, metrics ...]",
+            got=f"{log.unread} lines that cannot be read",
+            hint="the command that runs the study executes all runs again",
+        )
+    return log
+
+
+def _fits(manifest: dict[str, Any]) -> Callable[[Row], bool] | None:
+    """Return whether a row may be one of the study with this manifest; None without one."""
+    if not manifest:
+        return None
+    count, metrics = manifest["count"], len(manifest["study"]["metrics"])
+    return lambda row: row.run < count and len(row.values) == metrics
+
+
+def remove(path: Path) -> None:
+    """Remove a table, which is a file or a folder, if there is one."""
+    if path.is_dir():
+        shutil.rmtree(path)
+    else:
+        path.unlink(missing_ok=True)
 
 
 def _run_log_of(manifest: dict[str, Any]) -> str:
     return str(manifest.get("run_log", RUN_LOG))
-
-
-def _lines(rows: Iterable[Row]) -> bytes:
-    lines = [json.dumps([r.run, r.status, r.reason, r.seconds, *r.values]) for r in rows]
-    return "".join(f"{line}\n" for line in lines).encode()
-
-
-def _rows(text: bytes) -> Iterator[Row]:
-    seen = set()
-    for line in text.splitlines():
-        with contextlib.suppress(ValueError, TypeError):
-            run, status, reason, seconds, *values = json.loads(line)
-            if run not in seen:
-                seen.add(run)
-                yield Row(run, status, reason, seconds, tuple(values))
 
 
 def _lock(run_log: Any, path: Path) -> None:

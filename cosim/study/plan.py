@@ -22,7 +22,7 @@ from cosim.study.varied import check_parameter
 
 TRIAL_S = 600.0
 """Wall-clock limit of the first run, if none is given [s]."""
-_BESIDE = ("title", "description", "traces", "stability")
+BESIDE = ("title", "description", "traces", "stability", "stop")
 """Keys of a study that do not affect the results."""
 
 
@@ -51,6 +51,34 @@ class Plan:
         """Number of runs."""
         return self.runner.points.count
 
+    def part(self, text: str) -> range:
+        """Return the runs "FIRST:END", without run END; either may be missing.
+
+        Raises
+        ------
+        InputError : they are no runs of the study.
+        """
+        study = self.job.study
+        if study.stop is not None or study.rare is not None:
+            raise InputError(
+                "the runs of this study follow from the results of earlier ones",
+                where="--runs",
+                expected="a study without stop and rare",
+                got="stop" if study.stop is not None else "rare",
+            )
+        first, colon, end = text.partition(":")
+        numbers = [first.strip() or "0", end.strip() or str(self.count)]
+        if colon and all(number.isdecimal() for number in numbers):
+            found = range(int(numbers[0]), int(numbers[1]))
+            if found and found[-1] < self.count:
+                return found
+        raise InputError(
+            "not a part of the study's runs",
+            where="--runs",
+            expected=f"FIRST:END within 0:{self.count}, without run END, as in 0:{self.count // 2}",
+            got=text,
+        )
+
 
 def make_plan(study: Study, base: BaseScenario, place: Place = nowhere) -> Plan:
     """Check the paths of a study and find its FMUs.
@@ -78,7 +106,7 @@ def make_plan(study: Study, base: BaseScenario, place: Place = nowhere) -> Plan:
             _check_not_designed(path, base, place("vary", i))
     _check_values(runner, place)
     content = {
-        "study": study.model_dump(mode="json", exclude=set(_BESIDE)),
+        "study": study.model_dump(mode="json", exclude=set(BESIDE)),
         "scenario": base.scenario.model_dump(mode="json", by_alias=True),
         "system": _system_file(base),
         "fmus": hashes,
@@ -92,9 +120,10 @@ def make_plan(study: Study, base: BaseScenario, place: Place = nowhere) -> Plan:
     return Plan(Job(study, base, hashes, digest, digits), runner, content)
 
 
-def trial_run(plan: Plan) -> tuple[Row | None, float]:
-    """Execute the first run with all metrics, before any worker starts; return row and seconds.
+def trial_run(plan: Plan, runs: range) -> tuple[Row | None, float]:
+    """Execute the first of the runs with all metrics, before any worker starts.
 
+    Return its row, and the seconds that it took.
     If the first run fails, or takes longer than `TRIAL_S`, the last and a middle one are tried; the
     row is None if one of these succeeds.
 
@@ -104,7 +133,7 @@ def trial_run(plan: Plan) -> tuple[Row | None, float]:
     """
     first: CosimError | None = None
     plan.runner.run_limit_s = TRIAL_S
-    for run in dict.fromkeys((0, plan.count - 1, plan.count // 2)):
+    for run in dict.fromkeys((runs[0], runs[-1], runs[len(runs) // 2])):
         began = time.perf_counter()
         try:
             outcome, values = run_and_measure(plan.runner, run)
@@ -119,7 +148,7 @@ def trial_run(plan: Plan) -> tuple[Row | None, float]:
                 where=f"run {run}",
                 hint="a greater limit: --limit run='1 h'; or look at it alone",
             )
-        elif run:
+        elif run != runs[0]:
             return None, seconds
         else:
             return Row(run, status, reason, seconds, values), seconds
@@ -218,12 +247,15 @@ def extended_by(plan: Plan, before: Mapping[str, Any]) -> Callable[[int], int] |
         or any(isinstance(axis, SampledAxis) and axis.kind == "latin" for axis in study.vary)
     ):
         return None
-    points = Points(fewer)
-    return lambda run: points.extended(run, plan.runner.points)
+    if study.rare is not None:
+        follows = study.rare.pilot is not None  # the sample; all the rest has other points
+        return (lambda run: run) if follows else None
+    points, more = Points(fewer), Points(study)
+    return lambda run: points.extended(run, more)
 
 
 def _without_samples(study: Study) -> Any:
-    return study.model_dump(mode="json", exclude={*_BESIDE, "samples"})
+    return study.model_dump(mode="json", exclude={*BESIDE, "samples"})
 
 
 def part_hash(part: Any) -> str:

@@ -34,6 +34,7 @@ def run_study(
     fresh: bool = False,
     limits: Sequence[str] = (),
     time_limit_s: float | None = None,
+    runs: str | None = None,
     wait_s: float | None = WAIT_S,
     progress: Progress | None = None,
 ) -> StudyResult:
@@ -51,6 +52,7 @@ def run_study(
     limits : of each run, as for `cosim run --limit`. Without one of "run" a run may take 50 times
         as long as the first one, and at least 60 s.
     time_limit_s : wall-clock time after which no further run begins [s].
+    runs : execute these only, "FIRST:END": `merge_studies` joins the folders of parts.
     wait_s : how long to wait for workers when there are none [s]; None: for ever.
     progress : called with the current step and the share done.
 
@@ -72,6 +74,7 @@ def run_study(
         fresh=fresh,
         limits=limits,
         time_limit_s=time_limit_s,
+        runs=None if runs is None else plan.part(runs),
         progress=progress,
     )
 

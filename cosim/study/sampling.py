@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from types import MappingProxyType
 from typing import Any
 
@@ -107,20 +107,59 @@ def _latin(dimensions: int, study: Study) -> Shares:
 
 
 def _correlated(shares: Shares, names: Sequence[str], study: Study) -> Shares:
-    """Correlate the shares by a Gaussian copula; axes without a correlation stay as they are.
+    """Correlate the shares by a Gaussian copula; axes without a correlation stay as they are."""
+    columns, factor = _cholesky(names, study)
+    found = shares.copy()
+    for column, total in _combined(columns, factor, _standard_normal(shares[:, columns])):
+        found[:, column] = np.minimum(ndtr(total), 1.0 - _TINY)
+    return found
 
-    The shares become normal values, which are multiplied by a Cholesky factor of the correlations.
+
+def values_at(normal: Shares, axes: Sequence[SampledAxis], study: Study) -> list[Any]:
+    """Return the values of each axis at independent standard normal numbers, (points, axes).
+
+    Raises
+    ------
+    InputError : correlations that cannot be together.
     """
+    correlated = normal.copy()
+    columns, factor = _cholesky([axis.column for axis in axes], study)
+    for column, total in _combined(columns, factor, normal[:, columns]):
+        correlated[:, column] = total
+    return [
+        _at_normal(axis, np.ascontiguousarray(z))
+        for axis, z in zip(axes, correlated.T, strict=True)
+    ]
+
+
+def _at_normal(axis: SampledAxis, z: Shares) -> Any:
+    """Map standard normal numbers to values of the axis; far out, too, where shares are all 1."""
+    if axis.normal is not None:
+        return axis.normal[0] + axis.normal[1] * z
+    if axis.lognormal is not None:
+        return axis.lognormal[0] * np.exp(axis.lognormal[1] * z)
+    return distributed(axis, np.minimum(ndtr(z), 1.0 - _TINY))
+
+
+def _combined(
+    columns: Sequence[int], factor: Shares, normal: Shares
+) -> Iterator[tuple[int, Shares]]:
+    """Yield the correlated normal values of each column, but of the first, which stays."""
+    # without BLAS, whose sums differ between machines
+    for row, column in enumerate(columns[1:], 1):
+        yield column, sum(factor[row, k] * normal[:, k] for k in range(row + 1))
+
+
+def _cholesky(names: Sequence[str], study: Study) -> tuple[list[int], Shares]:
+    """Return the columns of correlated axes, and a Cholesky factor of their correlations."""
     given = study.correlations
     mine = [name for name in names if any(name in one.axes for one in given)]
-    if not mine:
-        return shares
     matrix = np.eye(len(mine))
     for one in given:
         i, j = (mine.index(name) for name in one.axes)
         matrix[i, j] = matrix[j, i] = one.value
     try:
-        factor = np.linalg.cholesky(matrix)
+        factor: Shares = np.linalg.cholesky(matrix).astype(np.float64)
     except np.linalg.LinAlgError:
         raise InputError(
             "these correlations cannot be together",
@@ -128,14 +167,7 @@ def _correlated(shares: Shares, names: Sequence[str], study: Study) -> Shares:
             expected="a positive definite matrix of correlations; its least eigenvalue is above 0",
             got=f"a least eigenvalue of {np.linalg.eigvalsh(matrix)[0]:.3g}",
         ) from None
-    columns = [names.index(name) for name in mine]
-    normal = _standard_normal(shares[:, columns])
-    found = shares.copy()
-    # without BLAS, whose sums differ between machines
-    for row, column in enumerate(columns[1:], 1):
-        total = sum(factor[row, k] * normal[:, k] for k in range(row + 1))
-        found[:, column] = np.minimum(ndtr(total), 1.0 - _TINY)
-    return found
+    return [names.index(name) for name in mine], factor
 
 
 def distributed(axis: SampledAxis, u: Shares) -> Any:

@@ -269,6 +269,51 @@ class StabilityPart(_Part):
     """Metric that says whether the run met the assumptions of its certificate."""
 
 
+class StopPart(_Part):
+    """stop: end the study when the interval of a metric is narrow enough."""
+
+    metric: Text
+    """Metric of which the share (true or false) or the mean (a number) is wanted."""
+    width: Annotated[float, Field(gt=0, allow_inf_nan=False)]
+    """Width of the interval, from end to end, at which the study ends."""
+    confidence: Annotated[float, Field(ge=0.5, lt=1)] = 0.95
+    """Confidence level of the interval at the end, over all looks together."""
+    first: Annotated[int, Field(ge=10, le=MAX_RUNS)] = 50
+    """Number of runs before the first look; each later one has 1.3 times as many."""
+
+
+class RarePart(_Part):
+    """rare: estimate the small probability that a metric is beyond a bound."""
+
+    metric: Text
+    """Metric, a number."""
+    above: Number | None = None
+    """The event is that the metric is above this."""
+    below: Number | None = None
+    """The event is that the metric is below this."""
+    method: Literal["subset", "importance"] = "subset"
+    """"subset": level by level, each of a tenth of the probability; "importance": one sample
+    about the points where a pilot, of such levels, found the event.
+    """
+    levels: Annotated[int, Field(ge=2, le=30)] = 12
+    """Most levels: the probability is not followed below about a tenth to this power."""
+    pilot: Annotated[int, Field(ge=100, le=MAX_RUNS)] | None = None
+    """For importance: runs per level of the pilot; without it, the study's samples."""
+    missing: Literal["refuse", "beyond", "within"] = "refuse"
+    """How a run counts that has no value of the metric, as one that crashed."""
+
+    @model_validator(mode="after")
+    def _one_bound(self) -> Self:
+        _exactly_one(self, ("above", "below"), "gives the bound")
+        if self.pilot is not None and self.method != "importance":
+            raise ValueError("pilot belongs to method = 'importance'")
+        return self
+
+    def beyond(self, value: float) -> float:
+        """Return by how much a value is beyond the bound; negative within it."""
+        return value - self.above if self.above is not None else (self.below or 0.0) - value
+
+
 class Study(_Part):
     """A whole study."""
 
@@ -296,6 +341,14 @@ class Study(_Part):
     """
     stability: StabilityPart | None = None
     """What `cosim study show --picture` draws of a study of delay and loss."""
+    stop: StopPart | None = None
+    """When to end before all samples or replicates are done; for axes of kind random, or
+    replicates, alone.
+    """
+    rare: RarePart | None = None
+    """A rare event, whose probability is estimated; `samples` runs per level, axes of kind random
+    alone.
+    """
 
     @field_validator("traces")
     @classmethod

@@ -10,7 +10,7 @@ import json
 import math
 from collections import OrderedDict
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -19,16 +19,20 @@ from typing import Any
 from cosim.core import InputError, NotAchievableError
 from cosim.fmu import FmuDescription
 from cosim.hinf import Design, design_from_json, design_to_json
-from cosim.master import CallBrokenError, Calls, Run, Supervisor, default_method
+from cosim.master import BROKEN, OVERDUE, Calls, Run, Supervisor, default_method
 from cosim.scenario import (
+    ALL_FIGURES,
+    MADE_BEFORE,
     FmuCache,
     LoadedScenario,
     Outcome,
     PreparedScenario,
     Problem,
+    RunSeries,
     Scenario,
     Supervision,
-    execute_run,
+    Wanted,
+    execute_recorded,
     execute_unrecorded,
     parse_limits,
     prepare,
@@ -38,10 +42,13 @@ from cosim.scenario import (
 from cosim.study.consistency import Place, nowhere
 from cosim.study.measurement import needs_zero_state_run
 from cosim.study.points import Points
+from cosim.study.rare_study import RarePoints
 from cosim.study.schema import Study
 from cosim.study.varied import Variations
 
 _DESIGNS_KEPT = 256
+_NAMED_S, _NAMED_SHARE = 1.0, 0.1
+"""How long a run that hangs is repeated: at least so long [s], or this share of its limit."""
 
 
 @dataclass(frozen=True)
@@ -81,6 +88,7 @@ class StudyRunner:
     Attributes
     ----------
     limits, run_limit_s : as in `cosim.study.batch.Job`.
+    wanted : the figures that the metrics are made of.
     """
 
     def __init__(
@@ -93,33 +101,45 @@ class StudyRunner:
         place: Place = nowhere,
     ) -> None:
         self.study, self.base = study, base
-        self.points = Points(study, place("vary", 0))
+        self.points: Points | RarePoints = (
+            Points(study, place("vary", 0)) if study.rare is None else RarePoints(study)
+        )
         self.variations = Variations(study, base.scenario, place)
         self._hashes = hashes or {}
         # by hash an FMU is found at once; by name the cache first checks that it is up to date
         self.fmu_cache = DescribedFmuCache(base.fmus, base.folder, self._hashes, base.flavour)
         self._zero_state_run = needs_zero_state_run(study.metrics)
+        self.wanted = Wanted(m.path for m in study.metrics.values() if m.path is not None)
         self.limits: Sequence[str] = ()
         self.run_limit_s: float | None = None
         self._supervisor: Supervisor | None = None
         self._calls: Calls | None = None
+        self._overdue = False
+        self._series: RunSeries | None = None
+        self._last: tuple[Scenario, PreparedScenario] | None = None
         self._given = designs or {}
         self._designs: OrderedDict[str, tuple[Problem, Design] | NotAchievableError] = OrderedDict()
 
-    def execute_run(self, run: int) -> tuple[Outcome, Run]:
-        """Execute one run without a trace.
+    def execute_run(self, run: int, wanted: Wanted = ALL_FIGURES) -> tuple[Outcome, Run]:
+        """Execute one run without a trace; its outcome has the figures that are wanted.
 
         Raises
         ------
         InputError, NotAchievableError, ComponentError : the run cannot be executed.
         """
         prepared = self._prepared(self._loaded(run, ""))
-        supervision = self._supervision(prepared.loaded.scenario)
-        supervisor = self._supervisor if supervision.method is not None else None
+        supervisor = self._supervisor
+        if supervisor is not None:
+            supervision = self._supervision(prepared.loaded.scenario)
+            supervisor = supervisor if supervision.method is not None else None
         if supervisor is not None:
             supervisor.begin(supervision.limits, prepared.fmus.values())
         return execute_unrecorded(
-            prepared, zero_state_run=self._zero_state_run, supervisor=supervisor
+            prepared,
+            zero_state_run=self._zero_state_run,
+            supervisor=supervisor,
+            series=self._series,
+            wanted=wanted,
         )
 
     @contextmanager
@@ -127,35 +147,41 @@ class StudyRunner:
         """Execute runs in a child process in this context, where runs can be supervised.
 
         A run that ends the child, or exceeds a limit, has failed; the next one has a new child.
+        Elsewhere they are executed in this process, one after the other, as one series.
         """
-        if default_method() is None or self._supervisor is not None:
+        if self._series is not None:
             yield
             return
-        with Supervisor() as supervisor:
-            calls = Calls([self]) if default_method() == "fork" else None
-            self._supervisor, self._calls = supervisor, calls
+        with closing(RunSeries()) as series, ExitStack() as opened:
+            self._series = series
+            if default_method() is not None:
+                self._supervisor = opened.enter_context(Supervisor())
+            if default_method() == "fork":
+                self._calls = opened.enter_context(closing(Calls([self])))
             try:
                 yield
             finally:
-                self._supervisor = self._calls = None
-                if calls is not None:
-                    calls.close()
+                self._series = self._supervisor = self._calls = None
 
-    def in_child(self, function: Callable[[StudyRunner, int], Any], run: int) -> Any:
-        """Call a function of this runner and a run in a child process that is kept for all runs.
+    def in_child(
+        self, function: Callable[[StudyRunner, int], Any], runs: Sequence[int]
+    ) -> Iterator[Any]:
+        """Call a function of this runner and each run in a child process that is kept for all runs.
 
-        Return None where there is no such child, or the run ended it, or exceeded a limit.
+        Yield what it returns, in order; None where there is no such child, or the run ended it, or
+        exceeded a limit.
         """
         supervision = self._supervision(self._first_scenario)
-        if self._calls is None or supervision.method is None:
-            return None
         limits = supervision.limits
-        if limits.call is not None and limits.call < (limits.run or math.inf):
-            return None  # only a supervised run knows how long a call takes
-        try:
-            return self._calls(limits, _unsupervised, function, self, run)
-        except CallBrokenError:
-            return None
+        # only a supervised run knows how long a call takes
+        of_calls = limits.call is not None and limits.call < (limits.run or math.inf)
+        if self._calls is None or supervision.method is None or of_calls:
+            yield from (None for _ in runs)
+            return
+        for found in self._calls(limits, _unsupervised, function, self, each=runs):
+            self._overdue = found is OVERDUE
+            yield None if found in (BROKEN, OVERDUE) else found
+        self._overdue = False
 
     @cached_property
     def _first_scenario(self) -> Scenario:
@@ -166,23 +192,39 @@ class StudyRunner:
             return self.base.scenario
 
     def supervise_no_more(self) -> None:
-        """Execute runs in this process from now on."""
+        """Execute runs in this process from now on, one after the other, as one series."""
         self._supervisor = self._calls = None
+        self._series = self._series or RunSeries()
 
-    def record(self, run: int, trace: Path) -> Outcome:
-        """Execute one run with a trace, which contains its scenario and can be rerun."""
+    def record(self, run: int, trace: Path, *, keep: bool = False) -> tuple[Outcome, Outcome, Run]:
+        """Execute one run with a trace, which contains its scenario and can be rerun.
+
+        Return the outcome in the trace, the one that `execute_run` gives, and the run.
+
+        keep : whether the run keeps its rows.
+        """
         text = self.variations.scenario(self.points[run]).to_toml()
         prepared = self._prepared(self._loaded(run, text))
-        supervision = self._supervision(prepared.loaded.scenario)
-        return execute_run(prepared, trace, supervision=supervision)
+        return execute_recorded(
+            prepared,
+            trace,
+            supervision=self._supervision(prepared.loaded.scenario),
+            zero_state_run=self._zero_state_run,
+            keep=keep,
+        )
 
     def _supervision(self, scenario: Scenario) -> Supervision:
         """Return how runs of a scenario are supervised, within which limits."""
         found = supervision_of(scenario, self.limits)
         given = scenario.limits is not None and "run" in scenario.limits.model_fields_set
-        if given or "run" in parse_limits(self.limits):
+        if not given and "run" not in parse_limits(self.limits):
+            found = replace(found, limits=replace(found.limits, run=self.run_limit_s))
+        limit = found.limits.run
+        if limit is None or not self._overdue:
             return found
-        return replace(found, limits=replace(found.limits, run=self.run_limit_s))
+        # the run has exceeded its limit, and is repeated to name the component that does not return
+        waited = max(0.0, limit - max(_NAMED_S, _NAMED_SHARE * limit))
+        return replace(found, limits=replace(found.limits, waited=waited))
 
     def designs_made(self) -> dict[str, str]:
         """Return the designs made so far, as JSON by their [design] keys, for other runners."""
@@ -204,6 +246,18 @@ class StudyRunner:
         return LoadedScenario(name, scenario, text, self.base.folder)
 
     def _prepared(self, loaded: LoadedScenario) -> PreparedScenario:
+        if self._last is not None and _differ_in_numbers(self._last[0], loaded.scenario):
+            before = self._last[1]
+            reference = before.loaded.scenario.reference  # in the units of the inputs
+            scenario = loaded.scenario
+            if reference is not None:
+                scenario = scenario.model_copy(update={"reference": reference})
+            return replace(before, loaded=replace(loaded, scenario=scenario))
+        prepared = self._prepared_anew(loaded)
+        self._last = loaded.scenario, prepared
+        return prepared
+
+    def _prepared_anew(self, loaded: LoadedScenario) -> PreparedScenario:
         for component in loaded.scenario.components.values():
             self._check_hash(component.fmu)
         part = loaded.scenario.design
@@ -227,7 +281,8 @@ class StudyRunner:
             raise
         if prepared.problem is not None and prepared.design is not None:
             self._keep(key, (prepared.problem, prepared.design))
-        return prepared
+        # as for all later runs: what an outcome says does not depend on which one was first
+        return replace(prepared, source=MADE_BEFORE)
 
     def _keep(self, key: str, made: Any) -> None:
         self._designs[key] = made
@@ -245,6 +300,23 @@ class StudyRunner:
                 got=found.sha256,
                 hint="give every worker the same folder of FMUs: --fmus",
             )
+
+
+def _differ_in_numbers(one: Scenario, other: Scenario) -> bool:
+    """Whether FMUs and design of one scenario are those of the other.
+
+    `Variations` gives parts that do not differ as the same objects.
+    """
+    fmus = [part.fmu for part in one.components.values()]
+    return (
+        one.design is other.design
+        and one.reference is other.reference
+        and one.disturbance is other.disturbance
+        and one.components.keys() == other.components.keys()
+        and fmus == [part.fmu for part in other.components.values()]
+        # without [design] that of the controller's FMU counts, if its parameters are not changed
+        and (one.design is not None or not any(fmu.endswith(".fmu") for fmu in fmus))
+    )
 
 
 def _unsupervised(

@@ -5,10 +5,10 @@ from __future__ import annotations
 import copy
 import difflib
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from pydantic import ValidationError
+from pydantic import BaseModel, ValidationError
 
 from cosim.core import InputError
 from cosim.fmu import FmuDescription
@@ -46,27 +46,83 @@ class Variations:
             put(data, split(place), copy.deepcopy(value), place)
         # entries that an axis adds are not there yet: they are checked with the first run's values
         self._data = data
+        self._first: Scenario | None = None
+        self._touched: dict[tuple[str, ...], list[int]] = {}
+        for number, axis in enumerate(study.vary):
+            for place in axis.places:
+                axes = self._touched.setdefault(_part_of(place), [])
+                if number not in axes:
+                    axes.append(number)
+        self._parts: dict[tuple[str, ...], dict[str, Any]] = {path: {} for path in self._touched}
 
-    def data(self, values: Iterable[Any]) -> dict[str, Any]:
-        """Return the scenario with these values of the axes, not validated."""
-        data = copy.deepcopy(self._data)
-        give_way(data, self._asked)
-        for axis, expressions, value in zip(self._axes, self._expressions, values, strict=True):
-            zipped = isinstance(axis, GridAxis) and axis.rows is not None
-            for i, place in enumerate(axis.places):
-                own = value[i] if zipped else value
-                known = expressions.get(place)
-                put(data, split(place), copy.deepcopy(own) if known is None else known(own), place)
-        return data
-
-    def scenario(self, values: Iterable[Any]) -> Scenario:
+    def scenario(self, values: Sequence[Any]) -> Scenario:
         """Return the scenario with these values of the axes, validated.
+
+        Parts that no axis touches, or that had the same values before, are the same objects.
 
         Raises
         ------
         InputError : a value is not allowed in its place.
         """
-        data = self.data(values)
+        first = self._first
+        if first is None:
+            first = self._first = self._validated(values)
+        update: dict[str, Any] = {}
+        for path, axes in self._touched.items():
+            part = self._part(first, path, axes, values)
+            key, *inside = path
+            update[key] = (
+                {**update.get(key, getattr(first, key)), inside[0]: part} if inside else part
+            )
+        return first.model_copy(update=update) if update else first
+
+    def _part(
+        self, first: Scenario, path: tuple[str, ...], axes: Sequence[int], values: Sequence[Any]
+    ) -> Any:
+        """Return a part of the scenario with these values, validated by itself where it can be."""
+        known = self._parts[path]
+        key = repr([values[i] for i in axes])
+        if key not in known:
+            if len(known) >= _PARTS_KEPT:
+                known.clear()
+            known[key] = self._part_alone(_at(first, path), path, values)
+            if known[key] is None:
+                known[key] = _at(self._validated(values), path)
+        return known[key]
+
+    def _part_alone(self, like: Any, path: tuple[str, ...], values: Sequence[Any]) -> Any:
+        """Validate a part that is of the type of `like`; None if it cannot be, or is refused."""
+        if not isinstance(like, BaseModel) or path[0] == "design":
+            return None
+        data: Any = {}
+        here: Any = data
+        mine: Any = self._data
+        for name in path:
+            mine = mine.get(name) or {}
+            here = here.setdefault(name, copy.deepcopy(mine) if name == path[-1] else {})
+        try:
+            self._put(data, values, path)
+            return type(like).model_validate(here)
+        except (ValidationError, InputError):
+            return None
+
+    def _put(
+        self, data: dict[str, Any], values: Sequence[Any], within: tuple[str, ...] = ()
+    ) -> None:
+        """Put the values of the axes in their places, all or those within a part."""
+        for axis, expressions, value in zip(self._axes, self._expressions, values, strict=True):
+            zipped = isinstance(axis, GridAxis) and axis.rows is not None
+            for i, place in enumerate(axis.places):
+                way = split(place)
+                if tuple(way[: len(within)]) == within:
+                    own = value[i] if zipped else value
+                    found = expressions.get(place)
+                    put(data, way, copy.deepcopy(own) if found is None else found(own), place)
+
+    def _validated(self, values: Sequence[Any]) -> Scenario:
+        data = copy.deepcopy(self._data)
+        give_way(data, self._asked)
+        self._put(data, values)
         try:
             return Scenario.model_validate(data)
         except ValidationError as error:
@@ -99,6 +155,20 @@ def _of_design(places: Iterable[str]) -> set[str]:
 
 _FREE = ("links", "components")
 """Tables whose keys are names that the user chooses."""
+_PARTS_KEPT = 1024
+"""So many values of a part of the scenario are kept; grids and replicates come to them again."""
+
+
+def _part_of(place: str) -> tuple[str, ...]:
+    """Return the path of the part that a place belongs to: a link, a component, another table."""
+    way = split(place)
+    return tuple(str(key) for key in way[: 2 if way[0] in _FREE else 1])
+
+
+def _at(scenario: Scenario, path: tuple[str, ...]) -> Any:
+    """Return the part at a path."""
+    found = getattr(scenario, path[0])
+    return found[path[1]] if len(path) > 1 else found
 
 
 def check_place(known: Mapping[str, Any], place: str, where: str) -> None:

@@ -48,7 +48,7 @@ def the_system(folder: Path, end: float = END) -> System:
         raise SystemExit("the scenario has no design")
     controller = loaded.scenario.design.controller
     gain = gain_parameters(prepared.design.K, prepared.fmus[controller])
-    return assemble(shortened, prepared.fmus, parameters={controller: gain})
+    return assemble(shortened, prepared.fmus, parameters={controller: gain}).system
 
 
 def the_loop(system: System, engine: EngineName) -> tuple[float, Run]:

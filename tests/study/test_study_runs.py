@@ -14,6 +14,7 @@ from cosim.study import batch
 from cosim.study.execution import execute_study
 from cosim.study.folder import RESULTS, RUN_LOG, Folder
 from cosim.study.manifest import manifest_of
+from cosim.study.study_runner import StudyRunner
 from cosim.study.table import read_table
 from cosim.trace import Trace
 
@@ -29,9 +30,9 @@ def counted(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     executed: list[int] = []
     before = batch._row
 
-    def row(job: batch.Job, runner: Any, run: int) -> batch.Row:
+    def row(job: batch.Job, runner: Any, run: int, known: batch.Row | None) -> batch.Row:
         executed.append(run)
-        return before(job, runner, run)
+        return before(job, runner, run, known)
 
     monkeypatch.setattr(batch, "_row", row)
     return executed
@@ -197,6 +198,40 @@ def test_traces_of_all_and_of_failed_runs(tmp_path: Path) -> None:
     assert [p.name for p in (tmp_path / "b" / "traces").iterdir()] == ["run-1.mcap"]
 
 
+def test_a_run_whose_trace_is_kept_is_flown_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With `traces = "all"` each run writes its trace as it is flown, and the table is the same."""
+    values, metrics = [0.0, 1.0, DEADLY], {"peak": {"signal": "tiny.x", "reduce": "max_abs"}}
+    execute_study(plan(values, metrics=metrics), tmp_path / "none")
+    recorded: list[int] = []
+    record = StudyRunner.record
+
+    def counting(self: StudyRunner, run: int, trace: Path, **more: Any) -> Any:
+        recorded.append(run)
+        return record(self, run, trace, **more)
+
+    def unrecorded(*_: object) -> None:
+        raise AssertionError
+
+    monkeypatch.setattr(StudyRunner, "record", counting)
+    made = plan(values, metrics=metrics, traces="all")
+    monkeypatch.setattr("cosim.study.execution.trial_run", lambda *_: (None, 1.0))
+    monkeypatch.setattr(batch, "run_and_measure", unrecorded)
+    assert execute_study(made, tmp_path / "all").traces == dict.fromkeys(range(3))
+    assert recorded == [0, 1, 2]
+    assert read_table(tmp_path / "all")[0].equals(read_table(tmp_path / "none")[0])
+
+
+def test_a_run_that_hangs_is_waited_for_once(tmp_path: Path) -> None:
+    """Its limit is over when it is repeated to name the call; the reason gives the limit."""
+    done = execute_study(plan([0.0, DEADLY], "hang"), tmp_path, limits=["run=4"])
+    row = done.incomplete[0]
+    assert (row.run, row.status) == (1, "timed_out")
+    assert "limit of 4 s in fmi2DoStep" in str(row.reason)
+    assert row.seconds < 4.0
+
+
 def test_one_process_at_a_time(tmp_path: Path) -> None:
     """The second one is told."""
     made = plan([0.0, 1.0])
@@ -292,3 +327,26 @@ def test_what_cannot_be_displayed_is_refused(tmp_path: Path) -> None:
     (tmp_path / "x.parquet").write_text("no table")
     with pytest.raises(InputError, match="not the results of a study"):
         read_table(tmp_path / "x.parquet")
+
+
+def test_a_table_in_parts_is_the_same_table(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Seven runs in files of three: the rows, types and provenance of one file.
+
+    A column has one type in all parts: u is whole in the first part, and a fraction in the last.
+    The table of a study that is extended beyond one part becomes parts, and back.
+    """
+    values = [0, 1, 2, 3, 4, 5.5, 6]
+    execute_study(plan(values, metrics={"x": "final.tiny.x"}), tmp_path / "one")
+    monkeypatch.setattr("cosim.study.table.PART_RUNS", 3)
+    execute_study(plan(values, metrics={"x": "final.tiny.x"}), tmp_path / "parts")
+    parts = tmp_path / "parts" / RESULTS
+    assert sorted(p.name for p in parts.iterdir()) == [f"part-000{i}.parquet" for i in range(3)]
+    (one, about), (all_parts, also) = read_table(tmp_path / "one"), read_table(parts)
+    assert about == also
+    assert one.equals(all_parts, check_metadata=True)
+    assert read_table(tmp_path / "parts")[0].equals(one)
+    monkeypatch.setattr("cosim.study.table.PART_RUNS", 7)
+    execute_study(plan(values, metrics={"x": "final.tiny.x"}), tmp_path / "parts")
+    assert parts.read_bytes() == (tmp_path / "one" / RESULTS).read_bytes()

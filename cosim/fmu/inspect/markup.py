@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 from functools import cache
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-import fmpy
 from lxml import etree
 
+from cosim.core import InputError
 from cosim.fmu.inspect.findings import Finding, finding, printable
 
 MAX_XML = 64 << 20  # 100,000 variables take about 30 MiB
 """Greatest size of a model description [bytes]."""
-
-_SCHEMAS = Path(fmpy.__file__).with_name("schema")
 
 
 def parse_xml(content: bytes | None, name: str) -> tuple[Any, list[Finding]]:
@@ -36,6 +35,9 @@ def parse_xml(content: bytes | None, name: str) -> tuple[Any, list[Finding]]:
         return None, [finding("xml-malformed", _line(name, error), str(error))]
     if root.getroottree().docinfo.doctype:
         return None, [finding("xml-doctype", name, "it has a document type declaration")]
+    encoding = root.getroottree().docinfo.encoding
+    if encoding is not None and encoding.upper() not in ("UTF-8", "UTF8"):
+        return root, [finding("xml-encoding", name, f"the encoding is {encoding}")]
     return root, []
 
 
@@ -49,7 +51,17 @@ def schema_findings(root: Any, schema: str, name: str) -> list[Finding]:
 
 @cache
 def _schema(schema: str) -> Any:
-    return etree.XMLSchema(file=str(_SCHEMAS / schema))
+    return etree.XMLSchema(file=str(_schema_folder() / schema))
+
+
+def _schema_folder() -> Path:
+    """Return FMPy's folder of schemas without importing FMPy, which loads NumPy."""
+    package = find_spec("fmpy")
+    if package is None or package.origin is None:
+        raise InputError(
+            "the schemas of FMI are not installed", expected="FMPy", hint="pip install fmpy"
+        )
+    return Path(package.origin).with_name("schema")
 
 
 def _line(name: str, error: Exception) -> str:

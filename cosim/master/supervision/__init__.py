@@ -9,8 +9,8 @@ progress stands in a word of the shared memory. So the parent knows component, c
 the child dies or exceeds a limit, and has every complete row.
 """
 
-from cosim.master.supervision.calls import CallBrokenError, Calls
+from cosim.master.supervision.calls import BROKEN, OVERDUE, Calls
 from cosim.master.supervision.limits import Limits
 from cosim.master.supervision.supervisor import Conducted, Supervisor
 
-__all__ = ["CallBrokenError", "Calls", "Conducted", "Limits", "Supervisor"]
+__all__ = ["BROKEN", "OVERDUE", "Calls", "Conducted", "Limits", "Supervisor"]

@@ -36,6 +36,8 @@ from cosim.trace import Cause
 
 _REPORT_S = 0.01
 _WAIT_S = 0.0005
+_RESULTS_S = 0.02
+"""How long the results of calls wait for others to be sent with them."""
 _AHEAD_BYTES = 1 << 24
 _ORPHAN_S = 5.0
 """How long an orphan may go on: it has been asked to leave, and may be just doing so."""
@@ -117,11 +119,26 @@ class _Executor:
             self._connection.send_bytes(data)
 
     def _call(
-        self, number: int, folder: str, function: Callable[..., Any], arguments: Sequence[Any]
+        self,
+        number: int,
+        folder: str,
+        progress: NDArray[np.float64],
+        function: Callable[..., Any],
+        arguments: Sequence[Any],
+        each: Sequence[Any],
     ) -> None:
+        """Call a function for each of some things; write to `progress` which it is, since when."""
         adopt_folder(Path(folder))
+        results: list[Any] = []
+        sent = time.monotonic()
         try:
-            self._send(number, messages.CALLED, function(*arguments))
+            for turn, one in enumerate(each):
+                progress[:] = turn, (now := time.monotonic())
+                if now - sent > _RESULTS_S:
+                    self._send(number, messages.CALLED, results)
+                    results, sent = [], now
+                results.append(function(*arguments, one))
+            self._send(number, messages.CALLED, results)
         except Exception as error:  # noqa: BLE001 - raised in the parent
             self._send(number, messages.RAISED, *messages.exception_parts(error))
 

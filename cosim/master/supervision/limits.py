@@ -31,6 +31,7 @@ class Limits:
     run : of the whole run, from its start to its last point [s].
     start, end : of instantiation and initialisation, and of terminating and freeing [s].
     memory : of the process of the slaves beyond what it starts with [bytes]; Linux only.
+    waited : how much of `run` is over when the run starts [s], since it is repeated.
     """
 
     call: float | None = HOUR_S
@@ -38,6 +39,7 @@ class Limits:
     memory: int | None = field(default_factory=most_memory)
     start: float | None = HOUR_S
     end: float | None = HOUR_S / 6
+    waited: float = 0.0
 
 
 class Timer:
@@ -54,7 +56,7 @@ class Timer:
             self._call, self._call_since = call, now
         if self._closing:
             return "end" if _more(now - self._since, self._limits.end) else None
-        if _more(now - self._since, self._limits.run):
+        if _more(self._limits.waited + now - self._since, self._limits.run):
             return "run"
         if not begun:
             return "start" if _more(now - self._since, self._limits.start) else None

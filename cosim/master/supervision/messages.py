@@ -1,7 +1,7 @@
 """The messages between parent and child: plain tuples, pickled.
 
 To the child: `(RUN, number, Job)`, followed by the file descriptor of the rows unless they are
-there already, `(CLOSE, number)`, and `(CALL, number, folder, function, arguments)`.
+there already, `(CLOSE, number)`, and `(CALL, number, folder, progress, function, arguments, each)`.
 To the parent, each with the number of the run: see the names below.
 """
 
@@ -43,7 +43,7 @@ RAISED: Final = "raised"
 CLOSED: Final = "closed"
 """All slaves are freed; cause and words of what ended the process of an isolated one, or None."""
 CALLED: Final = "called"
-"""What the function of a call returned."""
+"""What a function returned for the next things that it was called for, a list."""
 PROCESS: Final = "process"
 """Number and memory [bytes] of the process of an isolated slave, before it loads anything."""
 

@@ -67,7 +67,7 @@ class BehaviourSlave(Fmi2Slave):  # type: ignore[misc]  # pythonfmu has no types
             self._register(entry)
         self._behaviour = self.BEHAVIOUR(self.CONSTANTS)
         self._phase = "instantiated"  # -> initializing -> running -> terminated
-        self._time = 0.0
+        self._time, self._stop = 0.0, math.inf
         self._stale = False  # parameters or inputs changed since the outputs were computed
         self._refused: str | None = None
 
@@ -91,9 +91,18 @@ class BehaviourSlave(Fmi2Slave):  # type: ignore[misc]  # pythonfmu has no types
     def setup_experiment(
         self, start_time: float, stop_time: float | None, tolerance: float | None
     ) -> None:
-        """Take the start time; these components ignore stop time and tolerance."""
-        del stop_time, tolerance
-        self._time = start_time
+        """Take start and stop time; these components ignore the tolerance.
+
+        PythonFMU drops what this returns: a stop time that is refused fails the next step.
+        """
+        del tolerance
+        stop = math.inf if stop_time is None else stop_time
+        if not (math.isfinite(start_time) and stop >= start_time):
+            self._refuse(
+                f"the stop time, {stop!r} s, must not be before the start time, {start_time!r} s"
+            )
+            return
+        self._time, self._stop = start_time, stop
 
     def enter_initialization_mode(self) -> None:
         """Enter initialization mode, in which the outputs follow the parameters."""
@@ -138,6 +147,10 @@ class BehaviourSlave(Fmi2Slave):  # type: ignore[misc]  # pythonfmu has no types
                 f"{self._time!r} s; set a saved state to go back"
             )
         end = current_time + step_size
+        if end - self._stop > 1e-9 * max(1.0, abs(self._stop)):
+            return self._refuse(
+                f"the step ends at t = {end!r} s, after the stop time of {self._stop!r} s"
+            )
         if end > self._time:
             self._behaviour.advance(self._values, end)
             self._time = end
@@ -205,12 +218,14 @@ class BehaviourSlave(Fmi2Slave):  # type: ignore[misc]  # pythonfmu has no types
             self._stale = False
 
     def _known(self, vr: int, kind: str) -> int:
-        if not 0 <= vr < len(self.TABLE):
-            raise LookupError(f"value reference {vr} is unknown; 0 to {len(self.TABLE) - 1} exist")
-        if self.TABLE[vr]["kind"] != kind:
-            name, found = self._names[vr], self.TABLE[vr]["kind"]
+        """Return the place of a variable; value references count places from 1."""
+        if not 1 <= vr <= len(self.TABLE):
+            raise LookupError(f"value reference {vr} is unknown; 1 to {len(self.TABLE)} exist")
+        entry = self.TABLE[vr - 1]
+        if entry["kind"] != kind:
+            name, found = entry["name"], entry["kind"]
             raise LookupError(f"value reference {vr} ({name}) is of type {found}, not {kind}")
-        return vr
+        return vr - 1
 
     def set_real(self, vrs: list[int], values: list[float]) -> None:
         """Write Real variables, all or, with a logged refusal, none."""
@@ -227,7 +242,7 @@ class BehaviourSlave(Fmi2Slave):  # type: ignore[misc]  # pythonfmu has no types
                 self._refuse(why)
                 return
         for vr, value in zip(vrs, values, strict=True):
-            self._values[self._names[vr]] = value
+            self._values[self._names[vr - 1]] = value
         self._stale = True
 
     def _objection(self, vr: int, value: Any, kind: str) -> str | None:
@@ -243,8 +258,10 @@ class BehaviourSlave(Fmi2Slave):  # type: ignore[misc]  # pythonfmu has no types
         if causality == "parameter" and self._phase not in ("instantiated", "initializing"):
             return f"{name} is a fixed parameter and cannot be written after initialisation"
         low, high = entry["minimum"], entry["maximum"]
-        if (low is not None and value < low) or (high is not None and value > high):
-            return f"{name} must lie between {low} and {high} (None: no bound), got {value!r}"
+        if low is not None and value < low:
+            return f"{name} must be at least {low}, got {value!r}"
+        if high is not None and value > high:
+            return f"{name} must be at most {high}, got {value!r}"
         return None
 
     # ---- the whole state
@@ -254,6 +271,7 @@ class BehaviourSlave(Fmi2Slave):  # type: ignore[misc]  # pythonfmu has no types
             "values": dict(self._values),
             "phase": self._phase,
             "time": self._time,
+            "stop": None if math.isinf(self._stop) else self._stop,  # JSON has no infinity
             "stale": self._stale,
             "refused": self._refused,
             "behaviour": None,
@@ -284,6 +302,7 @@ class BehaviourSlave(Fmi2Slave):  # type: ignore[misc]  # pythonfmu has no types
         try:
             self._values.update(state["values"])
             self._time = state["time"]
+            self._stop = math.inf if state["stop"] is None else state["stop"]
             if state["behaviour"] is not None:
                 self._behaviour.initialise(self._values, self._time)
                 self._behaviour.restore(state["behaviour"])

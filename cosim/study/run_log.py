@@ -1,0 +1,154 @@
+"""The run log of a study: a line per finished run, in the order of completion.
+
+In memory is only where the line of each run begins, 8 bytes per run; the rows stay in the file.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+from array import array
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
+from typing import Self
+
+from cosim.study.batch import TIMED_OUT, Row
+
+_NOWHERE = -1
+_CELL = bool | int | float | str | None
+
+
+class RunLog:
+    """The rows of a study, in a file; iterating gives them in the order of their numbers.
+
+    The first line of a run counts. An incomplete last line does not.
+
+    Parameters
+    ----------
+    path : the file.
+    append : open it for appending too; an incomplete last line is removed.
+    fits : whether a row may be one of the study; None: any may.
+
+    Attributes
+    ----------
+    unread : number of lines that are no rows of the study.
+    statuses : status -> number of runs.
+    types : types of the values of each metric.
+    seconds : wall time of all runs together.
+    longest : wall time of the longest run that did not exceed its limit [s].
+
+    Raises
+    ------
+    OSError : it cannot be read.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        *,
+        append: bool = False,
+        fits: Callable[[Row], bool] | None = None,
+    ) -> None:
+        self.path, self.unread = path, 0
+        self.statuses: Counter[str] = Counter()
+        self.types: list[set[type]] = []
+        self.seconds = self.longest = 0.0
+        self._places = array("q")
+        self._count = self._end = 0
+        self._file = path.open("a+b" if append else "rb")
+        self._file.seek(0)
+        for line in self._file:
+            if not line.endswith(b"\n"):
+                break
+            row = _row(line)
+            if row is not None and (fits is None or fits(row)):
+                self._enter(row)
+            else:
+                self.unread += 1
+            self._end += len(line)
+        if append:
+            self._file.truncate(self._end)
+
+    def append(self, rows: Iterable[Row]) -> None:
+        """Append rows; they survive the end of this process.
+
+        Raises
+        ------
+        OSError : they cannot be written, as on a full disk.
+        """
+        self._file.seek(0, os.SEEK_END)
+        for row in rows:
+            line = line_of(row)
+            self._file.write(line)
+            self._enter(row)
+            self._end += len(line)
+        self._file.flush()
+
+    def _enter(self, row: Row) -> None:
+        if row.run >= len(self._places):
+            more = max(row.run + 1, 2 * len(self._places)) - len(self._places)
+            self._places.extend(array("q", [_NOWHERE]) * more)
+        if self._places[row.run] != _NOWHERE:
+            return
+        self._places[row.run] = self._end
+        self._count += 1
+        self.statuses[row.status] += 1
+        self.types = self.types or [set() for _ in row.values]
+        for types, value in zip(self.types, row.values, strict=False):
+            types.add(type(value))
+        self.seconds += row.seconds
+        if row.status != TIMED_OUT:
+            self.longest = max(self.longest, row.seconds)
+
+    def __len__(self) -> int:
+        return self._count
+
+    def __contains__(self, run: int) -> bool:
+        return run < len(self._places) and self._places[run] != _NOWHERE
+
+    def __getitem__(self, run: int) -> Row:
+        """Return the row of a run, which is there."""
+        self._file.seek(self._places[run])
+        row = _row(self._file.readline())
+        assert row is not None  # noqa: S101 - it was read before
+        return row
+
+    def __iter__(self) -> Iterator[Row]:
+        return (self[run] for run in range(len(self._places)) if run in self)
+
+    def close(self) -> None:
+        """Close the file."""
+        with contextlib.suppress(OSError):  # what could not be written was reported
+            self._file.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+def line_of(row: Row) -> bytes:
+    """Return the line of a row."""
+    values = [row.run, row.status, row.reason, row.seconds, *row.values]
+    return f"{json.dumps(values)}\n".encode()
+
+
+def _row(line: bytes) -> Row | None:
+    """Return the row of a line; None for one that is damaged."""
+    try:
+        run, status, reason, seconds, *values = json.loads(line)
+    except (ValueError, TypeError):
+        return None
+    row = Row(run, status, reason, seconds, tuple(values))
+    whole = (
+        isinstance(run, int)
+        and run >= 0
+        and isinstance(status, str)
+        and isinstance(reason, str | None)
+        and isinstance(seconds, int | float)
+        and all(isinstance(value, _CELL) for value in values)
+    )
+    return row if whole else None

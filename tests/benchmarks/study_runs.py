@@ -1,0 +1,223 @@
+"""What a run of a study costs beside its steps, by CPU time.
+
+Section 5's loop over a wire, native FMUs, one start value that differs from run to run, and two
+metrics: 100 steps, where setting up counts, and 10,000, where the steps do. Variants:
+
+* c_bound: a loop in C over the same two FMUs, reset for each run; nothing is recorded or checked;
+* fmpy: the loop that a user writes with fmpy, the FMUs reset for each run;
+* kernel_loop: the steps of the run alone, by this project's kernel, every signal in memory;
+* study: a run of a study in this process;
+* supervised: the same as `cosim study run` executes it, in a child that is kept;
+* alone: a run by itself in this process, without a trace.
+
+A figure is the least of several turns, children included, divided by their runs. The last values
+that the variants come to are compared.
+
+`python -m tests.benchmarks.study_runs --json` prints {"us_per_run": {VARIANT: {"100": x, ...}}}.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import resource
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import fmpy
+import numpy as np
+from fmpy.fmi2 import FMU2Slave
+from rich.table import Table
+
+from cosim.fmu import FmuDescription, compiled_library
+from cosim.hinf import one_thread
+from cosim.master import Component, Session
+from cosim.scenario.execute import assembled_system
+from cosim.study import Study
+from cosim.study.batch import register_runner, run_and_measure, run_batch
+from cosim.study.plan import Plan
+from cosim.study.read import load_study
+from cosim.study.running import plan_of
+from tests.benchmarks._show import show
+
+LENGTHS = {100: 400, 10_000: 20}
+"""Steps of a run -> runs in a turn."""
+STEP = 0.01
+TURNS = 7
+START = "initial.x[1]"
+_SOURCE = Path(__file__).with_name("bare_run.c")
+
+
+def plan_for(steps: int, runs: int) -> Plan:
+    """A study of so many runs of so many steps."""
+    base = load_study("delay-margin").base
+    wires = [c.model_copy(update={"link": None}) for c in base.scenario.connections]
+    scenario = base.scenario.model_copy(update={"links": {}, "connections": wires})
+    study = Study(
+        title="short",
+        scenario=base.name,
+        set={"run.end": steps * STEP, "run.step": STEP},
+        vary=[
+            {"kind": "random", "path": f"components.plant.parameters.{START}", "uniform": [1, 9]}
+        ],
+        samples=runs,
+        metrics={
+            "x": "final.plant.x[1]",
+            "rms": {"signal": ["plant.x[1]", "plant.x[2]"], "reduce": "rms"},
+        },
+    )
+    return plan_of(study, replace(base, scenario=scenario))
+
+
+class ByHand:
+    """The two slaves of a plan by fmpy, as a user has them."""
+
+    def __init__(self, plan: Plan) -> None:
+        prepared = plan.runner._prepared(plan.runner._loaded(0, ""))
+        self.system, _ = assembled_system(prepared)
+        self.slaves = [_slave(self.system.components[n]) for n in ("plant", "controller")]
+        self.starts = np.array([plan.runner.points[run][0] for run in range(plan.count)])
+        self.steps = round(self.system.comm_schedule.end_ns / 1e9 / STEP)
+
+    def by_fmpy(self) -> float:
+        """Fly every run; return the last value of the last one."""
+        plant, controller = self.slaves
+        for start in self.starts.tolist():
+            plant.values[0] = start
+            for one in self.slaves:
+                one.fmu.reset()
+                one.fmu.setReal(one.parameters, one.values)
+                one.fmu.setupExperiment(startTime=0.0, stopTime=self.steps * STEP)
+                one.fmu.enterInitializationMode()
+                one.fmu.exitInitializationMode()
+            for k in range(self.steps):
+                controller.fmu.setReal(controller.inputs, plant.fmu.getReal(plant.outputs))
+                plant.fmu.setReal(plant.inputs, controller.fmu.getReal(controller.outputs))
+                plant.fmu.doStep(k * STEP, STEP)
+                controller.fmu.doStep(k * STEP, STEP)
+        return float(plant.fmu.getReal(plant.outputs[:1])[0])
+
+    def in_c(self) -> float:
+        """Fly every run; return the last value of the last one."""
+        runs = compiled_library("bare_run", _SOURCE.read_bytes()).bare_runs
+        last = np.zeros(self.starts.size)
+        kept = [one.in_c() for one in self.slaves]
+        refused = runs(
+            *(one[0].ctypes.data_as(ctypes.c_void_p) for one in kept),
+            self.starts.ctypes.data_as(ctypes.c_void_p),
+            last.ctypes.data_as(ctypes.c_void_p),
+            *(ctypes.c_size_t(self.starts.size), ctypes.c_size_t(self.steps)),
+            ctypes.c_double(STEP),
+        )
+        if refused:
+            raise SystemExit("the loop in C was refused a call")
+        return float(last[-1])
+
+
+class _ByFmpy:
+    """One slave by fmpy, its references and parameters."""
+
+    def __init__(
+        self, fmu: FMU2Slave, description: FmuDescription, given: dict[str, float]
+    ) -> None:
+        ports = description.ports
+        self.fmu = fmu
+        self.parameters = [ports[name].reference for name in given]
+        self.values = list(given.values())
+        of = {"output": "x[" if "x[1]" in ports and ports["x[1]"].causality == "output" else "u["}
+        of["input"] = "u[" if of["output"] == "x[" else "x["
+        self.outputs, self.inputs = (
+            [
+                p.reference
+                for p in ports.values()
+                if p.causality == kind and p.name.startswith(begin)
+            ]
+            for kind, begin in of.items()
+        )
+
+    def in_c(self) -> tuple[np.ndarray[Any, Any], ...]:
+        """`Slave` of bare_run.c, and the arrays that it points to."""
+        calls = ("Reset", "SetupExperiment", "EnterInitializationMode", "ExitInitializationMode")
+        calls += ("GetReal", "SetReal", "DoStep")
+        arrays = [np.array(r, np.uint32) for r in (self.outputs, self.inputs, self.parameters)]
+        arrays.append(np.array(self.values))
+        addresses = [ctypes.cast(self.fmu.dll[f"fmi2{c}"], ctypes.c_void_p).value for c in calls]
+        words = [self.fmu.component, *addresses, *(array.ctypes.data for array in arrays)]
+        sizes = [len(self.outputs), len(self.inputs), len(self.parameters)]
+        return np.array([*words, *sizes], np.uint64), *arrays
+
+
+def _slave(component: Component) -> _ByFmpy:
+    path = str(component.description.path)
+    model = fmpy.read_model_description(path)
+    fmu = FMU2Slave(
+        guid=model.guid,
+        unzipDirectory=fmpy.extract(path),
+        modelIdentifier=model.coSimulation.modelIdentifier,
+        instanceName="by hand",
+    )
+    fmu.instantiate()
+    given = dict(component.parameters)
+    first = {START: given.pop(START)} if START in given else {}
+    return _ByFmpy(fmu, component.description, {**first, **given})
+
+
+def cpu_s() -> float:
+    """CPU seconds of this process and of children that have ended."""
+    who = (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)
+    return sum(u.ru_utime + u.ru_stime for u in map(resource.getrusage, who))
+
+
+@one_thread
+def measured(steps: int, runs: int) -> dict[str, float]:
+    """Microseconds of a run, by variant."""
+    plan = plan_for(steps, runs)
+    job = replace(plan.job, run_limit_s=60.0)
+    register_runner(job.digest, plan.runner)
+    plan.runner.problem_and_design(0)
+    by_hand = ByHand(plan)
+    alone = plan_for(steps, runs).runner
+    alone.problem_and_design(0)
+    series = plan_for(steps, runs).runner
+    series.supervise_no_more()
+    numbers: Sequence[int] = range(runs)
+    few = range(min(runs, 40))
+    session = Session(by_hand.system).__enter__()
+    variants: dict[str, tuple[int, Callable[[], Any]]] = {
+        "c_bound": (runs, by_hand.in_c),
+        "fmpy": (runs, by_hand.by_fmpy),
+        "kernel_loop": (1, session.run_until),
+        "study": (runs, lambda: [run_and_measure(series, run)[1][0] for run in numbers][-1]),
+        "supervised": (runs, lambda: run_batch(job, numbers)[-1].values[0]),
+        "alone": (len(few), lambda: [run_and_measure(alone, run)[1][0] for run in few][-1]),
+    }
+    least = dict.fromkeys(variants, float("inf"))
+    last = {}
+    for _ in range(TURNS):
+        for name, (count, fly) in variants.items():
+            if name == "kernel_loop":
+                session.begin_again(by_hand.system)
+            began = cpu_s()
+            last[name] = fly()
+            least[name] = min(least[name], (cpu_s() - began) / count)
+    ends = {last[name] for name in ("c_bound", "fmpy", "study", "supervised")}
+    if max(ends) - min(ends) > 1e-12 * max(map(abs, ends)):
+        raise SystemExit(f"the variants end elsewhere: {last}")
+    session.close()
+    return {name: round(1e6 * value, 2) for name, value in least.items()}
+
+
+def main() -> None:
+    """Measure, print."""
+    found = {steps: measured(steps, runs) for steps, runs in LENGTHS.items()}
+    view = Table(title="CPU time of a run [us]", title_justify="left")
+    for column in ("variant", *(f"{steps:,} steps" for steps in LENGTHS)):
+        view.add_column(column, justify="right" if column != "variant" else "left")
+    for name in found[100]:
+        view.add_row(name, *(f"{found[steps][name]:,.1f}" for steps in LENGTHS))
+    show(view, {"us_per_run": {n: {str(s): found[s][n] for s in LENGTHS} for n in found[100]}})
+
+
+if __name__ == "__main__":
+    main()
