@@ -89,6 +89,7 @@ def made_at(made: Any, where: Any) -> Any:
     return make_plan(made.job.study, where)
 
 
+@pytest.mark.slow
 def test_a_cluster_that_begins_without_workers_grows_and_gives_the_same_table(
     tmp_path: Path,
 ) -> None:
