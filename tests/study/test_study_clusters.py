@@ -120,7 +120,7 @@ def test_a_cluster_that_begins_without_workers_grows_and_gives_the_same_table(
 
 @pytest.mark.slow
 def test_a_scheduler_that_is_killed_ends_the_study_and_another_goes_on(tmp_path: Path) -> None:
-    """Within seconds, with what to do; what is done is kept, and the table is that of one process."""
+    """Within seconds; what is done is kept, and the table is that of one process."""
     values = [DEADLY + 0.1 * i for i in range(60)]
     execute_study(plan(values, "sleep"), tmp_path / "here")
     line = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--no-dashboard"]

@@ -216,8 +216,8 @@ def test_a_run_whose_trace_is_kept_is_executed_once(
 
     monkeypatch.setattr(StudyRunner, "record", counting)
     made = plan(values, metrics=metrics, traces="all")
-    monkeypatch.setattr("cosim.study.execution.trial_run", lambda *_: (None, 1.0))
     monkeypatch.setattr(batch, "run_and_measure", unrecorded)
+    monkeypatch.setattr("cosim.study.plan.run_and_measure", unrecorded)
     assert execute_study(made, tmp_path / "all").traces == dict.fromkeys(range(3))
     assert recorded == [0, 1, 2]
     assert read_table(tmp_path / "all")[0].equals(read_table(tmp_path / "none")[0])
