@@ -15,7 +15,7 @@ from mkdocs.structure.files import File, Files
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT))  # `mkdocs` does not put the folder of mkdocs.yml there
 
-from docs_site import api_pages, cli_page, notebook_pages, toml_pages  # noqa: E402
+from docs_site import api_pages, cli_page, notebook_pages, rules_page, toml_pages  # noqa: E402
 from docs_site.formulas import fence  # noqa: E402
 
 
@@ -31,6 +31,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     """Add the pages that are generated from the code."""
     pages = {
         "reference/cli.md": cli_page.page(),
+        "reference/fmu-rules.md": rules_page.page(),
         **toml_pages.pages(),
         **api_pages.pages(),
     }

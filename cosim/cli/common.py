@@ -17,8 +17,8 @@ from cosim.core import reported_to, silent
 FMUS = Path("fmus")
 TRACES = Path("traces")
 
-RunFlavour = Literal["python", "native"]
-"""Choices of --flavour for runs; FMI 3.0 is for other tools."""
+RunFlavour = Literal["native", "native-fmi3", "python"]
+"""Choices of --flavour for runs."""
 
 JsonOption = Annotated[
     bool,

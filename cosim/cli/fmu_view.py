@@ -9,7 +9,7 @@ from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
-from cosim.fmu import LEVELS, Inspection, printable
+from cosim.fmu import LEVELS, RULES, Inspection, Rule, printable
 
 _COLOURS = {"error": "red", "warning": "yellow", "note": "cyan"}
 
@@ -31,10 +31,30 @@ def check_view(file: str, found: Inspection) -> RenderableType:
                 kinds.setdefault(each.code, []).append(Text(f"{place}{each.what}"))
                 reasons[each.code] = each.why
         for code, lines in kinds.items():
-            parts.append(Text.assemble((level, f"bold {_COLOURS[level]}"), f" {code}"))
+            name = f" {code} ({RULES[code].number})"
+            parts.append(Text.assemble((level, f"bold {_COLOURS[level]}"), name))
             parts += [Padding(line, (0, 0, 0, 2)) for line in lines]
             parts.append(Padding(Text(reasons[code], style="dim"), (0, 0, 0, 4)))
     return Group(*parts)
+
+
+def rule_view(rule: Rule) -> RenderableType:
+    """Explain a rule of the check."""
+    table = Table(show_header=False, box=None, pad_edge=False)
+    table.add_column(style="bold")
+    table.add_column()
+    rows = {
+        "rule": f"{rule.number} {rule.code}",
+        "usually": rule.level,
+        "why": rule.why,
+        "standard": rule.sections or "none asks for it",
+        "breaks it": rule.example,
+        "instead of": " ".join(rule.old.split()),
+    }
+    for label, value in rows.items():
+        if value:
+            table.add_row(label, Text(value))
+    return table
 
 
 def info_view(answer: dict[str, Any]) -> RenderableType:

@@ -65,8 +65,9 @@ def run(
     flavour: Annotated[
         RunFlavour,
         typer.Option(
-            help="Language of the built-in FMUs: native (C), or python, whose slave can be edited. "
-            "The results are the same, bit for bit, if both use the same C library."
+            help="Flavour of the built-in FMUs: native (FMI 2.0 in C), native-fmi3 (FMI 3.0 in C), "
+            "or python, whose slave can be edited. The results are the same, bit for bit, if all "
+            "use the same C library."
         ),
     ] = DEFAULT_FLAVOUR,
     changed: SetOption = None,

@@ -1,4 +1,4 @@
-"""Commands for SSP archives, which exchange systems between tools: export, import."""
+"""Commands for SSP archives, which exchange systems between tools: export, import, check."""
 
 from __future__ import annotations
 
@@ -14,19 +14,32 @@ from cosim.cli.common import (
     FMUS,
     FmusOption,
     JsonOption,
-    RunFlavour,
     answer,
     progress,
 )
 from cosim.cli.help_text import HelpTyper
 from cosim.cli.runs import make_fmu_cache
 from cosim.cli.terminal import console, facts_table
-from cosim.core import InputError
+from cosim.core import CheckFailedError, InputError
 from cosim.fmu import DEFAULT_FLAVOUR
-from cosim.scenario import SspExport, SspImport, export_ssp, import_ssp, load, prepare
+from cosim.scenario import (
+    TOOLS,
+    SspCheck,
+    SspExport,
+    SspImport,
+    SspVersion,
+    Tool,
+    check_ssp,
+    export_ssp,
+    import_ssp,
+    load,
+    prepare,
+)
+
+_MOST_PLACES = 5
 
 ssp_app = HelpTyper(
-    help="Export a scenario as an SSP archive for other tools, or import an archive.",
+    help="Export a scenario as an SSP archive, import an archive, or check it for other tools.",
 )
 
 
@@ -45,14 +58,20 @@ def export_verb(
             "link as an FMU that delays, drops and reorders the same messages in other tools."
         ),
     ] = "annotate",
+    ssp: Annotated[
+        SspVersion,
+        typer.Option(
+            "--ssp", help="Version of the standard; arrays and the types of FMI 3.0 need 2.0."
+        ),
+    ] = "1.0",
     flavour: Annotated[
-        RunFlavour,
+        Literal["native", "python"],
         typer.Option(help="Built-in FMUs: native (C) for any tool, python for Python hosts."),
     ] = DEFAULT_FLAVOUR,
     fmus: FmusOption = FMUS,
     as_json: JsonOption = False,
 ) -> None:
-    """Write a scenario as an SSP 1.0 archive: FMUs, parameters, gain, connections, end time.
+    """Write a scenario as an SSP archive: FMUs, parameters, gain, connections, end time.
 
     A reference path or a disturbance becomes an FMU that plays it. Anything that SSP cannot
     express is an error, or is left out with a warning. Prebuilt FMUs are for all platforms;
@@ -64,6 +83,7 @@ def export_verb(
     \b
     cosim ssp export auv-acoustic -o auv.ssp
     cosim ssp export auv-acoustic -o auv.ssp --links fmu
+    cosim ssp check auv.ssp --for omsimulator
     """
     loaded = load(name)
     path = out or Path(f"{loaded.name}.ssp")
@@ -72,14 +92,16 @@ def export_verb(
         prepared = prepare(
             loaded, make_fmu_cache(fmus, loaded.folder, flavour), progress=report_progress
         )
-        exported = export_ssp(prepared, path, links)
+        exported = export_ssp(prepared, path, links, ssp)
     _warn(exported.warnings)
     answer(as_json, exported.to_json, lambda: _view(exported, exported.components))
 
 
 @ssp_app.command("import")
 def import_verb(
-    file: Annotated[Path, typer.Argument(metavar="FILE.ssp", help="Any SSP 1.0 archive.")],
+    file: Annotated[
+        Path, typer.Argument(metavar="FILE.ssp", help="Any archive of SSP 1.0 or 2.0.")
+    ],
     out: Annotated[
         Path | None,
         typer.Option(
@@ -116,6 +138,62 @@ def import_verb(
     imported = import_ssp(file, path, step=step, end=end)
     _warn(imported.unsupported)
     answer(as_json, imported.to_json, lambda: _view(imported, imported.names.values()))
+
+
+@ssp_app.command()
+def check(
+    file: Annotated[
+        Path, typer.Argument(metavar="FILE.ssp", help="Any archive of SSP 1.0 or 2.0.")
+    ],
+    tools: Annotated[
+        list[str] | None,
+        typer.Option("--for", metavar="TOOL", help=f"{', '.join(TOOLS)}; may be repeated."),
+    ] = None,
+    *,
+    as_json: JsonOption = False,
+) -> None:
+    """Say which tools take an archive, why not, and what to do, without having the tools.
+
+    Each finding is what one tool refuses, or runs differently from what the archive describes,
+    by rules read from the tools' sources.
+
+    Exit code 0: no tool refuses the archive; 1: one does; 2: the file is not an archive.
+
+    \b
+    cosim ssp check auv.ssp
+    cosim ssp check theirs.ssp --for omsimulator --for libcosim
+    """
+    found = check_ssp(file, [_tool(name) for name in tools] if tools else TOOLS)
+    answer(as_json, found.to_json, lambda: _check_view(found))
+    if not all(found.takes(tool) for tool in found.tools):
+        raise typer.Exit(CheckFailedError.exit_code)
+
+
+def _tool(name: str) -> Tool:
+    for tool in TOOLS:
+        if name == tool:
+            return tool
+    raise InputError.unknown("tool", name, TOOLS, where="--for")
+
+
+def _check_view(found: SspCheck) -> RenderableType:
+    """Show each tool's verdict, and its findings with reason and cure once for each rule."""
+    parts: list[RenderableType] = []
+    for tool in found.tools:
+        mine = [f for f in found.findings if f.tool == tool]
+        taken = ("takes it", "bold green") if found.takes(tool) else ("refuses it", "bold red")
+        parts.append(Text.assemble((tool, "bold"), " ", taken))
+        rules = {(f.code, f.effect, f.reason, f.cure): f for f in mine}
+        for code, effect, reason, cure in rules:
+            colour = "red" if effect == "refused" else "yellow"
+            parts.append(Text.assemble("  ", (effect, f"bold {colour}"), f" {code}: {reason}"))
+            places = [f for f in mine if (f.code, f.reason) == (code, reason)]
+            listed = [f"{f.where}: {f.got}" for f in places[:_MOST_PLACES]]
+            if len(places) > _MOST_PLACES:
+                listed.append(f"and {len(places) - _MOST_PLACES} more")
+            parts += [Text(f"    {line}") for line in listed]
+            parts.append(Text(f"    {cure}", style="dim"))
+    return Group(*parts)
 
 
 def _not_onto(path: Path, source: Path) -> None:

@@ -1,8 +1,9 @@
-"""Commands for studies: list, check, run, show."""
+"""Commands for studies: list, check, run, repeat, show, report, sensitivity."""
 
 from __future__ import annotations
 
 import json
+import webbrowser
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -20,6 +21,7 @@ from cosim.cli.common import (
     RunFlavour,
     answer,
     built_in_or_file,
+    completed_from,
     progress,
 )
 from cosim.cli.help_text import HelpTyper
@@ -31,10 +33,11 @@ from cosim.cli.study_view import (
     rare_view,
     sensitivity_view,
     stopped_view,
+    study_report_view,
     summary_view,
 )
 from cosim.cli.terminal import titles_table
-from cosim.core import InputError, StoppedError
+from cosim.core import InputError, LossError, StoppedError
 from cosim.fmu import DEFAULT_FLAVOUR
 
 STUDIES = Path("studies")
@@ -46,7 +49,7 @@ study_app = HelpTyper(
 StudyArgument = Annotated[str, built_in_or_file("study")]
 FlavourOption = Annotated[
     RunFlavour,
-    typer.Option(help="Language of the built-in FMUs: native (C), or python."),
+    typer.Option(help="Flavour of the built-in FMUs: native, native-fmi3, or python."),
 ]
 
 LimitOption = Annotated[
@@ -243,7 +246,14 @@ def merge(
 
 @study_app.command()
 def repeat(
-    name: StudyArgument,
+    name: Annotated[
+        str,
+        typer.Argument(
+            metavar="STUDY",
+            help="Name of a built-in study, FILE.toml, or the folder of its results.",
+            autocompletion=completed_from("study"),
+        ),
+    ],
     number: Annotated[int, typer.Argument(help="Number of the run, counted from 0.")],
     out: Annotated[
         Path | None, typer.Option(help="Trace (default: traces/STUDY-run-NUMBER.mcap).")
@@ -263,12 +273,17 @@ def repeat(
 ) -> None:
     """Execute one run of a study alone, with a trace, as `cosim run` does.
 
+    With the folder of its results, the study is what it was then, its samples included; if FMUs,
+    scenario or software have changed since, nothing is run.
+
     \b
     cosim study repeat delay-margin 17
+    cosim study repeat studies/delay-margin 17
     cosim trace report traces/delay-margin-run-17.mcap
     """
     loaded = studies.load_study(name)
     plan = _plan(loaded, fmus, flavour)
+    studies.check_unchanged(plan, loaded)
     trace = out or TRACES / f"{loaded.name}-run-{number}.mcap"
     scenario.check_writable(trace)
     folder = results or STUDIES / loaded.name
@@ -301,10 +316,20 @@ def show(
     ] = None,
     picture: Annotated[
         Path | None,
-        typer.Option(help="Draw the stability map of the study to this .png, .svg or .pdf file."),
+        typer.Option(
+            help="Draw the study to this .png, .svg or .pdf file, in the way that fits it: the "
+            "stability boundary, a map or a curve over its grid, sensitivity, a distribution."
+        ),
+    ] = None,
+    kind: Annotated[
+        str | None,
+        typer.Option(
+            help="Kind of the picture: boundary, curve, map, distribution, scatter, convergence, "
+            "sensitivity or correlations."
+        ),
     ] = None,
     metric: Annotated[
-        str | None, typer.Option(help="Draw this metric over the axes of --over instead.")
+        str | None, typer.Option(help="Metric of the picture (default: the first one).")
     ] = None,
     over: Annotated[
         str | None,
@@ -322,6 +347,7 @@ def show(
     \b
     cosim study show studies/delay-margin --picture margin.png
     cosim study show studies/delay-margin --by delay --quantiles 0.05,0.95
+    cosim study show studies/mine --picture error.png --kind scatter --metric error --over Hs
     """
     whole, manifest = studies.read_table(path)
     stopped = studies.stopping_of(whole, manifest)
@@ -337,16 +363,15 @@ def show(
         quantiles=[] if quantiles is None else numbers("--quantiles", quantiles),
     )
     edge = studies.boundary(table, manifest)
-    if (metric is None) != (over is None) or (metric is not None and picture is None):
+    if picture is None and any(option is not None for option in (kind, metric, over)):
         raise InputError(
-            "--metric and --over need each other and --picture",
+            "--kind, --metric and --over are of a picture",
             where="study show",
-            hint="--metric gain --over delay --picture gain.png",
+            hint="--picture gain.png --metric gain --over delay",
         )
-    if picture is not None and metric is not None and over is not None:
-        studies.draw(table, manifest, picture, metric, list(names("--over", over)))
-    elif picture is not None:
-        studies.draw_stability(table, manifest, picture)
+    if picture is not None:
+        axes = [] if over is None else list(names("--over", over))
+        studies.draw_study(table, manifest, picture, kind, metric, axes)
     data = found.to_json() | {
         "stability": None if edge is None else edge.to_json(),
         "picture": None if picture is None else str(picture),
@@ -360,6 +385,37 @@ def show(
     parts = [] if stopped is None else [stopped_view(stopped)]
     parts += [] if event is None else [rare_view(event, rare, whole.num_rows, confidence)]
     answer(as_json, lambda: data, lambda: Group(summary_view(found, edge, picture), *parts))
+
+
+@study_app.command()
+def report(
+    path: Annotated[Path, typer.Argument(help="Folder of a study, or its results.parquet.")],
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", "-o", help="File to write (default: report.html in the folder)."),
+    ] = None,
+    confidence: Annotated[float, typer.Option(help="Confidence level of the intervals.")] = 0.95,
+    *,
+    show: Annotated[bool, typer.Option("--open", help="Open the page in the browser.")] = False,
+    as_json: JsonOption = False,
+) -> None:
+    """Write one HTML page about a study: how its runs ended, its metrics, what they depend on.
+
+    The page contains everything it shows and needs no network; the worst runs link to their traces
+    beside it. For a study that is not finished, the page has the runs that are done.
+
+    Exit code 3: the page is written, but lines of the run log cannot be read.
+
+    \b
+    cosim study report studies/delay-margin
+    cosim study report studies/delay-margin -o margin.html --open
+    """
+    written = studies.write_study_report(path, out, confidence=confidence)
+    answer(as_json, written.to_json, lambda: study_report_view(written))
+    if show:
+        webbrowser.open(written.output.absolute().as_uri())
+    if written.unread:
+        raise typer.Exit(LossError.exit_code)
 
 
 @study_app.command("sensitivity")

@@ -21,6 +21,7 @@ from cosim.study import (
     Sensitivity,
     Share,
     Stopping,
+    StudyReport,
     StudyResult,
     Summary,
 )
@@ -126,6 +127,22 @@ def sensitivity_view(found: Sensitivity) -> RenderableType:
         f"intervals: {100 * found.confidence:g} %, bootstrap"
     )
     return Group(head, table)
+
+
+def study_report_view(written: StudyReport) -> RenderableType:
+    """Show where the page is, and what is on it."""
+    facts = facts_table()
+    of = "" if written.complete else "the study is not finished"
+    facts.add_row("runs", str(written.runs), of)
+    for status, count in written.statuses.items():
+        label = Text(status.replace("_", " "), style="" if status == "finished" else "yellow")
+        facts.add_row(label, str(count), "")
+    parts: list[RenderableType] = [Text(written.title, style="bold"), facts]
+    if written.unread:
+        parts.append(Text(f"{written.unread} lines of the run log cannot be read", style="yellow"))
+    size = f"{written.bytes / 1e6:.2g} MB, {written.metrics} metrics, {written.charts} charts"
+    parts.append(Text(f"page: {written.output} ({size})"))
+    return Group(*parts)
 
 
 def stopped_view(found: Stopping) -> RenderableType:

@@ -110,7 +110,7 @@ def inject(
     ] = 0.0,
     fmus: FmusOption = FMUS,
     flavour: Annotated[
-        RunFlavour, typer.Option(help="Language of a built-in FMU: native (C), or python.")
+        RunFlavour, typer.Option(help="Flavour of a built-in FMU: native, native-fmi3, or python.")
     ] = DEFAULT_FLAVOUR,
     *,
     as_json: JsonOption = False,

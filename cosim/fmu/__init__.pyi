@@ -1,4 +1,8 @@
-from .binary import ACCEPTED_STATUSES as ACCEPTED_STATUSES
+from .binary import (
+    ACCEPTED_STATUSES as ACCEPTED_STATUSES,
+    SlaveOptions as SlaveOptions,
+    exactly as exactly,
+)
 from .call_watch import (
     calling as calling,
     watch_calls as watch_calls,
@@ -17,6 +21,7 @@ from .description import (
     FmuDescription as FmuDescription,
     describe_fmu as describe_fmu,
 )
+from .event_mode import INTERVAL_CHANGED as INTERVAL_CHANGED
 from .export.archive import deterministic_zip as deterministic_zip
 from .export.build import (
     build_fmu as build_fmu,
@@ -82,6 +87,12 @@ from .inspect.findings import (
 )
 from .inspect.inspection_facts import fmu_facts as fmu_facts
 from .inspect.markup import MAX_XML as MAX_XML
+from .inspect.rules import (
+    GROUPS as GROUPS,
+    RULES as RULES,
+    Rule as Rule,
+    rule_named as rule_named,
+)
 from .inspect.run import run_findings as run_findings
 from .isolation import SlaveProcess as SlaveProcess
 from .messages import LogSink as LogSink

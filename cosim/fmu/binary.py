@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 import os
 import threading
-from collections.abc import Mapping
-from ctypes import c_int, c_void_p, cast
+from collections.abc import Mapping, Sequence
+from ctypes import c_double, c_int, c_uint64, c_void_p, cast
+from fractions import Fraction
 from functools import cache
 from inspect import signature
 from pathlib import Path
@@ -70,6 +72,29 @@ class Binary(NamedTuple):
             description.path,
             folder,
         )
+
+
+class SlaveOptions(NamedTuple):
+    """What an FMI 3 slave is offered.
+
+    Attributes
+    ----------
+    event_mode : its events are handled in event mode.
+    early_return : it may return from a step before its end.
+    intermediate : value references of Float64 outputs that are read within its steps.
+    """
+
+    event_mode: bool = False
+    early_return: bool = False
+    intermediate: tuple[int, ...] = ()
+
+
+NO_OPTIONS: Final = SlaveOptions()
+"""It runs by steps alone."""
+IntermediateValues = tuple[float, list[float]]
+"""A time [s] and the values of `SlaveOptions.intermediate` there."""
+ClockInterval = tuple[Fraction, int]
+"""An interval [s] and its qualifier: fmi3IntervalNotYetKnown, -Unchanged or -Changed (0, 1, 2)."""
 
 
 class CheckedCalls:
@@ -157,8 +182,11 @@ class CheckedCalls:
 class Fmi2Slave(CheckedCalls, FMU2Slave):  # type: ignore[misc]
     """FMPy's slave of FMI 2.0, with checked calls."""
 
-    def make_instance(self, environment: int, *, formats: bool, logging_on: bool) -> None:
+    def make_instance(
+        self, environment: int, *, formats: bool, logging_on: bool, options: SlaveOptions
+    ) -> None:
         """Instantiate; see `fmi2_callbacks`. A bare Exception is FMPy's word for NULL."""
+        del options  # of FMI 3
         callbacks = fmi2_callbacks(environment, formats=formats)
         self.instantiate(callbacks=callbacks, loggingOn=logging_on)
 
@@ -166,10 +194,81 @@ class Fmi2Slave(CheckedCalls, FMU2Slave):  # type: ignore[misc]
 class Fmi3Slave(CheckedCalls, FMU3Slave):  # type: ignore[misc]
     """FMPy's slave of FMI 3.0, with checked calls."""
 
-    def make_instance(self, environment: int, *, formats: bool, logging_on: bool) -> None:
+    _taken: list[IntermediateValues]
+    _intermediate: tuple[int, ...]
+
+    def make_instance(
+        self, environment: int, *, formats: bool, logging_on: bool, options: SlaveOptions
+    ) -> None:
         """Instantiate. A bare Exception is FMPy's word for NULL."""
         del formats  # messages of FMI 3 are texts
-        self.instantiate(logMessage=fmi3_logger(environment), loggingOn=logging_on)
+        self._taken, self._intermediate = [], options.intermediate
+        self.instantiate(
+            loggingOn=logging_on,
+            eventModeUsed=options.event_mode,
+            earlyReturnAllowed=options.early_return,
+            logMessage=fmi3_logger(environment),
+            intermediateUpdate=self._update if options.intermediate else None,
+            requiredIntermediateVariables=list(options.intermediate) or None,
+        )
+
+    def _update(
+        self,
+        _environment: int | None,
+        time: float,
+        _set_requested: bool,  # noqa: FBT001
+        get_allowed: bool,  # noqa: FBT001
+        finished: bool,  # noqa: FBT001
+        _can_return_early: bool,  # noqa: FBT001
+        early_return_requested: Any,
+        _early_return_time: Any,
+    ) -> None:
+        """Take the values within a step that belong to a finished step of the FMU's solver."""
+        early_return_requested[0] = False
+        if get_allowed and finished:
+            references = list(self._intermediate)
+            self._taken.append((time, self.getFloat64(references, len(references))))
+
+    def taken(self) -> list[IntermediateValues]:
+        """Return the values within steps since the last call, with their times [s]."""
+        found, self._taken = self._taken, []
+        return found
+
+    def intervals(self, clocks: Sequence[int], fractions: bool) -> list[ClockInterval]:  # noqa: FBT001
+        """Return the exact interval of each Clock [s], and its qualifier (fmi3GetInterval...)."""
+        count, references = len(clocks), (fmi3ValueReference * len(clocks))(*clocks)
+        qualifiers = (c_int * count)()
+        if fractions:
+            counters, resolutions = (c_uint64 * count)(), (c_uint64 * count)()
+            self.getIntervalFraction(references, counters, resolutions, qualifiers)
+            pairs = zip(counters, resolutions, strict=True)
+            values = [Fraction(a, b) if b else Fraction(0) for a, b in pairs]
+        else:
+            decimals = (c_double * count)()
+            self.getIntervalDecimal(references, decimals, qualifiers)
+            values = [exactly(one) for one in decimals]
+        return list(zip(values, qualifiers, strict=True))
+
+    def shifts(self, clocks: Sequence[int], fractions: bool) -> list[Fraction]:  # noqa: FBT001
+        """Return the shift of each Clock [s], exactly (fmi3GetShift...)."""
+        count, references = len(clocks), (fmi3ValueReference * len(clocks))(*clocks)
+        if fractions:
+            counters, resolutions = (c_uint64 * count)(), (c_uint64 * count)()
+            self.getShiftFraction(references, counters, resolutions)
+            pairs = zip(counters, resolutions, strict=True)
+            return [Fraction(a, b) if b else Fraction(0) for a, b in pairs]
+        decimals = (c_double * count)()
+        self.getShiftDecimal(references, decimals)
+        return [exactly(one) for one in decimals]
+
+    def set_interval(self, clock: int, interval: Fraction, fractions: bool) -> None:  # noqa: FBT001
+        """Set the interval of a Clock [s] (fmi3SetInterval...)."""
+        references = (fmi3ValueReference * 1)(clock)
+        if fractions:
+            pair = (c_uint64 * 1)(interval.numerator), (c_uint64 * 1)(interval.denominator)
+            self.setIntervalFraction(references, *pair)
+        else:
+            self.setIntervalDecimal(references, (c_double * 1)(float(interval)))
 
     def getString(self, vr: list[int], nValues: int) -> list[bytes | None]:
         """Return texts as they come, like FMPy's slave of FMI 2.0."""
@@ -177,6 +276,11 @@ class Fmi3Slave(CheckedCalls, FMU3Slave):  # type: ignore[misc]
         values = (fmi3String * nValues)()
         self.fmi3GetString(self.component, references, len(vr), values, nValues)
         return list(values)
+
+
+def exactly(seconds: float) -> Fraction:
+    """Return the number that a double stands for: 1/10 for 0.1, the shortest that rounds to it."""
+    return Fraction(repr(seconds)) if math.isfinite(seconds) else Fraction(-1)
 
 
 _CLASSES: Final[Mapping[FmiVersion, type[Any]]] = MappingProxyType(

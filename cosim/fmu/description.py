@@ -18,10 +18,10 @@ from cosim.core import InputError, similar_files
 from cosim.fmu.export.catalogue import CATALOGUE
 from cosim.fmu.feedthrough import Feedthrough, declared_feedthrough
 from cosim.fmu.inspect.archive import CheckedArchive
-from cosim.fmu.inspect.declared_model import XML
+from cosim.fmu.inspect.declared_model import XML, read_declared_model
+from cosim.fmu.inspect.definitions import identifier_findings
 from cosim.fmu.inspect.findings import refusal
 from cosim.fmu.inspect.markup import MAX_XML, parse_xml
-from cosim.fmu.inspect.variables import identifier_findings
 from cosim.fmu.port import FmiVersion, Port
 from cosim.fmu.port_declarations import declared_ports
 
@@ -78,6 +78,16 @@ class FmuDescription:
         return bool(self.model.coSimulation.canSerializeFMUstate)
 
     @property
+    def has_event_mode(self) -> bool:
+        """Whether its events can be handled in event mode (FMI 3)."""
+        return self.version == "3.0" and bool(self.model.coSimulation.hasEventMode)
+
+    @property
+    def provides_intermediate_update(self) -> bool:
+        """Whether its outputs can be read within a step (FMI 3)."""
+        return self.version == "3.0" and bool(self.model.coSimulation.providesIntermediateUpdate)
+
+    @property
     def can_interpolate_inputs(self) -> bool:
         """Whether it takes derivatives of its inputs (FMI 2)."""
         return bool(self.model.coSimulation.canInterpolateInputs)
@@ -123,6 +133,16 @@ class FmuDescription:
                 )
             values[name] = int(value)
         ports = {name: port.resized(values) for name, port in self.ports.items()}
+        return replace(self, ports=MappingProxyType(ports))
+
+    def without_events(self) -> FmuDescription:
+        """Return the description for a run without event mode: without Clocks that tick."""
+        if not any(port.clock is not None or port.clocks for port in self.ports.values()):
+            return self
+        ports = {
+            name: replace(port, clocks=(), kind=None if port.clock is not None else port.kind)
+            for name, port in self.ports.items()
+        }
         return replace(self, ports=MappingProxyType(ports))
 
     def with_feedthrough(self, given: Feedthrough | None) -> FmuDescription:
@@ -181,10 +201,10 @@ def _describe(path: Path, content: bytes, digest: str) -> FmuDescription:
     try:
         archive = CheckedArchive(path, content)
         archive.require_sound()
-        xml = _description_in(archive)
+        xml, root = _description_in(archive)
         model, departures = _read_model(content)
         version = _version(model, path)
-        ports = declared_ports(model, xml, version)
+        ports = declared_ports(read_declared_model(root), version)
     except InputError:
         raise
     except Exception as error:  # fmpy and zipfile raise many kinds: all mean this
@@ -196,12 +216,13 @@ def _describe(path: Path, content: bytes, digest: str) -> FmuDescription:
     return FmuDescription(path, digest, model, MappingProxyType(ports), xml, version, departures)
 
 
-def _description_in(archive: CheckedArchive) -> bytes:
-    """Return modelDescription.xml, which is of a bounded size and has no entities of its own."""
+def _description_in(archive: CheckedArchive) -> tuple[bytes, Any]:
+    """Return modelDescription.xml, of a bounded size and without entities, and its root."""
     xml = archive.read(XML, MAX_XML)
-    for wrong in parse_xml(xml, XML)[1]:
+    root, found = parse_xml(xml, XML)
+    for wrong in found:
         raise refusal("not a valid FMU", archive.path, wrong, "XML within limits, without DTD")
-    return xml or b""
+    return xml or b"", root
 
 
 def _read_model(content: bytes) -> tuple[Any, tuple[str, ...]]:

@@ -13,7 +13,7 @@ from weakref import WeakSet
 from fmpy.fmi1 import FMICallException
 
 from cosim.core import ComponentError, InputError
-from cosim.fmu.binary import ACCEPTED_STATUSES, Binary, load_slave
+from cosim.fmu.binary import ACCEPTED_STATUSES, NO_OPTIONS, Binary, SlaveOptions, load_slave
 from cosim.fmu.description import FmuDescription
 from cosim.fmu.messages import (
     LEVELS,
@@ -57,6 +57,7 @@ class Instance:
     description : of the FMU; array shapes follow the structural parameters once they are set.
     version : of FMI.
     phase : of its life cycle.
+    options : what it is offered beside steps, in FMI 3.
     last_error : the last message with a status beyond Warning since the last call from here.
     end_failure : what ended the process of an isolated slave while it was terminated or freed.
     _logged_error : the last message that counts as an error of the present call.
@@ -70,6 +71,7 @@ class Instance:
         *,
         categories: Sequence[str] | None = None,
         process: SlaveProcess | None = None,
+        options: SlaveOptions = NO_OPTIONS,
     ) -> None:
         self.name = name
         self.description = description
@@ -79,6 +81,7 @@ class Instance:
         self._logged_error: str | None = None
         self._log = log
         self._categories = categories
+        self.options = options
         self._fatal = False
         self._where = f"component {name!r} ({description.path.name})"
         self._check_categories()
@@ -140,6 +143,7 @@ class Instance:
                 self._environment,
                 formats=not self._of_pythonfmu,
                 logging_on=self._categories is None or bool(self._categories),
+                options=self.options,
             )
         except Exception as error:
             if type(error) is not Exception:  # a bare one is FMPy's word for NULL

@@ -8,8 +8,10 @@ from math import prod
 from types import MappingProxyType
 from typing import Any, Literal, NamedTuple
 
+from cosim.fmu.clock import Clock
+
 FmiVersion = Literal["2.0", "3.0"]
-SignalKind = Literal["float", "int", "bool", "string"]
+SignalKind = Literal["float", "int", "bool", "string", "binary", "clock"]
 """Kind of the values of a signal."""
 
 
@@ -42,8 +44,8 @@ TYPE_MAPPINGS: Mapping[FmiVersion, Mapping[str, TypeMapping]] = MappingProxyType
             "Enumeration": TypeMapping("int", "Int64", "i8"),
             "Boolean": TypeMapping("bool", "Boolean", "u1"),
             "String": TypeMapping("string", "String", "S"),
-            "Binary": TypeMapping(None, "Binary", ""),
-            "Clock": TypeMapping(None, "Clock", ""),
+            "Binary": TypeMapping("binary", "Binary", "V"),
+            "Clock": TypeMapping("clock", "Clock", "u1"),
         },
     }
 )
@@ -68,20 +70,23 @@ class Port:
     ----------
     reference : value reference.
     kind : what its values are; enumerations are "int"; None for what cannot be exchanged here
-        (Binary, Clock).
-    start : as declared, or None; a number, truth value or text; for an array a tuple of `size`
-        of them, the last index running fastest.
+        (a Clock without event mode).
+    start : as declared, or None; a number, truth value, text or bytes; for an array a tuple of
+        `size` of them, the last index running fastest.
     minimum, maximum : of a number, its own or else its type's.
     feedthrough : an output with direct feedthrough from some input.
     feedthrough_declared : whether `feedthrough` is declared, by the FMU or on its behalf; an
         output whose dependencies are not declared counts as one with feedthrough from all inputs.
     getter_type : type in the names of its functions: fmi3Get + getter_type.
-    c_type : numpy's name of the C type of an element; "S" for texts.
+    c_type : numpy's name of the C type of an element; "S" for texts, "V" for Binary.
     shape : () for a scalar; structural parameters at their present values.
     dimensions : as declared: a number, or the name of a structural parameter.
     initial : "exact", "approx", "calculated", or None.
     items : the values that an enumeration may have.
     nominal : nominal value of a real number, its own or else its type's; None: not declared.
+    clock : how it ticks, if it is a Clock.
+    clocks : names of the Clocks of a clocked variable: it has a value while one of them is active.
+    intermediate : whether it may be read within a step (intermediateUpdate).
     """
 
     name: str
@@ -103,6 +108,9 @@ class Port:
     items: tuple[int, ...] = ()
     nominal: float | None = None
     feedthrough_declared: bool = True
+    clock: Clock | None = None
+    clocks: tuple[str, ...] = ()
+    intermediate: bool = False
 
     @property
     def size(self) -> int:
@@ -141,6 +149,8 @@ def parse_value(kind: SignalKind, text: str) -> Any:
     """
     if kind == "string":
         return text
+    if kind == "binary":
+        return bytes.fromhex(text)
     if kind == "bool":
         return {"true": True, "1": True, "false": False, "0": False}[text.strip()]
     return float(text) if kind == "float" else int(text)
@@ -151,8 +161,8 @@ def may_be_set(port: Port, phase: Phase) -> bool:
 
     Structural parameters have a mode of their own, entered before the initialisation.
     """
-    if port.variability == "constant" or port.causality == "independent":
-        return False
+    if port.variability == "constant" or port.causality == "independent" or port.clock is not None:
+        return False  # a Clock is not set to a value: the master lets it tick
     if phase == "instantiated":
         return port.initial in ("exact", "approx") or port.causality == "input"
     if port.causality == "structuralParameter":

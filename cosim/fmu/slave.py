@@ -9,7 +9,8 @@ Life cycle, each step once and in this order:
 `enter_initialisation` on, if the standard allows it for the variable. After an error only `close`
 is allowed. `close` terminates and frees the slave; it may be called at any time, repeatedly.
 
-An FMI 3 slave runs without event mode, early return and intermediate updates, which are optional.
+An FMI 3 slave is offered event mode (`cosim.fmu.event_mode`), early return and the reading of
+outputs within steps as its `SlaveOptions` say; without them it runs by steps alone.
 """
 
 from __future__ import annotations
@@ -22,11 +23,11 @@ from fmpy.fmi1 import FMICallException
 from fmpy.fmi2 import fmi2LastSuccessfulTime, fmi2Terminated
 
 from cosim.core import ComponentError
-from cosim.fmu.binary import ACCEPTED_STATUSES
+from cosim.fmu.binary import ACCEPTED_STATUSES, NO_OPTIONS, IntermediateValues, SlaveOptions
 from cosim.fmu.description import FmuDescription
+from cosim.fmu.event_mode import EventAccess
 from cosim.fmu.instance import DISCARD
 from cosim.fmu.messages import LogSink
-from cosim.fmu.state import StateAccess
 
 if TYPE_CHECKING:
     from cosim.fmu.isolation import SlaveProcess
@@ -46,7 +47,7 @@ class StepResults(ctypes.Structure):
     )
 
 
-class FmuSlave(StateAccess):
+class FmuSlave(EventAccess):
     """A running slave; see the module for its life cycle.
 
     Parameters
@@ -56,6 +57,7 @@ class FmuSlave(StateAccess):
     categories : of the log messages wanted, as the FMU declares them; None: all. Messages with a
         status beyond Warning are always passed on.
     process : the slave's own, in which it is isolated; None: this one.
+    options : what it is offered, in FMI 3.
 
     Raises
     ------
@@ -72,8 +74,11 @@ class FmuSlave(StateAccess):
         *,
         categories: Sequence[str] | None = None,
         process: SlaveProcess | None = None,
+        options: SlaveOptions = NO_OPTIONS,
     ) -> None:
-        super().__init__(description, name, log, categories=categories, process=process)
+        super().__init__(
+            description, name, log, categories=categories, process=process, options=options
+        )
         self._results = StepResults()
         self._stop: float | None = None
         self._asked = False
@@ -124,6 +129,7 @@ class FmuSlave(StateAccess):
                 "the initialisation failed", where=self._where, got=self._logged_error
             )
         self.phase = "stepping"
+        self.in_event_mode = self.options.event_mode
         self._check_taken()
 
     def step(self, time: float, size: float) -> None:
@@ -160,7 +166,7 @@ class FmuSlave(StateAccess):
         fmi2Pending is a failure: the callback stepFinished, which would allow it, is not given.
 
         FMI 3.0 (4.2.1): terminateSimulation ends the run at lastSuccessfulTime; earlyReturn is
-        forbidden without earlyReturnAllowed, which is false here.
+        forbidden without earlyReturnAllowed.
 
         Raises
         ------
@@ -176,7 +182,7 @@ class FmuSlave(StateAccess):
             self._asked = bool(self._results.terminate_simulation)
             if self._asked:
                 return wish + _computed_until(last, end)
-            if self._results.early_return:
+            if self._results.early_return and not self.options.early_return:
                 self.phase = "failed"
                 raise ComponentError(
                     f"{what} ended early, which was not allowed",
@@ -198,9 +204,23 @@ class FmuSlave(StateAccess):
         raise self.refused(what, status, detail)
 
     @property
+    def results(self) -> StepResults:
+        """The results of the last step, in FMI 3."""
+        return self._results
+
+    @property
     def step_results(self) -> int:
         """Address of the four out-arguments of fmi3DoStep, laid out as `StepResults`."""
         return ctypes.addressof(self._results)
+
+    def taken_within_steps(self) -> list[IntermediateValues]:
+        """Return the outputs read within steps since the last call, with their times [s]."""
+        found: list[IntermediateValues] = self._do("values within steps", "taken")
+        return found
+
+    def note_wish_to_end(self, time: float) -> None:
+        """Note that the slave asked for the end in an event at `time` [s], as if in a step."""
+        self._results.terminate_simulation, self._results.last_successful_time = True, time
 
     def asked_to_end(self) -> bool:
         """Whether the slave ended the run with the last step, as `early_end` found."""

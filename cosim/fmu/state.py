@@ -20,10 +20,12 @@ class FmuState:
     ----------
     pointer : the FMU's own handle; null once it is freed.
     phase : of the instance when it was saved.
+    event_mode : whether it was in event mode then.
     """
 
     pointer: ctypes.c_void_p
     phase: Phase
+    event_mode: bool = False
 
     @property
     def freed(self) -> bool:

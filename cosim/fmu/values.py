@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator, Sequence
 from typing import Any
 
@@ -12,7 +13,13 @@ from cosim.core import InputError
 from cosim.fmu.port import Port
 
 _GREATEST_FLOAT32 = float(np.finfo("f4").max)
-_EXPECTED = {"float": "a number", "int": "an integer", "bool": "true or false", "string": "a text"}
+_EXPECTED = {
+    "float": "a number",
+    "int": "an integer",
+    "bool": "true or false",
+    "string": "a text",
+    "binary": "bytes, or their hexadecimal text",
+}
 
 
 def checked_scalars(port: Port, value: Any, where: str) -> list[Any]:
@@ -24,11 +31,11 @@ def checked_scalars(port: Port, value: Any, where: str) -> list[Any]:
     ------
     InputError : another type, another shape, out of range.
     """
-    if port.kind is None:
+    if port.kind is None or port.kind == "clock":
         raise InputError(
             f"{port.name} is of a type that cannot be exchanged here",
             where=where,
-            expected="a number, a truth value or a text",
+            expected="a number, a truth value, a text or bytes",
             got=port.getter_type,
         )
     return [_checked(port, item, where) for item in _flat(port, value, where)]
@@ -76,6 +83,7 @@ def _checked(port: Port, value: Any, where: str) -> Any:
         "int": number and not truth and item == item // 1,
         "bool": truth or (number and item in (0, 1)),
         "string": isinstance(item, str) and "\0" not in item,
+        "binary": isinstance(item, bytes) or _is_hexadecimal(item),
     }[str(port.kind)]
     if not fits:
         raise InputError(
@@ -86,12 +94,19 @@ def _checked(port: Port, value: Any, where: str) -> Any:
         )
     if port.kind == "string":
         return item
+    if port.kind == "binary":
+        return item if isinstance(item, bytes) else bytes.fromhex(item)
     if port.kind == "bool":
         return bool(item)
     if port.kind == "int":
         item = int(item)
     _check_range(port, item, where)
     return item
+
+
+def _is_hexadecimal(item: Any) -> bool:
+    """Whether a value is a text of bytes, two hexadecimal digits each."""
+    return isinstance(item, str) and re.fullmatch(r"([0-9A-Fa-f]{2})*", item) is not None
 
 
 def _check_range(port: Port, value: float, where: str) -> None:
@@ -122,6 +137,8 @@ def rounded_to_c(port: Port, items: Sequence[Any]) -> list[Any]:
     """Return checked scalars as C holds them: floats of 32 bits are rounded, texts are bytes."""
     if port.c_type == "S":
         return [text.encode() for text in items]
+    if port.c_type == "V":
+        return list(items)
     return list(np.array(items, port.c_type).tolist())
 
 
@@ -132,4 +149,6 @@ def value_of(port: Port, items: Sequence[Any]) -> Any:
         plain = [bool(item) for item in plain]
     elif port.kind == "string":
         plain = [(raw or b"").decode("utf-8", "replace") for raw in plain]
+    elif port.kind == "binary":
+        plain = [raw or b"" for raw in plain]
     return np.array(plain, dtype=object).reshape(port.shape).tolist()

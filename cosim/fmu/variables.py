@@ -47,7 +47,7 @@ class VariableAccess(Instance):
                 got=", ".join(p.name for p in ports) or None,
             )
         for port in ports:
-            if port.kind is None:
+            if port.kind in (None, "clock"):
                 checked_scalars(port, None, self._input)
         found = {}
         for members in _by_type(ports):
@@ -145,6 +145,22 @@ class VariableAccess(Instance):
         flat = {port.name: items for port, items in prepared}
         for members in _by_type([port for port, _ in prepared]):
             self._move("set", members, [x for port in members for x in flat[port.name]])
+
+    def get_binaries(self, references: Sequence[int], size: int) -> tuple[int, list[bytes]]:
+        """Return the status of reading variables of type Binary, and their values."""
+        try:
+            found = self._attempt("getBinary", list(references), size)
+        except FMICallException as error:
+            return error.status, []
+        return 0, [raw or b"" for raw in found]
+
+    def set_binaries(self, references: Sequence[int], values: Sequence[bytes]) -> int:
+        """Set variables of type Binary and return the status."""
+        try:
+            self._attempt("setBinary", list(references), list(values))
+        except FMICallException as error:
+            return int(error.status)
+        return 0
 
     def _move(self, way: Literal["get", "set"], ports: Sequence[Port], *arguments: Any) -> Any:
         """Get or set variables of one type; after a discarded value the slave can go on.

@@ -14,6 +14,7 @@ from cosim.fmu import Port, SignalKind
 from cosim.master.communication_points import blocks
 from cosim.master.communication_schedule import Link
 from cosim.master.component_points import own_instants
+from cosim.master.event_checks import check_events
 from cosim.master.parts import Connection, Endpoint, Parts, Policy, UnknownFeedthrough
 from cosim.network import PacketLink, TransportLink
 
@@ -90,6 +91,7 @@ def check_parts(system: Parts) -> None:
     _check_order(system)
     _check_threads(system)
     _check_loop_keys(system)
+    check_events(system)
     for name, component in system.components.items():
         if system.grows and component.every_ns is not None:
             raise InputError(
@@ -226,11 +228,24 @@ def _check_connection(system: Parts, connection: Connection, where: str) -> None
             expected="the policy hold or previous",
             got=policy,
         )
+    if link is not None and source.kind == "clock":
+        raise InputError(
+            "the tick of a Clock has no duration: a link cannot transmit it",
+            where=where,
+            expected="a connection without a link; values that a link brings are held",
+        )
     if link is not None and source.kind != "float":
         _check_link_kind(system.links[link], source, where)
 
 
-_NAMES = {"float": "Real", "int": "Integer", "bool": "Boolean", "string": "String"}
+_NAMES = {
+    "float": "Real",
+    "int": "Integer",
+    "bool": "Boolean",
+    "string": "String",
+    "binary": "Binary",
+    "clock": "Clock",
+}
 
 
 def _check_types(source: Port, target: Port, where: str) -> None:
@@ -239,8 +254,16 @@ def _check_types(source: Port, target: Port, where: str) -> None:
         raise InputError(
             "the types of the two ends differ",
             where=where,
-            expected="both Real, both Integer (or Enumeration), both Boolean or both String",
-            got=" -> ".join(_NAMES.get(p.kind or "", "Binary or Clock") for p in (source, target)),
+            expected="both Real, both Integer (or Enumeration), both Boolean, both String, both "
+            "Binary or, in event mode, both Clock",
+            got=" -> ".join(_NAMES.get(p.kind or "", "Clock") for p in (source, target)),
+        )
+    if target.clock is not None and target.clock.time_based:
+        raise InputError(
+            "a time-based Clock ticks by the time, not by a connection",
+            where=where,
+            expected="a triggered Clock",
+            got=f"a {target.clock.variability} one",
         )
     if source.shape != target.shape:
         raise InputError(
@@ -291,7 +314,7 @@ def _check_state(system: Parts, connection: Connection, where: str) -> None:
 
 def _check_link_kind(link: Link, port: Port, where: str) -> None:
     """Refuse a link that would interpolate, quantize or substitute what is not a real number."""
-    text_replaced = port.kind == "string" and not (
+    text_replaced = port.kind in ("string", "binary") and not (
         isinstance(link, PacketLink) and link.on_loss == "hold"
     )
     if isinstance(link, TransportLink) or link.quantization or text_replaced:

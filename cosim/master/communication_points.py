@@ -2,19 +2,22 @@
 
 How far they are known depends on the links: the arrival of a message, which is a point, is known
 when the message is sent; where its delay follows a signal of the run, when the loop has reached
-that point. A point keeps its index for the whole run, in arrays that are reserved for all of them.
+that point. Where components have events, each point becomes known when the steps to it are made:
+an event may come first, and several points may have one instant. A point keeps its index for the
+whole run, in arrays that are reserved for all of them.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.core import distinct
+from cosim.core import InputError, distinct
 from cosim.master.communication_schedule import CommunicationSchedule
 from cosim.master.component_points import ComponentPoints
 from cosim.master.parts import DelaySource, Parts
@@ -26,6 +29,8 @@ Rows = NDArray[np.float64]
 
 BLOCK: Final = 1 << 15
 """Most steps of a run in a block: most runs are one block."""
+_EVENTS, _MORE_EVENTS = 8, 100_000
+"""Room for so many points per planned one, and so many more, where components have events."""
 
 
 class CommunicationPoints:
@@ -52,13 +57,18 @@ class CommunicationPoints:
     values : by live link, the values of its delay signal so far.
     live : the links whose delays follow a signal of the run.
     grows : whether points depend on signals of the run.
+    has_events : whether points are added one at a time, as events occur (`add`).
+    on_new : called with the instant of each added point, [ns] and [s].
     """
 
     def __init__(self, system: Parts, *, live: bool = True, block: int = BLOCK) -> None:
         self._schedule, self._delays = system.comm_schedule, system.delays
         self._with_live, self._block_ns = live, block * self._schedule.step_ns
         self.most, self.end_ns = self._schedule.most, self._schedule.end_ns
-        self.grows = self._schedule.grows
+        self.grows, self.has_events = self._schedule.grows, live and system.has_events
+        self.on_new: Callable[[int, float], None] | None = None
+        if self.has_events:
+            self.most = _EVENTS * self.most + _MORE_EVENTS
         kinds = (np.int64, float, float)
         self._reserved = [Reserved((self.most,), kind, large_pages=True) for kind in kinds]
         self.points_ns, self.seconds, self.sizes = (one.array for one in self._reserved)
@@ -79,6 +89,8 @@ class CommunicationPoints:
     def _begin(self) -> None:
         self.count = self.oldest = self.ready = 0
         self.final = self.most
+        self._planned: deque[int] = deque()
+        self._planned_until = -1
         self.links: Mapping[str, GrowingSchedule] = {
             name: link
             for name, link in self._schedule.begin().items()
@@ -88,7 +100,67 @@ class CommunicationPoints:
         self.values: dict[str, list[float]] = {name: [] for name in self.live}
         for points in self._steps.values():
             points.latest = -1
-        self.extend()
+        if self.has_events:
+            self.crossing = True
+            self.add(0, 0.0)
+        else:
+            self.extend()
+
+    def planned(self) -> int:
+        """Return the next instant that is a point, whatever events come before it [ns].
+
+        That is one of the grid, of a step or an instant of the scenario, or of a message.
+        """
+        now = int(self.points_ns[self.count - 1])
+        while not self._planned or self._planned[0] <= now:
+            if self._planned:
+                self._planned.popleft()
+            else:
+                self._plan()
+        return self._planned[0]
+
+    def _plan(self) -> None:
+        """Plan the instants of another block."""
+        until = min(max(self._planned_until, 0) + self._block_ns, self.end_ns)
+        self._planned.extend(self._instants(self._planned_until, until).tolist())
+        self._planned_until = until
+
+    def add(self, instant_ns: int, seconds: float) -> None:
+        """Add a point, at the instant of the last one or later, where components have events.
+
+        `seconds` : the instant as the components are told it: that of an event as its component
+        gave it.
+
+        Raises
+        ------
+        InputError : there are too many.
+        """
+        k = self.count
+        if k == self.most - 1:
+            raise InputError(
+                "the events of the run add too many points",
+                where="run",
+                expected=f"at most {self.most}: {_EVENTS} per planned point, {_MORE_EVENTS} more",
+                hint="look at the components that ask for events, in the trace",
+            )
+        while self._planned_until < instant_ns:  # the links must know
+            self._plan()
+        self.points_ns[k], self.seconds[k] = instant_ns, seconds
+        if k:
+            before = int(self.points_ns[k - 1])
+            whole = seconds == instant_ns / 1e9 and self.seconds[k - 1] == before / 1e9
+            size = (instant_ns - before) / 1e9 if whole else seconds - self.seconds[k - 1]
+            self.sizes[k - 1] = size
+        self.count += 1
+        for points in self._steps.values():
+            points.extend(self.points_ns, k, k + 1, self.end_ns)
+        self.ready = k
+        if self.on_new is not None:
+            self.on_new(instant_ns, seconds)
+
+    def finish(self) -> None:
+        """Make the last point the last of the run."""
+        self.final, self.ready, self.crossing = self.count - 1, self.count, False
 
     def extend(self) -> None:
         """Add points until another one is ready, or the run must come to a crossing or its end."""
@@ -105,15 +177,7 @@ class CommunicationPoints:
         if until <= after:
             self._set_ready()
             return False
-        found = [self._schedule.known(after, until)]
-        for link in self.links.values():
-            if not link.is_live:
-                link.advance(until)
-            if self._schedule.events == "align":
-                found.append(link.sendings(after, until))
-                # what a live link brings at its horizon is known when the loop is there
-                found.append(link.changes(after, min(until, link.horizon_ns - 1))[0])
-        new = found[0] if len(found) == 1 else distinct(np.concatenate(found))
+        new = self._instants(after, until)
         first, self.count = self.count, self.count + new.size
         self.points_ns[first : self.count] = new
         np.divide(new, 1e9, out=self.seconds[first : self.count])
@@ -126,6 +190,18 @@ class CommunicationPoints:
             self.final = self.count - 1
         self._set_ready()
         return True
+
+    def _instants(self, after: int, until: int) -> Integers:
+        """Return the points in (after, until] [ns] that the links and the rule of the run give."""
+        found = [self._schedule.known(after, until)]
+        for link in self.links.values():
+            if not link.is_live:
+                link.advance(until)
+            if self._schedule.events == "align":
+                found.append(link.sendings(after, until))
+                # what a live link brings at its horizon is known when the loop is there
+                found.append(link.changes(after, min(until, link.horizon_ns - 1))[0])
+        return found[0] if len(found) == 1 else distinct(np.concatenate(found))
 
     def _set_ready(self) -> None:
         if self.final < self.most:
@@ -195,6 +271,16 @@ class CommunicationPoints:
         known = self.points_ns[self.oldest : self.count]
         return self.oldest + np.searchsorted(known, instants_ns)
 
+    def rows_sent_at(self, instants_ns: Integers) -> Integers:
+        """Return the indices of the points whose values are sent at these instants [ns].
+
+        Of the points of one instant this is the last: what is sent is what events left.
+        """
+        if not self.has_events:
+            return self.rows_at(instants_ns)
+        known = self.points_ns[self.oldest : self.count]
+        return self.oldest + np.searchsorted(known, instants_ns, side="right") - 1
+
     def last_at(self, instant_ns: int) -> int:
         """Return the index of the last point at or before an instant [ns]; 0 before the first."""
         known = self.points_ns[self.oldest : self.count]
@@ -204,8 +290,10 @@ class CommunicationPoints:
         """Return the row in use over a packet link at points first to last - 1, as `RowsInUse`."""
         used, repeats = self.links[name].runs_in_use(self.points_ns[first:last])
         real = used >= 0
-        used[real] = self.rows_at(used[real])
-        return np.repeat(used, repeats)
+        used[real] = self.rows_sent_at(used[real])
+        found = np.repeat(used, repeats)
+        # what is sent and delivered at one instant is what the sender has by then
+        return np.minimum(found, np.arange(first, last)) if self.has_events else found
 
     def arrivals(self, name: str, first: int) -> Arrivals:
         """Return the known arrivals and drops of a link, from the `first`-th on."""

@@ -52,13 +52,14 @@ class Group:
 
     Attributes
     ----------
-    getter_type, c_type : as those of the `Port`s; in the rows every value is a double, a string
-        the number of its text in `Texts`.
+    getter_type, c_type : as those of the `Port`s; in the rows every value is a double, what is
+        none the number of its text in `Texts`.
     references : value references, uint32 (m,).
     size : number of values.
     column : their first column in the rows.
     route : index of the route of the instance that they come by; None for outputs, and for
         inputs that follow a given signal.
+    clocks : names of the Clocks of clocked variables.
     """
 
     getter_type: str
@@ -67,6 +68,7 @@ class Group:
     size: int
     column: int
     route: int | None = None
+    clocks: tuple[str, ...] = ()
 
 
 @dataclass(eq=False)
@@ -135,19 +137,29 @@ class ComponentInstance:
 
     def values(self, rows: Any, columns: Sequence[Column]) -> list[list[Any]]:
         """Convert rows of doubles to rows of values of the columns' own types."""
-        types = [_TYPES[column.port.kind or "float"] for column in columns]
-        text = self.texts
-        return [
-            [text[int(v)] if to is str else to(v) for to, v in zip(types, row, strict=True)]
-            for row in rows.tolist()
-        ]
+        convert: dict[str, Callable[[float], Any]] = {
+            "float": float,
+            "int": self.texts.integer,
+            "bool": bool,
+            "clock": bool,
+        }
+        of = [convert.get(c.port.kind or "float", self.texts.text) for c in columns]
+        return [[to(v) for to, v in zip(of, row, strict=True)] for row in rows.tolist()]
 
 
-_TYPES: Mapping[str, type] = {"float": float, "int": int, "bool": bool, "string": str}
+MOST_EXACT = 2**53
+"""Integers of a greater magnitude may be none of the doubles."""
+_WIDE, _SPACING = 2.0**60, 256
+"""In a row _WIDE + _SPACING * number stands for an integer that is written as a text: each is a
+double, and none of those that stand for themselves."""
 
 
 class Texts:
-    """The strings of a run; rows contain their numbers. Number 0 is the empty string."""
+    """What a double cannot hold, in a run; rows contain its number. Number 0 is the empty string.
+
+    A String is its text, Binary the hexadecimal text of its bytes, and an integer of a magnitude
+    above 2**53 its digits.
+    """
 
     def __init__(self) -> None:
         self.on_new: Callable[[int, str], None] | None = None
@@ -178,8 +190,34 @@ class Texts:
             if self.number(text) != number:
                 raise ValueError(f"expected number {number} for {text!r}")
 
+    def text(self, value: float) -> str:
+        """Return the text that a value of a row stands for."""
+        return self._texts[int(value)]
+
+    def integer(self, value: float) -> int:
+        """Return the integer that a value of a row stands for."""
+        if abs(value) <= MOST_EXACT:
+            return int(value)
+        return int(self._texts[(int(value) - int(_WIDE)) // _SPACING])
+
+    def of_integers(self, values: Any) -> list[float]:
+        """Return what stands for integers in a row."""
+        return [
+            float(v) if abs(v) <= MOST_EXACT else _WIDE + _SPACING * self.number(str(v))
+            for v in map(int, values)
+        ]
+
+    def of_bytes(self, values: Iterable[bytes]) -> list[int]:
+        """Return what stands for values of type Binary in a row."""
+        return [self.number(value.hex()) for value in values]
+
     def doubles(self, value: Any, port: Port) -> Any:
         """Convert the value of a variable, None for none, to the doubles of a row."""
         if port.kind == "string":
             return [self.number(text) for text in np.ravel(value if value is not None else "")]
+        if port.kind == "binary":
+            given = [b""] if value is None else [value] if isinstance(value, bytes | str) else value
+            return self.of_bytes(v if isinstance(v, bytes) else bytes.fromhex(v) for v in given)
+        if port.kind == "int" and port.c_type in ("i8", "u8") and value is not None:
+            return self.of_integers(np.ravel(np.array(value, dtype=object)))
         return np.ravel(0.0 if value is None else value).astype(np.float64)

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Literal, NamedTuple, Protocol
 
 from cosim.core import InputError
+from cosim.master.event_instance import EventInstance
 from cosim.master.kernel import KernelLoop, load_kernel
 from cosim.master.plain_loop import PlainLoop
 from cosim.master.table import EarlyStop, Table
@@ -30,15 +32,20 @@ class Engine(Protocol):
         """End its threads."""
 
 
-def choose_engine(asked: EngineName, *, texts: bool = False, threads: int = 1) -> EngineChoice:
-    """Choose the engine of a run; `texts`: it exchanges Strings; `threads`: it steps on so many.
+def choose_engine(
+    asked: EngineName, *, texts: bool = False, events: bool = False, threads: int = 1
+) -> EngineChoice:
+    """Choose the engine of a run.
+
+    `texts`: it exchanges Strings or Binary; `events`: its components have events; `threads`: it
+    steps on so many.
 
     Raises
     ------
-    InputError : the kernel is asked for, or several threads, but it cannot be compiled, or Strings
-        are exchanged.
+    InputError : the kernel is asked for, or several threads, but it cannot be compiled, or the run
+        has what it does not carry out.
     """
-    choice = _choice(asked, texts=texts)
+    choice = _choice(asked, texts=texts, events=events)
     if threads > 1 and choice.name == "python":
         raise InputError(
             "components step side by side in the kernel only",
@@ -50,18 +57,27 @@ def choose_engine(asked: EngineName, *, texts: bool = False, threads: int = 1) -
     return choice
 
 
-def _choice(asked: EngineName, *, texts: bool) -> EngineChoice:
+def _choice(asked: EngineName, *, texts: bool, events: bool) -> EngineChoice:
     if asked == "python":
         return EngineChoice("python", "asked for")
+    if events and asked == "kernel":
+        raise InputError(
+            "the kernel carries out runs without events only",
+            where="engine",
+            expected="no component in event mode",
+            hint="take the engine python, or auto; or event_mode = false for the component",
+        )
+    if events:
+        return EngineChoice("python", "a component has events")
     if texts and asked == "kernel":
         raise InputError(
             "the kernel exchanges numbers only",
             where="engine",
-            expected="no outputs or connected inputs of type String",
+            expected="no outputs or connected inputs of type String or Binary",
             hint="take the engine python, or auto",
         )
     if texts:
-        return EngineChoice("python", "Strings are exchanged")
+        return EngineChoice("python", "Strings or Binary values are exchanged")
     try:
         load_kernel()
     except InputError as error:
@@ -77,6 +93,6 @@ def _choice(asked: EngineName, *, texts: bool) -> EngineChoice:
     return EngineChoice("kernel", "asked for" if asked == "kernel" else "numbers only")
 
 
-def build_engine(name: str, table: Table) -> Engine:
-    """Build the engine of this name for a table."""
-    return KernelLoop(table) if name == "kernel" else PlainLoop(table)
+def build_engine(name: str, table: Table, events: Mapping[int, EventInstance]) -> Engine:
+    """Build the engine of this name for a table; `events` : by number of the instance."""
+    return KernelLoop(table) if name == "kernel" else PlainLoop(table, events)

@@ -14,12 +14,12 @@ from _cffi_backend import FFI  # reads C types itself: no parser of C has to be 
 from numpy.typing import NDArray
 
 from cosim.fmu import ACCEPTED_STATUSES, restore_function, saved_float_mode
-from cosim.master.component_instance import ComponentInstance, Group, Rows
+from cosim.master.component_instance import MOST_EXACT, ComponentInstance, Group, Rows
 
 OK: Final = 0
 TOO_LARGE: Final = 1 << 32
-"""Not a status of FMI: an integer that a double cannot represent exactly. An FMU returns a C int,
-so that no status of one is this or greater."""
+"""Not a status of FMI: the kernel has read an integer that no double is, and leaves the rest of the
+run to the loop in Python. An FMU returns a C int, so that no status of one is this or greater."""
 
 _FFI: Final = FFI()
 _FORMS: Final = {
@@ -30,7 +30,6 @@ _STEPS: Final = {
     "2.0": "int(*)(void *, double, double, int)",
     "3.0": "int(*)(void *, double, double, _Bool, uintptr_t, uintptr_t, uintptr_t, uintptr_t)",
 }
-_MOST = 2**53
 
 
 def exchange_function(version: str, address: int) -> Callable[..., int]:
@@ -55,6 +54,28 @@ def float_mode_restorer() -> Callable[[], object]:
 def pointer(address: int) -> Any:
     """Return an address in the form that cffi passes fastest."""
     return _FFI.cast("void *", address)
+
+
+def exchange_of(
+    instance: ComponentInstance, group: Group, way: Literal["get", "set"]
+) -> Callable[[Rows], int]:
+    """Return what gets or sets a group in a row, and returns the status of the call."""
+    if group.c_type != "V":
+        return Exchange(instance, group, way)
+    slave, texts, references = instance.slave, instance.texts, group.references.tolist()
+    columns = slice(group.column, group.column + group.size)
+
+    def get(row: Rows) -> int:
+        status, values = slave.get_binaries(references, group.size)
+        if status in ACCEPTED_STATUSES:
+            row[columns] = texts.of_bytes(values)
+        return status
+
+    def give(row: Rows) -> int:
+        values = [bytes.fromhex(texts.text(v)) for v in row[columns].tolist()]
+        return slave.set_binaries(references, values)
+
+    return get if way == "get" else give
 
 
 class Exchange:
@@ -107,15 +128,20 @@ class Exchange:
     def _get(self, row: Rows) -> int:
         status = self._call()
         row[self._columns] = self.scratch
-        if self._wide and status in ACCEPTED_STATUSES and not self._is_exact():
-            return TOO_LARGE
+        if self._wide and status in ACCEPTED_STATUSES and not self._is_exact(self.scratch):
+            row[self._columns] = self._texts.of_integers(self.scratch.tolist())
         return status
 
-    def _is_exact(self) -> bool:
-        return bool(self.scratch.max() <= _MOST and self.scratch.min() >= -_MOST)
+    @staticmethod
+    def _is_exact(values: NDArray[Any]) -> bool:
+        return bool(values.max(initial=0) <= MOST_EXACT and values.min(initial=0) >= -MOST_EXACT)
 
     def _set(self, row: Rows) -> int:
-        self.scratch[:] = row[self._columns]
+        values = row[self._columns]
+        if self._wide and not self._is_exact(values):
+            self.scratch[:] = [self._texts.integer(value) for value in values.tolist()]
+        else:
+            self.scratch[:] = values
         return self._call()
 
     def _get_texts(self, row: Rows) -> int:

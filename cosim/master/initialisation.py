@@ -8,14 +8,16 @@ settles at the first point.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
+from fractions import Fraction
 
 import numpy as np
 
 from cosim.core import ComponentError
 from cosim.fmu import ACCEPTED_STATUSES, calling
 from cosim.master.component_instance import ComponentInstance, Rows
-from cosim.master.exchange import Exchange
+from cosim.master.event_instance import EventInstance
+from cosim.master.exchange import exchange_of
 from cosim.master.parts import Endpoint
 from cosim.master.system import System
 from cosim.master.wiring import Wiring
@@ -32,8 +34,10 @@ class Initialisation:
         self._wiring = wiring
         self._ends: list[_InitialisedComponent] = []
 
-    def run(self, system: System) -> int:
+    def run(self, system: System, events: Iterable[EventInstance] = ()) -> int:
         """Initialise all slaves, which are there and new or reset; return the number of passes.
+
+        `events` : the instances in event mode, whose Clocks are prepared.
 
         Raises
         ------
@@ -49,6 +53,8 @@ class Initialisation:
             self._ends = [_InitialisedComponent(instance) for instance in wiring.instances]
         most = max(MOST_PASSES, system.solve_limit) if system.solve else MOST_PASSES
         passes = _settle(self._ends, wiring, most)
+        for one in events:
+            one.prepare(Fraction(0))
         for name in system.components:
             wiring.instance(name).slave.exit_initialisation()
         return passes
@@ -93,13 +99,14 @@ class _InitialisedComponent:
         self._routes = [route for route in instance.routes if route.at_start]
         numbers = {instance.routes.index(route) for route in self._routes}
         self.connected_inputs = [
-            Exchange(instance, group, "set")
+            exchange_of(instance, group, "set")
             for group in instance.connected_inputs
-            if group.route is None or group.route in numbers
+            if (group.route is None or group.route in numbers) and group.getter_type != "Clock"
         ]
         self._gets = [
-            Exchange(instance, group, "get")
+            exchange_of(instance, group, "get")
             for group in (*instance.outputs_without_feedthrough, *instance.outputs_with_feedthrough)
+            if group.getter_type != "Clock"
         ]
 
     def is_stale(self) -> bool:
@@ -138,7 +145,7 @@ class _InitialisedComponent:
                 wiring.settled.append((route.targets, row[route.targets]))
                 wiring.rows[0, route.targets] = row[route.targets]
 
-    def _do(self, exchanges: list[Exchange], row: Rows, what: str) -> None:
+    def _do(self, exchanges: list[Callable[[Rows], int]], row: Rows, what: str) -> None:
         for exchange in exchanges:
             with calling(self._instance.name, f"{what} in initialisation"):
                 status = exchange(row)

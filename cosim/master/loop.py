@@ -19,15 +19,20 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.core import InputError
+from cosim.core import ComponentError, InputError
 from cosim.master.adjustments import Adjustment, Adjustments
 from cosim.master.engine import EngineChoice, build_engine
+from cosim.master.event_instance import EventInstance
+from cosim.master.event_points import EventPoints
+from cosim.master.exchange import TOO_LARGE
 from cosim.master.observers import ObserverDispatch
 from cosim.master.pacing import Pace
+from cosim.master.plain_loop import PlainLoop
 from cosim.master.run import Run, RunStatus, run_status_of
 from cosim.master.system import System
 from cosim.master.table import WORDS, EarlyStop, make_table
@@ -54,7 +59,8 @@ class _SegmentLength:
 class Loop:
     """The execution of a run whose slaves are initialised.
 
-    `word` : as in `Table`. `keep` : all rows stay in memory; else those that may still be read.
+    `word` : as in `Table`. `events` : the instances in event mode, by number. `keep` : all rows
+    stay in memory; else those that may still be read.
 
     Attributes
     ----------
@@ -71,6 +77,7 @@ class Loop:
         dispatch: ObserverDispatch,
         choice: EngineChoice,
         word: NDArray[np.int64] | None = None,
+        events: Mapping[int, EventInstance] = MappingProxyType({}),
         *,
         keep: bool = True,
     ) -> None:
@@ -83,7 +90,10 @@ class Loop:
         self.adjustments = Adjustments(wiring.rows.shape[1])
         self._word = np.zeros(WORDS, np.int64) if word is None else word
         self.table = make_table(system, wiring, self.adjustments, self._word)
-        self._engine = build_engine(choice.name, self.table)
+        self._engine = build_engine(choice.name, self.table, events)
+        self._events: EventPoints | None = None
+        if events:
+            self._events = EventPoints(system, wiring, self.table, events, self._execute)
         self.complete = 0
         self.status: RunStatus | None = None
         self.reason: str | None = None
@@ -233,20 +243,42 @@ class Loop:
             fill_unreceived_inputs(self.table, early_stop)
         elif self.status is None and self.complete > self._comm_points.final:
             self.status = "finished"
+        self._take_within_steps()
         self._dispatch.deliver(self.complete)
         self._segment.took(last - first, time.perf_counter() - began)
         if self.status is not None:
             self._conclude()
 
+    def _take_within_steps(self) -> None:
+        """Pass on what the components' outputs were within the steps of the segment."""
+        for instance in self._wiring.instances:
+            dead = instance.slave.phase in ("failed", "closed")
+            found = instance.component.intermediate and not dead
+            if found and (taken := instance.slave.taken_within_steps()):
+                times = np.array([round(time * 1e9) for time, _ in taken], np.int64)
+                values = np.array([values for _, values in taken])
+                self._dispatch.within_steps(instance.name, times, values)
+
     def _execute(self, begin: int, end: int, first: int, last: int) -> EarlyStop | None:
         """Carry out operations begin to end - 1 at points first to last - 1."""
         self._word[1] = 1
-        found = self._engine.run(begin, end, first, last)
-        self._word[1] = 0
-        return found
+        try:
+            found = self._engine.run(begin, end, first, last)
+        finally:
+            self._word[1] = 0
+        if found is None or found.status != TOO_LARGE or self.table.threads > 1:
+            return found
+        # an integer that no double is: from here on by the loop in Python, which has texts for it
+        self._engine = PlainLoop(self.table)
+        early_stop = self._execute(self.table.place()[1], end, found.k, found.k + 1)
+        if early_stop is None and found.k + 1 < last:
+            early_stop = self._execute(begin, end, found.k + 1, last)
+        return early_stop
 
     def _cross(self, k: int) -> EarlyStop | None:
-        """Carry out point k, at which the delay of a message is decided by what is sent there."""
+        """Carry out point k, at which events may occur, or what is sent decides a delay."""
+        if self._events is not None:
+            return self._cross_with_events(self._events, k)
         sent = self.table.sent
         early_stop = self._execute(0, sent, k, k + 1)
         if early_stop is not None:
@@ -260,6 +292,19 @@ class Loop:
         self._wiring.fill_routes(k, self._comm_points.ready)
         self._wiring.begin_rows(k, self._comm_points.ready)
         return self._execute(sent, len(self.table.operations), k, k + 1)
+
+    def _cross_with_events(self, events: EventPoints, k: int) -> EarlyStop | None:
+        try:
+            return events.carry_out(k)
+        except (ComponentError, InputError) as error:
+            time_s = self._comm_points.points_ns[k] / 1e9
+            self.status, self.reason = "failed", error.text()
+            self.complete = k + (self.table.place() > (k, self.table.complete))
+            if isinstance(error, ComponentError) and error.kind is not None:
+                self.cause = Cause.of_error(error, time_s)
+            else:
+                self.cause = Cause("refused", time_s=time_s, detail=error.what)
+            return None
 
     def _conclude(self) -> None:
         points, early_stop = self._comm_points.points_ns, self._early_stop

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from cosim.core import InputError
 from cosim.fmu import Feedthrough, FmuDescription, Port
 from cosim.master.communication_schedule import CommunicationSchedule, Link
+from cosim.master.event_checks import Ticks, check_event_keys
 
 LogLevel = Literal["debug", "info", "warning", "error", "fatal"]
 """Levels of log messages, the least grave first."""
@@ -54,11 +55,15 @@ class Component:
     `feedthrough` : the outputs with direct feedthrough, in place of what the FMU declares:
     "none", or their names (`cosim.fmu.feedthrough`); None: as the FMU declares.
     `isolate` : its slave is in a process of its own (`cosim.fmu.isolation`).
+    `event_mode` : its events and Clocks are handled in event mode; None: if its FMU has one.
+    `clocks` : by name of an input Clock, its interval [s], or the instants of its ticks [s].
+    `intermediate` : outputs that are also read within its steps, where the FMU offers it.
     Arrays have the lengths that structural parameters among `parameters` give them.
 
     Raises
     ------
-    InputError : a length that is none, or a name in `feedthrough` that is no output.
+    InputError : a length that is none, a name in `feedthrough` that is no output, an event mode
+        that the FMU does not have, a Clock or an output that cannot be used like this.
     """
 
     description: FmuDescription
@@ -68,10 +73,20 @@ class Component:
     log_categories: Sequence[str] | None = None
     feedthrough: Feedthrough | None = None
     isolate: bool = False
+    event_mode: bool | None = None
+    clocks: Mapping[str, Ticks] = field(default_factory=dict)
+    intermediate: Sequence[str] = ()
 
     def __post_init__(self) -> None:
         resized = self.description.resized(self.parameters)
-        object.__setattr__(self, "description", resized.with_feedthrough(self.feedthrough))
+        check_event_keys(resized, self.event_mode, self.clocks, self.intermediate)
+        described = resized if self.has_events else resized.without_events()
+        object.__setattr__(self, "description", described.with_feedthrough(self.feedthrough))
+
+    @property
+    def has_events(self) -> bool:
+        """Whether its events and Clocks are handled in event mode."""
+        return self.description.has_event_mode if self.event_mode is None else self.event_mode
 
 
 class RouteKey(NamedTuple):
@@ -119,6 +134,11 @@ class Parts:
     solve: bool = False
     solve_tolerance: float = 1e-10
     solve_limit: int = 100
+
+    @property
+    def has_events(self) -> bool:
+        """Whether components have events: points are added during the run, where they occur."""
+        return any(component.has_events for component in self.components.values())
 
     @property
     def grows(self) -> bool:

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
+from types import MappingProxyType
 from typing import Literal
 
 import numpy as np
 
 from cosim.fmu import ACCEPTED_STATUSES, FmuSlave
 from cosim.master.component_instance import Group
+from cosim.master.event_instance import EventInstance
 from cosim.master.exchange import (
     OK,
-    Exchange,
     exchange_function,
+    exchange_of,
     float_mode_restorer,
     pointer,
     step_function,
@@ -47,8 +49,10 @@ or made tiny numbers count as zero."""
 class PlainLoop:
     """Carries out a table of operations."""
 
-    def __init__(self, table: Table) -> None:
-        self._table, self._rows = table, table.rows
+    def __init__(
+        self, table: Table, events: Mapping[int, EventInstance] = MappingProxyType({})
+    ) -> None:
+        self._table, self._rows, self._events = table, table.rows, events
         self._calls = [self._call(operation) for operation in table.operations]
         self._column = self._passes = 0
         self._restore_float_mode = float_mode_restorer()
@@ -118,8 +122,11 @@ class PlainLoop:
     ) -> Callable[[int], int]:
         """Return what gets or sets a group of values in a row."""
         rows, instance = self._rows, self._table.instances[operation.instance]
+        if operation.instance in self._events:
+            in_event_mode = self._events[operation.instance].exchange(group, way)
+            return lambda at: in_event_mode(rows, at)
         if group.c_type != "f8":
-            exchange = Exchange(instance, group, way)
+            exchange = exchange_of(instance, group, way)
             return lambda at: exchange(rows[at])
         slave = instance.slave
         version = slave.description.version
@@ -131,28 +138,24 @@ class PlainLoop:
 
     def _step(self, slave: FmuSlave) -> Callable[[int, int], int]:
         """Return what steps an instance from a point to another."""
-        points = self._table.comm_points
-        version, no_way_back = slave.description.version, self._table.no_way_back.data
-        function = step_function(version, slave.address("step"))
-        component = pointer(slave.component)
-        times, seconds = points.points_ns.data, points.seconds.data
+        points, call = self._table.comm_points, step_call(slave, self._table.no_way_back.data)
+        times, seconds, sizes = points.points_ns.data, points.seconds.data, points.sizes.data
 
-        def step_2(k: int, following: int) -> int:
-            size = (times[following] - times[k]) / 1e9
-            return function(component, seconds[k], size, no_way_back[0])
+        def step(k: int, following: int) -> int:
+            size = sizes[k] if following == k + 1 else (times[following] - times[k]) / 1e9
+            return call(seconds[k], size)
 
+        if slave.description.version == "2.0":
+            return step
         results = (ctypes.c_ubyte * 16).from_address(slave.step_results)
-        places = [slave.step_results + place for place in (0, 1, 2, 8)]
 
         def step_3(k: int, following: int) -> int:
-            results[0] = results[1] = results[2] = 0
-            size = (times[following] - times[k]) / 1e9
-            status = function(component, seconds[k], size, no_way_back[0], *places)
+            status = step(k, following)
             if status not in ACCEPTED_STATUSES:
                 return status
             return ENDED if results[1] or results[2] else status
 
-        return step_2 if version == "2.0" else step_3
+        return step_3
 
     def _range_status(self, k: int) -> int:
         inside = np.abs(self._rows[k, : self._table.outputs]) <= self._table.bounds
@@ -176,6 +179,22 @@ class PlainLoop:
         if changed.size:
             self._column = int(loop.columns[changed[-1]])
         return not changed.size
+
+
+def step_call(slave: FmuSlave, no_way_back: Sequence[int]) -> Callable[[float, float], int]:
+    """Return what steps a slave from an instant by a size [s], and returns the status."""
+    version = slave.description.version
+    function, component = step_function(version, slave.address("step")), pointer(slave.component)
+    if version == "2.0":
+        return lambda time, size: function(component, time, size, no_way_back[0])
+    results = (ctypes.c_ubyte * 16).from_address(slave.step_results)
+    places = [slave.step_results + place for place in (0, 1, 2, 8)]
+
+    def step(time: float, size: float) -> int:
+        results[0] = results[1] = results[2] = 0
+        return function(component, time, size, no_way_back[0], *places)
+
+    return step
 
 
 def move(table: Table, operation: Move, k: int, at: int) -> None:

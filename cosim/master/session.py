@@ -17,6 +17,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
+from fractions import Fraction
 from typing import TYPE_CHECKING, Any, Self, get_args
 
 import numpy as np
@@ -27,6 +28,8 @@ from cosim.fmu import FmuSlave
 from cosim.master.adjustments import Adjustment
 from cosim.master.component_instance import ComponentInstance
 from cosim.master.engine import EngineChoice, EngineName, choose_engine
+from cosim.master.event_checks import slave_options
+from cosim.master.event_instance import EventInstance
 from cosim.master.initialisation import Initialisation
 from cosim.master.loop import Loop
 from cosim.master.observers import Observer, ObserverDispatch
@@ -100,12 +103,14 @@ class Session:
                 hint="a longer step, a shorter run, or keep=False: observers receive the rows",
             )
         texts = any(
-            column.port.kind == "string"
+            column.port.kind in ("string", "binary")
             for instance in self._wiring.instances
             for column in (*instance.output_columns, *instance.input_columns)
         )
         self._comm_points = self._wiring.comm_points
-        self._choice = choose_engine(engine, texts=texts, threads=system.threads)
+        events = system.has_events
+        self._choice = choose_engine(engine, texts=texts, events=events, threads=system.threads)
+        self._in_event_mode: dict[int, EventInstance] = {}
         self._dispatch = dispatch or ObserverDispatch(observers)
         self._stack = ExitStack()
         self._loop: Loop | None = None
@@ -123,12 +128,19 @@ class Session:
                     note,
                     categories=component.log_categories,
                     process=processes.get(name),
+                    options=slave_options(self.system, name),
                 )
                 self._stack.enter_context(slave)
                 self._wiring.instance(name).slave = slave
+            self._in_event_mode = {
+                number: EventInstance(number, instance)
+                for number, instance in enumerate(self._wiring.instances)
+                if instance.component.has_events
+            }
             self._begin_run()
             self._loop = Loop(
                 *(self.system, self._wiring, self._dispatch, self._choice, self._word),
+                self._in_event_mode,
                 keep=self._keep,
             )
         except BaseException as error:
@@ -137,7 +149,8 @@ class Session:
         return self
 
     def _begin_run(self) -> None:
-        self.initial_passes = self._initialisation.run(self.system)
+        events = self._in_event_mode.values()
+        self.initial_passes = self._initialisation.run(self.system, events)
         for observer in self._observers:
             observer.begin(self._wiring.instances)
 
@@ -322,6 +335,8 @@ class Session:
                 hint="override() it, or set its source",
             )
         instance.slave.write({variable: value})
+        for one in self._in_event_mode.values():
+            one.event_needed |= one.instance is instance  # what is set may be an event
         self._opened().forget_exchange()
 
     def override(self, component: str, variable: str, value: float) -> None:
@@ -346,7 +361,12 @@ class Session:
         instance = self._instance(component)
         end = self.system.comm_schedule.end_ns / 1e9
         instance.slave.reset()
-        instance.slave.initialise(instance.component.parameters, self.time_s, end)
+        instance.slave.set_start(instance.component.parameters)
+        instance.slave.enter_initialisation(self.time_s, end)
+        for one in self._in_event_mode.values():
+            if one.instance is instance:
+                one.prepare(Fraction(self.time_ns, 10**9))
+        instance.slave.exit_initialisation()
         self._opened().forget_exchange()
 
     def note(self, level: str, name: str, message: str, *, time_ns: int | None = None) -> None:
@@ -384,6 +404,7 @@ class Session:
         InputError : a component whose FMU cannot save its state, or serialise it, named.
         """
         loop = self._opened()
+        self._check_without_events()
         self._check_kept("there is no snapshot of a run whose rows are not kept")
         if loop.status in ("failed", "diverged"):
             raise InputError(
@@ -431,9 +452,20 @@ class Session:
 
     def _column(self, component: str, variable: str) -> int:
         number, column = self._instance(component).place(variable, "output or connected input")
-        if column.port.kind == "string":
-            raise InputError("a text cannot be overridden", where=f"{component}.{variable}")
+        if column.port.kind in ("string", "binary", "clock"):
+            what = {"string": "a text", "binary": "bytes", "clock": "the tick of a Clock"}
+            where = f"{component}.{variable}"
+            raise InputError(f"{what[column.port.kind]} cannot be overridden", where=where)
         return number
+
+    def _check_without_events(self) -> None:
+        if self._in_event_mode:
+            raise InputError(
+                "there is no snapshot of a run whose components have events",
+                where="Session",
+                got=", ".join(one.instance.name for one in self._in_event_mode.values()),
+                hint="event_mode = false for these components",
+            )
 
     def _check_kept(self, what: str) -> None:
         if not self._keep:

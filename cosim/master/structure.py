@@ -36,6 +36,7 @@ def can_be_reset(system: System) -> bool:
     return system.threads == 1 and all(
         component.description.model.generationTool == _OWN_TOOL
         and not component.isolate
+        and not component.has_events
         and not component.description.departures  # a new instance logs them
         for component in system.components.values()
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Container, Iterable, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import groupby
@@ -27,7 +27,7 @@ NOMINAL_RANGE = 1e6
 """An output that declares its nominal value is in range up to so many times this value."""
 _LEAST_BLOCK, _BLOCK_VALUES = 1 << 10, 1 << 21
 """Steps of a run in a block, and values in its rows: 16 MB of these."""
-_KINDS = ("float", "int", "bool", "string")
+_KINDS = ("clock", "float", "int", "bool", "string", "binary")
 
 
 def _reserve(shape: tuple[int, int]) -> RowMemory:
@@ -180,7 +180,21 @@ def _inputs(system: System, name: str, arriving: _Arriving) -> tuple[list[Port],
         ports += mine
         route_keys += [number] * len(mine)
     driven = [system.port(Endpoint(name, variable)) for variable in arriving.driven]
+    driven += _ticked_by_master(system.components[name], {port.name for port in ports})
     return ports + driven, route_keys + [None] * len(driven)
+
+
+def _ticked_by_master(component: Component, connected: Container[str]) -> list[Port]:
+    """Return the input Clocks of a component that no connection lets tick."""
+    return [
+        port
+        for port in component.description.ports.values()
+        if port.kind == "clock"
+        and port.clock is not None
+        and port.causality == "input"
+        and port.name not in connected
+        and (port.clock.time_based or port.name in component.clocks)
+    ]
 
 
 def _check_in_turns(system: System, name: str, route_key: RouteKey) -> None:
@@ -205,13 +219,14 @@ def _groups(
     given = route_keys if route_keys is not None else [None] * len(ports)
     groups = []
     pairs = zip(ports, given, strict=True)
-    for (getter_type, route_key), found in groupby(
-        pairs, key=lambda pair: (pair[0].getter_type, pair[1])
+    for (getter_type, route_key, clocks), found in groupby(
+        pairs, key=lambda pair: (pair[0].getter_type, pair[1], pair[0].clocks)
     ):
         members = [port for port, _ in found]
         size = sum(port.size for port in members)
         references = np.array([port.reference for port in members], dtype=np.uint32)
-        groups.append(Group(getter_type, members[0].c_type, references, size, column, route_key))
+        given_type = (getter_type, members[0].c_type)
+        groups.append(Group(*given_type, references, size, column, route_key, clocks))
         column += size
     return tuple(groups)
 

@@ -69,6 +69,10 @@ from .run_limits import (
 )
 from .run_series import RunSeries as RunSeries
 from .schema import Scenario as Scenario
+from .ssp.check import (
+    SspCheck as SspCheck,
+    check_ssp as check_ssp,
+)
 from .ssp.export import (
     SspExport as SspExport,
     export_ssp as export_ssp,
@@ -76,6 +80,11 @@ from .ssp.export import (
 from .ssp.importing import (
     SspImport as SspImport,
     import_ssp as import_ssp,
+)
+from .ssp.names import SspVersion as SspVersion
+from .ssp.tool_rules import (
+    TOOLS as TOOLS,
+    Tool as Tool,
 )
 from .step_check import (
     StepCheck as StepCheck,

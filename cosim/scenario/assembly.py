@@ -179,15 +179,19 @@ def parts_of(
             components[name] = like.parts.components[name]
             continue
         still = _at_rest(fmu, name, connected) if at_rest else {}
-        step = scenario.components[name].step
-        components[name] = Component(
-            fmu,
-            {**own[name], **still, **more},
-            None if step is None else nanoseconds(step),
-            *_wanted_log(scenario, name),
-            feedthrough=declared.get(name),
-            isolate=scenario.components[name].isolate,
-        )
+        part = scenario.components[name]
+        with findings.at("components", name):
+            components[name] = Component(
+                fmu,
+                {**own[name], **still, **more},
+                None if part.step is None else nanoseconds(part.step),
+                *_wanted_log(scenario, name),
+                feedthrough=declared.get(name),
+                isolate=part.isolate,
+                event_mode=part.event_mode,
+                clocks=part.clocks,
+                intermediate=part.intermediate,
+            )
     return SystemParts(components, wires, links, driven, comm_schedule, own, shaped)
 
 

@@ -53,6 +53,9 @@ def run_metadata_of(
         entries["host.scenario.source.sha256"] = loaded.source_sha256
     for package in ("fmpy", "pythonfmu", "numpy", "mcap"):
         entries[f"host.{package}"] = importlib.metadata.version(package)
+    with_events = [name for name, component in system.components.items() if component.has_events]
+    if with_events:
+        entries["event_mode"] = ", ".join(with_events)
     cut = receiving_order(system).cut
     if cut:
         pairs = [{"from": str(c.source), "to": str(c.target)} for c in cut]

@@ -21,6 +21,7 @@ from cosim.scenario.fields import (
     Duration,
     FmiValue,
     Frequency,
+    Instant,
     Name,
     NotNegative,
     Number,
@@ -100,6 +101,18 @@ class ComponentPart(Part):
     isolate: bool = False
     """The slave is in a process of its own, so that it cannot harm the others, and an FMU that
     allows one instance per process can be there several times.
+    """
+    event_mode: bool | None = None
+    """Whether events and Clocks of an FMI 3.0 FMU are handled in event mode, at communication
+    points of their own; without this key, if the FMU offers that. false: it runs by steps alone.
+    """
+    clocks: dict[Text, Duration | list[Instant]] = Field(default_factory=dict)
+    """Ticks of input Clocks: the interval of a fixed or tunable one, or the instants of a triggered
+    one that nothing is connected to.
+    """
+    intermediate: list[Text] = Field(default_factory=list)
+    """Outputs that are also recorded within the steps, as often as the FMU offers it, on the topic
+    /NAME/intermediate.
     """
     parameters: dict[str, FmiValue] = Field(default_factory=dict)
     """Parameters and start values, of the variable's type: numbers (in the variable's unit, or

@@ -7,6 +7,10 @@ from .merge import (
     MergedStudy as MergedStudy,
     merge_studies as merge_studies,
 )
+from .picture_kinds import (
+    PICTURE_KINDS as PICTURE_KINDS,
+    draw_study as draw_study,
+)
 from .pictures import draw as draw
 from .plan import Plan as Plan
 from .rare_events import (
@@ -18,7 +22,14 @@ from .read import (
     builtin_studies as builtin_studies,
     load_study as load_study,
 )
-from .repeat import repeat_run as repeat_run
+from .repeat import (
+    check_unchanged as check_unchanged,
+    repeat_run as repeat_run,
+)
+from .report import (
+    StudyReport as StudyReport,
+    write_study_report as write_study_report,
+)
 from .running import (
     plan_of as plan_of,
     pool_for as pool_for,

@@ -7,7 +7,7 @@ import platform
 import threading
 import time
 from collections import OrderedDict
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib.metadata import version
 from itertools import repeat
@@ -98,7 +98,7 @@ _alone = threading.Lock()
 def run_batch(job: Job, runs: Sequence[int]) -> list[Row]:
     """Execute these runs; an error of a run becomes its row."""
     with _alone:
-        runner = _runner(job)
+        runner = runner_of(job)
         with runner.supervised():
             rows: Iterable[Row | None] = repeat(None, len(runs))
             if job.traces is None:
@@ -110,7 +110,7 @@ def run_batch(job: Job, runs: Sequence[int]) -> list[Row]:
 def record_batch(job: Job, runs: Sequence[int]) -> list[str | None]:
     """Repeat these runs with a trace each; return the reason for each trace that is missing."""
     with _alone:
-        runner = _runner(job)
+        runner = runner_of(job)
         return [_recorded(job, runner, run) for run in runs]
 
 
@@ -119,10 +119,10 @@ def register_runner(digest: str, runner: StudyRunner) -> None:
     _runners[digest] = runner
 
 
-def _runner(job: Job) -> StudyRunner:
+def runner_of(job: Job) -> StudyRunner:
     """Return this process' runner for a study; it is created once."""
     if job.digest not in _runners:
-        _check_software(job)
+        check_software(job.software)
         _runners[job.digest] = StudyRunner(job.study, job.base, job.hashes, job.designs)
         while len(_runners) > _RUNNERS_KEPT:
             _runners.popitem(last=False)
@@ -139,15 +139,20 @@ def software() -> dict[str, str]:
     return {"python": platform.python_version(), **{name: version(name) for name in PACKAGES}}
 
 
-def _check_software(job: Job) -> None:
-    """Check that a worker has the versions of the process that started the study."""
+def check_software(wanted: Mapping[str, str]) -> None:
+    """Check that a worker has the versions of the process that started the study.
+
+    Raises
+    ------
+    InputError : it has not.
+    """
     here = software()
-    differ = [name for name, wanted in job.software.items() if here.get(name) != wanted]
+    differ = [name for name, version_there in wanted.items() if here.get(name) != version_there]
     if differ:
         raise InputError(
             "a worker has other versions than the process that started the study",
             where=f"worker {platform.node()}, process {os.getpid()}",
-            expected=", ".join(f"{name} {job.software[name]}" for name in differ),
+            expected=", ".join(f"{name} {wanted[name]}" for name in differ),
             got=", ".join(f"{name} {here.get(name)}" for name in differ),
             hint="install the same versions everywhere; results would not be the same bit for bit",
         )

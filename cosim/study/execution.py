@@ -39,6 +39,8 @@ from cosim.study.workers import Batch, WorkerDied, WorkerPool, in_process
 
 BATCH_S = 2.0
 """Time that a batch should take [s]: much longer than submitting it, short for a user."""
+BATCH_S_PER_WORKER = 0.005
+"""That time for each worker, if it is longer [s]: twice what a scheduler spends on a batch."""
 MAX_AT_ONCE = 1000
 MOST_INCOMPLETE = 1000
 """Most runs without a result that `StudyResult` lists."""
@@ -134,8 +136,12 @@ def execute_study(
     register_runner(plan.job.digest, plan.runner)
     plan.runner.limits, retried = plan.job.limits, 0
     with Folder(out) as folder, ExitStack() as pools:
+        # where the scenario is, for `cosim study repeat FOLDER`; the table must not depend on it
+        origin = {"scenario_folder": str(plan.job.base.folder)}
         folder.begin(
-            manifest_of(plan), fresh=fresh, extended=lambda before: extended_by(plan, before)
+            manifest_of(plan) | origin,
+            fresh=fresh,
+            extended=lambda before: extended_by(plan, before),
         )
         done = folder.rows
         before = len(done)
@@ -207,7 +213,7 @@ class _Queue:
     """The runs that are left, in batches that take about `BATCH_S`."""
 
     def __init__(self, runs: Iterator[int], count: int, workers: int, seconds: float) -> None:
-        self._runs, self._left, self._workers = runs, count, workers
+        self._runs, self._left, self.workers = runs, count, workers
         self._each = seconds
         self._again: list[Batch] = []
 
@@ -215,9 +221,10 @@ class _Queue:
         """Return the next batch; None if there is none."""
         if self._again:
             return self._again.pop()
-        size = int(BATCH_S / max(self._each, 1e-6))
+        seconds = max(BATCH_S, BATCH_S_PER_WORKER * self.workers)
+        size = int(seconds / max(self._each, 1e-6))
         # smaller batches towards the end, so that all workers end at about the same time
-        size = max(1, min(size, MAX_AT_ONCE, math.ceil(self._left / (4 * self._workers))))
+        size = max(1, min(size, MAX_AT_ONCE, math.ceil(self._left / (4 * self.workers))))
         batch = list(itertools.islice(self._runs, size))
         self._left -= len(batch)
         return batch or None
@@ -259,6 +266,7 @@ def _run_rest(
     retried = 0
 
     def next_batch() -> Batch | None:
+        queue.workers = pool.size  # workers may come and go
         return queue.next_batch() if time.perf_counter() < until else None
 
     def report(more: str = "") -> None:

@@ -22,6 +22,7 @@ from typing import Any, Self
 from cosim.core import InputError, LossError, lock_file, write_whole, written_beside
 from cosim.study.batch import Row
 from cosim.study.run_log import RunLog, line_of
+from cosim.study.schema import Study
 
 MANIFEST, RUN_LOG, RESULTS, TRACES = "study.json", "journal.jsonl", "results.parquet", "traces"
 LOCK = ".lock"
@@ -99,7 +100,7 @@ class Folder:
             run_log = self.path / manifest["run_log"]
             if before is None:
                 run_log.unlink(missing_ok=True)
-            self.rows = RunLog(run_log, append=True)
+            self.rows = RunLog(run_log, append=True, fits=_fits(manifest))
         except BaseException:
             self.close()
             raise
@@ -201,6 +202,15 @@ def read_manifest(path: Path) -> dict[str, Any]:
         ) from error
     if not isinstance(found, dict) or not {"digest", "study", "count"} <= set(found):
         raise InputError("not the manifest of a study", where=str(file))
+    try:
+        Study.model_validate(found["study"])
+    except ValueError as error:
+        raise InputError(
+            "not the manifest of a study, or of another release",
+            where=str(file),
+            expected="the keys of a study",
+            got=str(error).splitlines()[0],
+        ) from error
     return found
 
 
@@ -209,13 +219,32 @@ def read_rows(path: Path) -> RunLog:
 
     Raises
     ------
-    InputError : there is none, or it cannot be read.
+    InputError : there is none, it cannot be read, or none of its lines can.
     """
     manifest = read_manifest(path) if (path / MANIFEST).exists() else {}
+    file = path / _run_log_of(manifest)
     try:
-        return RunLog(path / _run_log_of(manifest))
+        log = RunLog(file, fits=_fits(manifest))
     except OSError as error:
         raise InputError("the run log cannot be read", where=str(path), got=str(error)) from error
+    if log.unread and not len(log):
+        log.close()
+        raise InputError(
+            "the run log is damaged",
+            where=str(file),
+            expected="a line per run: [run, status, reason, seconds, metrics ...]",
+            got=f"{log.unread} lines that cannot be read",
+            hint="the command that runs the study executes all runs again",
+        )
+    return log
+
+
+def _fits(manifest: dict[str, Any]) -> Callable[[Row], bool] | None:
+    """Return whether a row may be one of the study with this manifest; None without one."""
+    if not manifest:
+        return None
+    count, metrics = manifest["count"], len(manifest["study"]["metrics"])
+    return lambda row: row.run < count and len(row.values) == metrics
 
 
 def remove(path: Path) -> None:

@@ -7,9 +7,11 @@ the grid differ only by the values of the grid axes.
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cosim.core import InputError
 from cosim.study.sampling import draw
@@ -75,6 +77,20 @@ class Points:
         mine = next(axis for axis in more.axes if isinstance(axis, SampledAxis))
         outer, inner = divmod(run, stride * count)
         return outer * stride * len(more._values[id(mine)]) + inner
+
+    def draws(self, runs: NDArray[np.int64]) -> NDArray[np.int64] | None:
+        """Return the number of the draw that each run belongs to, counted from 0, (n,).
+
+        Draws are the samples, or the replicates where there is one sample or none; None without.
+        """
+        sampled = [axis for axis in self.axes if isinstance(axis, SampledAxis)]
+        if sampled and (count := len(self._values[id(sampled[0])])) > 1:
+            together = len(sampled) + 2 if sampled[0].kind == "saltelli" else 1
+            return runs // self._strides[id(sampled[0])] % count // together
+        seeds = math.prod(
+            len(self._values[id(axis)]) for axis in self.axes if isinstance(axis, ReplicatesAxis)
+        )
+        return runs % seeds if seeds > 1 else None
 
     def _value(self, axis: Axis, run: int) -> Any:
         values = self._values[id(axis)]

@@ -7,20 +7,25 @@ from importlib.resources import files
 from pathlib import Path
 
 from cosim.core import STUDY_FILE, InputError
-from cosim.scenario import LoadedScenario, builtin_names, load, read_text, validated
+from cosim.scenario import LoadedScenario, builtin_names, load, parse, read_text, validated
 from cosim.study.consistency import Place, check_consistent, in_file
+from cosim.study.folder import MANIFEST, read_manifest
 from cosim.study.schema import Study
 
 
 @dataclass(frozen=True)
 class LoadedStudy:
-    """A study, its name (built-in, or the file's stem), text and file (`where`), its scenario."""
+    """A study, its name (built-in, or the file's stem), text and file (`where`), its scenario.
+
+    digest : of the results in its folder, if it was loaded from one.
+    """
 
     name: str
     study: Study
     text: str
     where: str
     base: LoadedScenario
+    digest: str | None = None
 
     @property
     def place(self) -> Place:
@@ -37,7 +42,7 @@ def builtin_studies() -> list[str]:
 
 
 def load_study(name_or_path: str) -> LoadedStudy:
-    """Load a built-in study by name, or a TOML file by path, and the scenario it names.
+    """Load a built-in study by name, a TOML file by path, or what a folder of results is of.
 
     Raises
     ------
@@ -45,6 +50,8 @@ def load_study(name_or_path: str) -> LoadedStudy:
         that cannot be read.
     """
     names = builtin_studies()
+    if name_or_path not in names and Path(name_or_path, MANIFEST).is_file():
+        return _of_folder(Path(name_or_path))
     if name_or_path in names:
         path = Path(str(files("cosim.study").joinpath("library", f"{name_or_path}.toml")))
         where = path.name
@@ -61,3 +68,24 @@ def load_study(name_or_path: str) -> LoadedStudy:
     if named not in builtin_names() and named.endswith(".toml"):
         named = str(path.resolve().parent / named)
     return LoadedStudy(path.stem, study, text, where, load(named))
+
+
+def _of_folder(folder: Path) -> LoadedStudy:
+    """Load the study and the scenario whose results a folder has."""
+    manifest = read_manifest(folder)
+    scenario, where = manifest["scenario"], str(folder / MANIFEST)
+    place = manifest.get("scenario_folder")
+    if scenario["name"] in builtin_names() and load(scenario["name"]).text == scenario["text"]:
+        base = load(scenario["name"])
+    elif place is None or not Path(place).is_dir():
+        raise InputError(
+            "the folder of the study's scenario is not here",
+            where=where,
+            expected="scenario_folder, from where the scenario's FMUs are found",
+            got=str(place),
+            hint="give the study's file instead of the folder of its results",
+        )
+    else:
+        base = parse(scenario["text"], name=scenario["name"], where=where, folder=Path(place))
+    study = Study.model_validate(manifest["study"])
+    return LoadedStudy(folder.resolve().name, study, "", where, base, manifest["digest"])

@@ -11,6 +11,7 @@ from cosim.study.folder import read_manifest, read_rows
 from cosim.study.plan import Plan
 from cosim.study.points import Points
 from cosim.study.rare_study import RarePoints
+from cosim.study.read import LoadedStudy
 from cosim.study.stages import points_of_rows
 
 _FOLLOWS = "later runs of a rare event follow from the results in its folder: --from FOLDER"
@@ -44,6 +45,26 @@ def repeat_run(
         )
     plan.runner.limits = limits
     return plan.runner.record(run, trace)[0]
+
+
+def check_unchanged(plan: Plan, loaded: LoadedStudy) -> None:
+    """Check that a study loaded from the folder of its results still gives these results.
+
+    Raises
+    ------
+    InputError : FMUs, scenario, design or software are others than then.
+    """
+    if loaded.digest is None or loaded.digest == plan.job.digest:
+        return
+    before = read_manifest(Path(loaded.where).parent).get("parts", {})
+    changed = [name for name, value in plan.hashes.items() if before.get(name) != value]
+    raise InputError(
+        "the run would not be that of the study",
+        where=loaded.where,
+        expected=f"the same {', '.join(changed) or 'study'} as when the study was run",
+        got=", ".join(f"{name} {plan.hashes[name][:12]}" for name in changed) or "another digest",
+        hint="the same --fmus and --flavour; or the study's file, which runs it as it is now",
+    )
 
 
 def _points(plan: Plan, results: Path) -> Points | RarePoints:

@@ -10,13 +10,14 @@ import json
 import os
 from array import array
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
-from typing import Any, Self
+from typing import Self
 
 from cosim.study.batch import TIMED_OUT, Row
 
 _NOWHERE = -1
+_CELL = bool | int | float | str | None
 
 
 class RunLog:
@@ -28,9 +29,11 @@ class RunLog:
     ----------
     path : the file.
     append : open it for appending too; an incomplete last line is removed.
+    fits : whether a row may be one of the study; None: any may.
 
     Attributes
     ----------
+    unread : number of lines that are no rows of the study.
     statuses : status -> number of runs.
     types : types of the values of each metric.
     seconds : wall time of all runs together.
@@ -41,8 +44,14 @@ class RunLog:
     OSError : it cannot be read.
     """
 
-    def __init__(self, path: Path, *, append: bool = False) -> None:
-        self.path = path
+    def __init__(
+        self,
+        path: Path,
+        *,
+        append: bool = False,
+        fits: Callable[[Row], bool] | None = None,
+    ) -> None:
+        self.path, self.unread = path, 0
         self.statuses: Counter[str] = Counter()
         self.types: list[set[type]] = []
         self.seconds = self.longest = 0.0
@@ -54,8 +63,10 @@ class RunLog:
             if not line.endswith(b"\n"):
                 break
             row = _row(line)
-            if row is not None:
+            if row is not None and (fits is None or fits(row)):
                 self._enter(row)
+            else:
+                self.unread += 1
             self._end += len(line)
         if append:
             self._file.truncate(self._end)
@@ -131,5 +142,13 @@ def _row(line: bytes) -> Row | None:
         run, status, reason, seconds, *values = json.loads(line)
     except (ValueError, TypeError):
         return None
-    whole: Any = isinstance(run, int) and run >= 0
-    return Row(run, status, reason, seconds, tuple(values)) if whole else None
+    row = Row(run, status, reason, seconds, tuple(values))
+    whole = (
+        isinstance(run, int)
+        and run >= 0
+        and isinstance(status, str)
+        and isinstance(reason, str | None)
+        and isinstance(seconds, int | float)
+        and all(isinstance(value, _CELL) for value in values)
+    )
+    return row if whole else None

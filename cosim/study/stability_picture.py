@@ -148,12 +148,20 @@ def _outline(
     axis: Any, bx: Any, by: Any, inside: Any, colour: str, label: str, width: float
 ) -> None:
     """Draw the border of a set of cells."""
+    for place, (px, py) in enumerate(outline(bx, by, inside)):
+        style = {"color": colour, "lw": width, "solid_capstyle": "projecting", "zorder": 4}
+        axis.plot(px, py, label=label if place == 0 else None, **style)
+
+
+def outline(bx: Any, by: Any, inside: Any) -> list[tuple[list[float], list[float]]]:
+    """Return the border of a set of cells, as pieces of two points: x and y of both.
+
+    bx, by : borders of the columns, (nx + 1,), and rows, (ny + 1,); inside : (ny, nx).
+    """
     pieces: list[tuple[list[float], list[float]]] = []
     # an edge lies between two cells of which one is inside
     for row, j in zip(*np.nonzero(inside[:, 1:] != inside[:, :-1]), strict=True):
         pieces.append(([bx[j + 1]] * 2, [by[row], by[row + 1]]))
     for i, column in zip(*np.nonzero(inside[1:] != inside[:-1]), strict=True):
         pieces.append(([bx[column], bx[column + 1]], [by[i + 1]] * 2))
-    for place, (px, py) in enumerate(pieces):
-        style = {"color": colour, "lw": width, "solid_capstyle": "projecting", "zorder": 4}
-        axis.plot(px, py, label=label if place == 0 else None, **style)
+    return pieces

@@ -16,18 +16,24 @@ import warnings
 from collections.abc import Callable, Iterator
 from concurrent.futures import CancelledError
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Protocol
 
 from cosim.core import ComponentError, CosimError, InputError
+from cosim.fmu import own_folder
 from cosim.study.batch import Job
+from cosim.study.folder import not_written
+from cosim.study.shipping import Offer, keep_traces, run_ticket
 
 Batch = list[int]
 BatchFunction = Callable[[Job, Batch], list[Any]]
 """Executed in a worker: `run_batch` or `record_batch`."""
 
 _ATTEMPTS = 2  # a batch is given back after so many workers died on it
-_AHEAD = 2  # batches submitted per worker, so that none waits for the next
-_PATIENCE_S = 20
+# batches submitted per worker, so that none waits for the next; an adaptive cluster grows only if
+# there is more work than for `distributed.adaptive.target-duration`, 5 s, which is not two batches
+_AHEAD = 4
+_CONNECT_S = 5
 WAIT_S = 600.0
 """How long to wait for workers by default, when there are none [s]: far longer than one starts."""
 _SAY_S = 30.0  # without workers, before it is reported
@@ -80,11 +86,13 @@ class InProcessPool:
 class DaskPool:
     """The workers of a Dask client.
 
-    `wait_s` : how long to wait for workers when there are none [s]; None: for ever.
+    wait_s : how long to wait for workers when there are none [s]; None: for ever.
+    ships : whether files are shipped, since workers may share no folder with this process.
     """
 
-    def __init__(self, client: Any, wait_s: float | None) -> None:
+    def __init__(self, client: Any, wait_s: float | None, *, ships: bool = False) -> None:
         self._client, self._wait_s = client, wait_s
+        self._offer = Offer(client, ships=ships)
         self.notice: Callable[[str], None] = _unheard
         self.size = max(1, self._workers())
 
@@ -110,12 +118,15 @@ class DaskPool:
         done: Any = distributed.as_completed()
         number = itertools.count()
         mark = os.urandom(4).hex()
+        ticket = self._offer.ticket(job)
 
         def fill() -> None:
             # a cluster may grow or shrink during a study
             while len(in_hand) < _AHEAD * self.size and (batch := next_batch()) is not None:
                 key = f"{job.study.title[:20]}-{mark}-{next(number)}"
-                future = self._client.submit(function, job, batch, key=key, pure=False)
+                future = self._client.submit(
+                    run_ticket, function, ticket, batch, key=key, pure=False
+                )
                 in_hand[key] = future, batch
                 done.add(future)
 
@@ -123,9 +134,15 @@ class DaskPool:
             fill()
             for future in self._completed(done):
                 _, batch = in_hand.pop(future.key)
-                result = _result(future)
+                found = _result(future)
                 future.release()
-                yield batch, result
+                if isinstance(found, WorkerDied):
+                    yield batch, found
+                else:
+                    rows, traces = found
+                    with not_written(Path(ticket.traces or "")):
+                        keep_traces(ticket, traces)
+                    yield batch, rows
                 fill()
         finally:
             left = [future for future, _ in in_hand.values()]
@@ -133,10 +150,16 @@ class DaskPool:
                 with contextlib.suppress(Exception):
                     self._client.cancel(left, force=True)
 
+    def close(self) -> None:
+        """Withdraw what workers may ask for."""
+        self._offer.close()
+
     def _completed(self, done: Any) -> Iterator[Any]:
         """Yield futures as they are completed; look from time to time whether there are workers."""
         looked = since = time.monotonic()
         reported = 0.0
+        if not self._workers():
+            self.notice("no workers yet; for one by hand: dask worker ADDRESS --nthreads 1")
         while not done.is_empty():
             found = done.next_batch(block=False)
             yield from found
@@ -165,11 +188,11 @@ def _unheard(_text: str) -> None:
     """Nobody listens."""
 
 
-def _result(future: Any) -> list[Any] | WorkerDied:
+def _result(future: Any) -> tuple[list[Any], dict[str, bytes]] | WorkerDied:
     from distributed import KilledWorker  # noqa: PLC0415 - optional
 
     try:
-        rows: list[Any] = future.result()
+        found: tuple[list[Any], dict[str, bytes]] = future.result()
     except KilledWorker:
         return WorkerDied(_ATTEMPTS)
     except CosimError:  # such as other versions there
@@ -189,7 +212,7 @@ def _result(future: Any) -> list[Any] | WorkerDied:
             got=f"{type(error).__name__}: {error}"[:400],
             hint="finished runs are kept: the same command continues",
         ) from error
-    return rows
+    return found
 
 
 @contextlib.contextmanager
@@ -222,8 +245,11 @@ def local(workers: int, wait_s: float | None = WAIT_S) -> Iterator[WorkerPool]:
     # set in each worker: what is set before a worker is started may stay set in this process
     environ = "distributed.nanny.environ"
     with (
-        # a worker that is killed leaves its files there
-        tempfile.TemporaryDirectory(prefix="cosim-study-", ignore_cleanup_errors=True) as scratch,
+        # a worker that is killed leaves its files there; if this process is killed, the next one
+        # removes its folder
+        tempfile.TemporaryDirectory(
+            prefix="workers-", dir=own_folder(), ignore_cleanup_errors=True
+        ) as scratch,
         dask.config.set(
             {
                 **settings,
@@ -243,7 +269,8 @@ def local(workers: int, wait_s: float | None = WAIT_S) -> Iterator[WorkerPool]:
         distributed.Client(cluster) as client,
     ):
         cluster.loop.add_callback(_watch, cluster, workers)
-        yield DaskPool(client, wait_s)
+        with contextlib.closing(DaskPool(client, wait_s)) as pool:
+            yield pool
 
 
 def _watch(cluster: Any, workers: int) -> None:
@@ -268,16 +295,18 @@ def _replace_lost(cluster: Any, workers: int) -> None:
 def cluster(address: str, wait_s: float | None = WAIT_S) -> Iterator[WorkerPool]:
     """Open a pool of the workers of a Dask scheduler, `tcp://HOST:PORT`.
 
+    It needs no workers yet: an adaptive cluster starts them when there is work.
+
     `wait_s` : how long to wait for workers when there are none [s]; None: for ever.
 
     Raises
     ------
-    InputError : Dask is not installed; no scheduler answers there, or it has no workers.
+    InputError : Dask is not installed; no scheduler answers there.
     """
     _, distributed = _dask()
     with _silent():
         try:
-            client = distributed.Client(address, timeout=f"{_PATIENCE_S // 4}s", name="study")
+            client = distributed.Client(address, timeout=f"{_CONNECT_S}s", name="study")
         except Exception as error:  # of many types, all of which mean that nobody answers
             raise InputError(
                 "no scheduler answers",
@@ -286,17 +315,8 @@ def cluster(address: str, wait_s: float | None = WAIT_S) -> Iterator[WorkerPool]
                 got=f"{type(error).__name__}: {error}"[:300],
                 hint="start one with dask scheduler, and workers with dask worker ADDRESS",
             ) from error
-        with client:
-            try:
-                client.wait_for_workers(1, timeout=_PATIENCE_S)
-            except TimeoutError as error:
-                raise InputError(
-                    "the scheduler has no workers",
-                    where=f"--scheduler {address}",
-                    expected=f"a worker within {_PATIENCE_S} s",
-                    hint=f"dask worker {address} --nthreads 1",
-                ) from error
-            yield DaskPool(client, wait_s)
+        with client, contextlib.closing(DaskPool(client, wait_s, ships=True)) as pool:
+            yield pool
 
 
 def _dask() -> tuple[Any, Any]:

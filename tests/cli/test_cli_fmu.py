@@ -48,13 +48,29 @@ def test_check_that_finds_errors_leaves_with_1(fmus: Path, tmp_path: Path) -> No
     assert result.code == 1
     assert result.json["valid"] is False
     for each in result.json["findings"]:
-        assert set(each) == {"code", "level", "where", "what", "why"}
+        assert set(each) == {"code", "level", "where", "what", "why", "number", "sections"}
     codes = [each["code"] for each in result.json["findings"]]
     assert codes.index("xml-schema") < codes.index("documentation")
     seen = cosim("fmu", "check", path, cwd=tmp_path)
     assert seen.code == 1
     assert "not valid" in seen.out
     assert "modelDescription.xml:" in seen.out
+
+
+def test_check_explains_a_rule_by_number_and_by_name(tmp_path: Path) -> None:
+    """With its sections and an example; an unknown one gives the nearest."""
+    explained = cosim("fmu", "check", "--rule", "start-missing", "--json", cwd=tmp_path)
+    assert explained.code == 0
+    assert explained.json["sections"] == "FMI 2.0.4, 2.2.7; FMI 3.0.2, 2.4.7.5"
+    assert "start=" in explained.json["instead_of"]
+    assert "start=" not in explained.json["example"]
+    by_number = cosim("fmu", "check", "--rule", explained.json["number"].lower(), cwd=tmp_path)
+    assert by_number.code == 0
+    assert "start-missing" in by_number.out
+    unknown = cosim("fmu", "check", "--rule", "start-mising", cwd=tmp_path)
+    assert unknown.code == 2
+    assert "start-missing" in unknown.err
+    assert cosim("fmu", "check", cwd=tmp_path).code == 2
 
 
 @pytest.mark.parametrize("verb", ["info", "check"])

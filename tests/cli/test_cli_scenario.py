@@ -5,7 +5,6 @@ from __future__ import annotations
 import tomllib
 from pathlib import Path
 
-import jsonschema
 from cli.shell import cosim
 
 
@@ -73,6 +72,8 @@ def test_diagrams_name_every_part(tmp_path: Path) -> None:
 
 def test_schema_is_valid_and_list_is_complete(tmp_path: Path) -> None:
     """JSON Schema by its own rules; every listed scenario can be shown."""
+    import jsonschema  # noqa: PLC0415 - two seconds, where it has grammars of addresses to compile
+
     schema = cosim("scenario", "schema", cwd=tmp_path).json
     jsonschema.Draft202012Validator.check_schema(schema)
     rows = cosim("scenario", "list", "--json", cwd=tmp_path).json["scenarios"]

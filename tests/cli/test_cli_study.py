@@ -98,7 +98,7 @@ def test_bad_usage_is_named(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments: tuple[str, ...], words: str
 ) -> None:
     """Exit code 2, and the same in JSON."""
-    monkeypatch.setattr(workers, "_PATIENCE_S", 4)  # nobody listens there
+    monkeypatch.setattr(workers, "_CONNECT_S", 1)  # nobody listens there
     study(tmp_path)
     result = cosim("study", *arguments, "--json", cwd=tmp_path)
     assert result.code == 2

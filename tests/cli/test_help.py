@@ -125,7 +125,7 @@ def test_cosim_alone_shows_a_first_hour(tmp_path: Path) -> None:
 def test_the_examples_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Typed one after the other, after what `cosim` alone shows: each does what it says.
 
-    With a SHARE, those that write what others read, and a quarter of the others.
+    With a SHARE, those that write what others read, and an eighth of the others.
     """
     (tmp_path / "my-system.toml").write_text(SYSTEM, "utf-8")
     copied(fmu_store("python", "native"), tmp_path / "fmus")
@@ -134,9 +134,9 @@ def test_the_examples_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
     leaves = [path for path in EVERY if not hasattr(leaf_of(list(path))[0], "commands")]
     leaves.sort(key=lambda path: not " ".join(path).startswith(BEFORE))
     leaves.sort(key=lambda path: path != ("scenario", "new"))
-    kept = share_of(range(4))
+    kept = share_of(range(8))
     writing = [path for path in leaves if " ".join(path).startswith(BEFORE)]
-    leaves = [path for i, path in enumerate(leaves) if path in writing or i % 4 in kept]
+    leaves = [path for i, path in enumerate(leaves) if path in writing or i % 8 in kept]
     failed = {}
     lines = [*first, *(line for path in leaves for line in examples(path, tmp_path))]
     for line in dict.fromkeys(lines):

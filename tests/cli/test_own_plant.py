@@ -18,7 +18,7 @@ import pytest
 from cli.shell import cosim
 from fmpy import read_model_description, simulate_fmu
 from fmpy.validation import validate_fmu
-from shared import sampled
+from shared import copied, made_once, sampled
 from truth.dde import Hold, Solution, solve
 
 from cosim.fmu import component_module
@@ -84,7 +84,11 @@ gain = {gain}
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """What a user has after three commands: a design, plant and controller, of every flavour."""
-    folder = tmp_path_factory.mktemp("own")
+    return copied(made_once("own-plant", fill), tmp_path_factory.mktemp("own") / "folder")
+
+
+def fill(folder: Path) -> None:
+    """Give the commands, once per session."""
     (folder / "my-system.toml").write_text(SYSTEM, "utf-8")
     assert cosim("design", "my-system.toml", "--save", "my-design.json", cwd=folder).code == 0
     for flavour in EVERY:
@@ -97,7 +101,6 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
             cwd=folder,
         )  # fmt: skip
         assert result.code == 0, result.err
-    return folder
 
 
 def made(folder: Path, verb: str, *arguments: str) -> Any:
@@ -149,9 +152,8 @@ def test_the_plant_is_the_solution_of_its_equation(folder: Path, flavour: str) -
 def test_plant_and_controller_run_from_their_paths(folder: Path, flavour: str) -> None:
     """A scenario names both files: the flight is u = K x, sampled, late, through the equation."""
     K = json.loads((folder / "my-design.json").read_text())["K"]
-    name = f"loop-{flavour}"
-    (folder / f"{name}.toml").write_text(LOOP.format(flavour=flavour, gain=K), "utf-8")
-    ran = cosim("run", f"{name}.toml", "--json", cwd=folder)
+    (folder / "loop.toml").write_text(LOOP.format(flavour=flavour, gain=K), "utf-8")
+    ran = cosim("run", "loop.toml", "--out", f"{flavour}.mcap", "--json", cwd=folder)
     assert ran.code == 0, ran.err
     assert ran.json["metrics"]["assumptions"] == {
         "certificate_verified": True,
@@ -162,7 +164,7 @@ def test_plant_and_controller_run_from_their_paths(folder: Path, flavour: str) -
         "links_justify_sampled_age": True,
         "plant_as_designed": True,
     }
-    trace = Trace(folder / "traces" / f"{name}.mcap")
+    trace = Trace(folder / f"{flavour}.mcap")
     inputs, x = trace.read("/plant/input"), trace.read("/plant/output")
     command, seen = trace.read("/controller/output"), trace.read("/controller/input")
     # sampled at 0, 0.5, ..., commanded from the point after, held over two
@@ -182,20 +184,21 @@ def test_plant_and_controller_run_from_their_paths(folder: Path, flavour: str) -
 def test_another_plant_is_not_as_designed(folder: Path) -> None:
     """One entry or one delay more, and the guarantee is not claimed.
 
-    Nor for a shorter delay: the proof is about a plant with exactly these delays.
+    Nor for a shorter delay: the proof is about a plant with exactly these delays. It is one
+    scenario, so that what was proved for its first run is kept for the others.
     """
     K = json.loads((folder / "my-design.json").read_text())["K"]
-    for name, parameter, as_designed in (
-        ("same", '"delay.d2" = 0.7', True),
-        ("entry", '"A2[1,2]" = 0.1000001', False),
-        ("longer", '"delay.d2" = 0.71', False),
-        ("shorter", '"delay.d2" = 0.6', False),
+    for parameter, as_designed in (
+        ('"delay.d2" = 0.7', True),
+        ('"A2[1,2]" = 0.1000001', False),
+        ('"delay.d2" = 0.71', False),
+        ('"delay.d2" = 0.6', False),
     ):
         text = LOOP.format(flavour="native", gain=K)
         text = text.replace("[components.controller]", f"parameters = {{ {parameter} }}\n\\g", 1)
         text = text.replace("\\g", "[components.controller]")
-        (folder / f"{name}.toml").write_text(text, "utf-8")
-        ran = cosim("run", f"{name}.toml", "--json", cwd=folder)
+        (folder / "loop.toml").write_text(text, "utf-8")
+        ran = cosim("run", "loop.toml", "--json", cwd=folder)
         assert ran.code == 0, ran.err
         assert ran.json["metrics"]["assumptions"]["plant_as_designed"] is as_designed
 

@@ -193,7 +193,7 @@ def test_ports_of_fmi3(described: FmuDescription) -> None:
     assert ports["Int8.row"].start == (0, 0)
     assert (ports["status"].minimum, ports["status"].maximum, ports["n"].maximum) == (0, 5, 8)
     assert (ports["level"].kind, ports["level"].getter_type) == ("int", "Int64")
-    assert (ports["blob"].kind, ports["clock"].kind) == (None, None)
+    assert (ports["blob"].kind, ports["clock"].kind) == ("binary", "clock")
     assert ports["state"].reference == ports["x"].reference
     assert not ports["state"].feedthrough
     assert ports["Float64.out"].feedthrough
@@ -204,12 +204,17 @@ def test_ports_of_fmi3(described: FmuDescription) -> None:
     assert not described.can_interpolate_inputs
 
 
-def test_types_that_cannot_be_exchanged_are_reported(described: FmuDescription) -> None:
-    """Binary and Clock variables; an unknown name with the nearest one."""
+def test_bytes_are_read_as_they_are(described: FmuDescription) -> None:
+    """Zero and 255 among them."""
     with started(described) as slave:
-        for name in ("blob", "clock"):
-            with pytest.raises(InputError, match=f"{name} is of a type that cannot be exchanged"):
-                slave.read(["x", name])
+        assert slave.read(["blob", "x"]) == {"blob": b"\x00\xff%", "x": 5.0}
+
+
+def test_types_that_cannot_be_exchanged_are_reported(described: FmuDescription) -> None:
+    """A Clock, which has no value; an unknown name with the nearest one."""
+    with started(described) as slave:
+        with pytest.raises(InputError, match="clock is of a type that cannot be exchanged"):
+            slave.read(["x", "clock"])
         with pytest.raises(InputError, match=r"did you mean Float64\.out"):
             slave.read(["Float64.oot"])
 

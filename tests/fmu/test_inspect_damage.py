@@ -117,7 +117,7 @@ FMI2_DAMAGE: dict[str, tuple[Damage, str, str]] = {
         "identifier",
         "error",
     ),
-    "token": (described_as((r'guid="[^"]*"', 'guid=""')), "token-empty", "error"),
+    "token": (described_as((r'guid="[^"]*"', 'guid=""')), "token-empty", "warning"),
     "name-twice": (described_as((r'name="eta\.y"', 'name="eta.x"')), "name-twice", "error"),
     "name": (described_as((r'name="eta\.y"', 'name="eta..y"')), "name-structure", "error"),
     "name-tab": (described_as((r'name="eta\.y"', 'name="eta&#9;y"')), "name-control", "error"),
@@ -134,7 +134,7 @@ FMI2_DAMAGE: dict[str, tuple[Damage, str, str]] = {
     "start-nan": (
         described_as((r'(name="eta\.x".*?start=)"[^"]*"', r'\1"NaN"')),
         "start-number",
-        "warning",
+        "error",
     ),
     "start-range": (described_as((ETA_X, r'\1min="1" max="2" ')), "start-range", "error"),
     "range": (described_as((ETA_X, r'\1min="3" max="2" ')), "range-empty", "error"),
@@ -180,10 +180,14 @@ FMI2_DAMAGE: dict[str, tuple[Damage, str, str]] = {
     ),
     "unit-twice": (
         described_as((r"</UnitDefinitions>", '<Unit name="N"/></UnitDefinitions>')),
-        "unit-undefined",
+        "unit-twice",
         "error",
     ),
-    "unit-display": (described_as((ETA_X, r'\1displayUnit="furlong" ')), "unit-display", "error"),
+    "unit-display": (
+        described_as((ETA_X, r'\1displayUnit="furlong" ')),
+        "unit-display",
+        "warning",  # FMI 2 ignores it
+    ),
     "unit-base": (
         described_as((r'(<Unit name="N">\s*<BaseUnit )[^/]*/>', r'\1kg="1" m="1" s="-1"/>')),
         "unit-base",

@@ -64,7 +64,7 @@ def talker(*, flags: str = "") -> str:
 
 
 def every(*, strings: bool = True) -> str:
-    """Model description of every_fmi3.c, with or without its Strings."""
+    """Model description of every_fmi3.c, with or without its Strings and Binary."""
     lines = ['<Float64 name="time" valueReference="999" causality="independent"/>']
     outputs = []
     for place, kind in enumerate(TYPES):
@@ -111,7 +111,7 @@ def every(*, strings: bool = True) -> str:
         ),
         '<Float64 name="size" valueReference="206" causality="output"/>',
         '<Float64 name="seven" valueReference="207" causality="local" initial="exact" start="7"/>',
-        '<Binary name="blob" valueReference="300" causality="output"/>',
+        *['<Binary name="blob" valueReference="300" causality="output"/>'] * strings,
         (
             '<Clock name="clock" valueReference="301" causality="output" variability="discrete" '
             'intervalVariability="triggered"/>'
@@ -122,12 +122,12 @@ def every(*, strings: bool = True) -> str:
         ),
     ]
     outputs += ['<Output valueReference="205" dependencies=""/>']
-    outputs += [f'<Output valueReference="{r}"/>' for r in (206, 300, 301)]
+    outputs += [f'<Output valueReference="{r}"/>' for r in (206, *[300] * strings, 301)]
     return (
         '<?xml version="1.0" encoding="UTF-8"?>\n'
         '<fmiModelDescription fmiVersion="3.0" modelName="every" instantiationToken="{every}">'
         '<CoSimulation modelIdentifier="every_fmi3" canGetAndSetFMUState="true" '
-        'canSerializeFMUState="true" hasEventMode="true" '
+        'canSerializeFMUState="true" '
         'canHandleVariableCommunicationStepSize="true"/>'
         '<TypeDefinitions><EnumerationType name="Level"><Item name="low" value="1"/>'
         "</EnumerationType></TypeDefinitions>"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,11 +21,13 @@ from cosim.master import (
     LogLevel,
     Session,
     System,
+    TraceRecorder,
     make_schedule,
     simulate,
 )
 from cosim.master.component_instance import ComponentInstance
 from cosim.network import PacketLink, TransportLink
+from cosim.trace import Trace, TraceWriter
 
 STEP_S, END_S = 0.25, 2.0
 
@@ -119,6 +122,35 @@ def test_values_of_every_type_are_exchanged_between_fmi_versions(
     assert numbers == [7] * 7
     assert run.signal("three", "Float64.out").tolist() == [0.5] * 9
     assert run.signal("last", "Float64.row[1,2]").tolist() == [3.0] * 9
+
+
+@pytest.mark.parametrize("engine", ["python", "kernel"])
+def test_integers_of_64_bits_pass_bit_for_bit(
+    fmi3: FmuDescription, tmp_path: Path, engine: Any
+) -> None:
+    """Those that no double is as well, over connections and into the trace; neighbours differ."""
+    given = {"Int64.in": -(2**63) + 1, "UInt64.in": 2**64 - 1, "Int64.row": [2**53 + 1, 2**53]}
+    described = describe_without_texts(fmi3)
+    wires = ("Int64.out {0}.Int64.in", "UInt64.out {0}.UInt64.in", "Int64.reversed {0}.Int64.row")
+    system = system_of(
+        {"a": (described, given), "b": (described, {}), "c": (described, {})},
+        *(f"a.{wire.format('b')}" for wire in wires),
+        *(f"b.{wire.format('c')}" for wire in wires),
+    )
+    system = dataclasses.replace(system, divergence=None)
+    path = tmp_path / "wide.mcap"
+    with TraceWriter(path, run={}) as writer:
+        with Session(system, [TraceRecorder(writer, system)], engine=engine) as session:
+            session.run_until()
+            assert session.read("c", "Int64.out") == given["Int64.in"]
+            assert session.read("c", "UInt64.out") == given["UInt64.in"]
+            assert session.read("c", "Int64.reversed") == [2**53, 2**53 + 1]
+            assert session.result(complete=True).status == "finished"
+        writer.finish({"status": "finished"})
+    table = Trace(path).read("/c/output")
+    assert table["Int64.out"].tolist()[-1] == given["Int64.in"]
+    assert table["UInt64.out"].tolist()[-1] == given["UInt64.in"]
+    assert table["Int64.reversed[2]"].tolist()[-1] == 2**53 + 1
 
 
 @pytest.mark.parametrize("engine", ["python", "kernel"])

@@ -9,7 +9,6 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-import jsonschema
 import pytest
 import tomli_w
 from cli.shell import SCENARIOS, cosim
@@ -44,6 +43,8 @@ def test_written_scenario_reads_back_equal(name: str, tmp_path: Path) -> None:
 @cache
 def editor() -> Any:
     """What checks a file as an editor does; the schema itself is checked first, once."""
+    import jsonschema  # noqa: PLC0415 - two seconds, where it has grammars of addresses to compile
+
     schema = json_schema()
     validator = jsonschema.validators.validator_for(schema)
     validator.check_schema(schema)
@@ -60,11 +61,9 @@ def test_json_schema_refuses_invalid_files() -> None:
     """An unknown key, a time of another form, a missing table; less in what extends."""
     data = tomllib.loads(open_source("auv-direct").text)
     for change in ({"colour": 1}, {"run": {"end": "soon", "step": 1.0}}):
-        with pytest.raises(jsonschema.ValidationError):
-            editor().validate(data | change)
+        assert not editor().is_valid(data | change)
     del data["run"]
-    with pytest.raises(jsonschema.ValidationError):
-        editor().validate(data)
+    assert not editor().is_valid(data)
     editor().validate({"extends": "auv-direct", "run": {"seed": 2}})
 
 

@@ -281,7 +281,7 @@ BAD = {
     ),
     "dictionary": (
         '<ssd:Elements><ssd:SignalDictionaryReference name="a" dictionary="d"/></ssd:Elements>',
-        "signal dictionaries",
+        "unknown signal dictionary",
     ),
 }
 

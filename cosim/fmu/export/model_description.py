@@ -3,6 +3,9 @@
 Outputs are declared `initial="exact"` with a start, and every output declares its direct
 feedthrough, empty if it has none: otherwise an importer must assume that it depends on every
 input, and finds algebraic loops that do not exist.
+
+Value references are the places of the variables, counted from 1: OMSimulator takes them for
+places, and some tools take 0 for none.
 """
 
 from __future__ import annotations
@@ -62,12 +65,12 @@ def fmi2_xml(
     _units(root, spec)
     _categories_and_experiment(root, spec)
     variables = ET.SubElement(root, "ModelVariables")
-    for reference, v in enumerate(spec.variables):
+    for reference, v in enumerate(spec.variables, 1):
         element = _variable(variables, "ScalarVariable", reference, v)
         _type_attributes(ET.SubElement(element, v.kind), v)
     structure = ET.SubElement(root, "ModelStructure")
     if any(v.causality == "output" for v in spec.variables):
-        _outputs(ET.SubElement(structure, "Outputs"), "Unknown", "index", spec, first=1)
+        _outputs(ET.SubElement(structure, "Outputs"), "Unknown", "index", spec)
     return as_bytes(root)
 
 
@@ -96,19 +99,19 @@ def fmi3_xml(spec: ComponentSpec, token: str, *, tool: str) -> bytes:
     _units(root, spec)
     _categories_and_experiment(root, spec)
     variables = ET.SubElement(root, "ModelVariables")
-    for reference, v in enumerate(spec.variables):
+    for reference, v in enumerate(spec.variables, 1):
         tag = {"Real": "Float64", "Integer": "Int32"}[v.kind]
         _type_attributes(_variable(variables, tag, reference, v), v)
     ET.SubElement(
         variables,
         "Float64",
         name="time",
-        valueReference=str(len(spec.variables)),
+        valueReference=str(len(spec.variables) + 1),
         description="time",
         causality="independent",
         variability="continuous",
     )
-    _outputs(ET.SubElement(root, "ModelStructure"), "Output", "valueReference", spec, first=0)
+    _outputs(ET.SubElement(root, "ModelStructure"), "Output", "valueReference", spec)
     return as_bytes(root)
 
 
@@ -182,11 +185,9 @@ def _type_attributes(kind: ET.Element, v: Variable) -> None:
             kind.set(attribute, convert(float(value)))
 
 
-def _outputs(
-    parent: ET.Element, tag: str, attribute: str, spec: ComponentSpec, *, first: int
-) -> None:
-    """Add the outputs with their dependencies, numbered from `first` as the variables are."""
-    numbers = {v.name: number for number, v in enumerate(spec.variables, first)}
+def _outputs(parent: ET.Element, tag: str, attribute: str, spec: ComponentSpec) -> None:
+    """Add the outputs with their dependencies, by index or value reference: both count from 1."""
+    numbers = {v.name: number for number, v in enumerate(spec.variables, 1)}
     for v in spec.variables:
         if v.causality == "output":
             element = ET.SubElement(parent, tag, {attribute: str(numbers[v.name])})

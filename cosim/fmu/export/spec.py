@@ -81,7 +81,7 @@ class ComponentSpec:
     Attributes
     ----------
     name : FMU and model name (`AuvPlant`).
-    variables : the table; value reference = position.
+    variables : the table; value reference = position, counted from 1.
     behaviour : "module:Class" of the behaviour, numpy-free.
     sources : modules that the behaviour needs, copied into the FMU; behaviour included.
     constants : fixed when the FMU is built (dimensions, name lists), JSON values.

@@ -20,16 +20,34 @@ _SYSTEM = re.compile(
     # Linux: the C library, its parts, and the compiler's; what every distribution has
     r"(lib(c|m|dl|rt|pthread|util|resolv|gcc_s|stdc\+\+|atomic|gomp|gfortran|quadmath)\.so(\.\d+)*"
     r"|ld-linux.*\.so\.\d|linux-vdso\.so\.\d"
-    # Windows: the system's own, and the runtimes that come with it or by the redistributable
-    r"|(kernel32|user32|gdi32|advapi32|shell32|ole32|oleaut32|ws2_32|shlwapi|bcrypt|crypt32|ntdll"
-    r"|msvcrt|ucrtbase|comdlg32|winmm|version|iphlpapi|psapi|dbghelp|rpcrt4|secur32|userenv"
-    r"|netapi32|imm32|setupapi)\.dll"
-    r"|api-ms-win-.*\.dll|(vcruntime|msvcp|msvcr|concrt|vcomp)\d+(_\d)?\.dll"
+    # Windows: API sets, and the runtimes that come with it or by the redistributable
+    r"|(api|ext)-ms-win-.*\.dll|(vcruntime|msvcp|msvcr|concrt|vcomp|vccorlib|mfc|atl)\d+\w*\.dll"
     # macOS
     r"|/usr/lib/.*|/System/Library/.*)",
     re.IGNORECASE,
 )
-_DEBUG = re.compile(r"(ucrtbased|(msvcp|msvcr|vcruntime)\d+(_\d)?d)\.dll", re.IGNORECASE)
+# the system's own libraries, in every desktop and server Windows since 7
+_WINDOWS = frozenset(
+    """
+    activeds advapi32 authz avicap32 avifil32 avrt bcrypt bcryptprimitives cabinet cfgmgr32
+    clusapi combase comctl32 comdlg32 credui crypt32 cryptbase cryptnet cryptsp cryptui d2d1
+    d3d10 d3d10_1 d3d11 d3d12 d3d8 d3d9 d3dcompiler_47 davclnt dbgeng dbghelp dciman32 dcomp
+    ddraw devobj dhcpcsvc dinput dinput8 dnsapi drvstore dsound dsprop dsrole dwmapi dwrite dxgi
+    dxva2 esent evr faultrep fltlib fwpuclnt gdi32 gdiplus glu32 hid hlink httpapi icmp imagehlp
+    imm32 iphlpapi kernel32 kernelbase ktmw32 loadperf logoncli lz32 mapi32 mf mfplat
+    mfreadwrite mpr mprapi msacm32 mscms mscoree msdmo msi msimg32 msvcirt msvcrt msvfw32
+    mswsock ncrypt ndfapi netapi32 netutils newdev normaliz ntdll ntdsapi odbc32 odbccp32 ole32
+    oleacc oleaut32 oledlg opengl32 pdh powrprof propsys psapi quartz rasapi32 resutils rpcns4
+    rpcrt4 rstrtmgr rtutils samcli schannel secur32 sensapi setupapi sfc shcore shell32 shfolder
+    shlwapi slc snmpapi srvcli sspicli sti tapi32 tbs tdh traffic ucrtbase urlmon user32 userenv
+    usp10 uxtheme version virtdisk vssapi webservices wer wevtapi winbrand windowscodecs winhttp
+    wininet winmm winscard winspool winsta wintrust wlanapi wldap32 ws2_32 wscapi wsock32
+    wtsapi32 xinput1_4 xmllite xpsprint
+    """.split()  # noqa: SIM905 - one name to a line is a page
+)
+_DEBUG = re.compile(
+    r"(ucrtbased|(msvcp|msvcr|vcruntime|concrt|vccorlib|mfc)\d+(_\d)?u?d)\.dll", re.IGNORECASE
+)
 _BESIDE = re.compile(r"\$ORIGIN|\$\{ORIGIN\}|@loader_path|@rpath")
 _MANY_SYMBOLS = 20
 _OLD_LIBC = (2, 28)  # of systems that are still maintained in 2025
@@ -182,7 +200,7 @@ def _library(where: str, image: Image, library: str, present: set[str]) -> Itera
     base = PurePosixPath(library).name
     if _DEBUG.fullmatch(base):
         yield finding("library-debug", where, f"it needs {base}")
-    elif _SYSTEM.fullmatch(library):
+    elif _SYSTEM.fullmatch(library) or _is_of_windows(base.lower()):
         return
     elif base.lower() in present:
         on_search_path = any(_BESIDE.search(path) for path in (*image.search, library))
@@ -194,3 +212,9 @@ def _library(where: str, image: Image, library: str, present: set[str]) -> Itera
         yield finding("needs-python", where, f"it needs {base} of the system", level="note")
     else:
         yield finding("library-absent", where, f"it needs {base}")
+
+
+def _is_of_windows(name: str) -> bool:
+    """Whether a library, named in small letters, is a part of Windows."""
+    stem, _, suffix = name.rpartition(".")
+    return suffix in ("dll", "drv", "ocx") and stem in _WINDOWS

@@ -9,8 +9,6 @@ from cosim.fmu.inspect.declared_model import DeclaredModel
 from cosim.fmu.inspect.findings import Finding, finding
 
 SOURCES = "sources/"
-BUILD = "sources/buildDescription.xml"
-TERMINALS = "terminalsAndIcons/terminalsAndIcons.xml"
 _CODE = (".c", ".cc", ".cpp", ".cxx")
 _DOCUMENTATION = {
     1: ("documentation/_main.html",),

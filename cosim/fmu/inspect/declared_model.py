@@ -26,6 +26,8 @@ _FMI3_ROLES = {
 }
 _TYPES = ("Real", "Integer", "Boolean", "String", "Enumeration")
 _FLOATS = ("Real", "Float32", "Float64")
+_TRUE = ("true", "1")
+_NAMED = {"log category": "LogCategories/Category", "annotation": "VendorAnnotations/Tool"}
 
 
 @dataclass(slots=True)
@@ -36,8 +38,14 @@ class Variable:
     ----------
     index : its position, from 1.
     reference : value reference.
-    minimum, maximum, unit : its own, or else its declared type's.
+    attributes : all that are written, those of FMI 2's inner element among them.
+    initial : as written, or else what the standard says for causality and variability; None: none.
+    starts : the start values as written; None without a start.
+    minimum, maximum, nominal, unit, display_unit : its own, or else its declared type's.
+    derivative, previous : index in FMI 2, value reference in FMI 3.
     dimensions : one entry per dimension: (size, None) or (None, value reference).
+    aliases : its further names in FMI 3: (name, display unit, description).
+    inherited : the attributes of its declared type.
     """
 
     index: int
@@ -45,22 +53,37 @@ class Variable:
     name: str
     reference: int | None
     type: str
+    attributes: Mapping[str, str]
     causality: str
     variability: str
-    start: str | None
+    initial: str | None
+    starts: tuple[str, ...] | None
     minimum: str | None
     maximum: str | None
     nominal: str | None
     unit: str | None
+    display_unit: str | None
     declared_type: str | None
     derivative: int | None
-    clocks: tuple[int, ...]
+    previous: int | None
+    clocks: tuple[int, ...] | None
     dimensions: tuple[tuple[int | None, int | None], ...]
+    aliases: tuple[tuple[str, str | None, str | None], ...]
+    inherited: Mapping[str, str]
 
     @property
     def real(self) -> bool:
         """Whether it is a floating-point variable."""
         return self.type in _FLOATS
+
+    @property
+    def start(self) -> str | None:
+        """Its start value, the first of several; None without one."""
+        return self.starts[0] if self.starts else None
+
+    def is_true(self, attribute: str) -> bool:
+        """Whether a Boolean attribute is true."""
+        return self.attributes.get(attribute) in _TRUE
 
     @property
     def where(self) -> str:
@@ -93,30 +116,62 @@ class Interface:
 
     def is_true(self, attribute: str) -> bool:
         """Whether a Boolean attribute is true."""
-        return self.attributes.get(attribute) in ("true", "1")
+        return self.attributes.get(attribute) in _TRUE
 
 
 @dataclass(slots=True)
 class Unit:
-    """A unit with the attributes of its BaseUnit, or None."""
+    """A unit with the attributes of its BaseUnit, or None, and of each of its display units."""
 
     name: str
     line: int
     base: Mapping[str, str] | None
+    displays: tuple[Mapping[str, str], ...] = ()
+
+    @property
+    def where(self) -> str:
+        """The place that a finding names."""
+        return f"{XML}:{self.line} unit {self.name}"
+
+
+@dataclass(slots=True)
+class DeclaredType:
+    """A type of TypeDefinitions: the type of its variables, attributes, items (name, value)."""
+
+    name: str
+    line: int
+    type: str
+    attributes: Mapping[str, str]
+    items: tuple[tuple[str, str], ...] = ()
+
+    @property
+    def where(self) -> str:
+        """The place that a finding names."""
+        return f"{XML}:{self.line} type {self.name}"
 
 
 @dataclass(slots=True)
 class DeclaredModel:
-    """A model description; `aliases` are the further names of variables in FMI 3."""
+    """A model description.
+
+    Attributes
+    ----------
+    types : every type as it is listed; `types_by_name` has the last of each name.
+    named : tag -> names of log categories and of the annotations of tools.
+    states : the continuous-time states, as ModelStructure numbers variables: those whose
+        derivatives it lists.
+    """
 
     version: str
     attributes: Mapping[str, str]
     interfaces: list[Interface] = field(default_factory=list)
     units: list[Unit] = field(default_factory=list)
-    types: dict[str, Mapping[str, Any]] = field(default_factory=dict)
+    types: list[DeclaredType] = field(default_factory=list)
+    types_by_name: dict[str, DeclaredType] = field(default_factory=dict)
+    named: dict[str, list[str]] = field(default_factory=dict)
     variables: list[Variable] = field(default_factory=list)
-    aliases: list[str] = field(default_factory=list)
     structure: list[Unknown] = field(default_factory=list)
+    states: frozenset[int] = frozenset()
     experiment: Mapping[str, str] = field(default_factory=dict)
 
     @property
@@ -128,6 +183,11 @@ class DeclaredModel:
     def token(self) -> str | None:
         """The guid, or instantiationToken in FMI 3."""
         return self.attributes.get("instantiationToken" if self.major == 3 else "guid")
+
+    @property
+    def kinds(self) -> frozenset[str]:
+        """The kinds of use that it offers."""
+        return frozenset(interface.kind for interface in self.interfaces)
 
     def variables_by_target(self) -> Mapping[int, Variable]:
         """Return variables by number in ModelStructure: index in FMI 2, reference in FMI 3."""
@@ -149,16 +209,20 @@ def read_declared_model(root: Any) -> DeclaredModel:
     for element in root.findall("UnitDefinitions/" + ("BaseUnit" if model.major == 1 else "Unit")):
         base = element.find("BaseUnit")
         name = element.get("unit" if model.major == 1 else "name", "")
-        model.units.append(
-            Unit(name, element.sourceline, None if base is None else dict(base.attrib))
-        )
-    model.types = dict(_types(root, model.major))
+        displays = tuple(dict(display.attrib) for display in element.findall("DisplayUnit"))
+        exponents = None if base is None else dict(base.attrib)
+        model.units.append(Unit(name, element.sourceline, exponents, displays))
+    model.types = list(_types(root, model.major))
+    model.types_by_name = {each.name: each for each in model.types}
+    for tag, path in _NAMED.items():
+        model.named[tag] = [element.get("name", "") for element in root.findall(path)]
     places = root.find("ModelVariables")
     for element in [] if places is None else places.iterchildren(tag="*"):
         model.variables.append(_variable(element, len(model.variables) + 1, model))
-    if model.major == 3:
-        model.aliases = [a.get("name", "") for a in root.findall("ModelVariables/*/Alias")]
     model.structure = list(_structure(root, model.major))
+    by_target = model.variables_by_target()
+    listed = (by_target.get(u.target or -1) for u in model.structure if u.role == "derivative")
+    model.states = frozenset(v.derivative for v in listed if v and v.derivative is not None)
     experiment = root.find("DefaultExperiment")
     model.experiment = {} if experiment is None else dict(experiment.attrib)
     return model
@@ -201,14 +265,17 @@ def _interfaces(root: Any, major: int, attributes: Mapping[str, str]) -> Iterato
             yield Interface(kind, element.get("modelIdentifier", ""), dict(element.attrib), sources)
 
 
-def _types(root: Any, major: int) -> Iterator[tuple[str, Mapping[str, Any]]]:
+def _types(root: Any, major: int) -> Iterator[DeclaredType]:
     tag = {1: "Type", 2: "SimpleType", 3: "*"}[major]
     for element in root.findall(f"TypeDefinitions/{tag}"):
         inner = element if major == 3 else next(element.iterchildren(tag="*"), element)
-        items = [item.get("value") for item in inner.findall("Item")]
-        if major == 1:
-            items = [str(i) for i, _ in enumerate(items, 1)]
-        yield element.get("name", ""), {**inner.attrib, "items": items}
+        items = tuple(
+            (item.get("name", ""), item.get("value", str(place)))
+            for place, item in enumerate(inner.findall("Item"), 1)
+        )
+        kind = str(inner.tag).removesuffix("Type")
+        name = element.get("name", "")
+        yield DeclaredType(name, element.sourceline or 0, kind, dict(inner.attrib), items)
 
 
 def _variable(element: Any, index: int, model: DeclaredModel) -> Variable:
@@ -216,11 +283,11 @@ def _variable(element: Any, index: int, model: DeclaredModel) -> Variable:
     if model.major < 3:
         value = next((child for child in element.iterchildren(*_TYPES)), None)
     kind = "" if value is None else str(value.tag)
-    attributes = {} if value is None else value.attrib
-    declared = attributes.get("declaredType")
-    inherited = model.types.get(declared or "", {})
+    attributes = {**element.attrib, **({} if value is None else value.attrib)}
+    declared = model.types_by_name.get(attributes.get("declaredType", ""))
+    inherited = {} if declared is None else declared.attributes
 
-    def own(key: str) -> Any:
+    def own(key: str) -> str | None:
         return attributes.get(key, inherited.get(key))
 
     causality = element.get("causality", "local")
@@ -229,30 +296,44 @@ def _variable(element: Any, index: int, model: DeclaredModel) -> Variable:
         causality = "local" if causality in ("internal", "none") else causality
         if variability == "parameter":
             causality, variability = "parameter", "fixed"
+    variability = variability or _usual_variability(kind, causality, model.major)
     start = attributes.get("start")
-    if model.major == 3 and kind in ("String", "Binary"):
-        starts = element.findall("Start")
-        start = starts[0].get("value") if starts else None
+    starts = None if start is None else (start,)
+    children = element.findall("Start") if model.major == 3 else []
+    if kind in ("String", "Binary") and model.major == 3:
+        values = [child.get("value") for child in children]
+        starts = tuple(values) if values and None not in values else None
+    elif start is not None and model.major == 3:
+        starts = tuple(start.split())
     return Variable(
         index=index,
         line=element.sourceline or 0,
         name=element.get("name", ""),
         reference=integer(element.get("valueReference")),
         type=kind,
+        attributes=attributes,
         causality=causality,
-        variability=variability or _usual_variability(kind, causality, model.major),
-        start=start,
+        variability=variability,
+        initial=element.get("initial") or usual_initial(causality, variability, kind),
+        starts=starts,
         minimum=own("min"),
         maximum=own("max"),
         nominal=own("nominal"),
         unit=own("unit"),
-        declared_type=declared,
+        display_unit=own("displayUnit"),
+        declared_type=attributes.get("declaredType"),
         derivative=integer(attributes.get("derivative")),
-        clocks=_numbers(element.get("clocks")) or (),
+        previous=integer(attributes.get("previous")),
+        clocks=_numbers(element.get("clocks")),
         dimensions=tuple(
             (integer(d.get("start")), integer(d.get("valueReference")))
             for d in (element.findall("Dimension") if model.major == 3 else ())
         ),
+        aliases=tuple(
+            (a.get("name", ""), a.get("displayUnit"), a.get("description"))
+            for a in element.findall("Alias")
+        ),
+        inherited=inherited,
     )
 
 
@@ -262,6 +343,14 @@ def _usual_variability(kind: str, causality: str, major: int) -> str:
     if "arameter" in causality:
         return "fixed"
     return "continuous" if kind in _FLOATS else "discrete"
+
+
+def usual_initial(causality: str, variability: str, kind: str) -> str | None:
+    """Return `initial` where it is not written (FMI 2.0.4, 2.2.7; FMI 3.0.2, 2.4.7.5)."""
+    if causality == "independent" or kind == "Clock":
+        return None
+    exact = causality in ("parameter", "structuralParameter", "input") or variability == "constant"
+    return "exact" if exact else "calculated"
 
 
 def _structure(root: Any, major: int) -> Iterator[Unknown]:

@@ -7,7 +7,7 @@ Format: `mach-o/loader.h` of macOS, above `dyld_info_command`.
 
 from __future__ import annotations
 
-from cosim.fmu.inspect.image import MOST_SYMBOLS, NotALibraryError
+from cosim.fmu.inspect.image import MOST_SYMBOLS
 
 _MOST_NAME = 4096
 
@@ -17,7 +17,7 @@ def exported_names(trie: bytes) -> frozenset[str]:
 
     Raises
     ------
-    NotALibraryError : a node points outside the trie or back to itself.
+    ValueError : a node points outside the trie or back to itself.
     """
     names: set[str] = set()
     seen: set[int] = set()
@@ -25,7 +25,7 @@ def exported_names(trie: bytes) -> frozenset[str]:
     while waiting:
         place, name = waiting.pop()
         if place in seen or len(seen) > MOST_SYMBOLS or len(name) > _MOST_NAME:
-            raise NotALibraryError("a Mach-O file with a damaged export trie")
+            raise ValueError("a Mach-O file with a damaged export trie")
         seen.add(place)
         own, place = _uleb(trie, place)
         if own:
@@ -36,7 +36,7 @@ def exported_names(trie: bytes) -> frozenset[str]:
         for _ in range(branches[0] if branches else 0):
             end = trie.find(b"\0", place)
             if end < 0:
-                raise NotALibraryError("a Mach-O file with a cut export trie")
+                raise ValueError("a Mach-O file with a cut export trie")
             piece = trie[place:end]
             following, place = _uleb(trie, end + 1)
             waiting.append((following, name + piece))
@@ -53,4 +53,4 @@ def _uleb(data: bytes, place: int) -> tuple[int, int]:
         value |= (byte & 0x7F) << (7 * i)
         if byte < 0x80:
             return value, place + i + 1
-    raise NotALibraryError("a Mach-O file with a damaged export trie")
+    raise ValueError("a Mach-O file with a damaged export trie")

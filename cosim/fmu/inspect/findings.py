@@ -42,7 +42,13 @@ class Finding:
 
     def to_json(self) -> dict[str, str]:
         """Return the finding as the command line prints it."""
-        return {**asdict(self), "why": self.why}
+        rule = RULES[self.code]
+        return {
+            **asdict(self),
+            "why": rule.why,
+            "number": rule.number,
+            "sections": rule.sections,
+        }
 
 
 def finding(code: str, where: str, what: str, *, level: Level | None = None) -> Finding:

@@ -9,14 +9,16 @@ from typing import Any
 
 from cosim.fmu.inspect.archive import CheckedArchive, open_archive
 from cosim.fmu.inspect.binaries import binary_entries, binary_findings
-from cosim.fmu.inspect.content import BUILD, SOURCES, TERMINALS, content_findings
+from cosim.fmu.inspect.content import SOURCES, content_findings
 from cosim.fmu.inspect.declared_model import XML, DeclaredModel, known_version, read_declared_model
+from cosim.fmu.inspect.definitions import definition_findings
 from cosim.fmu.inspect.findings import Finding, finding, ordered
-from cosim.fmu.inspect.fmpy_validation import fmpy_findings
 from cosim.fmu.inspect.library import Binary, read_binary
 from cosim.fmu.inspect.markup import MAX_XML, parse_xml, schema_findings
+from cosim.fmu.inspect.references import reference_findings
 from cosim.fmu.inspect.structure import structure_findings
-from cosim.fmu.inspect.variables import model_findings
+from cosim.fmu.inspect.terminals import BUILD, TERMINALS, build_findings, terminal_findings
+from cosim.fmu.inspect.variables import variable_findings
 
 _SCHEMAS = {
     1: "fmi1/fmiModelDescription.xsd",
@@ -75,8 +77,8 @@ def inspect_fmu(path: Path) -> Inspection:
     model = None
     root, found = parse_xml(xml, XML)
     findings += found
-    if root is not None and xml is not None:
-        model, found = _describe(root, xml)
+    if root is not None:
+        model, found = describe_root(root)
         findings += found
     names = sorted(archive.entries)
     binaries = [
@@ -103,7 +105,13 @@ def inspect_fmu(path: Path) -> Inspection:
     )
 
 
-def _describe(root: Any, xml: bytes) -> tuple[DeclaredModel | None, list[Finding]]:
+def describe_root(root: Any) -> tuple[DeclaredModel | None, list[Finding]]:
+    """Read and check a model description from its root element.
+
+    Returns
+    -------
+    The description, None if it is of no known version, and the findings.
+    """
     version = root.get("fmiVersion")
     if root.tag != "fmiModelDescription":
         return None, [finding("xml-schema", XML, f"the root element is {root.tag!s}")]
@@ -111,13 +119,9 @@ def _describe(root: Any, xml: bytes) -> tuple[DeclaredModel | None, list[Finding
         return None, [finding("version-unknown", XML, f"fmiVersion is {version!r}")]
     model = read_declared_model(root)
     findings = schema_findings(root, _SCHEMAS[model.major], XML)
-    own = [*model_findings(model), *structure_findings(model)]
-    if not findings:
-        # FMPy stops at the first dangling reference, which is reported here already
-        second = list(fmpy_findings(xml))
-        explained = any(each.level == "error" for each in own)
-        findings += [each for each in second if not (explained and each.code == "fmpy-refuses")]
-    return model, findings + own
+    for check in (definition_findings, variable_findings, reference_findings, structure_findings):
+        findings += check(model)
+    return model, findings
 
 
 def _further(archive: CheckedArchive, model: DeclaredModel) -> tuple[Any, list[Finding]]:
@@ -130,7 +134,12 @@ def _further(archive: CheckedArchive, model: DeclaredModel) -> tuple[Any, list[F
             continue
         root, found = parse_xml(archive.read(name, MAX_XML), name)
         findings += found
-        if root is not None:
-            findings += schema_findings(root, f"fmi3/{schema}.xsd", name)
-            build = root if name == BUILD else build
+        if root is None:
+            continue
+        findings += schema_findings(root, f"fmi3/{schema}.xsd", name)
+        if name == BUILD:
+            findings += build_findings(root, model)
+            build = root
+        else:
+            findings += terminal_findings(root, model, archive.entries)
     return build, findings

@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 from functools import cache
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-import fmpy
 from lxml import etree
 
+from cosim.core import InputError
 from cosim.fmu.inspect.findings import Finding, finding, printable
 
 MAX_XML = 64 << 20  # 100,000 variables take about 30 MiB
 """Greatest size of a model description [bytes]."""
-
-_SCHEMAS = Path(fmpy.__file__).with_name("schema")
 
 
 def parse_xml(content: bytes | None, name: str) -> tuple[Any, list[Finding]]:
@@ -40,16 +39,34 @@ def parse_xml(content: bytes | None, name: str) -> tuple[Any, list[Finding]]:
 
 
 def schema_findings(root: Any, schema: str, name: str) -> list[Finding]:
-    """Return where `root` breaks a schema of the FMI project, a path in FMPy's folder of XSDs."""
+    """Return where `root` breaks a schema of the FMI project, a path in FMPy's folder of XSDs.
+
+    Its encoding is looked at as well: the standards ask for UTF-8, and every reader takes others.
+    """
+    found = []
+    encoding = root.getroottree().docinfo.encoding
+    if encoding is not None and encoding.upper() not in ("UTF-8", "UTF8"):
+        found.append(finding("xml-encoding", name, f"the encoding is {encoding}"))
     xsd = _schema(schema)
-    if xsd.validate(root):
-        return []
-    return [finding("xml-schema", f"{name}:{e.line}", printable(e.message)) for e in xsd.error_log]
+    if not xsd.validate(root):
+        places = [(f"{name}:{e.line}", printable(e.message)) for e in xsd.error_log]
+        found += [finding("xml-schema", where, what) for where, what in places]
+    return found
 
 
 @cache
 def _schema(schema: str) -> Any:
-    return etree.XMLSchema(file=str(_SCHEMAS / schema))
+    return etree.XMLSchema(file=str(_schema_folder() / schema))
+
+
+def _schema_folder() -> Path:
+    """Return FMPy's folder of schemas without importing FMPy, which loads NumPy."""
+    package = find_spec("fmpy")
+    if package is None or package.origin is None:
+        raise InputError(
+            "the schemas of FMI are not installed", expected="FMPy", hint="pip install fmpy"
+        )
+    return Path(package.origin).with_name("schema")
 
 
 def _line(name: str, error: Exception) -> str:

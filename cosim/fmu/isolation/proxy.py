@@ -124,10 +124,10 @@ class IsolatedSlave:
         """The instance, for proxies; None: there is none."""
         return self._address if self._made and self.death is None else None
 
-    def make_instance(self, environment: int, *, formats: bool, logging_on: bool) -> None:
-        """Instantiate; log lines go to the sink of `environment`."""
+    def make_instance(self, environment: int, **given: Any) -> None:
+        """Instantiate, as `Fmi3Slave.make_instance`; log lines go to the sink of `environment`."""
         self._environment = environment
-        self._request("make_instance", formats=formats, logging_on=logging_on)
+        self._request("make_instance", **given)
         self._made = True
 
     def address(self, name: str) -> int:

@@ -96,10 +96,10 @@ class _Servant:
         adopt_folder(binary.folder.parent)
         self._slave = load_slave(binary, component, where)
 
-    def make_instance(self, *, formats: bool, logging_on: bool) -> None:
+    def make_instance(self, **given: Any) -> None:
         """Instantiate; log lines go to the master."""
         environment = register_sink(self._slave.instanceName, self._line)
-        self._slave.make_instance(environment, formats=formats, logging_on=logging_on)
+        self._slave.make_instance(environment, **given)
         self._server.component = self._slave.component
 
     def provide(self, name: str, number: int) -> None:

@@ -156,6 +156,7 @@ class _Executor:
             ahead = None if job.keep else _AHEAD_BYTES // wiring.all_rows.strides[0]
             report = _Report(self, number, shared, ahead)
             wiring.texts.on_new = report.text
+            wiring.comm_points.on_new = report.point
             session = Session(
                 job.system,
                 [begun := _Begun(self, number)],
@@ -267,6 +268,16 @@ class _Report(ObserverDispatch):
     def text(self, number: int, text: str) -> None:
         """Tell a new value of a String."""
         self._tell(messages.TEXT, number, text)
+
+    def within_steps(
+        self, component: str, times_ns: NDArray[np.int64], values: NDArray[np.float64]
+    ) -> None:
+        """Tell outputs within steps."""
+        self._tell(messages.WITHIN, component, times_ns, values)
+
+    def point(self, instant_ns: int, seconds: float) -> None:
+        """Tell a point that was added."""
+        self._tell(messages.POINT, instant_ns, seconds)
 
     def close(self) -> None:
         """Do nothing: the parent closes its own."""

@@ -256,6 +256,11 @@ class FollowedRun:
                 number, text = content
                 if self._wiring.texts.number(text) != number:
                     raise ValueError(f"expected number {number} for {text!r}")
+            case messages.POINT:
+                self._points.add(*content)
+                self._wiring.fill_routes(self._points.ready, self._points.count)
+            case messages.WITHIN:
+                self._dispatch.within_steps(*content)
             case messages.PROCESS:
                 self._worker.add_process(*content)
             case messages.BEGUN:
@@ -275,7 +280,7 @@ class FollowedRun:
     def _make_ready(self, complete: int) -> None:
         """Make points ready as the child did, with the delays that follow from complete rows."""
         points = self._points
-        while (first := points.ready) < complete:
+        while (first := points.ready) < complete and not points.has_events:
             if not points.crossing:
                 points.extend()
             else:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import math
 import posixpath
+import tomllib
 import zipfile
 import zlib
 from pathlib import Path
@@ -29,7 +30,7 @@ _ROOTS = (
     tag("ssm", "ParameterMapping"),
 )
 _PIECE = 2**20
-_UNREADABLE = (EOFError, zipfile.BadZipFile, RuntimeError, NotImplementedError, zlib.error)
+BROKEN = (EOFError, zipfile.BadZipFile, RuntimeError, NotImplementedError, zlib.error)
 
 
 class Archive:
@@ -135,7 +136,7 @@ class Archive:
                 while copied <= most and (piece := stream.read(_PIECE)):
                     copied += len(piece)
                     to.write(piece)
-        except _UNREADABLE as error:
+        except BROKEN as error:
             raise self.wrong("an entry cannot be read", name, got=str(error)) from error
         self._read += copied
         if copied > most or self._read > MAX_IN_ALL:
@@ -170,9 +171,9 @@ class Archive:
         except InputError as error:
             if root.tag not in _ROOTS:
                 raise self.wrong(
-                    "not a file of SSP 1.0", name, expected=f"{kind}.xsd", got=error.got
+                    "not a file of SSP", name, expected=f"{kind}.xsd", got=error.got
                 ) from error
-            self.notes.append(f"{error.where}: not valid by the schema of SSP 1.0: {error.got}")
+            self.notes.append(f"{error.where}: {error.what}: {error.got}")
         return root
 
     def needed(self, element: Any, attribute: str, entry: str) -> str:
@@ -185,6 +186,14 @@ class Archive:
                 got=etree.QName(element).localname,
             )
         return str(found)
+
+    def toml(self, name: str, text: str) -> dict[str, Any]:
+        """Parse the content of an annotation of this project."""
+        try:
+            return tomllib.loads(text)
+        except tomllib.TOMLDecodeError as error:
+            what = f"the annotation of {name!r} is not TOML"
+            raise self.wrong(what, SSD, got=str(error)) from error
 
     def number(self, element: Any, attribute: str, entry: str, default: float) -> float:
         """Return a numeric attribute, or `default` if it is missing; see `as_number`."""

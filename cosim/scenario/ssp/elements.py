@@ -18,7 +18,8 @@ from cosim.fmu import ComponentSpec, Port, build_fmu, component_module
 from cosim.master import Connection, Endpoint, Session, System
 from cosim.network import PacketLink, TransportLink
 from cosim.scenario.ssp.link_fmu import link_spec
-from cosim.scenario.ssp.structure import TYPES, Connector, Element, Value, Wire
+from cosim.scenario.ssp.names import SspVersion
+from cosim.scenario.ssp.structure import TYPES, Connector, Element, Value, Wire, ssp_type
 
 _TABLE = component_module("signal_table.variables")
 _LINK = component_module("link_channel.variables")
@@ -73,6 +74,7 @@ def archive_elements(
     resources: Resources,
     links: Literal["annotate", "fmu"],
     tomls: Mapping[str, str],
+    version: SspVersion,
 ) -> ArchiveElements:
     """Make elements of components, driven inputs and links; `tomls`: [links.NAME] by name.
 
@@ -87,40 +89,67 @@ def archive_elements(
         _link_fmus(system, resources, built, tomls)
     else:
         _annotations(system, built, tomls)
-    _components(system, resources, built, starts)
+    _components(system, resources, built, starts, version)
     return built
 
 
 def _components(
-    system: System, resources: Resources, built: ArchiveElements, starts: Mapping[Endpoint, Value]
+    system: System,
+    resources: Resources,
+    built: ArchiveElements,
+    starts: Mapping[Endpoint, Value],
+    version: SspVersion,
 ) -> None:
-    inputs = {wire.target for wire in built.wires}
+    connected = {end for wire in built.wires for end in (wire.source, wire.target)}
     own = []
     for name, component in system.components.items():
         fmu = component.description
         connectors = [
-            Connector(p.name, p.causality, TYPES[p.kind], p.unit)  # type: ignore[arg-type]
-            for p in fmu.ports.values()
-            if p.kind is not None
-            and not p.shape
-            and (p.causality == "output" or (p.causality == "input" and (name, p.name) in inputs))
+            _connector(port, name, version)
+            for port in fmu.ports.values()
+            if (name, port.name) in connected or _listed(port, version)
         ]
-        values = {v: _value(fmu.ports[v], x, name) for v, x in component.parameters.items()}
+        values = {
+            v: _value(fmu.ports[v], x, name, version) for v, x in component.parameters.items()
+        }
         values |= {end.variable: v for end, v in starts.items() if end.component == name}
         source = resources.add(fmu.path.stem, fmu.path.read_bytes())
         own.append(Element(name, source, connectors, dict(sorted(values.items()))))
     built.elements[:0] = own
 
 
-def _value(port: Port, value: Any, component: str) -> Value:
-    if port.kind is None or port.shape:
+def _listed(port: Port, version: SspVersion) -> bool:
+    """Whether an output without a connection is a connector: of a type that all tools take."""
+    return (
+        port.causality == "output"
+        and not port.shape
+        and port.kind in ("float", "int", "bool")
+        and ssp_type(port, version) == TYPES[port.kind]
+    )
+
+
+def _connector(port: Port, component: str, version: SspVersion) -> Connector:
+    _expressible(port, component, version)
+    kind: Literal["input", "output"] = "output" if port.causality == "output" else "input"
+    return Connector(port.name, kind, ssp_type(port, version), port.unit, port.shape)
+
+
+def _value(port: Port, value: Any, component: str, version: SspVersion) -> Value:
+    _expressible(port, component, version)
+    if port.shape:
+        value = np.asarray(value, dtype=object).ravel().tolist()
+    return Value(ssp_type(port, version), value, port.unit, port.shape)
+
+
+def _expressible(port: Port, component: str, version: SspVersion) -> None:
+    if port.kind is None or (port.shape and version == "1.0"):
         raise InputError(
-            "SSP 1.0 has no values for this variable",
+            f"SSP {version} has no connectors and no values for this variable",
             where=f"component {component!r}, {port.name}",
             expected="a scalar number, truth value or text",
             got="an array" if port.shape else "Binary or Clock",
+            hint="--ssp 2.0" if port.kind is not None else None,
         )
-    return Value(TYPES[port.kind], value, port.unit)
 
 
 # ---- inputs that follow given signals

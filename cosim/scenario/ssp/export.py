@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -18,8 +17,8 @@ from cosim.scenario.fields import Part
 from cosim.scenario.preparation import PreparedScenario
 from cosim.scenario.schema import Scenario
 from cosim.scenario.ssp.elements import ArchiveElements, Resources, archive_elements
-from cosim.scenario.ssp.names import SSD
-from cosim.scenario.ssp.structure import Element, Structure
+from cosim.scenario.ssp.names import SSD, SspVersion, identifiers
+from cosim.scenario.ssp.structure import Element, Structure, Wire
 from cosim.scenario.ssp.units import units_of
 from cosim.scenario.ssp.write_ssd import ssd_bytes
 
@@ -37,6 +36,7 @@ class SspExport:
 
     Attributes
     ----------
+    components : names of the elements in the archive, which are identifiers.
     links : by name: "annotation", "FMU", "wire" for a transport link without delay, or "unused".
     resources : paths in the archive.
     warnings : sentences about what other tools do differently, or what is left out.
@@ -65,13 +65,19 @@ class SspExport:
         }
 
 
-def export_ssp(prepared: PreparedScenario, path: Path, links: Links = "annotate") -> SspExport:
+def export_ssp(
+    prepared: PreparedScenario,
+    path: Path,
+    links: Links = "annotate",
+    version: SspVersion = "1.0",
+) -> SspExport:
     """Write a scenario as an archive; the same scenario gives the same bytes.
 
     Parameters
     ----------
     prepared : the scenario with its FMUs and its gain.
     links : "annotate": annotations, which other tools ignore; "fmu": FMUs.
+    version : of SSP; arrays and the types of FMI 3.0 need 2.0, which fewer tools read.
 
     Raises
     ------
@@ -85,14 +91,17 @@ def export_ssp(prepared: PreparedScenario, path: Path, links: Links = "annotate"
     system = system_of(prepared, scenario)
     resources = Resources()
     tomls = {name: _toml(part) for name, part in scenario.links.items()}
-    built = archive_elements(system, resources, links, tomls)
-    warnings = [*built.warnings, *_left_out(prepared, system)]
+    built = archive_elements(system, resources, links, tomls, version)
+    warnings = [*built.warnings, *_left_out(prepared, system, version)]
     units = units_of(system, warnings)
+    names = identifiers(e.name for e in built.elements)
     structure = Structure(
-        name=re.sub(r"[^A-Za-z0-9_-]+", "_", prepared.loaded.name) or "system",
+        version=version,
+        name=identifiers([prepared.loaded.name])[prepared.loaded.name],
         description=scenario.title,
-        elements=[_with_known_units(e, units) for e in built.elements],
-        wires=built.wires,
+        elements=[_with_known_units(replace(e, name=names[e.name]), units) for e in built.elements],
+        labels={plain: name for name, plain in names.items() if plain != name},
+        wires=[_renamed(wire, names) for wire in built.wires],
         units=units,
         links=built.annotated,
         run=_toml(scenario.run),
@@ -133,7 +142,7 @@ def _inexpressible(scenario: Scenario) -> list[str]:
     return sorted(name for name in scenario.model_fields_set - _EXPORTED if getattr(scenario, name))
 
 
-def _left_out(prepared: PreparedScenario, system: System) -> list[str]:
+def _left_out(prepared: PreparedScenario, system: System, version: SspVersion) -> list[str]:
     """Return sentences about what the archive does not contain."""
     scenario = prepared.loaded.scenario
     sentences = [
@@ -147,7 +156,7 @@ def _left_out(prepared: PreparedScenario, system: System) -> list[str]:
             f"run.algorithm = {system.algorithm!r}: other tools step in their own order"
         )
     for name, component in system.components.items():
-        sentences += _left_out_of(name, component)
+        sentences += _left_out_of(name, component, version)
     for policies, what in (
         (("midpoint", "linear"), "hold these inputs over a step"),
         (("previous",), "do not delay these inputs by a step"),
@@ -158,11 +167,11 @@ def _left_out(prepared: PreparedScenario, system: System) -> list[str]:
     return sentences
 
 
-def _left_out_of(name: str, component: Component) -> Iterator[str]:
+def _left_out_of(name: str, component: Component, version: SspVersion) -> Iterator[str]:
     """Yield sentences about what the archive does not contain of a component."""
     if component.every_ns is not None:
         yield (f"component {name!r}: its own step of {component.every_ns / 1e9:g} s is left out")
-    if component.description.version != "2.0":
+    if component.description.version != "2.0" and version == "1.0":
         yield (
             f"component {name!r} is an FMU of FMI {component.description.version}, which "
             "SSP 1.0 does not cover; many tools refuse it"
@@ -192,6 +201,11 @@ def _link_forms(built: ArchiveElements, scenario: Scenario) -> dict[str, str]:
         else:
             words[name] = "wire" if name in built.wired else "unused"
     return words
+
+
+def _renamed(wire: Wire, names: Mapping[str, str]) -> Wire:
+    (source, output), (target, into) = wire.source, wire.target
+    return replace(wire, source=(names[source], output), target=(names[target], into))
 
 
 def _with_known_units(element: Element, units: Mapping[str, Mapping[str, str]]) -> Element:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Set as AbstractSet
 from dataclasses import dataclass, replace
 
 from cosim.scenario.ssp.archive import Archive
@@ -15,10 +15,13 @@ Path = tuple[str, ...]
 End = tuple[Path, str]
 """Path of a component or system, and a connector of it."""
 
+_NO_NAME = "\0"
+"""Begins the path of a signal dictionary, whose signals are the same in all systems."""
+
 
 def end_text(end: End) -> str:
     """Format an end as `system.component.connector`."""
-    return ".".join((*end[0], end[1]))
+    return ".".join((*end[0], end[1])).removeprefix(_NO_NAME)
 
 
 @dataclass(frozen=True)
@@ -57,15 +60,19 @@ def flatten(archive: Archive, system: SubSystem) -> FlatSystem:
     """
     parts = dict(_parts(system, (), ()))
     systems = dict(_systems(system, ()))
+    dictionaries = {
+        (_NO_NAME + name,) for one in systems.values() for name in one.dictionaries.values()
+    }
     into: dict[End, tuple[End, InnerConnection]] = {}
     for path, one in systems.items():
         for inner_connection in one.inner_connections:
             where = f"{SSD}:{inner_connection.line}"
-            source = _end(path, inner_connection.source)
-            target = _end(path, inner_connection.target)
+            source = _end(path, inner_connection.source, one)
+            target = _end(path, inner_connection.target, one)
             for end in (source, target):
-                if end[0] not in parts and end[0] not in systems:
+                if end[0] not in parts and end[0] not in systems and end[0] not in dictionaries:
                     names = [p.name for p in one.parts] + [s.name for s in one.systems]
+                    names += one.dictionaries
                     raise archive.wrong(
                         "a connection of an unknown element",
                         where,
@@ -78,7 +85,8 @@ def flatten(archive: Archive, system: SubSystem) -> FlatSystem:
     wires = []
     for target, (source, inner_connection) in into.items():
         if target[0] in parts:
-            found = _origin(archive, source, into, systems, inner_connection.link)
+            passing = systems.keys() | dictionaries
+            found = _origin(archive, source, into, passing, inner_connection.link)
             if found is None:
                 archive.notes.append(
                     f"{end_text(target)} comes from outside of the system or from nothing: it "
@@ -113,20 +121,28 @@ def _systems(system: SubSystem, path: Path) -> Iterator[tuple[Path, SubSystem]]:
         yield from _systems(inner, (*path, inner.name))
 
 
-def _end(path: Path, end: tuple[str | None, str]) -> End:
-    return (path, end[1]) if end[0] is None else ((*path, end[0]), end[1])
+def _end(path: Path, end: tuple[str | None, str], system: SubSystem) -> End:
+    element, connector = end
+    if element is None:
+        return path, connector
+    if element in system.dictionaries:
+        return (_NO_NAME + system.dictionaries[element],), connector
+    return (*path, element), connector
 
 
 def _origin(
     archive: Archive,
     source: End,
     into: dict[End, tuple[End, InnerConnection]],
-    systems: dict[Path, SubSystem],
+    passing: AbstractSet[Path],
     link: str | None,
 ) -> tuple[End, str | None] | None:
-    """Return the component's output behind a connector, and the link; None if there is none."""
+    """Return the component's output behind a connector, and the link; None if there is none.
+
+    `passing` : systems and signal dictionaries, whose connectors only pass values on.
+    """
     seen = {source}
-    while source[0] in systems:
+    while source[0] in passing:
         before = into.get(source)
         if before is None:
             return None
@@ -148,11 +164,15 @@ def _origin(
     return source, link
 
 
-def scenario_names(paths: list[Path]) -> dict[Path, str]:
-    """Return a distinct name for each path, valid in a scenario."""
+def scenario_names(paths: list[Path], known: Mapping[str, str]) -> dict[Path, str]:
+    """Return a distinct name for each path, valid in a scenario.
+
+    `known` : element of the outermost system -> its name, from an archive of this project.
+    """
     names: dict[Path, str] = {}
     for path in paths:
-        name = re.sub(r"[^A-Za-z0-9_-]+", "_", "_".join(path)).strip("_")
+        joined = known.get(path[0], path[0]) if len(path) == 1 else "_".join(path)
+        name = re.sub(r"[^A-Za-z0-9_-]+", "_", str(joined)).strip("_")
         name = name if re.match(r"[A-Za-z]", name) else f"c_{name}"
         number, free = 2, name
         while free in names.values():

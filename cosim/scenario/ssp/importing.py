@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 import tempfile
-import tomllib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -89,7 +88,7 @@ def import_ssp(
         places = [place for place in flat.parts if place not in channels]
         if not places:
             raise archive.wrong("a system without components", SSD)
-        names = scenario_names(places)
+        names = scenario_names(places, description.names)
         folder = path.with_name(f"{path.stem}_fmus")
         files = _unpack(archive, flat, places, unpacked)
         entries = {place: flat.parts[place].entry for place in places}
@@ -110,9 +109,9 @@ def import_ssp(
             "run": _run(archive, description, fmus, step, end),
             "components": components,
             "connections": connections_of(archive, flat, channels, names, fmus, description),
-            "links": {name: _table(archive, name, toml) for name, toml in links.items()},
+            "links": {name: archive.toml(name, toml) for name, toml in links.items()},
         }
-        rest = _table(archive, "scenario", description.rest)
+        rest = archive.toml("scenario", description.rest)
         data |= {key: value for key, value in rest.items() if key not in data}
         by_name = {names[place]: fmu for place, fmu in fmus.items()}
         text, loaded = _parsed(data, path)
@@ -225,7 +224,7 @@ def _run(
     step: float | None,
     end: float | None,
 ) -> dict[str, Any]:
-    table = {} if description.run is None else _table(archive, "run", description.run)
+    table = {} if description.run is None else archive.toml("run", description.run)
     notes = archive.notes
     experiments = [fmu.model.defaultExperiment for fmu in fmus.values()]
     start = description.start_s or 0.0
@@ -258,11 +257,3 @@ def _run(
     if step is not None:
         table["step"] = step
     return table
-
-
-def _table(archive: Archive, name: str, toml: str) -> dict[str, Any]:
-    try:
-        return tomllib.loads(toml)
-    except tomllib.TOMLDecodeError as error:
-        what = f"the annotation of {name!r} is not TOML"
-        raise archive.wrong(what, SSD, got=str(error)) from error

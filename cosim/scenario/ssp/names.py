@@ -1,8 +1,18 @@
-"""Names of SSP 1.0 and of this project's annotations in it."""
+"""Names of SSP 1.0 and 2.0 and of this project's annotations in them.
+
+OMSimulator refuses an archive with annotations of the whole description or of a Component; of a
+System, a Connection and the DefaultExperiment it takes them, so ours are there. Of a System it
+reads the first annotation only, which must be its own.
+"""
 
 from __future__ import annotations
 
+import re
+from collections.abc import Iterable
 from types import MappingProxyType
+from typing import Literal
+
+SspVersion = Literal["1.0", "2.0"]
 
 SSD = "SystemStructure.ssd"
 """The file of an archive that describes the system."""
@@ -13,9 +23,10 @@ NAMESPACES = MappingProxyType(
         "ssd": "http://ssp-standard.org/SSP1/SystemStructureDescription",
         "ssv": "http://ssp-standard.org/SSP1/SystemStructureParameterValues",
         "ssm": "http://ssp-standard.org/SSP1/SystemStructureParameterMapping",
+        "ssb": "http://ssp-standard.org/SSP1/SystemStructureSignalDictionary",
     }
 )
-"""Prefix -> namespace; libcosim and Ecos recognise only these prefixes."""
+"""Prefix -> namespace, of both versions; most tools recognise only these prefixes."""
 
 OWN = "urn:auv-cosim:ssp:1"
 """Namespace of the content of the annotations below."""
@@ -24,7 +35,7 @@ RUN_ANNOTATION = "auv-cosim.run"
 """Of the DefaultExperiment: a `<run>` with the table [run] of a scenario as TOML."""
 
 REST_ANNOTATION = "auv-cosim.scenario"
-"""Of the description: a `<scenario>` with the parts that SSP cannot express, as TOML."""
+"""Of the System: a `<scenario>` with the parts that SSP cannot express, as TOML."""
 
 LINK_ANNOTATION = "auv-cosim.link"
 """Of the System: a `<link name="...">` with [links.NAME] of a scenario as TOML, every key.
@@ -33,7 +44,10 @@ Of a Connection: an empty `<link name="...">`, the link that this connection goe
 """
 
 LINK_FMU_ANNOTATION = "auv-cosim.link-fmu"
-"""Of a Component that is a link FMU: the `<link>` that it implements."""
+"""Of the System: a `<link name="..." element="...">` for each element that is a link FMU."""
+
+NAMES_ANNOTATION = "auv-cosim.names"
+"""Of the System: `<names>`, the names in the scenario of elements named otherwise here, as TOML."""
 
 OSP_ANNOTATION = "com.opensimulationplatform"
 OSP = "http://opensimulationplatform.com/SSP/OSPAnnotations"
@@ -46,7 +60,28 @@ OMS = "https://raw.githubusercontent.com/OpenModelica/OMSimulator/master/schema/
 PARAMETER_SET = "parameters"
 """Name of every parameter set: Ecos applies those of one name together."""
 
+OMS_SOLVER = "oms_ma_default"
+"""OMSimulator's importer in Python gives components without a solver the one of this name."""
+
 FMU_TYPE = "application/x-fmu-sharedlibrary"
+
+IDENTIFIER = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
+"""What OMSimulator takes as the name of an archive, a system, or an element."""
+
+
+def identifiers(names: Iterable[str]) -> dict[str, str]:
+    """Return a distinct identifier for each name: the name itself, if it is one."""
+    names = list(names)
+    found = {name: name for name in names if IDENTIFIER.fullmatch(name)}
+    for name in names:
+        if name not in found:
+            plain = re.sub(r"[^A-Za-z0-9_]+", "_", name) or "system"
+            plain = plain if plain[0].isalpha() else f"s_{plain.lstrip('_')}"
+            number, free = 2, plain
+            while free in found.values():
+                number, free = number + 1, f"{plain}_{number}"
+            found[name] = free
+    return found
 
 
 def tag(prefix: str, name: str) -> str:

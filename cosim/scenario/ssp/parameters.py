@@ -3,22 +3,31 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+import numpy as np
 from lxml import etree
 
 from cosim.fmu import FmuDescription, Port
 from cosim.scenario.ssp.archive import Archive
 from cosim.scenario.ssp.names import NAMESPACES, tag
-from cosim.scenario.ssp.structure import TYPES
+from cosim.scenario.ssp.structure import FLOATS, INTEGERS
 from cosim.scenario.ssp.units import UnitBase, converted, units_of_fmu
 
 LINEAR = "LinearTransformation"
 
 _SET = "application/x-ssp-parameter-set"
 _MAPPING = "application/x-ssp-parameter-mapping"
+
+
+_KIND = {
+    **dict.fromkeys(FLOATS, "float"),
+    **dict.fromkeys(INTEGERS, "int"),
+    "Boolean": "bool",
+    "String": "string",
+}
 
 
 @dataclass(frozen=True)
@@ -28,39 +37,46 @@ class BoundValue:
     Attributes
     ----------
     name : of the variable; in a system's binding, prefixed by the names of its elements.
-    type, text, unit : as in the file.
-    factor, offset : of the mapping that was applied.
+    type, unit : as in the file.
+    texts : the value's elements as in the file; of a scalar, one.
     where : entry and line.
+    factor, offset : of the mapping that was applied, after the conversion of units.
     """
 
     name: str
     type: str
-    text: str
+    texts: tuple[str, ...]
     unit: str | None
     where: str
     factor: float = 1.0
     offset: float = 0.0
 
-    def value(self, archive: Archive) -> float | int | bool | str:
-        """Return the value in Python; an InputError if its type is not supported."""
-        plain = (self.factor, self.offset) == (1.0, 0.0)
-        if self.type == "Real":
-            value = archive.as_number(self.text, self.where)
-            return value if plain else value * self.factor + self.offset
-        if self.type in ("Integer", "Boolean", "String") and plain:
-            if self.type == "Boolean":
-                return self.text.strip() in ("true", "1")
-            if self.type == "String":
-                return self.text
-            value = archive.as_number(self.text, self.where)
-            if value == int(value):
-                return int(value)
-        raise archive.wrong(
-            "a parameter value that is not supported",
-            self.where,
-            expected="Real, Integer, Boolean or String; transformed: Real",
-            got=f"{self.name}: {self.type} {self.text}",
-        )
+    def values(self, archive: Archive) -> list[Any]:
+        """Return the elements in Python, as yet untransformed; an InputError for other types."""
+        kind = _KIND.get(self.type)
+        if kind is None or ((self.factor, self.offset) != (1.0, 0.0) and kind != "float"):
+            raise archive.wrong(
+                "a parameter value that is not supported",
+                self.where,
+                expected="a number, Boolean or String; transformed: a real number",
+                got=f"{self.name}: {self.type} {' '.join(self.texts)}",
+            )
+        return [self._value(archive, kind, text) for text in self.texts]
+
+    def _value(self, archive: Archive, kind: str, text: str) -> Any:
+        if kind == "bool":
+            return text.strip() in ("true", "1")
+        if kind == "string":
+            return text
+        if kind == "float":
+            return archive.as_number(text, self.where)
+        try:
+            return int(text)  # a UInt64 may be more than a double holds
+        except ValueError:
+            value = archive.as_number(text, self.where)
+        if value == int(value):
+            return int(value)
+        raise archive.wrong("not a whole number", self.where, got=f"{self.name}: {text}")
 
 
 def bound_values(archive: Archive, element: Any, base: str) -> list[BoundValue]:
@@ -116,13 +132,21 @@ def _values(archive: Archive, binding: Any, base: str, where: str) -> list[Bound
 def _value(archive: Archive, parameter: Any, entry: str) -> BoundValue:
     where = f"{entry}:{parameter.sourceline}"
     start = f"{{{NAMESPACES['ssv']}}}"
-    kinds = [child for child in parameter.iterchildren(tag=etree.Element) if child.get("value")]
-    if not kinds or not kinds[0].tag.startswith(start):
+    kinds = [c for c in parameter.iterchildren(tag=etree.Element) if str(c.tag).startswith(start)]
+    if not kinds:
+        raise archive.wrong("a parameter without a value", where, got=parameter.get("name"))
+    kind = kinds[0].tag.removeprefix(start)
+    text = kinds[0].get("value")
+    if text is None:  # an array of texts has an element for each
+        texts = [archive.needed(e, "value", entry) for e in kinds[0].iterfind(tag("ssv", "Value"))]
+    else:
+        texts = [text] if kind == "String" else text.split()
+    if not texts:
         raise archive.wrong("a parameter without a value", where, got=parameter.get("name"))
     return BoundValue(
         name=archive.needed(parameter, "name", entry),
-        type=kinds[0].tag.removeprefix(start),
-        text=kinds[0].get("value"),
+        type=kind,
+        texts=tuple(texts),
         unit=kinds[0].get("unit"),
         where=where,
     )
@@ -153,7 +177,8 @@ def _mapped(
                 what = "this transformation of a parameter is not supported"
                 raise archive.wrong(what, at, expected=LINEAR, got=kind)
             factor, offset = numbers
-        found.append(replace(value, name=target, factor=factor, offset=offset))
+        unit = None if item.get("suppressUnitConversion") in ("true", "1") else value.unit
+        found.append(replace(value, name=target, factor=factor, offset=offset, unit=unit))
     return found
 
 
@@ -183,17 +208,21 @@ def values_for(
     ------
     InputError : a variable that the FMU does not have, or a value of another type or unit.
     """
-    values = {}
-    for one in bound:
-        port = fmu.ports.get(one.name)
-        if port is None:
-            near = difflib.get_close_matches(one.name, list(fmu.ports), n=3, cutoff=0.5)
-            raise archive.wrong(
-                f"{name} has no variable {one.name!r}",
-                one.where,
-                hint=f"did you mean {' or '.join(near)}?" if near else None,
-            )
-        values[one.name] = _in_unit_of(archive, one, port, fmu, units)
+    unknown = [one for one in bound if one.name not in fmu.ports]
+    if unknown:
+        near = difflib.get_close_matches(unknown[0].name, list(fmu.ports), n=3, cutoff=0.5)
+        raise archive.wrong(
+            f"{name} has no variable {unknown[0].name!r}",
+            unknown[0].where,
+            hint=f"did you mean {' or '.join(near)}?" if near else None,
+        )
+    values: dict[str, Any] = {}
+    for shaping in (True, False):  # structural parameters first: arrays have the lengths they give
+        for one in bound:
+            port = fmu.ports[one.name]
+            if (port.causality == "structuralParameter") == shaping:
+                values[one.name] = _in_unit_of(archive, one, port, fmu, units)
+        fmu = fmu.resized(values)
     return dict(sorted(values.items()))
 
 
@@ -204,27 +233,44 @@ def _in_unit_of(
     fmu: FmuDescription,
     units: Mapping[str, UnitBase],
 ) -> Any:
-    value = bound.value(archive)
-    fits = port.kind is not None and TYPES[port.kind] == bound.type
-    if port.kind == "float" and bound.type == "Integer":
-        value, fits = float(value), True
-    if not fits or port.shape:
+    values = bound.values(archive)
+    fits = port.kind == _KIND[bound.type] or (port.kind, _KIND[bound.type]) == ("float", "int")
+    if not fits or len(values) not in (1, port.size):
+        size = f", {port.size} numbers" if port.shape else ""
         raise archive.wrong(
             "a value of the wrong type",
             bound.where,
-            expected=f"{port.getter_type} for {bound.name}",
-            got=bound.type,
+            expected=f"{port.getter_type}{size} for {bound.name}",
+            got=bound.type + (f", {len(values)} numbers" if len(values) > 1 else ""),
         )
+    if port.kind == "float":
+        convert = _conversion(archive, bound, port, fmu, units)
+        values = [convert(float(value)) for value in values]
+        if (bound.factor, bound.offset) != (1.0, 0.0):
+            values = [value * bound.factor + bound.offset for value in values]
+    if not port.shape:
+        return values[0]
+    values = values * (port.size // len(values))
+    return np.reshape(np.array(values, dtype=object), port.shape).tolist()
+
+
+def _conversion(
+    archive: Archive,
+    bound: BoundValue,
+    port: Port,
+    fmu: FmuDescription,
+    units: Mapping[str, UnitBase],
+) -> Callable[[float], float]:
+    """Return what converts a value to the unit of the variable."""
     if bound.unit is None or port.unit is None or bound.unit == port.unit:
-        return value
+        return lambda value: value
     own = units_of_fmu(fmu.model)
     of, to = units.get(bound.unit) or own.get(bound.unit), own.get(port.unit)
-    try:
-        if of is not None and to is not None:
-            return converted(float(value), of, to)
-        reason = "one of the units is not defined"
-    except ValueError as error:
-        reason = str(error)
+    reason = "one of the units is not defined"
+    if of is not None and to is not None:
+        if of.exponents == to.exponents:
+            return lambda value: converted(value, of, to)
+        reason = "the units measure different things"
     raise archive.wrong(
         f"{bound.name} has a unit that cannot be converted",
         bound.where,

@@ -6,43 +6,66 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
-SspType = Literal["Real", "Integer", "Boolean", "String"]
+from cosim.fmu import Port
+from cosim.scenario.ssp.names import SspVersion
 
-TYPES: Mapping[str | None, SspType] = {
+TYPES: Mapping[str | None, str] = {
     "float": "Real",
     "int": "Integer",
     "bool": "Boolean",
     "string": "String",
 }
-"""`Port.kind` -> type in SSP."""
+"""`Port.kind` -> type in SSP 1.0."""
+
+_SIZED = frozenset(
+    {"Float32", *(f"{sign}Int{bits}" for sign in ("", "U") for bits in (8, 16, 32, 64))} - {"Int32"}
+)
+FLOATS = ("Real", "Float64", "Float32")
+INTEGERS = ("Integer", "Int32", *sorted(_SIZED - {"Float32"}))
+
+
+def ssp_type(port: Port, version: SspVersion) -> str:
+    """Return the type of a variable in SSP.
+
+    A Float64 is a Real and an Int32 an Integer, which SSP 2.0 has as their other names: so tools
+    of SSP 1.0 take them. Only SSP 2.0 has the other types of FMI 3.0.
+    """
+    if version == "2.0" and port.getter_type in _SIZED and not port.items:
+        return port.getter_type
+    return TYPES[port.kind]
 
 
 @dataclass(frozen=True)
 class Connector:
-    """A connected input or output."""
+    """An input or output; `shape` of an array, which only SSP 2.0 has."""
 
     name: str
     kind: Literal["input", "output"]
-    type: SspType
+    type: str
     unit: str | None = None
+    shape: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True)
 class Value:
-    """A start value."""
+    """A start value; of an array, with `shape`, a flat list, the last index fastest."""
 
-    type: SspType
+    type: str
     value: Any
     unit: str | None = None
+    shape: tuple[int, ...] = ()
 
     @property
-    def text(self) -> str:
-        """The value as in XML schema; a double in the shortest form that reads back equal."""
+    def texts(self) -> list[str]:
+        """The elements as in XML schema; a double in the shortest form that reads back equal."""
+        return [self._text(value) for value in (self.value if self.shape else [self.value])]
+
+    def _text(self, value: Any) -> str:
         if self.type == "Boolean":
-            return "true" if self.value else "false"
-        if self.type == "Integer":
-            return str(int(self.value))
-        return repr(float(self.value)) if self.type == "Real" else str(self.value)
+            return "true" if value else "false"
+        if self.type in INTEGERS:
+            return str(int(value))
+        return repr(float(value)) if self.type in FLOATS else str(value)
 
 
 @dataclass(frozen=True)
@@ -78,6 +101,8 @@ class Structure:
 
     Attributes
     ----------
+    version : of SSP.
+    labels : element -> name in the scenario, where they differ.
     units : name -> exponents of base units, factor and offset.
     links : TOML of each annotated link by its name.
     run : TOML of [run].
@@ -85,9 +110,11 @@ class Structure:
     step_s, end_s : communication step and end [s].
     """
 
+    version: SspVersion
     name: str
     description: str
     elements: Sequence[Element]
+    labels: Mapping[str, str]
     wires: Sequence[Wire]
     units: Mapping[str, Mapping[str, str]]
     links: Mapping[str, str]

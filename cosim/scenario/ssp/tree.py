@@ -13,6 +13,7 @@ from cosim.scenario.ssp.names import (
     FMU_TYPE,
     LINK_ANNOTATION,
     LINK_FMU_ANNOTATION,
+    NAMES_ANNOTATION,
     OMS,
     OSP,
     OWN,
@@ -54,13 +55,17 @@ class Part:
 
 @dataclass(frozen=True)
 class SubSystem:
-    """A system with its components, nested systems and connections."""
+    """A system with its components, nested systems and connections.
+
+    `dictionaries` : element that refers to a signal dictionary -> what tells it from the others.
+    """
 
     name: str
     parts: Sequence[Part]
     systems: Sequence[SubSystem]
     inner_connections: Sequence[InnerConnection]
     bound: Sequence[BoundValue]
+    dictionaries: Mapping[str, str]
 
 
 @dataclass(frozen=True)
@@ -74,11 +79,13 @@ class Description:
     rest : TOML of what SSP cannot express.
     start_s, stop_s, step_s : from the default experiment and other tools' annotations, or None.
     units : defined by the description.
+    names : element of the outermost system -> name in the scenario, where they differ.
     """
 
     name: str
     text: str
     system: SubSystem
+    names: Mapping[str, str]
     links: dict[str, str]
     run: str | None
     rest: str
@@ -113,13 +120,16 @@ def read_description(archive: Archive) -> Description:
         runs = _own(experiment, RUN_ANNOTATION)
         run = runs[0].text if runs else None
     links = {e.get("name", ""): e.text or "" for e in _own(system, LINK_ANNOTATION)}
+    names = "".join(e.text or "" for e in _own(system, NAMES_ANNOTATION))
+    rest = [*_own(root, REST_ANNOTATION), *_own(system, REST_ANNOTATION)]
     return Description(
         name=root.get("name", ""),
         text=system.get("description") or root.get("description") or "",
-        system=_system(archive, system, 0),
+        system=_system(archive, system, 0, {}),
+        names=archive.toml("names", names),
         links=links,
         run=run,
-        rest="".join(e.text or "" for e in _own(root, REST_ANNOTATION)),
+        rest="".join(e.text or "" for e in rest),
         start_s=start,
         stop_s=stop,
         step_s=_foreign_step(root),
@@ -154,24 +164,28 @@ def _foreign_step(root: Any) -> float | None:
     return None
 
 
-def _system(archive: Archive, element: Any, depth: int) -> SubSystem:
+def _system(archive: Archive, element: Any, depth: int, known: Mapping[str, str]) -> SubSystem:
+    """Read a system; `known`: the signal dictionaries of those around it, by name."""
     name = element.get("name", "")
     if depth > MAX_DEPTH:
         raise archive.wrong("systems nested too deeply", _at(element), got=f"{depth} levels")
-    parts, systems = [], []
+    known = {**known, **_own_dictionaries(element)}
+    parts, systems, dictionaries = [], [], {}
+    fmu_of = {e.get("element"): e for e in _own(element, LINK_FMU_ANNOTATION)}
     for child in _children(element, "Elements"):
         if child.tag == tag("ssd", "Component"):
-            parts.append(_part(archive, child))
+            parts.append(_part(archive, child, fmu_of.get(child.get("name"))))
         elif child.tag == tag("ssd", "System"):
-            systems.append(_system(archive, child, depth + 1))
+            systems.append(_system(archive, child, depth + 1, known))
         elif child.tag == tag("ssd", "SignalDictionaryReference"):
-            raise archive.wrong(
-                "signal dictionaries are not supported",
-                _at(child),
-                got=child.get("name"),
-                hint="connect the components directly",
-            )
-    names = [p.name for p in parts] + [s.name for s in systems]
+            of = child.get("dictionary", "")
+            if of not in known:
+                what = "a reference to an unknown signal dictionary"
+                raise archive.wrong(
+                    what, _at(child), expected=", ".join(sorted(known)) or "none", got=of
+                )
+            dictionaries[archive.needed(child, "name", SSD)] = known[of]
+    names = [p.name for p in parts] + [s.name for s in systems] + list(dictionaries)
     twice = sorted({n for n in names if names.count(n) > 1})
     if twice:
         raise archive.wrong("two elements of one name", _at(element), got=", ".join(twice))
@@ -180,10 +194,23 @@ def _system(archive: Archive, element: Any, depth: int) -> SubSystem:
         for child in _children(element, "Connections")
         if child.tag == tag("ssd", "Connection")
     ]
-    return SubSystem(name, parts, systems, inner_connections, bound_values(archive, element, SSD))
+    bound = bound_values(archive, element, SSD)
+    return SubSystem(name, parts, systems, inner_connections, bound, dictionaries)
 
 
-def _part(archive: Archive, element: Any) -> Part:
+def _own_dictionaries(element: Any) -> dict[str, str]:
+    """Return the signal dictionaries that a system defines; value: distinct in the archive.
+
+    What they say of their signals is not needed: the variables of the FMUs have types and units.
+    """
+    return {
+        child.get("name", ""): f"signal dictionary {child.get('name')!r} (line {child.sourceline})"
+        for child in _children(element, "SignalDictionaries")
+    }
+
+
+def _part(archive: Archive, element: Any, link_fmu: Any | None) -> Part:
+    """Read a component; `link_fmu`: the annotation that says that it is a link FMU."""
     kind = element.get("type", FMU_TYPE)
     if kind != FMU_TYPE:
         raise archive.wrong(
@@ -199,12 +226,14 @@ def _part(archive: Archive, element: Any) -> Part:
             expected="co-simulation",
             got=f"component {element.get('name')!r}",
         )
-    links = _own(element, LINK_FMU_ANNOTATION)
+    if link_fmu is None:  # in older archives, the annotation is of the component
+        link_fmu = next(iter(_own(element, LINK_FMU_ANNOTATION)), None)
+    link = None if link_fmu is None else (link_fmu.get("name", ""), link_fmu.text or "")
     return Part(
         name=archive.needed(element, "name", SSD),
         entry=archive.entry(archive.needed(element, "source", SSD), SSD, _at(element)),
         bound=bound_values(archive, element, SSD),
-        link=(links[0].get("name", ""), links[0].text or "") if links else None,
+        link=link,
         line=element.sourceline,
     )
 

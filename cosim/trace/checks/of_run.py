@@ -189,7 +189,12 @@ class _Points:
         topics = self._topics
         if not topics:
             return Check("rows", "not checked", "no component has rows")
-        problems = [f"{t}: two rows at one instant" for t, times in topics.items() if times.back]
+        # with events the points of one instant follow each other: (t, 0), (t, 1), ...
+        problems = [
+            f"{t}: two rows at one instant"
+            for t, times in topics.items()
+            if times.back or (times.again and "event_mode" not in run)
+        ]
         most = max(times.count for times in topics.values())
         status = "" if result is None else result.get("status", "")
         if result is not None and status != "failed":
@@ -212,7 +217,7 @@ class _Instants:
 
     def __init__(self) -> None:
         self.count = self.last = 0
-        self.back = self.uneven = False
+        self.back = self.again = self.uneven = False
         self._step: int | None = None
         self._latest = np.zeros(0, np.int64)
 
@@ -222,7 +227,8 @@ class _Instants:
         self.count += times.size - bool(self.count)
         self.last = int(times[-1])
         steps = np.diff(times)
-        self.back |= bool((steps <= 0).any())
+        self.back |= bool((steps < 0).any())
+        self.again |= bool((steps == 0).any())
         steps = np.append(self._latest, steps)
         self._latest = steps[-1:]
         if steps.size > 1:

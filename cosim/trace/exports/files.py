@@ -105,7 +105,7 @@ class ParquetFile:
 
 
 def _schema(pa: Any, sheet: Sheet, trace: Trace, content_hash: str) -> Any:
-    kinds = {"f": pa.float64(), "i": pa.int64(), "b": pa.bool_()}
+    kinds = {"f": pa.float64(), "i": pa.int64(), "u": pa.uint64(), "b": pa.bool_()}
     fields = []
     for column in sheet.columns:
         notes = {"unit": column.unit, "description": column.description}

@@ -1,23 +1,19 @@
 """Charts as data for plotly.js, without colours, which `report.js` takes from the page's theme.
 
 `meta.role` of a curve is the number of its colour in the palette, or a name ("reference", "limit").
-Numbers are little-endian in base64, in four bytes where no difference can be seen.
 """
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
+from cosim.page import packed_times, packed_values, plain
 from cosim.trace.report.decimation import decimated
 from cosim.trace.report.series import Reals, Series
-
-LARGEST = 1e150
-"""Greater values overflow the arithmetic of a drawing; they are drawn at this one."""
 
 _DASHES = ("solid", "dash", "dot", "dashdot")
 PALETTE = 7
@@ -56,11 +52,11 @@ class Curve:
             "x": packed_times(t),
             "y": packed_values(values),
             "meta": {"role": self.role},
-            "hovertemplate": f"%{{y:.5~g}} {_plain(self.unit)}<extra>{_plain(self.label)}</extra>",
+            "hovertemplate": f"%{{y:.5~g}} {plain(self.unit)}<extra>{plain(self.label)}</extra>",
         }
         if self.text is not None:  # marks, not a line
             drawn |= {"mode": "markers", "text": [self.text[i] for i in kept]}
-            drawn["hovertemplate"] = f"%{{text}}<extra>{_plain(self.label)}</extra>"
+            drawn["hovertemplate"] = f"%{{text}}<extra>{plain(self.label)}</extra>"
         else:
             number = self.role if isinstance(self.role, int) else 0
             dash = _DASHES[number // PALETTE % len(_DASHES)]
@@ -99,7 +95,7 @@ class Chart:
             "data": data,
             "layout": {
                 "xaxis": {"title": {"text": "t [s]"}},
-                "yaxis": {"title": {"text": _plain(self.unit)}},
+                "yaxis": {"title": {"text": plain(self.unit)}},
             },
         }
 
@@ -126,7 +122,7 @@ class Chart:
                 "y": packed_values(np.array([value, value])),
                 "meta": {"role": "limit"},
                 "line": {"dash": "dot", "width": 1.4},
-                "hovertemplate": f"{value:.6g} {_plain(self.unit)}<extra>{_plain(label)}</extra>",
+                "hovertemplate": f"{value:.6g} {plain(self.unit)}<extra>{plain(label)}</extra>",
             }
             for label, value in self.bounds
         ]
@@ -144,32 +140,3 @@ def curve_of(series: Series, role: int | str, label: str = "", *, hidden: bool =
         hidden=hidden,
         source=f"{series.topic}/{series.name}",
     )
-
-
-def _plain(text: str) -> str:
-    """Escape text so that plotly finds no tags and no placeholders in it."""
-    return text.replace("&", "&amp;").replace("<", "&lt;").replace("%{", "% {")
-
-
-def packed(values: Reals, tolerance: float) -> dict[str, str]:
-    """Pack values for plotly, in four bytes each if no error exceeds the tolerance, else eight."""
-    drawn = np.clip(values, -LARGEST, LARGEST)
-    with np.errstate(over="ignore", invalid="ignore"):
-        short = drawn.astype("<f4")
-        wrong = np.abs(short.astype(np.float64) - drawn)
-    close = not np.nanmax(wrong, initial=0.0) > tolerance
-    data, kind = (short, "f4") if close else (drawn.astype("<f8"), "f8")
-    return {"dtype": kind, "bdata": base64.b64encode(data.tobytes()).decode("ascii")}
-
-
-def packed_times(t: Reals) -> dict[str, str]:
-    """Pack times, exact to a thousandth of their least distance."""
-    steps = np.diff(t)
-    steps = steps[steps > 0]
-    return packed(t, float(steps.min()) * 1e-3 if steps.size else 0.0)
-
-
-def packed_values(values: Reals) -> dict[str, str]:
-    """Pack values, exact to a hundred-thousandth of their span."""
-    finite = values[np.isfinite(values)]
-    return packed(values, float(np.ptp(finite / 2)) * 2e-5 if finite.size else 0.0)

@@ -9,12 +9,13 @@ from typing import Any
 
 import numpy as np
 
+from cosim.page import LARGEST
 from cosim.trace.info import description_of
 from cosim.trace.outcome import verdict
 from cosim.trace.outcome.run_outcome import RunOutcome, outcome_of
 from cosim.trace.reader import Trace
 from cosim.trace.report import generic, traffic, vehicle
-from cosim.trace.report.chart import LARGEST, Chart
+from cosim.trace.report.chart import Chart
 from cosim.trace.report.parameters import Change, Settings
 from cosim.trace.report.series import Recording, Series
 from cosim.trace.report.timeline import Line, TimelineEntry, log_of, timeline_of

@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from cosim.core import InputError, write_whole
+from cosim.page import write_page
 from cosim.trace.comparison.format import diff_verdict
 from cosim.trace.outcome.verdict import Check
 from cosim.trace.report.comparison import comparison_of
@@ -65,7 +65,7 @@ def write_report(trace: Path, output: Path | None = None) -> Report:
     return Report(
         trace=trace,
         output=target,
-        bytes=_written(target, page(content), (trace,)),
+        bytes=write_page(target, page(content), "trace", (trace,)),
         status=content.status.what,
         guarantee=content.guarantee,
         assertions=tuple(content.assertions),
@@ -129,30 +129,13 @@ def write_comparison(a: Path, b: Path, output: Path | None = None) -> Comparison
     return ComparisonReport(
         traces=(a, b),
         output=target,
-        bytes=_written(target, comparison_page(found), (a, b)),
+        bytes=write_page(target, comparison_page(found), "trace", (a, b)),
         statuses=(found.a.status.what, found.b.status.what),
         equal=found.found.equal,
         verdict=diff_verdict(found.found),
         differing=len(found.parted),
         charts=len(found.charts) + (2 if found.a.path or found.b.path else 0),
     )
-
-
-def _written(target: Path, html: str, traces: tuple[Path, ...]) -> int:
-    """Write a page, and return its size in bytes."""
-    text = html.encode()
-    if target.exists() and any(target.samefile(trace) for trace in traces):
-        raise InputError(
-            "the report would replace its trace", where=str(target), hint="another place: --out"
-        )
-    try:
-        target.parent.mkdir(parents=True, exist_ok=True)
-        write_whole(target, text)
-    except (OSError, ValueError) as error:
-        raise InputError(
-            "the report cannot be written", where=str(target), got=str(error)
-        ) from error
-    return len(text)
 
 
 def default_output(trace: Path) -> Path:

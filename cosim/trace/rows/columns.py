@@ -102,6 +102,8 @@ def columns_of_doubles(
             continue
         if signal.kind == "int":
             right = (np.rint(values) == values) & (np.abs(values) < 2.0**63)
+        elif signal.kind == "uint":
+            right = (np.rint(values) == values) & (values >= 0) & (values < 2.0**64)
         else:
             # any number but zero is true, in C and so in FMI
             right = ~np.isnan(values) & (signal.kind == "bool")
@@ -112,7 +114,10 @@ def columns_of_doubles(
                 expected=signal.kind,
                 got=f"the double {values[~right][0]!r}",
             )
-        whole = values.astype(np.int64) if signal.kind == "int" else (values != 0).astype(np.int64)
+        if signal.kind == "uint":
+            whole = values.astype(np.uint64).view(np.int64)
+        else:
+            whole = (values if signal.kind == "int" else values != 0).astype(np.int64)
         columns.append(_Whole(j + 1, whole))
     return columns
 
@@ -139,6 +144,9 @@ def _column(number: int, kind: str, values: Sequence[Any]) -> Column:
         return _Doubles(number, np.fromiter(map(float, values), np.float64, len(values)))
     if kind == "int":
         return _Whole(number, np.fromiter(map(operator.index, values), np.int64, len(values)))
+    if kind == "uint":
+        whole = np.fromiter(map(operator.index, values), np.uint64, len(values))
+        return _Whole(number, whole.view(np.int64))
     if kind == "bool":
         return _Whole(number, np.fromiter(map(bool, values), np.int64, len(values)))
     if set(map(type, values)) != {str}:

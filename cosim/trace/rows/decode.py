@@ -25,11 +25,12 @@ _KINDS: Mapping[int, Kind] = {
     FieldDescriptor.CPPTYPE_INT32: "int",
     FieldDescriptor.CPPTYPE_INT64: "int",
     FieldDescriptor.CPPTYPE_UINT32: "int",
+    FieldDescriptor.CPPTYPE_UINT64: "uint",
     FieldDescriptor.CPPTYPE_ENUM: "int",
     FieldDescriptor.CPPTYPE_BOOL: "bool",
     FieldDescriptor.CPPTYPE_STRING: "string",
 }
-"""Types that become a column; repeated fields, bytes and uint64 do not."""
+"""Types that become a column; repeated fields and bytes do not."""
 
 MAX_DEPTH = 8
 """Messages nested deeper are left out (a message may contain itself)."""

@@ -29,6 +29,7 @@ def _text(value: Any) -> str:
 
 _CONVERT: dict[str, Callable[[Any], Any]] = {
     "float": float,
+    "uint": operator.index,
     "int": operator.index,  # int() would cut 2.7 down to 2 and say nothing
     "bool": bool,
     "string": _text,

@@ -25,7 +25,7 @@ from google.protobuf.message_factory import GetMessageClass
 
 from cosim.core import InputError
 
-Kind = Literal["float", "int", "bool", "string"]
+Kind = Literal["float", "int", "uint", "bool", "string"]
 
 RUN = "cosim.run"
 """Name of the first metadata record of a trace."""
@@ -71,12 +71,19 @@ VEHICLE = "auv"
 COMPUTED: Mapping[str, str] = {"computed": "from the topics of components and links"}
 """Metadata of a channel whose messages follow from those of others."""
 
-DTYPES: Mapping[Kind, Any] = {"float": float, "int": np.int64, "bool": bool, "string": object}
+DTYPES: Mapping[Kind, Any] = {
+    "float": float,
+    "int": np.int64,
+    "uint": np.uint64,
+    "bool": bool,
+    "string": object,
+}
 """NumPy type of a column, by the kind of its signal."""
 
 _TYPES: Mapping[str, int] = {
     "float": FieldDescriptorProto.TYPE_DOUBLE,
     "int": FieldDescriptorProto.TYPE_INT64,
+    "uint": FieldDescriptorProto.TYPE_UINT64,
     "bool": FieldDescriptorProto.TYPE_BOOL,
     "string": FieldDescriptorProto.TYPE_STRING,
 }
@@ -91,7 +98,7 @@ class Signal:
     name : FMI name, `eta.x`, `K[1,3]`.
     value_reference : FMI value reference, None if the signal is no FMI variable.
     unit : as in the model description, None if there is none.
-    kind : "float", "int", "bool" or "string".
+    kind : "float", "int", "uint" (of 64 bits), "bool" or "string".
     hold : the value between two messages, from FMI's variability: "continuous" (interpolate),
         "discrete" (hold) or "constant".
     description : one line, None if there is none.

@@ -240,4 +240,4 @@ def _numbers(rows: Bytes, kind: int) -> NDArray[Any]:
     if kind in _NARROW:
         low = (value & np.uint64(0xFFFFFFFF)).astype(np.uint32)
         return low if kind == FieldDescriptor.TYPE_UINT32 else low.view(np.int32)
-    return value.view(np.int64)
+    return value if kind == FieldDescriptor.TYPE_UINT64 else value.view(np.int64)

@@ -226,7 +226,7 @@ def _with_gaps(pd: Any, column: Column) -> Any:
     values, there = column.values, column.present
     if there.all() or values.dtype.kind == "f":
         return values
-    if values.dtype.kind == "i":
+    if values.dtype.kind in "iu":
         return pd.arrays.IntegerArray(values, ~there)
     return _with_none(values, there)
 
@@ -236,7 +236,10 @@ def _filled(column: Column) -> NDArray[Any]:
     values, there = column.values, column.present
     if there.all() or values.dtype.kind == "f":
         return values
-    if values.dtype.kind == "i" and np.abs(values[there]).max(initial=0) <= _EXACT:
+    kind = values.dtype.kind
+    if (kind == "i" and np.abs(values[there]).max(initial=0) <= _EXACT) or (
+        kind == "u" and values[there].max(initial=0) <= _EXACT
+    ):
         return np.where(there, values.astype(np.float64), np.nan)
     return _with_none(values, there)
 

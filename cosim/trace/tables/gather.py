@@ -224,7 +224,9 @@ def _merge(
         present[name] = np.zeros(rows, np.bool_)
     elif columns[name].dtype != values.dtype:
         kinds = {columns[name].dtype.kind, values.dtype.kind}
-        columns[name] = columns[name].astype(np.float64 if kinds == {"f", "i"} else object)
+        columns[name] = columns[name].astype(
+            np.float64 if kinds in ({"f", "i"}, {"f", "u"}) else object
+        )
     columns[name][places] = values
     present[name][places] = there
 

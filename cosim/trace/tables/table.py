@@ -61,6 +61,17 @@ class Table(Framed):
         """Instants of sending [s]."""
         return self.publish_time_ns / 1e9
 
+    @property
+    def superdense(self) -> Integers:
+        """The n of the super-dense instant (t, n) of each row of a component, int64 (m,).
+
+        A component has a row at each of the points (t, 0), (t, 1), ... of an instant at which
+        something happens in event mode; elsewhere n is 0.
+        """
+        first = np.flatnonzero(np.diff(self.log_time_ns, prepend=-1))
+        here = np.arange(len(self))
+        return here - first[np.searchsorted(first, here, side="right") - 1] if len(self) else here
+
     def __repr__(self) -> str:
         names = list(self.columns)
         more = f", and {len(names) - _NAMED} more" if len(names) > _NAMED else ""

@@ -10,7 +10,7 @@ from hypothesis import given, strategies as st
 from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
 
-from cosim.trace.report.chart import LARGEST, packed_times, packed_values
+from cosim.page import LARGEST, packed_times, packed_values
 from cosim.trace.report.decimation import decimated
 
 VALUES = arrays(

@@ -18,11 +18,12 @@ from report_files import foreign, small
 from shared import copied
 
 from cosim.core.errors import InputError
+from cosim.page import MAX_BYTES
 from cosim.trace import RunOutcome, Trace, outcome_of
 from cosim.trace.outcome.verdict import assumptions_of
 from cosim.trace.report import write_report
 from cosim.trace.report.content import content_of
-from cosim.trace.report.html_page import MAX_BYTES, figures, page
+from cosim.trace.report.html_page import figures, page
 from cosim.trace.report.write import default_output
 
 
@@ -349,7 +350,7 @@ def test_figures_of_any_type_are_accepted() -> None:
 @pytest.fixture
 def light(monkeypatch: pytest.MonkeyPatch) -> None:
     """Pages without their library, which takes longest and is always the same."""
-    monkeypatch.setattr("cosim.trace.report.html_page.plotly_js", lambda: "")
+    monkeypatch.setattr("cosim.page.render.plotly_js", lambda: "")
 
 
 @pytest.mark.usefixtures("light")

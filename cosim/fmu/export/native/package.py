@@ -17,8 +17,18 @@ from cosim.fmu.export.native.compiler import STANDARD, shared_library
 from cosim.fmu.export.native.kinds import COMMON, model_files
 from cosim.fmu.export.native.platforms import Platform, host
 from cosim.fmu.export.spec import ComponentSpec
+from cosim.fmu.export.terminals import terminal_files
 
 _TOOL = "auv-cosim"
+_COMPILERS = {
+    None: "gcc",
+    "x86_64-darwin": "clang",
+    "aarch64-darwin": "clang",
+    "x86_64-windows": "VisualC",
+}
+"""Platform of a build configuration -> compiler."""
+_VISUAL_C = ("/std:c11", "/O2", "/fp:strict")
+"""Strict: without contraction, and in the order of the source, as `STANDARD` has it."""
 _HEADERS = {
     "2.0": ("fmi2Functions.h", "fmi2FunctionTypes.h", "fmi2TypesPlatform.h"),
     "3.0": ("fmi3Functions.h", "fmi3FunctionTypes.h", "fmi3PlatformTypes.h"),
@@ -119,6 +129,7 @@ def fmu_files(
     """Return the archive without sources and binaries; `compiled` : the sources to compile."""
     archive = {**documentation_files(spec), **spec.resource_files()}
     archive["documentation/licenses/fmi-headers.txt"] = _shell("license.txt")
+    archive |= terminal_files(spec)
     if version == "2.0":
         archive["modelDescription.xml"] = fmi2_xml(
             spec, identity, tool=_TOOL, needs_tool=False, derivatives=True, sources=compiled
@@ -131,11 +142,25 @@ def fmu_files(
 
 
 def _build_description(spec: ComponentSpec, compiled: Sequence[str]) -> bytes:
+    """Return buildDescription.xml: options belong to a compiler, and a platform to a configuration.
+
+    The first is of no platform, for all that have none of their own.
+    """
     root = ET.Element("fmiBuildDescription", fmiVersion="3.0")
-    configuration = ET.SubElement(root, "BuildConfiguration", modelIdentifier=spec.name)
-    options = " ".join(STANDARD)
-    listed = ET.SubElement(configuration, "SourceFileSet", language="C99", compilerOptions=options)
-    for name in compiled:
-        ET.SubElement(listed, "SourceFile", name=name)
-    ET.SubElement(configuration, "Library", name="m", external="true")
+    for platform, compiler in _COMPILERS.items():
+        configuration = ET.SubElement(root, "BuildConfiguration", modelIdentifier=spec.name)
+        if platform is not None:
+            configuration.set("platform", platform)
+        options = _VISUAL_C if compiler == "VisualC" else STANDARD
+        listed = ET.SubElement(
+            configuration,
+            "SourceFileSet",
+            language="C99",
+            compiler=compiler,
+            compilerOptions=" ".join(options),
+        )
+        for name in compiled:
+            ET.SubElement(listed, "SourceFile", name=name)
+        if compiler != "VisualC":
+            ET.SubElement(configuration, "Library", name="m", external="true")
     return as_bytes(root)

@@ -26,6 +26,7 @@ from cosim.fmu.export.archive import deterministic_zip
 from cosim.fmu.export.documentation import documentation_files
 from cosim.fmu.export.model_description import fmi2_xml
 from cosim.fmu.export.spec import ComponentSpec
+from cosim.fmu.export.terminals import terminal_files
 
 _IMPORT = re.compile(
     r"^from (?P<package>cosim[\w.]*) import (?P<names>\([^)]*\)|[^\n(]+)$", flags=re.MULTILINE
@@ -59,6 +60,7 @@ def guid(spec: ComponentSpec) -> str:
             "script": _script(spec, "", unnamed).encode(),
             "modelDescription.xml": _description(spec, ""),
             **documentation_files(spec),
+            **terminal_files(spec),
             **spec.resource_files(),
         }
     )
@@ -98,6 +100,7 @@ def build_python_fmu(spec: ComponentSpec, destination: Path) -> Path:
             }
     files["modelDescription.xml"] = _description(spec, identity)
     files.update(documentation_files(spec))
+    files.update(terminal_files(spec))
     files.update(spec.resource_files())
     return deterministic_zip(files, destination / f"{spec.name}.fmu")
 
@@ -146,7 +149,7 @@ def _table_module(spec: ComponentSpec) -> str:
     table = pprint.pformat(tuple(spec.table()), width=100, sort_dicts=False)
     constants = pprint.pformat(json.loads(json.dumps(dict(spec.constants))), width=100)
     return (
-        f'"""Variables and constants of {spec.name}; value reference = position."""\n\n'
+        f'"""Variables and constants of {spec.name}; value reference = position from 1."""\n\n'
         f"TABLE = {table}\n\nCONSTANTS = {constants}\n"
     )
 

@@ -1,7 +1,7 @@
 /* What a component does between its variables: one of plant.c, sampled.c, waves.c,
    packet_link.c, transport_link.c, table.c.
 
-   `v` are the values of all variables by value reference. Functions that return int give 1,
+   `v` are the values of all variables by their row in the table. Functions that return int give 1,
    or 0 with the reason in `why`; then neither `v` nor the behaviour has changed. */
 
 #ifndef BEHAVIOUR_H
@@ -26,7 +26,7 @@ int behaviour_advance(Behaviour *b, double *v, double end, Message *why);
 /* Outputs that depend on inputs without delay, from the inputs as they are now. */
 int behaviour_refresh(Behaviour *b, double *v, Message *why);
 
-/* Change of every output, by value reference, for a change of the inputs. */
+/* Change of every output, by its row, for a change of the inputs. */
 void behaviour_direction(const Behaviour *b, const double *v, const double *change, double *out);
 
 /* Everything that determines the future beside `v`, as doubles. */

@@ -1,5 +1,6 @@
 /* FMI 2.0 for co-simulation around an instance. */
 
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -99,9 +100,9 @@ void fmi2FreeInstance(fmi2Component c) {
 
 fmi2Status fmi2SetupExperiment(fmi2Component c, fmi2Boolean tolerance_defined, fmi2Real tolerance,
                                fmi2Real start, fmi2Boolean stop_defined, fmi2Real stop) {
-    UNUSED(tolerance_defined), UNUSED(tolerance), UNUSED(stop_defined), UNUSED(stop);
+    UNUSED(tolerance_defined), UNUSED(tolerance);
     INSTANCE(c);
-    return (fmi2Status)instance_set_start(it, start);
+    return (fmi2Status)instance_set_experiment(it, start, stop_defined ? stop : INFINITY);
 }
 
 fmi2Status fmi2EnterInitializationMode(fmi2Component c) {

@@ -10,7 +10,7 @@
 #define UNUSED(x) (void)(x)
 
 /* The independent variable, after those of the table. */
-#define TIME MODEL_VARIABLES
+#define TIME (MODEL_VARIABLES + 1)
 
 typedef struct {
     Instance *it;
@@ -109,10 +109,10 @@ void fmi3FreeInstance(fmi3Instance c) {
 fmi3Status fmi3EnterInitializationMode(fmi3Instance c, fmi3Boolean tolerance_defined,
                                        fmi3Float64 tolerance, fmi3Float64 start,
                                        fmi3Boolean stop_defined, fmi3Float64 stop) {
-    UNUSED(tolerance_defined), UNUSED(tolerance), UNUSED(stop_defined), UNUSED(stop);
+    UNUSED(tolerance_defined), UNUSED(tolerance);
     INSTANCE(c);
     if (it->phase == INSTANTIATED) {
-        Status status = instance_set_start(it, start);
+        Status status = instance_set_experiment(it, start, stop_defined ? stop : INFINITY);
         if (status != FINE) return (fmi3Status)status;
     }
     return (fmi3Status)instance_enter_initialization(it);

@@ -74,6 +74,7 @@ static void set_defaults(Instance *it) {
     for (size_t i = 0; i < (size_t)MODEL_VARIABLES; i++) it->v[i] = model_variables[i].start;
     it->phase = INSTANTIATED;
     it->time = 0.0;
+    it->stop = INFINITY;
     it->stale = 0;
     it->failure.text[0] = 0;
 }
@@ -99,11 +100,15 @@ void instance_free(Instance *it) {
     free(it);
 }
 
-Status instance_set_start(Instance *it, double start) {
+Status instance_set_experiment(Instance *it, double start, double stop) {
     if (it->phase != INSTANTIATED) return not_now(it, "setting the start time");
     if (!isfinite(start))
         return instance_refuse(it, "the start time must be finite, got %s", shortest(start).text);
+    if (!(stop >= start))
+        return instance_refuse(it, "the stop time, %s s, must not be before the start time, %s s",
+                               shortest(stop).text, shortest(start).text);
     it->time = start;
+    it->stop = stop;
     return FINE;
 }
 
@@ -156,6 +161,9 @@ Status instance_step(Instance *it, double from, double size) {
                                shortest(from).text, shortest(it->time).text);
     double end = from + size;
     if (!isfinite(end)) return instance_refuse(it, "the step must end at a finite time");
+    if (end - it->stop > 1e-9 * greater(1.0, fabs(it->stop)))
+        return instance_refuse(it, "the step ends at t = %s s, after the stop time of %s s",
+                               shortest(end).text, shortest(it->stop).text);
     if (end > it->time) {
         Message why;
         if (!behaviour_advance(it->behaviour, it->v, end, &why))
@@ -178,17 +186,20 @@ static Status refresh(Instance *it) {
     return FINE;
 }
 
+static Status unknown_reference(Instance *it, unsigned vr) {
+    return instance_refuse(it, "value reference %u is unknown; 1 to %d exist", vr,
+                           MODEL_VARIABLES);
+}
+
 static Status known(Instance *it, const unsigned *vr, size_t count, const void *values, Kind kind) {
     if (count > 0 && (!vr || !values))
         return instance_refuse(it, "the value references or values are missing");
     for (size_t i = 0; i < count; i++) {
-        if (vr[i] >= (unsigned)MODEL_VARIABLES)
-            return instance_refuse(it, "value reference %u is unknown; 0 to %d exist", vr[i],
-                                   MODEL_VARIABLES - 1);
-        if (model_variables[vr[i]].kind != kind)
+        if (place(vr[i]) >= (unsigned)MODEL_VARIABLES) return unknown_reference(it, vr[i]);
+        const Variable *variable = &model_variables[place(vr[i])];
+        if (variable->kind != kind)
             return instance_refuse(it, "value reference %u (%s) is of type %s, not %s", vr[i],
-                                   model_variables[vr[i]].name,
-                                   KINDS[model_variables[vr[i]].kind], KINDS[kind]);
+                                   variable->name, KINDS[variable->kind], KINDS[kind]);
     }
     return FINE;
 }
@@ -203,19 +214,19 @@ static Status readable(Instance *it, const unsigned *vr, size_t count, const voi
 Status instance_get_reals(Instance *it, const unsigned *vr, size_t count, double *values) {
     Status status = readable(it, vr, count, values, REAL);
     if (status == FINE)
-        for (size_t i = 0; i < count; i++) values[i] = it->v[vr[i]];
+        for (size_t i = 0; i < count; i++) values[i] = it->v[place(vr[i])];
     return status;
 }
 
 Status instance_get_integers(Instance *it, const unsigned *vr, size_t count, int *values) {
     Status status = readable(it, vr, count, values, INTEGER);
     if (status == FINE)
-        for (size_t i = 0; i < count; i++) values[i] = (int)it->v[vr[i]];
+        for (size_t i = 0; i < count; i++) values[i] = (int)it->v[place(vr[i])];
     return status;
 }
 
 static Status writable(Instance *it, unsigned vr, double value) {
-    const Variable *variable = &model_variables[vr];
+    const Variable *variable = &model_variables[place(vr)];
     if (variable->causality == INPUT && value - value == 0.0 && value >= variable->minimum &&
         value <= variable->maximum)
         return FINE; /* by far the most frequent */
@@ -229,10 +240,10 @@ static Status writable(Instance *it, unsigned vr, double value) {
             it, "%s is a fixed parameter and cannot be written after initialisation",
             variable->name);
     if (value < variable->minimum || value > variable->maximum) {
-        int below = isfinite(variable->minimum), above = isfinite(variable->maximum);
-        return instance_refuse(it, "%s must lie between %s and %s (None: no bound), got %s",
-                               variable->name, below ? shortest(variable->minimum).text : "None",
-                               above ? shortest(variable->maximum).text : "None",
+        int below = value < variable->minimum;
+        return instance_refuse(it, "%s must be at %s %s, got %s", variable->name,
+                               below ? "least" : "most",
+                               shortest(below ? variable->minimum : variable->maximum).text,
                                shortest(value).text);
     }
     return FINE;
@@ -247,7 +258,7 @@ Status instance_set_reals(Instance *it, const unsigned *vr, size_t count, const 
     if (status == FINE) status = known(it, vr, count, values, REAL);
     for (size_t i = 0; status == FINE && i < count; i++) status = writable(it, vr[i], values[i]);
     if (status != FINE) return status;
-    for (size_t i = 0; i < count; i++) it->v[vr[i]] = values[i];
+    for (size_t i = 0; i < count; i++) it->v[place(vr[i])] = values[i];
     it->stale = 1;
     return FINE;
 }
@@ -257,7 +268,7 @@ Status instance_set_integers(Instance *it, const unsigned *vr, size_t count, con
     if (status == FINE) status = known(it, vr, count, values, INTEGER);
     for (size_t i = 0; status == FINE && i < count; i++) status = writable(it, vr[i], values[i]);
     if (status != FINE) return status;
-    for (size_t i = 0; i < count; i++) it->v[vr[i]] = values[i];
+    for (size_t i = 0; i < count; i++) it->v[place(vr[i])] = values[i];
     it->stale = 1;
     return FINE;
 }
@@ -265,11 +276,10 @@ Status instance_set_integers(Instance *it, const unsigned *vr, size_t count, con
 Status instance_no_such_type(Instance *it, const unsigned *vr, size_t count, const char *type) {
     if (count == 0) return FINE;
     if (!vr) return instance_refuse(it, "the value references are missing");
-    if (vr[0] >= (unsigned)MODEL_VARIABLES)
-        return instance_refuse(it, "value reference %u is unknown; 0 to %d exist", vr[0],
-                               MODEL_VARIABLES - 1);
+    if (place(vr[0]) >= (unsigned)MODEL_VARIABLES) return unknown_reference(it, vr[0]);
+    const Variable *variable = &model_variables[place(vr[0])];
     return instance_refuse(it, "value reference %u (%s) is of type %s, not %s", vr[0],
-                           model_variables[vr[0]].name, KINDS[model_variables[vr[0]].kind], type);
+                           variable->name, KINDS[variable->kind], type);
 }
 
 Status instance_direction(Instance *it, const unsigned *unknown, size_t unknowns,
@@ -281,17 +291,17 @@ Status instance_direction(Instance *it, const unsigned *unknown, size_t unknowns
     Status status = known(it, unknown, unknowns, change, REAL);
     if (status == FINE) status = known(it, inputs, knowns, seed, REAL);
     for (size_t i = 0; status == FINE && i < unknowns; i++)
-        if (model_variables[unknown[i]].causality != OUTPUT)
+        if (model_variables[place(unknown[i])].causality != OUTPUT)
             status = instance_refuse(it, "%s is no output: it has no derivative",
-                                     model_variables[unknown[i]].name);
+                                     model_variables[place(unknown[i])].name);
     for (size_t i = 0; status == FINE && i < knowns; i++)
-        if (model_variables[inputs[i]].causality != INPUT)
+        if (model_variables[place(inputs[i])].causality != INPUT)
             status = instance_refuse(it, "%s is no input: nothing is derived by it",
-                                     model_variables[inputs[i]].name);
+                                     model_variables[place(inputs[i])].name);
     if (status == FINE && it->stale) status = refresh(it);
     if (status != FINE) return status;
-    for (size_t i = 0; i < knowns; i++) moved[inputs[i]] += seed[i];
+    for (size_t i = 0; i < knowns; i++) moved[place(inputs[i])] += seed[i];
     behaviour_direction(it->behaviour, it->v, moved, out);
-    for (size_t i = 0; i < unknowns; i++) change[i] = out[unknown[i]];
+    for (size_t i = 0; i < unknowns; i++) change[i] = out[place(unknown[i])];
     return FINE;
 }

@@ -32,7 +32,7 @@ typedef struct {
     double v[MOST_VARIABLES];
     Behaviour *behaviour;
     Phase phase;
-    double time;
+    double time, stop; /* stop: infinite if none was set */
     int stale;         /* values were written since the outputs were computed */
     unsigned shown;    /* categories that are logged, a bit for each */
     Message failure;   /* why the instance failed */
@@ -58,7 +58,8 @@ Status instance_refuse(Instance *it, const char *format, ...);
 /* Log and return `status`: the call has no effect. */
 Status instance_decline(Instance *it, Status status, const char *format, ...);
 
-Status instance_set_start(Instance *it, double start);
+/* `stop` is infinite without a stop time. */
+Status instance_set_experiment(Instance *it, double start, double stop);
 Status instance_enter_initialization(Instance *it);
 Status instance_exit_initialization(Instance *it);
 Status instance_terminate(Instance *it);

@@ -10,7 +10,7 @@
 #define VARIABLES ((size_t)MODEL_VARIABLES)
 
 #define MARK 0x5AFEu
-#define HEAD 3 /* phase, stale, time */
+#define HEAD 4 /* phase, stale, time, stop time */
 
 void saved_free(Saved *saved) {
     if (saved) saved->mark = 0;
@@ -39,6 +39,7 @@ Status instance_save(Instance *it, Saved **saved) {
     taken->numbers[0] = it->phase;
     taken->numbers[1] = it->stale;
     taken->numbers[2] = it->time;
+    taken->numbers[3] = it->stop;
     memcpy(taken->numbers + HEAD, it->v, VARIABLES * sizeof *it->v);
     if (own > 0) behaviour_save(it->behaviour, taken->numbers + HEAD + VARIABLES);
     *saved = taken;
@@ -50,7 +51,7 @@ static Behaviour *revived(const Saved *saved, Message *why) {
     const double *n = saved->numbers, *v = n + HEAD;
     if (saved->count < HEAD + VARIABLES ||
         !(n[0] == INSTANTIATED || n[0] == INITIALIZING || n[0] == RUNNING || n[0] == TERMINATED) ||
-        !isfinite(n[2])) {
+        !isfinite(n[2]) || !(n[3] >= n[2] || n[0] != INSTANTIATED)) {
         say(why, "the saved state does not fit this component");
         return NULL;
     }
@@ -86,6 +87,7 @@ Status instance_load(Instance *it, const Saved *saved) {
     it->behaviour = b;
     it->phase = (Phase)saved->numbers[0];
     it->time = saved->numbers[2];
+    it->stop = saved->numbers[3];
     memcpy(it->v, saved->numbers + HEAD, VARIABLES * sizeof *it->v);
     /* before a run outputs are computed when they are asked for */
     it->stale = it->phase == INITIALIZING || saved->numbers[1] != 0.0;
@@ -104,7 +106,7 @@ typedef struct {
 
 static const char MAGIC[8] = {'a', 'u', 'v', 'c', 'o', 's', 'i', 'm'};
 #define ORDER UINT32_C(0x01020304)
-#define VERSION 1
+#define VERSION 2
 
 static uint64_t checksum(const unsigned char *bytes, size_t size) {
     uint64_t hash = UINT64_C(0xcbf29ce484222325); /* FNV-1a */

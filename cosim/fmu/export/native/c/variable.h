@@ -1,4 +1,5 @@
-/* A row of the component's table of variables; its place is the value reference. */
+/* A row of the component's table of variables. Value references count its rows from 1: some
+   importers take 0 for none. */
 
 #ifndef VARIABLE_H
 #define VARIABLE_H
@@ -12,6 +13,9 @@ typedef struct {
     Kind kind;
     double start, minimum, maximum;
 } Variable;
+
+/* Row of a value reference; of 0, one beyond every table. */
+static inline unsigned place(unsigned reference) { return reference - 1u; }
 
 /* Greatest sizes of arrays: those of the model, unless it is read when an instance is made. */
 #ifndef MODEL_IS_READ

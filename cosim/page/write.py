@@ -1,0 +1,35 @@
+"""Write a page to its file."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+from cosim.core import InputError, write_whole
+
+
+def write_page(target: Path, html: str, kind: str, sources: Iterable[Path]) -> int:
+    """Write a page, and return its size in bytes.
+
+    kind, sources : what it is a report of ("trace"), and the files, which it must not replace.
+
+    Raises
+    ------
+    InputError : it cannot be written, or would replace a source.
+    """
+    text = html.encode()
+    for source in sources:
+        if target.exists() and source.exists() and target.samefile(source):
+            raise InputError(
+                f"the report would replace its {kind}",
+                where=str(target),
+                hint="another place: --out",
+            )
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        write_whole(target, text)
+    except (OSError, ValueError) as error:
+        raise InputError(
+            "the report cannot be written", where=str(target), got=str(error)
+        ) from error
+    return len(text)

@@ -1,0 +1,163 @@
+"""Studies on clusters whose workers share no folder, join late, and come and go."""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import logging
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import dask
+import distributed
+import pytest
+from hostile.hostile_fmu import hostile_fmu
+from study.deadly import DEADLY, plan
+
+from cosim.core.errors import InputError
+from cosim.study import shipping
+from cosim.study.execution import execute_study
+from cosim.study.folder import RESULTS
+from cosim.study.plan import make_plan
+from cosim.study.table import read_table
+from cosim.study.workers import cluster, local
+
+BLIND = """
+import os, sys
+def dask_setup(worker):
+    def refuse(event, arguments):
+        if event in ("open", "os.listdir", "os.scandir", "shutil.copyfile"):
+            if str(arguments[0]).startswith(os.environ["HIDDEN"]):
+                raise PermissionError(f"{arguments[0]} is not on this machine")
+    sys.addaudithook(refuse)
+"""
+"""Preloaded by workers: what lies in a folder cannot be opened, as if on another machine."""
+
+
+@contextlib.contextmanager
+def separate(tmp_path: Path, hidden: Path, workers: int = 2, **more: Any) -> Iterator[Any]:
+    """A cluster whose workers have folders of their own, and do not see `hidden`."""
+    (tmp_path / "blind.py").write_text(BLIND)
+    environ = {"HIDDEN": str(hidden), "XDG_CACHE_HOME": str(tmp_path / "theirs")}
+    options = {"processes": True, "threads_per_worker": 1, "dashboard_address": ":0"} | more
+    with (
+        distributed.LocalCluster(
+            n_workers=workers,
+            host="127.0.0.1",
+            silence_logs=logging.CRITICAL,
+            local_directory=str(tmp_path / "scratch"),
+            env=environ,
+            preload=[str(tmp_path / "blind.py")],
+            **options,
+        ) as made,
+    ):
+        yield made
+
+
+def test_workers_that_share_no_folder_give_the_same_table_and_traces(tmp_path: Path) -> None:
+    """FMU and scenario go there by content, once; the traces of two runs come back.
+
+    The FMU lies in a cache on their side, under its hash.
+    """
+    home = tmp_path / "home"
+    home.mkdir()
+    hostile_fmu(home, "2.0", "tiny")
+    made = plan([0.1 * i for i in range(8)], traces="worst:2 by x")
+    where = replace(made.job.base, folder=home, fmus=home / "fmus")
+    execute_study(made_at(made, where), home / "alone")
+    with separate(tmp_path, home) as workers:
+        address = workers.scheduler_address
+        done = execute_study(made_at(made, where), home / "far", lambda: cluster(address))
+        offers = workers.scheduler.extensions["auv_cosim_content"]
+    assert offers == {}
+    assert done.traces == {6: None, 7: None}
+    names = ["run-6.mcap", "run-7.mcap"]
+    assert sorted(path.name for path in (home / "far" / "traces").iterdir()) == names
+    assert (home / "far" / RESULTS).read_bytes() == (home / "alone" / RESULTS).read_bytes()
+    kept = [path.name for path in (tmp_path / "theirs" / "auv-cosim" / "shipped").iterdir()]
+    assert kept == [f"{made_at(made, where).job.hashes['tiny.fmu']}.fmu"]
+
+
+def made_at(made: Any, where: Any) -> Any:
+    """The same study with its files in another place."""
+    return make_plan(made.job.study, where)
+
+
+def test_a_cluster_that_begins_without_workers_grows_and_gives_the_same_table(
+    tmp_path: Path,
+) -> None:
+    """`adapt` starts workers when there is work, more than one, and they join a study that runs."""
+    values = [DEADLY + 0.1 * i for i in range(120)]
+    execute_study(plan(values, "sleep"), tmp_path / "here")
+    most: list[int] = []
+    with (
+        dask.config.set({"distributed.adaptive.target-duration": "500ms"}),
+        separate(tmp_path, tmp_path / "nowhere", workers=0) as workers,
+    ):
+        workers.adapt(minimum=0, maximum=2, interval="100ms", wait_count=1000)
+
+        def look(_what: str, _share: float) -> None:
+            most.append(len(workers.scheduler.workers))
+
+        done = execute_study(
+            plan(values, "sleep"),
+            tmp_path / "adapted",
+            lambda: cluster(workers.scheduler_address),
+            progress=look,
+        )
+    assert done.statuses == {"finished": 120}
+    assert (min(most), max(most)) == (0, 2)
+    tables = [(tmp_path / name / RESULTS).read_bytes() for name in ("here", "adapted")]
+    assert tables[0] == tables[1]
+
+
+def test_a_worker_that_joins_late_with_other_versions_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As one that is there from the start; what was done before is kept."""
+    values = [0.1 * i for i in range(6)]
+    monkeypatch.setattr("cosim.study.execution.MAX_AT_ONCE", 1)
+    found: list[Any] = []
+    with local(1) as pool:
+
+        def late(_what: str, share: float) -> None:
+            if share > 0.3 and not found:
+                found.append(share)
+                pool._client.run(_pretend_other_versions)
+
+        with pytest.raises(InputError, match="a worker has other versions") as refused:
+            execute_study(
+                plan(values), tmp_path, lambda: contextlib.nullcontext(pool), progress=late
+            )
+    assert "numpy 0.1" in refused.value.text()
+    assert 1 < read_table(tmp_path)[0].num_rows < 6
+
+
+def _pretend_other_versions() -> None:
+    """In a worker: what is a new process of another installation."""
+    from cosim.study import batch  # noqa: PLC0415
+
+    before = batch.software
+    batch.software = lambda: before() | {"numpy": "0.1"}
+    shipping._jobs.clear()
+
+
+def test_files_are_laid_out_as_the_scenario_names_them(tmp_path: Path) -> None:
+    """Also beside its folder; what has an absolute path must be there, the same, or is named."""
+    contents = {hashlib.sha256(text).hexdigest(): text for text in (b"a", b"b", b"wrong")}
+    a, b, wrong = contents
+    shipment = shipping.Shipment(files={"../../k.json": a, "s.toml": b})
+    where = plan([0.0]).job.base
+    there = shipping.received(shipment, where, tmp_path / "here", contents.__getitem__)
+    assert (there.folder / "../../k.json").read_bytes() == b"a"
+    assert (there.folder / "s.toml").read_bytes() == b"b"
+    lost = shipping.Shipment(files={"s.toml": wrong})
+    with pytest.raises(InputError, match="not what was sent"):
+        shipping.received(lost, where, tmp_path / "lost", lambda _: b"other")
+    (tmp_path / "gains.json").write_bytes(b"b")
+    for path in ("gains.json", "missing.json"):
+        outside = shipping.Shipment(outside={str(tmp_path / path): a})
+        with pytest.raises(InputError, match="not shipped, since its path is absolute"):
+            shipping.received(outside, where, tmp_path / path, contents.__getitem__)
