@@ -8,10 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import rankdata
 
 from cosim.study.points import Points
 from cosim.study.schema import Axis, GridAxis, Study
@@ -38,7 +40,7 @@ class Column:
     values: Reals
     words: tuple[str, ...] = ()
 
-    @property
+    @cached_property
     def known(self) -> NDArray[np.bool_]:
         """Which runs have a value, (n,)."""
         return np.isfinite(self.values)
@@ -51,8 +53,15 @@ class Column:
             return self.words[int(value)]
         return ("no", "yes")[int(value)] if self.kind == "truth" else f"{value:.5g}"
 
+    @cached_property
+    def ranks(self) -> Reals:
+        """Ranks of the known values, equal ones with their mean rank."""
+        found: Reals = rankdata(self.values[self.known])
+        return found
+
+    @cached_property
     def groups(self) -> tuple[Integers, tuple[str, ...], Reals]:
-        """Return the group of each run, -1 without, (n,), and names and centres of the groups.
+        """The group of each run, -1 without, (n,), and names and centres of the groups.
 
         Each value is a group; of an axis with many values, each of some parts with equally many.
         """

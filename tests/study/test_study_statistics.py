@@ -102,7 +102,7 @@ def test_groups_cells_and_correlations() -> None:
 def test_an_axis_of_many_values_is_taken_in_parts() -> None:
     """With equally many in each, in order; missing values belong to none."""
     axis = Column("a", "number", np.array([*np.arange(100.0)[::-1], np.nan]))
-    group, names, centres = axis.groups()
+    group, names, centres = axis.groups
     assert (group[-1], len(names), len(centres)) == (-1, 12, 12)
     assert set(np.bincount(group[:-1])) <= {8, 9}
     assert (np.diff(group[:-1]) <= 0).all()
