@@ -129,11 +129,10 @@ def columns_of(table: Any, manifest: dict[str, Any]) -> StudyColumns:
         statuses=tuple(table.column("status").to_pylist()),
         reasons=tuple(table.column("reason").to_pylist()),
         axes={
-            axis.column: column_of(axis.column, table.column(axis.column).to_pylist())
-            for axis in study.vary
+            axis.column: column_of(axis.column, _cells(table, axis.column)) for axis in study.vary
         },
         metrics={
-            name: column_of(name, table.column(name).to_pylist(), truths=study.metrics[name].asks)
+            name: column_of(name, _cells(table, name), truths=study.metrics[name].asks)
             for name in table.column_names  # in the order of the file; that of the manifest is lost
             if name in study.metrics
         },
@@ -141,11 +140,22 @@ def columns_of(table: Any, manifest: dict[str, Any]) -> StudyColumns:
     )
 
 
-def column_of(name: str, cells: Sequence[Any], *, truths: bool = False) -> Column:
+def _cells(table: Any, name: str) -> Any:
+    """Return the cells of a column of the table: numbers as an array, others as a list."""
+    column = table.column(name)
+    numbers = str(column.type) in ("double", "int64")
+    return column.to_numpy().astype(np.float64) if numbers else column.to_pylist()
+
+
+def column_of(name: str, cells: Sequence[Any] | Reals, *, truths: bool = False) -> Column:
     """Return a column of cells: numbers, truths or texts; None is missing.
 
     truths : whether a column without any value is one of truths.
     """
+    if isinstance(cells, np.ndarray):
+        unknown = truths and not np.isfinite(cells).any()
+        values = np.where(np.isfinite(cells), cells, np.nan)
+        return Column(name, "truth" if unknown else "number", values)
     kinds = {type(cell) for cell in cells if cell is not None}
     if str in kinds:
         words = tuple(sorted({str(cell) for cell in cells if cell is not None}))
