@@ -203,6 +203,16 @@ def test_an_unfinished_study_and_a_damaged_run_log(tmp_path: Path) -> None:
     assert (found.code, found.json["runs"]) == (0, 0)
 
 
+@pytest.mark.usefixtures("light")
+def test_later_levels_of_an_unfinished_rare_event_are_read(tmp_path: Path) -> None:
+    """They have numbers beyond the count of runs that was known when the study began."""
+    folder = unfinished(study_folder("rare"), tmp_path / "rare", lines=99)
+    manifest = json.loads((folder / "study.json").read_text("utf-8"))
+    (folder / "study.json").write_text(json.dumps(manifest | {"count": 90}), "utf-8")
+    found = write_study_report(folder)
+    assert (found.runs, found.unread, found.complete) == (99, 0, False)
+
+
 def test_what_is_no_study_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Exit code 2 and the cause; nothing is written."""
     (tmp_path / "empty").mkdir()
