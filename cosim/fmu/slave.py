@@ -23,7 +23,7 @@ from fmpy.fmi1 import FMICallException
 from fmpy.fmi2 import fmi2LastSuccessfulTime, fmi2Terminated
 
 from cosim.core import ComponentError
-from cosim.fmu.binary import ACCEPTED_STATUSES, NO_OPTIONS, SlaveOptions
+from cosim.fmu.binary import ACCEPTED_STATUSES, NO_OPTIONS, IntermediateValues, SlaveOptions
 from cosim.fmu.description import FmuDescription
 from cosim.fmu.event_mode import EventAccess
 from cosim.fmu.instance import DISCARD
@@ -212,6 +212,11 @@ class FmuSlave(EventAccess):
     def step_results(self) -> int:
         """Address of the four out-arguments of fmi3DoStep, laid out as `StepResults`."""
         return ctypes.addressof(self._results)
+
+    def taken_within_steps(self) -> list[IntermediateValues]:
+        """Return the outputs read within steps since the last call, with their times [s]."""
+        found: list[IntermediateValues] = self._do("values within steps", "taken")
+        return found
 
     def note_wish_to_end(self, time: float) -> None:
         """Note that the slave asked for the end in an event at `time` [s], as if in a step."""

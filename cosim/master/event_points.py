@@ -223,4 +223,6 @@ class EventPoints:
         if saved is not None:
             one.slave.restore(saved)
             one.slave.free(saved)
+        if one.slave.options.intermediate:
+            one.slave.taken_within_steps()  # they were not
         one.time, one.event_needed = begun, False

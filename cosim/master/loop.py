@@ -243,10 +243,21 @@ class Loop:
             fill_unreceived_inputs(self.table, early_stop)
         elif self.status is None and self.complete > self._comm_points.final:
             self.status = "finished"
+        self._take_within_steps()
         self._dispatch.deliver(self.complete)
         self._segment.took(last - first, time.perf_counter() - began)
         if self.status is not None:
             self._conclude()
+
+    def _take_within_steps(self) -> None:
+        """Pass on what the components' outputs were within the steps of the segment."""
+        for instance in self._wiring.instances:
+            dead = instance.slave.phase in ("failed", "closed")
+            found = instance.component.intermediate and not dead
+            if found and (taken := instance.slave.taken_within_steps()):
+                times = np.array([round(time * 1e9) for time, _ in taken], np.int64)
+                values = np.array([values for _, values in taken])
+                self._dispatch.within_steps(instance.name, times, values)
 
     def _execute(self, begin: int, end: int, first: int, last: int) -> EarlyStop | None:
         """Carry out operations begin to end - 1 at points first to last - 1."""

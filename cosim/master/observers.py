@@ -31,6 +31,11 @@ class Observer(Protocol):
     def log(self, time_ns: int, level: str, name: str, message: str) -> None:
         """A component, or the loop, has logged a message."""
 
+    def within_steps(
+        self, component: str, times_ns: NDArray[np.int64], values: NDArray[np.float64]
+    ) -> None:
+        """A component's `intermediate` outputs within steps, (m, outputs); before the next rows."""
+
     def rewind(self, complete: int) -> None:
         """Rows from `complete` on will be computed anew; an `InputError` if that is impossible."""
         del complete
@@ -70,6 +75,15 @@ class ObserverDispatch:
     def add(self, line: tuple[int, int, int, str, str, str]) -> None:
         """Add a log line: complete rows, time [ns], turn, level, name, message."""
         self._lines.append(line)
+
+    def within_steps(
+        self, component: str, times_ns: NDArray[np.int64], values: NDArray[np.float64]
+    ) -> None:
+        """Give the observers what a component's outputs were within its steps."""
+        for observer in self._observers:
+            take = getattr(observer, "within_steps", None)
+            if take is not None:
+                take(component, times_ns, values)
 
     def log_now(self, points_ns: NDArray[np.int64], name: str, level: str, message: str) -> None:
         """Log a message after the rows that the observers have, before all lines not delivered."""

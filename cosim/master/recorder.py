@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, Literal
 
 import numpy as np
@@ -36,6 +36,10 @@ from cosim.trace import (
 _SENT, _POSED, _DELIVERED, _RECEIVED, _SCENE, _LOGGED = 0, 1, 2, 1 << 30, (1 << 30) + 1, 1 << 31
 """Order of records of the same time: outputs, poses, deliveries link by link, inputs, then
 references and states of links, and events."""
+_INSTANT = 1 << 32
+"""More than any of these: the super-dense instants of one time follow each other."""
+_WITHIN = -1
+"""Rank of outputs within steps: what a step ends with comes before the row of its end."""
 _AT_ONCE = 4096
 """Rows written at once: enough to be fast, few enough to stay in the cache."""
 _POSE = ("eta.x", "eta.y", "eta.z", "eta.psi")
@@ -72,7 +76,7 @@ class TraceRecorder(Observer):
 
     def begin(self, instances: Sequence[ComponentInstance]) -> None:
         """Declare a topic per component and direction, and two per link."""
-        comm_points = instances[0].comm_points
+        self._comm_points = comm_points = instances[0].comm_points
         self._points = comm_points.points_ns
         self._traffic = [
             _Traffic(self._writer, self._system, link, comm_points, instances)
@@ -104,6 +108,11 @@ class TraceRecorder(Observer):
                 if all(name in places for name in signals):
                     where = [places.index(name) for name in signals]
                     posed.append(_Posed(instance, where, component, reference=reference))
+        self._within = {
+            instance.name: self._topic_within_steps(instance)
+            for instance in instances
+            if instance.component.intermediate
+        }
         self._posed = _named(posed)
         known = comm_points.final < comm_points.most and not comm_points.grows
         points = str(comm_points.count) if known else "as they come about"
@@ -115,29 +124,72 @@ class TraceRecorder(Observer):
             f"t = {comm_points.end_ns / 1e9:g} s",
         )
 
+    def _topic_within_steps(self, instance: ComponentInstance) -> tuple[int, list[_Within]]:
+        ports = [
+            instance.component.description.ports[name] for name in instance.component.intermediate
+        ]
+        topic_id = self._writer.add_topic(
+            f"/{instance.name}/intermediate",
+            [signal_of(port) for port in ports],
+            schema_name=f"cosim.{identifier(instance.name)}.Intermediate",
+            metadata={"component": instance.name, "coupling": "within the steps"},
+        )
+        return topic_id, []
+
+    def within_steps(
+        self, component: str, times_ns: NDArray[np.int64], values: NDArray[np.float64]
+    ) -> None:
+        """Keep the outputs of a component within steps, until the rows of their time are there."""
+        self._within[component][1].append((times_ns, values))
+
+    def _within_until(self, until_ns: int) -> Iterator[Rows]:
+        """Yield the outputs within steps up to an instant [ns]."""
+        for topic_id, waiting in self._within.values():
+            if not waiting:
+                continue
+            times = np.concatenate([times for times, _ in waiting])
+            values = np.concatenate([values for _, values in waiting])
+            count = int(np.searchsorted(times, until_ns, side="right"))
+            waiting[:] = [(times[count:], values[count:])] if count < times.size else []
+            if count:
+                yield Rows(topic_id, times[:count], values[:count], rank=(_WITHIN,))
+
     def rows_complete(self, first: int, last: int) -> None:
         """Write the rows, each after the messages delivered since the row before."""
         for begin in range(first, last, _AT_ONCE):
             self._write(begin, min(begin + _AT_ONCE, last))
 
     def _write(self, first: int, last: int) -> None:
-        parts: list[Rows | Poses | Lines] = []
+        parts: list[Rows | Poses | Lines] = [*self._within_until(int(self._points[last - 1]))]
         for instance, topic_id, cast in self._send:
             own, times = self._own(instance, first, last)
-            parts.append(Rows(topic_id, times, cast(instance.outputs[own]), rank=(_SENT,)))
+            rank = self._rank(own, times, _SENT)
+            parts.append(Rows(topic_id, times, cast(instance.outputs[own]), rank=rank))
         for one in self._posed:
             own, times = self._own(one.instance, first, last)
-            parts.append(one.poses(own, times))
+            rank = self._rank(own, times, _SCENE if one.reference else _POSED)
+            parts.append(one.poses(own, times, rank))
         for number, traffic in enumerate(self._traffic):
             parts += traffic.until(int(self._points[last - 1]), _DELIVERED + number)
         for instance, topic_id, cast in self._receive:
             own, times = self._own(instance, first, last)
             values = cast(instance.inputs[own])
-            parts.append(Rows(topic_id, times, values, rank=(_RECEIVED,)))
+            rank = self._rank(own, times, _RECEIVED)
+            parts.append(Rows(topic_id, times, values, rank=rank))
         parts += [traffic.state(self._points[first:last]) for traffic in self._traffic]
         until_ns = int(self._points[last - 1])
         self._writer.write_rows([*parts, *self._event_lines(until_ns)])
         self._latest_ns = max(self._latest_ns, until_ns)
+
+    def _rank(
+        self, own: slice | NDArray[np.int64], times: NDArray[np.int64], rank: int
+    ) -> tuple[int] | NDArray[np.int64]:
+        """Return the rank of rows: with events that of the super-dense instant comes first."""
+        if not self._comm_points.has_events:
+            return (rank,)
+        rows = np.arange(own.start, own.stop) if isinstance(own, slice) else own
+        superdense = rows - self._comm_points.rows_at(times)
+        return (superdense * _INSTANT + rank)[:, None]
 
     def _event_lines(self, until_ns: int) -> list[Lines]:
         found = self._events(until_ns) if self._events is not None else ()
@@ -184,6 +236,8 @@ class TraceRecorder(Observer):
 
 
 _Cast = Callable[[Any], Any]
+_Within = tuple[NDArray[np.int64], NDArray[np.float64]]
+"""Instants within steps [ns], and the values of outputs there."""
 
 
 class _Posed:
@@ -195,13 +249,18 @@ class _Posed:
         self.instance, self.vehicle, self.reference = instance, vehicle, reference
         self._places = places
 
-    def poses(self, own: slice | NDArray[np.int64], times: NDArray[np.int64]) -> Poses:
+    def poses(
+        self,
+        own: slice | NDArray[np.int64],
+        times: NDArray[np.int64],
+        rank: tuple[int] | NDArray[np.int64],
+    ) -> Poses:
         """Return the poses in rows `own`, at these times."""
         if not self.reference:
             values = self.instance.outputs[own][:, self._places]
-            return Poses(times, values, (_POSED,), self.vehicle)
+            return Poses(times, values, rank, self.vehicle)
         values = self.instance.inputs[own][:, self._places]
-        return Poses(times, values, (_SCENE,), self.vehicle, reference=True)
+        return Poses(times, values, rank, self.vehicle, reference=True)
 
 
 def _named(posed: list[_Posed]) -> list[_Posed]:
@@ -342,6 +401,9 @@ class _Traffic:
 
     def _values(self, messages: Arrivals) -> Any:
         rows = self._comm_points.rows_sent_at(messages.sent_ns)
+        if self._comm_points.has_events:  # what arrives at once is what was there by then
+            at_once = messages.arrival_ns == messages.sent_ns
+            rows = np.where(at_once, self._comm_points.rows_at(messages.sent_ns), rows)
         values = np.empty((rows.size, len(self._sources)))
         for column, (instance, j) in enumerate(self._sources):
             values[:, column] = instance.outputs[instance.own_points.last[rows], j]

@@ -201,7 +201,7 @@ def test_log_level_filters_the_log_of_a_component(mixed: Path) -> None:
 def test_engine_choice_gives_its_reason(monkeypatch: pytest.MonkeyPatch) -> None:
     assert choose_engine("python") == ("python", "asked for")
     assert choose_engine("auto") == ("kernel", "numbers only")
-    assert choose_engine("auto", texts=True) == ("python", "Strings are exchanged")
+    assert choose_engine("auto", texts=True) == ("python", "Strings or Binary values are exchanged")
     with pytest.raises(InputError, match="exchanges numbers only"):
         choose_engine("kernel", texts=True)
     monkeypatch.setenv("CC", "no-such-compiler")

@@ -137,6 +137,7 @@ def test_integers_of_64_bits_pass_bit_for_bit(
         *(f"a.{wire.format('b')}" for wire in wires),
         *(f"b.{wire.format('c')}" for wire in wires),
     )
+    system = dataclasses.replace(system, divergence=None)
     path = tmp_path / "wide.mcap"
     with TraceWriter(path, run={}) as writer:
         with Session(system, [TraceRecorder(writer, system)], engine=engine) as session:

@@ -269,6 +269,12 @@ class _Report(ObserverDispatch):
         """Tell a new value of a String."""
         self._tell(messages.TEXT, number, text)
 
+    def within_steps(
+        self, component: str, times_ns: NDArray[np.int64], values: NDArray[np.float64]
+    ) -> None:
+        """Tell outputs within steps."""
+        self._tell(messages.WITHIN, component, times_ns, values)
+
     def point(self, instant_ns: int, seconds: float) -> None:
         """Tell a point that was added."""
         self._tell(messages.POINT, instant_ns, seconds)

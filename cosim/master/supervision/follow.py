@@ -259,6 +259,8 @@ class FollowedRun:
             case messages.POINT:
                 self._points.add(*content)
                 self._wiring.fill_routes(self._points.ready, self._points.count)
+            case messages.WITHIN:
+                self._dispatch.within_steps(*content)
             case messages.PROCESS:
                 self._worker.add_process(*content)
             case messages.BEGUN:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from fractions import Fraction
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +14,18 @@ from events import event_fmu
 
 from cosim.core.errors import InputError
 from cosim.fmu import describe_fmu
-from cosim.master import Component, Connection, Endpoint, Run, Session, System, make_schedule
+from cosim.master import (
+    Component,
+    Connection,
+    Endpoint,
+    Run,
+    Session,
+    System,
+    TraceRecorder,
+    make_schedule,
+)
 from cosim.network import PacketLink
+from cosim.trace import Trace, TraceWriter
 
 PERIODIC = 'intervalVariability="constant" intervalDecimal="0.1"'
 THIRDS = (
@@ -231,6 +242,27 @@ def test_links_send_what_events_left(tmp_path: Path) -> None:
     received = [t for t, u in rows_of(run, "effect", "u") if u == 100.0]
     assert received[0] == 450_000_000
     assert next(t for t, y in rows_of(run, "effect", "y") if y == 101.0) == 450_000_000
+
+
+@pytest.mark.parametrize("options", [{}, {"event_mode": False}, {"isolate": True}])
+def test_outputs_are_read_within_steps(tmp_path: Path, options: dict[str, Any]) -> None:
+    """At the quarters of each step, but for the second, which is of a step that is not finished."""
+    fmu = describe_fmu(event_fmu(tmp_path, ["ramp", "stop_early"]))
+    component = Component(fmu, {"stop_early": 0.3}, intermediate=["ramp"], **options)
+    system = system_of({"c": component, "other": Component(fmu, {"stop_early": 0.35}, **options)})
+    path = tmp_path / "within.mcap"
+    with TraceWriter(path, run={}) as writer:
+        with Session(system, [TraceRecorder(writer, system)]) as session:
+            session.run_until()
+            assert session.result(complete=True).status == "finished"
+        writer.finish({"status": "finished"})
+    table = Trace(path).read("/c/intermediate")
+    ends = [0.0, 0.25, 0.3, 0.35, 0.5, 0.75, 1.0]
+    if options.get("event_mode") is False:
+        ends = [0.0, 0.25, 0.5, 0.75, 1.0]
+    wanted = [a + share * (b - a) for a, b in pairwise(ends) for share in (0.25, 0.75, 1.0)]
+    np.testing.assert_allclose(table["ramp"], wanted, atol=1e-12)
+    assert table.log_time_ns.tolist() == [round(t * 1e9) for t in table["ramp"].tolist()]
 
 
 @pytest.mark.parametrize(
