@@ -20,7 +20,8 @@ itself reads.
 - A **note** is worth knowing.
 
 What the XML schemas of the standards say is one rule, `xml-schema`: the schemas that FMPy brings
-are used as they are. Sections are of FMI 2.0.4 and 3.0.2; where none is given, no standard asks for it.
+are used as they are. Sections are of FMI 2.0.4 and 3.0.2; where none is given, no standard asks
+for it.
 """
 
 

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import errno
+import json
 import os
 import re
 import subprocess
 import sys
 import tomllib
+from importlib.metadata import packages_distributions
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -56,6 +58,43 @@ def test_an_fmu_is_checked_without_readers_of_binaries(monkeypatch: pytest.Monke
     assert found.valid
     assert [(note.level, "auv-cosim[check]" in note.why) for note in notes] == [("note", True)]
     assert {each.code for each in found.findings}.isdisjoint({"binary-damaged", "binary-unread"})
+
+
+def test_an_fmu_is_checked_with_a_handful_of_packages(tmp_path: Path) -> None:
+    """Those of docs/how-to/own-fmus.md, and the two that typer brings."""
+    allowed = {"cosim", "lazy_loader", "lxml", "pydantic", "rich", "typer"}
+    code = (
+        "import sys\n"
+        "class Blocked:\n"
+        "    def find_spec(self, name, *_):\n"
+        "        top = name.partition('.')[0]\n"
+        f"        if top in {sorted(_distributed() - allowed)!r}:\n"
+        "            raise ModuleNotFoundError(name, name=name)\n"
+        "sys.meta_path.insert(0, Blocked())\n"
+        "from cosim.cli.entry import main\n"
+        "main()\n"
+    )
+    fmu = fmu_store("native") / "native" / "WaveField.fmu"
+    done = subprocess.run(  # noqa: S603 - this interpreter
+        [sys.executable, "-c", code, "fmu", "check", str(fmu), "--json"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["valid"]
+
+
+def _distributed() -> set[str]:
+    """The modules that this project's dependencies bring, but for FMPy: its schemas are files."""
+    root = Path(__file__).parents[1]
+    project = tomllib.loads((root / "pyproject.toml").read_text("utf-8"))["project"]
+    names = {re.split(r"[^\w-]", each)[0].lower() for each in project["dependencies"]}
+    modules = packages_distributions()
+    found = {top for top, of in modules.items() if names & {each.lower() for each in of}}
+    assert {"numpy", "scipy", "cvxpy", "pydantic"} <= found
+    return found - {"fmpy"}
 
 
 def test_a_library_is_compiled_where_the_cache_cannot_be_written(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from fractions import Fraction
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rich.console import Group, RenderableType
 from rich.table import Table
@@ -13,8 +13,10 @@ from rich.text import Text
 from cosim import hinf
 from cosim.cli.terminal import facts_table, number
 from cosim.core import at_least, at_most
-from cosim.fmu import ControllerFmu, PlantFmu
-from cosim.models import Delay, DelaySystem
+
+if TYPE_CHECKING:  # `cosim fmu check` needs neither
+    from cosim.fmu import ControllerFmu, PlantFmu
+    from cosim.models import Delay, DelaySystem
 
 _LIMIT_REACHED = "certified; the search ended here, longer delays may be certified too"
 

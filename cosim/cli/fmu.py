@@ -7,24 +7,14 @@ from typing import Annotated
 
 import typer
 
-from cosim import replay
+from cosim import fmu as fmus, replay
 from cosim.cli.arguments import numbers
 from cosim.cli.common import JsonOption, answer
 from cosim.cli.design_view import packed_view, plant_view
 from cosim.cli.fmu_view import check_view, info_view, rule_view
 from cosim.cli.help_text import HelpTyper
 from cosim.core import CheckFailedError, InputError
-from cosim.fmu import (
-    DEFAULT_FLAVOUR,
-    Flavour,
-    export_controller,
-    export_plant,
-    fmu_facts,
-    inspect_fmu,
-    rule_named,
-    run_findings,
-    target_named,
-)
+from cosim.fmu import DEFAULT_FLAVOUR, Flavour
 
 fmu_app = HelpTyper(
     help="Export a plant or a controller as an FMU; inspect or check any FMU.",
@@ -65,7 +55,7 @@ def info(file: FileArgument, *, as_json: JsonOption = False) -> None:
     \b
     cosim fmu info my-plant.fmu
     """
-    found = inspect_fmu(file)
+    found = fmus.inspect_fmu(file)
     if found.model is None:
         first = found.findings[0]
         raise InputError(
@@ -74,7 +64,7 @@ def info(file: FileArgument, *, as_json: JsonOption = False) -> None:
             got=f"{first.where}: {first.what}",
             hint=f"cosim fmu check {file}",
         )
-    answer(as_json, lambda: fmu_facts(found), lambda: info_view(fmu_facts(found)))
+    answer(as_json, lambda: fmus.fmu_facts(found), lambda: info_view(fmus.fmu_facts(found)))
 
 
 @fmu_app.command()
@@ -114,14 +104,14 @@ def check(
     cosim fmu check --rule start-missing
     """
     if rule is not None:
-        explained = rule_named(rule)
+        explained = fmus.rule_named(rule)
         answer(as_json, explained.to_json, lambda: rule_view(explained))
         return
     if file is None:
         raise InputError("no FMU to check", expected="cosim fmu check FILE, or --rule NAME")
-    found = inspect_fmu(file)
+    found = fmus.inspect_fmu(file)
     if run:
-        found = found.with_findings(run_findings(found, time))
+        found = found.with_findings(fmus.run_findings(found, time))
     answer(
         as_json,
         lambda: {
@@ -169,8 +159,8 @@ def build(
     file = Path(system)
     target = _target(file, out)
     start = None if initial is None else numbers("--initial", initial)
-    kind = target_named(flavour, platforms)
-    packed = export_plant(system, target, kind=kind, name=name, initial=start)
+    kind = fmus.target_named(flavour, platforms)
+    packed = fmus.export_plant(system, target, kind=kind, name=name, initial=start)
     n, m = packed.system.B.shape
     p, q = packed.system.D1.shape
     answer(
@@ -223,7 +213,7 @@ def controller(
     cosim fmu controller gain.json -o my-controller.fmu
     cosim fmu controller gain.json -o sampled.fmu --sample-time 0.05 --limits 2
     """
-    kind = target_named(flavour, platforms)
+    kind = fmus.target_named(flavour, platforms)
     found = replay.certificate_in(file)
     if found.mismatch is not None:
         raise InputError(
@@ -232,7 +222,7 @@ def controller(
             got=found.mismatch,
         )
     bounds = None if limits is None else numbers("--limits", limits)
-    packed = export_controller(
+    packed = fmus.export_controller(
         found.data,
         _target(file, out),
         where=str(file),

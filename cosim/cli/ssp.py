@@ -99,7 +99,9 @@ def export_verb(
 
 @ssp_app.command("import")
 def import_verb(
-    file: Annotated[Path, typer.Argument(metavar="FILE.ssp", help="Any archive of SSP 1.0 or 2.0.")],
+    file: Annotated[
+        Path, typer.Argument(metavar="FILE.ssp", help="Any archive of SSP 1.0 or 2.0.")
+    ],
     out: Annotated[
         Path | None,
         typer.Option(

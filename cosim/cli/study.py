@@ -316,10 +316,20 @@ def show(
     ] = None,
     picture: Annotated[
         Path | None,
-        typer.Option(help="Draw the stability map of the study to this .png, .svg or .pdf file."),
+        typer.Option(
+            help="Draw the study to this .png, .svg or .pdf file, in the way that fits it: the "
+            "stability boundary, a map or a curve over its grid, sensitivity, a distribution."
+        ),
+    ] = None,
+    kind: Annotated[
+        str | None,
+        typer.Option(
+            help="Kind of the picture: boundary, curve, map, distribution, scatter, convergence, "
+            "sensitivity or correlations."
+        ),
     ] = None,
     metric: Annotated[
-        str | None, typer.Option(help="Draw this metric over the axes of --over instead.")
+        str | None, typer.Option(help="Metric of the picture (default: the first one).")
     ] = None,
     over: Annotated[
         str | None,
@@ -337,6 +347,7 @@ def show(
     \b
     cosim study show studies/delay-margin --picture margin.png
     cosim study show studies/delay-margin --by delay --quantiles 0.05,0.95
+    cosim study show studies/mine --picture error.png --kind scatter --metric error --over Hs
     """
     whole, manifest = studies.read_table(path)
     stopped = studies.stopping_of(whole, manifest)
@@ -352,16 +363,15 @@ def show(
         quantiles=[] if quantiles is None else numbers("--quantiles", quantiles),
     )
     edge = studies.boundary(table, manifest)
-    if (metric is None) != (over is None) or (metric is not None and picture is None):
+    if picture is None and any(option is not None for option in (kind, metric, over)):
         raise InputError(
-            "--metric and --over need each other and --picture",
+            "--kind, --metric and --over are of a picture",
             where="study show",
-            hint="--metric gain --over delay --picture gain.png",
+            hint="--picture gain.png --metric gain --over delay",
         )
-    if picture is not None and metric is not None and over is not None:
-        studies.draw(table, manifest, picture, metric, list(names("--over", over)))
-    elif picture is not None:
-        studies.draw_stability(table, manifest, picture)
+    if picture is not None:
+        axes = [] if over is None else list(names("--over", over))
+        studies.draw_study(table, manifest, picture, kind, metric, axes)
     data = found.to_json() | {
         "stability": None if edge is None else edge.to_json(),
         "picture": None if picture is None else str(picture),

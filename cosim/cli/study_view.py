@@ -131,9 +131,9 @@ def sensitivity_view(found: Sensitivity) -> RenderableType:
 
 def study_report_view(written: StudyReport) -> RenderableType:
     """Show where the page is, and what is on it."""
-    of = "" if written.runs == written.count else f" of {written.count}: the study is not finished"
     facts = facts_table()
-    facts.add_row("runs", str(written.runs), of.strip())
+    of = "" if written.complete else "the study is not finished"
+    facts.add_row("runs", str(written.runs), of)
     for status, count in written.statuses.items():
         label = Text(status.replace("_", " "), style="" if status == "finished" else "yellow")
         facts.add_row(label, str(count), "")

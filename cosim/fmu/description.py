@@ -18,7 +18,7 @@ from cosim.core import InputError, similar_files
 from cosim.fmu.export.catalogue import CATALOGUE
 from cosim.fmu.feedthrough import Feedthrough, declared_feedthrough
 from cosim.fmu.inspect.archive import CheckedArchive
-from cosim.fmu.inspect.declared_model import XML
+from cosim.fmu.inspect.declared_model import XML, read_declared_model
 from cosim.fmu.inspect.definitions import identifier_findings
 from cosim.fmu.inspect.findings import refusal
 from cosim.fmu.inspect.markup import MAX_XML, parse_xml
@@ -201,10 +201,10 @@ def _describe(path: Path, content: bytes, digest: str) -> FmuDescription:
     try:
         archive = CheckedArchive(path, content)
         archive.require_sound()
-        xml = _description_in(archive)
+        xml, root = _description_in(archive)
         model, departures = _read_model(content)
         version = _version(model, path)
-        ports = declared_ports(model, xml, version)
+        ports = declared_ports(read_declared_model(root), version)
     except InputError:
         raise
     except Exception as error:  # fmpy and zipfile raise many kinds: all mean this
@@ -216,12 +216,13 @@ def _describe(path: Path, content: bytes, digest: str) -> FmuDescription:
     return FmuDescription(path, digest, model, MappingProxyType(ports), xml, version, departures)
 
 
-def _description_in(archive: CheckedArchive) -> bytes:
-    """Return modelDescription.xml, which is of a bounded size and has no entities of its own."""
+def _description_in(archive: CheckedArchive) -> tuple[bytes, Any]:
+    """Return modelDescription.xml, of a bounded size and without entities, and its root."""
     xml = archive.read(XML, MAX_XML)
-    for wrong in parse_xml(xml, XML)[1]:
+    root, found = parse_xml(xml, XML)
+    for wrong in found:
         raise refusal("not a valid FMU", archive.path, wrong, "XML within limits, without DTD")
-    return xml or b""
+    return xml or b"", root
 
 
 def _read_model(content: bytes) -> tuple[Any, tuple[str, ...]]:

@@ -7,6 +7,10 @@ from .merge import (
     MergedStudy as MergedStudy,
     merge_studies as merge_studies,
 )
+from .picture_kinds import (
+    PICTURE_KINDS as PICTURE_KINDS,
+    draw_study as draw_study,
+)
 from .pictures import draw as draw
 from .plan import Plan as Plan
 from .rare_events import (

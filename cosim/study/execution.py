@@ -39,6 +39,8 @@ from cosim.study.workers import Batch, WorkerDied, WorkerPool, in_process
 
 BATCH_S = 2.0
 """Time that a batch should take [s]: much longer than submitting it, short for a user."""
+BATCH_S_PER_WORKER = 0.005
+"""That time for each worker, if it is longer [s]: twice what a scheduler spends on a batch."""
 MAX_AT_ONCE = 1000
 MOST_INCOMPLETE = 1000
 """Most runs without a result that `StudyResult` lists."""
@@ -219,7 +221,8 @@ class _Queue:
         """Return the next batch; None if there is none."""
         if self._again:
             return self._again.pop()
-        size = int(BATCH_S / max(self._each, 1e-6))
+        seconds = max(BATCH_S, BATCH_S_PER_WORKER * self.workers)
+        size = int(seconds / max(self._each, 1e-6))
         # smaller batches towards the end, so that all workers end at about the same time
         size = max(1, min(size, MAX_AT_ONCE, math.ceil(self._left / (4 * self.workers))))
         batch = list(itertools.islice(self._runs, size))

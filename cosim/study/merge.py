@@ -85,6 +85,7 @@ def merge_studies(folders: Sequence[Path], out: Path) -> MergedStudy:
         done = folder.rows
         complete = len(done) == count
         if complete:
+            manifest.pop("scenario_folder", None)  # the table does not depend on it
             write_table(manifest, done, folder.results)
         wanted = set(chosen_runs(study, done))
         copied = [_copy_traces(path / "traces", folder.traces, wanted) for path in parts]

@@ -15,7 +15,7 @@ from cosim.trace import pyplot, save_picture
 
 BLUE, RED, GREEN, GREY = "#0b6e99", "#d1495b", "#5f7a3d", "#666666"
 _COLOURS = (BLUE, RED, GREEN, "#8a5a9e", "#b8860b", "#4f6d7a")
-_STYLE = {"font.size": 9, "axes.grid": True, "grid.alpha": 0.25, "axes.axisbelow": True}
+STYLE = {"font.size": 9, "axes.grid": True, "grid.alpha": 0.25, "axes.axisbelow": True}
 DPI = 130
 _MOST_TICKS = 12
 
@@ -50,7 +50,7 @@ def draw(table: Any, manifest: dict[str, Any], target: Path, metric: str, over: 
         raise InputError("there is nothing to draw", where=metric, got="no numbers")
     frame = frame.assign(_value=values)
     plt = pyplot()
-    with plt.rc_context(_STYLE):
+    with plt.rc_context(STYLE):
         figure, axis = plt.subplots(figsize=(7.2, 4.6), layout="constrained")
         truths = frame[metric].dtype == bool or _truths(frame[metric])
         if len(axes) == 1:

@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from cosim.core import ComponentError, CosimError, InputError
+from cosim.fmu import own_folder
 from cosim.study.batch import Job
 from cosim.study.folder import not_written
 from cosim.study.shipping import Offer, keep_traces, run_ticket
@@ -244,8 +245,11 @@ def local(workers: int, wait_s: float | None = WAIT_S) -> Iterator[WorkerPool]:
     # set in each worker: what is set before a worker is started may stay set in this process
     environ = "distributed.nanny.environ"
     with (
-        # a worker that is killed leaves its files there
-        tempfile.TemporaryDirectory(prefix="cosim-study-", ignore_cleanup_errors=True) as scratch,
+        # a worker that is killed leaves its files there; if this process is killed, the next one
+        # removes its folder
+        tempfile.TemporaryDirectory(
+            prefix="workers-", dir=own_folder(), ignore_cleanup_errors=True
+        ) as scratch,
         dask.config.set(
             {
                 **settings,

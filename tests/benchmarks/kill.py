@@ -114,13 +114,13 @@ def _rows(path: Path) -> int:
     return len(found)
 
 
-def kills(count: int, tell: Callable[[str], None] = lambda _: None) -> Sequence[Loss]:
+def kills(numbers: Sequence[int], tell: Callable[[str], None] = lambda _: None) -> Sequence[Loss]:
     """Many, some at once: their children mostly wait."""
     with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(AT_ONCE) as pool:
         found = []
-        for loss in pool.map(lambda number: one_kill(number, Path(folder)), range(count)):
+        for loss in pool.map(lambda number: one_kill(number, Path(folder)), numbers):
             found.append(loss)
-            tell(f"{len(found)} of {count} kills")
+            tell(f"{len(found)} of {len(numbers)} kills")
     return found
 
 
@@ -129,7 +129,7 @@ def main() -> None:
     numbers = [int(argument) for argument in sys.argv[1:] if argument.isdecimal()]
     console = Console(stderr=True)
     with console.status("") as status:
-        found = kills(numbers[0] if numbers else KILLS, status.update)
+        found = kills(range(numbers[0] if numbers else KILLS), status.update)
     if "--json" in sys.argv:
         print(json.dumps({"interval_s": INTERVAL_S, "kills": [asdict(one) for one in found]}))
         return

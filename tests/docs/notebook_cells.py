@@ -9,15 +9,23 @@ from pathlib import Path
 from typing import Any
 
 import matplotlib.pyplot as plt
-import nbformat
 
 NOTEBOOKS = Path(__file__).parents[2] / "docs" / "notebooks"
+
+
+def read(name: str) -> Any:
+    """Read a notebook, whose form is checked."""
+    import nbformat  # noqa: PLC0415 - two seconds, where it has grammars of addresses to compile
+
+    notebook = nbformat.read(NOTEBOOKS / name, as_version=4)
+    nbformat.validate(notebook)
+    return notebook
 
 
 def run_notebook(name: str, folder: Path) -> tuple[dict[str, Any], list[Any]]:
     """Run every cell in `folder`; return the names at the end, and the value of each cell."""
     names: dict[str, Any] = {}
-    cells = nbformat.read(NOTEBOOKS / name, as_version=4).cells
+    cells = read(name).cells
     with chdir(folder):
         values = [_run(cell.source, names) for cell in cells if cell.cell_type == "code"]
     plt.close("all")
@@ -37,8 +45,7 @@ def _run(source: str, names: dict[str, Any]) -> Any:
 def is_clean(name: str) -> bool:
     """Whether there is no output, no count of executions, nothing of the machine it is from."""
     path = NOTEBOOKS / name
-    notebook = nbformat.read(path, as_version=4)
-    nbformat.validate(notebook)
+    notebook = read(name)
     code = [cell for cell in notebook.cells if cell.cell_type == "code"]
     return (
         len(code) > 5

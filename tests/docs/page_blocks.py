@@ -9,6 +9,7 @@
 | `python` | run, in one namespace for the whole page |
 | `text` | every line is in what the commands before it wrote; `...` stands for anything |
 | `math` | converted |
+| `yaml` | parsed by a test of its page, and otherwise not run |
 | anything below `<!-- not run: WHY -->` | nothing |
 
 A page with `<!-- slow -->` is left out of the default tests.
@@ -49,7 +50,7 @@ TESTED_BY_ITSELF = ("delay-systems.md",)
 """Pages whose blocks another test runs, with numbers to nine digits."""
 SETUP = ("python3 -m venv .venv", ". .venv/bin/activate")
 """What every reader of an install section knows; the gate does the same to get its wheel."""
-LANGUAGES = {"sh", "toml", "python", "text", "math"}
+LANGUAGES = {"sh", "toml", "python", "text", "math", "yaml"}
 
 
 @dataclass(frozen=True)

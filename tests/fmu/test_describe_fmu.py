@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from cosim.core.errors import InputError
-from cosim.fmu import describe_fmu
+from cosim.fmu import describe_fmu, inspect_fmu
 from cosim.fmu.export.catalogue import CATALOGUE
 
 if TYPE_CHECKING:
@@ -38,7 +38,7 @@ def test_ports_are_the_table_of_the_component(fmus: Path, name: str) -> None:
     path = fmus / f"{name}.fmu"
     found = describe_fmu(path)
     assert list(found.ports) == [v.name for v in CATALOGUE[name].variables]
-    for reference, variable in enumerate(CATALOGUE[name].variables):
+    for reference, variable in enumerate(CATALOGUE[name].variables, 1):
         port = found.ports[variable.name]
         assert (port.reference, port.causality) == (reference, variable.causality)
         assert (port.unit, port.start) == (variable.unit, variable.start)
@@ -129,3 +129,12 @@ def test_model_exchange_alone_cannot_be_run(fmus: Path, tmp_path: Path) -> None:
         describe_fmu(path)
     assert "this FMU cannot be run" in str(caught.value)
     assert caught.value.got == "FMI 2.0, model exchange only"
+
+
+def test_a_description_in_another_encoding_is_read(native_fmus: Path, tmp_path: Path) -> None:
+    """The check calls it an error; what it says is read all the same."""
+    source = native_fmus / "WaveField.fmu"
+    change = ("<\\?xml[^>]*>", '<?xml version="1.0" encoding="ISO-8859-1"?>')
+    path = altered(source, tmp_path / "latin.fmu", change)
+    assert [*describe_fmu(path).ports] == [*describe_fmu(source).ports]
+    assert "xml-encoding" in [each.code for each in inspect_fmu(path).findings]

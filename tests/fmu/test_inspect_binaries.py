@@ -17,8 +17,9 @@ from macholib.ptypes import Structure, p_uint32
 
 from cosim.fmu import component_module
 from cosim.fmu.export.model_description import fmi2_xml
-from cosim.fmu.inspect import inspect_fmu, macho
+from cosim.fmu.inspect import binaries, inspect_fmu, macho
 from cosim.fmu.inspect.fmi_functions import functions
+from cosim.fmu.inspect.image import Image
 from cosim.fmu.inspect.library import Binary, read_binary
 from cosim.fmu.inspect.platforms import Platform, named_by_tuple, this_libc, this_machine
 
@@ -107,6 +108,73 @@ def test_fault_of_a_reader_is_not_reported_as_damage(
     assert found["binary-unread"].where == "binaries/x86_64-darwin/New.dylib"
     assert found["binary-unread"].what.startswith(symbols)
     assert found["binary-damaged"].where == "binaries/aarch64-darwin/New.dylib"
+
+
+ONE_OF_EACH = {path.suffix: path for path in FOREIGN if path.stem == "container_fmu"}
+
+
+@pytest.mark.parametrize("suffix", [".so", ".dll", ".dylib"])
+def test_damage_is_what_the_headers_announce_and_the_file_lacks(suffix: str) -> None:
+    """Half a library is damaged, and so is its beginning; the whole one is not."""
+    content = ONE_OF_EACH[suffix].read_bytes()
+    for kept in (len(content) // 2, 300, 30):
+        found = read_binary("linux64", "x", content[:kept])
+        assert found.damage is not None, kept
+        assert (found.unread, found.images) == (None, ())
+    assert read_binary("linux64", "x", content).damage is None
+
+
+@pytest.mark.parametrize(
+    "raised", [ValueError, KeyError, AssertionError, struct.error, MemoryError]
+)
+def test_no_exception_of_a_reader_is_damage(
+    monkeypatch: pytest.MonkeyPatch, raised: type[Exception]
+) -> None:
+    """Of whatever type, even those that readers raise for damaged files."""
+
+    def reader(kind: str) -> Any:
+        def read_it(_: Any) -> Any:
+            raise raised(kind)
+
+        return read_it
+
+    monkeypatch.setattr("cosim.fmu.inspect.library._reader", reader)
+    for path in ONE_OF_EACH.values():
+        found = read(path)
+        assert found.damage is None
+        assert str(found.unread).startswith(raised.__name__.rpartition(".")[2])
+
+
+def test_a_format_that_is_unknown_here_is_not_damage() -> None:
+    """A text is; bytes with a magic number that nobody knows may be a library somewhere."""
+    assert read_binary("linux64", "x", b"#!/bin/sh\n").damage is not None
+    assert read_binary("linux64", "x", b"").damage is not None
+    found = read_binary("wasm", "x", b"\xca\xfe\xba\xbf" + bytes(100))
+    assert (found.damage, found.images) == (None, ())
+    assert "not read here" in str(found.unread)
+
+
+@pytest.mark.parametrize(
+    ("needed", "code"),
+    [
+        ("KERNEL32.dll", None),
+        ("OPENGL32.dll", None),
+        ("WINSPOOL.DRV", None),
+        ("api-ms-win-core-synch-l1-2-0.dll", None),
+        ("MSVCP140_1.dll", None),
+        ("mfc140u.dll", None),
+        ("mfc140ud.dll", "library-debug"),
+        ("VCRUNTIME140D.dll", "library-debug"),
+        ("libgcc_s_seh-1.dll", "library-absent"),
+        ("libwinpthread-1.dll", "library-absent"),
+        ("python311.dll", "needs-python"),
+    ],
+)
+def test_libraries_that_windows_has_are_not_absent(needed: str, code: str | None) -> None:
+    """Its own and those of the redistributables; what a compiler of another kind needs is."""
+    image = Image("PE", Platform("windows", "x86_64"), frozenset(), frozenset(), (needed,))
+    found = [each.code for each in binaries._library("x.dll", image, needed, set())]
+    assert found == ([] if code is None else [code])
 
 
 @pytest.mark.parametrize("path", [p for p in FOREIGN if p.stem == "container_fmu"], ids=str)

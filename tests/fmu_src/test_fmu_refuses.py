@@ -52,31 +52,31 @@ REFUSED = {
     "infinite input": ("raw.put({'w[1]': -math.inf})", "w[1] must be finite, got -inf"),
     "unknown reference": (
         "raw.fmu.setReal([9999], [1.0])",
-        "value reference 9999 is unknown; 0 to 43 exist",
+        "value reference 9999 is unknown; 1 to 44 exist",
     ),
     "unknown reference read": (
         "result['value'] = raw.fmu.getReal([9999])",
-        "value reference 9999 is unknown; 0 to 43 exist",
+        "value reference 9999 is unknown; 1 to 44 exist",
     ),
-    "largest reference": ("raw.fmu.getReal([2**32 - 1])", "is unknown; 0 to 43 exist"),
+    "largest reference": ("raw.fmu.getReal([2**32 - 1])", "is unknown; 1 to 44 exist"),
     "late parameter": (
         "raw.put({'A[1,1]': 2.0})",
         "A[1,1] is a fixed parameter and cannot be written after initialisation",
     ),
     "output": ("raw.put({'x[1]': 2.0})", "x[1] is an output and cannot be written"),
     "Integer call on a Real": (
-        "raw.fmu.setInteger([0], [1])",
-        "value reference 0 (u[1]) is of type Real, not Integer",
+        "raw.fmu.setInteger([1], [1])",
+        "value reference 1 (u[1]) is of type Real, not Integer",
     ),
-    "Integer read of a Real": ("raw.fmu.getInteger([0])", "(u[1]) is of type Real, not Integer"),
-    "Boolean call": ("raw.fmu.setBoolean([0], [True])", "(u[1]) is of type Real, not Boolean"),
+    "Integer read of a Real": ("raw.fmu.getInteger([1])", "(u[1]) is of type Real, not Integer"),
+    "Boolean call": ("raw.fmu.setBoolean([1], [True])", "(u[1]) is of type Real, not Boolean"),
     "Boolean read": (
-        "result['value'] = list(raw.fmu.getBoolean([0]))",
+        "result['value'] = list(raw.fmu.getBoolean([1]))",
         "(u[1]) is of type Real, not Boolean",
     ),
-    "String call": ("raw.fmu.setString([0], ['a'])", "(u[1]) is of type Real, not String"),
+    "String call": ("raw.fmu.setString([1], ['a'])", "(u[1]) is of type Real, not String"),
     "String read": (
-        "result['value'] = [t.decode() for t in raw.fmu.getString([0, 1])]",
+        "result['value'] = [t.decode() for t in raw.fmu.getString([1, 2])]",
         "(u[1]) is of type Real, not String",
     ),
     "unreadable state": ("raw.resume(b'no state at all')", "the saved state cannot be read"),
@@ -144,13 +144,36 @@ result["inputs"] = raw.get('u[1]', 'w[1]')
     assert abused(fmus, script)["inputs"] == [3.0, 0.0]
 
 
+def test_step_past_the_stop_time_is_refused(fmus: Path) -> None:
+    """Up to it all is well; a stop before the start fails the first step."""
+    script = f"""{PREPARE}
+raw = RawFmu(folder / "DelayedPlant.fmu"); result = {{}}
+raw.fmu.setupExperiment(startTime=0.0, stopTime=0.1)
+raw.fmu.enterInitializationMode(); raw.fmu.exitInitializationMode()
+result["first"] = attempt(raw.step, 0.0, 0.1)
+result["past"] = attempt(raw.step, 0.1, 0.1)
+raw.fmu.reset()
+raw.fmu.setupExperiment(startTime=1.0, stopTime=0.5)
+raw.fmu.enterInitializationMode(); raw.fmu.exitInitializationMode()
+result["backwards"] = attempt(raw.step, 1.0, 0.1)
+result["messages"] = raw.messages
+raw.__exit__()
+print(json.dumps(result))
+"""
+    result = abused(fmus, script)
+    assert result["first"] != "status 2"
+    assert result["past"] == result["backwards"] == "status 2"
+    assert "ends at t = 0.2 s, after the stop time of 0.1 s" in result["messages"]
+    assert "the stop time, 0.5 s, must not be before the start time, 1.0 s" in result["messages"]
+
+
 def test_parameter_out_of_bounds_is_refused(fmus: Path) -> None:
     """A negative delay and an amplitude beyond 1 are refused before anything runs."""
     for name, value in (("delay.d", -0.1), ("F.amplitude", 1.5), ("solver.step", 0.0)):
         script = f"""{PREPARE}
 raw = RawFmu(folder / "DelayedPlant.fmu").initialise({{ {name!r}: {value} }}); result = {{}}
 {LEAVE}"""
-        assert f"{name} must lie between" in abused(fmus, script)["messages"]
+        assert f"{name} must be at " in abused(fmus, script)["messages"]
 
 
 def test_integer_out_of_bounds_is_refused(fmus: Path) -> None:
@@ -166,7 +189,7 @@ raw.__exit__()
 print(json.dumps(result))
 """
     result = abused(fmus, script)
-    assert "spectrum must lie between 0 and 2" in result["messages"]
+    assert "spectrum must be at most 2, got 7" in result["messages"]
     assert "(spectrum) is of type Integer, not Real" in result["messages"]
     assert result["step"] == "status 2"
 

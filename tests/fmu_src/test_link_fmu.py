@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from link_runs import INITIAL, Channel, build, expected, signal
-from shared import sampled
+from shared import sampled, share_of
 
 from cosim.core.errors import InputError
 from cosim.fmu import component_module
@@ -179,8 +179,9 @@ def test_random_links_are_the_links_on_the_grid(channel: Path) -> None:
 
 
 @pytest.mark.slow
-def test_two_thousand_random_links_are_the_links_on_the_grid(channel: Path) -> None:
-    check_random_links(channel, range(2000))
+@pytest.mark.parametrize("part", share_of(range(8)))
+def test_two_thousand_random_links_are_the_links_on_the_grid(channel: Path, part: int) -> None:
+    check_random_links(channel, range(250 * part, 250 * (part + 1)))
 
 
 @pytest.mark.parametrize("seed", sampled([2**31 - 1, 0, 1], 1))

@@ -142,11 +142,12 @@ def test_every_flavour_describes_the_same_variables(
     assert table(native_fmus_of_fmi3 / f"{name}.fmu") == expected
 
 
+@pytest.mark.parametrize("name", sampled(NAMES, 1))
 def test_two_builds_give_the_same_bytes(
-    native_fmus: Path, native_fmus_of_fmi3: Path, tmp_path: Path
+    name: str, native_fmus: Path, native_fmus_of_fmi3: Path, tmp_path: Path
 ) -> None:
     """Another process, another folder, another hash seed: one SHA-256."""
-    command = [sys.executable, str(ROOT / "build_fmu.py"), "--out", str(tmp_path)]
+    command = [sys.executable, str(ROOT / "build_fmu.py"), name, "--out", str(tmp_path)]
     command += ["--flavour", "native", "--flavour", "native-fmi3"]
     done = subprocess.run(  # noqa: S603 - our own script
         command,
@@ -162,10 +163,9 @@ def test_two_builds_give_the_same_bytes(
         },
     )
     for folder, kind in ((native_fmus, "native"), (native_fmus_of_fmi3, "native-fmi3")):
-        for name in NAMES:
-            built = tmp_path / kind / f"{name}.fmu"
-            digest = hashlib.sha256((folder / f"{name}.fmu").read_bytes()).hexdigest()
-            assert f"{digest}  {built}" in done.stdout, (kind, name)
+        built = tmp_path / kind / f"{name}.fmu"
+        digest = hashlib.sha256((folder / f"{name}.fmu").read_bytes()).hexdigest()
+        assert f"{digest}  {built}" in done.stdout, kind
 
 
 def compiler_path() -> str:

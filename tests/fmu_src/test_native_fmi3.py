@@ -141,14 +141,14 @@ REFUSED: dict[str, tuple[Callable[[RawFmu3], Any], str]] = {
     "time": (lambda r: r.fmu.setFloat64([r.reference["time"]], [1.0]), "time cannot be written"),
     "reference": (lambda r: r.fmu.getFloat64([9999]), "value reference 9999 is unknown"),
     "late parameter": (lambda r: r.put({"A[1,1]": 2.0}), "is a fixed parameter"),
-    "values": (lambda r: r.fmu.setFloat64([0, 1], [1.0, 2.0, 3.0]), "3 values for 2 scalar"),
-    "type": (lambda r: r.fmu.setInt32([0], [1]), "is of type Real, not Integer"),
-    "other type": (lambda r: r.fmu.getUInt8([0]), "is of type Real, not UInt8"),
+    "values": (lambda r: r.fmu.setFloat64([1, 2], [1.0, 2.0, 3.0]), "3 values for 2 scalar"),
+    "type": (lambda r: r.fmu.setInt32([1], [1]), "is of type Real, not Integer"),
+    "other type": (lambda r: r.fmu.getUInt8([1]), "is of type Real, not UInt8"),
     "event mode": (lambda r: r.fmu.enterEventMode(), "this FMU has no event mode"),
     "step mode": (lambda r: r.fmu.enterStepMode(), "there is no event mode to come from"),
     "clock": (
         lambda r: r.fmu.fmi3GetClock(
-            r.fmu.component, (ctypes.c_uint * 1)(0), 1, (ctypes.c_bool * 1)()
+            r.fmu.component, (ctypes.c_uint * 1)(1), 1, (ctypes.c_bool * 1)()
         ),
         "not Clock",
     ),
@@ -172,6 +172,20 @@ def test_wrong_calls_are_refused_with_a_message(native_fmus_of_fmi3: Path, case:
         raw.initialise({})
         raw.step(0.0, 0.1)
         assert raw.get("x[1]") == pytest.approx([5.275960814032278], rel=1e-9)
+
+
+def test_stop_time_is_honoured(native_fmus_of_fmi3: Path) -> None:
+    """FMI 3.0, 2.3.2: past it an error; a stop before the start is refused."""
+    with RawFmu3(native_fmus_of_fmi3 / "DelayedPlant.fmu") as raw:
+        raw.fmu.enterInitializationMode(startTime=0.0, stopTime=0.1)
+        raw.fmu.exitInitializationMode()
+        raw.step(0.0, 0.1)
+        assert attempt(raw.step, 0.1, 0.1) == ERROR
+        assert "ends at t = 0.2 s, after the stop time of 0.1 s" in raw.messages
+        raw.fmu.reset()
+        begin = raw.fmu.enterInitializationMode
+        assert attempt(lambda: begin(startTime=1.0, stopTime=0.5)) == ERROR
+        assert "must not be before the start time, 1.0 s" in raw.messages
 
 
 def test_discarded_step_returns_the_last_successful_time(native_fmus_of_fmi3: Path) -> None:

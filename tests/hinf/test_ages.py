@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from shared import sampled
+from shared import sampled, slow_share_of
 from truth_of_ages import gain_over_patterns, period_radius
 from truth_of_loops import loop_of, norm
 
@@ -454,12 +454,13 @@ PERFORMANCE = {"C": [[0], [1]], "D": [[1, 0], [0, 0]], "D2": [[0], [0.1]]}
 
 @pytest.mark.parametrize(
     ("age", "d", "best"),
-    [
-        # Theorem 2, for any age up to 3 s or shorter: 15.6
-        pytest.param({"sampled": True}, 3.0, 10.6, marks=pytest.mark.slow),
-        pytest.param({"any_age": True, "least_age": 0.5}, 1.2, 5.8, marks=pytest.mark.slow),  # 7.4
-        pytest.param({"rate": 0.1}, 1.2, 6.0, marks=pytest.mark.slow),  # 6.9
-    ],
+    slow_share_of(
+        [
+            ({"sampled": True}, 3.0, 10.6),  # Theorem 2, for any age up to 3 s or shorter: 15.6
+            ({"any_age": True, "least_age": 0.5}, 1.2, 5.8),  # 7.4
+            ({"rate": 0.1}, 1.2, 6.0),  # 6.9
+        ]
+    ),
 )
 def test_a_gain_is_designed_for_the_ages(age: dict[str, Any], d: float, best: float) -> None:
     """By the LMI of the ages, better than what Theorem 2 proposes; proved, written and read."""

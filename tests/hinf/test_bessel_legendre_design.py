@@ -38,7 +38,7 @@ LINK = DelaySystem(
 """A mass that is steered over one second."""
 
 
-@pytest.mark.parametrize("order", sampled([0, 2, 1], 2))
+@pytest.mark.parametrize("order", sampled([2, 0, 1], 1))
 @pytest.mark.parametrize(("late", "any_age"), [(False, False), (True, False), (True, True)])
 def test_multipliers_of_a_gain_do_not_raise_its_gamma(
     order: int, *, late: bool, any_age: bool

@@ -14,6 +14,7 @@ import flint
 import numpy as np
 import pytest
 from scipy.special import lambertw
+from shared import sampled
 from truth_of_loops import collocated, loop_of
 
 from cosim.core.errors import InputError, NotAchievableError
@@ -76,7 +77,7 @@ def test_roots_further_left_do_not_count_and_the_others_all_do() -> None:
         assert reason.startswith(f"{count} characteristic roots")
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", sampled(range(6), 3))
 def test_the_ratio_is_that_of_a_fine_discretisation(seed: int) -> None:
     """Random loops of two to five states and two delays: within a thousandth of the truth."""
     rng = np.random.default_rng([14, seed])

@@ -73,7 +73,7 @@ def test_a_delay_beyond_ten_times_the_printed_one() -> None:
     assert check_certificate(end.refutation).valid
 
 
-@pytest.mark.parametrize("d", [10.0, 100.0, 1000.0])
+@pytest.mark.parametrize("d", sampled([1000.0, 10.0, 100.0], 1))
 def test_k1_k2_scaled_by_the_delay_certify_any_delay(d: float) -> None:
     """k1 = -.1/d, k2 = .5/d at gamma = 6: certified at every d tried."""
     system = with_delays(paper_example.system(), [d])

@@ -7,6 +7,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+from shared import sampled
 
 from cosim.core.errors import InputError
 from cosim.hinf import auv_system
@@ -148,7 +149,7 @@ def random_loop(rng: np.random.Generator) -> tuple[DelaySystem, np.ndarray]:
     return system, 0.3 * rng.normal(size=(m, n))
 
 
-@pytest.mark.parametrize("seed", range(40))
+@pytest.mark.parametrize("seed", sampled(range(40), 20))
 def test_random_loops(seed: int) -> None:
     """Stable: proved above the norm, never below. Not stable: never, above every gain there is."""
     system, K = random_loop(np.random.default_rng(seed))

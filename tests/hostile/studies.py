@@ -102,7 +102,7 @@ def run_study_with(fault: str, workers: int) -> Found:
         if exit_code == 0:
             statuses = json.loads(out)["statuses"]
             wrong += judged(fault, read_table(place / "out")[0].to_pydict(), values)
-        left = [path.name for path in (place / "tmp").iterdir() if path.name.startswith("cosim")]
+        left = [path.name for path in (place / "tmp").iterdir()]
         wrong += [f"left in the temporary folder: {left}"] if left else []
         wrong += [f"left running: {process.pid}" for process in _marked(name)]
     return Found(fault, workers, exit_code, seconds, statuses, wrong)

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import link_model
 import numpy as np
 import pytest
+from shared import sampled, share_of
 from test_link_exact import Case, draw_case
 
 from cosim.fmu.export.native.compiler import shared_library
@@ -192,7 +193,7 @@ def core_entries(
     return entries
 
 
-@pytest.mark.parametrize("part", range(3))
+@pytest.mark.parametrize("part", sampled(range(3), 1))
 def test_steps_in_c_are_exact(core: Core, part: int) -> None:
     """1500 random links, as they are and on a grid, nanosecond by nanosecond."""
     for number in range(500 * part, 500 * (part + 1)):
@@ -200,7 +201,7 @@ def test_steps_in_c_are_exact(core: Core, part: int) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("part", range(10))
+@pytest.mark.parametrize("part", share_of(range(10)))
 def test_steps_in_c_are_exact_on_ten_thousand(core: Core, part: int) -> None:
     """10 000 random links, as they are and on a grid, nanosecond by nanosecond."""
     for number in range(1000 * part, 1000 * (part + 1)):

@@ -125,7 +125,7 @@ def test_changed_attachment_is_refused(what: str, tmp_path: Path) -> None:
     """A scenario or design that is not the one whose hash the trace names."""
     change, message = TAMPERED[what]
     path = tampered(trace_of("paper-example"), tmp_path / "t.mcap", **{what: change})
-    result = cosim("trace", "rerun", path, "--json", cwd=tmp_path)
+    result = cosim("trace", "rerun", path, "--json", "--fmus", fmu_store(), cwd=tmp_path)
     assert result.code == 2
     assert message in result.error["what"]
     assert result.error["expected"].startswith("SHA-256")
@@ -137,7 +137,7 @@ def test_proof_that_does_not_hold_is_refused(tmp_path: Path) -> None:
     forged = rehashed(source, "design.sha256", "design.json", change)
     true = Trace(source).run["design.sha256"].encode()
     path = tampered(source, tmp_path / "t.mcap", design=change, run=swapped(true, forged))
-    result = cosim("trace", "rerun", path, "--json", cwd=tmp_path)
+    result = cosim("trace", "rerun", path, "--json", "--fmus", fmu_store(), cwd=tmp_path)
     assert result.code == 2
     assert "proof" in result.error["what"]
 
@@ -151,7 +151,7 @@ def test_design_of_another_system_is_refused(tmp_path: Path) -> None:
     path = tampered(
         source, tmp_path / "t.mcap", design=lambda _: bytes(other), run=swapped(true, forged)
     )
-    result = cosim("trace", "rerun", path, "--json", cwd=tmp_path)
+    result = cosim("trace", "rerun", path, "--json", "--fmus", fmu_store(), cwd=tmp_path)
     assert result.code == 2
     assert "another system" in result.error["what"]
 
@@ -165,11 +165,11 @@ def test_other_scenario_differs(tmp_path: Path) -> None:
     forged = rehashed(source, "scenario.sha256", "scenario.toml", change)
     true = Trace(source).run["scenario.sha256"].encode()
     path = tampered(source, tmp_path / "t.mcap", scenario=change, run=swapped(true, forged))
-    result = cosim("trace", "rerun", path, "--json", cwd=tmp_path)
+    result = cosim("trace", "rerun", path, "--json", "--fmus", fmu_store(), cwd=tmp_path)
     assert result.code == 1
     assert result.json["identical"] is False
     assert any(line.startswith("/plant/output x[1]") for line in result.json["differences"])
-    seen = cosim("trace", "rerun", path, cwd=tmp_path)
+    seen = cosim("trace", "rerun", path, "--fmus", fmu_store(), cwd=tmp_path)
     assert seen.code == 1
     assert "not identical" in seen.out
 
@@ -229,7 +229,7 @@ def test_foreign_mcap_cannot_be_run_again(tmp_path: Path) -> None:
         writer = Writer(stream)
         writer.start(profile="", library="other")
         writer.finish()  # type: ignore[no-untyped-call]
-    result = cosim("trace", "rerun", path, "--json", cwd=tmp_path)
+    result = cosim("trace", "rerun", path, "--json", "--fmus", fmu_store(), cwd=tmp_path)
     assert result.code == 2
     assert "cannot be run again" in result.error["what"]
     assert cosim("trace", "info", path, "--json", cwd=tmp_path).code == 0

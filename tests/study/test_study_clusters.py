@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
+import logging
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -32,7 +33,7 @@ def dask_setup(worker):
                 raise PermissionError(f"{arguments[0]} is not on this machine")
     sys.addaudithook(refuse)
 """
-"""Preloaded by workers: they cannot open what lies in a folder, as if it were on another machine."""
+"""Preloaded by workers: what lies in a folder cannot be opened, as if on another machine."""
 
 
 @contextlib.contextmanager
@@ -40,11 +41,12 @@ def separate(tmp_path: Path, hidden: Path, workers: int = 2, **more: Any) -> Ite
     """A cluster whose workers have folders of their own, and do not see `hidden`."""
     (tmp_path / "blind.py").write_text(BLIND)
     environ = {"HIDDEN": str(hidden), "XDG_CACHE_HOME": str(tmp_path / "theirs")}
-    options = {"processes": True, "threads_per_worker": 1, "dashboard_address": None} | more
+    options = {"processes": True, "threads_per_worker": 1, "dashboard_address": ":0"} | more
     with (
         distributed.LocalCluster(
             n_workers=workers,
             host="127.0.0.1",
+            silence_logs=logging.CRITICAL,
             local_directory=str(tmp_path / "scratch"),
             env=environ,
             preload=[str(tmp_path / "blind.py")],

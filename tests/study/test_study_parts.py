@@ -19,7 +19,7 @@ from cosim.study.table import read_table
 VALUES = [0.1 * i for i in range(6)]
 
 
-def flown(out: Path, part: str | None = None, **more: Any) -> Path:
+def executed(out: Path, part: str | None = None, **more: Any) -> Path:
     """The folder of these runs."""
     made = plan(VALUES, traces="worst:1 by x", **more)
     execute_study(made, out, runs=None if part is None else made.part(part))
@@ -31,7 +31,7 @@ def parts(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with the whole study, and with two parts that overlap by one run."""
     place = tmp_path_factory.mktemp("parts")
     for name, part in {"whole": None, "first": ":3", "second": "2:6"}.items():
-        flown(place / name, part)
+        executed(place / name, part)
     return place
 
 

@@ -198,7 +198,7 @@ def test_traces_of_all_and_of_failed_runs(tmp_path: Path) -> None:
     assert [p.name for p in (tmp_path / "b" / "traces").iterdir()] == ["run-1.mcap"]
 
 
-def test_a_run_whose_trace_is_kept_is_flown_once(
+def test_a_run_whose_trace_is_kept_is_executed_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """With `traces = "all"` each run writes its trace as it is flown, and the table is the same."""

@@ -46,6 +46,7 @@ def run_tool(peer_run: PeerRun) -> Rows:
             step_ns=peer_run.step_ns,
             steps=peer_run.steps,
             watch=tuple(("container", row) for row in named),
+            again=peer_run.again,
         )
     )
     return {label(*watched): rows[label("container", row)] for row, watched in named.items()}

@@ -26,7 +26,6 @@ def run_tool(peer_run: PeerRun) -> Rows:
         for name, part in peer_run.parts.items()
         for variable, value in part.parameters.items()
     }
-    rows: dict[str, list[float]] = {label(*watched): [] for watched in peer_run.watch}
     with EcosSimulationStructure() as structure:
         for name, part in peer_run.parts.items():
             structure.add_model(name, part.fmu)
@@ -34,13 +33,22 @@ def run_tool(peer_run: PeerRun) -> Rows:
             structure.make_real_connection(f"{a}::{output}", f"{b}::{variable}")
         structure.add_parameter_set("flight", parameters)
         with EcosSimulation(peer_run.step, structure=structure) as simulation:
-            assert simulation.init(parameter_set="flight"), EcosLib.get_last_error()
-            for _ in range(peer_run.steps):
-                simulation.step()
-                for part, variable in peer_run.watch:
-                    value = simulation.get_real(f"{part}::{variable}")
-                    rows[label(part, variable)].append(value)
+            rows = _stepped(simulation, peer_run)
+            if peer_run.again:
+                simulation.reset()
+                rows = _stepped(simulation, peer_run)
             simulation.terminate()
+    return rows
+
+
+def _stepped(simulation: EcosSimulation, peer_run: PeerRun) -> Rows:
+    """Initialise, step, and read after each step."""
+    rows: dict[str, list[float]] = {label(*watched): [] for watched in peer_run.watch}
+    assert simulation.init(parameter_set="flight"), EcosLib.get_last_error()
+    for _ in range(peer_run.steps):
+        simulation.step()
+        for part, variable in peer_run.watch:
+            rows[label(part, variable)].append(simulation.get_real(f"{part}::{variable}"))
     return rows
 
 

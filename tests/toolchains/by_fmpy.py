@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from collections.abc import Mapping
 from typing import Any
 
 from fmpy import extract, read_model_description, simulate_fmu
@@ -13,9 +14,22 @@ from toolchains.peer_run import Part, PeerRun, Rows, label, serve
 
 def run_tool(peer_run: PeerRun) -> Rows:
     """Couple the parts; or simulate the only one."""
-    if len(peer_run.parts) == 1:
+    if len(peer_run.parts) == 1 and not peer_run.again:
         return _simulated(peer_run)
     members = {name: _Member(name, part, peer_run) for name, part in peer_run.parts.items()}
+    rows = _exchanged(members, peer_run)
+    if peer_run.again:
+        for member in members.values():
+            member.fmu.reset()
+            member.begin()
+        rows = _exchanged(members, peer_run)
+    for member in members.values():
+        member.end()
+    return rows
+
+
+def _exchanged(members: Mapping[str, _Member], peer_run: PeerRun) -> Rows:
+    """Step the members from the start, and hand over their outputs before each step."""
     rows: dict[str, list[float]] = {label(*watched): [] for watched in peer_run.watch}
     for k in range(peer_run.steps):
         handed = [members[a].get(output) for a, output, _, _ in peer_run.wires]
@@ -25,8 +39,6 @@ def run_tool(peer_run: PeerRun) -> Rows:
             member.fmu.doStep(k * peer_run.step_ns / 1e9, peer_run.step)
         for part, variable in peer_run.watch:
             rows[label(part, variable)].append(members[part].get(variable))
-    for member in members.values():
-        member.end()
     return rows
 
 
@@ -59,10 +71,15 @@ class _Member:
             modelIdentifier=model.coSimulation.modelIdentifier,
             instanceName=name,
         )
+        self.parameters = part.parameters
         self.fmu.instantiate()
+        self.begin()
+
+    def begin(self) -> None:
+        """Set the parameters and initialise."""
         if not self.three:
             self.fmu.setupExperiment(startTime=0.0)
-        for variable, value in part.parameters.items():
+        for variable, value in self.parameters.items():
             self.set(variable, value)
         self.fmu.enterInitializationMode()
         self.fmu.exitInitializationMode()

@@ -12,6 +12,8 @@ from toolchains.peer_run import PeerRun, Rows, label, serve
 
 def run_tool(peer_run: PeerRun) -> Rows:
     """Its fixed-step algorithm: all step, then all variables are handed over."""
+    if peer_run.again:
+        raise NotImplementedError("libcosim has no call that resets an execution")
     log_output_level(CosimLogLevel.WARNING)
     execution = CosimExecution.from_step_size(peer_run.step_ns)
     slaves, index, references = [], {}, {}

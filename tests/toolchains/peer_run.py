@@ -69,6 +69,7 @@ class PeerRun:
     wires : (part, output, part, input), Real.
     step_ns, steps : communication step [ns] and their number.
     watch : (part, Real output), in the order of the rows.
+    again : whether the tool resets every part after the run and runs once more: those rows count.
     """
 
     parts: Mapping[str, Part]
@@ -76,6 +77,7 @@ class PeerRun:
     step_ns: int
     steps: int
     watch: tuple[tuple[str, str], ...]
+    again: bool = False
 
     @property
     def step(self) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import platform
 import shutil
 import subprocess
@@ -141,7 +142,7 @@ def test_no_memory_error_and_no_leak(native_fmus: Path, tmp_path: Path, name: st
 
 
 ARM = PLATFORMS["aarch64-linux"]
-ARM_ROOT = Path("/usr/aarch64-linux-gnu")
+ARM_ROOT = Path(os.environ.get("QEMU_LD_PREFIX", "/usr/aarch64-linux-gnu"))
 
 
 @pytest.mark.slow

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import zstandard
 from mcap.writer import CompressionType, Writer
+from shared import slow_share_of
 from written import ETA, write
 
 from cosim.core.errors import CosimError, InputError, LossError
@@ -212,14 +213,14 @@ def test_more_rows_than_memory_are_refused(tmp_path: Path, monkeypatch: pytest.M
         Trace(two_topics(tmp_path / "a.mcap")).read("/plant/output")
 
 
-@pytest.mark.parametrize("every", [13, pytest.param(1, marks=pytest.mark.slow)])
-def test_cut_at_every_byte(tmp_path: Path, every: int) -> None:
+@pytest.mark.parametrize(("first", "every"), [(0, 13), *slow_share_of((k, 4) for k in range(4))])
+def test_cut_at_every_byte(tmp_path: Path, first: int, every: int) -> None:
     """A prefix or a clear error, whatever the name; never anything else."""
     rows = [(k, k, k, [k, -k]) for k in range(12)]
     whole = write(tmp_path / "a.mcap", rows=rows, chunk_bytes=200).read_bytes()
     for name in ("cut.mcap", "cut.mcap.partial"):
         path = tmp_path / name
-        for length in range(0, len(whole), every):
+        for length in range(first, len(whole), every):
             path.write_bytes(whole[:length])
             try:
                 trace = Trace(path)

@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 from mcap.opcode import Opcode
 from mcap.reader import NonSeekingReader, make_reader
+from shared import slow_share_of
 from test_trace_recover import ROWS, a_trace, chunks_of, contents
 from test_trace_verify import a_run, patched
 from written import write
@@ -55,7 +56,7 @@ def kept(path: Path) -> Counter[Key]:
         ("none", 60),
         ("zstd", 30),
         ("lz4", 30),
-        *(pytest.param(c, 500, marks=pytest.mark.slow) for c in ("none", "zstd", "lz4")),
+        *slow_share_of((c, 500) for c in ("none", "zstd", "lz4")),
     ],
 )
 def test_no_flipped_bit_loses_what_a_plain_reader_has(

@@ -13,6 +13,7 @@ from mcap.reader import make_reader
 from mcap.records import Chunk, DataEnd
 from mcap.stream_reader import StreamReader
 from mcap.writer import CompressionType, Writer
+from shared import share_of
 from written import write
 
 from cosim.core.errors import CosimError, InputError
@@ -100,7 +101,7 @@ def test_cut_at_many_lengths(tmp_path: Path, compression: str) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("compression", ["zstd", "none"])
+@pytest.mark.parametrize("compression", share_of(["zstd", "none"]))
 def test_cut_at_every_length(tmp_path: Path, compression: str) -> None:
     options = {"rows": ROWS[:14], "chunk_bytes": 200, "compression": compression}
     whole = write(tmp_path / "a.mcap", **options)

@@ -8,6 +8,7 @@ import gc
 import multiprocessing
 import os
 import signal
+import stat
 import subprocess
 import sys
 import threading
@@ -212,10 +213,16 @@ def test_forked_child_leaves_the_trace_alone(tmp_path: Path) -> None:
     assert rows_of(tmp_path / "b.mcap") == list(range(20_000))
 
 
-def test_finished_trace_stays_until_the_new_one_is_finished(tmp_path: Path) -> None:
+def test_finished_trace_stays_until_the_new_one_is_finished(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It is replaced by one that is on the disk itself; others are flushed there on request."""
+    on_disk: list[bool] = []  # whether it is a folder
+    monkeypatch.setattr("os.fsync", lambda n: on_disk.append(stat.S_ISDIR(os.fstat(n).st_mode)))
     path = tmp_path / "a.mcap"
     with TraceWriter(path, run={"n": "1"}) as writer:
         writer.finish({})
+    assert on_disk == []
     first = path.read_bytes()
     writer = TraceWriter(path, run={"n": "2"})
     assert path.read_bytes() == first
@@ -223,8 +230,15 @@ def test_finished_trace_stays_until_the_new_one_is_finished(tmp_path: Path) -> N
     assert path.read_bytes() == first
     assert Trace(writer.partial_path).run == {"n": "2"}
     with TraceWriter(path, run={"n": "3"}, fsync=True) as writer:
+        on_disk.clear()
         writer.flush()
+        assert on_disk == [False]
         writer.finish({})
+    assert on_disk[-2:] == [False, True]
+    on_disk.clear()
+    with TraceWriter(path, run={"n": "3"}) as writer:
+        writer.finish({})
+    assert on_disk == [False]
     assert Trace(path).run == {"n": "3"}
     assert not writer.partial_path.exists()
 

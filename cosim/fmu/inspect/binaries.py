@@ -29,23 +29,25 @@ _SYSTEM = re.compile(
 # the system's own libraries, in every desktop and server Windows since 7
 _WINDOWS = frozenset(
     """
-    activeds advapi32 authz avicap32 avifil32 avrt bcrypt bcryptprimitives cabinet cfgmgr32 clusapi
-    combase comctl32 comdlg32 credui crypt32 cryptbase cryptnet cryptui cryptsp d2d1 d3d10 d3d10_1
-    d3d11 d3d12 d3d8 d3d9 d3dcompiler_47 davclnt dbgeng dbghelp dciman32 dcomp ddraw devobj dhcpcsvc
-    dinput dinput8 dnsapi drvstore dsound dsprop dsrole dwmapi dwrite dxgi dxva2 esent evr
-    faultrep fltlib fwpuclnt gdi32 gdiplus glu32 hid hlink httpapi icmp imagehlp imm32 iphlpapi kernel32
-    kernelbase ktmw32 loadperf logoncli lz32 mapi32 mf mfplat mfreadwrite mpr mprapi mscms mscoree
-    msacm32 msdmo msi msimg32 msvcirt msvcrt msvfw32 mswsock ncrypt ndfapi netapi32 netutils newdev
-    normaliz ntdll ntdsapi odbc32 odbccp32 ole32 oleacc oleaut32 oledlg opengl32 pdh
-    powrprof propsys psapi quartz rasapi32 resutils rpcrt4 rpcns4 rstrtmgr rtutils samcli schannel
-    secur32 sensapi setupapi sfc shcore shell32 shfolder shlwapi slc snmpapi srvcli sspicli sti tapi32
-    tbs tdh traffic ucrtbase urlmon user32 userenv usp10 uxtheme version virtdisk vssapi 
-    webservices wer wevtapi winbrand windowscodecs winhttp wininet winmm winscard
-    winspool winsta wintrust wldap32 wlanapi ws2_32 wscapi wsock32 wtsapi32 xinput1_4 xmllite
-    xpsprint
+    activeds advapi32 authz avicap32 avifil32 avrt bcrypt bcryptprimitives cabinet cfgmgr32
+    clusapi combase comctl32 comdlg32 credui crypt32 cryptbase cryptnet cryptsp cryptui d2d1
+    d3d10 d3d10_1 d3d11 d3d12 d3d8 d3d9 d3dcompiler_47 davclnt dbgeng dbghelp dciman32 dcomp
+    ddraw devobj dhcpcsvc dinput dinput8 dnsapi drvstore dsound dsprop dsrole dwmapi dwrite dxgi
+    dxva2 esent evr faultrep fltlib fwpuclnt gdi32 gdiplus glu32 hid hlink httpapi icmp imagehlp
+    imm32 iphlpapi kernel32 kernelbase ktmw32 loadperf logoncli lz32 mapi32 mf mfplat
+    mfreadwrite mpr mprapi msacm32 mscms mscoree msdmo msi msimg32 msvcirt msvcrt msvfw32
+    mswsock ncrypt ndfapi netapi32 netutils newdev normaliz ntdll ntdsapi odbc32 odbccp32 ole32
+    oleacc oleaut32 oledlg opengl32 pdh powrprof propsys psapi quartz rasapi32 resutils rpcns4
+    rpcrt4 rstrtmgr rtutils samcli schannel secur32 sensapi setupapi sfc shcore shell32 shfolder
+    shlwapi slc snmpapi srvcli sspicli sti tapi32 tbs tdh traffic ucrtbase urlmon user32 userenv
+    usp10 uxtheme version virtdisk vssapi webservices wer wevtapi winbrand windowscodecs winhttp
+    wininet winmm winscard winspool winsta wintrust wlanapi wldap32 ws2_32 wscapi wsock32
+    wtsapi32 xinput1_4 xmllite xpsprint
     """.split()  # noqa: SIM905 - one name to a line is a page
 )
-_DEBUG = re.compile(r"(ucrtbased|(msvcp|msvcr|vcruntime)\d+(_\d)?d)\.dll", re.IGNORECASE)
+_DEBUG = re.compile(
+    r"(ucrtbased|(msvcp|msvcr|vcruntime|concrt|vccorlib|mfc)\d+(_\d)?u?d)\.dll", re.IGNORECASE
+)
 _BESIDE = re.compile(r"\$ORIGIN|\$\{ORIGIN\}|@loader_path|@rpath")
 _MANY_SYMBOLS = 20
 _OLD_LIBC = (2, 28)  # of systems that are still maintained in 2025

@@ -44,7 +44,8 @@ class Variable:
     minimum, maximum, nominal, unit, display_unit : its own, or else its declared type's.
     derivative, previous : index in FMI 2, value reference in FMI 3.
     dimensions : one entry per dimension: (size, None) or (None, value reference).
-    aliases : its further names in FMI 3: (name, display unit).
+    aliases : its further names in FMI 3: (name, display unit, description).
+    inherited : the attributes of its declared type.
     """
 
     index: int
@@ -67,7 +68,8 @@ class Variable:
     previous: int | None
     clocks: tuple[int, ...] | None
     dimensions: tuple[tuple[int | None, int | None], ...]
-    aliases: tuple[tuple[str, str | None], ...]
+    aliases: tuple[tuple[str, str | None, str | None], ...]
+    inherited: Mapping[str, str]
 
     @property
     def real(self) -> bool:
@@ -156,6 +158,8 @@ class DeclaredModel:
     ----------
     types : every type as it is listed; `types_by_name` has the last of each name.
     named : tag -> names of log categories and of the annotations of tools.
+    states : the continuous-time states, as ModelStructure numbers variables: those whose
+        derivatives it lists.
     """
 
     version: str
@@ -167,6 +171,7 @@ class DeclaredModel:
     named: dict[str, list[str]] = field(default_factory=dict)
     variables: list[Variable] = field(default_factory=list)
     structure: list[Unknown] = field(default_factory=list)
+    states: frozenset[int] = frozenset()
     experiment: Mapping[str, str] = field(default_factory=dict)
 
     @property
@@ -183,12 +188,6 @@ class DeclaredModel:
     def kinds(self) -> frozenset[str]:
         """The kinds of use that it offers."""
         return frozenset(interface.kind for interface in self.interfaces)
-
-    def states(self) -> frozenset[int]:
-        """Return the continuous-time states: those whose derivatives ModelStructure lists."""
-        by_target = self.variables_by_target()
-        listed = (by_target.get(u.target or -1) for u in self.structure if u.role == "derivative")
-        return frozenset(v.derivative for v in listed if v is not None and v.derivative is not None)
 
     def variables_by_target(self) -> Mapping[int, Variable]:
         """Return variables by number in ModelStructure: index in FMI 2, reference in FMI 3."""
@@ -211,8 +210,8 @@ def read_declared_model(root: Any) -> DeclaredModel:
         base = element.find("BaseUnit")
         name = element.get("unit" if model.major == 1 else "name", "")
         displays = tuple(dict(display.attrib) for display in element.findall("DisplayUnit"))
-        attributes = None if base is None else dict(base.attrib)
-        model.units.append(Unit(name, element.sourceline, attributes, displays))
+        exponents = None if base is None else dict(base.attrib)
+        model.units.append(Unit(name, element.sourceline, exponents, displays))
     model.types = list(_types(root, model.major))
     model.types_by_name = {each.name: each for each in model.types}
     for tag, path in _NAMED.items():
@@ -221,6 +220,9 @@ def read_declared_model(root: Any) -> DeclaredModel:
     for element in [] if places is None else places.iterchildren(tag="*"):
         model.variables.append(_variable(element, len(model.variables) + 1, model))
     model.structure = list(_structure(root, model.major))
+    by_target = model.variables_by_target()
+    listed = (by_target.get(u.target or -1) for u in model.structure if u.role == "derivative")
+    model.states = frozenset(v.derivative for v in listed if v and v.derivative is not None)
     experiment = root.find("DefaultExperiment")
     model.experiment = {} if experiment is None else dict(experiment.attrib)
     return model
@@ -285,7 +287,7 @@ def _variable(element: Any, index: int, model: DeclaredModel) -> Variable:
     declared = model.types_by_name.get(attributes.get("declaredType", ""))
     inherited = {} if declared is None else declared.attributes
 
-    def own(key: str) -> Any:
+    def own(key: str) -> str | None:
         return attributes.get(key, inherited.get(key))
 
     causality = element.get("causality", "local")
@@ -299,7 +301,8 @@ def _variable(element: Any, index: int, model: DeclaredModel) -> Variable:
     starts = None if start is None else (start,)
     children = element.findall("Start") if model.major == 3 else []
     if kind in ("String", "Binary") and model.major == 3:
-        starts = tuple(child.get("value", "") for child in children) or None
+        values = [child.get("value") for child in children]
+        starts = tuple(values) if values and None not in values else None
     elif start is not None and model.major == 3:
         starts = tuple(start.split())
     return Variable(
@@ -326,7 +329,11 @@ def _variable(element: Any, index: int, model: DeclaredModel) -> Variable:
             (integer(d.get("start")), integer(d.get("valueReference")))
             for d in (element.findall("Dimension") if model.major == 3 else ())
         ),
-        aliases=tuple((a.get("name", ""), a.get("displayUnit")) for a in element.findall("Alias")),
+        aliases=tuple(
+            (a.get("name", ""), a.get("displayUnit"), a.get("description"))
+            for a in element.findall("Alias")
+        ),
+        inherited=inherited,
     )
 
 

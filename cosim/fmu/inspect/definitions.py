@@ -78,7 +78,7 @@ def _unique(what: str, names: Iterable[tuple[str, str]], code: str) -> Iterator[
     counts = Counter(name for _, name in listed)
     for where, name in dict.fromkeys(listed):
         if not name:
-            yield finding("name-empty", where, f"a {what} without a name")
+            yield finding("name-empty", where, f"{what} without a name")
         elif counts[name] > 1:
             yield finding(code, where, f"{what} {name!r} is defined {counts[name]} times")
 
@@ -152,8 +152,9 @@ def _types(model: DeclaredModel) -> Iterator[Finding]:
         low, high = (number(each.attributes.get(key)) for key in ("min", "max"))
         if low is not None and high is not None and low > high:
             yield finding("range-empty", each.where, f"min {low:g} is greater than max {high:g}")
-        if number(each.attributes.get("nominal")) == 0.0:
-            yield finding("nominal", each.where, "nominal is 0")
+        nominal = number(each.attributes.get("nominal"))
+        if nominal is not None and not 0.0 < nominal < math.inf:
+            yield finding("nominal", each.where, f"nominal is {nominal:g}")
         if model.major > 1:
             yield from _type_unit(each, units, model.major)
 

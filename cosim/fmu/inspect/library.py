@@ -51,15 +51,14 @@ class Binary:
 
 def read_binary(folder: str, name: str, content: bytes) -> Binary:
     """Read the headers of a library; damage and faults of a reader are returned, never raised."""
-    kind = next((kind for magic, kind in _MAGIC.items() if content.startswith(magic)), None)
-    if kind is None:
-        begin = f"it starts with {content[:4].hex() or 'nothing'}"
-        if content[:64].isascii():  # nothing, or a text
-            return Binary(folder, name, (), begin)
-        return Binary(folder, name, (), unread=f"{begin}, a format that is not read here")
-    damage = damage_of(kind, content)
+    kind = next((kind for magic, kind in _MAGIC.items() if content.startswith(magic)), "")
+    begin = f"it starts with {content[:4].hex() or 'nothing'}"
+    text = content[:64].isascii()  # or nothing at all
+    damage = damage_of(kind, content) if kind else begin if text else None
     if damage is not None:
         return Binary(folder, name, (), damage)
+    if not kind:
+        return Binary(folder, name, (), unread=f"{begin}, a format that is not read here")
     try:
         reader = _reader(kind)
     except ModuleNotFoundError as error:
@@ -67,12 +66,15 @@ def read_binary(folder: str, name: str, content: bytes) -> Binary:
         if package not in _PACKAGES:
             raise
         return Binary(folder, name, (), unexamined=package)
+    damage = unread = None
+    images: tuple[Image, ...] = ()
     try:
-        return Binary(folder, name, tuple(reader(io.BytesIO(content))))
+        images = tuple(reader(io.BytesIO(content)))
     except NotALibraryError as error:
-        return Binary(folder, name, (), str(error))
+        damage = str(error)
     except Exception as error:  # noqa: BLE001 - readers raise many kinds
-        return Binary(folder, name, (), unread=f"{type(error).__name__}: {error}")
+        unread = f"{type(error).__name__}: {error}"
+    return Binary(folder, name, images, damage, unread)
 
 
 def _reader(kind: str) -> Callable[[io.BytesIO], list[Image]]:

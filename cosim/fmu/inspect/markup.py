@@ -35,18 +35,23 @@ def parse_xml(content: bytes | None, name: str) -> tuple[Any, list[Finding]]:
         return None, [finding("xml-malformed", _line(name, error), str(error))]
     if root.getroottree().docinfo.doctype:
         return None, [finding("xml-doctype", name, "it has a document type declaration")]
-    encoding = root.getroottree().docinfo.encoding
-    if encoding is not None and encoding.upper() not in ("UTF-8", "UTF8"):
-        return root, [finding("xml-encoding", name, f"the encoding is {encoding}")]
     return root, []
 
 
 def schema_findings(root: Any, schema: str, name: str) -> list[Finding]:
-    """Return where `root` breaks a schema of the FMI project, a path in FMPy's folder of XSDs."""
+    """Return where `root` breaks a schema of the FMI project, a path in FMPy's folder of XSDs.
+
+    Its encoding is looked at as well: the standards ask for UTF-8, and every reader takes others.
+    """
+    found = []
+    encoding = root.getroottree().docinfo.encoding
+    if encoding is not None and encoding.upper() not in ("UTF-8", "UTF8"):
+        found.append(finding("xml-encoding", name, f"the encoding is {encoding}"))
     xsd = _schema(schema)
-    if xsd.validate(root):
-        return []
-    return [finding("xml-schema", f"{name}:{e.line}", printable(e.message)) for e in xsd.error_log]
+    if not xsd.validate(root):
+        places = [(f"{name}:{e.line}", printable(e.message)) for e in xsd.error_log]
+        found += [finding("xml-schema", where, what) for where, what in places]
+    return found
 
 
 @cache

@@ -10,8 +10,7 @@ from cosim.fmu.inspect.findings import Finding, finding
 
 _SETTABLE = ("input", "parameter", "structuralParameter")
 _TIMED = ("constant", "fixed", "tunable")
-_UNTIMED_ATTRIBUTES = ("intervalDecimal", "shiftDecimal", "resolution", "intervalCounter")
-_UNTIMED_ATTRIBUTES += ("shiftCounter",)
+_PERIODIC = ("intervalDecimal", "shiftDecimal", "resolution", "intervalCounter", "shiftCounter")
 
 
 def reference_findings(model: DeclaredModel) -> Iterator[Finding]:
@@ -131,7 +130,9 @@ def _derivative(
         yield finding("derivative", v.where, "it is declared the derivative of itself")
     elif not state.real:
         yield finding("derivative", v.where, f"its state {state.name} is of type {state.type}")
-    elif v.derivative in model.states():
+    elif state.dimensions != v.dimensions:
+        yield finding("derivative", v.where, f"its state {state.name} has other dimensions")
+    elif v.derivative in model.states:
         wrong = []
         if state.causality not in ("local", "output"):
             wrong.append(f"causality {state.causality}")
@@ -155,6 +156,7 @@ def _previous(v: Variable, by_target: Mapping[int, Variable]) -> Iterator[Findin
         f"it is of type {v.type}, {before.name} of type {before.type}": before.type != v.type,
         f"{before.name} is {before.variability}, not discrete": before.variability != "discrete",
         f"{before.name} is an input": before.causality == "input",
+        f"{before.name} has other dimensions": before.dimensions != v.dimensions,
     }
     for what, found in wrong.items():
         if found:
@@ -215,8 +217,7 @@ def _interval(v: Variable, kind: str, given: Mapping[str, str]) -> Iterator[Find
         }
     elif kind:
         wrong = {
-            f"{name} at a {kind} clock, which is not periodic": name in given
-            for name in _UNTIMED_ATTRIBUTES
+            f"{name} at a {kind} clock, which is not periodic": name in given for name in _PERIODIC
         }
     for what, found in wrong.items():
         if found:

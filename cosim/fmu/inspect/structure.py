@@ -43,7 +43,7 @@ def structure_findings(model: DeclaredModel) -> Iterator[Finding]:
     for (role, number), times in Counter((u.role, u.target) for u in model.structure).items():
         if times > 1:
             yield finding("structure-twice", XML, f"{role} {number} is listed {times} times")
-    yield from _outputs(model)
+    yield from _complete(model)
     yield from _initial_unknowns(model, by_target)
     if open_outputs:
         what = f"{len(open_outputs)} outputs do not declare dependencies: {first_few(open_outputs)}"
@@ -82,18 +82,26 @@ def _entry(unknown: Unknown, target: Variable, where: str) -> Iterator[Finding]:
             yield finding(code, where, what)
 
 
-def _outputs(model: DeclaredModel) -> Iterator[Finding]:
-    listed = {u.target for u in model.structure if u.role == "output"}
+def _complete(model: DeclaredModel) -> Iterator[Finding]:
+    """Check that every output and every clocked state is listed."""
+    outputs, clocked = (
+        {u.target for u in model.structure if u.role == role}
+        for role in ("output", "clocked state")
+    )
     for v in model.variables:
-        if v.causality == "output" and _target(v, model) not in listed:
+        target = _target(v, model)
+        if v.causality == "output" and target not in outputs:
             yield finding("structure-outputs", v.where, f"output {v.name} is not in ModelStructure")
+        if v.previous is not None and target not in clocked:
+            what = f"{v.name} has a previous value, and is not in ModelStructure"
+            yield finding("structure-clocked-states", v.where, what)
 
 
 def _initial_unknowns(model: DeclaredModel, by_target: Mapping[int, Variable]) -> Iterator[Finding]:
     """Compare InitialUnknowns with the variables that the standard asks for."""
     listed = [u.target for u in model.structure if u.role == "initial" and u.target is not None]
     derivatives = {u.target for u in model.structure if u.role == "derivative"}
-    states = model.states()
+    states, known = model.states, {*listed}
     for v in model.variables:
         target = _target(v, model)
         unknown = (
@@ -106,14 +114,14 @@ def _initial_unknowns(model: DeclaredModel, by_target: Mapping[int, Variable]) -
             )
         )
         unknown = unknown or v.causality == "calculatedParameter"
-        if unknown and target not in listed:
+        if unknown and target not in known:
             what = f"{v.name} is computed at the start, and is not listed"
             yield finding("structure-initial", v.where, what)
-        elif target in listed and not unknown and not v.clocks:
+        elif target in known and not unknown and not v.clocks and v.type != "Clock":
             what = f"{v.name} is listed: {v.causality}, initial {v.initial}"
             yield finding("structure-initial", v.where, what)
-    known = [number for number in listed if number in by_target]
-    if model.major == 2 and known != sorted(known):
+    existing = [number for number in listed if number in by_target]
+    if model.major == 2 and existing != sorted(existing):
         what = "InitialUnknowns are not in the order of their indices"
         yield finding("structure-order", XML, what)
 

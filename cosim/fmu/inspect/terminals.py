@@ -27,7 +27,7 @@ def terminal_findings(root: Any, model: DeclaredModel, names: Collection[str]) -
         what = f"fmiVersion is {root.get('fmiVersion')}, of the model description {model.version}"
         yield finding("terminal-version", TERMINALS, what)
     causalities = {v.name: v.causality for v in model.variables}
-    causalities |= {name: v.causality for v in model.variables for name, _ in v.aliases}
+    causalities |= {name: v.causality for v in model.variables for name, *_ in v.aliases}
     for parent in root.iter("Terminals", "Terminal"):
         siblings = Counter(child.get("name") for child in parent.findall("Terminal"))
         for name, times in siblings.items():

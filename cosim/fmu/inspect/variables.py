@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 import re
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Container, Iterator, Mapping
 
 from cosim.fmu.inspect.declared_model import XML, DeclaredModel, Variable, integer, number
-from cosim.fmu.inspect.findings import Finding, finding, first_few
+from cosim.fmu.inspect.findings import Finding, Level, finding, first_few
 
 # FMI 2.0.4 and 3.0.2, 2.2.9 / 2.4.7.5.1: the grammar of structured names; linear in its length
 _Q = r"'(?:[A-Za-z0-9_!#$%&()*+,\-./:;<>=?@\[\]^{}|~ ]|\\['\"?\\abfnrtv])+'"
@@ -45,6 +45,7 @@ _UNTYPED_STARTS = ("String", "Binary", "Boolean", "Clock", "")
 def variable_findings(model: DeclaredModel) -> Iterator[Finding]:
     """Check every variable by itself, and that names are unique."""
     yield from _names(model)
+    units = {unit.name: {display.get("name") for display in unit.displays} for unit in model.units}
     for variable in model.variables:
         if model.major > 1:
             yield from _combination(variable, model)
@@ -53,7 +54,7 @@ def variable_findings(model: DeclaredModel) -> Iterator[Finding]:
         yield from _range(variable)
         yield from _start(variable, model)
         if model.major > 1:
-            yield from _unit(variable, model)
+            yield from _unit(variable, units, model.major)
             yield from _flags(variable, model)
     yield from _independent(model)
     bare = [
@@ -69,7 +70,7 @@ def variable_findings(model: DeclaredModel) -> Iterator[Finding]:
 def _names(model: DeclaredModel) -> Iterator[Finding]:
     structured = model.attributes.get("variableNamingConvention") == "structured"
     names = [(v.where, v.name) for v in model.variables]
-    names += [(v.where, alias) for v in model.variables for alias, _ in v.aliases]
+    names += [(v.where, alias) for v in model.variables for alias, *_ in v.aliases]
     counts = Counter(name for _, name in names)
     for where, name in names:
         if not name:
@@ -116,8 +117,9 @@ def _range(v: Variable) -> Iterator[Finding]:
     low, high = number(v.minimum), number(v.maximum)
     if low is not None and high is not None and low > high:
         yield finding("range-empty", v.where, f"min {v.minimum} is greater than max {v.maximum}")
-    if number(v.nominal) == 0.0:
-        yield finding("nominal", v.where, "nominal is 0")
+    nominal = number(v.nominal)
+    if nominal is not None and not 0.0 < nominal < math.inf:
+        yield finding("nominal", v.where, f"nominal is {nominal:g}")
 
 
 def _has_start(v: Variable) -> Iterator[Finding]:
@@ -144,7 +146,7 @@ def _start(v: Variable, model: DeclaredModel) -> Iterator[Finding]:
         if value is None:
             continue  # a finding of the schema
         if not math.isfinite(value):
-            level = "error" if model.major == 2 else None
+            level: Level | None = "error" if model.major == 2 else None
             yield finding("start-number", v.where, f"start is {word}", level=level)
         elif (low is not None and value < low) or (high is not None and value > high):
             bounds = f"[{v.minimum or '-inf'}, {v.maximum or 'inf'}]"
@@ -153,20 +155,19 @@ def _start(v: Variable, model: DeclaredModel) -> Iterator[Finding]:
             yield finding("start-item", v.where, f"start {word} is not one of {', '.join(items)}")
 
 
-def _unit(v: Variable, model: DeclaredModel) -> Iterator[Finding]:
+def _unit(v: Variable, units: Mapping[str, Container[str | None]], major: int) -> Iterator[Finding]:
     """Check that the unit and display units are defined; FMI 2 ignores undefined display units."""
-    units = {unit.name: unit for unit in model.units}
     if v.unit is not None and v.unit not in units:
         yield finding("unit-undefined", v.where, f"unit {v.unit!r} is not defined")
         return
-    for name in (v.display_unit, *(alias for _, alias in v.aliases)):
+    for name in (v.display_unit, *(display for _, display, _ in v.aliases)):
         if name is None:
             continue
         if v.unit is None:
             yield finding("unit-display", v.where, f"display unit {name!r} without a unit")
-        elif name not in {display.get("name") for display in units[v.unit].displays}:
+        elif name not in units[v.unit]:
             what = f"display unit {name!r} is not defined in unit {v.unit!r}"
-            level = "warning" if model.major == 2 else None
+            level: Level | None = "warning" if major == 2 else None
             yield finding("unit-display", v.where, what, level=level)
 
 
@@ -179,7 +180,7 @@ def _flags(v: Variable, model: DeclaredModel) -> Iterator[Finding]:
         yield finding("attribute-place", v.where, what)
     key = v.index if model.major == 2 else v.reference
     reinit = v.attributes.get("reinit")
-    if reinit is not None and exchange and key not in model.states():
+    if reinit is not None and exchange and key not in model.states:
         yield finding("attribute-place", v.where, "reinit at a variable that is no state")
     if model.major == 2 and model.kinds and not exchange:
         for name, value in (("canHandleMultipleSetPerTimeInstant", once), ("reinit", reinit)):

@@ -119,7 +119,7 @@ def _components(
 
 
 def _listed(port: Port, version: SspVersion) -> bool:
-    """Whether an output is a connector without a connection: if its type is one that all tools take."""
+    """Whether an output without a connection is a connector: of a type that all tools take."""
     return (
         port.causality == "output"
         and not port.shape

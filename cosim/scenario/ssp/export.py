@@ -99,9 +99,7 @@ def export_ssp(
         version=version,
         name=identifiers([prepared.loaded.name])[prepared.loaded.name],
         description=scenario.title,
-        elements=[
-            _with_known_units(replace(e, name=names[e.name]), units) for e in built.elements
-        ],
+        elements=[_with_known_units(replace(e, name=names[e.name]), units) for e in built.elements],
         labels={plain: name for name, plain in names.items() if plain != name},
         wires=[_renamed(wire, names) for wire in built.wires],
         units=units,

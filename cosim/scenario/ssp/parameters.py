@@ -208,17 +208,21 @@ def values_for(
     ------
     InputError : a variable that the FMU does not have, or a value of another type or unit.
     """
-    values = {}
-    for one in bound:
-        port = fmu.ports.get(one.name)
-        if port is None:
-            near = difflib.get_close_matches(one.name, list(fmu.ports), n=3, cutoff=0.5)
-            raise archive.wrong(
-                f"{name} has no variable {one.name!r}",
-                one.where,
-                hint=f"did you mean {' or '.join(near)}?" if near else None,
-            )
-        values[one.name] = _in_unit_of(archive, one, port, fmu, units)
+    unknown = [one for one in bound if one.name not in fmu.ports]
+    if unknown:
+        near = difflib.get_close_matches(unknown[0].name, list(fmu.ports), n=3, cutoff=0.5)
+        raise archive.wrong(
+            f"{name} has no variable {unknown[0].name!r}",
+            unknown[0].where,
+            hint=f"did you mean {' or '.join(near)}?" if near else None,
+        )
+    values: dict[str, Any] = {}
+    for shaping in (True, False):  # structural parameters first: arrays have the lengths they give
+        for one in bound:
+            port = fmu.ports[one.name]
+            if (port.causality == "structuralParameter") == shaping:
+                values[one.name] = _in_unit_of(archive, one, port, fmu, units)
+        fmu = fmu.resized(values)
     return dict(sorted(values.items()))
 
 

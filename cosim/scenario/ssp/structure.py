@@ -48,7 +48,7 @@ class Connector:
 
 @dataclass(frozen=True)
 class Value:
-    """A start value; of an array, `shape`, the flat list of its elements, the last index fastest."""
+    """A start value; of an array, with `shape`, a flat list, the last index fastest."""
 
     type: str
     value: Any

@@ -56,7 +56,10 @@ class ArchiveFacts:
 
     @cached_property
     def _entry_of(self) -> dict[Any, str]:
-        kinds = {".ssv": "SystemStructureParameterValues", ".ssm": "SystemStructureParameterMapping"}
+        kinds = {
+            ".ssv": "SystemStructureParameterValues",
+            ".ssm": "SystemStructureParameterMapping",
+        }
         found = {}
         for entry in self.archive.names():
             kind = kinds.get(entry[-4:].lower())
@@ -90,8 +93,10 @@ class ArchiveFacts:
                     owner = system if not name else owners.get((system, name))
                     wanted = connection.get(f"{side}Connector")
                     found = None
-                    for connector in () if owner is None else owner.iterfind(
-                        f"{tag('ssd', 'Connectors')}/{tag('ssd', 'Connector')}"
+                    for connector in (
+                        ()
+                        if owner is None
+                        else owner.iterfind(f"{tag('ssd', 'Connectors')}/{tag('ssd', 'Connector')}")
                     ):
                         found = connector if connector.get("name") == wanted else found
                     ends.append((owner, found))

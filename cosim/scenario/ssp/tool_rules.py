@@ -54,7 +54,7 @@ class ToolRule:
 
 def _named(element: Any) -> str:
     name = element.get("name")
-    return etree.QName(element).localname + (f" {name!r}" if name is not None else "")
+    return str(etree.QName(element).localname) + (f" {name!r}" if name is not None else "")
 
 
 def _not_identifiers(facts: ArchiveFacts) -> Found:
@@ -86,9 +86,7 @@ def _more_at_top(facts: ArchiveFacts) -> Found:
 
 
 def _more_in_component(facts: ArchiveFacts) -> Found:
-    return _children_beside(
-        facts.components, "Connectors", "ElementGeometry", "ParameterBindings"
-    )
+    return _children_beside(facts.components, "Connectors", "ElementGeometry", "ParameterBindings")
 
 
 def _more_in_system(facts: ArchiveFacts) -> Found:
@@ -104,8 +102,10 @@ def _no_master(facts: ArchiveFacts) -> Found:
         first = system.find(f"{tag('ssd', 'Annotations')}/{tag('ssc', 'Annotation')}")
         own = first is not None and first.get("type") == OMS_ANNOTATION
         if not own or next(first.iter(f"{{{OMS}}}SimulationInformation"), None) is None:
-            yield system, f"{_named(system)}: " + (
-                "no annotation" if first is None else f"{first.get('type')} first"
+            yield (
+                system,
+                f"{_named(system)}: "
+                + ("no annotation" if first is None else f"{first.get('type')} first"),
             )
 
 
@@ -302,7 +302,6 @@ def _no_stop(facts: ArchiveFacts) -> Found:
         yield facts.root, "no stopTime"
 
 
-
 def _refused(*tools: Tool) -> dict[Tool, Effect]:
     return dict.fromkeys(tools, "refused")
 
@@ -397,7 +396,7 @@ RULES: tuple[ToolRule, ...] = (
     ToolRule(
         "connector-type",
         {**_refused("libcosim"), **_different("ecos")},
-        "it takes connectors of type Real, Integer, Boolean and String; Ecos takes others for Reals",
+        "it takes connectors of type Real, Integer, Boolean and String; Ecos takes others for Real",
         "leave out connectors that are not connected; write Float64 as Real, Int32 as Integer",
         _types("Real", "Integer", "Boolean", "String"),
     ),

@@ -5,9 +5,8 @@ from __future__ import annotations
 from importlib.resources import files
 from typing import Any
 
-from lxml import etree
-
 import tomli_w
+from lxml import etree
 
 from cosim.core import InputError
 from cosim.scenario.ssp.names import (
@@ -178,7 +177,7 @@ def _annotations(annotations: Any, structure: Structure) -> None:
 
 
 def _openmodelica(annotations: Any, structure: Structure) -> None:
-    """Set master and step for OMSimulator: attributes for its importer in Python, a child for C++."""
+    """Set OMSimulator's master and step: attributes for its importer in Python, a child in C++."""
     holder = _sub(annotations, "ssc", "Annotation", type=OMS_ANNOTATION)
     inside = etree.SubElement(holder, f"{{{OMS}}}Annotations")
     step = repr(structure.step_s)

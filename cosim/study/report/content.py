@@ -12,12 +12,14 @@ from typing import Any
 import numpy as np
 
 from cosim.core import InputError
+from cosim.fmu import DEFAULT_FLAVOUR
 from cosim.page import packed
 from cosim.study.association import Groups, cells_of, groups_of, rank_correlations
 from cosim.study.columns import Column, StudyColumns, columns_of
 from cosim.study.convergence import convergence_of
 from cosim.study.distribution import distribution_of
-from cosim.study.folder import TRACES
+from cosim.study.folder import MANIFEST, TRACES
+from cosim.study.rare_events import RareEstimate
 from cosim.study.report.chart import (
     Chart,
     convergence_chart,
@@ -45,6 +47,8 @@ from cosim.study.report.worst_runs import WorstRuns, worst_figures, worst_runs
 from cosim.study.schema import Metric, ReplicatesAxis, SampledAxis
 from cosim.study.sensitivity_indices import sensitivity
 from cosim.study.stability_boundary import Boundary, boundary
+from cosim.study.stages import plain_sample, rare_estimate, stopping_of
+from cosim.study.stopping import Stopping
 from cosim.study.summary import Summary, summarise
 
 QUANTILES = (0.05, 0.5, 0.95)
@@ -84,6 +88,9 @@ class StudyContent:
     ----------
     repeat : the command that repeats a run, without its number.
     unread : lines of the run log that could not be read.
+    columns : of the runs that have the distributions of the axes: all, but for a rare event.
+    runs, count : number of runs in the table, and in the study.
+    stopped, rare : what a study that stops at a width, or of a rare event, has found.
     summary, groups : statistics of all runs; per group of the grid, None without groups.
     sensitivity : charts, and why there are none where axes were made for them.
     worst : None without a metric to rank by.
@@ -94,6 +101,11 @@ class StudyContent:
     confidence: float
     repeat: str
     unread: int
+    runs: int
+    count: int
+    complete: bool
+    stopped: Stopping | None
+    rare: RareEstimate | None
     statuses: list[StatusCount]
     causes: list[RunCause]
     more_causes: int
@@ -151,17 +163,21 @@ def content_of(
     ------
     InputError : the confidence is not between 0 and 1.
     """
+    stopped, rare = stopping_of(table, manifest), rare_estimate(table, manifest)
+    every = columns_of(table, manifest)
+    # of a rare event, all but the first level is drawn where the event is: no estimate of the axes
+    table, manifest = plain_sample(table, manifest)
+    columns = columns_of(table, manifest)
     summary = summarise(table, manifest, [], confidence=confidence, quantiles=QUANTILES)
     grouped = summarise(table, manifest, confidence=confidence)
-    columns = columns_of(table, manifest)
     ranked = {m.name: _ranked(columns, m, confidence) for m in columns.metrics.values()}
-    worst = worst_runs(columns, {name: [a for a, _ in axes] for name, axes in ranked.items()})
+    worst = worst_runs(every, {name: [a for a, _ in axes] for name, axes in ranked.items()})
     edge = boundary(table, manifest) if columns.runs.size else None
-    causes, more = run_causes(columns)
+    causes, more = run_causes(every)
     indices, why_not = _sensitivity(table, manifest, columns, confidence)
 
     def trace_of(run: int) -> str | None:
-        digits = len(str(columns.count - 1))
+        digits = len(str(every.count - 1))
         trace = folder / TRACES / f"run-{run:0{digits}d}.mcap"
         if not trace.is_file():
             return None
@@ -171,9 +187,14 @@ def content_of(
         manifest=manifest,
         columns=columns,
         confidence=confidence,
-        repeat=f"cosim study repeat {shlex.quote(str(folder))}",
+        repeat=_repeat(manifest, folder),
         unread=unread,
-        statuses=status_counts(columns, confidence),
+        runs=int(every.runs.size),
+        count=every.count,
+        complete=rare is not None if columns.study.rare else every.runs.size == every.count,
+        stopped=stopped,
+        rare=rare,
+        statuses=status_counts(every, confidence),
         causes=causes,
         more_causes=more,
         axes=varied_axes(columns),
@@ -191,8 +212,16 @@ def content_of(
         not_sensitive=why_not,
         correlations=_correlations(columns),
         worst=worst,
-        worst_figures={} if worst is None else worst_figures(columns, worst, trace_of),
+        worst_figures={} if worst is None else worst_figures(every, worst, trace_of),
     )
+
+
+def _repeat(manifest: dict[str, Any], folder: Path) -> str:
+    """Return the command that repeats a run, without its number."""
+    name = shlex.quote(str(folder)) if (folder / MANIFEST).is_file() else "STUDY"
+    flavour = manifest.get("flavour", DEFAULT_FLAVOUR)
+    option = "" if flavour == DEFAULT_FLAVOUR else f" --flavour {flavour}"
+    return f"cosim study repeat{option} {name}"
 
 
 def figures(content: StudyContent) -> dict[str, Any]:

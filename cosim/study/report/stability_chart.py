@@ -21,13 +21,12 @@ def stability_chart(columns: StudyColumns, found: Boundary) -> Chart:
     """Draw stability over delay, or delay and loss, with the certified and the exact bounds."""
     part = columns.study.stability
     assert part is not None  # noqa: S101 - without it there is no boundary
-    title = {"title": f"{part.delay}: delay of the whole loop [s]"}
-    title["title"] = plain(title["title"])
+    x_axis = {"title": plain(f"{part.delay}: delay of the whole loop [s]")}
     if part.loss is None:
         data, y_axis = _over_delay(columns, part, found)
     else:
         data, y_axis = _over_delay_and_loss(columns, part, found)
-    layout = {"xaxis": title, "yaxis": y_axis}
+    layout = {"xaxis": x_axis, "yaxis": y_axis}
     if columns.runs.size < columns.count:
         note = "The study is not finished: the boundary is that of the runs that are done."
     else:
@@ -74,7 +73,8 @@ def _over_delay_and_loss(
     delay, loss = columns.axes[part.delay], columns.axes[part.loss or ""]
     stable = columns.metrics[part.stable]
     x, y, share = _means(delay, loss, stable)
-    bx, by = edges(x), np.arange(y.size + 1) - 0.5
+    bx: Reals = np.asarray(edges(x), np.float64)
+    by: Reals = np.arange(y.size + 1) - 0.5
     data = []
     if part.gain:
         gain = columns.metrics[part.gain]
@@ -104,8 +104,11 @@ def _over_delay_and_loss(
         data.append(line | {"mode": "lines", "line": {"width": 1.8, "dash": "dot"}})
     data += _margin(found, float(by[0]), float(by[-1]))
     ticks = {"tickvals": list(range(y.size)), "ticktext": [f"{value:g}" for value in y]}
-    title = f"{part.loss}: share of messages lost"
-    return data, {"title": plain(title), "range": [float(by[0]), float(by[-1])], **ticks}
+    return data, {
+        "title": plain(f"{part.loss}: share of messages lost"),
+        "range": [float(by[0]), float(by[-1])],
+        **ticks,
+    }
 
 
 def _means(x: Column, y: Column, values: Column) -> tuple[Reals, Reals, Reals]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -25,7 +24,8 @@ class StudyReport:
     ----------
     study : the folder, or the table, that was read.
     output, bytes : the file and its size.
-    runs, count : number of runs in the table, and in the study.
+    runs, count : number of runs in the table, and in the study (at most, if it may stop earlier).
+    complete : whether the study is finished.
     statuses : status -> number of runs.
     unread : lines of the run log that could not be read: their runs are not on the page.
     metrics, charts : number of metrics and of charts.
@@ -37,6 +37,7 @@ class StudyReport:
     title: str
     runs: int
     count: int
+    complete: bool
     statuses: dict[str, int]
     unread: int
     metrics: int
@@ -51,7 +52,7 @@ class StudyReport:
             "title": self.title,
             "runs": self.runs,
             "count": self.count,
-            "complete": self.runs == self.count,
+            "complete": self.complete,
             "statuses": self.statuses,
             "unread": self.unread,
             "metrics": self.metrics,
@@ -76,10 +77,9 @@ def write_study_report(
     """
     path = Path(study)
     table, manifest = read_table(path)
-    folder = path if path.is_dir() else path.parent
-    finished = not path.is_dir() or (path / RESULTS).is_file()
+    folder = path if (path / MANIFEST).is_file() else path.parent
     unread = 0
-    if not finished:
+    if folder == path and not (path / RESULTS).exists():
         with read_rows(path) as rows:
             unread = rows.unread
     target = folder / REPORT if output is None else output
@@ -91,9 +91,10 @@ def write_study_report(
         output=target,
         bytes=write_page(target, html, "study", sources),
         title=content.columns.study.title,
-        runs=len(content.columns.statuses),
-        count=content.columns.count,
-        statuses=dict(sorted(Counter(content.columns.statuses).items())),
+        runs=content.runs,
+        count=content.count,
+        complete=content.complete,
+        statuses={one.status: one.found.count for one in content.statuses},
         unread=unread,
         metrics=len(content.metrics),
         charts=len(content.charts),

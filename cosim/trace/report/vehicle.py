@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from cosim.trace.report.chart import Chart, curve_of, packed_values
+from cosim.page import packed_values
+from cosim.trace.report.chart import Chart, curve_of
 from cosim.trace.report.decimation import decimated
 from cosim.trace.report.parameters import Settings
 from cosim.trace.report.series import Reals, Recording, Series

@@ -148,8 +148,9 @@ def _build_description(spec: ComponentSpec, compiled: Sequence[str]) -> bytes:
     """
     root = ET.Element("fmiBuildDescription", fmiVersion="3.0")
     for platform, compiler in _COMPILERS.items():
-        of = {} if platform is None else {"platform": platform}
-        configuration = ET.SubElement(root, "BuildConfiguration", modelIdentifier=spec.name, **of)
+        configuration = ET.SubElement(root, "BuildConfiguration", modelIdentifier=spec.name)
+        if platform is not None:
+            configuration.set("platform", platform)
         options = _VISUAL_C if compiler == "VisualC" else STANDARD
         listed = ET.SubElement(
             configuration,

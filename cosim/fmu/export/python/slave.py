@@ -18,15 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from pythonfmu import Fmi2Slave
-from pythonfmu.enums import Fmi2Causality, Fmi2Status, Fmi2Variability
-from pythonfmu.variables import Integer, Real
-
-_CAUSALITY = {
-    "input": Fmi2Causality.input,
-    "output": Fmi2Causality.output,
-    "parameter": Fmi2Causality.parameter,
-}
-_INT_MAX = 2**31 - 1
+from pythonfmu.enums import Fmi2Status
 
 
 def _part_from_binary(resources: str, name: str) -> None:
@@ -42,10 +34,20 @@ def _part_from_binary(resources: str, name: str) -> None:
         ctypes.CDLL(str(binary), mode=os.RTLD_NOLOAD | os.RTLD_NOW).finalizePythonInterpreter()
 
 
+def _beyond(name: str, value: Any, low: Any, high: Any) -> str | None:
+    """Say which bound a value is beyond; None if it is beyond none."""
+    if low is not None and value < low:
+        return f"{name} must be at least {low}, got {value!r}"
+    if high is not None and value > high:
+        return f"{name} must be at most {high}, got {value!r}"
+    return None
+
+
 class BehaviourSlave(Fmi2Slave):  # type: ignore[misc]  # pythonfmu has no types
     """A slave with the variables of `TABLE`, computed by a `BEHAVIOUR`.
 
-    The generated module of each FMU derives from it and sets the three class attributes.
+    The generated module of each FMU derives from it and sets the three class attributes. Nothing is
+    registered with PythonFMU, which would count value references from 0: `TABLE` says all.
     """
 
     TABLE: tuple[dict[str, Any], ...] = ()
@@ -63,28 +65,11 @@ class BehaviourSlave(Fmi2Slave):  # type: ignore[misc]  # pythonfmu has no types
             atexit.register(_part_from_binary, resources, type(self).__name__)
         self._names = [entry["name"] for entry in self.TABLE]
         self._values: dict[str, Any] = {entry["name"]: entry["start"] for entry in self.TABLE}
-        for entry in self.TABLE:
-            self._register(entry)
         self._behaviour = self.BEHAVIOUR(self.CONSTANTS)
         self._phase = "instantiated"  # -> initializing -> running -> terminated
         self._time, self._stop = 0.0, math.inf
         self._stale = False  # parameters or inputs changed since the outputs were computed
         self._refused: str | None = None
-
-    def _register(self, entry: dict[str, Any]) -> None:
-        name = entry["name"]
-        kind = Integer if entry["kind"] == "Integer" else Real
-        fixed = entry["causality"] == "parameter"
-        discrete = Fmi2Variability.discrete if kind is Integer else Fmi2Variability.continuous
-        self.register_variable(
-            kind(
-                name,
-                causality=_CAUSALITY[entry["causality"]],
-                variability=Fmi2Variability.fixed if fixed else discrete,
-                getter=lambda: self._values[name],
-                setter=lambda value: self._values.__setitem__(name, value),
-            )
-        )
 
     # ---- life cycle
 
@@ -136,26 +121,30 @@ class BehaviourSlave(Fmi2Slave):  # type: ignore[misc]  # pythonfmu has no types
             return self._refuse(self._refused)
         if self._phase != "running":
             return self._refuse(f"doStep is not allowed while {self._phase}")
-        if not (math.isfinite(step_size) and step_size >= 0.0):
-            return self._refuse(f"the step must be finite and not negative, got {step_size!r} s")
-        if not math.isfinite(current_time):
-            return self._refuse(f"the step must start at a finite time, got {current_time!r} s")
-        # a master that adds up its steps drifts by rounding; anything more is an error
-        if abs(current_time - self._time) > 1e-9 * max(1.0, abs(self._time)):
-            return self._refuse(
-                f"the step starts at t = {current_time!r} s, but the instance is at "
-                f"{self._time!r} s; set a saved state to go back"
-            )
         end = current_time + step_size
-        if end - self._stop > 1e-9 * max(1.0, abs(self._stop)):
-            return self._refuse(
-                f"the step ends at t = {end!r} s, after the stop time of {self._stop!r} s"
-            )
+        why = self._objection_to_step(current_time, step_size, end)
+        if why is not None:
+            return self._refuse(why)
         if end > self._time:
             self._behaviour.advance(self._values, end)
             self._time = end
         self._stale = False
         return True
+
+    def _objection_to_step(self, start: float, size: float, end: float) -> str | None:
+        if not (math.isfinite(size) and size >= 0.0):
+            return f"the step must be finite and not negative, got {size!r} s"
+        if not math.isfinite(start):
+            return f"the step must start at a finite time, got {start!r} s"
+        # a master that adds up its steps drifts by rounding; anything more is an error
+        if abs(start - self._time) > 1e-9 * max(1.0, abs(self._time)):
+            return (
+                f"the step starts at t = {start!r} s, but the instance is at {self._time!r} s; set "
+                "a saved state to go back"
+            )
+        if end - self._stop > 1e-9 * max(1.0, abs(self._stop)):
+            return f"the step ends at t = {end!r} s, after the stop time of {self._stop!r} s"
+        return None
 
     def _initialise(self) -> None:
         try:
@@ -257,12 +246,7 @@ class BehaviourSlave(Fmi2Slave):  # type: ignore[misc]  # pythonfmu has no types
             return f"{name} is an output and cannot be written"
         if causality == "parameter" and self._phase not in ("instantiated", "initializing"):
             return f"{name} is a fixed parameter and cannot be written after initialisation"
-        low, high = entry["minimum"], entry["maximum"]
-        if low is not None and value < low:
-            return f"{name} must be at least {low}, got {value!r}"
-        if high is not None and value > high:
-            return f"{name} must be at most {high}, got {value!r}"
-        return None
+        return _beyond(name, value, entry["minimum"], entry["maximum"])
 
     # ---- the whole state
 
