@@ -6,7 +6,7 @@ import functools
 import re
 import zipfile
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from cosim.core import InputError, cache_folder, copy_whole
@@ -64,6 +64,7 @@ def build_fmu(
     platforms: Sequence[Platform] = (),
     *,
     prebuilt: bool = True,
+    clocked: bool = False,
 ) -> Path:
     """Write `folder`/NAME.fmu of a component and return its path.
 
@@ -75,16 +76,20 @@ def build_fmu(
         by its own compiler.
     prebuilt : whether to use what the wheel brings: the FMU of a built-in component; for any other
         a binary of its kind, which reads the model and computes the same bits.
+    clocked : with event mode and an input Clock of its sample time (FMI 3.0, a sampled controller):
+        it samples when the Clock ticks. Without event mode it is as the one without Clock.
 
     Raises
     ------
-    InputError : no such component or flavour, no compiler for a native FMU, or a component that is
+    InputError : no such component or flavour, one that has no clocked FMU, no compiler for a native FMU, or a component that is
         too large for a prebuilt binary.
     """
     if isinstance(component, str) and component not in CATALOGUE:
         raise InputError.unknown("component", component, CATALOGUE, where="build_fmu")
     if flavour not in FMI_VERSION:
         raise InputError.unknown("flavour", flavour, FMI_VERSION, where="build_fmu")
+    if clocked:
+        return _build_clocked(component, Path(folder), flavour, platforms)
     if isinstance(component, str):
         ready = prebuilt_file(f"{flavour}/{component}.fmu") if prebuilt and not platforms else None
         if ready is not None:
@@ -109,6 +114,24 @@ def build_fmu(
     if binaries:
         return build_tape_fmu(spec, Path(folder), version, binaries)
     return build_native_fmu(spec, Path(folder), version, platforms)
+
+
+def _build_clocked(
+    component: str | ComponentSpec, folder: Path, flavour: str, platforms: Sequence[Platform]
+) -> Path:
+    """Build the FMU with a Clock of a sampled controller, by a compiler."""
+    from cosim.fmu.export.native.package import build_native_fmu  # noqa: PLC0415
+
+    spec = CATALOGUE[component] if isinstance(component, str) else component
+    sampled = spec.behaviour.endswith("hinf_controller.behaviour:StateFeedback")
+    if flavour != "native-fmi3" or not sampled:
+        raise InputError(
+            "this FMU has no Clock",
+            where="build_fmu: clocked",
+            expected="flavour native-fmi3, and a sampled controller",
+            got=f"{flavour}, {spec.name}",
+        )
+    return build_native_fmu(replace(spec, clock="sample_time"), folder, "3.0", platforms)
 
 
 def ensure_all(

@@ -78,7 +78,7 @@ def fmi3_xml(spec: ComponentSpec, token: str, *, tool: str) -> bytes:
     """Return the model description of FMI 3.0 as UTF-8 XML, for a native FMU.
 
     After the table of variables comes `time`, the independent variable that FMI 3.0 requires,
-    with the next value reference.
+    with the next value reference; then the Clock of a component that has one.
     """
     root = _root(spec, "3.0", "instantiationToken", token, tool)
     ET.SubElement(
@@ -94,14 +94,18 @@ def fmi3_xml(spec: ComponentSpec, token: str, *, tool: str) -> bytes:
         canHandleVariableCommunicationStepSize="true",
         canReturnEarlyAfterIntermediateUpdate="false",
         providesIntermediateUpdate="false",
-        hasEventMode="false",
+        hasEventMode=_bool(bool(spec.clock)),
     )
     _units(root, spec)
     _categories_and_experiment(root, spec)
     variables = ET.SubElement(root, "ModelVariables")
     for reference, v in enumerate(spec.variables, 1):
         tag = {"Real": "Float64", "Integer": "Int32"}[v.kind]
-        _type_attributes(_variable(variables, tag, reference, v), v)
+        element = _variable(variables, tag, reference, v)
+        _type_attributes(element, v)
+        if spec.clock and v.causality == "input":
+            element.set("clocks", str(len(spec.variables) + 2))
+            element.set("variability", "discrete")
     ET.SubElement(
         variables,
         "Float64",
@@ -111,6 +115,16 @@ def fmi3_xml(spec: ComponentSpec, token: str, *, tool: str) -> bytes:
         causality="independent",
         variability="continuous",
     )
+    if spec.clock:
+        ET.SubElement(
+            variables,
+            "Clock",
+            name="clock",
+            valueReference=str(len(spec.variables) + 2),
+            description=f"ticks every {spec.clock}; inputs are read at its ticks",
+            causality="input",
+            intervalVariability="fixed",
+        )
     _outputs(ET.SubElement(root, "ModelStructure"), "Output", "valueReference", spec)
     return as_bytes(root)
 

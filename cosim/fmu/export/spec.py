@@ -91,6 +91,7 @@ class ComponentSpec:
     scenario : the page's example for this project's own master, a scenario as TOML.
     stop_time, step_size : default experiment [s].
     certificate : JSON of the proof about a controller's start values, if it has one.
+    clock : the parameter that is the interval of its Clock, in an FMU with one (FMI 3.0).
     """
 
     name: str
@@ -106,6 +107,7 @@ class ComponentSpec:
     certificate: bytes | None = None
     notes: str = ""
     scenario: str = ""
+    clock: str = ""
 
     def __post_init__(self) -> None:
         names = [v.name for v in self.variables]

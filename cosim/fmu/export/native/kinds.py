@@ -61,7 +61,7 @@ def recorded_model(spec: ComponentSpec) -> tuple[ModelWriter, tuple[str, ...]]:
         sources: tuple[str, ...] = ("delay_line.c", "plant.c")
     elif isinstance(behaviour, StateFeedback):
         record_sampled(writer, behaviour)
-        sources = ("sampled.c",)
+        sources = ("sampled_clocked.c",) if spec.clock else ("sampled.c",)
     elif isinstance(behaviour, WaveField):
         record_waves(writer, behaviour)
         sources = ("waves.c",)
