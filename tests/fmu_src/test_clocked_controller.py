@@ -78,7 +78,7 @@ def test_clock_is_declared_as_the_standard_has_it(clocked: Path) -> None:
 
 def test_sample_time_of_zero_is_no_interval(tmp_path: Path, clocked: Path) -> None:
     """Which samples at every point without a Clock."""
-    with pytest.raises(Exception, match="interval of clock|sample_time of more than 0"):
+    with pytest.raises(Exception, match=r"interval of clock|sample_time of more than 0"):
         flown(
             tmp_path,
             f"components.controller.fmu='{clocked}'",

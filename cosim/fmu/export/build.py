@@ -14,7 +14,7 @@ from cosim.fmu.export.catalogue import CATALOGUE
 from cosim.fmu.export.flavours import DEFAULT_FLAVOUR, FMI_VERSION
 from cosim.fmu.export.identity import kept_guid
 from cosim.fmu.export.native.platforms import Platform, host
-from cosim.fmu.export.spec import ComponentSpec
+from cosim.fmu.export.spec import ClockVariable, ComponentSpec
 from cosim.fmu.prebuilt import prebuilt_file
 
 
@@ -76,13 +76,14 @@ def build_fmu(
         by its own compiler.
     prebuilt : whether to use what the wheel brings: the FMU of a built-in component; for any other
         a binary of its kind, which reads the model and computes the same bits.
-    clocked : with event mode and an input Clock of its sample time (FMI 3.0, a sampled controller):
-        it samples when the Clock ticks. Without event mode it is as the one without Clock.
+    clocked : with event mode and input Clocks (FMI 3.0): a sampled controller samples when its
+        Clock ticks, a packet link sends and delivers when its two Clocks do. Without event mode it
+        is as the one without Clocks.
 
     Raises
     ------
-    InputError : no such component or flavour, one that has no clocked FMU, no compiler for a native FMU, or a component that is
-        too large for a prebuilt binary.
+    InputError : no such component or flavour, one that has no clocked FMU, no compiler for a
+        native FMU, or a component that is too large for a prebuilt binary.
     """
     if isinstance(component, str) and component not in CATALOGUE:
         raise InputError.unknown("component", component, CATALOGUE, where="build_fmu")
@@ -119,19 +120,34 @@ def build_fmu(
 def _build_clocked(
     component: str | ComponentSpec, folder: Path, flavour: str, platforms: Sequence[Platform]
 ) -> Path:
-    """Build the FMU with a Clock of a sampled controller, by a compiler."""
+    """Build the FMU with Clocks of a sampled controller or a packet link, by a compiler."""
     from cosim.fmu.export.native.package import build_native_fmu  # noqa: PLC0415
 
     spec = CATALOGUE[component] if isinstance(component, str) else component
-    sampled = spec.behaviour.endswith("hinf_controller.behaviour:StateFeedback")
-    if flavour != "native-fmi3" or not sampled:
+    clocks = _clocks_of(spec)
+    if flavour != "native-fmi3" or not clocks:
         raise InputError(
             "this FMU has no Clock",
             where="build_fmu: clocked",
-            expected="flavour native-fmi3, and a sampled controller",
+            expected="flavour native-fmi3, and a sampled controller or a packet link",
             got=f"{flavour}, {spec.name}",
         )
-    return build_native_fmu(replace(spec, clock="sample_time"), folder, "3.0", platforms)
+    return build_native_fmu(replace(spec, clocks=clocks), folder, "3.0", platforms)
+
+
+def _clocks_of(spec: ComponentSpec) -> tuple[ClockVariable, ...]:
+    """Return the Clocks that a component can have."""
+    inputs = tuple(v.name for v in spec.variables if v.causality == "input")
+    if spec.behaviour.endswith(":StateFeedback"):
+        text = "ticks every sample_time; inputs are read at its ticks"
+        return (ClockVariable("clock", "fixed", text, inputs),)
+    if spec.behaviour.endswith(":LinkChannel") and spec.constants["kind"] == "packet":
+        received = tuple(v.name for v in spec.variables if v.name.startswith("y["))
+        return (
+            ClockVariable("send", "fixed", "ticks when a message is sent", inputs),
+            ClockVariable("arrive", "countdown", "ticks when messages arrive", received),
+        )
+    return ()
 
 
 def ensure_all(

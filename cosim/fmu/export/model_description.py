@@ -94,7 +94,7 @@ def fmi3_xml(spec: ComponentSpec, token: str, *, tool: str) -> bytes:
         canHandleVariableCommunicationStepSize="true",
         canReturnEarlyAfterIntermediateUpdate="false",
         providesIntermediateUpdate="false",
-        hasEventMode=_bool(bool(spec.clock)),
+        hasEventMode=_bool(bool(spec.clocks)),
     )
     _units(root, spec)
     _categories_and_experiment(root, spec)
@@ -103,8 +103,9 @@ def fmi3_xml(spec: ComponentSpec, token: str, *, tool: str) -> bytes:
         tag = {"Real": "Float64", "Integer": "Int32"}[v.kind]
         element = _variable(variables, tag, reference, v)
         _type_attributes(element, v)
-        if spec.clock and v.causality == "input":
-            element.set("clocks", str(len(spec.variables) + 2))
+        clocks = [i for i, c in enumerate(spec.clocks) if v.name in c.variables]
+        if clocks:
+            element.set("clocks", " ".join(str(len(spec.variables) + 2 + i) for i in clocks))
             element.set("variability", "discrete")
     ET.SubElement(
         variables,
@@ -115,15 +116,15 @@ def fmi3_xml(spec: ComponentSpec, token: str, *, tool: str) -> bytes:
         causality="independent",
         variability="continuous",
     )
-    if spec.clock:
+    for reference, clock in enumerate(spec.clocks, len(spec.variables) + 2):
         ET.SubElement(
             variables,
             "Clock",
-            name="clock",
-            valueReference=str(len(spec.variables) + 2),
-            description=f"ticks every {spec.clock}; inputs are read at its ticks",
+            name=clock.name,
+            valueReference=str(reference),
+            description=clock.description,
             causality="input",
-            intervalVariability="fixed",
+            intervalVariability=clock.variability,
         )
     _outputs(ET.SubElement(root, "ModelStructure"), "Output", "valueReference", spec)
     return as_bytes(root)

@@ -42,6 +42,10 @@ _HEADERS_OF = (
     ("tape.c", "tape.h"),
     ("sampled_clocked.c", "sampled.c"),
     ("sampled_clocked.c", "clocked.h"),
+    ("packet_link_clocked.c", "packet_link.c"),
+    ("packet_link_clocked.c", "clocked.h"),
+    ("packet_link_clocked.c", "draws.h"),
+    ("packet_link_clocked.c", "clock.h"),
     ("fmi3_clocked.c", "fmi3.c"),
 )
 """C file of a kind of behaviour -> file that it includes beside `_OWN_HEADERS`."""

@@ -1,4 +1,4 @@
-/* FMI 3.0 as fmi3.c, with event mode and a Clock whose interval is a parameter of the component. */
+/* FMI 3.0 as fmi3.c, with event mode and input Clocks; see clocked.h. */
 
 #include "fmi3Functions.h"
 
@@ -36,7 +36,7 @@
 #undef fmi3GetIntervalDecimal
 #undef fmi3GetShiftDecimal
 
-/* The value reference of the Clock, after that of the independent variable. */
+/* The value reference of the first Clock, after that of the independent variable. */
 #define CLOCK (TIME + 1)
 #define CLOCK_OF(c) (behaviour_clock(((Slave *)(c))->it->behaviour))
 
@@ -56,7 +56,9 @@ fmi3Instance fmi3InstantiateCoSimulation(
 fmi3Status fmi3ExitInitializationMode(fmi3Instance c) {
     INSTANCE(c);
     ClockState *clock = CLOCK_OF(c);
-    if (clock->used && !(it->v[MODEL_SAMPLE_TIME] > 0.0))
+    double interval;
+    behaviour_interval(it->behaviour, it->v, 0, 1, &interval);
+    if (clock->used && !(interval > 0.0))
         return (fmi3Status)instance_refuse(it, "a Clock needs a sample_time of more than 0 s");
     fmi3Status status = plain_exit_initialization(c);
     clock->event_mode = clock->used && status == fmi3OK;
@@ -65,7 +67,7 @@ fmi3Status fmi3ExitInitializationMode(fmi3Instance c) {
 
 fmi3Status fmi3Reset(fmi3Instance c) {
     fmi3Status status = plain_reset(c);
-    if (c) CLOCK_OF(c)->event_mode = CLOCK_OF(c)->ticking = CLOCK_OF(c)->due = 0;
+    if (c) *CLOCK_OF(c) = (ClockState){.used = CLOCK_OF(c)->used};
     return status;
 }
 
@@ -96,9 +98,11 @@ fmi3Status fmi3UpdateDiscreteStates(fmi3Instance c, fmi3Boolean *again, fmi3Bool
                                     fmi3Boolean *next_defined, fmi3Float64 *next) {
     fmi3Status status = in_mode(c, 1, "fmi3UpdateDiscreteStates");
     if (status != fmi3OK) return status;
-    ClockState *clock = CLOCK_OF(c);
-    clock->due |= clock->ticking;
-    clock->ticking = 0;
+    INSTANCE(c);
+    Message why;
+    if (!behaviour_update(it->behaviour, it->v, &why))
+        return (fmi3Status)instance_refuse(it, "%s", why.text);
+    memset(CLOCK_OF(c)->ticking, 0, sizeof CLOCK_OF(c)->ticking);
     *again = *terminate = *nominals = *values = *next_defined = fmi3False;
     *next = 0.0;
     return fmi3OK;
@@ -118,7 +122,7 @@ fmi3Status fmi3DoStep(fmi3Instance c, fmi3Float64 from, fmi3Float64 size, fmi3Bo
 static fmi3Status of_the_clock(fmi3Instance c, const fmi3ValueReference vr[], size_t n) {
     INSTANCE(c);
     for (size_t i = 0; i < n; i++)
-        if (vr[i] != CLOCK)
+        if (vr[i] < CLOCK || vr[i] >= CLOCK + MODEL_CLOCKS)
             return (fmi3Status)instance_refuse(it, "value reference %u is no Clock; %u is", vr[i],
                                                CLOCK);
     return fmi3OK;
@@ -128,7 +132,11 @@ fmi3Status fmi3SetClock(fmi3Instance c, const fmi3ValueReference vr[], size_t n,
                         const fmi3Clock values[]) {
     fmi3Status status = of_the_clock(c, vr, n);
     if (status == fmi3OK) status = in_mode(c, 1, "fmi3SetClock");
-    for (size_t i = 0; status == fmi3OK && i < n; i++) CLOCK_OF(c)->ticking = values[i];
+    for (size_t i = 0; status == fmi3OK && i < n; i++) {
+        Instance *it = ((Slave *)c)->it;
+        CLOCK_OF(c)->ticking[vr[i] - CLOCK] = values[i];
+        if (values[i]) behaviour_tick(it->behaviour, it->v, (int)(vr[i] - CLOCK));
+    }
     return status;
 }
 
@@ -136,9 +144,9 @@ fmi3Status fmi3GetIntervalDecimal(fmi3Instance c, const fmi3ValueReference vr[],
                                   fmi3Float64 intervals[], fmi3IntervalQualifier qualifiers[]) {
     fmi3Status status = of_the_clock(c, vr, n);
     for (size_t i = 0; status == fmi3OK && i < n; i++) {
-        intervals[i] = ((Slave *)c)->it->v[MODEL_SAMPLE_TIME];
-        qualifiers[i] = ((Slave *)c)->it->phase == RUNNING ? fmi3IntervalUnchanged
-                                                           : fmi3IntervalChanged;
+        Instance *it = ((Slave *)c)->it;
+        qualifiers[i] = (fmi3IntervalQualifier)behaviour_interval(
+            it->behaviour, it->v, (int)(vr[i] - CLOCK), it->phase != RUNNING, intervals + i);
     }
     return status;
 }
@@ -146,6 +154,7 @@ fmi3Status fmi3GetIntervalDecimal(fmi3Instance c, const fmi3ValueReference vr[],
 fmi3Status fmi3GetShiftDecimal(fmi3Instance c, const fmi3ValueReference vr[], size_t n,
                                fmi3Float64 shifts[]) {
     fmi3Status status = of_the_clock(c, vr, n);
-    for (size_t i = 0; status == fmi3OK && i < n; i++) shifts[i] = 0.0;
+    for (size_t i = 0; status == fmi3OK && i < n; i++)
+        shifts[i] = behaviour_shift(((Slave *)c)->it->v, (int)(vr[i] - CLOCK));
     return status;
 }

@@ -20,8 +20,6 @@ typedef struct {
     ClockState clock;
 } Clocked;
 
-#define FLAGS 3
-
 Behaviour *behaviour_new(void) { return calloc(1, sizeof(Clocked)); }
 
 ClockState *behaviour_clock(Behaviour *b) { return &((Clocked *)b)->clock; }
@@ -40,10 +38,8 @@ int behaviour_advance(Behaviour *b, double *v, double end, Message *why) {
 size_t behaviour_size(const Behaviour *b) { return sampled_size(b) + FLAGS; }
 
 void behaviour_save(const Behaviour *b, double *to) {
-    const ClockState *clock = &((const Clocked *)b)->clock;
-    double *flags = to + sampled_size(b);
     sampled_save(b, to);
-    flags[0] = clock->event_mode, flags[1] = clock->ticking, flags[2] = clock->due;
+    clock_save_flags(&((const Clocked *)b)->clock, to + sampled_size(b));
 }
 
 int behaviour_restore(Behaviour *b, const double *v, const double *from, size_t count,
@@ -51,9 +47,22 @@ int behaviour_restore(Behaviour *b, const double *v, const double *from, size_t 
     if (count != sampled_size(b) + FLAGS)
         return say(why, "the saved sampling clock does not fit this component");
     if (!sampled_restore(b, v, from, count - FLAGS, why)) return 0;
-    ClockState *clock = behaviour_clock(b);
-    const double *flags = from + count - FLAGS;
-    clock->event_mode = flags[0] != 0.0, clock->ticking = flags[1] != 0.0;
-    clock->due = flags[2] != 0.0;
+    clock_restore_flags(behaviour_clock(b), from + count - FLAGS);
     return 1;
 }
+
+void behaviour_tick(Behaviour *b, double *v, int clock) { (void)b, (void)v, (void)clock; }
+
+int behaviour_update(Behaviour *b, double *v, Message *why) {
+    (void)v, (void)why;
+    behaviour_clock(b)->due |= behaviour_clock(b)->ticking[0];
+    return 1;
+}
+
+int behaviour_interval(Behaviour *b, const double *v, int clock, int first, double *interval) {
+    (void)b, (void)clock;
+    *interval = v[MODEL_SAMPLE_TIME];
+    return first ? 2 : 1; /* changed, unchanged */
+}
+
+double behaviour_shift(const double *v, int clock) { return (void)v, (void)clock, 0.0; }
