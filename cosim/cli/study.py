@@ -286,7 +286,7 @@ def repeat(
     studies.check_unchanged(plan, loaded)
     trace = out or TRACES / f"{loaded.name}-run-{number}.mcap"
     scenario.check_writable(trace)
-    folder = results or STUDIES / loaded.name
+    folder = results or (STUDIES / loaded.name if loaded.digest is None else Path(name))
     with interruptions_reported():
         outcome = studies.repeat_run(
             plan,

@@ -123,7 +123,7 @@ def make_plan(study: Study, base: BaseScenario, place: Place = nowhere) -> Plan:
     if part is not None and part.file is not None:
         content["design"] = hashlib.sha256(design_content(part.file, base.folder)[1]).hexdigest()
     digest = part_hash(content)
-    digits = len(str(runner.points.count - 1))
+    digits = len(str(runner.points.most - 1))
     return Plan(Job(study, base, hashes, digest, digits), runner, content)
 
 

@@ -128,10 +128,10 @@ def test_options_that_do_not_belong_together_are_refused(tmp_path: Path) -> None
     study(tmp_path)
     cosim("study", "run", "follows.toml", cwd=tmp_path)
     for arguments, words in (
-        (("--metric", "x"), "need each other"),
+        (("--metric", "x"), "are of a picture"),
         (("--by", "v"), "there is no axis 'v'"),
         (("--by", "u,"), "not a list of names"),
-        (("--picture", "a.png"), "does not define a picture"),
+        (("--picture", "a.png", "--kind", "boundary"), "does not define a picture"),
         (("--picture", "a.png", "--metric", "y", "--over", "u"), "there is no metric 'y'"),
         (("--picture", "a.txt", "--metric", "x", "--over", "u"), "cannot be written"),
         (("--confidence", "95"), "not a confidence"),
