@@ -155,7 +155,7 @@ FMI2_DAMAGE: dict[str, tuple[Damage, str, str]] = {
             (
                 r"</ModelVariables>",
                 (
-                    '<ScalarVariable name="i" valueReference="0"><Integer/></ScalarVariable>'
+                    '<ScalarVariable name="i" valueReference="1"><Integer/></ScalarVariable>'
                     "</ModelVariables>"
                 ),
             )
@@ -169,7 +169,7 @@ FMI2_DAMAGE: dict[str, tuple[Damage, str, str]] = {
         "error",
     ),
     "alias-settable": (
-        described_as((r'(name="force\.y" valueReference=)"\d+"', r'\1"0"')),
+        described_as((r'(name="force\.y" valueReference=)"\d+"', r'\1"1"')),
         "alias-settable",
         "error",
     ),
