@@ -13,13 +13,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cosim.core.errors import InputError
 from cosim.fmu import describe_fmu
 from cosim.master import Component, Run, Session, System, make_schedule
 
 FOLDER = Path(os.environ.get("COSIM_REFERENCE_FMUS", "none"))
 EXPERIMENTS = {
     "BouncingBall": (0.01, 3.0),
+    "Clocks": (1.0, 10.0),
     "Dahlquist": (0.1, 10.0),
     "Feedthrough": (0.1, 2.0),
     "Resource": (0.1, 1.0),
@@ -30,7 +30,7 @@ EXPERIMENTS = {
 """Name -> communication step and end [s] of the reference results."""
 
 
-def flown(name: str, **options: Any) -> Run:
+def run_of(name: str, **options: Any) -> Run:
     """The default experiment."""
     if not (FOLDER / f"{name}.fmu").is_file():
         pytest.skip("needs the Reference FMUs: COSIM_REFERENCE_FMUS names their folder")
@@ -42,10 +42,10 @@ def flown(name: str, **options: Any) -> Run:
         return session.result(complete=True)
 
 
-@pytest.mark.parametrize("name", EXPERIMENTS)
+@pytest.mark.parametrize("name", [name for name in EXPERIMENTS if name != "Clocks"])
 def test_reference_fmu_gives_its_reference_result(name: str) -> None:
     """With event mode where it has one, to the last digit that the file has."""
-    run = flown(name)
+    run = run_of(name)
     assert run.status == ("stopped" if name == "Stair" else "finished"), run.reason
     with (FOLDER / f"{name}_out.csv").open(newline="") as file:
         header, *rows = list(csv.reader(file))
@@ -78,7 +78,7 @@ def test_reference_fmu_gives_its_reference_result(name: str) -> None:
 
 def test_bounces_come_when_the_equation_says() -> None:
     """h = 1 - g t^2 / 2, and e times the speed after each bounce; the FMU looks every 1 ms."""
-    run = flown("BouncingBall")
+    run = run_of("BouncingBall")
     g, e, speed = 9.81, 0.7, np.sqrt(2 * 9.81)
     bounces, t = [], speed / g
     while speed > 0.3:
@@ -91,9 +91,19 @@ def test_bounces_come_when_the_equation_says() -> None:
     assert jumps[0] == pytest.approx(bounces[0], abs=0.002)
 
 
-def test_clocks_for_scheduled_execution_alone_is_refused_by_name() -> None:
-    """The Reference FMU Clocks has no co-simulation."""
-    if not (FOLDER / "Clocks.fmu").is_file():
-        pytest.skip("needs the Reference FMUs: COSIM_REFERENCE_FMUS names their folder")
-    with pytest.raises(InputError, match="scheduled execution only"):
-        describe_fmu(FOLDER / "Clocks.fmu")
+def test_clocks_activate_their_model_partitions() -> None:
+    """The Reference FMU Clocks, for scheduled execution: as the table in its source says."""
+    run = run_of("Clocks", clocks={"inClock2": [0.0, 1.0, 8.0, 9.0]})
+    assert run.status == "finished", run.reason
+
+    def ticks(clock: str) -> list[float]:
+        return (run.points_ns[np.flatnonzero(run.signal("it", clock))] / 1e9).tolist()
+
+    assert ticks("inClock1") == [float(t) for t in range(11)]
+    assert ticks("inClock2") == [0.0, 1.0, 8.0, 9.0]
+    assert ticks("inClock3") == [4.0]
+    last = {name: run.signal("it", name)[-1] for name in ("inClock1Ticks", "inClock2Ticks")}
+    assert last == {"inClock1Ticks": 11.0, "inClock2Ticks": 4.0}
+    assert run.signal("it", "inClock3Ticks")[-1] == 1.0
+    assert run.signal("it", "totalInClockTicks")[-1] == 16.0
+    assert run.signal("it", "output3")[-1] == 1000.0
