@@ -216,20 +216,11 @@ def test_a_run_whose_trace_is_kept_is_executed_once(
 
     monkeypatch.setattr(StudyRunner, "record", counting)
     made = plan(values, metrics=metrics, traces="all")
-    monkeypatch.setattr("cosim.study.execution.trial_run", lambda *_: (None, 1.0))
     monkeypatch.setattr(batch, "run_and_measure", unrecorded)
+    monkeypatch.setattr("cosim.study.plan.run_and_measure", unrecorded)
     assert execute_study(made, tmp_path / "all").traces == dict.fromkeys(range(3))
     assert recorded == [0, 1, 2]
     assert read_table(tmp_path / "all")[0].equals(read_table(tmp_path / "none")[0])
-
-
-def test_a_run_that_hangs_is_waited_for_once(tmp_path: Path) -> None:
-    """Its limit is over when it is repeated to name the call; the reason gives the limit."""
-    done = execute_study(plan([0.0, DEADLY], "hang"), tmp_path, limits=["run=4"])
-    row = done.incomplete[0]
-    assert (row.run, row.status) == (1, "timed_out")
-    assert "limit of 4 s in fmi2DoStep" in str(row.reason)
-    assert row.seconds < 4.0
 
 
 def test_one_process_at_a_time(tmp_path: Path) -> None:
