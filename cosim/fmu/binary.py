@@ -197,6 +197,14 @@ class Fmi2Slave(CheckedCalls, FMU2Slave):  # type: ignore[misc]
 class ClockedCalls(CheckedCalls):
     """Calls of FMI 3.0 that FMPy leaves to its user, with plain results."""
 
+    getIntervalDecimal: Any
+    getIntervalFraction: Any
+    getShiftDecimal: Any
+    getShiftFraction: Any
+    setIntervalDecimal: Any
+    setIntervalFraction: Any
+    fmi3GetString: Any
+
     def intervals(self, clocks: Sequence[int], fractions: bool) -> list[ClockInterval]:  # noqa: FBT001
         """Return the exact interval of each Clock [s], and its qualifier (fmi3GetInterval...)."""
         count, references = len(clocks), (fmi3ValueReference * len(clocks))(*clocks)
