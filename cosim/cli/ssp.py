@@ -23,12 +23,12 @@ from cosim.cli.terminal import console, facts_table
 from cosim.core import CheckFailedError, InputError
 from cosim.fmu import DEFAULT_FLAVOUR
 from cosim.scenario import (
-    TOOLS,
+    SSP_TOOLS,
     SspCheck,
     SspExport,
     SspImport,
+    SspTool,
     SspVersion,
-    Tool,
     check_ssp,
     export_ssp,
     import_ssp,
@@ -147,7 +147,7 @@ def check(
     ],
     tools: Annotated[
         list[str] | None,
-        typer.Option("--for", metavar="TOOL", help=f"{', '.join(TOOLS)}; may be repeated."),
+        typer.Option("--for", metavar="TOOL", help=f"{', '.join(SSP_TOOLS)}; may be repeated."),
     ] = None,
     *,
     as_json: JsonOption = False,
@@ -163,17 +163,17 @@ def check(
     cosim ssp check auv.ssp
     cosim ssp check theirs.ssp --for omsimulator --for libcosim
     """
-    found = check_ssp(file, [_tool(name) for name in tools] if tools else TOOLS)
+    found = check_ssp(file, [_tool(name) for name in tools] if tools else SSP_TOOLS)
     answer(as_json, found.to_json, lambda: _check_view(found))
     if not all(found.takes(tool) for tool in found.tools):
         raise typer.Exit(CheckFailedError.exit_code)
 
 
-def _tool(name: str) -> Tool:
-    for tool in TOOLS:
+def _tool(name: str) -> SspTool:
+    for tool in SSP_TOOLS:
         if name == tool:
             return tool
-    raise InputError.unknown("tool", name, TOOLS, where="--for")
+    raise InputError.unknown("tool", name, SSP_TOOLS, where="--for")
 
 
 def _check_view(found: SspCheck) -> RenderableType:

@@ -63,7 +63,7 @@ VERBS = {
     "ssp": Verb(
         "ssp",
         "ssp_app",
-        "Export a scenario as an SSP archive for other tools, or import an archive.",
+        "Export a scenario as an SSP archive, import an archive, or check it for other tools.",
     ),
     "study": Verb(
         "study",

@@ -83,8 +83,8 @@ from .ssp.importing import (
 )
 from .ssp.names import SspVersion as SspVersion
 from .ssp.tool_rules import (
-    TOOLS as TOOLS,
-    Tool as Tool,
+    SSP_TOOLS as SSP_TOOLS,
+    SspTool as SspTool,
 )
 from .step_check import (
     StepCheck as StepCheck,

@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 from cosim.cli.application import app
 from cosim.core import InputError
 from cosim.scenario.ssp.check import check_ssp
-from cosim.scenario.ssp.tool_rules import RULES, TOOLS, Tool
+from cosim.scenario.ssp.tool_rules import RULES, SSP_TOOLS, SspTool
 
 SOURCE = "resources/p.fmu"
 OMS = (
@@ -177,7 +177,7 @@ def test_our_archives_are_taken_by_all(native_fmus: Path, tmp_path: Path, links:
     """A hyphen in the name of the scenario and of a link: identifiers in the archive."""
     done = export(LINKED.format(events="grid"), native_fmus, tmp_path, links, name="up-and-down")  # type: ignore[arg-type]
     found = check_ssp(done.path)
-    assert {tool: found.takes(tool) for tool in TOOLS} == dict.fromkeys(TOOLS, True)
+    assert {tool: found.takes(tool) for tool in SSP_TOOLS} == dict.fromkeys(SSP_TOOLS, True)
     assert {(f.tool, f.code) for f in found.findings} == {("fmpy", "parameters-as-argument")}
 
 
@@ -189,7 +189,7 @@ def test_verb_has_codes_of_exit_and_json(tmp_path: Path) -> None:
     assert refused.exit_code == 1
     (finding,) = json.loads(refused.stdout)["findings"]
     assert finding["code"] == "no-openmodelica-annotation"
-    tool: Tool = "fmpy"
+    tool: SspTool = "fmpy"
     assert run(app, ["ssp", "check", str(path), "--for", tool]).exit_code == 0
     shown = run(app, ["ssp", "check", str(path)])
     assert "ecos takes it" in shown.stdout

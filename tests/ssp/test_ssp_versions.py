@@ -34,6 +34,11 @@ from cosim.scenario.ssp.parameters import BoundValue, values_for
 from cosim.scenario.ssp.units import UnitBase
 
 END = '<ssd:DefaultExperiment stopTime="1.5"/>'
+ASSERTION = """
+[[assertions]]
+name = "a"
+always = "plant.x[1] < 99"
+"""
 ARRAYS = """
 title = "arrays"
 [run]
@@ -83,7 +88,7 @@ def test_archive_of_2_0_comes_back(native_fmus: Path, tmp_path: Path) -> None:
 
 def test_archive_of_before_comes_back(native_fmus: Path, tmp_path: Path) -> None:
     """Annotations of the components and of the whole description, names with hyphens."""
-    text = LINKED.format(events="grid") + '\n[[assertions]]\nname = "a"\nthat = "plant.x[1] < 99"\n'
+    text = LINKED.format(events="grid") + ASSERTION
     done = export(text, native_fmus, tmp_path, "fmu")
     with zipfile.ZipFile(done.path) as packed:
         entries = {name: packed.read(name) for name in packed.namelist()}

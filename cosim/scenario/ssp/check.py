@@ -8,7 +8,7 @@ from pathlib import Path
 
 from cosim.scenario.ssp.archive import Archive
 from cosim.scenario.ssp.tool_facts import ArchiveFacts
-from cosim.scenario.ssp.tool_rules import RULES, TOOLS, Effect, Tool
+from cosim.scenario.ssp.tool_rules import RULES, SSP_TOOLS, Effect, SspTool
 
 
 @dataclass(frozen=True)
@@ -24,7 +24,7 @@ class ToolFinding:
     reason, cure : why, and what to do.
     """
 
-    tool: Tool
+    tool: SspTool
     code: str
     effect: Effect
     where: str
@@ -45,11 +45,11 @@ class SspCheck:
     """
 
     path: Path
-    tools: tuple[Tool, ...]
+    tools: tuple[SspTool, ...]
     findings: tuple[ToolFinding, ...]
     notes: tuple[str, ...]
 
-    def takes(self, tool: Tool) -> bool:
+    def takes(self, tool: SspTool) -> bool:
         """Whether no rule says that the tool refuses the archive."""
         return not any(f.tool == tool and f.effect == "refused" for f in self.findings)
 
@@ -63,7 +63,7 @@ class SspCheck:
         }
 
 
-def check_ssp(ssp: Path, tools: Sequence[Tool] = TOOLS) -> SspCheck:
+def check_ssp(ssp: Path, tools: Sequence[SspTool] = SSP_TOOLS) -> SspCheck:
     """Say what tools would refuse in an archive, or run differently.
 
     Raises

@@ -13,6 +13,7 @@ from types import MappingProxyType
 from typing import Literal
 
 SspVersion = Literal["1.0", "2.0"]
+"""Versions of the standard that archives are written by."""
 
 SSD = "SystemStructure.ssd"
 """The file of an archive that describes the system."""

@@ -24,8 +24,12 @@ from cosim.scenario.ssp.names import (
 )
 from cosim.scenario.ssp.tool_facts import ArchiveFacts
 
-Tool = Literal["omsimulator", "libcosim", "ecos", "fmpy"]
-TOOLS: tuple[Tool, ...] = ("omsimulator", "libcosim", "ecos", "fmpy")
+SspTool = Literal["omsimulator", "libcosim", "ecos", "fmpy"]
+"""A tool that loads archives and whose rules are known."""
+
+SSP_TOOLS: tuple[SspTool, ...] = ("omsimulator", "libcosim", "ecos", "fmpy")
+"""All of them."""
+
 Effect = Literal["refused", "different"]
 """The tool does not load the archive, or another system runs than the archive describes."""
 
@@ -46,7 +50,7 @@ class ToolRule:
     """
 
     code: str
-    effects: dict[Tool, Effect]
+    effects: dict[SspTool, Effect]
     reason: str
     cure: str
     find: Callable[[ArchiveFacts], Found]
@@ -302,11 +306,11 @@ def _no_stop(facts: ArchiveFacts) -> Found:
         yield facts.root, "no stopTime"
 
 
-def _refused(*tools: Tool) -> dict[Tool, Effect]:
+def _refused(*tools: SspTool) -> dict[SspTool, Effect]:
     return dict.fromkeys(tools, "refused")
 
 
-def _different(*tools: Tool) -> dict[Tool, Effect]:
+def _different(*tools: SspTool) -> dict[SspTool, Effect]:
     return dict.fromkeys(tools, "different")
 
 
@@ -374,14 +378,14 @@ RULES: tuple[ToolRule, ...] = (
     ),
     ToolRule(
         "no-fmu",
-        _refused(*TOOLS),
+        _refused(*SSP_TOOLS),
         "the component is not an FMU",
         "an FMU in its place",
         _no_fmu,
     ),
     ToolRule(
         "no-co-simulation",
-        _refused(*TOOLS),
+        _refused(*SSP_TOOLS),
         "the tool steps FMUs for co-simulation",
         "an FMU for co-simulation",
         _no_co_simulation,
@@ -423,14 +427,14 @@ RULES: tuple[ToolRule, ...] = (
     ),
     ToolRule(
         "array",
-        _refused(*TOOLS),
+        _refused(*SSP_TOOLS),
         "it has no arrays",
         "an FMU with scalar variables",
         _arrays,
     ),
     ToolRule(
         "loose-connection",
-        _refused(*TOOLS),
+        _refused(*SSP_TOOLS),
         "an end of the connection is no connector of a component or system",
         "list the connector, with its type",
         _loose_ends,
