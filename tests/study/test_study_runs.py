@@ -164,6 +164,20 @@ def test_the_run_of_an_incomplete_line_is_repeated(
     assert (tmp_path / RESULTS).read_bytes() == before
 
 
+def test_a_damaged_line_is_as_if_it_were_not_there(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also one with the number of a run that no study has, for which there is no memory."""
+    values = [0.0, 1.0]
+    execute_study(plan(values), tmp_path)
+    lines = (tmp_path / RUN_LOG).read_bytes().splitlines(keepends=True)
+    damaged = b'[1000000000000, "finished", null, 0.1, 1.0]\n[1, "fin\n'
+    (tmp_path / RUN_LOG).write_bytes(lines[0] + damaged)
+    executed = counted(monkeypatch)
+    execute_study(plan(values), tmp_path)
+    assert executed == [1]
+
+
 def test_another_study_in_the_folder_is_not_mixed_with(tmp_path: Path) -> None:
     """Refused, with what differs; --fresh takes the folder."""
     execute_study(plan([0.0, 1.0]), tmp_path)
