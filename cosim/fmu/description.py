@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import io
 import re
+import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -13,6 +14,7 @@ from typing import Any
 
 from fmpy import read_model_description
 from fmpy.model_description import ValidationError
+from lxml import etree
 
 from cosim.core import InputError, similar_files
 from cosim.fmu.export.catalogue import CATALOGUE
@@ -216,7 +218,7 @@ def _describe(path: Path, content: bytes, digest: str) -> FmuDescription:
         archive = CheckedArchive(path, content)
         archive.require_sound()
         xml, root = _description_in(archive)
-        model, departures = _read_model(content)
+        model, departures = _read_model(content, xml)
         version = _version(model, path)
         ports = declared_ports(read_declared_model(root), version)
     except InputError:
@@ -242,8 +244,10 @@ def _description_in(archive: CheckedArchive) -> tuple[bytes, Any]:
     return xml or b"", root
 
 
-def _read_model(content: bytes) -> tuple[Any, tuple[str, ...]]:
+def _read_model(content: bytes, xml: bytes) -> tuple[Any, tuple[str, ...]]:
     """Return fmpy's model description and its harmless breaks of the standard."""
+    if b"<ClockType" in xml:
+        content = _without_clock_types(xml)
     try:
         return read_model_description(io.BytesIO(content)), ()
     except ValidationError as error:
@@ -251,6 +255,21 @@ def _read_model(content: bytes) -> tuple[Any, tuple[str, ...]]:
         if not all(_HARMLESS.search(problem) for problem in problems):
             raise
     return read_model_description(io.BytesIO(content), validate=False), problems
+
+
+def _without_clock_types(xml: bytes) -> bytes:
+    """Return an archive whose description names no type of a Clock, which fmpy does not know.
+
+    What a type says of its Clocks is read from the XML itself (`declared_ports`).
+    """
+    parser = etree.XMLParser(resolve_entities=False, no_network=True, load_dtd=False)
+    root = etree.fromstring(xml, parser)
+    for clock in root.iter("Clock"):
+        clock.attrib.pop("declaredType", None)
+    stream = io.BytesIO()
+    with zipfile.ZipFile(stream, "w") as archive:
+        archive.writestr(XML, etree.tostring(root, xml_declaration=True, encoding="UTF-8"))
+    return stream.getvalue()
 
 
 def _version(model: Any, path: Path) -> FmiVersion:

@@ -73,10 +73,12 @@ def event_fmu(
     *,
     state: bool = True,
     scheduled: bool = False,
+    types: str = "",
 ) -> Path:
     """Make an FMU with these variables; `tick` : attributes of the Clock of that name.
 
-    `state` : it can save its state; `scheduled` : it is for scheduled execution.
+    `state` : it can save its state; `scheduled` : it is for scheduled execution; `types` : the
+    types that it defines.
     """
     chosen = {name: _VARIABLES[name] for name in names}
     if tick:
@@ -98,7 +100,7 @@ def event_fmu(
     description = (
         '<?xml version="1.0" encoding="UTF-8"?>\n'
         '<fmiModelDescription fmiVersion="3.0" modelName="events" instantiationToken="{e}">'
-        f"{interface}"
+        f"{interface}{f'<TypeDefinitions>{types}</TypeDefinitions>' if types else ''}"
         '<ModelVariables><Float64 name="time" valueReference="0" causality="independent" '
         f'variability="continuous"/>{"".join(chosen.values())}</ModelVariables>'
         f"<ModelStructure>{outputs}</ModelStructure></fmiModelDescription>\n"

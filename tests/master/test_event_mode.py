@@ -130,6 +130,15 @@ def test_clocks_activate_the_partitions_of_scheduled_execution(tmp_path: Path) -
         Component(fmu, event_mode=False)
 
 
+def test_clock_has_the_interval_of_its_type(tmp_path: Path) -> None:
+    """Where it has none of its own."""
+    types = '<ClockType name="Slow" intervalVariability="constant" intervalDecimal="0.4"/>'
+    tick = 'declaredType="Slow" intervalVariability="constant"'
+    fmu = describe_fmu(event_fmu(tmp_path, ["ticks"], tick, types=types))
+    run = run_of(system_of({"c": Component(fmu)}))
+    assert instants(run, "c", "tick") == [0, 400_000_000, 800_000_000]
+
+
 def test_interval_that_the_scenario_gives(tmp_path: Path) -> None:
     """A fixed Clock gets it in the initialisation and ticks by it."""
     tick = 'intervalVariability="fixed" intervalDecimal="0.1"'
