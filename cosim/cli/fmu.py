@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -192,6 +193,14 @@ def controller(
         float | None,
         typer.Option(help="Sampling period in seconds; 0: sample at every communication point."),
     ] = None,
+    clocked: Annotated[
+        bool,
+        typer.Option(
+            "--clocked",
+            help="With --flavour native-fmi3: a Clock that ticks with the sample time, for masters "
+            "with event mode.",
+        ),
+    ] = False,
     limits: Annotated[
         str | None,
         typer.Option(
@@ -213,7 +222,7 @@ def controller(
     cosim fmu controller gain.json -o my-controller.fmu
     cosim fmu controller gain.json -o sampled.fmu --sample-time 0.05 --limits 2
     """
-    kind = fmus.target_named(flavour, platforms)
+    kind = replace(fmus.target_named(flavour, platforms), clocked=clocked)
     found = replay.certificate_in(file)
     if found.mismatch is not None:
         raise InputError(

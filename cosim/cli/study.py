@@ -184,7 +184,7 @@ def run(
     cosim study run delay-margin
     cosim study run delay-margin --workers all
     cosim study run delay-margin --runs 0:20 --out part-1
-    cosim study run sea-states --scheduler tcp://10.0.0.5:8786 --out /shared/sea --fmus /shared/fmus
+    cosim study run sea-states --scheduler tcp://10.0.0.5:8786
     """
     loaded = studies.load_study(name)
     if traces is not None:
@@ -286,7 +286,7 @@ def repeat(
     studies.check_unchanged(plan, loaded)
     trace = out or TRACES / f"{loaded.name}-run-{number}.mcap"
     scenario.check_writable(trace)
-    folder = results or STUDIES / loaded.name
+    folder = results or (STUDIES / loaded.name if loaded.digest is None else Path(name))
     with interruptions_reported():
         outcome = studies.repeat_run(
             plan,

@@ -63,44 +63,58 @@ class FmuDescription:
     departures: tuple[str, ...] = ()
 
     @property
+    def scheduled(self) -> bool:
+        """Whether it is for scheduled execution alone: its Clocks activate all it does (FMI 3)."""
+        return self.model.coSimulation is None
+
+    @property
+    def interface(self) -> Any:
+        """FMPy's description of the interface that is used: co-simulation where there is one."""
+        return self.model.scheduledExecution if self.scheduled else self.model.coSimulation
+
+    @property
     def variable_step(self) -> bool:
         """Whether the FMU takes communication steps of changing size."""
-        return bool(self.model.coSimulation.canHandleVariableCommunicationStepSize)
+        return self.scheduled or bool(self.interface.canHandleVariableCommunicationStepSize)
 
     @property
     def can_get_and_set_state(self) -> bool:
         """Whether its state can be saved and restored."""
-        return bool(self.model.coSimulation.canGetAndSetFMUstate)
+        return bool(self.interface.canGetAndSetFMUstate)
 
     @property
     def can_serialize_state(self) -> bool:
         """Whether a saved state can be turned into bytes."""
-        return bool(self.model.coSimulation.canSerializeFMUstate)
+        return bool(self.interface.canSerializeFMUstate)
 
     @property
     def has_event_mode(self) -> bool:
         """Whether its events can be handled in event mode (FMI 3)."""
-        return self.version == "3.0" and bool(self.model.coSimulation.hasEventMode)
+        if self.version != "3.0":
+            return False
+        return self.scheduled or bool(self.interface.hasEventMode)
 
     @property
     def provides_intermediate_update(self) -> bool:
         """Whether its outputs can be read within a step (FMI 3)."""
-        return self.version == "3.0" and bool(self.model.coSimulation.providesIntermediateUpdate)
+        if self.version != "3.0" or self.scheduled:
+            return False
+        return bool(self.interface.providesIntermediateUpdate)
 
     @property
     def can_interpolate_inputs(self) -> bool:
         """Whether it takes derivatives of its inputs (FMI 2)."""
-        return bool(self.model.coSimulation.canInterpolateInputs)
+        return not self.scheduled and bool(self.interface.canInterpolateInputs)
 
     @property
     def can_be_instantiated_only_once(self) -> bool:
         """Whether there may be only one instance of it in a process at a time."""
-        return bool(self.model.coSimulation.canBeInstantiatedOnlyOncePerProcess)
+        return bool(self.interface.canBeInstantiatedOnlyOncePerProcess)
 
     @property
     def needs_execution_tool(self) -> bool:
         """Whether it only runs with another program, which must be installed."""
-        return bool(self.model.coSimulation.needsExecutionTool)
+        return bool(self.interface.needsExecutionTool)
 
     def port(self, name: str, *, where: str) -> Port:
         """Return the variable `name`; an `InputError` lists the nearest names if there is none."""
@@ -211,7 +225,10 @@ def _describe(path: Path, content: bytes, digest: str) -> FmuDescription:
         raise InputError(
             "not a valid FMU", where=str(path), expected="an FMU 2.0 or 3.0", got=str(error)
         ) from error
-    for wrong in identifier_findings(model.coSimulation.modelIdentifier, "co-simulation"):
+    if model.coSimulation is None:  # in scheduled execution variables can be read at any time
+        ports = {name: replace(port, clocks=()) for name, port in ports.items()}
+    interface = model.coSimulation or model.scheduledExecution
+    for wrong in identifier_findings(interface.modelIdentifier, "co-simulation"):
         raise refusal("its library is not loaded", path, wrong, "a C identifier")
     return FmuDescription(path, digest, model, MappingProxyType(ports), xml, version, departures)
 
@@ -246,7 +263,7 @@ def _version(model: Any, path: Path) -> FmiVersion:
             got="FMI 1.0",
             hint="export it again: FMI 2.0 replaced FMI 1.0 in 2014",
         )
-    if model.coSimulation is None:
+    if model.coSimulation is None and getattr(model, "scheduledExecution", None) is None:
         offered = [words for key, words in _INTERFACES.items() if getattr(model, key, None)]
         raise InputError(
             "this FMU cannot be run",

@@ -67,6 +67,10 @@ class EventAccess(StateAccess):
         need, terminate, _, _, defined, time = found
         return DiscreteStates(bool(need), bool(terminate), time if defined else None)
 
+    def advance(self, time: float) -> None:
+        """Let time go on to `time` [s], of an FMU for scheduled execution."""
+        self._do("letting time go on", "advance", time)
+
     def tick(self, clocks: Sequence[Port]) -> None:
         """Let input Clocks tick, in event mode; a ComponentError if the slave refuses."""
         references = [clock.reference for clock in clocks]

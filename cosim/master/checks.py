@@ -14,7 +14,7 @@ from cosim.fmu import Port, SignalKind
 from cosim.master.communication_points import blocks
 from cosim.master.communication_schedule import Link
 from cosim.master.component_points import own_instants
-from cosim.master.event_checks import check_events
+from cosim.master.event_systems import check_events
 from cosim.master.parts import Connection, Endpoint, Parts, Policy, UnknownFeedthrough
 from cosim.network import PacketLink, TransportLink
 

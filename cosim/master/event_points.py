@@ -43,15 +43,15 @@ class EventPoints:
         wiring: Wiring,
         table: Table,
         events: Mapping[int, EventInstance],
-        execute: Callable[[int, int, int, int], EarlyStop | None],
+        run: Callable[[int, int, int, int], EarlyStop | None],
     ) -> None:
-        self._wiring, self._table, self._events, self._execute = wiring, table, events, execute
+        self._wiring, self._table, self._events, self._run = wiring, table, events, run
         self._points = wiring.comm_points
         self._end_ns = system.comm_schedule.end_ns
         self._instances = list(events.values())
         self._now = Fraction(0)
         self._iterations = 0
-        self._ending: EventInstance | None = None
+        self._asked_to_end: EventInstance | None = None
         self._steps = [
             (number, operation.instance)
             for number, operation in enumerate(table.operations)
@@ -64,7 +64,7 @@ class EventPoints:
         if len(self._first) > 1:
             table.no_way_back[0] = 0  # a step may be taken back for an event of another component
 
-    def carry_out(self, k: int) -> EarlyStop | None:
+    def execute(self, k: int) -> EarlyStop | None:
         """Carry out point k and add the next one, if the run goes on.
 
         Raises
@@ -82,12 +82,12 @@ class EventPoints:
             one.tick(clocks)
             for clock in clocks:
                 self._table.rows[k, one.column_of(clock.name)] = 1.0
-        early_stop = self._execute(0, self._table.complete + 1, k, k + 1)
+        early_stop = self._run(0, self._table.complete + 1, k, k + 1)
         if early_stop is not None:
             return early_stop
-        if self._ending is not None:  # what its last event left is in the row
-            self._note(self._ending.number, k)
-            return EarlyStop(k, k + 1, "end", self._ending.number, 0)
+        if self._asked_to_end is not None:  # what its last event left is in the row
+            self._note(self._asked_to_end.number, k)
+            return EarlyStop(k, k + 1, "end", self._asked_to_end.number, 0)
         handling = [one for one in self._instances if one.slave.in_event_mode]
         if handling:
             return self._update(k, now_ns, handling)
@@ -117,7 +117,7 @@ class EventPoints:
             need |= need_update
             if terminate:
                 one.slave.note_wish_to_end(now_ns / 1e9)
-                self._ending = one
+                self._asked_to_end = one
         if not need:
             for one in handling:
                 one.slave.enter_step_mode()
@@ -176,7 +176,7 @@ class EventPoints:
                 continue
             one = self._events.get(instance)
             if one is None:
-                early_stop = self._execute(number, number + 1, k, k + 1)
+                early_stop = self._run(number, number + 1, k, k + 1)
             else:
                 early_stop = self._step_one(one, k, target)
             if early_stop is not None:
@@ -192,8 +192,8 @@ class EventPoints:
         if here and self._is_whole(k) and target == round(target * 1e9) / 1e9:
             size = (round(target * 1e9) - int(self._points.points_ns[k])) / 1e9
         if one.next_event is not None and nanosecond_of(one.next_event) == round(target * 1e9):
-            reach = max(target, float(one.next_event))
-            while one.time + size < reach:  # rounded down, it would not come to its event
+            until = max(target, float(one.next_event))
+            while one.time + size < until:  # rounded down, it would not come to its event
                 size = math.nextafter(size, math.inf)
         self._note(one.number, k)
         status = self._calls[one.number](one.time, size)

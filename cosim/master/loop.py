@@ -295,7 +295,7 @@ class Loop:
 
     def _cross_with_events(self, events: EventPoints, k: int) -> EarlyStop | None:
         try:
-            return events.carry_out(k)
+            return events.execute(k)
         except (ComponentError, InputError) as error:
             time_s = self._comm_points.points_ns[k] / 1e9
             self.status, self.reason = "failed", error.text()

@@ -35,6 +35,7 @@ class Observer(Protocol):
         self, component: str, times_ns: NDArray[np.int64], values: NDArray[np.float64]
     ) -> None:
         """A component's `intermediate` outputs within steps, (m, outputs); before the next rows."""
+        del component, times_ns, values
 
     def rewind(self, complete: int) -> None:
         """Rows from `complete` on will be computed anew; an `InputError` if that is impossible."""

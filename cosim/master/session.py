@@ -28,8 +28,8 @@ from cosim.fmu import FmuSlave
 from cosim.master.adjustments import Adjustment
 from cosim.master.component_instance import ComponentInstance
 from cosim.master.engine import EngineChoice, EngineName, choose_engine
-from cosim.master.event_checks import slave_options
 from cosim.master.event_instance import EventInstance
+from cosim.master.event_systems import slave_options
 from cosim.master.initialisation import Initialisation
 from cosim.master.loop import Loop
 from cosim.master.observers import Observer, ObserverDispatch

@@ -40,7 +40,7 @@ class Groups:
 
 def groups_of(metric: Column, axis: Column, confidence: float = 0.95) -> Groups:
     """Return the means of a metric per group of an axis."""
-    group, names, centres = axis.groups()
+    group, names, centres = axis.groups
     kept = metric.known & (group >= 0)
     group, values = group[kept], metric.values[kept]
     n = np.bincount(group, minlength=len(names)).astype(np.float64)
@@ -51,22 +51,19 @@ def groups_of(metric: Column, axis: Column, confidence: float = 0.95) -> Groups:
         else:
             squares = np.bincount(group, (values - mean[group]) ** 2, len(names))
             low, high = student(mean, squares / np.maximum(n - 1.0, 1.0), n, confidence)
-    return Groups(names, centres, mean, low, high, n, _explained(values, group, n))
+    ranks = metric.ranks if values.size == metric.ranks.size else rankdata(values)
+    return Groups(names, centres, mean, low, high, n, _explained(ranks, group, n))
 
 
-def _explained(values: Reals, group: NDArray[np.int64], n: Reals) -> float | None:
-    """Return the adjusted correlation ratio of the ranks of values."""
-    used = n > 0
-    if values.size <= used.sum() or np.ptp(values) == 0.0:
+def _explained(ranks: Reals, group: NDArray[np.int64], n: Reals) -> float | None:
+    """Return the adjusted correlation ratio of ranks."""
+    number = int((n > 0).sum())
+    if ranks.size <= number or np.ptp(ranks) == 0.0:
         return None
-    ranks = rankdata(values)
-    means = np.bincount(group, ranks, n.size)[used] / n[used]
-    within = float(
-        ((ranks - (np.bincount(group, ranks, n.size) / np.maximum(n, 1))[group]) ** 2).sum()
-    )
+    means = np.bincount(group, ranks, n.size) / np.maximum(n, 1.0)
+    within = float(((ranks - means[group]) ** 2).sum())
     total = float(((ranks - ranks.mean()) ** 2).sum())
-    degrees = (values.size - 1) / (values.size - means.size)
-    return max(0.0, 1.0 - within / total * degrees)
+    return max(0.0, 1.0 - within / total * (ranks.size - 1) / (ranks.size - number))
 
 
 @dataclass(frozen=True)

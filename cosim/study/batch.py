@@ -173,6 +173,19 @@ def run_and_measure(runner: StudyRunner, run: int) -> tuple[Outcome, tuple[Value
         return outcome, _measured(runner.study, outcome, completed)
 
 
+def record_and_measure(
+    runner: StudyRunner, run: int, trace: Path
+) -> tuple[Outcome, tuple[Value, ...]]:
+    """Execute a run that writes its trace; return what `run_and_measure` does.
+
+    Raises
+    ------
+    CosimError : as there; or the trace cannot be written.
+    """
+    _, outcome, completed = runner.record(run, trace, keep=True)
+    return outcome, _measured(runner.study, outcome, completed)
+
+
 def _measured(study: Study, outcome: Outcome, completed: Run) -> tuple[Value, ...]:
     figures = outcome.to_json()
     values = []
@@ -210,8 +223,7 @@ def _row_here(runner: StudyRunner, run: int, trace: Path | None = None) -> Row:
         if trace is None:
             outcome, values = run_and_measure(runner, run)
         else:
-            _, outcome, completed = runner.record(run, trace, keep=True)
-            values = _measured(runner.study, outcome, completed)
+            outcome, values = record_and_measure(runner, run, trace)
         status, reason = status_of(outcome)
     except ComponentError as error:
         status, reason = _BY_CAUSE.get(error.kind or "", FAILED), error.text()

@@ -8,10 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import rankdata
 
 from cosim.study.points import Points
 from cosim.study.schema import Axis, GridAxis, Study
@@ -38,7 +40,7 @@ class Column:
     values: Reals
     words: tuple[str, ...] = ()
 
-    @property
+    @cached_property
     def known(self) -> NDArray[np.bool_]:
         """Which runs have a value, (n,)."""
         return np.isfinite(self.values)
@@ -51,8 +53,15 @@ class Column:
             return self.words[int(value)]
         return ("no", "yes")[int(value)] if self.kind == "truth" else f"{value:.5g}"
 
+    @cached_property
+    def ranks(self) -> Reals:
+        """Ranks of the known values, equal ones with their mean rank."""
+        found: Reals = rankdata(self.values[self.known])
+        return found
+
+    @cached_property
     def groups(self) -> tuple[Integers, tuple[str, ...], Reals]:
-        """Return the group of each run, -1 without, (n,), and names and centres of the groups.
+        """The group of each run, -1 without, (n,), and names and centres of the groups.
 
         Each value is a group; of an axis with many values, each of some parts with equally many.
         """
@@ -120,11 +129,10 @@ def columns_of(table: Any, manifest: dict[str, Any]) -> StudyColumns:
         statuses=tuple(table.column("status").to_pylist()),
         reasons=tuple(table.column("reason").to_pylist()),
         axes={
-            axis.column: column_of(axis.column, table.column(axis.column).to_pylist())
-            for axis in study.vary
+            axis.column: column_of(axis.column, _cells(table, axis.column)) for axis in study.vary
         },
         metrics={
-            name: column_of(name, table.column(name).to_pylist(), truths=study.metrics[name].asks)
+            name: column_of(name, _cells(table, name), truths=study.metrics[name].asks)
             for name in table.column_names  # in the order of the file; that of the manifest is lost
             if name in study.metrics
         },
@@ -132,11 +140,22 @@ def columns_of(table: Any, manifest: dict[str, Any]) -> StudyColumns:
     )
 
 
-def column_of(name: str, cells: Sequence[Any], *, truths: bool = False) -> Column:
+def _cells(table: Any, name: str) -> Any:
+    """Return the cells of a column of the table: numbers as an array, others as a list."""
+    column = table.column(name)
+    numbers = str(column.type) in ("double", "int64")
+    return column.to_numpy().astype(np.float64) if numbers else column.to_pylist()
+
+
+def column_of(name: str, cells: Sequence[Any] | Reals, *, truths: bool = False) -> Column:
     """Return a column of cells: numbers, truths or texts; None is missing.
 
     truths : whether a column without any value is one of truths.
     """
+    if isinstance(cells, np.ndarray):
+        unknown = truths and not np.isfinite(cells).any()
+        values = np.where(np.isfinite(cells), cells, np.nan)
+        return Column(name, "truth" if unknown else "number", values)
     kinds = {type(cell) for cell in cells if cell is not None}
     if str in kinds:
         words = tuple(sorted({str(cell) for cell in cells if cell is not None}))

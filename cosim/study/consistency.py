@@ -48,10 +48,7 @@ def check_consistent(study: Study, place: Place = nowhere) -> None:
         )
     _check_stop(study, place)
     _check_rare(study, place)
-    sampled = [axis.column for axis in study.vary if isinstance(axis, SampledAxis)]
-    for i, correlation in enumerate(study.correlations):
-        for name in correlation.axes:
-            _one_of("sampled axis", name, sampled, place("correlations", i))
+    _check_sampled(study, place)
     if study.worst is not None:
         _one_of("metric", study.worst[1].removeprefix("-"), study.metrics, place("traces"))
     part = study.stability
@@ -64,6 +61,25 @@ def check_consistent(study: Study, place: Place = nowhere) -> None:
         for key in keys:
             if getattr(part, key) is not None:
                 _one_of(kind, getattr(part, key), known, place("stability", key))
+
+
+def _check_sampled(study: Study, place: Place) -> None:
+    """Check the sampled axes that depend on each other."""
+    sampled = [axis.column for axis in study.vary if isinstance(axis, SampledAxis)]
+    for i, axis in enumerate(study.vary):
+        if isinstance(axis, SampledAxis) and axis.given is not None:
+            earlier = sampled[: sampled.index(axis.column)]
+            _one_of("earlier sampled axis", axis.given, earlier, place("vary", i))
+            if axis.kind == "saltelli":
+                raise InputError(
+                    "sensitivity indices need independent axes",
+                    where=place("vary", i),
+                    expected="no given",
+                    got=axis.given,
+                )
+    for i, correlation in enumerate(study.correlations):
+        for name in correlation.axes:
+            _one_of("sampled axis", name, sampled, place("correlations", i))
 
 
 def _check_stop(study: Study, place: Place) -> None:

@@ -7,12 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from cosim.page import LARGEST
 from cosim.study.columns import Column
 
 Reals = NDArray[np.float64]
 _MOST_BINS = 60
 _FAR = 5.0
 _MOST_WORDS = 30
+_FINEST = 1e-12
 
 
 @dataclass(frozen=True)
@@ -67,6 +69,7 @@ def _histogram(values: Reals) -> Distribution:
     """Count numbers in bins by Freedman and Diaconis' rule, without what lies far outside."""
     if values.size == 0:
         return Distribution(np.zeros(0), (), np.zeros(0, np.int64))
+    values = np.clip(values, -LARGEST, LARGEST)
     low, high = float(values.min()), float(values.max())
     first, quarter, three, last = np.quantile(values, [0.01, 0.25, 0.75, 0.99])
     margin = _FAR * max(last - first, 0.0)
@@ -75,11 +78,9 @@ def _histogram(values: Reals) -> Distribution:
         low, high = float(near.min()), float(near.max())
     width = 2.0 * (three - quarter) / np.cbrt(values.size)
     bins = int(np.clip((high - low) / width, 5, _MOST_BINS)) if width > 0.0 else 20
-    if not high > low or not np.isfinite(high - low):  # one value, or beyond all arithmetic
+    if high - low <= _FINEST * max(abs(low), abs(high)):  # one value, or no room for bins
         half = 0.05 * max(abs(low), 1.0)
-        low, high, bins = low - half, high + half if high == low else high, 1 if high == low else 20
-    if not np.isfinite(high - low):
-        low, high = 0.5 * low, 0.5 * high
+        low, high, bins = low - half, high + half, 1
     counts, edges = np.histogram(values, bins=bins, range=(low, high))
     return Distribution(
         edges, (), counts.astype(np.int64), int((values < low).sum()), int((values > high).sum())

@@ -155,7 +155,7 @@ def execute_study(
                     if opened is None:
                         if not done:
                             report_progress("trial run", 0.0)
-                            first, seconds = trial_run(plan, stage)
+                            first, seconds = trial_run(plan, stage, _ready(plan, folder).traces)
                             if first is not None:
                                 folder.append([first])
                         else:

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import math
 import shutil
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
@@ -243,7 +244,9 @@ def _fits(manifest: dict[str, Any]) -> Callable[[Row], bool] | None:
     """Return whether a row may be one of the study with this manifest; None without one."""
     if not manifest:
         return None
-    count, metrics = manifest["count"], len(manifest["study"]["metrics"])
+    study, metrics = manifest["study"], len(manifest["study"]["metrics"])
+    # the number of runs of a rare event is known at its end alone
+    count = math.inf if study.get("rare") is not None else manifest["count"]
     return lambda row: row.run < count and len(row.values) == metrics
 
 

@@ -15,7 +15,7 @@ def manifest_of(plan: Plan) -> dict[str, Any]:
     return {
         "digest": job.digest,
         "parts": plan.hashes,
-        "count": plan.count,
+        "count": plan.runner.points.most,
         "study": study,
         "scenario": {"name": job.base.name, "text": job.base.text},
         "fmus": job.hashes,

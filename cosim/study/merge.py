@@ -154,8 +154,11 @@ def _check_agreement(logs: Mapping[Path, RunLog], count: int) -> int:
     """Check that a run has the same results wherever it is; return how many are there twice."""
     twice = 0
     for run in range(count):
-        found = [(path, log[run]) for path, log in logs.items() if run in log]
-        twice += len(found) > 1
+        there = [path for path, log in logs.items() if run in log]
+        if len(there) < 2:
+            continue
+        twice += 1
+        found = [(path, logs[path][run]) for path in there]
         for path, row in found[1:]:
             if _content(row) != _content(found[0][1]):
                 raise InputError(

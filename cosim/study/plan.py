@@ -13,7 +13,14 @@ from typing import Any
 
 from cosim.core import ComponentError, CosimError, InputError
 from cosim.scenario import design_content, is_file, split
-from cosim.study.batch import TIMED_OUT, Job, Row, run_and_measure, status_of
+from cosim.study.batch import (
+    TIMED_OUT,
+    Job,
+    Row,
+    record_and_measure,
+    run_and_measure,
+    status_of,
+)
 from cosim.study.consistency import Place, changed_error, check_consistent, nowhere
 from cosim.study.points import Points
 from cosim.study.schema import Axis, GridAxis, SampledAxis, Study
@@ -116,14 +123,14 @@ def make_plan(study: Study, base: BaseScenario, place: Place = nowhere) -> Plan:
     if part is not None and part.file is not None:
         content["design"] = hashlib.sha256(design_content(part.file, base.folder)[1]).hexdigest()
     digest = part_hash(content)
-    digits = len(str(runner.points.count - 1))
+    digits = len(str(runner.points.most - 1))
     return Plan(Job(study, base, hashes, digest, digits), runner, content)
 
 
-def trial_run(plan: Plan, runs: range) -> tuple[Row | None, float]:
+def trial_run(plan: Plan, runs: range, traces: Path | None = None) -> tuple[Row | None, float]:
     """Execute the first of the runs with all metrics, before any worker starts.
 
-    Return its row, and the seconds that it took.
+    Return its row, and the seconds that it took. `traces` : folder for its trace; None for none.
     If the first run fails, or takes longer than `TRIAL_S`, the last and a middle one are tried; the
     row is None if one of these succeeds.
 
@@ -136,7 +143,11 @@ def trial_run(plan: Plan, runs: range) -> tuple[Row | None, float]:
     for run in dict.fromkeys((runs[0], runs[-1], runs[len(runs) // 2])):
         began = time.perf_counter()
         try:
-            outcome, values = run_and_measure(plan.runner, run)
+            if traces is None:
+                outcome, values = run_and_measure(plan.runner, run)
+            else:
+                trace = plan.job.trace_of(traces, run)
+                outcome, values = record_and_measure(plan.runner, run, trace)
         except CosimError as error:
             first = first or error
             continue

@@ -59,6 +59,11 @@ class Points:
                 got=f"{self.count}: the product of the axes",
             )
 
+    @property
+    def most(self) -> int:
+        """Number of runs that there may be at the end."""
+        return self.count
+
     def __getitem__(self, run: int) -> tuple[Any, ...]:
         """Return the value of every axis in run number `run`, counted from 0."""
         return tuple(self._value(axis, run) for axis in self.axes)

@@ -55,6 +55,15 @@ class RarePoints:
         """Number of runs that are decided."""
         return len(self._values)
 
+    @property
+    def most(self) -> int:
+        """Number of runs that there may be at the end."""
+        first = self._begins[1] if len(self._begins) > 1 else self.count
+        later = first - first // CHAIN
+        if self._part.method == "subset":
+            return first + (self._part.levels - 1) * later
+        return first + self._part.levels * later + self._study.samples
+
     def __getitem__(self, run: int) -> tuple[Any, ...]:
         """Return the value of every axis in run number `run`, counted from 0."""
         return self._values[run]

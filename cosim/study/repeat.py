@@ -41,7 +41,7 @@ def repeat_run(
             where=plan.job.study.title,
             expected=f"0 to {plan.count - 1}",
             got=str(run),
-            hint=None if plan.job.study.rare is None else _FOLLOWS,
+            hint=_FOLLOWS if plan.job.study.rare is not None and results is None else None,
         )
     plan.runner.limits = limits
     return plan.runner.record(run, trace)[0]

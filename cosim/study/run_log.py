@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Self
 
 from cosim.study.batch import TIMED_OUT, Row
+from cosim.study.schema import MAX_RUNS
 
 _NOWHERE = -1
 _CELL = bool | int | float | str | None
@@ -145,7 +146,7 @@ def _row(line: bytes) -> Row | None:
     row = Row(run, status, reason, seconds, tuple(values))
     whole = (
         isinstance(run, int)
-        and run >= 0
+        and 0 <= run < MAX_RUNS
         and isinstance(status, str)
         and isinstance(reason, str | None)
         and isinstance(seconds, int | float)

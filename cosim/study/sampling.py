@@ -35,9 +35,7 @@ def draw(axes: Sequence[SampledAxis], study: Study) -> list[Any]:
         shares = _saltelli([axis.kind for axis in axes], study)
     else:
         shares = _correlated(_independent(axes, study), [axis.column for axis in axes], study)
-    return [
-        distributed(axis, np.ascontiguousarray(u)) for axis, u in zip(axes, shares.T, strict=True)
-    ]
+    return _given_each_other(axes, shares, distributed)
 
 
 def _independent(axes: Sequence[SampledAxis], study: Study) -> Shares:
@@ -126,18 +124,29 @@ def values_at(normal: Shares, axes: Sequence[SampledAxis], study: Study) -> list
     columns, factor = _cholesky([axis.column for axis in axes], study)
     for column, total in _combined(columns, factor, normal[:, columns]):
         correlated[:, column] = total
-    return [
-        _at_normal(axis, np.ascontiguousarray(z))
-        for axis, z in zip(axes, correlated.T, strict=True)
-    ]
+    return _given_each_other(axes, correlated, _at_normal)
+
+
+def _given_each_other(
+    axes: Sequence[SampledAxis], drawn: Shares, values_of: Callable[[SampledAxis, Shares], Any]
+) -> list[Any]:
+    """Return the values of each axis, whose distribution may depend on an earlier axis."""
+    found: dict[str, Any] = {}
+    for axis, numbers in zip(axes, drawn.T, strict=True):
+        u = np.ascontiguousarray(numbers)
+        if axis.given is None:
+            found[axis.column] = values_of(axis, u)
+        else:
+            each = (values_of(axis.at(x), u[i : i + 1]) for i, x in enumerate(found[axis.given]))
+            found[axis.column] = np.array([value[0] for value in each])
+    return list(found.values())
 
 
 def _at_normal(axis: SampledAxis, z: Shares) -> Any:
     """Map standard normal numbers to values of the axis; far out, too, where shares are all 1."""
-    if axis.normal is not None:
-        return axis.normal[0] + axis.normal[1] * z
-    if axis.lognormal is not None:
-        return axis.lognormal[0] * np.exp(axis.lognormal[1] * z)
+    for key, inverse in _OF_NORMAL.items():
+        if (given := getattr(axis, key)) is not None:
+            return inverse(z, *given)
     return distributed(axis, np.minimum(ndtr(z), 1.0 - _TINY))
 
 
@@ -205,6 +214,15 @@ def _triangular(u: Shares, low: float, mode: float, high: float) -> Shares:
     return np.where(u * width < mode - low, rising, falling)
 
 
+def _normal(z: Shares, mean: float, sigma: float) -> Shares:
+    return mean + sigma * z
+
+
+def _lognormal(z: Shares, median: float, sigma: float) -> Shares:
+    found: Shares = median * np.exp(sigma * z)
+    return found
+
+
 def _integers(u: Shares, first: int, last: int) -> NDArray[np.int64]:
     return first + np.floor(u * (last - first + 1)).astype(np.int64)
 
@@ -213,11 +231,10 @@ _INVERSES: Mapping[str, Callable[..., Any]] = MappingProxyType(
     {
         "uniform": _uniform,
         "loguniform": _loguniform,
-        "normal": lambda u, mean, sigma: mean + sigma * _standard_normal(u),
-        "lognormal": lambda u, median, sigma: median * np.exp(sigma * _standard_normal(u)),
+        "normal": lambda u, *given: _normal(_standard_normal(u), *given),
+        "lognormal": lambda u, *given: _lognormal(_standard_normal(u), *given),
         "triangular": _triangular,
-        "integers": lambda u, first, last: (
-            first + np.floor(u * (last - first + 1)).astype(np.int64)
-        ),
+        "integers": _integers,
     }
 )
+_OF_NORMAL = MappingProxyType({"normal": _normal, "lognormal": _lognormal})

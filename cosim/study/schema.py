@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from functools import lru_cache
 from itertools import pairwise
 from typing import Annotated, Any, Literal, Self
 
@@ -110,6 +111,12 @@ class GridAxis(Axis):
         return self
 
 
+Parameter = Number | Text
+"""A number, or an expression of x."""
+_CONDITIONAL = ("uniform", "loguniform", "normal", "lognormal", "triangular")
+_known = lru_cache(Expression)
+
+
 class SampledAxis(Axis):
     """Random values; all axes of this kind together give the study's `samples` points."""
 
@@ -119,15 +126,15 @@ class SampledAxis(Axis):
     `samples` intervals of equal probability; "saltelli": for sensitivity indices, samples times
     (number of such axes + 2) points, with no other kind beside it.
     """
-    uniform: Annotated[list[Number], Field(min_length=2, max_length=2)] | None = None
+    uniform: Annotated[list[Parameter], Field(min_length=2, max_length=2)] | None = None
     """[low, high]."""
-    loguniform: Annotated[list[Number], Field(min_length=2, max_length=2)] | None = None
+    loguniform: Annotated[list[Parameter], Field(min_length=2, max_length=2)] | None = None
     """[low, high]: the logarithm is uniform."""
-    normal: Annotated[list[Number], Field(min_length=2, max_length=2)] | None = None
+    normal: Annotated[list[Parameter], Field(min_length=2, max_length=2)] | None = None
     """[mean, standard deviation]."""
-    lognormal: Annotated[list[Number], Field(min_length=2, max_length=2)] | None = None
+    lognormal: Annotated[list[Parameter], Field(min_length=2, max_length=2)] | None = None
     """[median, standard deviation of the natural logarithm]."""
-    triangular: Annotated[list[Number], Field(min_length=3, max_length=3)] | None = None
+    triangular: Annotated[list[Parameter], Field(min_length=3, max_length=3)] | None = None
     """[low, most likely, high]."""
     empirical: Annotated[list[Number], Field(min_length=2)] | None = None
     """Measured values: their quantiles, linear in between."""
@@ -137,25 +144,66 @@ class SampledAxis(Axis):
     """Values with equal probability, or by `weights`."""
     weights: Annotated[list[Annotated[Number, Field(gt=0)]], Field(min_length=1)] | None = None
     """Relative probability of each value of `choice`."""
+    given: Text | None = None
+    """Name of an earlier sampled axis: parameters of the distribution may be expressions of x, its
+    value at the same point, as in normal = ["4 * sqrt(x)", 0.3].
+    """
 
     @model_validator(mode="after")
     def _one_distribution(self) -> Self:
         keys = ("uniform", "loguniform", "normal", "lognormal", "triangular", "empirical")
         _exactly_one(self, (*keys, "integers", "choice"), "gives the distribution")
+        texts = [v for key in keys for v in getattr(self, key) or () if isinstance(v, str)]
+        for text in texts:
+            _check(Expression, text)
+        if bool(texts) != (self.given is not None):
+            raise ValueError("expressions of x and given, which names the axis x, need each other")
+        if not texts:
+            self.check_numbers()
+        return self
+
+    def check_numbers(self) -> None:
+        """Check the numbers of the distribution.
+
+        Raises
+        ------
+        ValueError : they are none of a distribution.
+        """
+        given: Any = self  # expressions have become numbers
         for key in ("uniform", "loguniform", "integers", "triangular"):
-            bounds = getattr(self, key)
+            bounds = getattr(given, key)
             if bounds is not None and any(b < a for a, b in pairwise(bounds)):
                 words = "[low, most likely, high]" if key == "triangular" else "[low, high]"
                 raise ValueError(f"{key} is {words}; got {bounds}")
-        if self.lognormal is not None and (self.lognormal[0] <= 0 or self.lognormal[1] < 0):
+        if given.lognormal is not None and (given.lognormal[0] <= 0 or given.lognormal[1] < 0):
             raise ValueError(f"lognormal is [median > 0, deviation >= 0]; got {self.lognormal}")
         if self.weights is not None and len(self.weights) != len(self.choice or ()):
             raise ValueError(f"weights has one number for each value of choice; got {self.weights}")
-        if self.loguniform is not None and self.loguniform[0] <= 0:
+        if given.loguniform is not None and given.loguniform[0] <= 0:
             raise ValueError(f"loguniform runs between positive numbers; got {self.loguniform}")
-        if self.normal is not None and self.normal[1] < 0:
+        if given.normal is not None and given.normal[1] < 0:
             raise ValueError(f"normal is [mean, standard deviation >= 0]; got {self.normal}")
-        return self
+
+    def at(self, x: Any) -> SampledAxis:
+        """Return the axis with the values of its expressions at x, that of the axis `given`.
+
+        Raises
+        ------
+        InputError : an expression has no value at x, or they are no parameters of the distribution.
+        """
+        key = next(key for key in _CONDITIONAL if getattr(self, key) is not None)
+        values = [_known(v)(x) if isinstance(v, str) else v for v in getattr(self, key)]
+        found = self.model_copy(update={key: values, "given": None})
+        try:
+            found.check_numbers()
+        except ValueError as error:
+            raise InputError(
+                "a distribution has no such parameters",
+                where=self.column,
+                expected=str(error),
+                got=f"{self.given} = {x!r}",
+            ) from error
+        return found
 
 
 class ReplicatesAxis(Axis):

@@ -1,7 +1,9 @@
 """Sensitivity indices: the share of a metric's variance that is due to each axis.
 
 First-order and total indices of Sobol', from a study whose axes are of kind "saltelli", by the
-estimators of Saltelli et al. (2010), with bootstrap intervals.
+estimators of Saltelli et al. (2010), with bootstrap intervals. They are made as if points were
+independent; those of a Sobol sequence are evener, so that intervals contain an index at least as
+often as they say.
 """
 
 from __future__ import annotations

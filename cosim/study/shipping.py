@@ -207,7 +207,7 @@ class Ticket:
     @property
     def mark(self) -> str:
         """Name of the file by which a worker knows the folder `traces`."""
-        return f".{self.offer}"
+        return f"{self.offer}.mark"
 
 
 class Offer:
@@ -240,14 +240,28 @@ class Offer:
         digest = hashlib.sha256(content).hexdigest()
         if digest not in self._tickets:
             new = {digest: content} if self._tickets else {digest: content, **contents}
-            self._client.run_on_scheduler(_offer, name=self._name, contents=new)
+            self._hand_out(new)
             ticket = Ticket(self._name, digest, job.software, job.traces if self._ships else None)
             if ticket.traces is not None:
                 ticket.traces.mkdir(parents=True, exist_ok=True)
+                for left in ticket.traces.glob("*.mark"):  # by a process that was killed
+                    left.unlink()
                 (ticket.traces / ticket.mark).write_text(self._name)
                 self._marks.add(ticket.traces / ticket.mark)
             self._tickets[digest] = ticket
         return self._tickets[digest]
+
+    def _hand_out(self, contents: dict[str, bytes]) -> None:
+        try:
+            self._client.run_on_scheduler(_offer, name=self._name, contents=contents)
+        except Exception as error:  # of many types: it is gone, or lacks this package
+            raise ComponentError(
+                "the scheduler cannot hand out what workers need",
+                where="workers",
+                expected="a scheduler that runs, with the same auv-cosim",
+                got=f"{type(error).__name__}: {error}"[:300],
+                hint="finished runs are kept: the same command continues",
+            ) from error
 
     def close(self) -> None:
         """Withdraw everything."""

@@ -159,7 +159,8 @@ class DaskPool:
         looked = since = time.monotonic()
         reported = 0.0
         if not self._workers():
-            self.notice("no workers yet; for one by hand: dask worker ADDRESS --nthreads 1")
+            address = self._client.scheduler.address
+            self.notice(f"no workers yet; one by hand: dask worker {address} --nthreads 1")
         while not done.is_empty():
             found = done.next_batch(block=False)
             yield from found

@@ -50,6 +50,24 @@ def test_studies_are_listed_and_checked(tmp_path: Path) -> None:
     assert "6 runs" in cosim("study", "check", "follows.toml", cwd=tmp_path).out
 
 
+def test_parts_of_a_study_are_run_merged_and_displayed(tmp_path: Path) -> None:
+    """A part says what it is of; what is missing, and what is not of the same study, is named."""
+    study(tmp_path)
+    run = ("study", "run", "follows.toml")
+    first = cosim(*run, "--runs", ":2", "--out", "a", "--json", cwd=tmp_path).json
+    assert (first["runs"], first["count"], first["results"]) == (2, 6, "a")
+    assert "2 of 6" in cosim(*run, "--runs", "0:2", "--out", "a", cwd=tmp_path).out
+    early = cosim("study", "merge", "a", "--out", "whole", cwd=tmp_path)
+    assert "missing: --runs 2:6" in early.out
+    cosim(*run, "--runs", "2:", "--out", "b", cwd=tmp_path)
+    done = cosim("study", "merge", "a", "b", "--out", "whole", "--json", cwd=tmp_path).json
+    assert (done["runs"], done["missing"], done["results"]) == (6, [], "whole/results.parquet")
+    assert cosim("study", "show", "whole", "--json", cwd=tmp_path).json["complete"] is True
+    refused = cosim(*run, "--runs", "2:9", cwd=tmp_path)
+    assert refused.code == 2
+    assert "within 0:6" in refused.err
+
+
 def test_a_study_is_run_resumed_and_displayed(tmp_path: Path) -> None:
     """One JSON object each; the second time nothing is flown."""
     study(tmp_path)
@@ -110,10 +128,10 @@ def test_options_that_do_not_belong_together_are_refused(tmp_path: Path) -> None
     study(tmp_path)
     cosim("study", "run", "follows.toml", cwd=tmp_path)
     for arguments, words in (
-        (("--metric", "x"), "need each other"),
+        (("--metric", "x"), "are of a picture"),
         (("--by", "v"), "there is no axis 'v'"),
         (("--by", "u,"), "not a list of names"),
-        (("--picture", "a.png"), "does not define a picture"),
+        (("--picture", "a.png", "--kind", "boundary"), "does not define a picture"),
         (("--picture", "a.png", "--metric", "y", "--over", "u"), "there is no metric 'y'"),
         (("--picture", "a.txt", "--metric", "x", "--over", "u"), "cannot be written"),
         (("--confidence", "95"), "not a confidence"),

@@ -4,7 +4,11 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
+import json
 import logging
+import subprocess
+import sys
+import time
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -16,7 +20,7 @@ import pytest
 from hostile.hostile_fmu import hostile_fmu
 from study.deadly import DEADLY, plan
 
-from cosim.core.errors import InputError
+from cosim.core.errors import ComponentError, InputError
 from cosim.study import shipping
 from cosim.study.execution import execute_study
 from cosim.study.folder import RESULTS
@@ -85,6 +89,7 @@ def made_at(made: Any, where: Any) -> Any:
     return make_plan(made.job.study, where)
 
 
+@pytest.mark.slow
 def test_a_cluster_that_begins_without_workers_grows_and_gives_the_same_table(
     tmp_path: Path,
 ) -> None:
@@ -111,6 +116,53 @@ def test_a_cluster_that_begins_without_workers_grows_and_gives_the_same_table(
     assert (min(most), max(most)) == (0, 2)
     tables = [(tmp_path / name / RESULTS).read_bytes() for name in ("here", "adapted")]
     assert tables[0] == tables[1]
+
+
+@pytest.mark.slow
+def test_a_scheduler_that_is_killed_ends_the_study_and_another_goes_on(tmp_path: Path) -> None:
+    """Within seconds; what is done is kept, and the table is that of one process."""
+    values = [DEADLY + 0.1 * i for i in range(60)]
+    execute_study(plan(values, "sleep"), tmp_path / "here")
+    line = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--no-dashboard"]
+    scheduler = subprocess.Popen(  # noqa: S603 - Dask's own
+        [*line, "--host=127.0.0.1", "--port=0", f"--scheduler-file={tmp_path / 'scheduler.json'}"],
+        stderr=subprocess.DEVNULL,
+    )
+    worker = [sys.executable, "-m", "distributed.cli.dask_worker", "--no-dashboard", "--no-nanny"]
+    worker += [f"--scheduler-file={tmp_path / 'scheduler.json'}", "--death-timeout=5"]
+    working = subprocess.Popen([*worker, "--nthreads=1"], stderr=subprocess.DEVNULL)  # noqa: S603
+    try:
+        address = _address_in(tmp_path / "scheduler.json")
+
+        def kill(_what: str, share: float) -> None:
+            if 0.2 < share < 1.0:
+                scheduler.kill()
+
+        began = time.monotonic()
+        with pytest.raises(ComponentError, match="scheduler does not answer"):
+            execute_study(
+                plan(values, "sleep"), tmp_path / "hit", lambda: cluster(address), progress=kill
+            )
+        assert time.monotonic() - began < 60.0
+    finally:
+        for process in (scheduler, working):
+            process.kill()
+            process.wait()
+    assert 1 < read_table(tmp_path / "hit")[0].num_rows < 60
+    with local(2) as pool:
+        execute_study(plan(values, "sleep"), tmp_path / "hit", lambda: contextlib.nullcontext(pool))
+    tables = [(tmp_path / name / RESULTS).read_bytes() for name in ("here", "hit")]
+    assert tables[0] == tables[1]
+
+
+def _address_in(file: Path) -> str:
+    """The address that a scheduler writes to a file."""
+    until = time.monotonic() + 60.0
+    while time.monotonic() < until:
+        with contextlib.suppress(OSError, ValueError):
+            return str(json.loads(file.read_text())["address"])
+        time.sleep(0.1)
+    raise TimeoutError
 
 
 def test_a_worker_that_joins_late_with_other_versions_is_named(

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import errno
+import os
 import resource
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 from study.deadly import DEADLY, U, plan, truth
@@ -17,16 +20,24 @@ from cosim.study.folder import RESULTS, RUN_LOG, Folder
 from cosim.study.manifest import manifest_of
 from cosim.study.plan import Plan
 from cosim.study.repeat import repeat_run
+from cosim.study.run_log import RunLog
 from cosim.study.table import read_table
 from cosim.trace import Trace
 
 
-def test_a_run_that_hangs_ends_at_its_limit(tmp_path: Path) -> None:
-    """With its component and call named; the others are the closed form."""
-    done = execute_study(plan([0.0, DEADLY, 1.0], "hang"), tmp_path, limits=["run=1"])
+def test_a_run_that_hangs_ends_at_its_limit(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With its component and call named; the others are the closed form.
+
+    It is waited for once: when it is repeated to name the call, most of its limit is over.
+    """
+    monkeypatch.setattr("cosim.study.study_runner._NAMED_S", 0.1)
+    done = execute_study(plan([0.0, DEADLY, 1.0], "hang"), tmp_path, limits=["run=1.5"])
     found = read_table(tmp_path)[0].to_pydict()
     assert found["status"] == ["finished", "timed_out", "finished"]
-    assert "fmi2DoStep" in found["reason"][1]
+    assert "limit of 1.5 s in fmi2DoStep" in found["reason"][1]
+    assert done.incomplete[0].seconds < 1.5
     assert found["x"][2] == pytest.approx(truth(1.0))
     assert [(row.run, row.status) for row in done.incomplete] == [(1, "timed_out")]
 
@@ -86,6 +97,28 @@ def test_a_full_disk_is_named_and_the_study_can_be_continued(tmp_path: Path) -> 
     done = execute_study(made, tmp_path)
     assert done.statuses == {"finished": 30}
     assert 24 <= done.executed <= 26
+
+
+def test_a_folder_that_is_lost_is_named_and_the_study_can_be_continued(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As one of a network whose server is gone: the system refuses every access to it."""
+    append, written = RunLog.append, []
+
+    def lost(self: RunLog, rows: Any) -> None:
+        if len(written) == 2:
+            raise OSError(errno.ESTALE, os.strerror(errno.ESTALE))
+        written.append(rows)
+        append(self, rows)
+
+    values = [0.1 * i for i in range(5)]
+    monkeypatch.setattr(RunLog, "append", lost)
+    with pytest.raises(LossError, match="results cannot be written") as refused:
+        execute_study(plan(values), tmp_path)
+    assert str(tmp_path) in refused.value.text()
+    monkeypatch.setattr(RunLog, "append", append)
+    done = execute_study(plan(values), tmp_path)
+    assert (done.runs, done.executed) == (5, 3)
 
 
 def test_a_worker_with_other_versions_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -164,6 +164,20 @@ def test_the_run_of_an_incomplete_line_is_repeated(
     assert (tmp_path / RESULTS).read_bytes() == before
 
 
+def test_a_damaged_line_is_as_if_it_were_not_there(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also one with the number of a run that no study has, for which there is no memory."""
+    values = [0.0, 1.0]
+    execute_study(plan(values), tmp_path)
+    lines = (tmp_path / RUN_LOG).read_bytes().splitlines(keepends=True)
+    damaged = b'[1000000000000, "finished", null, 0.1, 1.0]\n[1, "fin\n'
+    (tmp_path / RUN_LOG).write_bytes(lines[0] + damaged)
+    executed = counted(monkeypatch)
+    execute_study(plan(values), tmp_path)
+    assert executed == [1]
+
+
 def test_another_study_in_the_folder_is_not_mixed_with(tmp_path: Path) -> None:
     """Refused, with what differs; --fresh takes the folder."""
     execute_study(plan([0.0, 1.0]), tmp_path)
@@ -216,20 +230,11 @@ def test_a_run_whose_trace_is_kept_is_executed_once(
 
     monkeypatch.setattr(StudyRunner, "record", counting)
     made = plan(values, metrics=metrics, traces="all")
-    monkeypatch.setattr("cosim.study.execution.trial_run", lambda *_: (None, 1.0))
     monkeypatch.setattr(batch, "run_and_measure", unrecorded)
+    monkeypatch.setattr("cosim.study.plan.run_and_measure", unrecorded)
     assert execute_study(made, tmp_path / "all").traces == dict.fromkeys(range(3))
     assert recorded == [0, 1, 2]
     assert read_table(tmp_path / "all")[0].equals(read_table(tmp_path / "none")[0])
-
-
-def test_a_run_that_hangs_is_waited_for_once(tmp_path: Path) -> None:
-    """Its limit is over when it is repeated to name the call; the reason gives the limit."""
-    done = execute_study(plan([0.0, DEADLY], "hang"), tmp_path, limits=["run=4"])
-    row = done.incomplete[0]
-    assert (row.run, row.status) == (1, "timed_out")
-    assert "limit of 4 s in fmi2DoStep" in str(row.reason)
-    assert row.seconds < 4.0
 
 
 def test_one_process_at_a_time(tmp_path: Path) -> None:

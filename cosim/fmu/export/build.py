@@ -6,7 +6,7 @@ import functools
 import re
 import zipfile
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from cosim.core import InputError, cache_folder, copy_whole
@@ -14,7 +14,7 @@ from cosim.fmu.export.catalogue import CATALOGUE
 from cosim.fmu.export.flavours import DEFAULT_FLAVOUR, FMI_VERSION
 from cosim.fmu.export.identity import kept_guid
 from cosim.fmu.export.native.platforms import Platform, host
-from cosim.fmu.export.spec import ComponentSpec
+from cosim.fmu.export.spec import ClockVariable, ComponentSpec
 from cosim.fmu.prebuilt import prebuilt_file
 
 
@@ -64,6 +64,7 @@ def build_fmu(
     platforms: Sequence[Platform] = (),
     *,
     prebuilt: bool = True,
+    clocked: bool = False,
 ) -> Path:
     """Write `folder`/NAME.fmu of a component and return its path.
 
@@ -75,16 +76,21 @@ def build_fmu(
         by its own compiler.
     prebuilt : whether to use what the wheel brings: the FMU of a built-in component; for any other
         a binary of its kind, which reads the model and computes the same bits.
+    clocked : with event mode and input Clocks (FMI 3.0): a sampled controller samples when its
+        Clock ticks, a packet link sends and delivers when its two Clocks do. Without event mode it
+        is as the one without Clocks.
 
     Raises
     ------
-    InputError : no such component or flavour, no compiler for a native FMU, or a component that is
-        too large for a prebuilt binary.
+    InputError : no such component or flavour, one that has no clocked FMU, no compiler for a
+        native FMU, or a component that is too large for a prebuilt binary.
     """
     if isinstance(component, str) and component not in CATALOGUE:
         raise InputError.unknown("component", component, CATALOGUE, where="build_fmu")
     if flavour not in FMI_VERSION:
         raise InputError.unknown("flavour", flavour, FMI_VERSION, where="build_fmu")
+    if clocked:
+        return _build_clocked(component, Path(folder), flavour, platforms)
     if isinstance(component, str):
         ready = prebuilt_file(f"{flavour}/{component}.fmu") if prebuilt and not platforms else None
         if ready is not None:
@@ -109,6 +115,39 @@ def build_fmu(
     if binaries:
         return build_tape_fmu(spec, Path(folder), version, binaries)
     return build_native_fmu(spec, Path(folder), version, platforms)
+
+
+def _build_clocked(
+    component: str | ComponentSpec, folder: Path, flavour: str, platforms: Sequence[Platform]
+) -> Path:
+    """Build the FMU with Clocks of a sampled controller or a packet link, by a compiler."""
+    from cosim.fmu.export.native.package import build_native_fmu  # noqa: PLC0415
+
+    spec = CATALOGUE[component] if isinstance(component, str) else component
+    clocks = _clocks_of(spec)
+    if flavour != "native-fmi3" or not clocks:
+        raise InputError(
+            "this FMU has no Clock",
+            where="build_fmu: clocked",
+            expected="flavour native-fmi3, and a sampled controller or a packet link",
+            got=f"{flavour}, {spec.name}",
+        )
+    return build_native_fmu(replace(spec, clocks=clocks), folder, "3.0", platforms)
+
+
+def _clocks_of(spec: ComponentSpec) -> tuple[ClockVariable, ...]:
+    """Return the Clocks that a component can have."""
+    inputs = tuple(v.name for v in spec.variables if v.causality == "input")
+    if spec.behaviour.endswith(":StateFeedback"):
+        text = "ticks every sample_time; inputs are read at its ticks"
+        return (ClockVariable("clock", "fixed", text, inputs),)
+    if spec.behaviour.endswith(":LinkChannel") and spec.constants["kind"] == "packet":
+        received = tuple(v.name for v in spec.variables if v.name.startswith("y["))
+        return (
+            ClockVariable("send", "fixed", "ticks when a message is sent", inputs),
+            ClockVariable("arrive", "countdown", "ticks when messages arrive", received),
+        )
+    return ()
 
 
 def ensure_all(

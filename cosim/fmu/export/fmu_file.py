@@ -31,11 +31,13 @@ class FmuTarget:
     platforms : to cross-compile a native FMU for; none: those that are prebuilt, or this machine,
         by its own compiler.
     prebuilt : whether to use the binaries that the wheel brings, if it does.
+    clocked : with event mode and an input Clock, see `build_fmu`.
     """
 
     flavour: Flavour = "native"
     platforms: Sequence[Platform] = ()
     prebuilt: bool = True
+    clocked: bool = False
 
     def __post_init__(self) -> None:
         if self.flavour == "python" and self.platforms:
@@ -57,7 +59,7 @@ class FmuTarget:
             return "pythonfmu, needs a Python host"
         if self.platforms:
             return "native, cross-compiled"
-        ready = self.prebuilt and why_none_prebuilt() is None
+        ready = self.prebuilt and not self.clocked and why_none_prebuilt() is None
         return "native, prebuilt for all platforms" if ready else "native, compiled on this machine"
 
 
@@ -83,7 +85,9 @@ def write_fmu(spec: ComponentSpec, path: Path, kind: FmuTarget) -> None:
     try:
         with tempfile.TemporaryDirectory(prefix="cosim-fmu-") as folder:
             built = build_fmu(
-                *(spec, Path(folder, "fmu"), kind.flavour, kind.platforms), prebuilt=kind.prebuilt
+                *(spec, Path(folder, "fmu"), kind.flavour, kind.platforms),
+                prebuilt=kind.prebuilt,
+                clocked=kind.clocked,
             )
             path.parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(built, path)

@@ -78,7 +78,7 @@ def fmi3_xml(spec: ComponentSpec, token: str, *, tool: str) -> bytes:
     """Return the model description of FMI 3.0 as UTF-8 XML, for a native FMU.
 
     After the table of variables comes `time`, the independent variable that FMI 3.0 requires,
-    with the next value reference.
+    with the next value reference; then the Clock of a component that has one.
     """
     root = _root(spec, "3.0", "instantiationToken", token, tool)
     ET.SubElement(
@@ -94,14 +94,19 @@ def fmi3_xml(spec: ComponentSpec, token: str, *, tool: str) -> bytes:
         canHandleVariableCommunicationStepSize="true",
         canReturnEarlyAfterIntermediateUpdate="false",
         providesIntermediateUpdate="false",
-        hasEventMode="false",
+        hasEventMode=_bool(bool(spec.clocks)),
     )
     _units(root, spec)
     _categories_and_experiment(root, spec)
     variables = ET.SubElement(root, "ModelVariables")
     for reference, v in enumerate(spec.variables, 1):
         tag = {"Real": "Float64", "Integer": "Int32"}[v.kind]
-        _type_attributes(_variable(variables, tag, reference, v), v)
+        element = _variable(variables, tag, reference, v)
+        _type_attributes(element, v)
+        clocks = [i for i, c in enumerate(spec.clocks) if v.name in c.variables]
+        if clocks:
+            element.set("clocks", " ".join(str(len(spec.variables) + 2 + i) for i in clocks))
+            element.set("variability", "discrete")
     ET.SubElement(
         variables,
         "Float64",
@@ -111,6 +116,16 @@ def fmi3_xml(spec: ComponentSpec, token: str, *, tool: str) -> bytes:
         causality="independent",
         variability="continuous",
     )
+    for reference, clock in enumerate(spec.clocks, len(spec.variables) + 2):
+        ET.SubElement(
+            variables,
+            "Clock",
+            name=clock.name,
+            valueReference=str(reference),
+            description=clock.description,
+            causality="input",
+            intervalVariability=clock.variability,
+        )
     _outputs(ET.SubElement(root, "ModelStructure"), "Output", "valueReference", spec)
     return as_bytes(root)
 

@@ -75,6 +75,22 @@ class Variable:
 
 
 @dataclass(frozen=True)
+class ClockVariable:
+    """An input Clock of a component.
+
+    Attributes
+    ----------
+    variability : of its intervals, which the FMU gives.
+    variables : the names of the variables that it clocks.
+    """
+
+    name: str
+    variability: Literal["fixed", "countdown"]
+    description: str
+    variables: tuple[str, ...]
+
+
+@dataclass(frozen=True)
 class ComponentSpec:
     """A component: its variables, and the class of its behaviour.
 
@@ -91,6 +107,7 @@ class ComponentSpec:
     scenario : the page's example for this project's own master, a scenario as TOML.
     stop_time, step_size : default experiment [s].
     certificate : JSON of the proof about a controller's start values, if it has one.
+    clocks : its Clocks, in an FMU with event mode (FMI 3.0).
     """
 
     name: str
@@ -106,6 +123,7 @@ class ComponentSpec:
     certificate: bytes | None = None
     notes: str = ""
     scenario: str = ""
+    clocks: tuple[ClockVariable, ...] = ()
 
     def __post_init__(self) -> None:
         names = [v.name for v in self.variables]

@@ -204,7 +204,8 @@ def _interval(v: Variable, kind: str, given: Mapping[str, str]) -> Iterator[Find
     wrong = {}
     if kind in _TIMED:
         wrong = {
-            f"a {kind} clock without intervalDecimal": interval is None,
+            # a fixed or tunable one may give it in the initialisation (2.2.8.3)
+            "a constant clock without intervalDecimal": interval is None and kind == "constant",
             f"intervalDecimal is {interval}": interval is not None
             and not 0 < interval < float("inf"),
             f"shiftDecimal is {shift}": shift is not None and not 0 <= shift < float("inf"),

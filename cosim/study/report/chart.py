@@ -22,6 +22,7 @@ from cosim.study.distribution import Distribution
 from cosim.study.sensitivity_indices import Index, Sensitivity
 
 _MOST_NUMBERS = 12
+_MANY_DRAWS = 1000
 _FEW = 5
 """Fewer runs have no interval in a chart."""
 _SYMBOLS: Mapping[int | str, str] = MappingProxyType({1: "x", 3: "triangle-up-open"})
@@ -55,7 +56,7 @@ def distribution_chart(key: str, metric: Column, found: Distribution) -> Chart:
     values = metric.values[metric.known]
     layout = {
         "xaxis": {"title": plain(metric.name)},
-        "yaxis": {"title": "runs", "rangemode": "tozero"},
+        "yaxis": {"title": "runs", "rangemode": "tozero", "exponentformat": "none"},
     }
     if not found.edges.size:
         bars = {"x": [plain(name) for name in found.names], "y": found.counts.tolist()}
@@ -101,10 +102,10 @@ def convergence_chart(key: str, metric: Column, found: Convergence, confidence: 
     ]
     # the first intervals are so wide that nothing else would be seen
     settled = sure & (n >= min(8.0, 0.5 * n[-1]))
-    shown_values = [*found.low[settled], *found.high[settled], *found.mean[n >= min(8, n[-1])]]
-    low, high = float(np.min(shown_values)), float(np.max(shown_values))
+    drawn_values = [*found.low[settled], *found.high[settled], *found.mean[n >= min(8, n[-1])]]
+    low, high = float(np.min(drawn_values)), float(np.max(drawn_values))
     margin = 0.06 * (high - low) or 0.5 * abs(high) or 0.5
-    layout = {
+    layout: dict[str, Any] = {
         "xaxis": {
             "title": "draws",
             "type": "log" if n[-1] >= 50 else "linear",
@@ -115,6 +116,8 @@ def convergence_chart(key: str, metric: Column, found: Convergence, confidence: 
             "range": [low - margin, high + margin],
         },
     }
+    if n[-1] >= _MANY_DRAWS:
+        layout["xaxis"]["dtick"] = 1  # decades alone
     last = f"{found.mean[-1]:.5g} after {int(n[-1])} draws"
     if sure[-1]:
         last += f", interval {found.low[-1]:.5g} to {found.high[-1]:.5g}"

@@ -169,7 +169,7 @@ def content_of(
     table, manifest = plain_sample(table, manifest)
     columns = columns_of(table, manifest)
     summary = summarise(table, manifest, [], confidence=confidence, quantiles=QUANTILES)
-    grouped = summarise(table, manifest, confidence=confidence)
+    grouped = summarise(table, manifest, confidence=confidence) if columns.grid else None
     ranked = {m.name: _ranked(columns, m, confidence) for m in columns.metrics.values()}
     worst = worst_runs(every, {name: [a for a, _ in axes] for name, axes in ranked.items()})
     edge = boundary(table, manifest) if columns.runs.size else None
@@ -203,7 +203,7 @@ def content_of(
         boundary=edge,
         stability=None if edge is None else stability_chart(columns, edge),
         summary=summary,
-        groups=grouped if grouped.by else None,
+        groups=grouped if grouped is not None and grouped.by else None,
         metrics=[
             _part(columns, number, metric, ranked[metric.name], confidence)
             for number, metric in enumerate(columns.metrics.values())

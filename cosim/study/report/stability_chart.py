@@ -74,7 +74,7 @@ def _over_delay_and_loss(
     stable = columns.metrics[part.stable]
     x, y, share = _means(delay, loss, stable)
     bx: Reals = np.asarray(edges(x), np.float64)
-    by: Reals = np.arange(y.size + 1) - 0.5
+    by: Reals = np.arange(y.size + 1, dtype=np.float64) - 0.5
     data = []
     if part.gain:
         gain = columns.metrics[part.gain]

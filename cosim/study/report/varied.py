@@ -26,6 +26,7 @@ _KINDS = {
     "saltelli": "Saltelli's points",
 }
 _LONG = 160
+_MOST_VALUES = 6
 
 
 @dataclass(frozen=True)
@@ -46,10 +47,11 @@ def varied_axes(columns: StudyColumns) -> list[VariedAxis]:
         column = columns.axes[axis.column]
         values = column.values[column.known]
         distinct = np.unique(values)
-        ends = [column.text(v) for v in distinct]
-        words = " to ".join((ends[0], ends[-1])) if len(ends) > 6 else ", ".join(ends)
-        if column.kind == "text":
-            words = ", ".join(_cut(end) for end in ends[:6]) + (", …" if len(ends) > 6 else "")
+        many = distinct.size > _MOST_VALUES
+        few = [_cut(column.text(v)) for v in distinct[:_MOST_VALUES]]
+        words = ", ".join(few) + (", …" if many else "")
+        if many and column.kind == "number":
+            words = f"{few[0]} to {column.text(distinct[-1])}"
         changes = tuple(f"{p} = {e}" for p, e in axis.apply.items()) if axis.apply else axis.places
         found.append(VariedAxis(axis.column, changes, _how(axis), int(distinct.size), words))
     return found

@@ -28,6 +28,8 @@ SignalTable: Any = component_module("signal_table.behaviour").SignalTable
 WaveField: Any = component_module("wave_field.behaviour").WaveField
 
 COMMON = ("message.c", "instance.c", "saved.c")
+CLOCKED = {"sampled.c": "sampled_clocked.c", "packet_link.c": "packet_link_clocked.c"}
+"""C file of a kind of behaviour -> the one that has Clocks, and includes it."""
 
 
 def model_files(spec: ComponentSpec, identity: str) -> tuple[dict[str, str], tuple[str, ...]]:
@@ -43,7 +45,7 @@ def model_files(spec: ComponentSpec, identity: str) -> tuple[dict[str, str], tup
 
 def shared_headers(sources: Sequence[str]) -> dict[str, str]:
     """Return the generated headers that the hand-written C needs, by file name."""
-    return {"link_step.h": link_step_header()} if "packet_link.c" in sources else {}
+    return {"link_step.h": link_step_header()} if "draws.c" in sources else {}
 
 
 def recorded_model(spec: ComponentSpec) -> tuple[ModelWriter, tuple[str, ...]]:
@@ -71,6 +73,9 @@ def recorded_model(spec: ComponentSpec) -> tuple[ModelWriter, tuple[str, ...]]:
         sources = record_table(writer, behaviour)
     else:
         raise TypeError(f"{spec.name}: the native shell has no C for {type(behaviour).__name__}")
+    if spec.clocks:
+        writer.define("MODEL_CLOCKS", len(spec.clocks))
+        sources = tuple(CLOCKED.get(name, name) for name in sources)
     return writer, sources
 
 

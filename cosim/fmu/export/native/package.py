@@ -40,8 +40,15 @@ _HEADERS_OF = (
     ("transport_link.c", "clock.h"),
     ("table.c", "clock.h"),
     ("tape.c", "tape.h"),
+    ("sampled_clocked.c", "sampled.c"),
+    ("sampled_clocked.c", "clocked.h"),
+    ("packet_link_clocked.c", "packet_link.c"),
+    ("packet_link_clocked.c", "clocked.h"),
+    ("packet_link_clocked.c", "draws.h"),
+    ("packet_link_clocked.c", "clock.h"),
+    ("fmi3_clocked.c", "fmi3.c"),
 )
-"""C file of a kind of behaviour -> header that it needs beside `_OWN_HEADERS`."""
+"""C file of a kind of behaviour -> file that it includes beside `_OWN_HEADERS`."""
 _OWN_HEADERS = ("arithmetic.h", "behaviour.h", "instance.h", "message.h", "variable.h")
 
 
@@ -75,9 +82,12 @@ def hand_written(own: Sequence[str], version: str) -> tuple[dict[str, bytes], li
     own : C files beside `COMMON`.
     version : of FMI, "2.0" or "3.0".
     """
-    compiled = [*COMMON, *own, "fmi2.c" if version == "2.0" else "fmi3.c"]
+    shell = "fmi2.c" if version == "2.0" else "fmi3.c"
+    if any(name.endswith("_clocked.c") for name in own):
+        shell = "fmi3_clocked.c"
+    compiled = [*COMMON, *own, shell]
     headers = [*_OWN_HEADERS, *_HEADERS[version]]
-    headers += [header for source, header in _HEADERS_OF if source in own]
+    headers += [header for source, header in _HEADERS_OF if source in compiled]
     return {name: _shell(name) for name in (*compiled, *headers)}, sorted(compiled)
 
 

@@ -1,0 +1,227 @@
+"""Rare events through the flight master: on any pool, resumed, repeated; axes given others.
+
+x at the end is linear in u and in x0, which are normal: its probability is known.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy import stats
+from study.deadly import STEP, STEPS, U, plan
+
+from cosim.core.errors import ComponentError, InputError
+from cosim.study.execution import execute_study
+from cosim.study.folder import RESULTS, RUN_LOG
+from cosim.study.points import Points
+from cosim.study.rare_study import RarePoints
+from cosim.study.repeat import repeat_run
+from cosim.study.schema import Study
+from cosim.study.stages import plain_sample, rare_estimate
+from cosim.study.table import read_table
+from cosim.study.workers import local
+
+LEFT = (1.0 - STEP) ** STEPS  # of x0 at the end
+U_AXIS: dict[str, Any] = {"kind": "random", "name": "u", "path": U, "normal": [0.0, 1.0]}
+X0_AXIS: dict[str, Any] = {
+    "kind": "random",
+    "name": "x0",
+    "path": "components.tiny.parameters.x0",
+    "normal": [1.0, 2.0],
+}
+R = 0.5
+SIGMA = math.sqrt((1 - LEFT) ** 2 + (2 * LEFT) ** 2 + 2 * R * (1 - LEFT) * 2 * LEFT)
+
+
+def event(probability: float, **more: Any) -> Any:
+    """x at the end is above a bound, with this probability; the axes are correlated."""
+    bound = LEFT + SIGMA * float(stats.norm.isf(probability))
+    rare = {"metric": "x", "above": bound, **more.pop("rare", {})}
+    return plan(
+        [],
+        **{
+            "vary": [U_AXIS, X0_AXIS],
+            "correlations": [{"axes": ["u", "x0"], "value": R}],
+            "metrics": {"x": "final.tiny.x"},
+            "samples": 100,
+            "rare": rare,
+            **more,
+        },
+    )
+
+
+def test_subset_simulation_through_the_master(tmp_path: Path) -> None:
+    """Its interval contains the closed form; interrupted anywhere, the table has the same bytes."""
+    made = event(1e-2, seed=4)
+    done = execute_study(made, tmp_path)
+    table, manifest = read_table(tmp_path)
+    found = rare_estimate(table, manifest)
+    assert found is not None
+    assert found.probability is not None
+    low, high = found.interval(0.95)
+    assert low <= 1e-2 <= high
+    assert high / low < 40
+    steps = 9 * 10  # moves of ten chains of ten points
+    assert done.runs == done.count == 100 + steps * (len(found.levels) - 1)
+    levels = table.column("level").to_pylist()
+    assert [levels.count(n + 1) for n in range(len(found.levels))] == [
+        100,
+        *[steps] * (len(found.levels) - 1),
+    ]
+    x = table.column("x").to_pylist()
+    u, x0 = (table.column(name).to_pylist() for name in ("u", "x0"))
+    assert x == pytest.approx([a + (b - a) * LEFT for a, b in zip(u, x0, strict=True)], rel=1e-9)
+    first, about = plain_sample(table, manifest)
+    assert first.num_rows == about["count"] == 100
+
+    bytes_before = (tmp_path / RESULTS).read_bytes()
+    lines = (tmp_path / RUN_LOG).read_bytes().splitlines(keepends=True)
+    (tmp_path / RESULTS).unlink()
+    (tmp_path / RUN_LOG).write_bytes(b"".join(lines[:151]))
+    assert rare_estimate(*read_table(tmp_path)) is None
+    again = execute_study(event(1e-2, seed=4), tmp_path)
+    assert again.executed == done.runs - 151
+    assert (tmp_path / RESULTS).read_bytes() == bytes_before
+
+    late = done.runs - 1
+    outcome = repeat_run(event(1e-2, seed=4), late, tmp_path / "t.mcap", results=tmp_path)
+    assert outcome.to_json()["final"]["tiny.x"] == x[late]
+    with pytest.raises(InputError, match="no such run"):
+        repeat_run(event(1e-2, seed=4), late, tmp_path / "t.mcap")
+    with pytest.raises(InputError, match="results of another study"):
+        repeat_run(event(1e-2, seed=5), late, tmp_path / "t.mcap", results=tmp_path)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("method", ["subset", "importance"])
+def test_two_processes_give_the_table_of_one(tmp_path: Path, method: str) -> None:
+    """Bit for bit, with traces of the worst runs of any level."""
+    more = {"rare": {"method": method}, "traces": "worst:2 by x"}
+    done = execute_study(event(5e-2, **more), tmp_path / "1")
+    both = execute_study(event(5e-2, **more), tmp_path / "2", partial(local, 2, 60.0))
+    assert (tmp_path / "1" / RESULTS).read_bytes() == (tmp_path / "2" / RESULTS).read_bytes()
+    assert done.traces == both.traces
+    assert set(done.traces.values()) == {None}
+
+
+@pytest.mark.slow
+def test_importance_sampling_is_extended(tmp_path: Path) -> None:
+    """Fifty more points about the event: the pilot and the first points are kept."""
+    given = {"rare": {"method": "importance", "pilot": 100}}
+    few = execute_study(event(5e-2, samples=200, **given), tmp_path / "a")
+    more = execute_study(event(5e-2, samples=250, **given), tmp_path / "a")
+    assert (more.runs, more.executed) == (few.runs + 50, 50)
+    execute_study(event(5e-2, samples=250, **given), tmp_path / "b")
+    assert (tmp_path / "a" / RESULTS).read_bytes() == (tmp_path / "b" / RESULTS).read_bytes()
+    found = rare_estimate(*read_table(tmp_path / "a"))
+    assert found is not None
+    assert found.effective is not None
+    assert found.effective > 30
+    low, high = found.interval(0.99)
+    assert low <= 5e-2 <= high
+
+
+def test_a_run_without_a_value_is_refused_or_counts_as_it_is_said() -> None:
+    """Named, with what to do; or beyond, or within."""
+
+    def found(**more: Any) -> Any:
+        rare = {"metric": "x", "above": 1.0, **more}
+        points = RarePoints(event(0.1, rare=rare).job.study)
+        points.tell([2.0] * 20 + [None] * 30 + [0.0] * 50)
+        return points.estimate
+
+    with pytest.raises(ComponentError, match="run 20 has no value of x") as refused:
+        found()
+    assert "study repeat STUDY 20" in refused.value.text()
+    assert found(missing="beyond").probability == pytest.approx(0.5)
+    assert found(missing="within").probability == pytest.approx(0.2)
+    with pytest.raises(InputError, match="is a number"):
+        RarePoints(event(0.1).job.study).tell([True] * 100)
+
+
+def test_a_bound_below_is_one_above_of_the_negative() -> None:
+    """And a metric far out in a normal axis stays exact, where shares are all 1."""
+    rare = {"metric": "x", "below": -3.0}
+    study = Study(
+        title="t", scenario="s", vary=[U_AXIS], metrics={"x": "a"}, samples=100, rare=rare
+    )
+    points = RarePoints(study)
+    points.tell([points[run][0] for run in range(100)])
+    third = sorted(points[run][0] for run in range(100))[9]
+    assert points.stage == range(100, 110)
+    assert max(points[run][0] for run in points.stage) < third + 3.0
+    points.learn((130, [(7.0,)]))
+    assert points[130] == (7.0,)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"vary": [U_AXIS, {"kind": "replicates", "count": 3}]}, "drawn one from another"),
+        ({"vary": [{**U_AXIS, "kind": "latin"}]}, "drawn one from another"),
+        ({"vary": [{**U_AXIS, "kind": "saltelli"}]}, "drawn one from another"),
+        ({"vary": [U_AXIS, {"kind": "grid", "path": "run.step", "values": [0.1]}]}, "drawn one"),
+        ({"samples": 55}, "divided into chains"),
+        ({"samples": 105}, "divided into chains"),
+        ({"rare": {"metric": "y", "above": 1.0}}, "there is no metric 'y'"),
+        ({"metrics": {"x": {"path": "final.tiny.x", "above": 1.0}}}, "is a number"),
+    ],
+)
+def test_what_cannot_be_followed_is_refused(changes: dict[str, Any], words: str) -> None:
+    given = {
+        "vary": [U_AXIS],
+        "samples": 100,
+        "metrics": {"x": "final.tiny.x"},
+        "rare": {"metric": "x", "above": 1.0},
+        **changes,
+    }
+    with pytest.raises(InputError, match=words):
+        plan([], **given)
+
+
+def conditional(samples: int, kind: str = "random", **more: Any) -> Points:
+    """A period that depends on a height."""
+    axes = [
+        {"kind": kind, "name": "Hs", "path": "run.a", "uniform": [1.0, 4.0]},
+        {
+            "kind": kind,
+            "name": "Tp",
+            "path": "run.b",
+            "given": "Hs",
+            "normal": ["3 * sqrt(x)", 0.3],
+        },
+    ]
+    vary = [{**axes[0]}, {**axes[1], **more}]
+    return Points(
+        Study(title="t", scenario="s", vary=vary, metrics={"m": "status"}, samples=samples)
+    )
+
+
+@pytest.mark.parametrize("kind", ["random", "sobol", "latin"])
+def test_an_axis_may_depend_on_an_earlier_one(kind: str) -> None:
+    """What is left of the period is normal, and does not depend on the height."""
+    points = conditional(2000, kind)
+    height, period = np.array([points[run] for run in range(2000)]).T
+    left = (period - 3.0 * np.sqrt(height)) / 0.3
+    assert stats.kstest(left, stats.norm.cdf).pvalue > 0.01
+    assert abs(stats.spearmanr(left, height).statistic) < 0.06
+    assert [points[run] for run in range(9)] == [
+        conditional(9, kind)[run] for run in range(9)
+    ] or kind == "latin"
+
+
+def test_parameters_that_are_none_at_a_point_are_named() -> None:
+    with pytest.raises(InputError, match="no such parameters") as refused:
+        conditional(10, normal=["x", "x - 2"])
+    assert "Hs = " in refused.value.text()
+    for wrong in ({"given": None}, {"normal": [1.0, 2.0]}, {"normal": ["y", 1.0]}):
+        with pytest.raises(ValueError, match=r"need each other|not an expression"):
+            conditional(10, **wrong)
+    vary = [{**U_AXIS, "given": "x0", "normal": ["x", 1.0]}, X0_AXIS]
+    with pytest.raises(InputError, match="no earlier sampled axis 'x0'"):
+        plan([], vary=vary, samples=4)

@@ -1,0 +1,314 @@
+"""The page about a study: what it says agrees with the table, whatever became of the runs."""
+
+from __future__ import annotations
+
+import builtins
+import json
+import re
+from collections import Counter
+from collections.abc import Iterator
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import plotly.graph_objects as go
+import pytest
+from cli.shell import cosim
+from report_browser import Page, browser, needs_chromium
+from shared import copied
+from study.studies_at_hand import STUDIES, study_folder
+
+from cosim.core.errors import InputError
+from cosim.study.report import content, write_study_report
+from cosim.study.report.content import StudyContent, content_of, figures, thinned
+from cosim.study.report.write import study_page
+from cosim.study.summary import mean_of, quantile_of
+from cosim.study.table import read_table
+
+
+class _Texts(HTMLParser):
+    """The words of a page, without scripts, styles and what is packed."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.words: list[str] = []
+        self._skipped = False
+
+    def handle_starttag(self, tag: str, attrs: Any) -> None:
+        del attrs
+        self._skipped = tag in ("script", "style")
+
+    def handle_endtag(self, tag: str) -> None:
+        del tag
+        self._skipped = False
+
+    def handle_data(self, data: str) -> None:
+        if not self._skipped:
+            self.words += data.split()
+
+
+def words(html: str) -> str:
+    """Return what a reader sees."""
+    texts = _Texts()
+    texts.feed(html)
+    return " ".join(texts.words)
+
+
+@pytest.fixture
+def light(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Pages without their library, which takes longest and is always the same."""
+    monkeypatch.setattr("cosim.page.render.plotly_js", lambda: "")
+
+
+def content_at(folder: Path, target: Path) -> StudyContent:
+    """Return the content of the page about a study."""
+    return content_of(*read_table(folder), folder, target)
+
+
+def unfinished(folder: Path, target: Path, *, lines: int) -> Path:
+    """Return a copy of a study as it was when so many runs were done."""
+    copied(folder, target)
+    for name in ("results.parquet", "journal.jsonl", "study.json"):
+        (target / name).chmod(0o600)
+    (target / "results.parquet").unlink()
+    log = target / "journal.jsonl"
+    log.write_text("".join(log.read_text("utf-8").splitlines(keepends=True)[:lines]), "utf-8")
+    return target
+
+
+@pytest.mark.usefixtures("light")
+def test_page_agrees_with_the_table(tmp_path: Path) -> None:
+    """Statuses, causes, commands, statistics, missing values; markup of the study stays text."""
+    folder = study_folder("mixed")
+    table, _ = read_table(folder)
+    rows = table.to_pylist()
+    html = study_page(content_at(folder, tmp_path / "mixed.html"))
+    text = words(html)
+    counts = Counter(row["status"] for row in rows)
+    assert set(counts) == {"finished", "crashed", "assertion_failed"}
+    for status, count in counts.items():
+        share = f"{count} {100 * count / 48:.1f} %"
+        assert re.search(rf"{status.replace('_', ' ')} 95 %: [\d. to]+ % {share}", text)
+    assert f"{counts['crashed']} of 48 runs have no result" in text
+    first = next(row["run"] for row in rows if row["status"] == "crashed")
+    assert f"cosim study repeat {folder} {first}" in text
+    assert "SIGKILL" in text
+    assert "failed: x <i>stays</i> below 400" in text
+    assert "x follows <b>u</b>, and dies" in text
+    assert "<i>stays" not in html
+    assert "follows <b>u" not in html
+    values = [row["x"] for row in rows]
+    found = mean_of(values, 48, quantiles=(0.95,))
+    assert f"x 48 {found.mean:.5g} {found.low:.4g} to {found.high:.4g}" in text
+    high = quantile_of(values, 0.95)
+    assert f"{high.value:.4g} {high.low:.4g} to {'–' if high.high is None else high.high}" in text
+    small = sum(row["small"] for row in rows)
+    assert f"small {small} 48 {100 * small / 48:.2f} %" in text
+    missing = sum(row["settled"] is None for row in rows)
+    assert 0 < missing < 48
+    assert f"settling_time of tiny.x within 200 · {missing} of 48 runs have no value" in text
+    # what a crashed run left is not taken for a result without a word
+    assert f"those of {counts['crashed']} runs without a result" in text
+    assert "uniform from -700 to 700; independent draws" in text
+
+
+def test_worst_runs_are_ranked_and_lead_to_their_traces(tmp_path: Path) -> None:
+    """All runs by the metric of `traces`; a link only where there is a trace, from the page on."""
+    folder = study_folder("mixed")
+    rows = read_table(folder)[0].to_pylist()
+    found = content_at(folder, tmp_path / "deep" / "page.html")
+    assert found.worst is not None
+    assert (found.worst.metric, found.worst.order) == ("x", "largest")
+    ranked = sorted(rows, key=lambda row: (-row["x"], row["run"]))
+    listed = found.worst_figures["order"]["x"]["largest"]
+    assert listed == [row["run"] for row in ranked]
+    links = {run: found.worst_figures["runs"][run]["trace"] for run in listed}
+    kept = {run: link for run, link in links.items() if link is not None}
+    assert len(kept) == 2
+    for run, link in kept.items():
+        assert (tmp_path / "deep" / link).resolve() == (folder / "traces" / f"run-{run:02}.mcap")
+        assert run in [row["run"] for row in ranked if row["status"] != "crashed"][:2]
+
+
+@pytest.mark.parametrize("name", STUDIES)
+def test_plotly_knows_every_property(name: str, tmp_path: Path) -> None:
+    """The charts fit plotly's schema: a misspelt property would be ignored in silence."""
+    drawn = figures(content_at(study_folder(name), tmp_path / "page.html"))
+    assert drawn["charts"]
+    json.dumps(drawn, allow_nan=False)
+    for chart in drawn["charts"].values():
+        layout = json.loads(json.dumps(chart["layout"]))
+        for axis in ("xaxis", "yaxis"):
+            layout[axis]["title"] = {"text": layout[axis].pop("title")}
+        data = []
+        for trace in chart["data"]:
+            assert set(trace["meta"]) <= {"role", "points", "scale"}
+            data.append(trace)
+        go.Figure({"data": data, "layout": layout})
+
+
+@pytest.mark.usefixtures("light")
+def test_same_study_same_page(tmp_path: Path) -> None:
+    """Byte for byte; and another confidence is another page."""
+    folder = study_folder("mixed")
+    first = write_study_report(folder, tmp_path / "one.html")
+    again = write_study_report(folder / "results.parquet", tmp_path / "two.html")
+    assert (tmp_path / "one.html").read_bytes() == (tmp_path / "two.html").read_bytes()
+    assert first.bytes == again.bytes == (tmp_path / "one.html").stat().st_size
+    write_study_report(folder, tmp_path / "two.html", confidence=0.9)
+    assert (tmp_path / "one.html").read_bytes() != (tmp_path / "two.html").read_bytes()
+
+
+@pytest.mark.usefixtures("light")
+def test_studies_of_one_run_of_failures_and_of_rare_events(tmp_path: Path) -> None:
+    """Each has a page that says what it is."""
+    pages = {
+        name: words(study_page(content_at(study_folder(name), tmp_path / "page.html")))
+        for name in ("one", "dead", "rare", "indices")
+    }
+    assert "1 run, with a result" in pages["one"]
+    assert "3 of 3 runs have no result" in pages["dead"]
+    assert "those of 3 runs without a result" in pages["dead"]
+    assert "P(x > 1)" in pages["rare"]
+    assert "100 runs of the first level" in pages["rare"]
+    assert "Sensitivity of x" in pages["indices"]
+
+
+@pytest.mark.usefixtures("light")
+def test_an_unfinished_study_and_a_damaged_run_log(tmp_path: Path) -> None:
+    """The runs that are done; lines that cannot be read are counted, exit code 3; none: 2."""
+    folder = unfinished(study_folder("mixed"), tmp_path / "part", lines=20)
+    found = cosim("study", "report", "part", "--json", cwd=tmp_path)
+    assert found.code == 0
+    assert (found.json["runs"], found.json["count"], found.json["complete"]) == (20, 48, False)
+    assert sum(found.json["statuses"].values()) == 20
+    page = (folder / "report.html").read_text("utf-8")
+    assert "not finished: 20 of 48 runs" in words(page)
+    log = folder / "journal.jsonl"
+    rows = log.read_text("utf-8").splitlines()
+    others = ["{", '[99, "finished", null, 0.1, 1.0, true, "finished", 1.0]', '[1, "finished"]']
+    log.write_text("\n".join([*rows, *others, '[7, "fin']), "utf-8")
+    found = cosim("study", "report", "part", "--json", cwd=tmp_path)
+    assert (found.code, found.json["runs"], found.json["unread"]) == (3, 20, 3)
+    assert "3 lines of the run log cannot be read" in words(
+        (folder / "report.html").read_text("utf-8")
+    )
+    log.write_text("\n".join([*others, ""]), "utf-8")
+    found = cosim("study", "report", "part", "--json", cwd=tmp_path)
+    assert found.code == 2
+    assert "the run log is damaged" in found.error["what"]
+    log.write_text("")
+    found = cosim("study", "report", "part", "--json", cwd=tmp_path)
+    assert (found.code, found.json["runs"]) == (0, 0)
+
+
+@pytest.mark.usefixtures("light")
+def test_later_levels_of_an_unfinished_rare_event_are_read(tmp_path: Path) -> None:
+    """They have numbers beyond the count of runs that was known when the study began."""
+    folder = unfinished(study_folder("rare"), tmp_path / "rare", lines=99)
+    manifest = json.loads((folder / "study.json").read_text("utf-8"))
+    (folder / "study.json").write_text(json.dumps(manifest | {"count": 90}), "utf-8")
+    found = write_study_report(folder)
+    assert (found.runs, found.unread, found.complete) == (99, 0, False)
+
+
+def test_what_is_no_study_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Exit code 2 and the cause; nothing is written."""
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "odd").mkdir()
+    (tmp_path / "odd" / "study.json").write_text('{"digest": "", "study": {"a": 1}, "count": 1}')
+    copied(study_folder("one"), tmp_path / "one")
+    for arguments, cause in (
+        (("nowhere",), "not the results of a study"),
+        (("empty",), "not the folder of a study"),
+        (("odd",), "not the manifest of a study"),
+        (("one", "--confidence", "2"), "not a confidence"),
+        (("one", "-o", "one/results.parquet"), "would replace its study"),
+        (("one", "-o", "one/study.json/x.html"), "cannot be written"),
+    ):
+        refused = cosim("study", "report", *arguments, "--json", cwd=tmp_path)
+        assert refused.code == 2
+        assert cause in refused.error["what"]
+    real = builtins.__import__
+
+    def without(name: str, *rest: Any) -> Any:
+        if name.startswith("plotly"):
+            raise ImportError("No module named 'plotly'")
+        return real(name, *rest)
+
+    monkeypatch.setattr(builtins, "__import__", without)
+    with pytest.raises(InputError, match=r"auv-cosim\[report\]"):
+        write_study_report(tmp_path / "one", tmp_path / "x.html")
+    assert not (tmp_path / "x.html").exists()
+
+
+def test_many_runs_are_thinned_by_their_numbers_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The extremes are kept, no stride of the grid is, and a part of the runs gives a part."""
+    monkeypatch.setattr(content, "_MOST_POINTS", 12)
+    folder = study_folder("mixed")
+    whole = content_at(folder, tmp_path / "x.html")
+    kept = thinned(whole.columns)
+    assert 12 <= len(kept) <= 12 + 2 * 4
+    for metric in whole.columns.metrics.values():
+        assert np.nanargmax(metric.values) in kept
+        assert np.nanargmin(metric.values) in kept
+    assert len({whole.columns.axes["x0"].values[k] for k in kept}) == 3
+    assert len({whole.columns.axes["u"].values[k] for k in kept}) > 3
+    html = study_page(whole)
+    assert f"Of 48 runs, at most {len(kept)} are drawn as points" in html
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
+    """One browser for all tests of this file."""
+    with browser(tmp_path_factory.mktemp("browser")) as opened:
+        yield opened
+
+
+UNDRAWN = """[...document.querySelectorAll('.plot')].filter(
+    (div) => !div.closest('details:not([open])') && !div.querySelector('.main-svg')
+).map((div) => div.id)"""
+PICK = """((id, value) => { const made = document.getElementById(id); made.value = value;
+    made.dispatchEvent(new Event('change')); })"""
+
+
+@needs_chromium
+def test_page_in_a_browser(page: Page, tmp_path: Path) -> None:
+    """Drawn in light and dark, wide and narrow; the worst runs and any two columns are chosen."""
+    target = tmp_path / "mixed.html"
+    write_study_report(study_folder("mixed"), target)
+    ground = "getComputedStyle(document.body).backgroundColor"
+    grounds = []
+    for width, scheme in ((1400, "light"), (390, "dark")):
+        page.errors.clear()
+        page.asked.clear()
+        page.open(target, width=width, scheme=scheme)
+        assert page.ask("document.documentElement.scrollWidth") <= width
+        assert page.ask(UNDRAWN) == []
+        assert page.ask("document.querySelectorAll('.plot .main-svg').length") > 10
+        grounds.append(page.ask(ground))
+    assert grounds[0] != grounds[1]
+    cells = (
+        "[...document.querySelectorAll('#worst-runs tbody tr')].map((r) => r.cells[1].innerText)"
+    )
+    page.ask(f"{PICK}('worst-order', 'smallest'); {PICK}('worst-count', '5')")
+    rows = read_table(study_folder("mixed"))[0].to_pylist()
+    least = sorted(row["x"] for row in rows)[:5]
+    assert page.ask(cells) == [f"{value:.5g}" for value in least]
+    page.ask(f"{PICK}('explore-x', 'decay'); {PICK}('explore-y', 'outcome')")
+    points = "document.getElementById('chart-explore').data.map((d) => d.x.length)"
+    finished, flagged, gone, missing = page.ask(points)
+    statuses = Counter(row["status"] for row in rows)
+    assert finished == statuses["finished"]
+    assert flagged == statuses["assertion_failed"]
+    assert gone + missing == statuses["crashed"]
+    page.ask("document.getElementById('theme').click()")
+    page.ask("window.dispatchEvent(new Event('beforeprint'))")
+    assert page.ask(ground) == grounds[0]
+    assert page.errors == []
+    assert page.asked == []
+    assert page.ask("""[...document.querySelectorAll('a[href^="#"]')].every(
+        (link) => document.getElementById(link.hash.slice(1)))""")
