@@ -15,8 +15,10 @@ from cosim.fmu.binary import ClockInterval
 from cosim.fmu.port import Port
 from cosim.fmu.state import FmuState, StateAccess
 
-INTERVAL_NOT_YET_KNOWN, INTERVAL_UNCHANGED, INTERVAL_CHANGED = 0, 1, 2
-"""fmi3IntervalQualifier."""
+INTERVAL_NOT_YET_KNOWN, INTERVAL_UNCHANGED = 0, 1
+INTERVAL_CHANGED = 2
+"""The interval of a Clock is another one since it was asked for; the other two: not known yet, the
+same (fmi3IntervalQualifier)."""
 
 
 class DiscreteStates(NamedTuple):
