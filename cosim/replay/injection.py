@@ -38,7 +38,6 @@ from cosim.trace import (
     Table,
     Trace,
     TraceWriter,
-    content_hash,
     diff,
     output_topic,
 )
@@ -127,7 +126,10 @@ def inject(
         trace, fmu, name, request, link, {**direct, **linked}, parameters, input_values
     )
     xml = Attachment(f"{name}.modelDescription.xml", "text/xml", fmu.xml)
-    with ExitStack() as living, TraceWriter(output, run=entries, attachments=[xml]) as writer:
+    with (
+        ExitStack() as living,
+        TraceWriter(output, run=entries, attachments=[xml], content_hash=True) as writer,
+    ):
         recorder, report_progress = TraceRecorder(writer, system), progress or silent
         run = run_system(system, "injecting", report_progress, "auto", recorder, living=living).run
         outcome = RunOutcome(
@@ -147,7 +149,7 @@ def inject(
     received = [] if role is None else trace.topics[f"/{role}/input"].signals
     return InjectionResult(
         trace=output,
-        content_hash=content_hash(output),
+        content_hash=writer.content_hash,
         fmu=fmu,
         name=name,
         role=role,

@@ -41,7 +41,7 @@ from cosim.scenario.script import Event, script_of
 from cosim.scenario.supervision import Supervision, raise_if_interrupted, supervision_of
 from cosim.scenario.system_run import run_system
 from cosim.scenario.wanted import ALL_FIGURES, Wanted
-from cosim.trace import Cause, RunOutcome, TraceWriter, content_hash
+from cosim.trace import Cause, RunOutcome, TraceWriter
 
 
 def execute_run(
@@ -125,7 +125,9 @@ def execute_recorded(
     with (
         supervision.open(system, list(prepared.fmus.values()), engine) as supervisor,
         ExitStack() as living,
-        TraceWriter(trace, run=entries, attachments=attachments, fsync=fsync) as writer,
+        TraceWriter(
+            trace, run=entries, attachments=attachments, fsync=fsync, content_hash=True
+        ) as writer,
     ):
         events_found = EventCollector()
         recorder = TraceRecorder(writer, system, events_found.take)
@@ -153,7 +155,7 @@ def execute_recorded(
         unrecorded = made.outcome(None, began, zero_state_run=zero_state_run)
         recorder.conclude(round(outcome.simulated_s * 1e9), outcome.conclusion)
         writer.finish(result_entries(outcome))
-        outcome = replace(outcome, content_hash=content_hash(trace))
+        outcome = replace(outcome, content_hash=writer.content_hash)
     outcome = replace(outcome, log_after_end=tuple(recorder.log_after_end))
     raise_if_interrupted(outcome, supervisor)
     return outcome, unrecorded, run

@@ -24,10 +24,10 @@ from .comparison.tolerance import (
     Tolerances as Tolerances,
 )
 from .content import (
-    CONTENT_HASH_VERSION as CONTENT_HASH_VERSION,
     begins_with as begins_with,
     content_hash as content_hash,
 )
+from .digest import CONTENT_HASH_VERSION as CONTENT_HASH_VERSION
 from .exports.export import (
     WrittenTable as WrittenTable,
     export as export,

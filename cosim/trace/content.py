@@ -1,46 +1,20 @@
-"""The content hash: equal for two runs that exchanged the same values, whatever the host.
+"""The content hash of a trace, and whether one trace is the beginning of another.
 
-SHA-256 over the messages of components and links, in file order: a digest of the channel (topic,
-message encoding, schema name, encoding and data, channel metadata sorted by key), log time,
-publish time, sequence, payload. Parts are length-prefixed, so that no two contents give the same
-bytes.
-
-Not covered: topics that are computed from these or tell about them (/log, everything with a
-schema of Foxglove or of the scene), comments of schemas, keys that begin with `host.`, metadata
-records and attachments, compression, chunking, schema and channel ids, indexes, the writing
-library.
+What the hash covers: `cosim.trace.digest`.
 """
 
 from __future__ import annotations
 
 import hashlib
-import struct
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from os import PathLike
 
 import numpy as np
-from google.protobuf.descriptor_pb2 import FileDescriptorSet
-from google.protobuf.message import DecodeError
 
 from cosim.core import distinct
-from cosim.trace.file.declared import Channel
-from cosim.trace.file.messages import Messages
+from cosim.trace.digest import ContentDigest, digest_of_channel, laid_out
 from cosim.trace.reader import Trace
-from cosim.trace.rows.layout import HOST_PREFIX, LOG_TOPIC, SCENE_SCHEMAS
-
-CONTENT_HASH_VERSION = 2
-"""Changes when what is hashed changes: hashes of different versions cannot be compared."""
-_VERSION = b"auv-cosim content %d" % CONTENT_HASH_VERSION
-_NOT_COVERED = ("foxglove.", SCENE_SCHEMAS)
-_HEAD = np.dtype(
-    [
-        ("channel", "V32"),
-        ("log", "<u8"),
-        ("publish", "<u8"),
-        ("sequence", "<u4"),
-        ("size", "<u8"),
-    ]
-)
+from cosim.trace.rows.layout import LOG_TOPIC
 
 
 def content_hash(path: str | PathLike[str], *, incomplete: bool | None = None) -> str:
@@ -58,16 +32,12 @@ def content_hash(path: str | PathLike[str], *, incomplete: bool | None = None) -
 def content_hash_of(trace: Trace) -> str:
     """Return the content hash of an open trace."""
     trace.check()
-    heads = {n: _channel(channel) for n, channel in trace.channels.items() if _is_covered(channel)}
-    messages = hashlib.sha256(_VERSION)
+    digest = ContentDigest()
+    for number, channel in trace.channels.items():
+        digest.declare(number, channel)
     for block in trace.blocks():
-        covered = np.isin(block.heads["channel"], [*heads])
-        messages.update(_block(block.part(np.flatnonzero(covered)), heads))
-    return messages.hexdigest()
-
-
-def _is_covered(channel: Channel) -> bool:
-    return channel.topic != LOG_TOPIC and not channel.schema.name.startswith(_NOT_COVERED)
+        digest.add(block)
+    return digest.hexdigest()
 
 
 def begins_with(whole: Trace, part: Trace) -> bool:
@@ -85,7 +55,7 @@ def begins_with(whole: Trace, part: Trace) -> bool:
 
 def _beginnings(trace: Trace, counts: Mapping[str, int]) -> dict[str, bytes]:
     """Return the digest of the first messages of each topic."""
-    heads = {number: _channel(channel) for number, channel in trace.channels.items()}
+    heads = {number: digest_of_channel(channel) for number, channel in trace.channels.items()}
     digests = {topic: hashlib.sha256() for topic in counts}
     left = dict(counts)
     for block in trace.blocks():
@@ -94,59 +64,6 @@ def _beginnings(trace: Trace, counts: Mapping[str, int]) -> dict[str, bytes]:
             if not left.get(topic):
                 continue
             mine = np.flatnonzero(block.heads["channel"] == number)[: left[topic]]
-            digests[topic].update(_block(block.part(mine), heads))
+            digests[topic].update(laid_out(block.part(mine), heads))
             left[topic] -= mine.size
     return {topic: digest.digest() for topic, digest in digests.items()}
-
-
-def _block(block: Messages, heads: Mapping[int, bytes]) -> memoryview:
-    """Lay out channel, times, sequence, size and payload of all messages at once, in order."""
-    sizes = block.sizes + _HEAD.itemsize
-    ends = np.cumsum(sizes)
-    out = np.empty(int(ends[-1]) if ends.size else 0, np.uint8)
-    starts = ends - sizes
-    for which, payloads in block.by_size():
-        part = block.heads[which]
-        head = np.zeros(which.size, _HEAD)
-        found, own = np.unique(part["channel"], return_inverse=True)
-        names = b"".join([heads[channel] for channel in found.tolist()])
-        head["channel"] = np.frombuffer(names, head["channel"].dtype)[own]
-        head["log"], head["publish"] = part["log"], part["publish"]
-        head["sequence"], head["size"] = part["sequence"], payloads.shape[1]
-        lines = np.hstack([head.view(np.uint8).reshape(which.size, _HEAD.itemsize), payloads])
-        size = np.dtype(f"V{lines.shape[1]}")
-        places = np.ndarray((out.size - size.itemsize + 1,), size, out, strides=(1,))
-        places[starts[which]] = lines.view(size)[:, 0]
-    return out.data
-
-
-def _channel(channel: Channel) -> bytes:
-    schema = channel.schema
-    names = (channel.topic, channel.encoding, schema.name, schema.encoding)
-    parts = [name.encode() for name in names]
-    data = _without_comments(schema.data) if schema.encoding == "protobuf" else schema.data
-    return hashlib.sha256(_joined([*parts, data, *_entries(channel.metadata)])).digest()
-
-
-def _without_comments(descriptors: bytes) -> bytes:
-    """Return a FileDescriptorSet without the comments of its source; as it is if it is none."""
-    try:
-        found = FileDescriptorSet.FromString(descriptors)
-    except DecodeError:
-        return descriptors
-    if not any(file.HasField("source_code_info") for file in found.file):
-        return descriptors
-    for file in found.file:
-        file.ClearField("source_code_info")
-    return found.SerializeToString(deterministic=True)
-
-
-def _entries(entries: Mapping[str, str]) -> list[bytes]:
-    kept = sorted(item for item in entries.items() if not item[0].startswith(HOST_PREFIX))
-    return [text.encode() for item in kept for text in item]
-
-
-def _joined(parts: Iterable[bytes]) -> bytes:
-    parts = list(parts)
-    prefixed = [struct.pack("<Q", len(part)) + part for part in parts]
-    return struct.pack("<Q", len(parts)) + b"".join(prefixed)

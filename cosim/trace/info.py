@@ -7,7 +7,8 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
-from cosim.trace.content import CONTENT_HASH_VERSION, content_hash_of
+from cosim.trace.content import content_hash_of
+from cosim.trace.digest import CONTENT_HASH_VERSION
 from cosim.trace.outcome.run_outcome import outcome_of
 from cosim.trace.reader import TopicInfo, Trace
 from cosim.trace.rows import foxglove

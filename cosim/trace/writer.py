@@ -21,8 +21,10 @@ import numpy as np
 from google.protobuf.descriptor_pb2 import FileDescriptorSet
 
 from cosim.core import CosimError, InputError
+from cosim.trace.digest import ContentDigest
 from cosim.trace.file import process_exit
 from cosim.trace.file.block import HEAD, Records, in_order
+from cosim.trace.file.declared import Channel, Schema
 from cosim.trace.file.disk import Guard, PartialFile
 from cosim.trace.file.flusher import Flusher
 from cosim.trace.file.records import LATEST_SIGNED_NS
@@ -68,6 +70,7 @@ class TraceWriter:
     compression : "zstd", "lz4" or "none".
     chunk_bytes : size before compression at which a chunk is closed [bytes].
     fsync : flush to the disk itself, so that data survive a power cut.
+    content_hash : compute the content hash while writing.
 
     Raises
     ------
@@ -86,6 +89,7 @@ class TraceWriter:
         compression: str = "zstd",
         chunk_bytes: int = 256 * 1024,
         fsync: bool = False,
+        content_hash: bool = False,
     ) -> None:
         entries = _strings(layout.RUN, run)
         if compression not in COMPRESSIONS:
@@ -108,7 +112,9 @@ class TraceWriter:
         self._topics: set[str] = set()
         self._file = PartialFile(self.path, fsync=fsync)
         self.partial_path = self._file.partial_path
-        self._stream = McapStream(self._file, chunk_bytes, compression, early=True)
+        self._content = ContentDigest() if content_hash else None
+        written = None if self._content is None else self._content.add
+        self._stream = McapStream(self._file, chunk_bytes, compression, early=True, written=written)
         self._chunk_bytes = chunk_bytes
         self._waiting: deque[bytes] = deque()
         self._guard = Guard(self._file, self._stream)
@@ -364,8 +370,18 @@ class TraceWriter:
             self._lay_out()
             schema_id = self._stream.schema(schema_name, "protobuf", data)
             topic_id = self._stream.channel(topic, "protobuf", schema_id, metadata)
+        if self._content is not None:
+            schema = Schema(schema_name, "protobuf", data)
+            self._content.declare(topic_id, Channel(topic, "protobuf", schema, metadata))
         self._topics.add(topic)
         return topic_id
+
+    @property
+    def content_hash(self) -> str:
+        """The content hash of what is written so far, as `cosim.trace.content_hash`."""
+        if self._content is None:
+            raise ValueError("expected TraceWriter(..., content_hash=True)")
+        return self._content.hexdigest()
 
     def _add(self, row: bytes) -> None:
         if not self._guard.open:

@@ -22,6 +22,7 @@ from cosim.core.errors import InputError, LossError
 from cosim.trace import (
     Attachment,
     Poses,
+    Rows,
     Signal,
     Trace,
     TraceWriter,
@@ -30,7 +31,7 @@ from cosim.trace import (
     render,
     result_of_link,
 )
-from cosim.trace.content import _without_comments
+from cosim.trace.digest import _without_comments
 
 
 def test_read_back(tmp_path: Path) -> None:
@@ -277,3 +278,26 @@ def test_describe_and_render(tmp_path: Path) -> None:
     for word in ("finished", "K[1,3] [N]", "[bold]", "station [red]", "sensor.sc", "0.25", "2000"):
         assert word in text
     assert "\x1b" not in text
+
+
+def test_content_hash_while_writing_is_that_of_the_file(tmp_path: Path) -> None:
+    """Of topics that begin late, rows in blocks and one by one, chunks with several channels."""
+    path = tmp_path / "run.mcap"
+    with TraceWriter(path, run={}, chunk_bytes=2000, content_hash=True) as writer:
+        first = writer.add_topic("/a", [Signal("x")], schema_name="a", metadata={"unit": "m"})
+        for k in range(50):
+            writer.write(first, 10 * k, [float(k)])
+        second = writer.add_topic("/b", ETA, schema_name="b")
+        for k in range(50, 300):
+            writer.write(first, 10 * k, [float(k)])
+            writer.write(second, 10 * k, [1.0 / k] * len(ETA))
+        writer.log(2990, "info", "a", "not covered")
+        times = np.arange(3000, 9000, 10)
+        values = np.arange(600.0)[:, None]
+        writer.write_rows([Rows(first, times, values)])
+        writer.finish({})
+    assert writer.content_hash == content_hash(path)
+    with TraceWriter(tmp_path / "other.mcap", run={}) as other:
+        other.finish({})
+        with pytest.raises(ValueError, match="content_hash=True"):
+            _ = other.content_hash

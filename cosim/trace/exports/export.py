@@ -20,7 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.core import InputError, Progress, silent, written_beside
-from cosim.trace.content import CONTENT_HASH_VERSION, content_hash_of
+from cosim.trace.content import content_hash_of
+from cosim.trace.digest import CONTENT_HASH_VERSION
 from cosim.trace.exports.files import CsvFile, ParquetFile, Sheet, pyarrow
 from cosim.trace.exports.mat_file import MatFile, bytes_of, check_size
 from cosim.trace.reader import Trace

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from cosim.core import optional
-from cosim.trace.content import CONTENT_HASH_VERSION
+from cosim.trace.digest import CONTENT_HASH_VERSION
 from cosim.trace.reader import Trace
 from cosim.trace.tables.frames import Column
 
