@@ -31,7 +31,7 @@ def written(path: Path, more: str) -> None:
     (path / "follows.toml").write_text(text)
 
 
-def test_what_was_reached_is_said_with_the_number_of_runs(tmp_path: Path) -> None:
+def test_what_was_reached_is_printed_with_the_number_of_runs(tmp_path: Path) -> None:
     """Before it runs, too: at most so many."""
     written(tmp_path, 'stop = { metric = "x", width = 0.9, first = 20 }')
     assert "at most 100 runs" in cosim("study", "check", "follows.toml", cwd=tmp_path).out
@@ -46,7 +46,7 @@ def test_what_was_reached_is_said_with_the_number_of_runs(tmp_path: Path) -> Non
     assert f"stopped after {done['runs']} of at most 100 runs" in seen
 
 
-def test_the_probability_is_said_with_its_levels(tmp_path: Path) -> None:
+def test_the_probability_is_printed_with_its_levels(tmp_path: Path) -> None:
     """Interval, coefficient of variation, and the column that tells levels apart."""
     written(tmp_path, 'rare = { metric = "x", above = 2.0 }')
     assert "at least 100 runs" in cosim("study", "check", "follows.toml", cwd=tmp_path).out

@@ -119,6 +119,18 @@ def test_a_sample_that_is_too_small_gives_no_estimate() -> None:
     assert found.effective < 30.0
 
 
+def test_a_sample_that_contradicts_its_pilot_gives_no_estimate() -> None:
+    """The limit is another one when the sample is drawn: half of it is out of reach."""
+    limit = linear(1e-3, 2)
+
+    def moved(u: Any) -> Any:
+        return limit(u) - (0.5 if len(u) == 400 and u.mean() > 1.5 else 0.0)
+
+    found = estimated(importance_sampling(2, 400, 400, 12, 1), moved)
+    assert found.probability is None
+    assert "missed a part of the event" in (found.reason or "")
+
+
 @pytest.mark.parametrize(
     ("limit", "words"),
     [

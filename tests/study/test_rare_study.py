@@ -126,7 +126,7 @@ def test_importance_sampling_is_extended(tmp_path: Path) -> None:
     assert low <= 5e-2 <= high
 
 
-def test_a_run_without_a_value_is_refused_or_counts_as_it_is_said() -> None:
+def test_a_run_without_a_value_is_refused_or_counts_as_the_study_has_it() -> None:
     """Named, with what to do; or beyond, or within."""
 
     def found(**more: Any) -> Any:
@@ -140,6 +140,9 @@ def test_a_run_without_a_value_is_refused_or_counts_as_it_is_said() -> None:
     assert "study repeat STUDY 20" in refused.value.text()
     assert found(missing="beyond").probability == pytest.approx(0.5)
     assert found(missing="within").probability == pytest.approx(0.2)
+    read = RarePoints(event(0.1).job.study)
+    read.replay([None] * 100)  # its runs can still be looked at
+    assert (read.stage, read.estimate) == (range(100), None)
     with pytest.raises(InputError, match="is a number"):
         RarePoints(event(0.1).job.study).tell([True] * 100)
 
