@@ -14,6 +14,7 @@ from cosim.cli.common import (
     FMUS,
     FmusOption,
     JsonOption,
+    RunFlavour,
     answer,
     progress,
 )
@@ -65,8 +66,11 @@ def export_verb(
         ),
     ] = "1.0",
     flavour: Annotated[
-        Literal["native", "python"],
-        typer.Option(help="Built-in FMUs: native (C) for any tool, python for Python hosts."),
+        RunFlavour,
+        typer.Option(
+            help="Built-in FMUs: native (C) for any tool, native-fmi3 for tools of FMI 3.0, python "
+            "for Python hosts. FMUs of links and signals are native."
+        ),
     ] = DEFAULT_FLAVOUR,
     fmus: FmusOption = FMUS,
     as_json: JsonOption = False,

@@ -17,7 +17,7 @@ from typing import Any, Final, NamedTuple, Self, get_args
 from fmpy import freeLibrary
 from fmpy.fmi1 import FMICallException
 from fmpy.fmi2 import FMU2Slave
-from fmpy.fmi3 import FMU3Slave, fmi3String, fmi3ValueReference
+from fmpy.fmi3 import FMU3ScheduledExecution, FMU3Slave, fmi3String, fmi3ValueReference
 
 from cosim.core import ComponentError
 from cosim.fmu.call_watch import calling
@@ -53,6 +53,7 @@ class Binary(NamedTuple):
     ----------
     identifier, token : the model identifier, and the GUID or instantiation token.
     path, folder : the FMU, and where it is unpacked.
+    scheduled : it is for scheduled execution (FMI 3).
     """
 
     version: FmiVersion
@@ -60,6 +61,7 @@ class Binary(NamedTuple):
     token: str
     path: Path
     folder: Path
+    scheduled: bool = False
 
     @classmethod
     def of(cls, description: FmuDescription, folder: Path) -> Self:
@@ -67,10 +69,11 @@ class Binary(NamedTuple):
         model = description.model
         return cls(
             description.version,
-            model.coSimulation.modelIdentifier,
+            description.interface.modelIdentifier,
             model.guid if description.version == "2.0" else model.instantiationToken,
             description.path,
             folder,
+            description.scheduled,
         )
 
 
@@ -191,48 +194,16 @@ class Fmi2Slave(CheckedCalls, FMU2Slave):  # type: ignore[misc]
         self.instantiate(callbacks=callbacks, loggingOn=logging_on)
 
 
-class Fmi3Slave(CheckedCalls, FMU3Slave):  # type: ignore[misc]
-    """FMPy's slave of FMI 3.0, with checked calls."""
+class ClockedCalls(CheckedCalls):
+    """Calls of FMI 3.0 that FMPy leaves to its user, with plain results."""
 
-    _taken: list[IntermediateValues]
-    _intermediate: tuple[int, ...]
-
-    def make_instance(
-        self, environment: int, *, formats: bool, logging_on: bool, options: SlaveOptions
-    ) -> None:
-        """Instantiate. A bare Exception is FMPy's word for NULL."""
-        del formats  # messages of FMI 3 are texts
-        self._taken, self._intermediate = [], options.intermediate
-        self.instantiate(
-            loggingOn=logging_on,
-            eventModeUsed=options.event_mode,
-            earlyReturnAllowed=options.early_return,
-            logMessage=fmi3_logger(environment),
-            intermediateUpdate=self._update if options.intermediate else None,
-            requiredIntermediateVariables=list(options.intermediate) or None,
-        )
-
-    def _update(
-        self,
-        _environment: int | None,
-        time: float,
-        _set_requested: bool,  # noqa: FBT001
-        get_allowed: bool,  # noqa: FBT001
-        finished: bool,  # noqa: FBT001
-        _can_return_early: bool,  # noqa: FBT001
-        early_return_requested: Any,
-        _early_return_time: Any,
-    ) -> None:
-        """Take the values within a step that belong to a finished step of the FMU's solver."""
-        early_return_requested[0] = False
-        if get_allowed and finished:
-            references = list(self._intermediate)
-            self._taken.append((time, self.getFloat64(references, len(references))))
-
-    def taken(self) -> list[IntermediateValues]:
-        """Return the values within steps since the last call, with their times [s]."""
-        found, self._taken = self._taken, []
-        return found
+    getIntervalDecimal: Any
+    getIntervalFraction: Any
+    getShiftDecimal: Any
+    getShiftFraction: Any
+    setIntervalDecimal: Any
+    setIntervalFraction: Any
+    fmi3GetString: Any
 
     def intervals(self, clocks: Sequence[int], fractions: bool) -> list[ClockInterval]:  # noqa: FBT001
         """Return the exact interval of each Clock [s], and its qualifier (fmi3GetInterval...)."""
@@ -278,6 +249,98 @@ class Fmi3Slave(CheckedCalls, FMU3Slave):  # type: ignore[misc]
         return list(values)
 
 
+class Fmi3Slave(ClockedCalls, FMU3Slave):  # type: ignore[misc]
+    """FMPy's slave of FMI 3.0, with checked calls."""
+
+    _taken: list[IntermediateValues]
+    _intermediate: tuple[int, ...]
+
+    def make_instance(
+        self, environment: int, *, formats: bool, logging_on: bool, options: SlaveOptions
+    ) -> None:
+        """Instantiate. A bare Exception is FMPy's word for NULL."""
+        del formats  # messages of FMI 3 are texts
+        self._taken, self._intermediate = [], options.intermediate
+        self.instantiate(
+            loggingOn=logging_on,
+            eventModeUsed=options.event_mode,
+            earlyReturnAllowed=options.early_return,
+            logMessage=fmi3_logger(environment),
+            intermediateUpdate=self._update if options.intermediate else None,
+            requiredIntermediateVariables=list(options.intermediate) or None,
+        )
+
+    def _update(
+        self,
+        _environment: int | None,
+        time: float,
+        _set_requested: bool,  # noqa: FBT001
+        get_allowed: bool,  # noqa: FBT001
+        finished: bool,  # noqa: FBT001
+        _can_return_early: bool,  # noqa: FBT001
+        early_return_requested: Any,
+        _early_return_time: Any,
+    ) -> None:
+        """Take the values within a step that belong to a finished step of the FMU's solver."""
+        early_return_requested[0] = False
+        if get_allowed and finished:
+            references = list(self._intermediate)
+            self._taken.append((time, self.getFloat64(references, len(references))))
+
+    def taken(self) -> list[IntermediateValues]:
+        """Return the values within steps since the last call, with their times [s]."""
+        found, self._taken = self._taken, []
+        return found
+
+
+class Fmi3Scheduled(ClockedCalls, FMU3ScheduledExecution):  # type: ignore[misc]
+    """FMPy's FMU for scheduled execution, as a slave whose Clocks activate its model partitions.
+
+    It has no modes and no steps: time is what the master says. The partitions of Clocks that tick
+    are activated when the super-dense instant ends: its inputs are set by then.
+    """
+
+    _now = 0.0
+    _ticking: list[int]
+
+    def make_instance(
+        self, environment: int, *, formats: bool, logging_on: bool, options: SlaveOptions
+    ) -> None:
+        """Instantiate. A bare Exception is FMPy's word for NULL."""
+        del formats, options
+        self._ticking = []
+        self.instantiate(loggingOn=logging_on, logMessage=fmi3_logger(environment))
+
+    def enterInitializationMode(
+        self, tolerance: float | None = None, startTime: float = 0.0, stopTime: float | None = None
+    ) -> None:
+        """Enter initialization mode, at the time from which Clocks tick."""
+        self._now = startTime
+        super().enterInitializationMode(tolerance, startTime, stopTime)
+
+    def enterEventMode(self) -> None:
+        """Do nothing: model partitions are activated at any time."""
+
+    def enterStepMode(self) -> None:
+        """Do nothing."""
+
+    def updateDiscreteStates(self) -> tuple[bool, bool, bool, bool, bool, float]:
+        """Activate the model partitions of the Clocks that tick, in this order."""
+        clocks, self._ticking = self._ticking, []
+        for clock in clocks:
+            self.activateModelPartition(clock, self._now)
+        # one more instant, for the output Clocks that tick with them
+        return bool(clocks), False, False, False, False, 0.0
+
+    def advance(self, time: float) -> None:
+        """Let time go on to `time` [s]."""
+        self._now = time
+
+    def setClock(self, vr: Sequence[int], values: Sequence[bool]) -> None:
+        """Let Clocks tick."""
+        self._ticking += [clock for clock, ticks in zip(vr, values, strict=True) if ticks]
+
+
 def exactly(seconds: float) -> Fraction:
     """Return the number that a double stands for: 1/10 for 0.1, the shortest that rounds to it."""
     return Fraction(repr(seconds)) if math.isfinite(seconds) else Fraction(-1)
@@ -311,7 +374,7 @@ def load_slave(binary: Binary, component: str, where: str) -> Any:
             before = Path.cwd()
             try:
                 slave = call_with_own_float_mode(
-                    _CLASSES[binary.version],
+                    Fmi3Scheduled if binary.scheduled else _CLASSES[binary.version],
                     instanceName=component,
                     guid=binary.token,
                     modelIdentifier=binary.identifier,

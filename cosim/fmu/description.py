@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import io
 import re
+import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -13,6 +14,7 @@ from typing import Any
 
 from fmpy import read_model_description
 from fmpy.model_description import ValidationError
+from lxml import etree
 
 from cosim.core import InputError, similar_files
 from cosim.fmu.export.catalogue import CATALOGUE
@@ -63,44 +65,58 @@ class FmuDescription:
     departures: tuple[str, ...] = ()
 
     @property
+    def scheduled(self) -> bool:
+        """Whether it is for scheduled execution alone: its Clocks activate all it does (FMI 3)."""
+        return self.model.coSimulation is None
+
+    @property
+    def interface(self) -> Any:
+        """FMPy's description of the interface that is used: co-simulation where there is one."""
+        return self.model.scheduledExecution if self.scheduled else self.model.coSimulation
+
+    @property
     def variable_step(self) -> bool:
         """Whether the FMU takes communication steps of changing size."""
-        return bool(self.model.coSimulation.canHandleVariableCommunicationStepSize)
+        return self.scheduled or bool(self.interface.canHandleVariableCommunicationStepSize)
 
     @property
     def can_get_and_set_state(self) -> bool:
         """Whether its state can be saved and restored."""
-        return bool(self.model.coSimulation.canGetAndSetFMUstate)
+        return bool(self.interface.canGetAndSetFMUstate)
 
     @property
     def can_serialize_state(self) -> bool:
         """Whether a saved state can be turned into bytes."""
-        return bool(self.model.coSimulation.canSerializeFMUstate)
+        return bool(self.interface.canSerializeFMUstate)
 
     @property
     def has_event_mode(self) -> bool:
         """Whether its events can be handled in event mode (FMI 3)."""
-        return self.version == "3.0" and bool(self.model.coSimulation.hasEventMode)
+        if self.version != "3.0":
+            return False
+        return self.scheduled or bool(self.interface.hasEventMode)
 
     @property
     def provides_intermediate_update(self) -> bool:
         """Whether its outputs can be read within a step (FMI 3)."""
-        return self.version == "3.0" and bool(self.model.coSimulation.providesIntermediateUpdate)
+        if self.version != "3.0" or self.scheduled:
+            return False
+        return bool(self.interface.providesIntermediateUpdate)
 
     @property
     def can_interpolate_inputs(self) -> bool:
         """Whether it takes derivatives of its inputs (FMI 2)."""
-        return bool(self.model.coSimulation.canInterpolateInputs)
+        return not self.scheduled and bool(self.interface.canInterpolateInputs)
 
     @property
     def can_be_instantiated_only_once(self) -> bool:
         """Whether there may be only one instance of it in a process at a time."""
-        return bool(self.model.coSimulation.canBeInstantiatedOnlyOncePerProcess)
+        return bool(self.interface.canBeInstantiatedOnlyOncePerProcess)
 
     @property
     def needs_execution_tool(self) -> bool:
         """Whether it only runs with another program, which must be installed."""
-        return bool(self.model.coSimulation.needsExecutionTool)
+        return bool(self.interface.needsExecutionTool)
 
     def port(self, name: str, *, where: str) -> Port:
         """Return the variable `name`; an `InputError` lists the nearest names if there is none."""
@@ -202,7 +218,7 @@ def _describe(path: Path, content: bytes, digest: str) -> FmuDescription:
         archive = CheckedArchive(path, content)
         archive.require_sound()
         xml, root = _description_in(archive)
-        model, departures = _read_model(content)
+        model, departures = _read_model(content, xml)
         version = _version(model, path)
         ports = declared_ports(read_declared_model(root), version)
     except InputError:
@@ -211,7 +227,10 @@ def _describe(path: Path, content: bytes, digest: str) -> FmuDescription:
         raise InputError(
             "not a valid FMU", where=str(path), expected="an FMU 2.0 or 3.0", got=str(error)
         ) from error
-    for wrong in identifier_findings(model.coSimulation.modelIdentifier, "co-simulation"):
+    if model.coSimulation is None:  # in scheduled execution variables can be read at any time
+        ports = {name: replace(port, clocks=()) for name, port in ports.items()}
+    interface = model.coSimulation or model.scheduledExecution
+    for wrong in identifier_findings(interface.modelIdentifier, "co-simulation"):
         raise refusal("its library is not loaded", path, wrong, "a C identifier")
     return FmuDescription(path, digest, model, MappingProxyType(ports), xml, version, departures)
 
@@ -225,8 +244,10 @@ def _description_in(archive: CheckedArchive) -> tuple[bytes, Any]:
     return xml or b"", root
 
 
-def _read_model(content: bytes) -> tuple[Any, tuple[str, ...]]:
+def _read_model(content: bytes, xml: bytes) -> tuple[Any, tuple[str, ...]]:
     """Return fmpy's model description and its harmless breaks of the standard."""
+    if b"<ClockType" in xml:
+        content = _without_clock_types(xml)
     try:
         return read_model_description(io.BytesIO(content)), ()
     except ValidationError as error:
@@ -234,6 +255,21 @@ def _read_model(content: bytes) -> tuple[Any, tuple[str, ...]]:
         if not all(_HARMLESS.search(problem) for problem in problems):
             raise
     return read_model_description(io.BytesIO(content), validate=False), problems
+
+
+def _without_clock_types(xml: bytes) -> bytes:
+    """Return an archive whose description names no type of a Clock, which fmpy does not know.
+
+    What a type says of its Clocks is read from the XML itself (`declared_ports`).
+    """
+    parser = etree.XMLParser(resolve_entities=False, no_network=True, load_dtd=False)
+    root = etree.fromstring(xml, parser)
+    for clock in root.iter("Clock"):
+        clock.attrib.pop("declaredType", None)
+    stream = io.BytesIO()
+    with zipfile.ZipFile(stream, "w") as archive:
+        archive.writestr(XML, etree.tostring(root, xml_declaration=True, encoding="UTF-8"))
+    return stream.getvalue()
 
 
 def _version(model: Any, path: Path) -> FmiVersion:
@@ -246,7 +282,7 @@ def _version(model: Any, path: Path) -> FmiVersion:
             got="FMI 1.0",
             hint="export it again: FMI 2.0 replaced FMI 1.0 in 2014",
         )
-    if model.coSimulation is None:
+    if model.coSimulation is None and getattr(model, "scheduledExecution", None) is None:
         offered = [words for key, words in _INTERFACES.items() if getattr(model, key, None)]
         raise InputError(
             "this FMU cannot be run",

@@ -15,8 +15,10 @@ from cosim.fmu.binary import ClockInterval
 from cosim.fmu.port import Port
 from cosim.fmu.state import FmuState, StateAccess
 
-INTERVAL_NOT_YET_KNOWN, INTERVAL_UNCHANGED, INTERVAL_CHANGED = 0, 1, 2
-"""fmi3IntervalQualifier."""
+INTERVAL_NOT_YET_KNOWN, INTERVAL_UNCHANGED = 0, 1
+INTERVAL_CHANGED = 2
+"""The interval of a Clock is another one since it was asked for; the other two: not known yet, the
+same (fmi3IntervalQualifier)."""
 
 
 class DiscreteStates(NamedTuple):
@@ -66,6 +68,10 @@ class EventAccess(StateAccess):
         found = self._do("updating discrete states", "updateDiscreteStates")
         need, terminate, _, _, defined, time = found
         return DiscreteStates(bool(need), bool(terminate), time if defined else None)
+
+    def advance(self, time: float) -> None:
+        """Let time go on to `time` [s], of an FMU for scheduled execution."""
+        self._do("letting time go on", "advance", time)
 
     def tick(self, clocks: Sequence[Port]) -> None:
         """Let input Clocks tick, in event mode; a ComponentError if the slave refuses."""

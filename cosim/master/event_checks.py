@@ -32,6 +32,12 @@ def check_event_keys(
             expected="FMI 3.0, with hasEventMode in its model description",
         )
     events = description.has_event_mode if event_mode is None else event_mode
+    if description.scheduled and not events:
+        raise InputError(
+            "this FMU does nothing but what its Clocks activate",
+            where=f"{file}: event_mode",
+            expected="true: it is for scheduled execution",
+        )
     for name, ticks in clocks.items():
         port, where = description.port(name, where=f"{file}: clocks"), f"{file}: clocks.{name}"
         if not events or port.clock is None or port.causality != "input":

@@ -195,11 +195,11 @@ def measured(steps: int, runs: int) -> dict[str, float]:
     least = dict.fromkeys(variants, float("inf"))
     last = {}
     for _ in range(TURNS):
-        for name, (count, fly) in variants.items():
+        for name, (count, execute) in variants.items():
             if name == "kernel_loop":
                 session.begin_again(by_hand.system)
             began = cpu_s()
-            last[name] = fly()
+            last[name] = execute()
             least[name] = min(least[name], (cpu_s() - began) / count)
     ends = {last[name] for name in ("c_bound", "fmpy", "study", "supervised")}
     if max(ends) - min(ends) > 1e-12 * max(map(abs, ends)):

@@ -55,8 +55,8 @@ LOGGER = SHIPPED / "logging" / "darwin64" / "logging.dylib"
 """Made by Apple's linker for macOS 12: two architectures, each with LC_DYLD_EXPORTS_TRIE."""
 
 
-def without_symbols(content: bytes) -> bytes:
-    """Each architecture says that its symbol table has no entries, as a stripped one's."""
+def emptied(content: bytes, kind: int, field: int) -> bytes:
+    """Each architecture says of its command of this kind that it has no entries: a field is 0."""
     data = bytearray(content)
     (count,) = struct.unpack_from(">I", data, 4)
     for i in range(count):
@@ -64,8 +64,8 @@ def without_symbols(content: bytes) -> bytes:
         place = image + 32
         for _ in range(struct.unpack_from("<I", data, image + 16)[0]):
             command, size = struct.unpack_from("<II", data, place)
-            if command == macholib.mach_o.LC_SYMTAB:
-                struct.pack_into("<I", data, place + 12, 0)
+            if command == kind:
+                struct.pack_into("<I", data, place + field, 0)
             place += size
     return bytes(data)
 
@@ -84,11 +84,22 @@ def test_exports_of_a_stripped_mach_o_library_come_from_its_trie(
     whole = read(LOGGER)
     assert (whole.damage, whole.unread) == (None, None)
     assert [i.platform.architecture for i in whole.images] == ["x86_64", "aarch64"]
-    stripped = read_binary("darwin64", "logging.dylib", without_symbols(LOGGER.read_bytes()))
+    content = emptied(LOGGER.read_bytes(), macholib.mach_o.LC_SYMTAB, 12)
+    stripped = read_binary("darwin64", "logging.dylib", content)
     assert [i.imports for i in stripped.images] == [frozenset(), frozenset()]
     for image, bare in zip(whole.images, stripped.images, strict=True):
         assert "addLoggerProxy" in bare.exports
         assert bare.exports == image.exports
+
+
+def test_exports_of_a_mach_o_library_without_a_trie_come_from_its_symbols() -> None:
+    """Older linkers write none."""
+    content = emptied(LOGGER.read_bytes(), macholib.mach_o.LC_DYLD_EXPORTS_TRIE, 12)
+    bare = read_binary("darwin64", "logging.dylib", content)
+    assert len(bare.images) == 2
+    for image in bare.images:
+        assert "addLoggerProxy" in image.exports
+        assert all(name.isprintable() and len(name) > 3 for name in image.imports | image.exports)
 
 
 @pytest.mark.parametrize(
@@ -303,6 +314,21 @@ def test_binary_in_the_folder_of_another_machine(
     report = inspect_fmu(pack(files, tmp_path / "New.fmu"))
     found = [f.what for f in report.findings if f.code == "binary-platform"]
     assert found == ([] if expected is None else [expected])
+
+
+def test_functions_are_not_asked_of_a_folder_that_no_tool_of_fmi3_looks_into(
+    tmp_path: Path,
+) -> None:
+    """Of a library of FMI 2 beside those of FMI 3."""
+    files = described(FMI3, "documentation/index.html")
+    library = compiled(tmp_path, "int fmi2DoStep(void) { return 0; }", "old").read_bytes()
+    files["binaries/linux64/New.so"] = library
+    found = {f.code for f in inspect_fmu(pack(files, tmp_path / "New.fmu")).findings}
+    assert "function-missing" not in found
+    assert "binary-folder" in found
+    files["binaries/x86_64-linux/New.so"] = files.pop("binaries/linux64/New.so")
+    found = {f.code for f in inspect_fmu(pack(files, tmp_path / "New.fmu")).findings}
+    assert "function-missing" in found
 
 
 def test_glibc_newer_than_this_machine(fmus: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -155,7 +155,7 @@ FMI2_DAMAGE: dict[str, tuple[Damage, str, str]] = {
             (
                 r"</ModelVariables>",
                 (
-                    '<ScalarVariable name="i" valueReference="0"><Integer/></ScalarVariable>'
+                    '<ScalarVariable name="i" valueReference="1"><Integer/></ScalarVariable>'
                     "</ModelVariables>"
                 ),
             )
@@ -169,7 +169,7 @@ FMI2_DAMAGE: dict[str, tuple[Damage, str, str]] = {
         "error",
     ),
     "alias-settable": (
-        described_as((r'(name="force\.y" valueReference=)"\d+"', r'\1"0"')),
+        described_as((r'(name="force\.y" valueReference=)"\d+"', r'\1"1"')),
         "alias-settable",
         "error",
     ),
@@ -268,6 +268,7 @@ FMI2_DAMAGE: dict[str, tuple[Damage, str, str]] = {
     "sources-only": (renamed("binaries/", "sources/"), "binary-sources-only", "warning"),
     "not-here": (without("binaries/linux64"), "binary-here", "warning"),
     "binary-name": (renamed(SO, "binaries/linux64/Other.so"), "binary-name", "error"),
+    "binary-case": (renamed(DLL, "binaries/win64/auvplant.dll"), "binary-name", "warning"),
     "binary-folder": (renamed("binaries/win64", "binaries/Win64"), "binary-folder", "warning"),
     "binary-tuple": (
         renamed("binaries/win64", "binaries/x86_64-windows"),

@@ -24,7 +24,7 @@ def clocked(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return build_fmu("PaperController", folder, "native-fmi3", clocked=True)
 
 
-def flown(folder: Path, *settings: str) -> dict[str, Table]:
+def rows_of(folder: Path, *settings: str) -> dict[str, Table]:
     """The rows of the paper's example, by topic."""
     loaded = load("paper-example", ["run.end=3.0", *settings])
     prepared = prepare(loaded, make_fmu_cache(fmu_store("native"), loaded.folder, "native"))
@@ -40,8 +40,8 @@ def test_clocked_controller_gives_the_bits_of_the_sampled_one(
     """At every point of the sampled run, once events are over; and its Clock ticks exactly."""
     parameters = "components.controller.parameters.sample_time=0.04"
     settings = (f"run.step={step}", parameters)
-    one = flown(tmp_path, *settings)
-    other = flown(tmp_path, *settings, f"components.controller.fmu='{clocked}'")
+    one = rows_of(tmp_path, *settings)
+    other = rows_of(tmp_path, *settings, f"components.controller.fmu='{clocked}'")
     ticks = other["/controller/input"].log_time_ns[other["/controller/input"]["clock"]]
     assert ticks.tolist() == [40_000_000 * k for k in range(76)]
     for topic, rows in one.items():
@@ -57,9 +57,9 @@ def test_clocked_controller_without_event_mode_is_the_sampled_one(
     tmp_path: Path, clocked: Path
 ) -> None:
     """Row by row."""
-    one = flown(tmp_path)
+    one = rows_of(tmp_path)
     given = (f"components.controller.fmu='{clocked}'", "components.controller.event_mode=false")
-    other = flown(tmp_path, *given)
+    other = rows_of(tmp_path, *given)
     for topic, rows in one.items():
         assert {n: c.tobytes() for n, c in rows.columns.items()} == {
             n: c.tobytes() for n, c in other[topic].columns.items()
@@ -79,7 +79,7 @@ def test_clock_is_declared_as_the_standard_has_it(clocked: Path) -> None:
 def test_sample_time_of_zero_is_no_interval(tmp_path: Path, clocked: Path) -> None:
     """Which samples at every point without a Clock."""
     with pytest.raises(Exception, match=r"interval of clock|sample_time of more than 0"):
-        flown(
+        rows_of(
             tmp_path,
             f"components.controller.fmu='{clocked}'",
             "components.controller.parameters.sample_time=0.0",

@@ -60,6 +60,14 @@ fmi3Instance fmi3InstantiateCoSimulation(
                  .alarm_after = 1e300, .stop_early = 1e300, .interval = 0.1, .n = 2};
     return m;
 }
+fmi3Instance fmi3InstantiateScheduledExecution(
+    fmi3String name, fmi3String token, fmi3String resources, fmi3Boolean visible,
+    fmi3Boolean logging, fmi3InstanceEnvironment environment, fmi3LogMessageCallback log,
+    fmi3ClockUpdateCallback update, fmi3LockPreemptionCallback lock,
+    fmi3UnlockPreemptionCallback unlock) {
+    return fmi3InstantiateCoSimulation(name, token, resources, visible, logging, false, false, NULL,
+                                       0, environment, log, NULL);
+}
 void fmi3FreeInstance(fmi3Instance it) { free(it); }
 fmi3Status fmi3SetDebugLogging(fmi3Instance it, fmi3Boolean on, size_t n, const fmi3String k[]) {
     return fmi3OK;
@@ -105,6 +113,14 @@ static void evaluate(Model *m) {
         m->alarms++, m->evaluated = true;
 }
 
+fmi3Status fmi3ActivateModelPartition(fmi3Instance it, fmi3ValueReference clock,
+                                      fmi3Float64 time) {
+    Model *m = it;
+    m->time = time, m->ticking[clock] = true;
+    evaluate(m);
+    m->ticking[clock] = m->evaluated = false;
+    return fmi3OK;
+}
 fmi3Status fmi3SetClock(fmi3Instance it, const fmi3ValueReference v[], size_t n,
                         const fmi3Clock values[]) {
     Model *m = it;

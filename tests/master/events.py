@@ -66,8 +66,20 @@ def _reference(text: str) -> str:
     return text.split('valueReference="')[1].split('"', maxsplit=1)[0]
 
 
-def event_fmu(folder: Path, names: Iterable[str], tick: str = "", *, state: bool = True) -> Path:
-    """Make an FMU with these variables; `tick` : attributes of the Clock of that name."""
+def event_fmu(
+    folder: Path,
+    names: Iterable[str],
+    tick: str = "",
+    *,
+    state: bool = True,
+    scheduled: bool = False,
+    types: str = "",
+) -> Path:
+    """Make an FMU with these variables; `tick` : attributes of the Clock of that name.
+
+    `state` : it can save its state; `scheduled` : it is for scheduled execution; `types` : the
+    types that it defines.
+    """
     chosen = {name: _VARIABLES[name] for name in names}
     if tick:
         clock = f'<Clock name="tick" valueReference="1" causality="input" {tick}/>'
@@ -78,12 +90,17 @@ def event_fmu(folder: Path, names: Iterable[str], tick: str = "", *, state: bool
             on = " ".join(_reference(chosen[d]) for d in _DEPENDENCIES[name] if d in chosen)
             outputs += f'<Output valueReference="{_reference(text)}" dependencies="{on}"/>'
     able = 'canGetAndSetFMUState="true"' if state else ""
-    description = (
-        '<?xml version="1.0" encoding="UTF-8"?>\n'
-        '<fmiModelDescription fmiVersion="3.0" modelName="events" instantiationToken="{e}">'
+    interface = (
         f'<CoSimulation modelIdentifier="events" hasEventMode="true" {able} '
         'canHandleVariableCommunicationStepSize="true" providesIntermediateUpdate="true" '
         'mightReturnEarlyFromDoStep="true"/>'
+    )
+    if scheduled:
+        interface = '<ScheduledExecution modelIdentifier="events"/>'
+    description = (
+        '<?xml version="1.0" encoding="UTF-8"?>\n'
+        '<fmiModelDescription fmiVersion="3.0" modelName="events" instantiationToken="{e}">'
+        f"{interface}{f'<TypeDefinitions>{types}</TypeDefinitions>' if types else ''}"
         '<ModelVariables><Float64 name="time" valueReference="0" causality="independent" '
         f'variability="continuous"/>{"".join(chosen.values())}</ModelVariables>'
         f"<ModelStructure>{outputs}</ModelStructure></fmiModelDescription>\n"

@@ -114,6 +114,31 @@ def test_periodic_clock_ticks_at_rational_instants(
     assert run.signal("c", "ticks")[-1] == len(expected)
 
 
+def test_clocks_activate_the_partitions_of_scheduled_execution(tmp_path: Path) -> None:
+    """Each at its tick, those of one instant by priority; what they read is of that instant."""
+    names = ["ticks", "x", "sampled", "trigger", "triggers"]
+    fmu = describe_fmu(event_fmu(tmp_path, names, f'{THIRDS} priority="1"', scheduled=True))
+    ramp = describe_fmu(event_fmu(tmp_path, ["ramp"]))
+    component = Component(fmu, clocks={"trigger": [0.25, 0.5]})
+    run = run_of(system_of({"s": component, "r": Component(ramp)}, "r.ramp s.x"))
+    assert instants(run, "s", "tick") == [333_333_333, 666_666_667, 1_000_000_000]
+    np.testing.assert_allclose(run.signal("s", "sampled")[-1], 1.0, atol=1e-9)
+    at = np.flatnonzero(run.points_ns == 333_333_333)
+    np.testing.assert_allclose(run.signal("s", "sampled")[at], [0.0, 1 / 3, 1 / 3], atol=1e-9)
+    assert (run.signal("s", "ticks")[-1], run.signal("s", "triggers")[-1]) == (3.0, 2.0)
+    with pytest.raises(InputError, match="nothing but what its Clocks activate"):
+        Component(fmu, event_mode=False)
+
+
+def test_clock_has_the_interval_of_its_type(tmp_path: Path) -> None:
+    """Where it has none of its own."""
+    types = '<ClockType name="Slow" intervalVariability="constant" intervalDecimal="0.4"/>'
+    tick = 'declaredType="Slow" intervalVariability="constant"'
+    fmu = describe_fmu(event_fmu(tmp_path, ["ticks"], tick, types=types))
+    run = run_of(system_of({"c": Component(fmu)}))
+    assert instants(run, "c", "tick") == [0, 400_000_000, 800_000_000]
+
+
 def test_interval_that_the_scenario_gives(tmp_path: Path) -> None:
     """A fixed Clock gets it in the initialisation and ticks by it."""
     tick = 'intervalVariability="fixed" intervalDecimal="0.1"'

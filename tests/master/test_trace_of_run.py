@@ -135,7 +135,7 @@ def test_channel_metadata_is_that_of_the_model_description(fmus: Path, tmp_path:
     signals = {s.name: s for s in info.signals}
     assert signals["eta.psi"].unit == "rad"
     assert signals["nu.u"].unit == "m/s"
-    assert signals["eta.x"].value_reference == 8
+    assert signals["eta.x"].value_reference == 9
     assert signals["eta.x"].hold == "continuous"
     pose = trace.topics["/auv/pose"]
     assert pose.count == run.points_ns.size

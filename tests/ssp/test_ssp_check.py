@@ -191,9 +191,9 @@ def test_verb_has_codes_of_exit_and_json(tmp_path: Path) -> None:
     assert finding["code"] == "no-openmodelica-annotation"
     tool: SspTool = "fmpy"
     assert run(app, ["ssp", "check", str(path), "--for", tool]).exit_code == 0
-    shown = run(app, ["ssp", "check", str(path)])
-    assert "ecos takes it" in shown.stdout
-    assert "libcosim refuses it" in shown.stdout
+    listed = run(app, ["ssp", "check", str(path)])
+    assert "ecos takes it" in listed.stdout
+    assert "libcosim refuses it" in listed.stdout
     unknown = run(app, ["ssp", "check", str(path), "--for", "simulink"]).exception
     assert isinstance(unknown, InputError)
     assert "there is no tool 'simulink'" in str(unknown)

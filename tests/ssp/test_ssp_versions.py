@@ -29,8 +29,8 @@ from cosim.scenario.read import load
 from cosim.scenario.ssp.archive import Archive
 from cosim.scenario.ssp.export import export_ssp
 from cosim.scenario.ssp.importing import import_ssp
-from cosim.scenario.ssp.names import NAMESPACES, identifiers
-from cosim.scenario.ssp.parameters import BoundValue, values_for
+from cosim.scenario.ssp.names import NAMESPACES, SSD, identifiers
+from cosim.scenario.ssp.parameters import BoundValue, bound_values, values_for
 from cosim.scenario.ssp.units import UnitBase
 
 END = '<ssd:DefaultExperiment stopTime="1.5"/>'
@@ -166,6 +166,27 @@ def test_units_are_converted_before_a_mapping_transforms(native_fmus: Path, tmp_
         assert value("ms") == 0.25 * 2.0 + 1.0
         assert value(None) == 250.0 * 2.0 + 1.0
         assert value("s") == 501.0
+
+
+def test_mapping_may_suppress_the_conversion_of_units(tmp_path: Path) -> None:
+    """Then the value has no unit any more; the transformation holds all the same."""
+    entry = '<ssm:MappingEntry source="late" target="{}" suppressUnitConversion="{}"><ssc:LinearT'
+    entry += 'ransformation factor="0.001"/></ssm:MappingEntry>'
+    inside = (
+        "<ssd:ParameterBindings><ssd:ParameterBinding><ssd:ParameterValues><ssv:ParameterSet "
+        'version="1.0" name="p"><ssv:Parameters><ssv:Parameter name="late"><ssv:Real value="250" '
+        'unit="ms"/></ssv:Parameter></ssv:Parameters></ssv:ParameterSet></ssd:ParameterValues>'
+        '<ssd:ParameterMapping><ssm:ParameterMapping version="1.0">'
+        + entry.format("a", "true")
+        + entry.format("b", "false")
+        + "</ssm:ParameterMapping></ssd:ParameterMapping></ssd:ParameterBinding>"
+        "</ssd:ParameterBindings>"
+    )
+    path = write(tmp_path / "a.ssp", {"SystemStructure.ssd": ssd(inside, END)})
+    with Archive(path) as archive:
+        system = archive.xml(SSD, "SystemStructureDescription")[0]
+        found = {v.name: (v.unit, v.factor) for v in bound_values(archive, system, SSD)}
+    assert found == {"a": (None, 0.001), "b": ("ms", 0.001)}
 
 
 def test_arrays_and_types_of_fmi_3_need_2_0(tmp_path: Path) -> None:

@@ -126,7 +126,7 @@ def test_importance_sampling_is_extended(tmp_path: Path) -> None:
     assert low <= 5e-2 <= high
 
 
-def test_a_run_without_a_value_is_refused_or_counts_as_the_study_has_it() -> None:
+def test_a_run_without_a_value_is_refused_or_counts_as_asked() -> None:
     """Named, with what to do; or beyond, or within."""
 
     def found(**more: Any) -> Any:

@@ -219,7 +219,7 @@ def test_what_is_no_study_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyP
     (tmp_path / "odd").mkdir()
     (tmp_path / "odd" / "study.json").write_text('{"digest": "", "study": {"a": 1}, "count": 1}')
     copied(study_folder("one"), tmp_path / "one")
-    for arguments, said_words in (
+    for arguments, cause in (
         (("nowhere",), "not the results of a study"),
         (("empty",), "not the folder of a study"),
         (("odd",), "not the manifest of a study"),
@@ -229,7 +229,7 @@ def test_what_is_no_study_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyP
     ):
         refused = cosim("study", "report", *arguments, "--json", cwd=tmp_path)
         assert refused.code == 2
-        assert said_words in refused.error["what"]
+        assert cause in refused.error["what"]
     real = builtins.__import__
 
     def without(name: str, *rest: Any) -> Any:

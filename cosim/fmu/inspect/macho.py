@@ -85,7 +85,9 @@ def _symbols(header: Any, stream: io.BytesIO) -> tuple[frozenset[str], frozenset
     stream.seek(header.offset + int(table.stroff))
     strings = stream.read(int(table.strsize))
     stream.seek(header.offset + int(table.symoff))
-    entry = mach_o.nlist_64 if header.MH_MAGIC == mach_o.MH_MAGIC_64 else mach_o.nlist
+    # MH_MAGIC is as the bytes stand in the file, and differs by their order
+    wide = header.mach_header is mach_o.mach_header_64
+    entry = mach_o.nlist_64 if wide else mach_o.nlist
     exports: set[str] = set()
     imports: set[str] = set()
     for _ in range(min(int(table.nsyms), MOST_SYMBOLS)):

@@ -102,8 +102,8 @@ def convergence_chart(key: str, metric: Column, found: Convergence, confidence: 
     ]
     # the first intervals are so wide that nothing else would be seen
     settled = sure & (n >= min(8.0, 0.5 * n[-1]))
-    shown_values = [*found.low[settled], *found.high[settled], *found.mean[n >= min(8, n[-1])]]
-    low, high = float(np.min(shown_values)), float(np.max(shown_values))
+    drawn_values = [*found.low[settled], *found.high[settled], *found.mean[n >= min(8, n[-1])]]
+    low, high = float(np.min(drawn_values)), float(np.max(drawn_values))
     margin = 0.06 * (high - low) or 0.5 * abs(high) or 0.5
     layout: dict[str, Any] = {
         "xaxis": {
