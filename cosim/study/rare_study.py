@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from bisect import bisect_right
 from collections.abc import Sequence
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -108,9 +109,13 @@ class RarePoints:
             self.stage, self.estimate = None, end.value
 
     def replay(self, metric: Sequence[Any]) -> None:
-        """Go on from the beginning, by the metric of the runs from the first one on."""
-        while self.stage is not None and self.stage.stop <= len(metric):
-            self.tell(metric[self.stage.start : self.stage.stop])
+        """Go on from the beginning, by the metric of the runs from the first one on.
+
+        Runs that end the study, since they have no value, are the last ones that are decided.
+        """
+        with suppress(ComponentError):
+            while self.stage is not None and self.stage.stop <= len(metric):
+                self.tell(metric[self.stage.start : self.stage.stop])
 
     def _add(self, normal: Reals) -> None:
         first = self.count

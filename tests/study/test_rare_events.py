@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from cosim.study.importance_sampling import importance_sampling
+from cosim.study.importance_sampling import _Mixture, importance_sampling
 from cosim.study.rare_events import RareEstimate, estimated
 from cosim.study.subset_simulation import subset_simulation
 
@@ -73,11 +73,11 @@ def test_subset_simulation_finds_the_closed_form(case: str) -> None:
     check([subset(limit, dimensions, seed) for seed in range(100)], truth, 1.0)
 
 
-@pytest.mark.parametrize("case", ["1e-7", "two-sided"])
+@pytest.mark.parametrize("case", ["1e-7", "chi-square", "two-sided"])
 def test_importance_sampling_finds_the_closed_form(case: str) -> None:
     make, truth, dimensions = CASES[case]
     limit = make(truth, dimensions)
-    check([importance(limit, dimensions, seed) for seed in range(12)], truth, 0.8)
+    check([importance(limit, dimensions, seed) for seed in range(12)], truth, 0.7)
 
 
 def test_the_correlation_of_chains_is_in_the_deviation() -> None:
@@ -117,6 +117,27 @@ def test_a_sample_that_is_too_small_gives_no_estimate() -> None:
     assert "effective sample size" in (found.reason or "")
     assert found.effective is not None
     assert found.effective < 30.0
+
+
+def test_weights_of_a_mixture_have_the_mean_one() -> None:
+    """They are a ratio of densities, whatever the shares, centres and deviation."""
+    mixture = _Mixture(np.array([0.3, 0.7]), np.array([[1.0, 0.0], [-1.0, 0.5]]), 1.5)
+    rng = np.random.default_rng(1)
+    weights = mixture.weights(mixture.placed(rng.standard_normal((40000, 2)), rng.random(40000)))
+    assert weights.mean() == pytest.approx(1.0, abs=4.0 * weights.std() / 200.0)
+    assert weights.std() < 1.0
+
+
+def test_a_sample_that_contradicts_its_pilot_gives_no_estimate() -> None:
+    """The limit is another one when the sample is drawn: half of it is out of reach."""
+    limit = linear(1e-3, 2)
+
+    def moved(u: Any) -> Any:
+        return limit(u) - (0.5 if len(u) == 400 and u.mean() > 1.5 else 0.0)
+
+    found = estimated(importance_sampling(2, 400, 400, 12, 1), moved)
+    assert found.probability is None
+    assert "missed a part of the event" in (found.reason or "")
 
 
 @pytest.mark.parametrize(

@@ -140,6 +140,9 @@ def test_a_run_without_a_value_is_refused_or_counts_as_asked() -> None:
     assert "study repeat STUDY 20" in refused.value.text()
     assert found(missing="beyond").probability == pytest.approx(0.5)
     assert found(missing="within").probability == pytest.approx(0.2)
+    read = RarePoints(event(0.1).job.study)
+    read.replay([None] * 100)  # its runs can still be looked at
+    assert (read.stage, read.estimate) == (range(100), None)
     with pytest.raises(InputError, match="is a number"):
         RarePoints(event(0.1).job.study).tell([True] * 100)
 
