@@ -231,7 +231,19 @@ def _row_here(runner: StudyRunner, run: int, trace: Path | None = None) -> Row:
         status, reason = REFUSED, error.text()
     except Exception as error:  # noqa: BLE001 - one run must not stop the others
         status, reason = FAILED, f"unexpected {type(error).__name__}: {error}"
+    values = values_of(runner.study, status, values)
     return Row(run, status, reason, time.perf_counter() - began, values)
+
+
+def values_of(study: Study, status: str, values: tuple[Value, ...]) -> tuple[Value, ...]:
+    """Return the values that count of a run with this status.
+
+    What a run without a result has come to is no result: a vehicle is near its place when its
+    first step crashes. Its numbers are missing, and missing ones are outside every bound.
+    """
+    if status not in INCOMPLETE:
+        return values
+    return tuple(False if metric.asks else None for metric in study.metrics.values())
 
 
 def status_of(outcome: Outcome) -> tuple[str, str | None]:

@@ -25,6 +25,7 @@ from cosim.study.batch import (
     register_runner,
     run_batch,
     software,
+    values_of,
 )
 from cosim.study.folder import Folder
 from cosim.study.manifest import manifest_of
@@ -290,7 +291,7 @@ def _run_rest(
     for run in suspects if time.perf_counter() < until else ():
         for _, result in pool.run_batches(run_batch, job, _once(run)):
             if isinstance(result, WorkerDied):
-                nothing = (None,) * len(plan.job.study.metrics)
+                nothing = values_of(plan.job.study, LOST, ())
                 keep([Row(run, LOST, _lost(2 * result.attempts), 0.0, nothing)])
             else:
                 keep(result)

@@ -20,6 +20,7 @@ from cosim.study.batch import (
     record_and_measure,
     run_and_measure,
     status_of,
+    values_of,
 )
 from cosim.study.consistency import Place, changed_error, check_consistent, nowhere
 from cosim.study.points import Points
@@ -162,6 +163,7 @@ def trial_run(plan: Plan, runs: range, traces: Path | None = None) -> tuple[Row 
         elif run != runs[0]:
             return None, seconds
         else:
+            values = values_of(plan.runner.study, status, values)
             return Row(run, status, reason, seconds, values), seconds
     assert first is not None  # noqa: S101 - the loop ran
     raise first

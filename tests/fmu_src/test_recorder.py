@@ -236,4 +236,5 @@ def test_output_without_feedthrough_has_no_derivative(native_fmus: Any) -> None:
     """Of the vehicle's states by its forces."""
     with started(native_fmus, "AuvPlant") as raw:
         outputs = [raw.reference[n] for n in raw.outputs()]
-        assert raw.fmu.getDirectionalDerivative(outputs, [0, 1], [1.0, 1.0]) == [0.0] * 8
+        forces = [raw.reference[f"force.{axis}"] for axis in "xy"]
+        assert raw.fmu.getDirectionalDerivative(outputs, forces, [1.0, 1.0]) == [0.0] * 8

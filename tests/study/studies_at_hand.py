@@ -63,6 +63,7 @@ STUDIES: Mapping[str, Callable[[], Study]] = MappingProxyType(
             traces="worst:2 by x",
         ),
         "dead": lambda: study([610.0, 650.0, 700.0], metrics=METRICS, title="All die"),
+        "few": lambda: study([10.0, 50.0, 100.0], metrics=METRICS, title="A few"),
         "one": lambda: study([3.0], metrics=METRICS, title="One run"),
         "indices": lambda: study(
             [],

@@ -15,10 +15,12 @@ from cosim.study.table import read_table
 
 def test_the_kind_that_fits_is_drawn(tmp_path: Path) -> None:
     """By the axes and the metric that there are; every other kind by its name, or says why not."""
-    fitting = {"mixed": "map", "dead": "curve", "indices": "sensitivity", "rare": "distribution"}
+    fitting = {"mixed": "map", "few": "curve", "indices": "sensitivity", "rare": "distribution"}
     for name, kind in fitting.items():
         assert draw_study(*read_table(study_folder(name)), tmp_path / f"{name}.png") == kind
         assert (tmp_path / f"{name}.png").stat().st_size > 5000
+    with pytest.raises(InputError, match="no run has a value"):
+        draw_study(*read_table(study_folder("dead")), tmp_path / "dead.png")
     mixed = read_table(study_folder("mixed"))
     refused = {}
     for kind in PICTURE_KINDS:
@@ -50,7 +52,7 @@ def test_what_cannot_be_drawn_is_named(
     arguments: tuple[str, ...], cause: str, tmp_path: Path
 ) -> None:
     """Exit code 2, and no file."""
-    line = ("study", "show", study_folder("dead"), "--picture", "x.png", *arguments, "--json")
+    line = ("study", "show", study_folder("few"), "--picture", "x.png", *arguments, "--json")
     found = cosim(*line, cwd=tmp_path)
     assert found.code == 2
     assert cause in found.error["what"]

@@ -130,13 +130,6 @@ class StudyContent:
         return [*alone, *self.sensitivity, *(c for part in self.metrics for c in part.charts)]
 
     @property
-    def partial(self) -> int:
-        """Number of runs without a result that left a value of some metric."""
-        known = np.any([metric.known for metric in self.columns.metrics.values()], axis=0)
-        bad = np.array([tone_of(status) == "bad" for status in self.columns.statuses], bool)
-        return int((known & bad).sum())
-
-    @property
     def without_result(self) -> int:
         """Number of runs in the table that have no result."""
         return sum(one.found.count for one in self.statuses if one.tone == "bad")
