@@ -238,7 +238,9 @@ def merge(
     table is written; it is the one of a study executed in one place.
 
     \b
-    cosim study merge part-1 part-2 --out studies/delay-margin
+    cosim study run delay-margin --runs 0:20 --out part-1
+    cosim study run delay-margin --runs 20:25 --out part-2
+    cosim study merge part-1 part-2 --out whole
     """
     found = studies.merge_studies(folders, out)
     answer(as_json, found.to_json, lambda: merged_view(found))
