@@ -93,15 +93,21 @@ class Exchange:
         address = slave.address(way, group.getter_type)
         self._function = exchange_function(slave.description.version, address)
         self._restore_float_mode = float_mode_restorer()
-        self._component = pointer(slave.component)
-        self._references = group.references
+        self._references = group.references  # the arguments are addresses
         self._columns = slice(group.column, group.column + group.size)
         self._texts = instance.texts
         self._kept: Any = None
         text = group.c_type == "S"
         self.scratch: NDArray[Any] = np.zeros(group.size, "u8" if text else group.c_type)
         self._wide = group.c_type in ("i8", "u8")
-        self._more = () if slave.description.version == "2.0" else (group.size,)
+        more = () if slave.description.version == "2.0" else (group.size,)
+        self._arguments = (
+            pointer(slave.component),
+            pointer(group.references.ctypes.data),
+            group.references.size,
+            self.scratch.ctypes.data,
+            *more,
+        )
         # not bound: a reference to itself would leave the object to the garbage collector
         self._move = {
             ("get", False): Exchange._get,
@@ -115,13 +121,7 @@ class Exchange:
         return self._move(self, row)
 
     def _call(self) -> int:
-        status = self._function(
-            self._component,
-            pointer(self._references.ctypes.data),
-            self._references.size,
-            self.scratch.ctypes.data,
-            *self._more,
-        )
+        status = self._function(*self._arguments)
         self._restore_float_mode()
         return status
 

@@ -68,17 +68,19 @@ def _settle(ends: Sequence[_InitialisedComponent], wiring: Wiring, most: int) ->
         component.ask(row)
     changes: dict[Endpoint, float] = {}
     for turn in range(1, most + 1):
-        changes = {}
+        changes, sent = {}, row[: wiring.outputs].copy()
         for component in ends:
             found = component.moved(row)
             if found or turn == 1:
                 component.give(row)
                 component.ask(row)
             changes |= found
-        if not changes:
+        # where no output has moved either, the next pass would change nothing
+        ahead = bool(changes) and turn < most and np.array_equal(sent, row[: wiring.outputs])
+        if not changes or ahead:
             for component in ends:
                 component.keep_settled(row, wiring)
-            return turn
+            return turn + ahead
     worst = sorted(changes, key=lambda end: -changes[end])[:5]
     raise ComponentError(
         "the initial values do not settle",

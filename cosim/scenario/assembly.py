@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -23,12 +23,13 @@ from cosim.master import (
     make_schedule,
     receiving_order,
 )
+from cosim.network import TransportLink
 from cosim.scenario.channels import delay_source, link_of
 from cosim.scenario.fmu_cache import FmuCache
 from cosim.scenario.link_keys import nanoseconds
 from cosim.scenario.matching import endpoint, matched
 from cosim.scenario.origin import NOWHERE, Findings, Origin, Path
-from cosim.scenario.schema import ComponentLogPart, Scenario
+from cosim.scenario.schema import ComponentLogPart, RunPart, Scenario
 from cosim.scenario.script import changes_of, instants_ns
 from cosim.scenario.signals import Signals, along_path, reference_inputs, worst_case_inputs
 from cosim.scenario.units import numbers_of
@@ -93,6 +94,21 @@ class Assembled:
         same = mine.run is run or (mine.run.seed, mine.run.end) == (run.seed, run.end)
         return same and mine.events is scenario.events and mine.links[name] is scenario.links[name]
 
+    def has_points(self, scenario: Scenario) -> bool:
+        """Whether another scenario has the same communication points but for those of messages."""
+        mine, other = self.scenario, scenario
+        steps = [part.step for part in mine.components.values()]
+        return (
+            self.has_run(other.run)
+            and mine.events is other.events
+            and steps == [part.step for part in other.components.values()]
+        )
+
+    def has_run(self, run: RunPart) -> bool:
+        """Whether [run] is the same in another scenario, but for its seed."""
+        mine = self.scenario.run
+        return mine is run or mine.model_copy(update={"seed": run.seed}) == run
+
     def has_wires(self, scenario: Scenario, shaped: Mapping[str, FmuDescription]) -> bool:
         """Whether the connections are the same in another scenario with these FMUs."""
         mine, before = self.scenario, self.parts.shaped
@@ -154,7 +170,7 @@ def parts_of(
 ) -> SystemParts:
     """Make the parts of a system, as `assemble`; errors go to `findings`."""
     links = _links(scenario, findings, like)
-    comm_schedule = _comm_schedule(scenario, links, findings)
+    comm_schedule = _comm_schedule(scenario, links, findings, like)
     own, shaped, same = _own_parameters(scenario, fmus, findings, like)
     for name in scenario.log.components if scenario.log is not None else ():
         if name not in scenario.components:
@@ -245,9 +261,12 @@ def _links(scenario: Scenario, findings: Findings, like: Assembled | None) -> di
 
 
 def _comm_schedule(
-    scenario: Scenario, links: Mapping[str, Link], findings: Findings
+    scenario: Scenario, links: Mapping[str, Link], findings: Findings, like: Assembled | None
 ) -> CommunicationSchedule:
     run = scenario.run
+    transport = all(isinstance(link, TransportLink) for link in links.values())
+    if like is not None and transport and like.has_points(scenario):
+        return replace(like.parts.comm_schedule, links=links)
     step, end = nanoseconds(run.step), nanoseconds(run.end)
     every = [nanoseconds(p.step) for p in scenario.components.values() if p.step is not None]
     with findings.at("run"):
@@ -329,8 +348,9 @@ def system_of(
             run.solve,
             run.solve_tolerance,
             run.solve_limit,
+            like=None if like is None else like.system,
         )
-        same = like is not None and like.parts.wires is parts.wires and like.scenario.run is run
+        same = like is not None and like.parts.wires is parts.wires and like.has_run(run)
         # an algebraic loop is found here, not when the run begins
         receiving_order(system, like.system if like is not None and same else None)
     except InputError as error:

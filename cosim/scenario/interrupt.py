@@ -38,7 +38,7 @@ class DeferredInterrupt:
 
     def __enter__(self) -> Self:
         # Python allows signal handlers in the main thread only
-        if threading.current_thread() is threading.main_thread():
+        if threading.current_thread() is threading.main_thread() and not _ignored():
             for number in (signal.SIGINT, signal.SIGTERM):
                 self._before[number] = signal.signal(number, self._note)
         return self
@@ -53,6 +53,11 @@ class DeferredInterrupt:
 
     def __exit__(self, *_: object) -> None:
         self._restore()
+
+
+def _ignored() -> bool:
+    """Whether this process ignores Ctrl-C, as a child that is supervised does."""
+    return signal.getsignal(signal.SIGINT) is signal.SIG_IGN
 
 
 class InterruptedRun(KeyboardInterrupt):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -64,7 +65,7 @@ def value_at(data: Any, path: str) -> Any:
     ------
     InputError : there is no such value; the message names similar keys.
     """
-    here, rest = data, list(split(path))
+    here, rest = data, list(_keys_of(path))
     while rest:
         if here is None:
             return None
@@ -86,6 +87,9 @@ def value_at(data: Any, path: str) -> Any:
         else:
             raise InputError.unknown("figure", nowhere(*rest), here, where=path)
     return here
+
+
+_keys_of = cache(split)
 
 
 def _asked(metric: Metric, value: Value) -> bool:
@@ -111,8 +115,9 @@ def _reduced(metric: Metric, run: Run) -> float | None:
         component, _, variable = name.partition(".")
         columns.append(run.signal(component, variable) - metric.to)
     e = columns[0] if len(columns) == 1 else np.sqrt(np.sum(np.square(columns), axis=0))
-    late = t >= metric.after
-    t, e = t[late], e[late]
+    if metric.after > 0.0:
+        late = t >= metric.after
+        t, e = t[late], e[late]
     if t.size == 0:
         return None
     if metric.reduce == "settling_time":
