@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import atexit
 import os
 import platform
 import threading
 import time
 from collections import OrderedDict
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from importlib.metadata import version
 from itertools import repeat
@@ -92,6 +94,48 @@ class Row(NamedTuple):
 _runners: OrderedDict[str, StudyRunner] = OrderedDict()
 # one run at a time in a process, whatever the number of threads: FMUs have global state
 _alone = threading.Lock()
+_IDLE_S = 5.0
+"""How long a child waits for the next batch."""
+
+
+class _KeptChild:
+    """Keeps the child process of a runner from batch to batch, and for a while after the last."""
+
+    def __init__(self) -> None:
+        self._opened = ExitStack()
+        self._key: object = None
+        self._timer: threading.Timer | None = None
+        atexit.register(self.close)
+
+    def begin(self, runner: StudyRunner, key: object) -> None:
+        """Begin a batch, in a new child for another key; a runner that has a child keeps it."""
+        if self._timer is not None:
+            self._timer.cancel()
+        if runner.is_supervised and self._key in (None, key):
+            return
+        self.close()
+        self._opened.enter_context(runner.supervised())
+        self._key = key
+
+    def end(self) -> None:
+        """End a batch: the child ends, too, if no other batch begins soon."""
+        if self._key is None:
+            return
+        self._timer = threading.Timer(_IDLE_S, self._end_idle)
+        self._timer.daemon = True
+        self._timer.start()
+
+    def _end_idle(self) -> None:
+        with _alone:
+            self.close()
+
+    def close(self) -> None:
+        """End the child."""
+        self._opened.close()
+        self._key = None
+
+
+_kept = _KeptChild()
 
 
 @one_thread
@@ -99,11 +143,14 @@ def run_batch(job: Job, runs: Sequence[int]) -> list[Row]:
     """Execute these runs; an error of a run becomes its row."""
     with _alone:
         runner = runner_of(job)
-        with runner.supervised():
+        _kept.begin(runner, (job.digest, job.drawn))
+        try:
             rows: Iterable[Row | None] = repeat(None, len(runs))
             if job.traces is None:
                 rows = runner.in_child(_row_here, runs)
             return [_row(job, runner, *found) for found in zip(runs, rows, strict=True)]
+        finally:
+            _kept.end()
 
 
 @one_thread

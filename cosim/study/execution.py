@@ -42,7 +42,7 @@ BATCH_S = 2.0
 """Time that a batch should take [s]: much longer than submitting it, short for a user."""
 BATCH_S_PER_WORKER = 0.005
 """That time for each worker, if it is longer [s]: twice what a scheduler spends on a batch."""
-MAX_AT_ONCE = 1000
+MAX_AT_ONCE = 4000
 MOST_INCOMPLETE = 1000
 """Most runs without a result that `StudyResult` lists."""
 _PIECES = 8  # that a batch is split into after a worker died

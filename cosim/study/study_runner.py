@@ -142,6 +142,11 @@ class StudyRunner:
             wanted=wanted,
         )
 
+    @property
+    def is_supervised(self) -> bool:
+        """Whether a `supervised` context is open."""
+        return self._series is not None
+
     @contextmanager
     def supervised(self) -> Iterator[None]:
         """Execute runs in a child process in this context, where runs can be supervised.

@@ -36,6 +36,7 @@ _AHEAD = 4
 _CONNECT_S = 5
 WAIT_S = 600.0
 """How long to wait for workers by default, when there are none [s]: far longer than one starts."""
+_PIECE_S = 0.1  # of a batch in this process, after which its rows are kept
 _SAY_S = 30.0  # without workers, before it is reported
 _LOOK_S = 1.0
 _POLL_S = 0.02
@@ -77,10 +78,16 @@ class InProcessPool:
         self, function: BatchFunction, job: Job, next_batch: Callable[[], Batch | None]
     ) -> Iterator[tuple[Batch, list[Any] | WorkerDied]]:
         """Execute batches until `next_batch` returns None; yield each batch and its result."""
+        size = 1
         while (batch := next_batch()) is not None:
-            # run by run, so that an interruption loses only the current run
-            for run in batch:
-                yield [run], function(job, [run])
+            while batch:
+                piece, batch = batch[:size], batch[size:]
+                began = time.perf_counter()
+                result = function(job, piece)
+                each = (time.perf_counter() - began) / len(piece)
+                # an interruption loses no more than the current piece
+                size = max(1, int(_PIECE_S / max(each, 1e-6)))
+                yield piece, result
 
 
 class DaskPool:

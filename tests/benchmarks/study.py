@@ -67,9 +67,10 @@ def processes(pool: Any) -> list[psutil.Process]:
 
 
 def cpu(workers: list[psutil.Process]) -> float:
-    """CPU seconds of the workers and of this process, so far."""
-    times = [p.cpu_times() for p in (*workers, psutil.Process())]
-    return sum(t.user + t.system for t in times)
+    """CPU seconds of the workers and of this process so far, with their children."""
+    here = psutil.Process()
+    times = [p.cpu_times() for p in {here, *workers, *here.children(recursive=True)}]
+    return sum(t.user + t.system + t.children_user + t.children_system for t in times)
 
 
 def memory_over_runs(plan: Plan, pool: Any, folder: Path) -> dict[str, Any]:

@@ -131,6 +131,7 @@ def test_a_study_that_is_interrupted_goes_on_and_repeats_nothing(
         return original(runner, run)
 
     monkeypatch.setattr(batch, "run_and_measure", interrupted)
+    monkeypatch.setattr("cosim.study.workers._PIECE_S", 0.0)  # rows are kept one by one
     with pytest.raises(KeyboardInterrupt):
         execute_study(plan(values), tmp_path / "a")
     assert executed == [1, 2, 3, 4, 5]  # the first run is the rehearsal's
