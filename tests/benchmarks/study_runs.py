@@ -18,7 +18,6 @@ that the variants come to are compared.
 from __future__ import annotations
 
 import ctypes
-import resource
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -26,6 +25,7 @@ from typing import Any
 
 import fmpy
 import numpy as np
+import psutil
 from fmpy.fmi2 import FMU2Slave
 from rich.table import Table
 
@@ -163,9 +163,10 @@ def _slave(component: Component) -> _ByFmpy:
 
 
 def cpu_s() -> float:
-    """CPU seconds of this process and of children that have ended."""
-    who = (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)
-    return sum(u.ru_utime + u.ru_stime for u in map(resource.getrusage, who))
+    """CPU seconds of this process and its children, those that have ended among them."""
+    here = psutil.Process()
+    times = [p.cpu_times() for p in (here, *here.children(recursive=True))]
+    return sum(t.user + t.system + t.children_user + t.children_system for t in times)
 
 
 @one_thread
