@@ -47,7 +47,7 @@ LOWER_ROOMS: dict[str, set[str]] = {
 """Room of `cosim.hinf` -> the rooms that it may import from."""
 
 ROOMS_OF_TRACE = (
-    *("file", "rows", "outcome", "tables", "writer", "info_view", "reader"),
+    *("file", "rows", "outcome", "tables", "digest", "writer", "info_view", "reader"),
     *("checks", "content", "picture", "traces", "ros2", "viewers"),
     *("info", "citation", "recovery", "comparison", "exports", "report", "live"),
 )

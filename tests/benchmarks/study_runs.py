@@ -18,6 +18,7 @@ that the variants come to are compared.
 from __future__ import annotations
 
 import ctypes
+import resource
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -164,9 +165,10 @@ def _slave(component: Component) -> _ByFmpy:
 
 def cpu_s() -> float:
     """CPU seconds of this process and its children, those that have ended among them."""
-    here = psutil.Process()
-    times = [p.cpu_times() for p in (here, *here.children(recursive=True))]
-    return sum(t.user + t.system + t.children_user + t.children_system for t in times)
+    ended = (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)
+    spent = sum(u.ru_utime + u.ru_stime for u in map(resource.getrusage, ended))
+    living = [p.cpu_times() for p in psutil.Process().children(recursive=True)]
+    return spent + sum(t.user + t.system for t in living)
 
 
 @one_thread
