@@ -207,12 +207,8 @@ static void receive(Behaviour *b, double *v, const Entry *e) {
     }
 }
 
-int behaviour_advance(Behaviour *b, double *v, double end, Message *why) {
-    Clock then = clock_moved(b->clock, end);
-    if (fabs((double)then.now) > 1e9 * LONGEST)
-        return say(why, "a run must be no longer than %s s", shortest(LONGEST).text);
-    if (!send_due(b, v, why)) return 0;
-    b->clock = then;
+/* Receive what has arrived by now, and forget it. */
+static void receive_due(Behaviour *b, double *v) {
     size_t kept = 0;
     for (size_t i = 0; i < b->count; i++) {
         if (b->entry[i].arrival <= b->clock.now)
@@ -221,6 +217,15 @@ int behaviour_advance(Behaviour *b, double *v, double end, Message *why) {
             b->entry[kept++] = b->entry[i];
     }
     b->count = kept;
+}
+
+int behaviour_advance(Behaviour *b, double *v, double end, Message *why) {
+    Clock then = clock_moved(b->clock, end);
+    if (fabs((double)then.now) > 1e9 * LONGEST)
+        return say(why, "a run must be no longer than %s s", shortest(LONGEST).text);
+    if (!send_due(b, v, why)) return 0;
+    b->clock = then;
+    receive_due(b, v);
     publish(b, v);
     return 1;
 }

@@ -46,14 +46,7 @@ int behaviour_advance(Behaviour *b, double *v, double end, Message *why) {
 
 void behaviour_tick(Behaviour *b, double *v, int clock) {
     if (clock != ARRIVE) return;
-    size_t kept = 0;
-    for (size_t i = 0; i < b->count; i++) {
-        if (b->entry[i].arrival <= b->clock.now)
-            receive(b, v, &b->entry[i]);
-        else
-            b->entry[kept++] = b->entry[i];
-    }
-    b->count = kept;
+    receive_due(b, v);
     ((Clocked *)b)->announced = -1;
     publish(b, v);
 }
