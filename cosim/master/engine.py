@@ -60,24 +60,26 @@ def choose_engine(
 def _choice(asked: EngineName, *, texts: bool, events: bool) -> EngineChoice:
     if asked == "python":
         return EngineChoice("python", "asked for")
-    if events and asked == "kernel":
-        raise InputError(
+    for present, why, what, expected, cure in (
+        (
+            events,
+            "a component has events",
             "the kernel carries out runs without events only",
-            where="engine",
-            expected="no component in event mode",
-            hint="take the engine python, or auto; or event_mode = false for the component",
-        )
-    if events:
-        return EngineChoice("python", "a component has events")
-    if texts and asked == "kernel":
-        raise InputError(
+            "no component in event mode",
+            "take the engine python, or auto; or event_mode = false for the component",
+        ),
+        (
+            texts,
+            "Strings or Binary values are exchanged",
             "the kernel exchanges numbers only",
-            where="engine",
-            expected="no outputs or connected inputs of type String or Binary",
-            hint="take the engine python, or auto",
-        )
-    if texts:
-        return EngineChoice("python", "Strings or Binary values are exchanged")
+            "no outputs or connected inputs of type String or Binary",
+            "take the engine python, or auto",
+        ),
+    ):
+        if present and asked == "kernel":
+            raise InputError(what, where="engine", expected=expected, hint=cure)
+        if present:
+            return EngineChoice("python", why)
     try:
         load_kernel()
     except InputError as error:

@@ -33,6 +33,7 @@ from cosim.master.event_systems import slave_options
 from cosim.master.initialisation import Initialisation
 from cosim.master.loop import Loop
 from cosim.master.observers import Observer, ObserverDispatch
+from cosim.master.order import receiving_order
 from cosim.master.pacing import Pace
 from cosim.master.parts import LogLevel
 from cosim.master.run import Run
@@ -197,6 +198,7 @@ class Session:
             and all(slave.phase == "stepping" for slave in slaves)
             and can_be_reset(system)
             and same_structure(self.system, system)
+            and receiving_order(self.system) == receiving_order(system)
         )
 
     def _start_processes(self) -> dict[str, SlaveProcess]:

@@ -1,7 +1,7 @@
-"""What two systems must have in common so that one session can run both, one after the other.
+"""What two systems have in common that differ in the numbers of a run alone.
 
-Then a second run needs no new slaves, wiring or table: start values, driven signals and what links
-do to their messages are all that differs.
+Start values, driven signals and what links do to their messages may differ. The second one needs
+no new checks, and if it receives in the same order no new slaves, wiring or table.
 """
 
 from __future__ import annotations
@@ -9,16 +9,15 @@ from __future__ import annotations
 from typing import Any
 
 from cosim.master.communication_schedule import Link
-from cosim.master.order import receiving_order
-from cosim.master.system import System
+from cosim.master.parts import Parts
 from cosim.network import DelaySignal, PacketLink
 
 _OWN_TOOL = "auv-cosim"
 """The generation tool of FMUs whose reset is tested to be a new instance, bit for bit."""
 
 
-def same_structure(one: System, other: System) -> bool:
-    """Whether a session of `one` can run `other` (`Session.begin_again`)."""
+def same_structure(one: Parts, other: Parts) -> bool:
+    """Whether two systems differ in start values, driven signals and numbers of links alone."""
     return (
         all(
             one.components[name].description is component.description
@@ -27,11 +26,10 @@ def same_structure(one: System, other: System) -> bool:
         )
         and _structure(one) == _structure(other)
         and one.comm_schedule.most == other.comm_schedule.most
-        and receiving_order(one) == receiving_order(other)
     )
 
 
-def can_be_reset(system: System) -> bool:
+def can_be_reset(system: Parts) -> bool:
     """Whether every slave of a system can be reset to what a new one is."""
     return system.threads == 1 and all(
         component.description.model.generationTool == _OWN_TOOL
@@ -42,7 +40,7 @@ def can_be_reset(system: System) -> bool:
     )
 
 
-def _structure(system: System) -> tuple[Any, ...]:
+def _structure(system: Parts) -> tuple[Any, ...]:
     schedule = system.comm_schedule
     return (
         [
