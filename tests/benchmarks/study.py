@@ -35,6 +35,7 @@ from cosim.study.read import load_study
 from cosim.study.schema import Study
 from cosim.study.study_runner import BaseScenario
 from cosim.study.workers import InProcessPool, local
+from tests.benchmarks._cpu import cpu_s
 
 WORKERS = 2
 ROUNDS = 3
@@ -66,13 +67,6 @@ def processes(pool: Any) -> list[psutil.Process]:
     return [psutil.Process(pid) for pid in pool._client.run(os.getpid).values()]
 
 
-def cpu(workers: list[psutil.Process]) -> float:
-    """CPU seconds of the workers and of this process so far, with their children."""
-    here = psutil.Process()
-    times = [p.cpu_times() for p in {here, *workers, *here.children(recursive=True)}]
-    return sum(t.user + t.system + t.children_user + t.children_system for t in times)
-
-
 def memory_over_runs(plan: Plan, pool: Any, folder: Path) -> dict[str, Any]:
     """Fly a study and look at the workers' memory as it goes."""
     workers = processes(pool)
@@ -99,7 +93,6 @@ def memory_over_runs(plan: Plan, pool: Any, folder: Path) -> dict[str, Any]:
 
 def efficiency(runs: int, pool: Any, fmus: Path, folder: Path) -> dict[str, float]:
     """Two processes against one, in turns."""
-    workers = processes(pool)
     pools: dict[str, Any] = {"one": InProcessPool(), "two": pool}
     wall: dict[str, list[float]] = {"one": [], "two": []}
     used: dict[str, list[float]] = {"one": [], "two": []}
@@ -109,10 +102,10 @@ def efficiency(runs: int, pool: Any, fmus: Path, folder: Path) -> dict[str, floa
         plan.runner.problem_and_design(0)
         for name, who in pools.items():
             out = folder / f"{name}-{turn}"
-            began, before = time.perf_counter(), cpu(workers)
+            began, before = time.perf_counter(), cpu_s()
             execute_study(plan, out, lambda who=who: contextlib.nullcontext(who))
             wall[name].append(time.perf_counter() - began)
-            used[name].append(cpu(workers) - before)
+            used[name].append(cpu_s() - before)
     middle = {name: statistics.median(times) for name, times in wall.items()}
     run_batches = {name: statistics.median(times) for name, times in used.items()}
     return {

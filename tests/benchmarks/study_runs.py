@@ -18,7 +18,6 @@ that the variants come to are compared.
 from __future__ import annotations
 
 import ctypes
-import resource
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -26,7 +25,6 @@ from typing import Any
 
 import fmpy
 import numpy as np
-import psutil
 from fmpy.fmi2 import FMU2Slave
 from rich.table import Table
 
@@ -39,6 +37,7 @@ from cosim.study.batch import register_runner, run_and_measure, run_batch
 from cosim.study.plan import Plan
 from cosim.study.read import load_study
 from cosim.study.running import plan_of
+from tests.benchmarks._cpu import cpu_s
 from tests.benchmarks._show import show
 
 LENGTHS = {100: 400, 10_000: 100}
@@ -161,14 +160,6 @@ def _slave(component: Component) -> _ByFmpy:
     given = dict(component.parameters)
     first = {START: given.pop(START)} if START in given else {}
     return _ByFmpy(fmu, component.description, {**first, **given})
-
-
-def cpu_s() -> float:
-    """CPU seconds of this process and its children, those that have ended among them."""
-    ended = (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)
-    spent = sum(u.ru_utime + u.ru_stime for u in map(resource.getrusage, ended))
-    living = [p.cpu_times() for p in psutil.Process().children(recursive=True)]
-    return spent + sum(t.user + t.system for t in living)
 
 
 @one_thread
