@@ -83,7 +83,7 @@ def designed() -> Any:
     return design_output_feedback(SLOW, [DEPTH])
 
 
-def test_a_design_is_certified_and_sharper_than_gains_by_hand(designed: Any) -> None:
+def test_a_design_is_certified_and_has_less_gamma_than_other_gains(designed: Any) -> None:
     """Its gamma is near the exact norm of its pair, below that of other gains."""
     by_hand = pair_of(SLOW, designed.measurements, [[-0.25]], [[[0.25]]])
     assert designed.exact_norm <= designed.gamma < 1.1 * designed.exact_norm

@@ -107,8 +107,8 @@ class InjectionLmi:
         form.twice("gain U", M, np.asarray(flow - at["r"]))
         first = len(on) - len(self._C)
         for i, (C, noise) in enumerate(zip(self._C, self._noise, strict=True)):
-            told = C @ on[first + i] + noise[:, None] * w[1 + i]
-            form.twice(f"gain W{i}", M, told, -1.0)
+            sensed = C @ on[first + i] + noise[:, None] * w[1 + i]
+            form.twice(f"gain W{i}", M, sensed, -1.0)
         form.constant = at["x"].T @ at["x"]
         own = form.constraint(self._at, self._width + 1)
         phi = Constraint(own.size, -own.constant, -own.columns)

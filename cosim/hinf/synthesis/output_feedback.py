@@ -93,8 +93,8 @@ class OutputFeedback:
 
     def __repr__(self) -> str:
         name = f" {self.system.name!r}" if self.system.name else ""
-        told = ", ".join(x.name for x in self.measurements)
-        return f"<OutputFeedback{name}: observer of {told}, {proved_words(self)}>"
+        names = ", ".join(x.name for x in self.measurements)
+        return f"<OutputFeedback{name}: observer of {names}, {proved_words(self)}>"
 
     def _repr_html_(self) -> str:
         """Return the gains, what is proved and the figures of the pair, for notebooks."""
@@ -112,7 +112,7 @@ class OutputFeedback:
 
     @property
     def measurements(self) -> tuple[Measurement, ...]:
-        """What the observer is told, with the noise that is proved."""
+        """What the observer receives, with the noise that is proved."""
         return self.pair.measurements
 
     @property
@@ -161,7 +161,7 @@ def design_output_feedback(
     Parameters
     ----------
     system : the plant, Eq. (7) (n states, m controls), without feedback of its own.
-    measurements : what the observer is told.
+    measurements : what the observer receives.
     gain : (m, n) a K to keep; None: it is designed.
     injections : one L (n, k_i) per measurement to keep; None: they are designed.
     gamma : a bound to meet instead of the least one.

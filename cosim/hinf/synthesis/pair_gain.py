@@ -49,8 +49,10 @@ class PairGain:
         self._chosen = np.ones(n, dtype=bool) if estimated is None else np.array(estimated)
         errors = np.eye(n)[self._chosen]
         silent = (0.0,) * len(errors)
-        told = [replace(x, C=errors, noise=silent) for x in measurements]
-        pair = pair_of(plant, told, np.zeros((m, n)), [errors.T for _ in told], **known)
+        errors_measured = [replace(x, C=errors, noise=silent) for x in measurements]
+        pair = pair_of(
+            plant, errors_measured, np.zeros((m, n)), [errors.T for _ in errors_measured], **known
+        )
         self._rows = [x.C[:, self._chosen] for x in measurements]
         self._noise = [np.array(x.noise) * (not only_uncertain) for x in measurements]
         system, self._first = pair.system, plant.C.shape[1]
