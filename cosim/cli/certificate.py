@@ -51,10 +51,11 @@ def check(
     """
     found = replay.certificate_in(file)
     checked = hinf.check_certificate(found.data)
-    own = hinf.system_from_json(found.data["system"])
+    paired = found.data.get("kind") == "output-feedback"
+    own = hinf.system_from_json(found.data["plant" if paired else "system"])
     if checked.valid and found.mismatch is not None:
         checked = replace(checked, valid=False, reason=found.mismatch)
-    apart = None if system is None else _differences(own, system)
+    apart = None if system is None else _differences(own, system, found.data)
     if checked.valid and apart:
         reason = f"it is proved, but about another system than {system}: {apart[0]}"
         checked = replace(checked, valid=False, reason=reason)
@@ -79,7 +80,9 @@ def check(
         raise typer.Exit(CheckFailedError.exit_code)
 
 
-def _differences(own: DelaySystem, name: str) -> list[str]:
-    """Return where the system of a certificate differs from the one of that name."""
+def _differences(own: DelaySystem, name: str, data: dict[str, Any]) -> list[str]:
+    """Return where the system of a certificate, and its sensors, differ from those of that name."""
     named: Any = named_problem(name)[0]
-    return list(hinf.differences(own, named.system))
+    found = list(hinf.differences(own, named.system))
+    sensors = () if named.observer is None else named.observer.measurements
+    return found + hinf.measurement_differences(data.get("measurements", []), sensors)

@@ -21,6 +21,10 @@ from .filters import (
     Filter as Filter,
     filtered as filtered,
 )
+from .measurements import (
+    ObserverSettings as ObserverSettings,
+    fed_back as fed_back,
+)
 from .modem import (
     SOUND_SPEED as SOUND_SPEED,
     Modem as Modem,
