@@ -179,7 +179,7 @@ def test_a_quaternion_passes_the_vertical() -> None:
 
 @pytest.mark.parametrize("attitude", ["euler", "quaternion"])
 def test_a_constant_current_carries_everything_along(attitude: str) -> None:
-    """Galilean invariance: with the water's velocity added, the same motion, with_current along."""
+    """Galilean invariance: with the water's velocity added, the same motion, carried along."""
     vehicle = free(DRAG, attitude=attitude, r_b="[0.0, 0.0, -0.02]")
     current = np.array([0.4, -0.3, 0.1])
     turned = ANGLES if attitude == "euler" else quaternion(ANGLES)
