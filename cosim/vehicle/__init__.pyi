@@ -1,5 +1,6 @@
 from .keys import (
     VehicleKey as VehicleKey,
+    vehicle_schema as vehicle_schema,
     vehicle_tables as vehicle_tables,
 )
 from .parameters import Parameter as Parameter
