@@ -3,7 +3,7 @@ from .keys import (
     VehicleKey as VehicleKey,
     vehicle_tables as vehicle_tables,
 )
-from .linear_model import (
+from .linearisation import (
     LinearModel as LinearModel,
     linear_model as linear_model,
 )
