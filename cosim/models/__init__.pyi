@@ -27,6 +27,11 @@ from .feedback import (
     feedback_command as feedback_command,
     integrals_after as integrals_after,
 )
+from .observer import (
+    acting_control as acting_control,
+    greatest_share as greatest_share,
+    innovation as innovation,
+)
 from .products import (
     product as product,
     total as total,
