@@ -28,6 +28,7 @@ KINDS = {
     "transport_link.c": "transport_link",
     "table.c": "table",
     "observer.c": "observer",
+    "sensor.c": "sensor",
 }
 """C file of a kind of behaviour -> name of its binary that reads the model."""
 
@@ -138,4 +139,5 @@ def _specimens() -> dict[str, ComponentSpec]:
         "table": component_module("signal_table.variables").table_spec(
             "Signals", [("y", None)], [0], [[0.0]], 1.0
         ),
+        "sensor": component_module("sensor.variables").SPEC,
     }
