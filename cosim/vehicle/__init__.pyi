@@ -3,6 +3,12 @@ from .keys import (
     vehicle_tables as vehicle_tables,
 )
 from .parameters import Parameter as Parameter
+from .plant import (
+    VehicleFmu as VehicleFmu,
+    export_vehicle as export_vehicle,
+    named_vehicle as named_vehicle,
+    plant_spec as plant_spec,
+)
 from .read import (
     VEHICLES as VEHICLES,
     load_vehicle as load_vehicle,
