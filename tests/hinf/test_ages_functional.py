@@ -27,7 +27,6 @@ from cosim.hinf.certificate.ages_terms import (
     state_blocks,
     unknowns_of,
 )
-from cosim.hinf.certificate.analysis_proof import exact_loop, orders_of
 from cosim.models.delay_system import Delay, DelaySystem
 
 N_STATES = 2
@@ -224,7 +223,7 @@ def floats(form: Any) -> tuple[Any, list[str]]:
 
 def phi_at(system: DelaySystem, v: AgesVariables, shares: dict[int, float], slope: float) -> Any:
     """Phi between its corners, as floats, without the rows v: the form after a Schur complement."""
-    forms = _Forms(system, exact_loop(system, np.zeros((0, 2)), orders_of(system, v.order)), v)
+    forms = _Forms(system, np.zeros((0, 2)), v)
     corners = corners_of(system, v)
     found = {}
     for corner in corners:
@@ -338,9 +337,8 @@ def test_the_other_forms_bound_v_from_below(own: str, order: int, least: float) 
             rows["a0"], rows["b0"] = (at - least) * rows["a0"], (late.d - at) * rows["b0"]
             rows["ab0"] = rows["a0"] + rows["b0"]
         exact = exact_ages(system, v)
-        loop = exact_loop(system, np.zeros((0, 2)), orders_of(system, order))
         bounds = []
-        for name, form in _Forms(system, loop, exact).positive():
+        for name, form in _Forms(system, np.zeros((0, 2)), exact).positive():
             if name.startswith("P"):
                 M, names = floats(form)
                 vector = np.concatenate([rows[name] for name in dict.fromkeys(names)])

@@ -173,7 +173,7 @@ class Loop:
     """Eq. (7) with u = K sum_i S_i x(t - d_i), exactly: index 0 is x(t), index j is delay j.
 
     n, m, q, p, s, r : sizes of x, u, w, z and F(t); `blocks` those of the blocks of F. A, H, D :
-    lists, the loop closed; `open` without K. a, rate, sampled, varies : what is known of an age.
+    lists, the loop closed; `open` without K; late_gain : K S_i. a, rate, sampled, varies : what is known of an age.
     fed : `feedback` as given. whole : the whole state is fed back through one of them.
     """
 
@@ -220,9 +220,10 @@ class Loop:
         self.K = M() if gain is None else matrix(gain, self.m, self.n, number)
         S = [M({(i, i): Fraction(1) for i in range(self.n) if mask[i]}) for mask in masks]
         need(total(S) @ self.K.T == self.K.T, "a state that is not fed back has a gain")
-        self.A = [A + self.B @ self.K @ x for A, x in zip(self.open, S, strict=True)]
+        self.late_gain = [self.K @ x for x in S]
+        self.A = [A + self.B @ x for A, x in zip(self.open, self.late_gain, strict=True)]
         own = [at.get(("D", 0), M()), *(M() for _ in self.delays)]
-        self.D = [D + self.D2 @ self.K @ x for D, x in zip(own, S, strict=True)]
+        self.D = [D + self.D2 @ x for D, x in zip(own, self.late_gain, strict=True)]
         self.open_D = own[0]
 
     def multipliers(self, x: Any) -> list[Fraction]:

@@ -151,6 +151,7 @@ class LoopLmi(ABC, Generic[Variables]):
         links += [("q", "x", H) for H in self._H]
         if performance:
             links += [*(("z", "x", D) for D in self._D), ("z", "w", self._D1)]
+        self._links = links
         self._part = parts_of(links)
 
     def _multipliers(self, values: dict[str, Array]) -> Any:
