@@ -12,7 +12,7 @@ about the whole state. The claim lists the theorem's hypotheses in full.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from cosim.core import InputError
 from cosim.hinf.certificate.ages_proof import ages_claim, ages_proved
@@ -52,7 +52,7 @@ if TYPE_CHECKING:
 AGES = "ages"
 _VARIABLES = ("order", "P", "terms", "eps", "gamma", "down_to_zero")
 _TERMS = ("functional", "matrices")
-_SUPPORT = ("states", "controls")
+_SUPPORT: tuple[Literal["states", "controls"], ...] = ("states", "controls")
 
 
 def exact_ages(system: DelaySystem, v: AgesVariables) -> AgesVariables:
@@ -167,9 +167,7 @@ def _variables(system: DelaySystem, gain: Matrix, data: Any) -> AgesVariables:
     if not system.has_performance:
         check_null("gamma", data["gamma"], expected=True)
     gamma = None if data["gamma"] is None else from_text(data["gamma"], "variables.gamma")
-    every = unknowns_of(
-        system, order, functionals, gamma=gamma is not None, supports=supports
-    )
+    every = unknowns_of(system, order, functionals, gamma=gamma is not None, supports=supports)
     terms = []
     for j, (table, own, shapes) in enumerate(zip(tables, supports, every, strict=True)):
         where = f"variables.terms[{j}].matrices"

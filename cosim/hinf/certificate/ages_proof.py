@@ -23,8 +23,8 @@ With a = least_age, N the order, c = (333/106)^2/4 < pi^2/4, |v|_R^2 = v'R v, He
         l He(xi'Y v) - l |v|_U^2 in further rows v; where a = 0: z = x - x_k, z_0 = x_k, no N
 
 A delay with a support (`ages_terms.Support`) has its terms in y = C x in place of x, from
-A_i + B K S_i = A' C, H_i = H' C and D2 K S_i = D' C, with C exact: x_a, x_tau, x_d, W_k, m_1, .. are
-those of y, and the rate of y is C f.
+A_i + B K S_i = A' C, H_i = H' C and D2 K S_i = D' C, with C exact: x_a, x_tau, x_d, W_k, m_1, ..
+are those of y, and the rate of y is C f.
 
 Where constant delays are covered down to zero, l of each is d and 0 at the corners: y is affine
 in l, and Phi but for the convex l^2 |f|_R^2. Phi, with eps (q'q - p'p) + z'z/gamma

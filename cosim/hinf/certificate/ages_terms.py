@@ -157,7 +157,7 @@ def supports_of(
 
 def _acting_late(system: DelaySystem, gain: Matrix) -> list[tuple[Delay, Matrix]]:
     """Return every positive delay with K S_i, without the rows of a control that does nothing."""
-    live = (system.B.any(axis=0) | system.D2.any(axis=0))[:, None]
+    live = np.vstack([system.B, system.D2]).any(axis=0, keepdims=True).T
     pairs = zip(system.delays, system.selections[1:], strict=True)
     return [(delay, live * gain * selection) for delay, selection in pairs if delay.d > 0]
 

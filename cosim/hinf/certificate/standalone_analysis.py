@@ -168,16 +168,14 @@ def on_support(s, j, table):
     need(numbers == sorted({*numbers}) and numbers, "no support")
     need([i + 1 for i in numbers] == table[given[0]], "half a state")
     size, places = s.n if given == ["states"] else s.m, {x: k for k, x in enumerate(numbers)}
-    need(0 <= numbers[0] and numbers[-1] < size, "a support of what there is not")
+    need(numbers[0] >= 0 and numbers[-1] < size, "a support of what there is not")
 
-    def cut(A):
-        return M({(i, places[k]): x for (i, k), x in A.items() if k in places})
-
-    C, whole = cut(sn.eye(size)).T, (s.A[j], s.H[j], s.D[j])
-    parts = [cut(A) for A in whole]
-    if given == ["controls"]:
-        C, parts = C @ s.late_gain[j], [cut(s.B), M(), cut(s.D2)]
-    same = all(A == part @ C + M() for A, part in zip(whole, parts))
+    whole, select = (s.A[j], s.H[j], s.D[j]), M({(i, k): F(1) for i, k in places.items()})
+    if given == ["states"]:
+        C, parts = select.T, [A @ select for A in whole]
+    else:
+        C, parts = select.T @ s.late_gain[j], [s.B @ select, M(), s.D2 @ select]
+    same = all(part @ C + M() == A for part, A in zip(parts, whole))
     need(same, "the delay acts outside its support")
     return C, len(numbers), *parts
 
@@ -211,11 +209,11 @@ def analysis_proved(c, s):
         s.multipliers(v["eps"]),
     )
     need(gamma is None or (gamma > 0 and s.q and s.p), "gamma is not positive, or bounds nothing")
+    given = v["terms"] if ages else [{}] * len(v["Q"])
     if ages:
-        for x in v["terms"]:
+        for x in given:
             sn.values(x, "matrices functional", "states controls")
-        tables = [x["matrices"] for x in v["terms"]]
-        kinds = [x["functional"] for x in v["terms"]]
+        tables, kinds = ([x[key] for x in given] for key in ("matrices", "functional"))
         for j, kind in zip(late, kinds):
             holds = ["rate"] * (s.rate[j] is not None) + ["looped", "wirtinger"] * s.sampled[j]
             need(
@@ -226,7 +224,6 @@ def analysis_proved(c, s):
             {"R": R} | ({} if Q is None else {"Q": Q}) for Q, R in zip(v["Q"], v["R"], strict=True)
         ]
         kinds = ["constant"] * len(tables)
-    given = v["terms"] if ages else [{}] * len(tables)
     need(len(tables) == len(kinds) == len(late), "not one term per positive delay")
     terms = [
         Term(s, j, k, order * (ages or not s.varies[j]), x) for j, k, x in zip(late, kinds, given)
@@ -234,8 +231,7 @@ def analysis_proved(c, s):
     rows = [("x", n), *((row, term.n) for term in terms for row in term.rows)]
     rows += [("w", s.q)] * (gamma is not None) + [("p", s.s)]
     for term, table in zip(terms, tables):
-        crude = not ages and s.varies[term.j]
-        term.read(table, sum(size for _, size in rows), crude=crude)
+        term.read(table, sum(size for _, size in rows), crude=not ages and s.varies[term.j])
     blocks = [("x", n), *((block, term.n) for term in terms for block in term.blocks)]
     *first, size = accumulate([0, *(size for _, size in blocks)])
     P = sn.symmetric(v["P"], size)

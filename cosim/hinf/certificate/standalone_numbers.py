@@ -173,8 +173,8 @@ class Loop:
     """Eq. (7) with u = K sum_i S_i x(t - d_i), exactly: index 0 is x(t), index j is delay j.
 
     n, m, q, p, s, r : sizes of x, u, w, z and F(t); `blocks` those of the blocks of F. A, H, D :
-    lists, the loop closed; `open` without K; late_gain : K S_i. a, rate, sampled, varies : what is known of an age.
-    fed : `feedback` as given. whole : the whole state is fed back through one of them.
+    lists, the loop closed; `open` without K; late_gain : K S_i. a, rate, sampled, varies : what is
+    known of an age. fed : `feedback` as given. whole : the whole state is fed back through one.
     """
 
     def __init__(self, system: dict[str, Any], gain: Any = None) -> None:

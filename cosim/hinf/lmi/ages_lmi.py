@@ -31,6 +31,7 @@ from cosim.hinf.certificate import (
 )
 from cosim.hinf.lmi.ages_forms import Form, LateAge, PartOfLoop, count_of
 from cosim.hinf.lmi.conic import Constraint
+from cosim.hinf.lmi.interior_point import solve_dense
 from cosim.hinf.lmi.loop_lmi import Constraints, LoopLmi
 from cosim.hinf.lmi.parts import parts_of
 from cosim.hinf.lmi.svec import Array, svec, symmetric
@@ -104,6 +105,8 @@ class AgesLmi(LoopLmi[AgesVariables]):
         )
         self._select(K)
         self._parts = self._separated()
+        if supports is not None:
+            self._solver = solve_dense
 
     def _select(self, K: Array) -> None:
         """Set C of every delay, in units of y, with A', H', D' in place of those of x."""
@@ -142,7 +145,8 @@ class AgesLmi(LoopLmi[AgesVariables]):
         for own in np.unique(np.concatenate([x, w])):
             inside = [np.flatnonzero(label == own) for label in y]
             # a column of E that is zero adds nothing
-            found.append(_Part(*(np.flatnonzero(label == own) for label in (x, w, p)), inside))
+            states, of_w, of_p = (np.flatnonzero(label == own) for label in (x, w, p))
+            found.append(_Part(states, of_w, of_p, inside))
         return found
 
     def largest_part(self, delays: Sequence[float]) -> int:
@@ -285,7 +289,8 @@ class AgesLmi(LoopLmi[AgesVariables]):
         for c, part in enumerate(self._parts):
             at, scale = self._places(whole.blocks, part, whole.late)
             units = [self._unit_of_block(name, late) for name in whole.blocks]
-            scale = scale * np.repeat(units, [*self._part_of(whole.blocks, part, whole.late).values()])
+            sizes = self._part_of(whole.blocks, part, whole.late)
+            scale = scale * np.repeat(units, [*sizes.values()])
             P[np.ix_(at, at)] = T * scale[:, None] * values[f"{c} P"] * scale
             places, factors = self._places(whole.rows, part, whole.late)
             for j, (i, x) in enumerate(zip(whole.late, late, strict=True)):
@@ -309,9 +314,7 @@ class AgesLmi(LoopLmi[AgesVariables]):
             down_to_zero=down_to_zero,
         )
 
-    def _places(
-        self, rows: dict[str, int], part: _Part, late: list[int]
-    ) -> tuple[Indices, Array]:
+    def _places(self, rows: dict[str, int], part: _Part, late: list[int]) -> tuple[Indices, Array]:
         """Return where the rows of a part stand in the whole, and their units."""
         places, factors, start = [], [], 0
         for name, size in rows.items():
