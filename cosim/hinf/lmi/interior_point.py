@@ -131,9 +131,9 @@ def _solved(constraints: Sequence[Constraint], q: Array, tolerance: float) -> So
         if state.worst < tolerance:
             word = "Solved"
             break
-        shown = -sum(float(np.vdot(cone.constant, cone.Z)) for cone in cones)
-        if shown > 0 and np.linalg.norm(against) < tolerance * shown and state.primal > tolerance:
-            word, best = "PrimalInfeasible", (0.0, y, [cone.Z / shown for cone in cones])
+        excess = -sum(float(np.vdot(cone.constant, cone.Z)) for cone in cones)
+        if excess > 0 and np.linalg.norm(against) < tolerance * excess and state.primal > tolerance:
+            word, best = "PrimalInfeasible", (0.0, y, [cone.Z / excess for cone in cones])
             break
         try:
             moved = _moved(cones, y, q - against)
