@@ -1,6 +1,12 @@
+from .actuation import Actuation as Actuation
 from .keys import (
     VehicleKey as VehicleKey,
+    vehicle_schema as vehicle_schema,
     vehicle_tables as vehicle_tables,
+)
+from .linearisation import (
+    LinearModel as LinearModel,
+    linear_model as linear_model,
 )
 from .parameters import Parameter as Parameter
 from .plant import (
@@ -14,6 +20,10 @@ from .read import (
     load_vehicle as load_vehicle,
     vehicle_from_toml as vehicle_from_toml,
     vehicle_text as vehicle_text,
+)
+from .trim import (
+    Trim as Trim,
+    find_trim as find_trim,
 )
 from .vehicle import (
     Actuator as Actuator,
