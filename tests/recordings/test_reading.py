@@ -28,7 +28,7 @@ def written(folder: Path, text: str) -> Path:
 
 
 def test_columns_in_any_order_by_any_clock(tmp_path: Path) -> None:
-    """Seconds since 1970, to the nanosecond; comments, other columns, an empty and a loss in words."""
+    """Seconds since 1970, to the nanosecond; comments, other columns, both ways to say lost."""
     path = written(
         tmp_path,
         "delivered,note,sent\n"
