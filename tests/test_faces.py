@@ -26,13 +26,15 @@ LOWER = {
     "network": {"core"},
     "page": {"core"},
     "trace": {"core", "page"},
+    "recordings": {"core", "network", "trace"},
     "hinf": {"core", "models"},
     "fmu": {"core", "models", "hinf", "network"},
     "master": {"core", "fmu", "network", "trace"},
-    "scenario": {"core", "models", "network", "trace", "hinf", "fmu", "master"},
+    "scenario": {"core", "models", "network", "trace", "hinf", "fmu", "master", "recordings"},
     "replay": {"core", "models", "network", "trace", "hinf", "fmu", "master", "scenario"},
     "study": {"core", "models", "network", "page", "trace", "hinf", "fmu", "master", "scenario"},
     "paper": {"core", "models", "trace", "hinf"},
+    "vehicle": {"core", "models", "network", "trace", "hinf", "fmu", "master", "scenario"},
 }
 LOWER["cli"] = {*LOWER}
 """Package -> the packages that it may import from."""

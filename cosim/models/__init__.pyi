@@ -2,6 +2,11 @@ from . import (
     paper_example as paper_example,
     waves as waves,
 )
+from .assumptions import (
+    greatest_share as greatest_share,
+    share_of_age as share_of_age,
+    watch as watch,
+)
 from .auv import (
     STATE as STATE,
     TABLE_1 as TABLE_1,
@@ -16,6 +21,7 @@ from .delay_line import DelayLine as DelayLine
 from .delay_system import (
     Delay as Delay,
     DelaySystem as DelaySystem,
+    Feedback as Feedback,
     Matrix as Matrix,
 )
 from .delayed_linear import (
@@ -27,9 +33,32 @@ from .feedback import (
     feedback_command as feedback_command,
     integrals_after as integrals_after,
 )
+from .measurement import (
+    Measurement as Measurement,
+    Over as Over,
+)
+from .observer import (
+    EstimateLine as EstimateLine,
+    acting_control as acting_control,
+    innovation as innovation,
+)
 from .products import (
     product as product,
     total as total,
+)
+from .vehicle import (
+    FloatFunctions as FloatFunctions,
+    VehicleEquations as VehicleEquations,
+)
+from .vehicle_actuators import effect_of as effect_of
+from .vehicle_forces import (
+    Derivative as Derivative,
+    derivative_named as derivative_named,
+)
+from .vehicle_inertia import (
+    FORCES as FORCES,
+    VELOCITIES as VELOCITIES,
+    axes_of as axes_of,
 )
 from .waves import (
     GRAVITY as GRAVITY,

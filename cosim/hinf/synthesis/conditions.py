@@ -125,7 +125,8 @@ def affordable_conditions(
         return one.unknowns(delays) * _corners(system, order, one.functionals, down_to_zero=False)
 
     if is_large(system, K):
-        return [x for x in found if _work(x, system) <= _MOST_WORK] if order < 2 else []
+        quick = [x for x in found if _work(x, system) <= _MOST_WORK and order < 2]
+        return quick or ([] if order else found[-1:])
     known = any(x.ages_are_known for x in late)
     if known and order > 1:
         return []

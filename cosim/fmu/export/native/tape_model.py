@@ -19,19 +19,20 @@ _ARRAYS = {"slots": 0, "v": 1, "c": 2, "x": 3, "late": 4, "change": 5, "t": 6, "
 _POOL = 7
 _OPERATIONS = (
     *("+", "-", "*", "/", "negate", "pow", "min", "max", "sin", "cos", "exp", "log", "sqrt"),
+    *("abs", "asin", "atan2"),
 )
 _PROGRAMS = (
     *("model_constants", "model_rates", "model_other_outputs", "model_outputs_change"),
-    *("model_objection", "model_law"),
+    *("model_objection", "model_law", "model_compared", "model_decided"),
 )
 _TABLES = (
     *("model_inputs", "model_outputs", "model_states", "model_initials", "model_delays"),
-    *("model_others", "named"),
+    *("model_others", "named", "model_measured", "model_acting", "model_watched", "model_play"),
 )
 _MOST_TABLE = dict.fromkeys(_TABLES, 128) | {"model_states": 64, "model_delays": 8}
 _MOST_VARIABLES, _MOST_CONSTANTS, _MOST_SLOTS, _MOST_LANES = 4096, 1024, 2048, 64
 """As in c/tape.h."""
-_SIGNAL = re.compile(r"(u|y|initial)\[\d+\]")
+_LISTED = re.compile(r"(u|y|initial|bias|noise|loss\.state|loss\.move)\[[\d,]+\]")
 
 
 def model_data(writer: ModelWriter, identity: str) -> bytes:
@@ -43,7 +44,8 @@ def model_data(writer: ModelWriter, identity: str) -> bytes:
     """
     spec = writer.spec
     place = {enumerator(v.name): i for i, v in enumerate(spec.variables)}
-    words = [b"AUVMODEL", _integers(1), _text(identity), _text(str(spec.constants.get("link", "")))]
+    named = spec.constants.get("link", spec.constants.get("sensor", ""))
+    words = [b"AUVMODEL", _integers(1), _text(identity), _text(str(named))]
     _refuse_beyond(_MOST_VARIABLES, len(spec.variables), "variables", spec.name)
     words.append(_integers(len(spec.variables)))
     for v in spec.variables:
@@ -72,9 +74,9 @@ def model_data(writer: ModelWriter, identity: str) -> bytes:
 
 
 def named_variables(writer: ModelWriter) -> Iterable[str]:
-    """Yield the variables that the C of a link names: all but its signals."""
+    """Yield the variables that the C of a link or sensor names: all but those of tables."""
     if "MODEL_LANES" in writer.defined:
-        yield from (v.name for v in writer.spec.variables if not _SIGNAL.fullmatch(v.name))
+        yield from (v.name for v in writer.spec.variables if not _LISTED.fullmatch(v.name))
 
 
 def model_header(writer: ModelWriter) -> str:
