@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 import scipy
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from cosim.core import InputError, NotAchievableError, html_table, matrix_text, report
 from cosim.hinf.certificate import (
@@ -328,7 +328,8 @@ def _proposals(
     given: ObserverPair, known: dict[str, Any], K: Matrix | None, L: list[Matrix] | None
 ) -> Iterator[tuple[Matrix, list[Matrix]]]:
     """Yield K and L, of the best gain first at the ages themselves, then at longer ones."""
-    plant, units = given.plant, units_of(given.plant)[0]
+    plant = given.plant
+    units = _units(plant, given.estimated)
     start_K = _regulator(plant, units) if K is None else np.zeros_like(K)
     start_L = _injections(given, units) if L is None else [np.zeros_like(x) for x in L]
     output = [np.abs(x.C) @ units.state for x in given.measurements]
@@ -351,6 +352,39 @@ def _proposals(
         gains = loop.gains(found)
         rounded = rounded_gain(gains[0], units) if K is None else K
         yield rounded, [_short(x) for x in gains[1]] if L is None else L
+
+
+def _units(plant: DelaySystem, estimated: NDArray[np.bool_]) -> Scaling:
+    """Return units in which K and L compare: those of the plant without the states that are known.
+
+    Lags of actuators are quick, and would give the time in which a thruster moves. The units of
+    known states are those that the inputs give them at rest.
+    """
+    slow, known = np.flatnonzero(estimated), np.flatnonzero(~estimated)
+    if not known.size or not slow.size:
+        return units_of(plant)[0]
+    inner = plant.A[np.ix_(known, known)]
+    if not np.linalg.eigvals(inner).real.max() < 0:
+        return units_of(plant)[0]
+    at_rest = -np.linalg.solve(inner, np.hstack([plant.A[np.ix_(known, slow)], plant.B[known]]))
+    through = plant.A[np.ix_(slow, known)] @ at_rest
+    count = slow.size
+    reduced = replace(
+        plant,
+        A=plant.A[np.ix_(slow, slow)] + through[:, :count],
+        B=plant.B[slow] + through[:, count:],
+        C=plant.C[slow],
+        D=plant.D[:, slow],
+        E=plant.E[slow],
+        H=plant.H[:, slow],
+        delays=[replace(x, A=x.A[np.ix_(slow, slow)], H=x.H[:, slow]) for x in plant.delays],
+        feedback=None,
+    )
+    found = units_of(reduced)[0]
+    state = np.ones(len(plant.A))
+    state[slow] = found.state
+    state[known] = np.abs(at_rest) @ np.concatenate([found.state, found.input])
+    return replace(found, state=np.where(state > 0, state, 1.0))
 
 
 def _short(L: Matrix) -> Matrix:
