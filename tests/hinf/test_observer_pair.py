@@ -255,7 +255,7 @@ def test_noise_is_rounded_up_until_its_products_with_L_are_exact() -> None:
         ({"estimated": [True, False]}, "estimated: state 2"),
         ({"estimated": [True]}, "estimated"),
         ({"system": replace(AXIS, feedback=(True, False))}, "axis: feedback"),
-        ({"system": replace(AXIS, B=None, D2=None)}, "axis: feedback"),
+        ({"system": DelaySystem(AXIS.A, name="axis")}, "axis: feedback"),
     ],
 )  # fmt: skip
 def test_what_is_no_pair_is_refused_by_name(change: dict[str, Any], place: str) -> None:
