@@ -55,12 +55,12 @@ from cosim.hinf.synthesis.pair_gain import PairGain
 from cosim.hinf.synthesis.result_text import proved_words, result_rows
 from cosim.models import DelaySystem, Matrix, Measurement
 
-_LONGER = (1.0, 1.15, 1.35)
+_LONGER = (1.0, 1.1, 1.2)
 """Ages for which K and L are proposed, as multiples of those that vary."""
 _MULTIPLIERS = (0.3, 1.0, 3.0)
 """b of `InjectionLmi`, as multiples of the greatest age."""
 _BITS = 20  # of the entries of L, relative to the largest of its column
-_EVALUATIONS = 150
+_EVALUATIONS = 250
 _SMALL = 1e-3  # weight of states and controls that are not in z, in own units
 _AGELESS = 1e-2  # s per unit of time: the age that stands for none
 
