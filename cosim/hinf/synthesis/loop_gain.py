@@ -403,6 +403,8 @@ class LoopGain:
     def _scaled(self, q: Complexes, log_e: Reals) -> Complexes:
         """Return N for G_q."""
         N: Any = np.diag(self._weight(log_e))
+        if not self._blocks:
+            return np.asarray(N)
         if len(self._blocks) == 1:
             return np.asarray(N - float(np.exp(2 * log_e[0])) * (q.conj().swapaxes(-1, -2) @ q))
         sizes = np.repeat(np.exp(log_e), [rows.stop - rows.start for _, rows in self._blocks])

@@ -396,7 +396,7 @@ def _units(plant: DelaySystem, estimated: NDArray[np.bool_]) -> Scaling:
         D=plant.D[:, slow],
         E=plant.E[slow],
         H=plant.H[:, slow],
-        delays=[replace(x, A=x.A[np.ix_(slow, slow)], H=x.H[:, slow]) for x in plant.delays],
+        delays=tuple(replace(x, A=x.A[np.ix_(slow, slow)], H=x.H[:, slow]) for x in plant.delays),
         feedback=None,
     )
     found = units_of(reduced)[0]
