@@ -58,6 +58,7 @@ from .outcome.run_outcome import (
     RunOutcome as RunOutcome,
     outcome_of as outcome_of,
 )
+from .outcome.verdict import plant_line as plant_line
 from .picture import (
     LabelledTrace as LabelledTrace,
     compare_runs as compare_runs,

@@ -124,11 +124,28 @@ def _words(name: str, met: Any, metrics: Mapping[str, Any]) -> tuple[str, str]:
             return "No command stood at its limit", _limits(met, metrics)
         case "plant_as_designed":
             same = "every parameter of the plant is that of the design's model"
-            other = "the plant of the run has other parameters than the design's model"
-            return "The plant is the one designed for", same if met is True else other
+            return "The plant is the one designed for", same if met is True else plant_line(metrics)
     words, line = _AGES.get(name, (name.replace("_", " ").capitalize(), None))
     plain = "met" if met is True else "not met"
     return words, plain if line is None else _age_line(metrics, line)
+
+
+_NAMED = 3
+"""Parameters that are named one by one."""
+
+
+def plant_line(metrics: Mapping[str, Any]) -> str:
+    """Return which parameters are not those of the design, the first ones with both values."""
+    found = metrics.get("plant_differences") or ()
+    if not found:
+        return "the plant of the run has other parameters than the design's model"
+    words = [
+        f"{x['parameter']} is {'absent' if x['value'] is None else format(x['value'], '.6g')}, "
+        f"designed for {x['designed']:.6g}"
+        for x in found[:_NAMED]
+    ]
+    more = [f"and {len(found) - _NAMED} more"] if len(found) > _NAMED else []
+    return "; ".join([*words, *more])
 
 
 _AGES: dict[str, tuple[str, int | None]] = {
