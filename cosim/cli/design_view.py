@@ -17,6 +17,7 @@ from cosim.core import at_least, at_most
 if TYPE_CHECKING:  # `cosim fmu check` needs neither
     from cosim.fmu import ControllerFmu, PlantFmu
     from cosim.models import Delay, DelaySystem
+    from cosim.vehicle import VehicleFmu
 
 _LIMIT_REACHED = "certified; the search ended here, longer delays may be certified too"
 
@@ -225,13 +226,33 @@ def packed_view(packed: ControllerFmu) -> RenderableType:
     """Show a controller FMU that was exported, and what its certificate proves."""
     head = Text.assemble(("packed", "bold green"), f": {packed.path}")
     facts = facts_table()
-    how = "eta, nu to thrust" if packed.form == "vehicle" else "x[j] to u[i]"
-    facts.add_row("model", packed.name, f"{packed.kind.text}; {how}")
+    how = {
+        "vehicle": "eta, nu to thrust",
+        "system": "x[j] to u[i]",
+        "output-feedback": "stamped measurements to u[i]",
+        "observer": "stamped measurements and u[i] to the estimate",
+    }[packed.form]
+    facts.add_row("model", packed.name, Text(f"{packed.kind.text}; {how}"))
     facts.add_row("K", f"{len(packed.K)} x {len(packed.K[0])}", Text("start values of K[i,j]"))
     gamma = packed.claim["gamma"]
     if gamma is not None:
         facts.add_row("gamma", at_most(gamma), "certified, for this K")
     facts.add_row("certificate", packed.sha256[:16], "SHA-256; resources/certificate.json")
+    return Group(head, facts)
+
+
+def vehicle_plant_view(made: VehicleFmu) -> RenderableType:
+    """Show the plant FMU of a vehicle that was exported."""
+    head = Text.assemble(("packed", "bold green"), f": {made.path}")
+    vehicle = made.vehicle
+    facts = facts_table()
+    facts.add_row("model", made.name, made.kind.text)
+    facts.add_row("vehicle", vehicle.name, f"{vehicle.degrees_of_freedom} degrees of freedom")
+    commands = [a.command for a in vehicle.actuators]
+    facts.add_row("commands", str(len(commands)), ", ".join(commands))
+    facts.add_row("states", str(len(vehicle.states)), ", ".join(vehicle.states))
+    facts.add_row("parameters", str(len(vehicle.parameters)), "every number of the file")
+    facts.add_row("solver.step", f"{made.step:g} s", "largest internal step")
     return Group(head, facts)
 
 

@@ -2,6 +2,11 @@ from . import (
     paper_example as paper_example,
     waves as waves,
 )
+from .assumptions import (
+    greatest_share as greatest_share,
+    share_of_age as share_of_age,
+    watch as watch,
+)
 from .auv import (
     STATE as STATE,
     TABLE_1 as TABLE_1,
@@ -31,6 +36,11 @@ from .feedback import (
 from .measurement import (
     Measurement as Measurement,
     Over as Over,
+)
+from .observer import (
+    EstimateLine as EstimateLine,
+    acting_control as acting_control,
+    innovation as innovation,
 )
 from .products import (
     product as product,

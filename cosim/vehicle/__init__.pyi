@@ -1,6 +1,7 @@
 from .actuation import Actuation as Actuation
 from .keys import (
     VehicleKey as VehicleKey,
+    vehicle_schema as vehicle_schema,
     vehicle_tables as vehicle_tables,
 )
 from .linearisation import (
@@ -8,6 +9,12 @@ from .linearisation import (
     linear_model as linear_model,
 )
 from .parameters import Parameter as Parameter
+from .plant import (
+    VehicleFmu as VehicleFmu,
+    export_vehicle as export_vehicle,
+    named_vehicle as named_vehicle,
+    plant_spec as plant_spec,
+)
 from .read import (
     VEHICLES as VEHICLES,
     load_vehicle as load_vehicle,

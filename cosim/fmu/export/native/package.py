@@ -35,6 +35,7 @@ _HEADERS = {
 }
 _HEADERS_OF = (
     ("delay_line.c", "delay_line.h"),
+    ("vehicle.c", "plant.c"),
     ("draws.c", "draws.h"),
     ("packet_link.c", "clock.h"),
     ("transport_link.c", "clock.h"),
@@ -46,6 +47,13 @@ _HEADERS_OF = (
     ("packet_link_clocked.c", "clocked.h"),
     ("packet_link_clocked.c", "clock.h"),
     ("fmi3_clocked.c", "fmi3.c"),
+    ("observer.c", "delay_line.c"),
+    ("observer.c", "delay_line.h"),
+    ("observer.c", "plant.c"),
+    ("observer.c", "watch.h"),
+    ("instance_watched.c", "instance.c"),
+    ("sampled_watched.c", "sampled.c"),
+    ("sampled_watched.c", "watch.h"),
 )
 """C file of a kind of behaviour -> file that it includes beside `_OWN_HEADERS`."""
 _OWN_HEADERS = ("arithmetic.h", "behaviour.h", "instance.h", "message.h", "variable.h")
@@ -84,7 +92,9 @@ def hand_written(own: Sequence[str], version: str) -> tuple[dict[str, bytes], li
     shell = "fmi2.c" if version == "2.0" else "fmi3.c"
     if any(name.endswith("_clocked.c") for name in own):
         shell = "fmi3_clocked.c"
-    compiled = [*COMMON, *own, shell]
+    # one that ends so includes the file without it
+    common = [name for name in COMMON if f"{name.removesuffix('.c')}_watched.c" not in own]
+    compiled = [*common, *own, shell]
     headers = [*_OWN_HEADERS, *_HEADERS[version]]
     headers += [header for source, header in _HEADERS_OF if source in compiled]
     return {name: _shell(name) for name in (*compiled, *headers)}, sorted(compiled)

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import functools
+import json
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 from cosim.fmu.export.archive import deterministic_zip
@@ -21,10 +23,13 @@ from cosim.network import PacketLink, TransportLink
 MODEL = "resources/model.bin"
 KINDS = {
     "plant.c": "plant",
+    "vehicle.c": "vehicle",
     "sampled.c": "feedback",
+    "sampled_watched.c": "watched_feedback",
     "packet_link.c": "packet_link",
     "transport_link.c": "transport_link",
     "table.c": "table",
+    "observer.c": "observer",
     "sensor.c": "sensor",
 }
 """C file of a kind of behaviour -> name of its binary that reads the model."""
@@ -84,7 +89,11 @@ def tape_binary(kind: str, version: str, target: Platform, *, cross: bool) -> by
     ------
     InputError : no compiler.
     """
-    content, compiled = tape_sources(*recorded_model(_specimens()[kind]), version)
+    # any plant does for a vehicle: what it is, the binary reads
+    writer, own = recorded_model(_specimens()["plant" if kind == "vehicle" else kind])
+    if kind == "vehicle":
+        own = tuple("vehicle.c" if name == "plant.c" else name for name in own)
+    content, compiled = tape_sources(writer, own, version)
     return shared_library(kind, content, compiled, target, cross=cross)
 
 
@@ -105,6 +114,23 @@ def _binary_path(kind: str, version: str, target: Platform) -> str:
     return f"binaries/fmi{version[0]}/{target.tuple_name}/{kind}{target.suffix}"
 
 
+def _a_pair() -> ComponentSpec:
+    """Return an output feedback of one state."""
+    one = [[1.0]]
+    plant = {"A": one, "B": one, "delays": []}
+    measured = [{"name": "y", "C": one, "d": 1.0}]
+    pair = {
+        "kind": "output-feedback",
+        "plant": plant,
+        "measurements": measured,
+        "K": one,
+        "L": [one],
+    }
+    variables = component_module("observer.variables")
+    found: ComponentSpec = variables.output_feedback_spec("Pair", json.dumps(pair).encode())
+    return replace(found, certificate=None)
+
+
 @functools.cache
 def _specimens() -> dict[str, ComponentSpec]:
     """Return a component of each kind; which one does not matter for the binary."""
@@ -113,6 +139,10 @@ def _specimens() -> dict[str, ComponentSpec]:
     return {
         "plant": component_module("delayed_plant.variables").SPEC,
         "feedback": component_module("hinf_controller.variables").PAPER_SPEC,
+        "watched_feedback": component_module("hinf_controller.variables").watched_spec(
+            component_module("hinf_controller.variables").PAPER_SPEC, age=1.0
+        ),
+        "observer": _a_pair(),
         "packet_link": link.packet_spec("Link", PacketLink("link", sample_time_ns=1), signals),
         "transport_link": link.transport_spec("Link", TransportLink("link"), signals),
         "table": component_module("signal_table.variables").table_spec(

@@ -21,7 +21,7 @@ Model model = {.guid = ""};
 
 enum { SLOTS, V, C, X, LATE, CHANGE, OTHER, POOL, ARRAYS };
 enum { ADD, SUBTRACT, MULTIPLY, DIVIDE, NEGATE, POWER, LESSER, GREATER, SIN, COS, EXP, LOG, SQRT,
-       OPERATIONS };
+       ABSOLUTE, ARCSINE, ARCTANGENT, OPERATIONS };
 
 #define AT(operand) array[(uint64_t)(operand) >> 32][(uint32_t)(operand)]
 
@@ -47,6 +47,9 @@ static void perform(int number, const double *array[ARRAYS], double *out) {
         case COS: r = cos(a); break;
         case EXP: r = exp(a); break;
         case LOG: r = log(a); break;
+        case ABSOLUTE: r = fabs(a); break;
+        case ARCSINE: r = asin(a); break;
+        case ARCTANGENT: r = atan2(a, b); break;
         default: r = sqrt(a); break;
         }
         slot[o->to] = r;
@@ -88,6 +91,16 @@ void model_outputs_change(const double *x, const double *v, const double *c,
 void model_law(double elapsed, const double *v, const double *c, double *out) {
     const double *array[ARRAYS] = {[V] = v, [C] = c, [OTHER] = &elapsed};
     perform(LAW, array, out);
+}
+
+void model_compared(const double *x, const double *v, const double *c, double *out) {
+    const double *array[ARRAYS] = {[V] = v, [C] = c, [X] = x};
+    perform(COMPARED, array, out);
+}
+
+void model_decided(const double *x, const double *v, const double *c, double *out) {
+    const double *array[ARRAYS] = {[V] = v, [C] = c, [X] = x};
+    perform(DECIDED, array, out);
 }
 
 /* ---- the file: words of 64 bits, little endian */
@@ -152,9 +165,12 @@ static void read_program(Reader *r, Program *p, int64_t most) {
 
 static int read_model(Reader *r) {
     static const int64_t most[TABLES] = {MOST_INPUTS,     MOST_OUTPUTS, MOST_STATES, MOST_REFERENCES,
-                                         MOST_DELAYS, MOST_OTHERS,  MOST_REFERENCES};
+                                         MOST_DELAYS, MOST_OTHERS,  MOST_REFERENCES,
+                                         MOST_MEASURED,  MOST_REFERENCES, MOST_REFERENCES,
+                                         MOST_REFERENCES};
     static const int64_t results[PROGRAMS] = {MOST_CONSTANTS, MOST_STATES, MOST_OTHERS,
-                                              MOST_OTHERS, MOST_REFERENCES, MOST_OUTPUTS};
+                                              MOST_OTHERS, MOST_REFERENCES, MOST_OUTPUTS,
+                                              MOST_INPUTS, MOST_DECIDED};
     take_one(r, INT64_C(0x4c45444f4d565541), INT64_C(0x4c45444f4d565541)); /* AUVMODEL */
     take_one(r, 1, 1);
     model.guid = take_text(r);
