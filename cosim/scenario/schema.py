@@ -271,7 +271,7 @@ class DesignPart(Part):
     order: Annotated[int, Field(ge=0, le=12)] | None = None
     """Order of the Bessel-Legendre inequality that improves the gain of Theorem 2."""
     state_delay: Delay | None = None
-    """Delay inside the vehicle that the design is made for, in place of the plant's; of `auv` only."""
+    """Delay inside the vehicle that the design is made for, in place of the plant's; `auv` only."""
     loop_delay: Delay | None = None
     """Greatest age of the feedback that the design is made for, in place of that of the system."""
     least_age: Delay | None = None

@@ -89,8 +89,8 @@ def test_the_design_is_for_the_parameters_of_the_plant(own: PreparedScenario) ->
     mass = np.array(inertia({**TABLE_1, **OWN}))
     ports = own.fmus["controller"].ports
     starts = {name: port.start for name, port in ports.items()} | own.gain["controller"]
-    flown = [[starts[f"thrust_map[{i},{j}]"] for j in range(1, 5)] for i in range(1, 5)]
-    assert np.array_equal(np.array(flown), mass)
+    used = [[starts[f"thrust_map[{i},{j}]"] for j in range(1, 5)] for i in range(1, 5)]
+    assert np.array_equal(np.array(used), mass)
     found = metrics(own)
     assert found["assumptions"]["plant_as_designed"] is True
     assert "plant_differences" not in found
