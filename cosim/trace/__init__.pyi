@@ -47,6 +47,7 @@ from .outcome.cause import (
     CauseKind as CauseKind,
 )
 from .outcome.feedback_age import age_lines as age_lines
+from .outcome.plant import plant_line as plant_line
 from .outcome.run_events import (
     CONCLUSION as CONCLUSION,
     SERIOUS as SERIOUS,
@@ -58,7 +59,6 @@ from .outcome.run_outcome import (
     RunOutcome as RunOutcome,
     outcome_of as outcome_of,
 )
-from .outcome.verdict import plant_line as plant_line
 from .picture import (
     LabelledTrace as LabelledTrace,
     compare_runs as compare_runs,

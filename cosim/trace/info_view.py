@@ -12,8 +12,9 @@ from rich.text import Text
 
 from cosim.core import at_most
 from cosim.trace.outcome.feedback_age import age_lines
+from cosim.trace.outcome.plant import plant_line
 from cosim.trace.outcome.run_outcome import RunOutcome
-from cosim.trace.outcome.verdict import Check, plant_line, status_of
+from cosim.trace.outcome.verdict import Check, status_of
 from cosim.trace.rows.layout import HOST_PREFIX
 
 _HEADLINES = ("title", "scenario", "seed", "software")

@@ -8,6 +8,7 @@ from typing import Any
 
 from cosim.core import at_most
 from cosim.trace.outcome.feedback_age import age_lines
+from cosim.trace.outcome.plant import plant_line
 from cosim.trace.outcome.run_outcome import BAD, GOOD, OPEN, RunOutcome
 
 _SITES = {"u": "surge", "v": "sway", "w": "heave", "r": "yaw rate", "psi": "heading"}
@@ -128,24 +129,6 @@ def _words(name: str, met: Any, metrics: Mapping[str, Any]) -> tuple[str, str]:
     words, line = _AGES.get(name, (name.replace("_", " ").capitalize(), None))
     plain = "met" if met is True else "not met"
     return words, plain if line is None else _age_line(metrics, line)
-
-
-_NAMED = 3
-"""Parameters that are named one by one."""
-
-
-def plant_line(metrics: Mapping[str, Any]) -> str:
-    """Return which parameters are not those of the design, the first ones with both values."""
-    found = metrics.get("plant_differences") or ()
-    if not found:
-        return "the plant of the run has other parameters than the design's model"
-    words = [
-        f"{x['parameter']} is {'absent' if x['value'] is None else format(x['value'], '.6g')}, "
-        f"designed for {x['designed']:.6g}"
-        for x in found[:_NAMED]
-    ]
-    more = [f"and {len(found) - _NAMED} more"] if len(found) > _NAMED else []
-    return "; ".join([*words, *more])
 
 
 _AGES: dict[str, tuple[str, int | None]] = {
