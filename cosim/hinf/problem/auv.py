@@ -24,7 +24,6 @@ import numpy as np
 
 from cosim.core import InputError
 from cosim.hinf.problem.envelope import Envelope, auv_uncertainty
-from cosim.hinf.problem.linear_enclosure import Box, enclose
 from cosim.models import (
     STATE,
     TABLE_1,
@@ -134,6 +133,9 @@ def _uncertainty(settings: AuvDesignSettings) -> tuple[Matrix, Matrix, Blocks | 
     if dict(settings.parameters) == dict(TABLE_1):
         known = auv_uncertainty(settings.envelope, settings.parameters)
         return known.E, known.H, None
+    # most runs are of that vehicle: they load no affine arithmetic
+    from cosim.hinf.problem.linear_enclosure import Box, enclose  # noqa: PLC0415
+
     p = {**settings.parameters, **{f"damping.{axis}": 0.0 for axis in "uvwr"}}
     b, bounds = thrust_map(p), settings.envelope
 
