@@ -108,10 +108,10 @@ def test_cross_flow_drag_is_that_of_strips_that_move_with_the_hull(law: str) -> 
         area = np.array([0.2 * 0.9, 0.3 * 1.1])
         size = 1025.0 / 2 * 1.6 / 5
         if law:
-            push = -size * (area @ speed**2) * speed / np.hypot(*speed)
+            acting = -size * (area @ speed**2) * speed / np.hypot(*speed)
         else:
-            push = -size * area * np.abs(speed) * speed
-        total += [0, *push, *np.cross([x, 0, 0], [0, *push])]
+            acting = -size * area * np.abs(speed) * speed
+        total += [0, *acting, *np.cross([x, 0, 0], [0, *acting])]
     assert force(table + law) == pytest.approx(total, abs=1e-9)
     opposite = force(f'{table}{law}pitch = "opposite"\n') - total if law else np.zeros(6)
     assert np.flatnonzero(np.abs(opposite) > 1e-6).tolist() == ([4] if law else [])
@@ -127,24 +127,24 @@ def test_the_hull_lifts_across_its_path_and_drags_along_it() -> None:
     for stall in (0.0, 0.4):
         lift = (1 - stall) * slope * alpha + stall * 2 * math.sin(alpha) ** 2 * math.cos(alpha)
         drag = 0.1 + (slope * alpha) ** 2 / (math.pi * 0.7 * aspect)
-        push = pressure * 0.21 * (lift * across - drag * along)
+        acting = pressure * 0.21 * (lift * across - drag * along)
         table = f"[lift_drag]\nspan = 0.2\narea = 0.21\ndrag = 0.1\nstall = {stall}\n"
-        assert force(table) == pytest.approx([push[0], 0, push[1], 0, 0, 0], abs=1e-9)
+        assert force(table) == pytest.approx([acting[0], 0, acting[1], 0, 0, 0], abs=1e-9)
 
 
-def test_thrusters_and_fins_push_where_they_are() -> None:
+def test_thrusters_and_fins_act_where_they_are() -> None:
     """With the moment of their arms; a fin by the square of the speed that it sees."""
     where, towards = np.array([-0.7, 0.1, -0.2]), np.array([0.0, -0.6, 0.8])
     place = f"position = {where.tolist()}\ndirection = {towards.tolist()}\nlimit = 20.0\n"
     thruster = f"[[thrusters]]\nname = 't'\n{place}moment = [0.02, 0.0, 0.0]\nlag = 0.3\n"
-    push = 7.0 * towards
-    turn = np.cross(where, push)
+    acting = 7.0 * towards
+    turn = np.cross(where, acting)
     turn[0] += 7.0 * 0.02
-    assert force(thruster, [7.0]) == pytest.approx([*push, *turn], abs=1e-9)
+    assert force(thruster, [7.0]) == pytest.approx([*acting, *turn], abs=1e-9)
     fin = f"[[fins]]\nname = 'f'\n{place}area = 0.013\nlift = 3.0\ndrag = 0.5\nlag = 0.3\n"
     pressure = 1025.0 / 2 * 0.013 * (NU[0] ** 2 + (NU[:3] @ towards) ** 2)
-    push = pressure * (3.0 * 0.2 * towards - 0.5 * 0.2**2 * np.array([1.0, 0, 0]))
-    assert force(fin, [0.2]) == pytest.approx([*push, *np.cross(where, push)], abs=1e-9)
+    acting = pressure * (3.0 * 0.2 * towards - 0.5 * 0.2**2 * np.array([1.0, 0, 0]))
+    assert force(fin, [0.2]) == pytest.approx([*acting, *np.cross(where, acting)], abs=1e-9)
     products = "derivatives = { Y_uud = 5.0, N_urd = -2.0, X_uudd = -3.0, K_d = 1.5 }\n"
     u, r = NU[0], NU[5]
     rows = [-3 * u * u * 0.04, 5 * u * u * 0.2, 0, 1.5 * 0.2, 0, -2 * u * r * 0.2]
