@@ -82,6 +82,8 @@ def fit_view(found: Mapping[str, LinkFit], out: Path | None) -> RenderableType:
         verdict = each.refusals or ["nothing refuses this link:"]
         parts += [Text(), *(Text(line, style="bold") for line in verdict)]
         parts.append(plain_lines(each.toml(name)))
+    if any(each.refusals for each in found.values()):
+        parts.append(Text("a link with recording = FILE replays it, as it was or in blocks"))
     if out is not None:
         parts.append(plain(f"written: {out}"))
     return Group(*parts)

@@ -62,33 +62,35 @@ class HiddenChain:
         return np.asarray(share / share.sum())
 
     def log_likelihood(self, lost: Losses) -> float:
-        """Return the logarithm of the probability of these losses; the chain is stationary."""
-        return _expected(self, lost, self.stationary).log_likelihood
+        """Return the logarithm of the probability of these losses; the chain is stationary.
 
-    def simulate(self, count: int, copies: int, purpose: str) -> tuple[Losses, Floats]:
-        """Draw recordings of `count` messages, and what the log-likelihood of each is.
-
-        Returns
-        -------
-        lost : bool (count, copies).
-        log_likelihood : float64 (copies,).
+        Minus infinity where the chain excludes them.
         """
-        k = self.loss.size
-        u = draws.uniform(0, purpose, "fit", 2 * count * copies).reshape(count, 2, copies)
-        bounds = np.cumsum(self.transitions, axis=1)[:, :-1]
-        state = (u[0, 0][:, None] >= np.cumsum(self.stationary)[:-1]).sum(axis=1)
-        seen = np.tile(self.stationary, (copies, 1))
-        lost, likelihood = np.zeros((count, copies), np.bool_), np.zeros(copies)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            found = _expected(self, lost, self.stationary).log_likelihood
+        return -np.inf if np.isnan(found) else found  # 0 / 0: no way through a segment
+
+    def simulate(self, count: int, copies: int, purpose: str) -> Losses:
+        """Draw recordings of `count` messages, one in each column, bool (count, copies)."""
+        u = draws.uniform(0, purpose, "fit", 2 * count * copies).reshape(2, count, copies)
+        state = np.zeros((count, copies), np.intp)
+        if self.loss.size > 1:
+            bounds = np.cumsum(self.transitions, axis=1)[:, :-1]
+            state[0] = np.searchsorted(np.cumsum(self.stationary)[:-1], u[0, 0], side="right")
+            for t in range(1, count):
+                state[t] = (u[0, t][:, None] >= bounds[state[t - 1]]).sum(axis=1)
+        return np.asarray(u[1] < self.loss[state])
+
+    def log_likelihoods(self, lost: Losses) -> Floats:
+        """Return `log_likelihood` of each column, float64 (copies,); none is excluded."""
+        count, copies = lost.shape
+        emitted = np.array([1.0 - self.loss, self.loss])[lost.astype(np.intp)]
+        row, scale = np.tile(self.stationary, (copies, 1)), np.empty((count, copies))
         for t in range(count):
-            if t:
-                state = (u[t, 0][:, None] >= bounds[state]).sum(axis=1) if k > 1 else state
-                seen = seen @ self.transitions
-            lost[t] = u[t, 1] < self.loss[state]
-            seen = seen * np.where(lost[t][:, None], self.loss, 1.0 - self.loss)
-            total = seen.sum(axis=1)
-            likelihood += np.log(total)
-            seen = seen / total[:, None]
-        return lost, likelihood
+            row = (row @ self.transitions if t else row) * emitted[t]
+            scale[t] = row.sum(axis=1)
+            row /= scale[t][:, None]
+        return np.asarray(np.log(scale).sum(axis=0))
 
 
 class _Counts(NamedTuple):
@@ -109,8 +111,7 @@ def _expected(chain: HiddenChain, lost: Losses, first: Floats) -> _Counts:
     n = lost.size
     each = np.where(lost[:, None], chain.loss, 1.0 - chain.loss)
     if chain.loss.size == 1:
-        with np.errstate(divide="ignore"):
-            total = float(np.log(each).sum())
+        total = float(np.log(each).sum())
         losses = np.array([float(lost.sum())])
         return _Counts(total, np.array([[n - 1.0]]), np.array([float(n)]), losses)
     parts, step = _Segments.of(each), chain.transitions
