@@ -30,6 +30,8 @@ Losses = NDArray[np.bool_]
 _BOUND = 14.0
 """Greatest logit: a probability is between 1e-6 and 1 - 1e-6, or it is 0 or 1."""
 _AT_BOUND = 11.0
+_AT_ONCE = 4096
+"""Messages of which all simulated draws are in memory."""
 _STEP = 1e-4
 
 
@@ -72,25 +74,34 @@ class HiddenChain:
 
     def simulate(self, count: int, copies: int, purpose: str) -> Losses:
         """Draw recordings of `count` messages, one in each column, bool (count, copies)."""
-        u = draws.uniform(0, purpose, "fit", 2 * count * copies).reshape(2, count, copies)
-        state = np.zeros((count, copies), np.intp)
-        if self.loss.size > 1:
-            bounds = np.cumsum(self.transitions, axis=1)[:, :-1]
-            state[0] = np.searchsorted(np.cumsum(self.stationary)[:-1], u[0, 0], side="right")
-            for t in range(1, count):
-                state[t] = (u[0, t][:, None] >= bounds[state[t - 1]]).sum(axis=1)
-        return np.asarray(u[1] < self.loss[state])
+        lost = np.empty((count, copies), np.bool_)
+        bounds = np.cumsum(self.transitions, axis=1)[:, :-1]
+        state, begin = np.zeros(copies, np.intp), np.cumsum(self.stationary)[:-1]
+        for first in range(0, count, _AT_ONCE):  # of a long recording not all draws are in memory
+            rows = min(_AT_ONCE, count - first)
+            part = rows * copies, 0, first * copies
+            u, change = (
+                draws.uniform(0, purpose, what, *part).reshape(rows, copies)
+                for what in ("loss", "loss state")
+            )
+            for t in range(rows):
+                if first + t == 0:
+                    state = np.searchsorted(begin, change[0], side="right")
+                elif begin.size:
+                    state = (change[t][:, None] >= bounds[state]).sum(axis=1)
+                lost[first + t] = u[t] < self.loss[state]
+        return lost
 
     def log_likelihoods(self, lost: Losses) -> Floats:
         """Return `log_likelihood` of each column, float64 (copies,); none is excluded."""
-        count, copies = lost.shape
-        emitted = np.array([1.0 - self.loss, self.loss])[lost.astype(np.intp)]
-        row, scale = np.tile(self.stationary, (copies, 1)), np.empty((count, copies))
-        for t in range(count):
-            row = (row @ self.transitions if t else row) * emitted[t]
-            scale[t] = row.sum(axis=1)
-            row /= scale[t][:, None]
-        return np.asarray(np.log(scale).sum(axis=0))
+        emitted = np.array([1.0 - self.loss, self.loss])
+        row, total = np.tile(self.stationary, (lost.shape[1], 1)), np.zeros(lost.shape[1])
+        for t, now in enumerate(lost.astype(np.int8)):
+            row = (row @ self.transitions if t else row) * emitted[now]
+            scale = row.sum(axis=1)
+            total += np.log(scale)
+            row /= scale[:, None]
+        return total
 
 
 class _Counts(NamedTuple):

@@ -116,7 +116,7 @@ def test_a_link_of_the_schema_is_found_and_not_refused() -> None:
     assert found.delay.mean == pytest.approx(0.06, rel=0.1)
     independent, gilbert = found.losses[:2]
     assert {"runs of losses", "runs of arrivals"} <= set(independent.refused_by)
-    assert "runs of losses" in gilbert.refused_by
+    assert "runs of losses it was fitted to" in gilbert.refused_by
     assert {each.name for each in found.delays if each.refused_by} == {"uniform", "normal"}
     assert found.losses[2].tested > max(independent.tested, gilbert.tested)
 
