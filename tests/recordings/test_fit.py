@@ -133,6 +133,15 @@ def test_three_kinds_of_loss_need_three_states() -> None:
     assert np.allclose(found.loss.chain.loss, THREE.loss, atol=0.1)
 
 
+@pytest.mark.parametrize(("later", "refused"), [(0.115, False), (0.18, True)])
+def test_a_share_may_differ_by_chance_and_no_more(later: float, refused: bool) -> None:  # noqa: FBT001
+    """Of 1000 and 500 messages: one standard error is .0164, both parts counted."""
+    random = np.random.default_rng(0)
+    one, two = random.permutation(1000) < 100, random.permutation(500) < 500 * later
+    model = loss_models(one, two, 2)[0]
+    assert ("share of losses" in model.refused_by) == refused
+
+
 def test_a_model_that_excludes_what_happened_is_refused() -> None:
     """Gilbert saw a loss end each run and no longer one: then two in a row are impossible."""
     single, double = np.arange(400) % 9 == 4, np.arange(200) % 9 < 2
