@@ -24,6 +24,7 @@ from cosim.scenario.fmu_cache import FmuCache
 from cosim.scenario.gain import gain_parameters, problem_of
 from cosim.scenario.origin import Findings, Origin
 from cosim.scenario.pinned import named_design
+from cosim.scenario.plant import parameters_of_plant, require_vehicle_of
 from cosim.scenario.preparation import check_disturbance, check_roles
 from cosim.scenario.read import LoadedScenario, loaded_of
 from cosim.scenario.schema import Scenario
@@ -70,8 +71,13 @@ def _look(loaded: LoadedScenario, fmu_cache: FmuCache, findings: Findings) -> No
     if design is not None:
         with findings.at("design"):
             check_roles(loaded, fmus)
-            named = None if design.file is None else named_design(design, loaded.folder)
-            problem = problem_of(design, loaded.folder) if named is None else named[0]
+            plant = parameters_of_plant(scenario)
+            if design.file is None:
+                problem = problem_of(design, loaded.folder, plant)
+            else:
+                problem = named_design(design, loaded.folder, plant)[0]
+                if problem.vehicle is not None:
+                    require_vehicle_of(problem.vehicle, scenario, design)
             blank = gain_parameters(np.zeros(problem.system.B.T.shape), fmus[design.controller])
             parameters[design.controller] = blank
             with findings.at("disturbance"):

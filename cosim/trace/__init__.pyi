@@ -47,6 +47,7 @@ from .outcome.cause import (
     CauseKind as CauseKind,
 )
 from .outcome.feedback_age import age_lines as age_lines
+from .outcome.plant import plant_line as plant_line
 from .outcome.run_events import (
     CONCLUSION as CONCLUSION,
     SERIOUS as SERIOUS,

@@ -8,6 +8,7 @@ from typing import Any
 
 from cosim.core import at_most
 from cosim.trace.outcome.feedback_age import age_lines
+from cosim.trace.outcome.plant import plant_line
 from cosim.trace.outcome.run_outcome import BAD, GOOD, OPEN, RunOutcome
 
 _SITES = {"u": "surge", "v": "sway", "w": "heave", "r": "yaw rate", "psi": "heading"}
@@ -124,8 +125,7 @@ def _words(name: str, met: Any, metrics: Mapping[str, Any]) -> tuple[str, str]:
             return "No command stood at its limit", _limits(met, metrics)
         case "plant_as_designed":
             same = "every parameter of the plant is that of the design's model"
-            other = "the plant of the run has other parameters than the design's model"
-            return "The plant is the one designed for", same if met is True else other
+            return "The plant is the one designed for", same if met is True else plant_line(metrics)
     words, line = _AGES.get(name, (name.replace("_", " ").capitalize(), None))
     plain = "met" if met is True else "not met"
     return words, plain if line is None else _age_line(metrics, line)
