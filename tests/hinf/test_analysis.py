@@ -24,10 +24,6 @@ from solver_points import Array, benchmark, random_system
 
 from cosim.core.errors import InputError
 from cosim.hinf import analyse, auv_system, certified_delay, check_certificate, close, hinf_norm
-<<<<<<< HEAD
-from cosim.hinf.certificate.analysis_certificate import variables_from_json
-=======
->>>>>>> main
 from cosim.hinf.certificate.analysis_proof import ExactAnalysis, exact_loop, minus_phi
 from cosim.hinf.certificate.analysis_variables import variables_from_json
 from cosim.hinf.certificate.rational import exact, exact_matrix, first_bad_pivot
