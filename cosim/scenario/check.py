@@ -21,7 +21,7 @@ from cosim.scenario.assembly import (
 from cosim.scenario.assertions import bind_assertions
 from cosim.scenario.extend import Source
 from cosim.scenario.fmu_cache import FmuCache
-from cosim.scenario.gain import gain_parameters, problem_of
+from cosim.scenario.gain import controller_parameters, gain_parameters, observes, problem_of
 from cosim.scenario.origin import Findings, Origin
 from cosim.scenario.pinned import named_design
 from cosim.scenario.preparation import check_disturbance, check_roles
@@ -72,8 +72,12 @@ def _look(loaded: LoadedScenario, fmu_cache: FmuCache, findings: Findings) -> No
             check_roles(loaded, fmus)
             named = None if design.file is None else named_design(design, loaded.folder)
             problem = problem_of(design, loaded.folder) if named is None else named[0]
-            blank = gain_parameters(np.zeros(problem.system.B.T.shape), fmus[design.controller])
-            parameters[design.controller] = blank
+            fmu = fmus[design.controller]
+            if named is not None and observes(named[1]):
+                parameters[design.controller] = controller_parameters(named[1], fmu)
+            else:
+                blank = np.zeros(problem.system.B.T.shape)
+                parameters[design.controller] = gain_parameters(blank, fmu)
             with findings.at("disturbance"):
                 worst_case = (
                     None if scenario.disturbance is None else no_disturbance(problem.system)

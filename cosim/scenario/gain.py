@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeGuard
 
 import numpy as np
 
@@ -14,8 +14,13 @@ from cosim.core import InputError, NotAchievableError
 from cosim.fmu import FmuDescription
 from cosim.models import Delay, DelaySystem
 from cosim.scenario.age_claim import feedback_of
+from cosim.scenario.designed_plant import PLANT_NOTE, DesignedPlant
 from cosim.scenario.feedback_age import FeedbackAge
 from cosim.scenario.schema import DesignPart
+
+if TYPE_CHECKING:
+    AnyDesign = hinf.Design | hinf.OutputFeedback
+    """Of the whole state, or of what is measured of it."""
 
 _AUV_ONLY = ("state_delay", "loop_delay", "damping", "position_weight", "envelope")
 
@@ -27,6 +32,7 @@ class Problem:
     system, k1, k2 : k1 and k2 None where they are to be searched.
     vehicle : settings that the system was made from, if it is the vehicle.
     design_constraints : what the gain must meet beside gamma.
+    plant : how the plant of the run is seen as the system, where the design knows.
     """
 
     system: DelaySystem
@@ -36,6 +42,7 @@ class Problem:
     design_constraints: hinf.DesignConstraints = field(
         default_factory=lambda: hinf.DesignConstraints()  # noqa: PLW0108 - loaded when it is made
     )
+    plant: DesignedPlant | None = None
 
 
 def problem_of(part: DesignPart, folder: Path) -> Problem:
@@ -69,7 +76,12 @@ def _problem_of(part: DesignPart, folder: Path) -> Problem:
     return Problem(named.system, k1, k2, None, named.design_constraints)
 
 
-def problem_about(part: DesignPart, found: hinf.Design, where: str, folder: Path | None) -> Problem:
+def observes(found: AnyDesign | None) -> TypeGuard[hinf.OutputFeedback]:
+    """Whether a design feeds back what an observer estimates, rather than the measured state."""
+    return found is not None and found.certificate.get("kind") == "output-feedback"
+
+
+def problem_about(part: DesignPart, found: AnyDesign, where: str, folder: Path | None) -> Problem:
     """Return the problem of an existing design, which must be the one [design] describes.
 
     Without a system in [design], that of the design counts; with a `file` its delays count too,
@@ -84,6 +96,8 @@ def problem_about(part: DesignPart, found: hinf.Design, where: str, folder: Path
     ------
     InputError : [design] describes another system, or one that does not exist.
     """
+    if observes(found):
+        return _output_feedback_problem(part, found, where)
     require_up_to(found)
     own = Problem(found.system, found.k1, found.k2, None)
     named = found.system.name if part.system is None else part.system
@@ -113,6 +127,24 @@ def problem_about(part: DesignPart, found: hinf.Design, where: str, folder: Path
             "leave out file, and a new gain is designed",
         )
     return replace(own, vehicle=described.vehicle)
+
+
+def _output_feedback_problem(
+    part: DesignPart, found: hinf.OutputFeedback, where: str
+) -> Problem:
+    """Return the problem of a design with an observer, which knows its system and its plant."""
+    known = {"file", "controller", "plant"}
+    given = sorted(key for key in part.model_fields_set - known if getattr(part, key) is not None)
+    if given:
+        raise InputError(
+            f"{', '.join(given)} beside the design of an observer",
+            where=where,
+            expected="file, controller and plant: the design knows its system and its ages",
+            hint="leave them out",
+        )
+    note = found.notes.get(PLANT_NOTE)
+    plant = None if note is None else DesignedPlant.from_json(note, f"{where}: {PLANT_NOTE}")
+    return Problem(found.system, None, None, None, plant=plant)
 
 
 def _refuse_vehicle_keys(part: DesignPart, got: str) -> None:
@@ -323,9 +355,21 @@ def gain_parameters(K: Any, controller: FmuDescription) -> dict[str, float]:
     return values
 
 
-def starts_with(K: Any, controller: FmuDescription) -> bool:
-    """Whether a controller FMU starts with the gain K."""
+def controller_parameters(found: AnyDesign, controller: FmuDescription) -> dict[str, float]:
+    """Return a design as parameters of the FMU that is to fly it.
+
+    Raises
+    ------
+    InputError : it is a controller for another design.
+    """
+    if not observes(found):
+        return gain_parameters(found.K, controller)
+    raise NotImplementedError
+
+
+def starts_with(found: AnyDesign, controller: FmuDescription) -> bool:
+    """Whether a controller FMU starts with the numbers of a design."""
     return all(
         controller.ports[name].start == value
-        for name, value in gain_parameters(K, controller).items()
+        for name, value in controller_parameters(found, controller).items()
     )

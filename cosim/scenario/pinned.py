@@ -15,7 +15,7 @@ from dataclasses import asdict, dataclass
 from functools import lru_cache
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from cosim.core import DESIGN_FILE, InputError, unreadable, write_whole
 from cosim.fmu import certificate_in_fmu
@@ -33,6 +33,9 @@ from cosim.scenario.feedback_age import FeedbackAge
 from cosim.scenario.gain import Problem, problem_about, solve_sharply, with_known_age
 from cosim.scenario.read import LoadedScenario
 from cosim.scenario.schema import MADE_WITH, DesignPart
+
+if TYPE_CHECKING:
+    from cosim.scenario.gain import AnyDesign
 
 _MADE_FOR = "made_for"
 
@@ -53,7 +56,7 @@ class DesignSource:
     made: bool = False
 
 
-def named_design(part: DesignPart, folder: Path) -> tuple[Problem, Design, DesignSource]:
+def named_design(part: DesignPart, folder: Path) -> tuple[Problem, AnyDesign, DesignSource]:
     """Read the design that `[design] file` names, check its proof, and find its problem.
 
     `folder` : start of relative paths.
@@ -71,7 +74,7 @@ def named_design(part: DesignPart, folder: Path) -> tuple[Problem, Design, Desig
 
 
 @lru_cache(maxsize=16)
-def _proved(content: bytes, where: str, *, in_fmu: bool) -> Design:
+def _proved(content: bytes, where: str, *, in_fmu: bool) -> AnyDesign:
     """Return the design in a file, its proof checked: once for the same bytes."""
     read = design_from_certificate if in_fmu else design_from_json
     return read(certificate_from_bytes(content, where), where=where)

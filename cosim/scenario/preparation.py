@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -14,11 +15,14 @@ from cosim.scenario.assembly import assemble, find_fmus
 from cosim.scenario.controller_design import with_design_of_controller
 from cosim.scenario.feedback_age import feedback_age
 from cosim.scenario.fmu_cache import FmuCache
-from cosim.scenario.gain import Problem, gain_parameters, problem_of
+from cosim.scenario.gain import Problem, controller_parameters, gain_parameters, observes, problem_of
 from cosim.scenario.origin import Findings
 from cosim.scenario.pinned import DesignSource, kept_or_made, named_design
 from cosim.scenario.read import LoadedScenario
 from cosim.scenario.signals import no_disturbance, reference_inputs, worst_case_of
+
+if TYPE_CHECKING:
+    from cosim.scenario.gain import AnyDesign
 
 MADE_BEFORE = DesignSource("made before, its proof checked again")
 """The source of a design that is given to `prepare`."""
@@ -35,7 +39,7 @@ class PreparedScenario:
     loaded: LoadedScenario
     fmus: Mapping[str, FmuDescription]
     problem: Problem | None
-    design: hinf.Design | None
+    design: AnyDesign | None
     worst_case: hinf.WorstCase | None = None
     source: DesignSource | None = None
 
@@ -45,14 +49,27 @@ class PreparedScenario:
         part = self.loaded.scenario.design
         if part is None or self.design is None:
             return {}
-        return {part.controller: gain_parameters(self.design.K, self.fmus[part.controller])}
+        return {part.controller: controller_parameters(self.design, self.fmus[part.controller])}
+
+    @property
+    def at_rest(self) -> dict[str, dict[str, Any]]:
+        """Start values of the zero-state run: of the plant those at the trim of its design."""
+        part = self.loaded.scenario.design
+        if part is None or self.problem is None or self.problem.plant is None:
+            return {}
+        ports, trim = self.fmus[part.plant].ports, self.problem.plant.at_rest
+        stamps = [p for p in self.fmus[part.controller].ports.values() if p.name[:6] == "stamp."]
+        return {
+            part.plant: {name: value for name, value in trim.items() if name in ports},
+            part.controller: {p.name: p.start for p in stamps},  # none has been received
+        }
 
 
 def prepare(
     loaded: LoadedScenario,
     fmu_cache: FmuCache,
     *,
-    saved: tuple[Problem, hinf.Design] | None = None,
+    saved: tuple[Problem, AnyDesign] | None = None,
     worst_case: hinf.WorstCase | None = None,
     progress: Progress | None = None,
     of_links: bool = True,
@@ -84,14 +101,15 @@ def prepare(
         return PreparedScenario(loaded, fmus, None, None, source=source)
     with findings.at("design"):
         check_roles(loaded, fmus)
-        found: hinf.Design | None = None
+        found: AnyDesign | None = None
         if saved is not None:
             problem, found = saved
         elif part.file is not None:
             problem, found, source = named_design(part, loaded.folder)
         else:
             problem = problem_of(part, loaded.folder)
-        blank = gain_parameters(np.zeros(problem.system.B.T.shape), fmus[part.controller])
+        if not observes(found):
+            blank = gain_parameters(np.zeros(problem.system.B.T.shape), fmus[part.controller])
     with findings.at("disturbance"):
         still = None if disturbance is None else no_disturbance(problem.system)
     if found is None:
@@ -103,7 +121,7 @@ def prepare(
         known = feedback_age(system, part.plant, part.controller) if of_links else None
         found, source = kept_or_made(loaded, problem, known)
         problem = replace(problem, system=found.system)
-    if disturbance is not None and worst_case is None:
+    if disturbance is not None and worst_case is None and not observes(found):
         worst_case = worst_case_of(disturbance, found)
     return PreparedScenario(loaded, fmus, problem, found, worst_case, source)
 

@@ -104,13 +104,13 @@ def _link_entry(link: Link) -> dict[str, Any]:
 
 
 def _certificate(
-    prepared: PreparedScenario, design: hinf.Design
+    prepared: PreparedScenario, design: AnyDesign
 ) -> tuple[dict[str, str], Attachment]:
     """Return the entries of `cosim.run` about the certificate, and its attachment."""
     proof = hinf.certificate_bytes(design.certificate)
     part = prepared.loaded.scenario.design
     name = "" if part is None else part.controller
-    starts = starts_with(design.K, prepared.fmus[name])
+    starts = starts_with(design, prepared.fmus[name])
     own = "its FMU starts with it" if starts else "its FMU starts with another, which did not fly"
     entries = certificate_entries(
         design.certificate["claim"],

@@ -46,7 +46,10 @@ from .outcome.cause import (
     Cause as Cause,
     CauseKind as CauseKind,
 )
-from .outcome.feedback_age import age_lines as age_lines
+from .outcome.feedback_age import (
+    age_lines as age_lines,
+    measurement_age_lines as measurement_age_lines,
+)
 from .outcome.run_events import (
     CONCLUSION as CONCLUSION,
     SERIOUS as SERIOUS,

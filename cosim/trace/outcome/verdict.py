@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from cosim.core import at_most
-from cosim.trace.outcome.feedback_age import age_lines
+from cosim.trace.outcome.feedback_age import age_lines, measurement_age_lines
 from cosim.trace.outcome.run_outcome import BAD, GOOD, OPEN, RunOutcome
 
 _SITES = {"u": "surge", "v": "sway", "w": "heave", "r": "yaw rate", "psi": "heading"}
@@ -125,7 +125,12 @@ def _words(name: str, met: Any, metrics: Mapping[str, Any]) -> tuple[str, str]:
         case "plant_as_designed":
             same = "every parameter of the plant is that of the design's model"
             other = "the plant of the run has other parameters than the design's model"
+            differs = metrics.get("plant_differs")
+            if isinstance(differs, list) and differs:
+                other = "; ".join(map(str, differs))
             return "The plant is the one designed for", same if met is True else other
+    if name.startswith(_OF) and name != _OF:
+        return _measurement_words(name.removeprefix(_OF), met, metrics)
     words, line = _AGES.get(name, (name.replace("_", " ").capitalize(), None))
     plain = "met" if met is True else "not met"
     return words, plain if line is None else _age_line(metrics, line)
@@ -138,6 +143,28 @@ _AGES: dict[str, tuple[str, int | None]] = {
     "links_justify_sampled_age": ("By their settings the links give a sampled age", 2),
 }
 """Assumption -> its words, and the line of `age_lines` with its numbers."""
+
+
+_OF = "age_of_"
+_MEASUREMENTS = {
+    "_within_design": "{} were no older than designed for",
+    "_not_below_least": "{} were never newer than the proof assumes",
+    "_sampled": "{} came into use at the age of the proof",
+    "_constant": "The age of {} was constant, up to the steps",
+}
+"""End of an assumption about the age of one measurement -> its words."""
+
+
+def _measurement_words(name: str, met: Any, metrics: Mapping[str, Any]) -> tuple[str, str]:
+    """Return an assumption about the age of one measurement, or of commands, and its numbers."""
+    ages = metrics.get("measurement_ages")
+    lines = measurement_age_lines(ages) if isinstance(ages, Mapping) else {}
+    for end, words in _MEASUREMENTS.items():
+        of = name.removesuffix(end)
+        if of != name:
+            subject = "Commands" if of == "commands" else f"Measurements of {of}"
+            return words.format(subject), lines.get(of, "met" if met is True else "not met")
+    return name.replace("_", " "), "met" if met is True else "not met"
 
 
 def _age_line(metrics: Mapping[str, Any], which: int) -> str:

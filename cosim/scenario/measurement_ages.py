@@ -1,0 +1,180 @@
+"""Ages of measurements that carry the time at which they were taken, each by its own.
+
+A controller with an observer has an input `stamp.NAME` per measurement. A measurement is in use
+from the instant at which the controller samples it until it samples the next newer one; its age
+there is the time since its stamp, so that links, waiting and holds are all in it. Before the first
+one the time since the start counts as its age: the state is constant before.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cosim.master import ComponentInstance, Run
+from cosim.scenario.age import Lookup, MeasuredAges
+from cosim.scenario.measure import Measure, Recent, after, own_points_in
+from cosim.scenario.signal_reader import SignalReader
+
+Integers = NDArray[np.int64]
+
+
+class StampedAges(Measure[dict[str, MeasuredAges | None]]):
+    """The ages of stamped measurements over a run, by name; None where none came into use.
+
+    Parameters
+    ----------
+    controller : name of the component that receives the stamps.
+    names : of the measurements.
+    watch : is called with points [ns] and the ages at the end of the interval before each [ns],
+        (n, names).
+    """
+
+    def __init__(
+        self,
+        controller: str,
+        names: Sequence[str],
+        watch: Callable[[Integers, Integers], None] | None = None,
+    ) -> None:
+        self._controller, self._names, self._watch = controller, tuple(names), watch
+        self._begins: Integers | None = None
+        self._in_use: Integers | None = None
+        self._ages = [_Ages() for _ in names]
+        self.reads_inputs = True
+
+    def begin(self, instances: Sequence[ComponentInstance]) -> None:
+        """Find the stamps."""
+        self._instance = next(s for s in instances if s.name == self._controller)
+        self._reader = SignalReader(self._instance, [f"stamp.{name}" for name in self._names])
+        component = self._instance.component
+        port = component.description.ports.get("sample_time")
+        default = port.start if port is not None else 0.0
+        self._period = round(float(component.parameters.get("sample_time", default or 0.0)) * 1e9)
+
+    def add(self, first: int, last: int) -> None:
+        """Take the intervals that end at the points."""
+        stamps = self._reader.read(first, last)
+        own = own_points_in(self._instance, first, last)
+        if not own.size:
+            return
+        times = self._instance.comm_points.points_ns[own]
+        taken = np.round(stamps[own - first] * 1e9).astype(np.int64)
+        before = np.full((1, len(self._names)), -1) if self._in_use is None else self._in_use
+        begins = after(self._begins, times)
+        # the inputs of the last point are in use in an interval that has not ended yet
+        if self._begins is not None:
+            taken = np.concatenate((self._last, taken))
+        self._last = taken[-1:].copy()
+        self._begins = times[-1:].copy()
+        starts, ends, taken = begins[:-1], begins[1:], taken[:-1]
+        if not ends.size:
+            return
+        if self._period > 0:  # only a step that contains a sample instant takes what is there
+            multiple = -(-starts // self._period) * self._period
+            taken = np.where((multiple < ends)[:, None], taken, -1)
+        used = np.maximum.accumulate(np.concatenate((before, taken)), axis=0)
+        self._in_use = used[-1:].copy()
+        for j, ages in enumerate(self._ages):
+            ages.add(starts, ends, used[:, j])
+        if self._watch is not None:
+            self._watch(ends, ends[:, None] - np.maximum(used[1:], 0))
+
+    def result(self, run: Run) -> dict[str, MeasuredAges | None]:
+        """Return the ages."""
+        del run
+        return {name: ages.found for name, ages in zip(self._names, self._ages, strict=True)}
+
+
+class _Ages:
+    """The ages of one measurement, interval by interval."""
+
+    def __init__(self) -> None:
+        self.found: MeasuredAges | None = None
+        self._greatest = 0
+
+    def add(self, starts: Integers, ends: Integers, used: Integers) -> None:
+        """Take intervals, and the stamps in use before the first of them and in each [ns]."""
+        now, before = used[1:], used[:-1]
+        self._greatest = max(self._greatest, int((ends - np.maximum(now, 0)).max()))
+        comes = (starts - now)[(now > before) & (now > 0)]
+        there = now >= 0
+        if not there.any():
+            return
+        known = self.found
+        new = comes.tolist()
+        least = new + ([] if known is None or known.least_ns is None else [known.least_ns])
+        new += [] if known is None else list(known.in_use_ns or ())
+        self.found = MeasuredAges(
+            least_ns=min(least, default=None),
+            greatest_ns=self._greatest,
+            in_use_ns=(min(new), max(new)) if new else None,
+            first_ns=known.first_ns if known else int(starts[there][0]),
+            alike=True,
+        )
+
+
+class CommandAge(Measure[int | None]):
+    """The greatest time from the estimate behind a command to the end of its use [ns].
+
+    None where no command came into use. It is the age that a design with an observer allows for
+    between its estimate and the actuators: `command_age`.
+    """
+
+    def __init__(self, controller: str, plant: str) -> None:
+        self._controller, self._plant = controller, plant
+        self._points: Integers | None = None
+        self._greatest: int | None = None
+        self._routes: list[Lookup] = []
+
+    def begin(self, instances: Sequence[ComponentInstance]) -> None:
+        """Find the ways of the commands."""
+        plant = next((s for s in instances if s.name == self._plant), None)
+        if plant is None:
+            return
+        self._instance = next(s for s in instances if s.name == self._controller)
+        self._routes = [Lookup(r) for r in plant.routes if r.source == self._controller]
+        self._recent, self._computed = Recent(), -1
+        component = self._instance.component
+        port = component.description.ports.get("sample_time")
+        default = port.start if port is not None else 0.0
+        self._period = round(float(component.parameters.get("sample_time", default or 0.0)) * 1e9)
+        self._own: Integers | None = None
+
+    def add(self, first: int, last: int) -> None:
+        """Take the intervals that end at the points."""
+        if not self._routes:
+            return
+        self._recent.add(self._instants(first, last), self._instance)
+        points = after(self._points, self._instance.comm_points.points_ns[first:last])
+        self._points = points[-1:].copy()
+        for route in self._routes:
+            taken = route.add(first, last, self._recent)[:-1]
+            there = taken >= 0
+            if there.any():
+                oldest = int((points[1:] - taken)[there].max())
+                self._greatest = max(oldest, self._greatest or 0)
+
+    def _instants(self, first: int, last: int) -> Integers:
+        """Return for each row when its command was computed [ns]; -1 between own points."""
+        own = own_points_in(self._instance, first, last)
+        found = np.full(last - first, -1, np.int64)
+        if not own.size:
+            return found
+        times = self._instance.comm_points.points_ns[own]
+        begins = np.concatenate(([-1] if self._own is None else self._own, times[:-1]))
+        self._own = times[-1:].copy()
+        computed = begins.copy()
+        if self._period > 0:
+            multiple = -(-begins // self._period) * self._period
+            computed = np.where((begins >= 0) & (multiple < times), begins, -1)
+        computed = np.maximum.accumulate(np.concatenate(([self._computed], computed)))[1:]
+        self._computed = int(computed[-1])
+        found[own - first] = computed
+        return found
+
+    def result(self, run: Run) -> int | None:
+        """Return the age."""
+        del run
+        return self._greatest
