@@ -1,9 +1,9 @@
 """Ages of measurements that carry the time at which they were taken, each by its own.
 
-A controller with an observer has an input `stamp.NAME` per measurement. A measurement is in use
-from the instant at which the controller samples it until it samples the next newer one; its age
-there is the time since its stamp, so that links, waiting and holds are all in it. Before the first
-one the time since the start counts as its age: the state is constant before.
+A controller with an observer has an input `stamp.NAME` per measurement. It takes a packet with a
+newer stamp at its communication points, unless that is older than it allows, and holds it until the
+next one. The age in use is the time since the stamp, so that links, waiting and holds are all in
+it. Before the first one the time since the start counts as its age: the state is constant before.
 """
 
 from __future__ import annotations
@@ -48,10 +48,8 @@ class StampedAges(Measure[dict[str, MeasuredAges | None]]):
         """Find the stamps."""
         self._instance = next(s for s in instances if s.name == self._controller)
         self._reader = SignalReader(self._instance, [f"stamp.{name}" for name in self._names])
-        component = self._instance.component
-        port = component.description.ports.get("sample_time")
-        default = port.start if port is not None else 0.0
-        self._period = round(float(component.parameters.get("sample_time", default or 0.0)) * 1e9)
+        oldest = [_parameter(self._instance, f"age.{name}", np.inf) for name in self._names]
+        self._oldest_s = np.array(oldest) * (1 + 1e-12) + 1e-9
 
     def add(self, first: int, last: int) -> None:
         """Take the intervals that end at the points."""
@@ -71,9 +69,7 @@ class StampedAges(Measure[dict[str, MeasuredAges | None]]):
         starts, ends, taken = begins[:-1], begins[1:], taken[:-1]
         if not ends.size:
             return
-        if self._period > 0:  # only a step that contains a sample instant takes what is there
-            multiple = -(-starts // self._period) * self._period
-            taken = np.where((multiple < ends)[:, None], taken, -1)
+        taken = np.where((starts[:, None] - taken) / 1e9 > self._oldest_s, -1, taken)
         used = np.maximum.accumulate(np.concatenate((before, taken)), axis=0)
         self._in_use = used[-1:].copy()
         for j, ages in enumerate(self._ages):
@@ -115,6 +111,14 @@ class _Ages:
         )
 
 
+def _parameter(instance: ComponentInstance, name: str, otherwise: float) -> float:
+    """Return a parameter of a component, `otherwise` where it has none of this name."""
+    component = instance.component
+    port = component.description.ports.get(name)
+    start = otherwise if port is None or port.start is None else port.start
+    return float(component.parameters.get(name, start))
+
+
 class CommandAge(Measure[int | None]):
     """The greatest time from the estimate behind a command to the end of its use [ns].
 
@@ -136,10 +140,7 @@ class CommandAge(Measure[int | None]):
         self._instance = next(s for s in instances if s.name == self._controller)
         self._routes = [Lookup(r) for r in plant.routes if r.source == self._controller]
         self._recent, self._computed = Recent(), -1
-        component = self._instance.component
-        port = component.description.ports.get("sample_time")
-        default = port.start if port is not None else 0.0
-        self._period = round(float(component.parameters.get("sample_time", default or 0.0)) * 1e9)
+        self._period = round(_parameter(self._instance, "sample_time", 0.0) * 1e9)
         self._own: Integers | None = None
 
     def add(self, first: int, last: int) -> None:
@@ -157,18 +158,19 @@ class CommandAge(Measure[int | None]):
                 self._greatest = max(oldest, self._greatest or 0)
 
     def _instants(self, first: int, last: int) -> Integers:
-        """Return for each row when its command was computed [ns]; -1 between own points."""
+        """Return for each row when its command was computed [ns]; -1 between own points.
+
+        At an own point, from the estimate there, if a sample instant came since the one before.
+        """
         own = own_points_in(self._instance, first, last)
         found = np.full(last - first, -1, np.int64)
         if not own.size:
             return found
         times = self._instance.comm_points.points_ns[own]
-        begins = np.concatenate(([-1] if self._own is None else self._own, times[:-1]))
+        before = np.concatenate((times[:1] if self._own is None else self._own, times[:-1]))
         self._own = times[-1:].copy()
-        computed = begins.copy()
-        if self._period > 0:
-            multiple = -(-begins // self._period) * self._period
-            computed = np.where((begins >= 0) & (multiple < times), begins, -1)
+        period = self._period or 1
+        computed = np.where(times // period > before // period, times, -1)
         computed = np.maximum.accumulate(np.concatenate(([self._computed], computed)))[1:]
         self._computed = int(computed[-1])
         found[own - first] = computed

@@ -48,10 +48,16 @@ def measurement_assumptions(
         found |= {
             f"age_of_{name}_{key.removeprefix('message_age_')}": met for key, met in of_kind.items()
         }
-    found["age_of_commands_within_design"] = (
-        command_age_ns is not None and command_age_ns / 1e9 <= design.command_age * (1 + _CLOSE)
+    found[f"age_of_{COMMANDS}_within_design"] = (
+        command_age_ns is not None
+        and command_age_ns <= _command_bound_ns(design, step_ns) * (1 + _CLOSE)
     )
     return found
+
+
+def _command_bound_ns(design: OutputFeedback, step_ns: int) -> float:
+    """Return the greatest age of a command [ns]; a constant one holds up to the steps."""
+    return design.command_age * 1e9 + (0 if design.command_any_age else 2 * step_ns)
 
 
 def measurement_age_figures(
@@ -63,7 +69,11 @@ def measurement_age_figures(
     }
     measured = None if command_age_ns is None else {"greatest_s": command_age_ns / 1e9}
     found[COMMANDS] = {
-        "assumed": f"any age up to {design.command_age:.6g} s, from the estimate to its use",
+        "assumed": (
+            f"any age up to {design.command_age:.6g} s, from the estimate to its use"
+            if design.command_any_age
+            else f"constant, {design.command_age:.6g} s from the estimate to its use, up to the steps"
+        ),
         "greatest_s": design.command_age,
         "measured": measured,
     }

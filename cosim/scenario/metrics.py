@@ -391,11 +391,19 @@ def _position_error(context: RunContext) -> float | None:
     if part is None:
         return None
     values = context.figures.last_outputs.get(part.plant, {})
-    if not all(name in values for name in _POSITION):
-        return None
+    plant = None if context.problem is None else context.problem.plant
     path = context.scenario.reference
-    target = {} if path is None else dict(zip(path.axes, path.points[-1][1:], strict=True))
-    error = [values[name] - target.get(name.removeprefix("eta."), 0.0) for name in _POSITION]
+    if plant is not None:  # of the positions that are controlled, from the trim
+        trim = dict(zip(plant.state.names, plant.state.trim, strict=True))
+        controlled = [name for name in _POSITION if name in trim and name in values]
+        error = [values[name] - trim[name] for name in controlled]
+        if not controlled:
+            return None
+    elif not all(name in values for name in _POSITION):
+        return None
+    else:
+        target = {} if path is None else dict(zip(path.axes, path.points[-1][1:], strict=True))
+        error = [values[name] - target.get(name.removeprefix("eta."), 0.0) for name in _POSITION]
     size = math.sqrt(total(part * part for part in error))
     return size if np.isfinite(size) else None
 
