@@ -139,16 +139,17 @@ def _age(delay: Delay, found: hinf.Design | hinf.Analysis) -> str:
     return kind + acts_of(delay.feedback)
 
 
-def acts_of(feedback: bool | Sequence[bool]) -> str:  # noqa: FBT001
+def acts_of(feedback: Any) -> str:
     """Say what acts through a delay."""
     if isinstance(feedback, bool):
         return ", the control acts through this delay" if feedback else ""
     return f", {states_text(feedback)} fed back through this delay"
 
 
-def states_text(chosen: Sequence[bool]) -> str:
-    """List states by their numbers."""
-    numbers = [str(j) for j, own in enumerate(chosen, 1) if own]
+def states_text(chosen: Any) -> str:
+    """List states by their numbers; of rows of truth values, those of any row."""
+    rows = chosen if isinstance(chosen[0], Sequence) else [chosen]
+    numbers = [str(j) for j, own in enumerate(zip(*rows, strict=True), 1) if any(own)]
     return f"state{'s' * (len(numbers) > 1)} {', '.join(numbers)}"
 
 

@@ -16,6 +16,7 @@ from .delay_line import DelayLine as DelayLine
 from .delay_system import (
     Delay as Delay,
     DelaySystem as DelaySystem,
+    Feedback as Feedback,
     Matrix as Matrix,
 )
 from .delayed_linear import (
@@ -26,6 +27,10 @@ from .feedback import (
     clamped_command as clamped_command,
     feedback_command as feedback_command,
     integrals_after as integrals_after,
+)
+from .measurement import (
+    Measurement as Measurement,
+    Over as Over,
 )
 from .products import (
     product as product,

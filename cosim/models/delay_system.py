@@ -14,7 +14,9 @@ and one row of H is a parameter |delta_i(t)| <= 1.
 
 Where not every state is fed back, or not all through one delay, u = K sum_i S_i x(t-d_i) with
 diagonal selections S_i of zeros and ones, no state selected twice. A state that none selects is
-not measured: its column of K is zero.
+not measured: its column of K is zero. In general u = sum_i (K o M_i) x(t-d_i), with masks M_i
+(m, n) of zeros and ones on the entries of K, no entry in two: so the rows of K may act at different
+ages.
 """
 
 from __future__ import annotations
@@ -34,8 +36,11 @@ from cosim.models.state_space import plant_from
 Matrix = NDArray[np.float64]
 """A matrix of doubles."""
 
+Feedback = bool | tuple[bool, ...] | tuple[tuple[bool, ...], ...]
+"""What acts through a delay: all of K, the columns of some states, or entries of K row by row."""
 
-def _matrix(name: str, value: ArrayLike, rows: int | None, columns: int | None) -> Matrix:
+
+def read_only_matrix(name: str, value: ArrayLike, rows: int | None, columns: int | None) -> Matrix:
     """Return a read-only float copy of `value`, checked against the shape (None: any)."""
     expected = f"shape ({'any' if rows is None else rows}, {'any' if columns is None else columns})"
     try:
@@ -52,20 +57,38 @@ def _matrix(name: str, value: ArrayLike, rows: int | None, columns: int | None) 
     return matrix
 
 
-def _mask(feedback: bool | Sequence[bool], n: int) -> Matrix:  # noqa: FBT001
-    """Return the diagonal of the selection: one for each state that is fed back."""
+def _mask(feedback: Feedback, n: int) -> Matrix:
+    """Return ones where K acts: (n,) by state, the diagonal of S, or (m, n) by entry."""
     mask = np.full(n, feedback, dtype=np.float64) if isinstance(feedback, bool) else None
     return np.array(feedback, dtype=np.float64) if mask is None else mask
 
 
-def _selection(name: str, value: bool | Sequence[bool], n: int) -> bool | tuple[bool, ...]:  # noqa: FBT001
-    """Return True for all states, False for none, otherwise one truth value per state."""
+def _selection(name: str, value: Any, n: int) -> Feedback:
+    """Return True for all states, False for none, otherwise one truth value per state.
+
+    Where rows of K differ: these truth values for each row.
+    """
     if isinstance(value, bool | np.bool_):
         return bool(value)
     chosen = tuple(value)
+    if chosen and all(isinstance(x, list | tuple | np.ndarray) for x in chosen):
+        rows = tuple(_by_state(name, row, n) for row in chosen)
+        if len(set(rows)) > 1:
+            return rows
+        chosen = rows[0]
+    chosen = _by_state(name, chosen, n)
+    return any(chosen) if any(chosen) == all(chosen) else chosen
+
+
+def _by_state(name: str, value: Any, n: int) -> tuple[bool, ...]:
+    """Return n truth values, checked."""
+    chosen = tuple(value)
     if len(chosen) != n or not all(isinstance(x, bool | np.bool_) for x in chosen):
-        raise ValueError(f"{name}: expected a truth value, or {n} of them, got {value!r}")
-    return any(chosen) if any(chosen) == all(chosen) else tuple(map(bool, chosen))
+        raise ValueError(
+            f"{name}: expected a truth value, or {n} of them, or {n} in each row of K, "
+            f"got {value!r}"
+        )
+    return tuple(map(bool, chosen))
 
 
 def _size(name: str, sizes: dict[str, int]) -> int:
@@ -109,7 +132,8 @@ class Delay:
     A : (n, n) the matrix of x(t-d).
     H : (r, n) the right factor of the uncertainty for this delay; None: no uncertainty.
     feedback : the control acts through this delay, u = K x(t-d). One truth value per state
-        where only some are fed back through it.
+        where only some are fed back through it; a row of them per control where entries of K
+        act through different delays.
     any_age : design for every time-varying delay tau(t) <= d, however fast it varies
         (Q = 0 in the functional), instead of the constant delay d. True wherever the age varies:
         what is proved for any age up to d holds for the ages below as well.
@@ -127,7 +151,7 @@ class Delay:
     d: float
     A: Matrix
     H: Matrix
-    feedback: bool | tuple[bool, ...]
+    feedback: Feedback
     any_age: bool
     least_age: float
     rate: float | None
@@ -138,7 +162,7 @@ class Delay:
         d: float,
         A: ArrayLike,
         H: ArrayLike | None = None,
-        feedback: bool | Sequence[bool] = False,  # noqa: FBT001, FBT002 - fields of a record
+        feedback: bool | Sequence[bool] | Sequence[Sequence[bool]] = False,  # noqa: FBT001, FBT002 - fields of a record
         any_age: bool = False,  # noqa: FBT001, FBT002
         *,
         least_age: float = 0.0,
@@ -161,12 +185,12 @@ class Delay:
             raise ValueError(f"rate: expected a finite bound of |tau'|, >= 0, got {rate}")
         if rate is not None and sampled:
             raise ValueError("rate: expected none with sampled (the age jumps), got both")
-        matrix = _matrix("A of a delay", A, None, None)
+        matrix = read_only_matrix("A of a delay", A, None, None)
         n = matrix.shape[0]
         object.__setattr__(self, "d", float(d))
-        object.__setattr__(self, "A", _matrix("A of a delay", A, n, n))
+        object.__setattr__(self, "A", read_only_matrix("A of a delay", A, n, n))
         right = np.zeros((0, n)) if H is None else H
-        object.__setattr__(self, "H", _matrix("H of a delay", right, None, n))
+        object.__setattr__(self, "H", read_only_matrix("H of a delay", right, None, n))
         object.__setattr__(self, "feedback", _selection("feedback of a delay", feedback, n))
         object.__setattr__(self, "any_age", bool(varies))
         object.__setattr__(self, "least_age", float(least_age))
@@ -194,9 +218,13 @@ class Delay:
         if self.least_age:
             words.append(f"at least {self.least_age:g} s")
         if self.feedback:
-            chosen = self.feedback if isinstance(self.feedback, tuple) else ()
-            states = ", ".join(str(i) for i, own in enumerate(chosen, 1) if own)
-            words.append(f"feedback of x[{states}]" if states else "feedback")
+            chosen = _mask(self.feedback, len(self.A))
+            states = ", ".join(str(i) for i, own in enumerate(chosen.T, 1) if np.any(own))
+            whole = isinstance(self.feedback, bool)
+            words.append("feedback" if whole else f"feedback of x[{states}]")
+            if chosen.ndim == 2:
+                rows = ", ".join(str(i) for i, own in enumerate(chosen, 1) if own.any())
+                words[-1] += f" to u[{rows}]"
         return ", ".join(words)
 
     @property
@@ -214,26 +242,33 @@ class Delay:
 
 
 def _fed_back_at_once(
-    feedback: Sequence[bool] | None, delays: Sequence[Delay], n: int
-) -> tuple[bool, ...] | None:
-    """Return the states fed back at once, checked beside the delays; None where that is usual."""
+    feedback: Sequence[Any] | None, delays: Sequence[Delay], m: int, n: int
+) -> tuple[bool, ...] | tuple[tuple[bool, ...], ...] | None:
+    """Return what is fed back at once, checked beside the delays; None where that is usual."""
     whole = [i for i, delay in enumerate(delays, 1) if delay.feedback is True]
     if len(whole) > 1:
         raise ValueError(f"feedback: expected at most one delay, got delays {whole}")
     if feedback is None:
-        at_once: bool | tuple[bool, ...] = not any(x.feedback for x in delays)
+        at_once: Feedback = not any(x.feedback for x in delays)
     else:
         at_once = _selection("feedback", list(feedback), n)
-    used = np.sum([_mask(x, n) for x in (at_once, *(x.feedback for x in delays))], axis=0)
+    masks = [_mask(x, n) for x in (at_once, *(x.feedback for x in delays))]
+    for mask in masks:
+        if mask.ndim == 2 and len(mask) != m:
+            raise ValueError(f"feedback: expected one row per control, {m}, got {len(mask)}")
+    used = np.asarray(sum(masks[1:], masks[0]))
     if used.max() > 1:
+        by_state = used if used.ndim == 1 else used.max(axis=0)
         raise ValueError(
             "feedback: expected every state fed back once at most, got state "
-            f"{1 + int(used.argmax())} fed back {int(used.max())} times"
+            f"{1 + int(by_state.argmax())} fed back {int(used.max())} times"
         )
     if not used.any():
         raise ValueError("feedback: expected at least one state that is fed back, got none")
     usual = isinstance(at_once, bool) and at_once != any(x.feedback for x in delays)
-    return None if usual else tuple(bool(x) for x in _mask(at_once, n))
+    if usual:
+        return None
+    return (at_once,) * n if isinstance(at_once, bool) else at_once
 
 
 @dataclass(frozen=True, init=False, eq=False, repr=False)
@@ -254,10 +289,10 @@ class DelaySystem:
     E : (n, s) left factor of the uncertainty; F(t) is (s, r).
     H : (r, n) right factor for x(t); each delay has its own.
     delays : the delayed terms. At most one is the feedback, or several with a truth value per
-        state, no state fed back twice.
+        state, or per entry of K, nothing fed back twice.
     name : for messages and files.
-    feedback : the states that are fed back at once, one truth value each. None: all of them if
-        no delay is the feedback, otherwise none.
+    feedback : the states that are fed back at once, one truth value each, or a row of them per
+        control. None: all of them if no delay is the feedback, otherwise none.
     integrals : how many of the states, the last ones, the controller keeps itself as integrals
         of what it measures. It matters to those who build the controller, not to a proof.
     uncertainty_blocks : (columns of E, rows of H) of every block of a block-diagonal F, in order;
@@ -278,7 +313,7 @@ class DelaySystem:
     H: Matrix
     delays: tuple[Delay, ...]
     name: str
-    feedback: tuple[bool, ...] | None
+    feedback: tuple[bool, ...] | tuple[tuple[bool, ...], ...] | None
     integrals: int
     uncertainty_blocks: tuple[tuple[int, int], ...] | None
 
@@ -294,17 +329,17 @@ class DelaySystem:
         H: ArrayLike | None = None,
         delays: Sequence[Delay] = (),
         name: str = "",
-        feedback: Sequence[bool] | None = None,
+        feedback: Sequence[bool] | Sequence[Sequence[bool]] | None = None,
         integrals: int = 0,
         uncertainty_blocks: Sequence[Sequence[int]] | None = None,
     ) -> None:
-        n = _matrix("A", A, None, None).shape[0]
+        n = read_only_matrix("A", A, None, None).shape[0]
         if n == 0:
             raise ValueError("A: expected at least one state, got shape (0, 0)")
         values = {"A": A, "B": B, "C": C, "D": D, "D1": D1, "D2": D2, "E": E, "H": H}
         heights, widths = {"A": n, "B": n, "C": n, "E": n}, {"A": n, "D": n, "H": n}
         given = {
-            key: _matrix(key, value, heights.get(key), widths.get(key))
+            key: read_only_matrix(key, value, heights.get(key), widths.get(key))
             for key, value in values.items()
             if value is not None
         }
@@ -330,12 +365,12 @@ class DelaySystem:
             raise ValueError(f"uncertainty E F [H ...]: expected both factors, got {got}")
         shapes = ((n, n), (n, m), (n, q), (p, n), (p, q), (p, m), (n, s), (r, n))
         for key, shape in zip(values, shapes, strict=True):
-            matrix = given[key] if key in given else _matrix(key, np.zeros(shape), *shape)
+            matrix = given[key] if key in given else read_only_matrix(key, np.zeros(shape), *shape)
             object.__setattr__(self, key, matrix)
         complete = tuple(x if x.H.size else replace(x, H=np.zeros((r, n))) for x in delays)
         object.__setattr__(self, "delays", complete)
         object.__setattr__(self, "name", name)
-        object.__setattr__(self, "feedback", _fed_back_at_once(feedback, delays, n))
+        object.__setattr__(self, "feedback", _fed_back_at_once(feedback, delays, m, n))
         object.__setattr__(self, "integrals", integrals)
         sizes = _block_sizes(uncertainty_blocks, s, r)
         object.__setattr__(self, "uncertainty_blocks", sizes)
@@ -405,15 +440,34 @@ class DelaySystem:
 
     @property
     def selections(self) -> tuple[Matrix, ...]:
-        """The diagonals (n,) of S_i: the states fed back at once, then through each delay."""
-        n = len(self.A)
+        """The diagonals (n,) of S_i: the states fed back at once, then through each delay.
+
+        Where entries of K act through different delays: the masks M_i (m, n), all of them. Either
+        way K S_i is K * S_i in numpy.
+        """
+        m, n = self.B.shape[1], len(self.A)
         at_once = self.immediate_feedback if self.feedback is None else self.feedback
-        return (_mask(at_once, n), *(_mask(delay.feedback, n) for delay in self.delays))
+        masks = [_mask(x, n) for x in (at_once, *(delay.feedback for delay in self.delays))]
+        if all(mask.ndim == 1 for mask in masks):
+            return tuple(masks)
+        return tuple(np.broadcast_to(mask, (m, n)) for mask in masks)
 
     @property
     def measured(self) -> NDArray[np.bool_]:
         """Whether each state (n,) is fed back; K has a column of zeros where it is not."""
-        return np.asarray(np.sum(self.selections, axis=0) > 0)
+        acting = np.asarray(np.sum(self.selections, axis=0) > 0)
+        return np.asarray(acting if acting.ndim == 1 else acting.any(axis=0))
+
+    @property
+    def free(self) -> NDArray[np.bool_]:
+        """Whether each entry (m, n) of K may differ from zero."""
+        acting = np.sum(self.selections, axis=0) > 0
+        return np.array(np.broadcast_to(acting, self.B.T.shape))
+
+    @property
+    def has_masks(self) -> bool:
+        """Whether entries of one column of K act through different delays."""
+        return any(selection.ndim == 2 for selection in self.selections)
 
     @property
     def is_structured(self) -> bool:

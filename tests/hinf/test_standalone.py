@@ -24,6 +24,9 @@ from cosim.hinf.certificate import certificate_to_json, standalone
 from cosim.hinf.certificate.standalone_numbers import M, RefusedError, eye, positive
 from cosim.models import paper_example
 
+PARTS = ("numbers", "analysis", "damping", "pair")
+"""The files beside `standalone.py`."""
+
 UNREAD = ("theorem", "hypotheses", "name")
 """Sentences and names, which the second checker does not read."""
 
@@ -221,10 +224,9 @@ def test_both_refuse_garbage(made: Any, garbage: Any) -> None:
 
 
 def test_it_runs_away_from_the_package(tmp_path: Path) -> None:
-    """Four files in a folder, no site packages: exit 0 with the claim, 1 with the reason."""
+    """Five files in a folder, no site packages: exit 0 with the claim, 1 with the reason."""
     folder = Path(standalone.__file__).parent
-    names = ("standalone", "standalone_numbers", "standalone_analysis", "standalone_damping")
-    for name in (f"{name}.py" for name in names):
+    for name in ["standalone.py", *(f"standalone_{x}.py" for x in PARTS)]:
         shutil.copy(folder / name, tmp_path)
     command = [sys.executable, "-E", "-S", "standalone.py"]
     design_file = ROOT / "cosim/scenario/library/designs/paper-late.json"

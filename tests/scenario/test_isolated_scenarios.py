@@ -7,6 +7,7 @@ import os
 import subprocess
 import sys
 import time
+from contextlib import suppress
 from pathlib import Path
 from typing import Literal
 
@@ -139,10 +140,11 @@ def hanging(command: psutil.Process) -> tuple[psutil.Process, psutil.Process]:
     """The child of a command, and its isolated slave once that uses a processor."""
     until = time.monotonic() + 120.0
     while time.monotonic() < until:
-        for child in command.children():
-            for slave in child.children():
-                if slave.cpu_times().user > 0.5:
-                    return child, slave
+        with suppress(psutil.NoSuchProcess):  # a child that ended while it was looked at
+            for child in command.children():
+                for slave in child.children():
+                    if slave.cpu_times().user > 0.5:
+                        return child, slave
         time.sleep(0.05)
     raise AssertionError("no isolated slave hangs")
 

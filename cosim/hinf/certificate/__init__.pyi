@@ -92,6 +92,17 @@ from .norm_proof import (
     NormProof as NormProof,
     bend as bend,
 )
+from .observer_pair import (
+    ObserverPair as ObserverPair,
+    checked_measurements as checked_measurements,
+    exact_noise as exact_noise,
+    pair_of as pair_of,
+)
+from .output_feedback_certificate import (
+    measurements_from_json as measurements_from_json,
+    output_feedback_to_json as output_feedback_to_json,
+    pair_from_json as pair_from_json,
+)
 from .proof import (
     CertificateCheck as CertificateCheck,
     Variables as Variables,

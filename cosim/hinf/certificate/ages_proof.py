@@ -74,7 +74,7 @@ Map = dict[str, Any]
 def ages_claim(system: DelaySystem, v: AgesVariables) -> dict[str, Any]:
     """Return the claim of a certificate: as `claim_of`, with the ages and all hypotheses."""
     claim = claim_of(system, v.gamma)
-    measured = _FEEDBACK[system.is_structured]
+    measured = _OF_ENTRIES if system.has_masks else _FEEDBACK[system.is_structured]
     own = iter(v.functionals)
     for delay_claim, delay in zip(claim["delays"], system.delays, strict=True):
         if delay.d > 0:
@@ -106,6 +106,8 @@ _FEEDBACK = {
     True: "u = K sum_i S_i x(t - age_i(t)), S_i the diagonal of the truth values of feedback",
 }
 """What is measured, by whether the feedback is of single states."""
+
+_OF_ENTRIES = "u = sum_i (K o M_i) x(t - age_i(t)), M_i the truth values of feedback by entry of K"
 
 
 def _hypotheses(v: AgesVariables, measured: str, claim: dict[str, Any]) -> list[str]:

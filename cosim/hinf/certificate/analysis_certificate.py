@@ -133,13 +133,13 @@ def gain_from_json(rows: Any, system: DelaySystem) -> Matrix:
 
 
 def check_measured(gain: Matrix, system: DelaySystem) -> None:
-    """Refuse a gain (m, n) that acts on a state that is not measured.
+    """Refuse a gain (m, n) that acts on a state that is not measured, or not by this control.
 
     Raises
     ------
     InputError : naming the first such entry.
     """
-    acting = np.argwhere((gain != 0) & ~system.measured)
+    acting = np.argwhere((gain != 0) & ~system.free)
     if acting.size:
         i, j = acting[0]
         raise InputError(

@@ -52,6 +52,7 @@ _OTHERS = {
     "refutation": ("refutation_certificate", "check_refutation"),
     "gamma floor": ("refutation_certificate", "check_gamma_floor"),
     "norm": ("norm_certificate", "check_norm"),
+    "output-feedback": ("output_feedback_certificate", "check_output_feedback"),
 }
 """Module and function that checks a kind of certificate, loaded for one that is of this kind; a
 gain proved by Theorem 2 has no kind."""
@@ -112,7 +113,8 @@ def check_certificate(data: Any) -> CertificateCheck:
 
     With `"kind": "analysis"` it is one of `analysis_certificate`, with "ages" one of
     `ages_certificate`, with "norm" one of `norm_certificate`, with "refutation" or "gamma
-    floor" one of `refutation_certificate`, without a kind one of Theorem 2. Other top-level
+    floor" one of `refutation_certificate`, with "output-feedback" one of
+    `output_feedback_certificate`, without a kind one of Theorem 2. Other top-level
     keys than those of the module's docstring are notes, which are not checked.
 
     Raises

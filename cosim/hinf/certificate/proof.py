@@ -124,7 +124,7 @@ def claim_of(system: DelaySystem, gamma: Any) -> dict[str, Any]:
         ],
         **uncertainty_claim(system),
         "inputs": "doubles",
-        **({} if system.feedback is None else {"feedback": list(system.feedback)}),
+        **({} if system.feedback is None else {"feedback": feedback_to_json(system.feedback)}),
     }
 
 

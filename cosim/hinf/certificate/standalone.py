@@ -17,10 +17,12 @@ if __package__:
     from cosim.hinf.certificate import standalone_numbers as sn
     from cosim.hinf.certificate.standalone_analysis import analysis_proved
     from cosim.hinf.certificate.standalone_damping import damped
+    from cosim.hinf.certificate.standalone_pair import need_pair, observer_claim
 else:
     import standalone_numbers as sn
     from standalone_analysis import analysis_proved
     from standalone_damping import damped
+    from standalone_pair import need_pair, observer_claim
 M, need, total = sn.M, sn.need, sn.total
 
 UP_TO, ANY = "constant, up to d", "any, however it varies, up to d"
@@ -245,12 +247,23 @@ def analysis(c, s):
     return claim | own | more | guarantees(c, s)
 
 
+def output_feedback(c, plant):
+    pair = c["pair"]
+    need(pair["kind"] in ("analysis", "ages"), "not the proof of a pair")
+    s = sn.Loop(pair["system"], pair["K"])
+    need_pair(c, plant, s)
+    proved = analysis(pair, s)
+    need(sn.without_sentences(pair["claim"]) == proved, "the claim of the pair is another")
+    return proved | {"observer": observer_claim(c)}
+
+
 CHECKS = {
     None: (design, "claim system variables K"),
     "analysis": (analysis, "kind claim system variables K"),
     "ages": (analysis, "kind claim system variables K"),
     "refutation": (refutation, "kind claim system at multipliers"),
     "gamma floor": (gamma_floor, "kind claim system gamma w"),
+    "output-feedback": (output_feedback, "kind claim plant measurements estimated K L pair"),
 }
 
 
@@ -262,8 +275,9 @@ def check(content):
         need(kind in CHECKS, f"certificates of kind {kind!r} are not read here")
         proof, required = CHECKS[kind]
         need({*required.split()} <= {*c}, f"expected the keys {required}")
-        proved = proof(c, sn.Loop(c["system"], c.get("K")))
-        claim = {key: x for key, x in c["claim"].items() if key != "hypotheses"}
+        own = ("plant", None) if kind == "output-feedback" else ("system", c.get("K"))
+        proved = proof(c, sn.Loop(c[own[0]], own[1]))
+        claim = sn.without_sentences(c["claim"])
         need(claim == proved, "the claim is not the one that is proved")
     except sn.RefusedError:
         raise

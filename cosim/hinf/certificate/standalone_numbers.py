@@ -169,8 +169,13 @@ def values(table: Any, required: str, optional: str = "") -> list[Any]:
     return [table[name] for name in names]
 
 
+def without_sentences(claim: Any) -> Any:
+    """Return a claim without its hypotheses in words."""
+    return {key: x for key, x in claim.items() if key != "hypotheses"}
+
+
 class Loop:
-    """Eq. (7) with u = K sum_i S_i x(t - d_i), exactly: index 0 is x(t), index j is delay j.
+    """Eq. (7) with u = sum_i (K o M_i) x(t - d_i), exactly: index 0 is x(t), index j is delay j.
 
     n, m, q, p, s, r : sizes of x, u, w, z and F(t); `blocks` those of the blocks of F. A, H, D :
     lists, the loop closed; `open` without K. a, rate, sampled, varies : what is known of an age.
@@ -213,16 +218,19 @@ class Loop:
         late = [x.get("feedback", False) for x in self.delays]
         self.whole = "feedback" not in system and all(x in (False, True) for x in late)
         self.fed = [system.get("feedback", self.whole and not any(late)), *late]
+        rows = max(self.m, 1)
         masks = [x if isinstance(x, list) else [x] * self.n for x in self.fed]
-        need(all(type(x) is bool for x in chain(*masks)), "feedback is not true or false")
-        fits = all(len(x) == self.n for x in masks)
-        need(fits and all(sum(x) <= 1 for x in zip(*masks, strict=True)), "states fed back twice")
+        masks = [x if isinstance(x[0], list) else [x] * rows for x in masks]
+        need(all(type(x) is bool for x in chain(*chain(*masks))), "feedback is not true or false")
+        fits = all(len(x) == rows and all(len(row) == self.n for row in x) for x in masks)
+        once = (sum(x[i][j] for x in masks) <= 1 for i in range(rows) for j in range(self.n))
+        need(fits and all(once), "states fed back twice")
         self.K = M() if gain is None else matrix(gain, self.m, self.n, number)
-        S = [M({(i, i): Fraction(1) for i in range(self.n) if mask[i]}) for mask in masks]
-        need(total(S) @ self.K.T == self.K.T, "a state that is not fed back has a gain")
-        self.A = [A + self.B @ self.K @ x for A, x in zip(self.open, S, strict=True)]
+        parts = [M({(i, j): x for (i, j), x in self.K.items() if own[i][j]}) for own in masks]
+        need(total(parts) == self.K, "a state that is not fed back has a gain")
+        self.A = [A + self.B @ x for A, x in zip(self.open, parts, strict=True)]
         own = [at.get(("D", 0), M()), *(M() for _ in self.delays)]
-        self.D = [D + self.D2 @ self.K @ x for D, x in zip(own, S, strict=True)]
+        self.D = [D + self.D2 @ x for D, x in zip(own, parts, strict=True)]
         self.open_D = own[0]
 
     def multipliers(self, x: Any) -> list[Fraction]:

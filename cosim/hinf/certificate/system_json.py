@@ -4,8 +4,9 @@
      "feedback": false, "any_age": false}]}
 
 A delay whose age is known better has `least_age`, `rate` or `sampled` beside them. `feedback`
-is a list of truth values, one per state, where only some states are fed back through a delay; so
-is `feedback` beside `delays`, for x(t). `integrals` is the number of states, the last ones, that
+is a list of truth values, one per state, where only some states are fed back through a delay, or a
+list of such lists, one per control, where entries of K act through different delays; so is
+`feedback` beside `delays`, for x(t). `integrals` is the number of states, the last ones, that
 the controller keeps as integrals of what it measures; no proof depends on it. A matrix without
 entries is left out; its shape follows from the others. `uncertainty_blocks` has the columns of E
 and rows of H of every block of F, [[1, 1], [2, 3]], where there are several.
@@ -21,7 +22,7 @@ from typing import Any
 import numpy as np
 
 from cosim.core import InputError
-from cosim.models import Delay, DelaySystem, Matrix
+from cosim.models import Delay, DelaySystem, Feedback, Matrix
 
 MATRICES = ("A", "B", "C", "D", "D1", "D2", "E", "H")
 """The matrices of a system that do not belong to one delay."""
@@ -30,7 +31,7 @@ BLOCKS = "uncertainty_blocks"
 """The key of the sizes of the blocks of F."""
 
 _FLAGS = ("feedback", "any_age", "sampled")
-_TRUTHS = "true or false, or a list of them, one per state"
+_TRUTHS = "true or false, or a list of them, one per state, or one such list per control"
 _NO_HINTS: Mapping[str, str] = MappingProxyType({})
 _HINTS = {"sampled": "the longest interval between two samples is d - least_age"}
 
@@ -47,16 +48,20 @@ def system_to_json(system: DelaySystem) -> dict[str, Any]:
         | ({"sampled": True} if x.sampled else {})
         for x in system.delays
     ]
-    at_once: dict[str, Any] = {} if system.feedback is None else {"feedback": list(system.feedback)}
+    at_once: dict[str, Any] = {}
+    if system.feedback is not None:
+        at_once["feedback"] = feedback_to_json(system.feedback)
     at_once |= {"integrals": system.integrals} if system.integrals else {}
     if system.uncertainty_blocks is not None:
         at_once[BLOCKS] = [list(size) for size in system.uncertainty_blocks]
     return {"name": system.name, **matrices, "delays": delays, **at_once}
 
 
-def feedback_to_json(feedback: bool | tuple[bool, ...]) -> bool | list[bool]:  # noqa: FBT001
-    """Return the states that are fed back as JSON: true, false, or one truth value each."""
-    return feedback if isinstance(feedback, bool) else list(feedback)
+def feedback_to_json(feedback: Feedback) -> bool | list[Any]:
+    """Return what is fed back as JSON: true, false, one truth value per state, or rows of them."""
+    if isinstance(feedback, bool):
+        return feedback
+    return [own if isinstance(own, bool) else list(own) for own in feedback]
 
 
 def system_from_json(data: Any, where: str = "system") -> DelaySystem:
@@ -107,8 +112,12 @@ def delay_from(data: Any, where: str, n: int) -> Delay:
 
 
 def is_truth_list(value: Any) -> bool:
-    """Whether a value from a file is a list of truth values."""
-    return isinstance(value, list) and all(isinstance(x, bool) for x in value)
+    """Whether a value from a file is a list of truth values, or of lists of them."""
+    if not isinstance(value, list):
+        return False
+    if value and all(isinstance(row, list) for row in value):
+        return all(isinstance(x, bool) for row in value for x in row)
+    return all(isinstance(x, bool) for x in value)
 
 
 def assembled(data: dict[str, Any], delays: list[Delay], where: str, name: str = "") -> DelaySystem:
@@ -131,7 +140,7 @@ def assembled(data: dict[str, Any], delays: list[Delay], where: str, name: str =
         raise InputError(
             "not the states that are fed back at once",
             where=f"{where}.feedback",
-            expected="a list of truth values, one per state",
+            expected="a list of truth values, one per state, or one such list per control",
             got=format_value(feedback),
         )
     integrals = data.get("integrals", 0)

@@ -25,7 +25,7 @@ _SAMPLED = (
 
 def theorem_of(claim: dict[str, Any]) -> list[str]:
     """Return the sentences of a claim, as JSON values."""
-    texts = [_SYSTEM, *_feedback(claim)]
+    texts = [*_observer(claim), _SYSTEM, *_feedback(claim)]
     for i, delay in enumerate(claim["delays"], 1):
         known = [f"{key} = {delay[key]!r}" for key in ("d", "least_age", "rate") if key in delay]
         texts.append(f"age {i}: tau_{i} is {delay['age']}, in seconds, {', '.join(known)}")
@@ -66,9 +66,39 @@ def uncertainty_text(claim: dict[str, Any], F: str = "F(t)") -> str:
     return f"F = diag({', '.join(names)}), {each}, {text}; real or complex"
 
 
+def _observer(claim: dict[str, Any]) -> list[str]:
+    """Return what the pair is made of; nothing where a claim is not about an output feedback."""
+    if "observer" not in claim:
+        return []
+    observer = claim["observer"]
+    age, names = observer["command_age"], ", ".join(observer["measurements"])
+    kind = "any age from 0 to" if observer["command_any_age"] else "exactly"
+    acting = f"tau_c is {kind} {age!r} s" if age else "tau_c = 0"
+    known = ", ".join(str(j) for j in observer["known_states"])
+    plant = (
+        "plant: xp' = sum_j (A_j + dA_j) xp(t - d_j) + B u + C w, the matrices of plant; "
+        f"measurements y_i = C_i xp + N_i w_i, N_i the diagonal of noise: {names}"
+    )
+    estimate = (
+        "observer: xh' = sum_j A_j xh(t - d_j) + B u + sum_i L_i (y_i - C_i xh)(t - tau_i), with u "
+        "as it acts, d_j known, and xh stored at the stamp of y_i"
+    )
+    command = f"command: u(t) = K xh(t - tau_c), {acting}"
+    pair = "pair: x = (xp, xp - xh), w = (w, w_1 .. w_p); system and K are those of pair"
+    if known:
+        pair += f"; the estimates of states {known} equal them from the start, without an error"
+    return [plant, estimate, command, pair]
+
+
 def _feedback(claim: dict[str, Any]) -> list[str]:
     """Return what the control is; nothing where a claim is about every gain."""
     fed = [claim.get("feedback", False), *(delay["feedback"] for delay in claim["delays"])]
+    if any(isinstance(one, list) and isinstance(one[0], list) for one in fed):
+        text = (
+            "control: u = sum_i (K o M_i) x(t - tau_i), M_i the rows of feedback, zeros and ones "
+            "on the entries of K; one row for all where there is one"
+        )
+        return [text]
     if any(isinstance(one, list) for one in fed):
         return ["control: u = K sum_i S_i x(t - tau_i), S_i the diagonal of feedback"]
     acting = next((i for i, one in enumerate(fed) if one), 0)

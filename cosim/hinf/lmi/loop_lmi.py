@@ -133,9 +133,9 @@ class LoopLmi(ABC, Generic[Variables]):
 
     def __init__(self, system: DelaySystem, K: Array, *, performance: bool) -> None:
         self._performance = performance
-        chosen, BK = system.selections, system.B @ K
+        chosen = system.selections
         A = [system.A, *(delay.A for delay in system.delays)]
-        loop = [M + BK * S if S.any() else M for M, S in zip(A, chosen, strict=True)]
+        loop = [M + system.B @ (K * S) if S.any() else M for M, S in zip(A, chosen, strict=True)]
         back, self._T = own_units(loop)
         self._back = back
         self._A = [self._T * back[:, None] * M / back for M in loop]
@@ -144,8 +144,7 @@ class LoopLmi(ABC, Generic[Variables]):
         H = [M / back for M in [system.H, *(delay.H for delay in system.delays)]]
         self._E, self._H, self._channel = in_channel_units(system, E, H)
         self._blocks = named_blocks(system)
-        on_output = system.D2 @ K
-        self._D = [((i == 0) * system.D + on_output * S) / back for i, S in enumerate(chosen)]
+        self._D = [((i == 0) * system.D + system.D2 @ (K * S)) / back for i, S in enumerate(chosen)]
         self._D1 = system.D1
         links = [("x", "x", A) for A in self._A] + [("x", "w", self._C), ("x", "p", self._E)]
         links += [("q", "x", H) for H in self._H]

@@ -246,10 +246,10 @@ def closed_terms(system: DelaySystem, K: ArrayLike) -> Terms:
     """
     n, m = system.B.shape
     gain = checked_matrix("K", K, m, n)
-    on_state, on_output = system.B @ gain, system.D2 @ gain
     chosen = system.selections
     open_A = (system.A, *(delay.A for delay in system.delays))
     open_D = (system.D, *(np.zeros_like(system.D) for _ in system.delays))
-    A = [M + on_state * S if S.any() else M for M, S in zip(open_A, chosen, strict=True)]
-    D = [M + on_output * S if S.any() else M for M, S in zip(open_D, chosen, strict=True)]
+    fed = [gain * S if S.any() else None for S in chosen]
+    A = [M if own is None else M + system.B @ own for M, own in zip(open_A, fed, strict=True)]
+    D = [M if own is None else M + system.D2 @ own for M, own in zip(open_D, fed, strict=True)]
     return Terms(A, D, [0.0, *(delay.constant_age for delay in system.delays)])

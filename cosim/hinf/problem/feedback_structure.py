@@ -39,6 +39,7 @@ def with_measured(system: DelaySystem, states: Sequence[int]) -> DelaySystem:
     InputError : a state that does not exist, or that is not fed back.
     """
     n = len(system.A)
+    _refuse_masks(system, "measured")
     _check_states(states, n, "measured")
     keep = np.isin(np.arange(n), list(states))
     lost = [j for j in states if not system.measured[j]]
@@ -87,6 +88,7 @@ def with_integral(
     n = len(system.A)
     if system.integrals:
         raise InputError("the system has integral action already", where="integral")
+    _refuse_masks(system, "integral")
     S = _rows(system, integrated, n)
     k = len(S)
     late = [x for x in system.delays if x.feedback]
@@ -250,6 +252,17 @@ def _check_states(states: Sequence[int], n: int, where: str) -> None:
             where=where,
             expected=f"different numbers from 1 to {n}",
             got=", ".join(str(j + 1) for j in states),
+        )
+
+
+def _refuse_masks(system: DelaySystem, where: str) -> None:
+    """Refuse a system whose feedback is by entry of K, such as a pair of plant and observer."""
+    if system.has_masks:
+        raise InputError(
+            "the controls of this system do not act on the same states at the same ages",
+            where=where,
+            expected="feedback by state",
+            got="feedback by entry of K",
         )
 
 

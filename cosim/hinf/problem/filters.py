@@ -172,7 +172,7 @@ def _augmented(system: DelaySystem, k: int, **matrices: Any) -> DelaySystem:
             x.d,
             scipy.linalg.block_diag(x.A, np.zeros((k, k))),
             np.hstack([x.H, more]),
-            [*(own > 0).tolist(), *[False] * k],
+            _with_unmeasured(own, k),
             x.any_age,
             least_age=x.least_age,
             rate=x.rate,
@@ -186,5 +186,10 @@ def _augmented(system: DelaySystem, k: int, **matrices: Any) -> DelaySystem:
         E=np.vstack([system.E, np.zeros((k, system.E.shape[1]))]),
         H=np.hstack([system.H, more]),
         delays=delays,
-        feedback=(*(at_once > 0).tolist(), *[False] * k) if at_once.any() else None,
+        feedback=_with_unmeasured(at_once, k) if at_once.any() else None,
     )
+
+
+def _with_unmeasured(own: Matrix, k: int) -> Any:
+    """Return a selection, or a mask of entries of K, with k further states that are not in it."""
+    return tuple((np.hstack([own, np.zeros((*own.shape[:-1], k))]) > 0).tolist())

@@ -4,6 +4,8 @@ The loop is that of Eq. (7) with u = K sum_i S_i x(t-d_i), the delays taken as c
 
     phi(s) = sum_i S_i e^{-s d_i},  H(s) = s I - sum_i A_i e^{-s d_i} - B K phi(s)
 
+(K o phi(s) for K phi(s), phi = sum_i M_i e^{-s d_i}, where the feedback is by entry of K.)
+
 **Abscissa.** For a simple root s with left and right null vectors u, v of H(s),
 
     ds = u* B dK phi(s) v / (u* H'(s) v).
@@ -71,7 +73,7 @@ class Value(NamedTuple):
 class _At(NamedTuple):
     """The loop at some values of s, one per entry of the first axis."""
 
-    phi: Complexes  # (.., n)
+    phi: Complexes  # (.., 1 or m, n)
     inverse: Complexes  # (.., n, n) H^-1
     on_output: Complexes  # (.., p, n) D_z
     on_uncertain: Complexes  # (.., r, n) H_q
@@ -97,8 +99,9 @@ class LoopGain:
         self, system: DelaySystem, *, uncertain: bool = True, only_uncertain: bool = False
     ) -> None:
         self.system = system
-        self.free = np.tile(system.measured, (system.B.shape[1], 1))
-        self._S = np.array(system.selections)
+        self.free = system.free
+        # (N+1, 1, n), or (N+1, m, n) where entries of K act through different delays
+        self._S = np.array([np.atleast_2d(S) for S in system.selections])
         self._A = np.array([system.A, *(delay.A for delay in system.delays)])
         self._B = system.B
         H = np.array([system.H, *(delay.H for delay in system.delays)])
@@ -163,16 +166,15 @@ class LoopGain:
         return Value(value, np.asarray(gradient * self.free), np.zeros(self.scalings))
 
     def _roots(self, K: Matrix, ages: Reals, nodes: int = _NODES) -> Complexes:
-        BK = self._B @ K
-        A = [M + BK * S for M, S in zip(self._A, self._S, strict=True)]
+        A = [M + _fed(self._B, K, S) for M, S in zip(self._A, self._S, strict=True)]
         return approximate_roots(ClosedLoop(A, ages.tolist()), nodes)
 
     def _at(self, K: Matrix, s: Any, ages: Reals) -> tuple[Any, Any, Any]:
         """Return the weights e^{-s d_i}, phi and H at each s."""
         weights = np.exp(-s[:, None] * ages)
-        phi = weights @ self._S
+        phi = (weights @ self._S.reshape(len(self._S), -1)).reshape(-1, *self._S.shape[1:])
         A = np.einsum("ki,iab->kab", weights, self._A)
-        H = s[:, None, None] * np.eye(len(self._B)) - A - (self._B @ K) * phi[:, None, :]
+        H = s[:, None, None] * np.eye(len(self._B)) - A - _fed(self._B, K, phi)
         return weights, phi, H
 
     def _abscissa_at(self, K: Matrix, ages: Reals) -> Value:
@@ -198,12 +200,15 @@ class LoopGain:
         left, _, right = np.linalg.svd(H[0])
         u, v = left[:, -1].conj(), right[-1].conj()
         slope = u @ self._derivative(K, root, ages) @ v
-        return np.outer(u @ self._B, phi[0] * v) / slope if slope else np.zeros(K.shape, complex)
+        if not slope:
+            return np.zeros(K.shape, complex)
+        return np.asarray((u @ self._B)[:, None] * (phi[0] * v) / slope)
 
     def _derivative(self, K: Matrix, s: complex, ages: Reals) -> Complexes:
         """Return H'(s)."""
         weights = ages * np.exp(-s * ages)
-        late = np.einsum("i,iab->ab", weights, self._A) + (self._B @ K) * (weights @ self._S)
+        phi = (weights @ self._S.reshape(len(self._S), -1)).reshape(self._S.shape[1:])
+        late = np.einsum("i,iab->ab", weights, self._A) + _fed(self._B, K, phi)
         return np.asarray(np.eye(len(self._B)) + late, dtype=np.complex128)
 
     def _gain_at(self, K: Matrix, log_e: Reals, ages: Reals) -> Value:
@@ -255,7 +260,7 @@ class LoopGain:
 
     def _maps(self, K: Matrix, log_e: Reals, omega: Reals, ages: Reals) -> tuple[_At, Any]:
         weights, phi, H = self._at(K, 1j * omega, ages)
-        D = np.einsum("ki,iab->kab", weights, self._D) + (self._D2 @ K) * phi[:, None, :]
+        D = np.einsum("ki,iab->kab", weights, self._D) + _fed(self._D2, K, phi)
         q = np.einsum("ki,iab->kab", weights, self._H)
         inverse = np.linalg.inv(H)
         x = inverse @ np.hstack([self._C, self._E])
@@ -302,7 +307,7 @@ class LoopGain:
             slope[i] = -2 * square * e2 * float(np.vdot(v_p[p], v_p[p]).real - own)
         for i, (p, h) in enumerate(self._scaled_alone):
             slope[i] = 2 * float(np.vdot(a[h], a[h]).real - square * np.vdot(v[p], v[p]).real)
-        gradient = 2 * np.outer(row, at.phi * (x @ v)).real * self.free / size
+        gradient = 2 * (row[:, None] * (at.phi * (x @ v))).real * self.free / size
         return Value(
             0.5 * float(np.log(square)), gradient / (2 * square), slope / size / (2 * square)
         )
@@ -329,6 +334,11 @@ class LoopGain:
         except np.linalg.LinAlgError:
             return np.inf, np.zeros(z.shape[1], dtype=np.complex128)
         return float(np.sqrt(max(values[-1], 0.0))), vectors[:, -1]
+
+
+def _fed(left: Matrix, K: Matrix, phi: Any) -> Any:
+    """Return left (K o phi), phi of one row where all rows of K act alike."""
+    return (left @ K) * phi if phi.shape[-2] == 1 else left @ (K * phi)
 
 
 def _excess(roots: Complexes, ratio: float, within: float) -> Reals:

@@ -1,0 +1,256 @@
+"""The certificate of an output feedback: plant, measurements, K, L, and the proof of their pair.
+
+    {"kind": "output-feedback", "theorem": [...], "claim": {...}, "plant": {...},
+     "measurements": [{"name", "C", "d", "any_age", "noise", "over"}], "estimated": [true, ...],
+     "command_age": 0.0, "command_any_age": false, "K": [[...]], "L": [[[...]]],
+     "pair": {"kind": "analysis" or "ages", "claim", "system", "variables", "K"}}
+
+`plant` is a system as `system_json` writes it. A measurement whose age is known better has
+`least_age`, `rate` or `sampled` beside the others. `L` has one matrix (n, k) per measurement, with
+rows of zeros for states that are known (`estimated` false). The check makes the pair again from the
+plant, the measurements, K and L (`observer_pair`), which must be the one that `pair` is about, and
+then checks `pair`, an ordinary certificate.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import Any, get_args
+
+import numpy as np
+
+from cosim.core import InputError
+from cosim.hinf.certificate.observer_pair import ObserverPair, pair_of
+from cosim.hinf.certificate.proof import CertificateCheck, judged
+from cosim.hinf.certificate.rational import exact_matrix
+from cosim.hinf.certificate.system_json import (
+    differences,
+    format_value,
+    known_keys,
+    matrix_from_rows,
+    number,
+    refused,
+    seconds,
+    system_from_json,
+    system_to_json,
+)
+from cosim.hinf.certificate.theorem import theorem_of
+from cosim.models import Measurement, Over
+
+KIND = "output-feedback"
+_OWN = ("plant", "measurements", "estimated", "command_age", "command_any_age", "K", "L")
+_KEYS = ("kind", "claim", *_OWN, "pair")
+_MEASUREMENT = ("name", "C", "d", "any_age", "least_age", "rate", "sampled", "noise", "over")
+
+
+def output_feedback_to_json(pair: ObserverPair, certificate: dict[str, Any]) -> dict[str, Any]:
+    """Return the certificate of a pair, whose analysis has this one, without checking it."""
+    claim = output_feedback_claim(pair, certificate["claim"])
+    return {
+        "kind": KIND,
+        "theorem": theorem_of(claim),
+        "claim": claim,
+        "plant": system_to_json(pair.plant),
+        "measurements": [measurement_to_json(x) for x in pair.measurements],
+        "estimated": pair.estimated.tolist(),
+        "command_age": pair.command_age,
+        "command_any_age": pair.command_any_age,
+        "K": pair.K.tolist(),
+        "L": [own.tolist() for own in pair.L],
+        "pair": dict(certificate),
+    }
+
+
+def output_feedback_claim(pair: ObserverPair, claim: dict[str, Any]) -> dict[str, Any]:
+    """Return the claim of the certificate: that of the pair, and what the observer is."""
+    observer = {
+        "measurements": [x.name for x in pair.measurements],
+        "noise": [list(x.noise) for x in pair.measurements],
+        "known_states": [j + 1 for j in np.flatnonzero(~pair.estimated).tolist()],
+        "command_age": pair.command_age,
+        "command_any_age": pair.command_any_age,
+    }
+    return {**claim, "observer": observer}
+
+
+def check_output_feedback(data: dict[str, Any]) -> CertificateCheck:
+    """Check an output feedback from its JSON alone, with rational arithmetic and no solver.
+
+    Raises
+    ------
+    InputError : not a certificate. (Where the claim is not proved, no error: `valid` is False.)
+    """
+    own = {key: data[key] for key in _KEYS if key in data}
+    known_keys(own, "certificate", _KEYS, required=_KEYS)
+    pair, inner = pair_from_json(own), own["pair"]
+    kind = inner.get("kind") if isinstance(inner, dict) else inner
+    if kind not in ("analysis", "ages"):
+        raise InputError(
+            "not the proof of a pair",
+            where="pair.kind",
+            expected="analysis or ages",
+            got=format_value(kind),
+        )
+    checker = import_module(f"cosim.hinf.certificate.{kind}_certificate")
+    proof: CertificateCheck = getattr(checker, f"check_{kind}")(inner)
+    claim = output_feedback_claim(pair, proof.claim)
+
+    def reason() -> str | None:
+        apart = pair_difference(pair, inner)
+        if apart is not None:
+            return f"the pair is not that of plant, measurements, K and L: {apart}"
+        return proof.reason
+
+    return judged(data, claim, [], reason, makers="pair and observer")
+
+
+def pair_difference(pair: ObserverPair, inner: dict[str, Any]) -> str | None:
+    """Return where the certificate of a pair is about another one; None where it is not."""
+    system = system_from_json(inner["system"], "pair.system")
+    apart = next(differences(system, pair.system), None)
+    if apart is not None:
+        return apart
+    gain = matrix_from_rows(inner["K"], "pair.K")
+    same = gain.shape == pair.gain.shape and exact_matrix(gain) == exact_matrix(pair.gain)
+    return None if same else "K'"
+
+
+def pair_from_json(data: dict[str, Any]) -> ObserverPair:
+    """Read the pair of a certificate from its plant, measurements, K and L.
+
+    Raises
+    ------
+    InputError : naming the key, what was expected and what was got.
+    """
+    plant = system_from_json(data["plant"], "plant")
+    measurements = measurements_from_json(data["measurements"], "measurements")
+    estimated, late = data["estimated"], data["command_any_age"]
+    if not isinstance(estimated, list) or not all(isinstance(x, bool) for x in estimated):
+        raise InputError(
+            "not which states are estimated",
+            where="estimated",
+            expected="a list of truth values, one per state",
+            got=format_value(estimated),
+        )
+    if not isinstance(late, bool):
+        raise InputError(
+            "not a truth value",
+            where="command_any_age",
+            expected="true or false",
+            got=format_value(late),
+        )
+    if not isinstance(data["L"], list):
+        raise InputError(
+            "not one injection per measurement",
+            where="L",
+            expected="a list of matrices",
+            got=format_value(data["L"]),
+        )
+    pair = pair_of(
+        plant,
+        measurements,
+        matrix_from_rows(data["K"], "K"),
+        [matrix_from_rows(rows, f"L[{i}]") for i, rows in enumerate(data["L"])],
+        command_age=seconds(data["command_age"], "command_age"),
+        command_any_age=late,
+        estimated=estimated,
+    )
+    for own, given in zip(pair.measurements, measurements, strict=True):
+        if own.noise != given.noise:
+            raise InputError(
+                "products of this noise with L are no doubles",
+                where=f"measurement {own.name}: noise",
+                expected=str(list(own.noise)),
+                got=str(list(given.noise)),
+            )
+    return pair
+
+
+def measurement_to_json(x: Measurement) -> dict[str, Any]:
+    """Return a measurement as JSON values; `measurements_from_json` gives the same back."""
+    return {
+        "name": x.name,
+        "C": x.C.tolist(),
+        "d": x.d,
+        "any_age": x.any_age,
+        **({"least_age": x.least_age} if x.least_age else {}),
+        **({} if x.rate is None else {"rate": x.rate}),
+        **({"sampled": True} if x.sampled else {}),
+        "noise": list(x.noise),
+        "over": x.over,
+    }
+
+
+def measurements_from_json(data: Any, where: str, n: int | None = None) -> list[Measurement]:
+    """Read measurements from JSON or TOML values; `states` in place of C where n is given.
+
+    Raises
+    ------
+    InputError : naming the key, what was expected and what was got.
+    """
+    if not isinstance(data, list):
+        raise InputError(
+            "not a list of measurements",
+            where=where,
+            expected="[[measurements]], double brackets" if n is not None else "a list",
+            got="[measurements], single brackets" if isinstance(data, dict) else format_value(data),
+        )
+    return [_measurement(table, f"{where}[{i}]", n) for i, table in enumerate(data)]
+
+
+def _measurement(table: Any, where: str, n: int | None) -> Measurement:
+    known = _MEASUREMENT if n is None else (*_MEASUREMENT, "states")
+    known_keys(table, where, known, required=("name",) if n is not None else ("name", "C"))
+    name, over = table["name"], table.get("over", "link")
+    if not isinstance(name, str) or not name:
+        raise InputError("not a name", where=f"{where}.name", expected="a text", got=repr(name))
+    where = f"{where} ({name})"
+    if over not in get_args(Over):
+        raise InputError.unknown("way", str(over), get_args(Over), where=f"{where}.over")
+    if ("C" in table) == ("states" in table):
+        raise InputError(
+            "not what is measured",
+            where=where,
+            expected="either C, rows of numbers, or states, counted from 1",
+            got="both" if "C" in table else "neither",
+        )
+    rows = (
+        matrix_from_rows(table["C"], f"{where}.C")
+        if "C" in table
+        else _rows_of_states(table["states"], f"{where}.states", n or 0)
+    )
+    settings: dict[str, Any] = {}
+    for key in ("any_age", "sampled"):
+        settings[key] = table.get(key, False)
+        if not isinstance(settings[key], bool):
+            raise InputError(
+                "not a truth value",
+                where=f"{where}.{key}",
+                expected="true or false",
+                got=format_value(settings[key]),
+            )
+    settings |= {k: number(table[k], f"{where}.{k}") for k in ("least_age", "rate") if k in table}
+    if "noise" in table:
+        noise = table["noise"]
+        values = noise if isinstance(noise, list) else [noise] * len(rows)
+        settings["noise"] = [number(x, f"{where}.noise[{i}]") for i, x in enumerate(values)]
+    d = seconds(table.get("d", 0.0), f"{where}.d")
+    try:
+        return Measurement(name, rows, d, **settings, over=over)
+    except ValueError as error:
+        raise refused(error, where) from error
+
+
+def _rows_of_states(states: Any, where: str, n: int) -> Any:
+    """Return rows that measure states, which are counted from 1."""
+    whole = isinstance(states, list) and all(
+        isinstance(x, int) and not isinstance(x, bool) and 1 <= x <= n for x in states
+    )
+    if not whole or not states or len(set(states)) < len(states):
+        raise InputError(
+            "not states of the system",
+            where=where,
+            expected=f"different numbers from 1 to {n}",
+            got=format_value(states),
+        )
+    return np.eye(n)[[x - 1 for x in states]]
