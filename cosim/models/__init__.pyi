@@ -32,6 +32,11 @@ from .measurement import (
     Measurement as Measurement,
     Over as Over,
 )
+from .observer import (
+    acting_control as acting_control,
+    greatest_share as greatest_share,
+    innovation as innovation,
+)
 from .products import (
     product as product,
     total as total,

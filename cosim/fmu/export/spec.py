@@ -17,6 +17,9 @@ from typing import Any, Literal
 CERTIFICATE = "resources/certificate.json"
 """Path of the proof of a controller's gain inside its FMU."""
 
+SLAVE = "cosim.fmu.export.python.slave:BehaviourSlave"
+"""The slave in Python of most components."""
+
 UNITS = MappingProxyType(
     {
         "m": {"m": 1},
@@ -108,6 +111,7 @@ class ComponentSpec:
     stop_time, step_size : default experiment [s].
     certificate : JSON of the proof about a controller's start values, if it has one.
     clocks : its Clocks, in an FMU with event mode (FMI 3.0).
+    slave : "module:Class" of its slave in Python.
     """
 
     name: str
@@ -124,6 +128,7 @@ class ComponentSpec:
     notes: str = ""
     scenario: str = ""
     clocks: tuple[ClockVariable, ...] = ()
+    slave: str = SLAVE
 
     def __post_init__(self) -> None:
         names = [v.name for v in self.variables]

@@ -25,6 +25,7 @@ from cosim.network import Order
 StateFeedback: Any = component_module("hinf_controller.behaviour").StateFeedback
 LinkChannel: Any = component_module("link_channel.behaviour").LinkChannel
 SignalTable: Any = component_module("signal_table.behaviour").SignalTable
+Observer: Any = component_module("observer.behaviour").Observer
 WaveField: Any = component_module("wave_field.behaviour").WaveField
 
 COMMON = ("message.c", "instance.c", "saved.c")
@@ -61,6 +62,8 @@ def recorded_model(spec: ComponentSpec) -> tuple[ModelWriter, tuple[str, ...]]:
     if isinstance(behaviour, DelayPlant):
         record_delay_plant(writer, behaviour)
         sources: tuple[str, ...] = ("delay_line.c", "plant.c")
+        if isinstance(behaviour, Observer):
+            sources = ("observer.c", "instance_watched.c")
     elif isinstance(behaviour, StateFeedback):
         record_sampled(writer, behaviour)
         sources = ("sampled.c",)
@@ -106,6 +109,10 @@ def record_delay_plant(writer: ModelWriter, behaviour: DelayPlant) -> None:
     writer.references("model_others", own, "MODEL_OTHERS")
     writer.define("MODEL_STEP", "V_solver_step")
     used = _used(writer, late, [_scalar(writer, r) for r in rates])
+    more: list[tuple[str, list[tuple[str, Scalar]]]] = []
+    if isinstance(behaviour, Observer):
+        more = record_observer(writer, behaviour, x, constants)
+        used = list(range(n))  # measurements are compared with whole estimates
     writer.define("LATE_BEGIN", min(used, default=0))
     writer.define("LATE_END", max(used, default=-1) + 1)
     targets = [(f"dx[{i}]", _scalar(writer, rate)) for i, rate in enumerate(rates)]
@@ -113,7 +120,8 @@ def record_delay_plant(writer: ModelWriter, behaviour: DelayPlant) -> None:
     changed = [
         (f"out[{i}]", writer.tape.constant(0.0) if m is None else m) for i, m in enumerate(moved)
     ]
-    writer.hoist([value for _, value in (*targets, *others, *changed)])
+    own_targets = [target for _, listed in more for target in listed]
+    writer.hoist([value for _, value in (*targets, *others, *changed, *own_targets)])
     writer.parameter_check(
         [(_scalar(writer, quantity), text) for quantity, text in behaviour.conditions(v)]
     )
@@ -134,6 +142,36 @@ def record_delay_plant(writer: ModelWriter, behaviour: DelayPlant) -> None:
         changed,
         hoisted=True,
     )
+    for signature, listed in more:
+        writer.function(signature, listed, hoisted=True)
+
+
+def record_observer(
+    writer: ModelWriter, behaviour: Any, x: list[Scalar], constants: Any
+) -> list[tuple[str, list[tuple[str, Scalar]]]]:
+    """Record what an observer does at communication points; return its functions for c/observer.c."""
+    fields = ("stamp.{0}", "age.{0}", "message_age.{0}", "ignored.{0}", "innovation.{0}[1]")
+    measured = [text.format(one.name) for one in behaviour.measured for text in fields]
+    uses = [f"{word}.{use}" for word in ("present", "assumption") for use in behaviour.uses]
+    with_commands = bool(behaviour.commands)
+    writer.references("model_outputs", behaviour.commands, "MODEL_OUTPUTS")
+    writer.references("model_measured", measured, "MODEL_MEASURED")
+    writer.references("model_acting", behaviour.acting, "MODEL_ACTING")
+    writer.references("model_watched", [*uses, "assumption.met"], "MODEL_WATCHED")
+    play = ["watchdog", "command.delay"] if with_commands else []
+    writer.references("model_play", play, "MODEL_PLAY")
+    writer.define("MODEL_SAMPLE_TIME", "V_sample_time" if with_commands else 0)
+    found = {
+        "compared": behaviour.compared(writer.v, x, constants),
+        "decided": behaviour.decided(writer.v, x, constants, writer.ns),
+    }
+    return [
+        (
+            f"void model_{name}(const double *x, const double *v, const double *c, double *out)",
+            [(f"out[{i}]", _scalar(writer, value)) for i, value in enumerate(values)],
+        )
+        for name, values in found.items()
+    ]
 
 
 def _scalar(writer: ModelWriter, value: Scalar | float) -> Scalar:

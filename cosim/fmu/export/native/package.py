@@ -47,6 +47,11 @@ _HEADERS_OF = (
     ("packet_link_clocked.c", "draws.h"),
     ("packet_link_clocked.c", "clock.h"),
     ("fmi3_clocked.c", "fmi3.c"),
+    ("observer.c", "delay_line.c"),
+    ("observer.c", "delay_line.h"),
+    ("observer.c", "plant.c"),
+    ("observer.c", "watch.h"),
+    ("instance_watched.c", "instance.c"),
 )
 """C file of a kind of behaviour -> file that it includes beside `_OWN_HEADERS`."""
 _OWN_HEADERS = ("arithmetic.h", "behaviour.h", "instance.h", "message.h", "variable.h")
@@ -85,7 +90,9 @@ def hand_written(own: Sequence[str], version: str) -> tuple[dict[str, bytes], li
     shell = "fmi2.c" if version == "2.0" else "fmi3.c"
     if any(name.endswith("_clocked.c") for name in own):
         shell = "fmi3_clocked.c"
-    compiled = [*COMMON, *own, shell]
+    # one that ends so includes the file without it
+    common = [name for name in COMMON if f"{name.removesuffix('.c')}_watched.c" not in own]
+    compiled = [*common, *own, shell]
     headers = [*_OWN_HEADERS, *_HEADERS[version]]
     headers += [header for source, header in _HEADERS_OF if source in compiled]
     return {name: _shell(name) for name in (*compiled, *headers)}, sorted(compiled)

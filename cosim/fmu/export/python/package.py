@@ -25,19 +25,19 @@ from pythonfmu.builder import FmuBuilder
 from cosim.fmu.export.archive import deterministic_zip
 from cosim.fmu.export.documentation import documentation_files
 from cosim.fmu.export.model_description import fmi2_xml
-from cosim.fmu.export.spec import ComponentSpec
+from cosim.fmu.export.spec import SLAVE, ComponentSpec
 from cosim.fmu.export.terminals import terminal_files
 
 _IMPORT = re.compile(
     r"^from (?P<package>cosim[\w.]*) import (?P<names>\([^)]*\)|[^\n(]+)$", flags=re.MULTILINE
 )
-_SLAVE = "cosim.fmu.export.python.slave"
 
 
 def component_sources(spec: ComponentSpec) -> dict[str, bytes]:
     """Return by module name the source text of everything that runs inside the FMU."""
     sources = {}
-    for module in (*spec.sources, _SLAVE):
+    slaves = dict.fromkeys(slave.split(":")[0] for slave in (SLAVE, spec.slave))
+    for module in (*spec.sources, *slaves):
         found = importlib.util.find_spec(module)
         if found is None or found.origin is None:
             raise ModuleNotFoundError(f"{spec.name} names the module {module}, which is not there")
@@ -156,20 +156,21 @@ def _table_module(spec: ComponentSpec) -> str:
 
 def _script(spec: ComponentSpec, package: str, renamed: dict[str, str]) -> str:
     module, cls = spec.behaviour.split(":")
+    slave_module, slave = spec.slave.split(":")
     behaviour = f"Behaviour{cls}"
     return (
         f'"""{spec.name}: {spec.description}.\n\n'
         f'Edit the parts in {package}; this module only joins them.\n"""\n\n'
         "import ctypes\n\n"
         f"from {renamed[module]} import {cls} as {behaviour}\n"
-        f"from {renamed[_SLAVE]} import BehaviourSlave\n"
+        f"from {renamed[slave_module]} import {slave}\n"
         f"from {package}.table import CONSTANTS as _CONSTANTS\n"
         f"from {package}.table import TABLE as _TABLE\n\n"
         "# PythonFMU's loader runs this text for every instance and releases a reference to the\n"
         "# module's dictionary that it never took: without one more, the second instance of a\n"
         "# process would use a freed dictionary.\n"
         "ctypes.pythonapi.Py_IncRef(ctypes.py_object(globals()))\n\n\n"
-        f"class {spec.name}(BehaviourSlave):\n"
+        f"class {spec.name}({slave}):\n"
         f'    """{spec.description}."""\n\n'
         f"    TABLE = _TABLE\n"
         f"    CONSTANTS = _CONSTANTS\n"

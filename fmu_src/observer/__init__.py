@@ -1,0 +1,1 @@
+"""An observer of late measurements, alone or with the feedback of its estimate."""
