@@ -45,6 +45,11 @@ from .profile import (
     Interpolation as Interpolation,
 )
 from .scheduling import schedule as schedule
+from .single_draws import (
+    single_log as single_log,
+    single_uniform as single_uniform,
+    standard_normal as standard_normal,
+)
 from .state import (
     NONE_YET as NONE_YET,
     SUBSTITUTE as SUBSTITUTE,

@@ -16,6 +16,7 @@ DRIVE = {
     "DelayedPlant": ("u[1]", lambda t: math.sin(2 * t), {"delay.d": 0.23}),
     "PaperController": ("x[2]", lambda t: math.sin(2 * t), {}),
     "WaveField": (None, lambda _t: 0.0, {"Hs": 2.5}),
+    "Sensor": ("u[2]", lambda t: math.sin(2 * t), {"sample_time": 0.07, "offset": 0.1}),
 }
 """For each FMU an input, how it moves, and parameters that are not the default."""
 

@@ -48,6 +48,9 @@ def spec_of(name: str) -> ComponentSpec:
         table = component_module("signal_table.variables").table_spec
         outputs = [("a", "m"), ("b", None)]
         return table("Table", outputs, [0, 300_000_000, 10**9], [[0.0, 1], [2, 0.3], [-1, 7]], 0.1)
+    if name == "sensor":
+        sensor_spec = component_module("sensor.variables").sensor_spec
+        return sensor_spec("Log", [("a", "m"), ("b", None)], noise=(0.5, 0.0), sample_time=0.15)
     if name == "TwoDelays":
         return two_delays.SPEC
     return CATALOGUE[name]
@@ -64,6 +67,7 @@ MEMBERS = sampled(
         *(("HinfController", "2.0"), ("TwoDelays", "2.0"), ("packet", "3.0"), ("transport", "2.0")),
         *(("table", "2.0"), ("AuvPlant", "2.0"), ("DelayedPlant", "3.0"), ("packet", "2.0")),
         *(("PaperController", "3.0"), ("transport", "3.0"), ("table", "3.0"), ("TwoDelays", "3.0")),
+        ("sensor", "2.0"),
     ],
     2,
 )

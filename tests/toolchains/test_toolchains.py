@@ -38,6 +38,7 @@ PARTS: dict[str, tuple[str, Mapping[str, float | int]]] = {
     "sea": ("WaveField", {"seed": 7, "Hs": 1.5, "components": 12}),
     "vehicle": ("AuvPlant", {"initial.eta.x": 3.0, "initial.nu.u": 0.5, "delay.d": 0.3}),
     "pilot": ("HinfController", {"limit.force": 2500.0}),
+    "fix": ("Sensor", {"sample_time": 0.1, "seed": 5}),
 }
 COUPLED: dict[str, tuple[tuple[str, ...], tuple[tuple[str, str, str, str], ...]]] = {
     "section 5": (
@@ -50,11 +51,12 @@ COUPLED: dict[str, tuple[tuple[str, ...], tuple[tuple[str, str, str, str], ...]]
         ),
     ),
     "vehicle": (
-        ("vehicle", "pilot", "sea"),
+        ("vehicle", "pilot", "sea", "fix"),
         tuple(
             [("vehicle", name, "pilot", name) for name in MOTION]
             + [("pilot", name, "vehicle", name) for name in THRUST]
             + [("sea", name, "vehicle", name) for name in SEA]
+            + [("vehicle", name, "fix", f"u[{i}]") for i, name in enumerate(MOTION[:4], 1)]
         ),
     ),
 }
@@ -65,6 +67,7 @@ OUTPUTS = {
     "sea": SEA,
     "vehicle": MOTION,
     "pilot": THRUST,
+    "fix": ("y[1]", "y[2]", "y[3]", "y[4]", "stamp"),
 }
 
 
@@ -188,7 +191,7 @@ def test_host_without_python_runs_native_fmus(tmp_path: Path, flavour: str, name
     assert all(each.level == "note" for each in inspect_fmu(fmu).findings)
     done = ecos_program.simulate(fmu, 0.02, 1.0, tmp_path)
     assert done.code == 0, done.output
-    (part,) = [n for n in ("plant", "controller", "sea", "vehicle", "pilot") if PARTS[n][0] == name]
+    (part,) = [n for n in PARTS if n != "sine" and PARTS[n][0] == name]
     plain = Part(str(fmu_folder("native") / f"{name}.fmu"), {})
     watch = tuple((part, output) for output in OUTPUTS[part])
     expected = ours(PeerRun({part: plain}, (), 20_000_000, 49, watch))

@@ -17,6 +17,7 @@ _PLACES: Final = {
     "DelayedPlant": ("delayed_plant", "SPEC"),
     "PaperController": ("hinf_controller", "PAPER_SPEC"),
     "WaveField": ("wave_field", "SPEC"),
+    "Sensor": ("sensor", "SPEC"),
 }
 """Name -> folder of the component, and the name of its specification there."""
 

@@ -24,6 +24,7 @@ from cosim.network import Order
 
 StateFeedback: Any = component_module("hinf_controller.behaviour").StateFeedback
 LinkChannel: Any = component_module("link_channel.behaviour").LinkChannel
+Sensor: Any = component_module("sensor.behaviour").Sensor
 SignalTable: Any = component_module("signal_table.behaviour").SignalTable
 Observer: Any = component_module("observer.behaviour").Observer
 WaveField: Any = component_module("wave_field.behaviour").WaveField
@@ -46,7 +47,8 @@ def model_files(spec: ComponentSpec, identity: str) -> tuple[dict[str, str], tup
 
 def shared_headers(sources: Sequence[str]) -> dict[str, str]:
     """Return the generated headers that the hand-written C needs, by file name."""
-    return {"link_step.h": link_step_header()} if "draws.c" in sources else {}
+    linked = any(name in sources for name in ("packet_link.c", "packet_link_clocked.c"))
+    return {"link_step.h": link_step_header()} if linked else {}
 
 
 def recorded_model(spec: ComponentSpec) -> tuple[ModelWriter, tuple[str, ...]]:
@@ -72,6 +74,8 @@ def recorded_model(spec: ComponentSpec) -> tuple[ModelWriter, tuple[str, ...]]:
         sources = ("waves.c",)
     elif isinstance(behaviour, LinkChannel):
         sources = record_link(writer, behaviour)
+    elif isinstance(behaviour, Sensor):
+        sources = record_sensor(writer, behaviour)
     elif isinstance(behaviour, SignalTable):
         sources = record_table(writer, behaviour)
     else:
@@ -216,6 +220,21 @@ def record_link(writer: ModelWriter, behaviour: Any) -> tuple[str, ...]:
     writer.header.append("extern const char model_link_name[];")
     writer.body.append(f"const char model_link_name[] = {c_string(behaviour.name)};")
     return ("draws.c", "packet_link.c")
+
+
+def record_sensor(writer: ModelWriter, behaviour: Any) -> tuple[str, ...]:
+    """Record a sensor; return the names of its C files."""
+    numbers = range(1, behaviour.count + 1)
+    for array, name, size in (
+        ("model_inputs", "u", "MODEL_LANES"),
+        ("model_outputs", "y", "MODEL_OUTPUTS"),
+        ("model_initials", "bias", "MODEL_INITIALS"),
+        ("model_others", "noise", "MODEL_OTHERS"),
+    ):
+        writer.references(array, [f"{name}[{i}]" for i in numbers], size)
+    writer.header.append("extern const char model_link_name[];")
+    writer.body.append(f"const char model_link_name[] = {c_string(behaviour.name)};")
+    return ("draws.c", "sensor.c")
 
 
 def record_table(writer: ModelWriter, behaviour: Any) -> tuple[str, ...]:

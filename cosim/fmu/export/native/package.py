@@ -35,7 +35,7 @@ _HEADERS = {
 }
 _HEADERS_OF = (
     ("delay_line.c", "delay_line.h"),
-    ("packet_link.c", "draws.h"),
+    ("draws.c", "draws.h"),
     ("packet_link.c", "clock.h"),
     ("transport_link.c", "clock.h"),
     ("table.c", "clock.h"),
@@ -44,7 +44,6 @@ _HEADERS_OF = (
     ("sampled_clocked.c", "clocked.h"),
     ("packet_link_clocked.c", "packet_link.c"),
     ("packet_link_clocked.c", "clocked.h"),
-    ("packet_link_clocked.c", "draws.h"),
     ("packet_link_clocked.c", "clock.h"),
     ("fmi3_clocked.c", "fmi3.c"),
     ("observer.c", "delay_line.c"),

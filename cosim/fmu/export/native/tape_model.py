@@ -31,7 +31,7 @@ _TABLES = (
 _MOST_TABLE = dict.fromkeys(_TABLES, 128) | {"model_states": 64, "model_delays": 8}
 _MOST_VARIABLES, _MOST_CONSTANTS, _MOST_SLOTS, _MOST_LANES = 4096, 1024, 2048, 64
 """As in c/tape.h."""
-_SIGNAL = re.compile(r"(u|y|initial)\[\d+\]")
+_SIGNAL = re.compile(r"(u|y|initial|bias|noise)\[\d+\]")
 
 
 def model_data(writer: ModelWriter, identity: str) -> bytes:
@@ -43,7 +43,8 @@ def model_data(writer: ModelWriter, identity: str) -> bytes:
     """
     spec = writer.spec
     place = {enumerator(v.name): i for i, v in enumerate(spec.variables)}
-    words = [b"AUVMODEL", _integers(1), _text(identity), _text(str(spec.constants.get("link", "")))]
+    named = spec.constants.get("link", spec.constants.get("sensor", ""))
+    words = [b"AUVMODEL", _integers(1), _text(identity), _text(str(named))]
     _refuse_beyond(_MOST_VARIABLES, len(spec.variables), "variables", spec.name)
     words.append(_integers(len(spec.variables)))
     for v in spec.variables:
@@ -72,7 +73,7 @@ def model_data(writer: ModelWriter, identity: str) -> bytes:
 
 
 def named_variables(writer: ModelWriter) -> Iterable[str]:
-    """Yield the variables that the C of a link names: all but its signals."""
+    """Yield the variables that the C of a link or sensor names: all but those of each signal."""
     if "MODEL_LANES" in writer.defined:
         yield from (v.name for v in writer.spec.variables if not _SIGNAL.fullmatch(v.name))
 

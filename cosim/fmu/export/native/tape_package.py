@@ -25,6 +25,7 @@ KINDS = {
     "packet_link.c": "packet_link",
     "transport_link.c": "transport_link",
     "table.c": "table",
+    "sensor.c": "sensor",
 }
 """C file of a kind of behaviour -> name of its binary that reads the model."""
 
@@ -117,4 +118,5 @@ def _specimens() -> dict[str, ComponentSpec]:
         "table": component_module("signal_table.variables").table_spec(
             "Signals", [("y", None)], [0], [[0.0]], 1.0
         ),
+        "sensor": component_module("sensor.variables").SPEC,
     }

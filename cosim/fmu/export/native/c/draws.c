@@ -151,15 +151,29 @@ static double exponential(const Source *source, const char *purpose, const Jitte
     return -j->mean * logarithm(1.0 - draw_uniform(source, purpose, turn, index));
 }
 
-/* Marsaglia's polar method; -1 where the pair falls outside the disc. */
-static double normal(const Source *source, const char *purpose, const Jitter *j, unsigned turn,
-                     uint64_t index) {
+/* Marsaglia's polar method; 0 where the pair falls outside the disc. */
+static int polar(const Source *source, const char *purpose, unsigned turn, uint64_t index,
+                 double *standard) {
     double a = draw_uniform(source, purpose, turn, 2 * index) * 2.0 - 1.0;
     double b = draw_uniform(source, purpose, turn, 2 * index + 1) * 2.0 - 1.0;
     double square = a * a + b * b;
-    if (!(square > 0.0 && square < 1.0)) return -1.0;
-    double standard = a * sqrt(-2.0 * logarithm(square) / square);
+    if (!(square > 0.0 && square < 1.0)) return 0;
+    *standard = a * sqrt(-2.0 * logarithm(square) / square);
+    return 1;
+}
+
+static double normal(const Source *source, const char *purpose, const Jitter *j, unsigned turn,
+                     uint64_t index) {
+    double standard;
+    if (!polar(source, purpose, turn, index, &standard)) return -1.0;
     return j->mean + j->sigma * standard;
+}
+
+double draw_normal(const Source *source, const char *purpose, uint64_t index) {
+    double standard;
+    for (unsigned turn = 0; turn < MOST_TURNS; turn++)
+        if (polar(source, purpose, turn, index, &standard)) return standard;
+    return HUGE_VAL;
 }
 
 int64_t draw_jitter(const Source *source, const char *purpose, const Jitter *jitter,
