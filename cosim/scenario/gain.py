@@ -11,12 +11,14 @@ import numpy as np
 
 from cosim import hinf
 from cosim.core import InputError, NotAchievableError
-from cosim.fmu import FmuDescription
+from cosim.fmu import FmuDescription, component_module
 from cosim.models import Delay, DelaySystem
 from cosim.scenario.age_claim import feedback_of
 from cosim.scenario.designed_plant import PLANT_NOTE, DesignedPlant
 from cosim.scenario.feedback_age import FeedbackAge
 from cosim.scenario.schema import DesignPart
+
+_OBSERVER = "observer.variables"
 
 if TYPE_CHECKING:
     AnyDesign = hinf.Design | hinf.OutputFeedback
@@ -364,7 +366,17 @@ def controller_parameters(found: AnyDesign, controller: FmuDescription) -> dict[
     """
     if not observes(found):
         return gain_parameters(found.K, controller)
-    raise NotImplementedError
+    values: dict[str, float] = component_module(_OBSERVER).design_parameters(found.certificate)
+    unlike = [name for name in values if name not in controller.ports]
+    if unlike:
+        raise InputError(
+            "the design does not fit the controller",
+            where=str(controller.path),
+            expected=f"parameters {', '.join(unlike[:4])}{' ...' if len(unlike) > 4 else ''}",
+            got=f"an FMU with {', '.join(list(controller.ports)[:4])} ...",
+            hint="cosim fmu controller packs a design as its controller",
+        )
+    return values
 
 
 def starts_with(found: AnyDesign, controller: FmuDescription) -> bool:

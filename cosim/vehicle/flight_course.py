@@ -135,9 +135,8 @@ def _use(
     free: Sequence[int] = (),
 ) -> float:
     """Return the greatest share of envelope and limits that a signal takes."""
-    y = np.abs(loop.model.forced_response(times, signal).y)
-    y = y if y.shape[0] == len(times) else y.T
-    most = y.max(axis=0)
+    answer = loop.model.forced_response(times, signal.T).y
+    most = np.abs(np.atleast_2d(answer)).max(axis=1)
     held = np.isin(np.arange(loop.states), free)  # their offset is chosen, not answered
     shares = [*(most[: loop.states] / bounds)[~held], *(most[loop.states :] / np.array(limits))]
     return float(max(shares, default=0.0))

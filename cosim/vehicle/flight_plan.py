@@ -9,18 +9,15 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from cosim.core import InputError
 
-if TYPE_CHECKING:
-    from cosim.vehicle.vehicle import Vehicle
-
-LOSSES_IN_A_ROW = 6
+LOSSES_IN_A_ROW = 3
 """Messages over the link that may be lost one after the other within the age designed for."""
 
-_TRANSIT = 0.25  # of the age designed for
-_RUN = 1.5  # mean length of a run of losses, in messages
+_JITTER = 0.1  # of the time that a message takes
+_RUN = 1.25  # mean length of a run of losses, in messages
 
 
 @dataclass(frozen=True)
@@ -29,7 +26,8 @@ class FlightSettings:
 
     Attributes
     ----------
-    link : greatest age of what comes over the link, where it acts [s].
+    link : greatest time that a message over the link takes [s].
+    losses : messages that may be lost in a row within the age designed for.
     loss : share of its messages that are lost, in runs.
     duration : of the flight [s].
     step : communication step [s].
@@ -39,6 +37,7 @@ class FlightSettings:
 
     link: float = 2.0
     loss: float = 0.1
+    losses: int = LOSSES_IN_A_ROW
     duration: float = 180.0
     step: float = 0.05
     seed: int = 7
@@ -46,9 +45,9 @@ class FlightSettings:
 
     def __post_init__(self) -> None:
         for name, good, expected in (
-            ("link", self.link >= 8 * self.step, f"at least 8 steps of {self.step:g} s"),
+            ("link", self.link >= self.step, f"at least a step of {self.step:g} s"),
             ("loss", 0 <= self.loss < 1, "a share from 0 to less than 1"),
-            ("duration", self.duration >= 10 * self.link, "at least ten times the age of the link"),
+            ("duration", self.duration >= 10 * self.link, "at least ten times the time that a message takes"),
             ("use", 0 < self.use <= 1, "a share from 0 to 1"),
         ):
             value = getattr(self, name)
@@ -69,7 +68,8 @@ class PlannedSensor:
     ----------
     name, measures, noise : as in the vehicle file; `noise` per value.
     interval : between measurements [s].
-    transit : time that a message takes [s]; 0: a wire.
+    transit : greatest time that a message takes [s]; 0: a wire.
+    jitter : by how much less it may be [s].
     age : greatest age where it acts, which is designed for [s].
     loss : share of messages that are lost.
     remark : what differs from the vehicle file; "" where nothing does.
@@ -80,6 +80,7 @@ class PlannedSensor:
     noise: tuple[float, ...]
     interval: float
     transit: float
+    jitter: float
     age: float
     loss: float
     remark: str = ""
@@ -121,57 +122,54 @@ def _on_board(
     sensor: Any, measures: tuple[str, ...], noise: tuple[float, ...], settings: FlightSettings
 ) -> PlannedSensor:
     step = settings.step
-    interval = _steps(max(sensor.interval, step), step) * step
+    interval = _whole(max(sensor.interval, step), step)
     # measured at the beginning of a step, there at its end, held until the next one is there
-    least = interval + step
+    least = round(interval + step, 9)
     age, remark = sensor.age, ""
     if age < least:
-        age = least
-        remark = f"designed for {age:g} s: an interval and a step, not {sensor.age:g} s"
-    transit = _steps(age - least, step, math.floor) * step
-    return PlannedSensor(sensor.name, measures, noise, interval, transit, age, 0.0, remark)
+        age, remark = least, f"an interval and a step; the file says {sensor.age:g} s"
+    transit = _whole(age - least, step, math.floor)
+    return PlannedSensor(sensor.name, measures, noise, interval, transit, 0.0, age, 0.0, remark)
 
 
 def _over_link(
     sensor: Any, measures: tuple[str, ...], noise: tuple[float, ...], settings: FlightSettings
 ) -> PlannedSensor:
-    step, age = settings.step, settings.link
-    transit = max(1, _steps(_TRANSIT * age, step, math.floor)) * step
-    longest = (age - transit - step) / (1 + LOSSES_IN_A_ROW)
-    interval = max(sensor.interval, step)
-    remark = ""
-    if interval > longest:
-        interval = longest
-        remark = (
-            f"every {_steps(interval, step, math.floor) * step:g} s, not {sensor.interval:g} s: "
-            f"{LOSSES_IN_A_ROW} in a row may then be lost"
-        )
-    interval = max(1, _steps(interval, step, math.floor)) * step
+    step = settings.step
+    interval = _whole(max(sensor.interval, step), step)
+    transit, jitter = link_times(settings)
+    age = round(transit + interval * (1 + settings.losses) + 2 * step, 9)
+    remark = f"{settings.losses} in a row may be lost" if settings.losses else ""
     return PlannedSensor(
-        sensor.name, measures, noise, interval, transit, age, settings.loss, remark
+        *(sensor.name, measures, noise, interval, transit, jitter, age, settings.loss, remark)
     )
 
 
-def _steps(seconds: float, step: float, rounded: Any = round) -> int:
-    """Return a time in steps; what is a whole number but for rounding is that number."""
+def link_times(settings: FlightSettings) -> tuple[float, float]:
+    """Return the greatest time that a message takes, and by how much less it may be [s]."""
+    transit = _whole(settings.link, settings.step, math.floor)
+    return transit, _whole(_JITTER * transit, settings.step, math.floor)
+
+
+def _whole(seconds: float, step: float, rounded: Any = math.ceil) -> float:
+    """Return a time as a multiple of a step; what is one but for rounding is that one."""
     number = seconds / step
-    return round(number) if abs(number - round(number)) < 1e-6 else int(rounded(number))
+    whole = round(number) if abs(number - round(number)) < 1e-6 else rounded(number)
+    return round(whole * step, 9)
 
 
 def loss_in_runs(loss: float) -> dict[str, float] | float:
-    """Return the Gilbert-Elliott chain of a share of lost messages, 1.5 in a row on average."""
+    """Return the Gilbert-Elliott chain of a share of lost messages, 1.25 in a row on average."""
     if loss == 0.0:
         return 0.0
     leave = 1.0 / _RUN
     return {"p_enter": loss * leave / (1.0 - loss), "p_exit": leave}
 
 
-def describe(vehicle: Vehicle, sensors: Sequence[PlannedSensor]) -> list[str]:
-    """Return a line for each sensor: what it measures, how often, and how old it may be."""
-    del vehicle
-    return [
-        f"{s.name}: {', '.join(s.measures)} every {s.interval:g} s, "
-        f"{f'{s.transit:g} s under way' if s.over_link else 'on board'}, at most {s.age:g} s old"
-        + (f" ({s.remark})" if s.remark else "")
-        for s in sensors
-    ]
+def sensor_line(sensor: PlannedSensor) -> str:
+    """Return in a line what a sensor measures, how often, and how old that may be."""
+    way = f"up to {sensor.transit:g} s under way, " if sensor.over_link else ""
+    return (
+        f"{sensor.name}: {', '.join(sensor.measures)} every {sensor.interval:g} s, {way}designed "
+        f"for any age up to {sensor.age:g} s" + (f" ({sensor.remark})" if sensor.remark else "")
+    )

@@ -6,15 +6,18 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from cosim.vehicle.flight_plan import FlightSettings, PlannedSensor, loss_in_runs
+from cosim.vehicle.flight_plan import (
+    FlightSettings,
+    PlannedSensor,
+    link_times,
+    loss_in_runs,
+)
 
 PLANT, CONTROLLER, SHIP, SEA = "plant", "controller", "ship", "sea"
 SET_POINTS = "set_points"
 """Names in the scenario."""
 
 _RESERVED = {PLANT, CONTROLLER, SHIP, SEA, SET_POINTS}
-_JITTER = 0.1  # of the transit
-
 
 @dataclass(frozen=True)
 class FlightCourse:
@@ -148,12 +151,12 @@ def _set_points(
 ) -> str:
     if not course.set_points:
         return ""
-    interval = max((s.interval for s in sensors if s.over_link), default=settings.step * 4)
-    transit = max((s.transit for s in sensors if s.over_link), default=0.25 * settings.link)
+    interval = max((s.interval for s in sensors if s.loss or s.jitter), default=1.0)
+    transit, jitter = link_times(settings)
     axes = ", ".join(f'"[{k}]"' for k in range(1, 1 + len(course.set_points)))
     values = [*course.set_points.values()]
     half = round(0.45 * settings.duration, 3)
-    link = _packet(SET_POINTS, interval, transit, settings.loss, settings)
+    link = _packet(SET_POINTS, interval, transit, jitter, settings.loss, settings)
     wires = "\n".join(
         _wire(f"{SHIP}.y[{k}]", f"{CONTROLLER}.reference[{i}]", SET_POINTS)
         for k, i in enumerate(course.set_points, 1)
@@ -190,26 +193,32 @@ def _wire(source: str, target: str, link: str | None = None) -> str:
 
 
 def _link(sensor: PlannedSensor, settings: FlightSettings) -> str:
-    return _packet(sensor.name, sensor.interval, sensor.transit, sensor.loss, settings)
+    own = sensor.interval, sensor.transit, sensor.jitter, sensor.loss
+    return _packet(sensor.name, *own, settings)
 
 
 def _packet(
-    name: str, interval: float, transit: float, loss: float, settings: FlightSettings
+    name: str,
+    interval: float,
+    transit: float,
+    jitter: float,
+    loss: float,
+    settings: FlightSettings,
 ) -> str:
+    chain = loss_in_runs(loss)
+    lost = str(chain)
+    if isinstance(chain, dict):
+        entries = ", ".join(f"{key} = {value:.6g}" for key, value in chain.items())
+        lost = f"{{ {entries} }} # in runs: {100 * loss:g} % in all"
+    spread = f'jitter = {{ kind = "uniform", width = {jitter:g} }}\n' if jitter else ""
     # what is measured at the beginning of a step is there, and sent, at its end
-    lost = loss_in_runs(loss)
-    chain = (
-        f"{{ p_enter = {lost['p_enter']:.6g}, p_exit = {lost['p_exit']:.6g} }}"
-        if isinstance(lost, dict)
-        else f"{lost}"
-    )
     return f"""\
 [links.{name}]
 kind = "packet"
-sample_time = {interval!r}
-offset = {settings.step!r}
-delay = {transit!r}
-loss = {chain} # in runs
+sample_time = {interval:g}
+offset = {settings.step:g}
+delay = {round(transit - jitter, 9):g}
+{spread}loss = {lost}
 """
 
 

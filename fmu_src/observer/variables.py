@@ -380,3 +380,14 @@ class _Part:
 
 
 _USES = {"age": "greatest ages", "envelope": "envelope", "saturation": "limits of the commands"}
+
+
+def design_parameters(data: Any) -> dict[str, float]:
+    """Return the parameters that a certificate of kind "output-feedback" decides, by name.
+
+    They are the matrices of the plant and of its measurements, K, L, and the delays.
+    """
+    own = _Part(data, {}, {}, ())
+    table = [*own.matrices(), *_entries("K", data["K"], "")]
+    delays = zip(own.delays, own.late, strict=True)
+    return {v.name: v.start for v in table} | {name: float(d["d"]) for name, d in delays}
