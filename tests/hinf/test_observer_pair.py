@@ -82,14 +82,14 @@ def test_the_pair_moves_as_plant_and_observer_do(command_age: float) -> None:
         y = np.zeros(3)
         for sensor, gain, stamp, v in zip(pair.measurements, L, stamps, noise, strict=True):
             if (s := stamp[t]) >= 0:
-                told = sensor.C @ x[s] - sensor.C @ xh[s]
-                y += np.array(gain) @ (told + sensor.noise[0] * v[t])
+                innovation = sensor.C @ x[s] - sensor.C @ xh[s]
+                y += np.array(gain) @ (innovation + sensor.noise[0] * v[t])
         x[t + 1] = x[t] + STEP * (own[0] + unknown + plant.B @ u + plant.C @ w[t])
         xh[t + 1] = xh[t] + STEP * (own[1] + plant.B @ u + y)
         z[t] = plant.D @ x[t] + plant.D1 @ w[t] + plant.D2 @ u
-    told = [np.where(s >= 0, v, 0.0) for s, v in zip(stamps, noise, strict=True)]
+    innovation = [np.where(s >= 0, v, 0.0) for s, v in zip(stamps, noise, strict=True)]
     ages = [np.full(steps, d), *([np.full(steps, late)] if late else []), *_ages(stamps)]
-    state, output = _flown(pair, x[0], xh[0], np.column_stack([w, *told]), F, ages)
+    state, output = _simulated(pair, x[0], xh[0], np.column_stack([w, *innovation]), F, ages)
     np.testing.assert_allclose(state, np.hstack([x, (x - xh)[:, :2]]), atol=1e-11)
     np.testing.assert_allclose(output, z, atol=1e-11)
     assert np.abs(x).max() > 0.5  # it moved
@@ -110,7 +110,9 @@ def _ages(stamps: list[Any]) -> list[Any]:
     return [np.where(s >= 0, np.arange(len(s)) - s, len(s) + 1) for s in stamps]
 
 
-def _flown(pair: ObserverPair, x: Any, xh: Any, w: Any, F: Any, ages: list[Any]) -> tuple[Any, Any]:
+def _simulated(
+    pair: ObserverPair, x: Any, xh: Any, w: Any, F: Any, ages: list[Any]
+) -> tuple[Any, Any]:
     """Euler's method for the closed loop of the pair's `DelaySystem`, at these ages in steps."""
     system, K = pair.system, pair.gain
     steps, masks = len(w), system.selections
@@ -245,7 +247,7 @@ def test_what_is_no_pair_is_refused_by_name(change: dict[str, Any], place: str) 
     assert place in str(refused.value)
 
 
-def test_no_age_and_no_uncertainty_beats_the_certified_gamma() -> None:
+def test_no_age_or_uncertainty_is_above_the_certified_gamma() -> None:
     """Exact norms at random constant ages below the measurements', for random F, of one pair."""
     plant, sensors, K, L, estimated = lagged()
     pair = pair_of(plant, sensors, K, L, estimated=estimated)
