@@ -13,7 +13,7 @@ from pathlib import Path
 import cosim
 
 FACES = (
-    *("cosim.hinf", "cosim.scenario", "cosim.trace", "cosim.study", "cosim.fmu"),
+    *("cosim.hinf", "cosim.vehicle", "cosim.scenario", "cosim.trace", "cosim.study", "cosim.fmu"),
     *("cosim.network", "cosim.master", "cosim.replay", "cosim.models", "cosim.core", "cosim.paper"),
 )
 """Packages with a page, in the order in which a name that several offer is shown by the first."""

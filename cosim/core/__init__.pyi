@@ -20,6 +20,7 @@ from .file_kinds import (
     SCHEMA as SCHEMA,
     STUDY_FILE as STUDY_FILE,
     SYSTEM_FILE as SYSTEM_FILE,
+    VEHICLE_FILE as VEHICLE_FILE,
     FileKind as FileKind,
 )
 from .files import (

@@ -1,9 +1,10 @@
 """Kinds of files that users write, and the versions of their keys.
 
-Scenarios, systems and studies (TOML) and designs (JSON) may say `schema = 1` at the top; without
-it a file is of version 1. A file of an older version is brought to the newest one as it is read,
-one step per version; one of a newer version is refused by name. `cosim migrate` writes the newest
-version (`cosim.core.migration`). docs/schema-versions.md has the rule of how versions come and go.
+Scenarios, systems, studies, vehicles (TOML) and designs (JSON) may say `schema = 1` at the top;
+without it a file is of version 1. A file of an older version is brought to the newest one as it is
+read, one step per version; one of a newer version is refused by name. `cosim migrate` writes the
+newest version (`cosim.core.migration`). docs/schema-versions.md has the rule of how versions come
+and go.
 """
 
 from __future__ import annotations
@@ -125,6 +126,13 @@ SYSTEM_FILE: Final = FileKind(
 STUDY_FILE: Final = FileKind("study", "cosim study run {file} runs it")
 """A study, TOML."""
 
+VEHICLE_FILE: Final = FileKind(
+    "vehicle",
+    "cosim vehicle check {file} checks it, cosim fmu build {file} makes its FMU, "
+    "cosim vehicle fly {file} designs for it and flies",
+)
+"""A vehicle, TOML."""
+
 DESIGN_FILE: Final = FileKind(
     "design",
     "cosim certificate check {file} proves it, cosim fmu controller {file} makes its FMU; a "
@@ -141,6 +149,8 @@ def kind_by_keys(data: Mapping[str, Any]) -> FileKind | None:
         return DESIGN_FILE
     if isinstance(data.get("system"), dict):
         return SYSTEM_FILE
+    if isinstance(data.get("body"), dict) and "degrees_of_freedom" in data:
+        return VEHICLE_FILE
     if isinstance(data.get("vary"), list):
         return STUDY_FILE
     return SCENARIO_FILE if any(key in data for key in _OF_SCENARIOS) else None

@@ -41,6 +41,20 @@ from .products import (
     product as product,
     total as total,
 )
+from .vehicle import (
+    FloatFunctions as FloatFunctions,
+    VehicleEquations as VehicleEquations,
+)
+from .vehicle_actuators import effect_of as effect_of
+from .vehicle_forces import (
+    Derivative as Derivative,
+    derivative_named as derivative_named,
+)
+from .vehicle_inertia import (
+    FORCES as FORCES,
+    VELOCITIES as VELOCITIES,
+    axes_of as axes_of,
+)
 from .waves import (
     GRAVITY as GRAVITY,
     Component as Component,

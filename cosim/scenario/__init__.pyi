@@ -19,7 +19,13 @@ from .extend import (
     give_way as give_way,
     open_source as open_source,
 )
-from .fields import NAME_PATTERN as NAME_PATTERN
+from .fields import (
+    NAME_PATTERN as NAME_PATTERN,
+    NotNegative as NotNegative,
+    Number as Number,
+    Part as Part,
+    Positive as Positive,
+)
 from .fmu_cache import FmuCache as FmuCache
 from .gain import (
     Problem as Problem,

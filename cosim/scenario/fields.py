@@ -89,8 +89,11 @@ Instant = Annotated[float, Field(ge=0, le=1e8, allow_inf_nan=False), SECONDS]
 Seconds = Annotated[float, Field(ge=-1e8, le=1e8, allow_inf_nan=False), SECONDS]
 Length = Annotated[float, Field(allow_inf_nan=False), _quantity(dimension(m=1))]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+"""A finite number > 0."""
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+"""A finite number >= 0."""
 Number = Annotated[float, Field(allow_inf_nan=False)]
+"""A finite number."""
 Probability = Annotated[float, Field(ge=0, le=1, allow_inf_nan=False), _PLAIN]
 Speed = Annotated[float, Field(gt=0, allow_inf_nan=False), _quantity(dimension(m=1, s=-1))]
 Rate = Annotated[float, Field(gt=0, allow_inf_nan=False), _quantity(dimension(rad=1, s=-1))]

@@ -1,0 +1,165 @@
+"""A vehicle as its file describes it: states, actuators, parameters, equations, sensors."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from types import MappingProxyType
+from typing import Any, Literal
+
+from cosim.models import FloatFunctions, VehicleEquations
+from cosim.vehicle.parameters import Parameter
+
+
+@dataclass(frozen=True)
+class Actuator:
+    """A thruster or a fin.
+
+    Attributes
+    ----------
+    name, kind : of the vehicle file; its command is `thruster.NAME` or `fin.NAME`.
+    limit : largest command in both directions, in `unit`.
+    lag : time constant behind the command [s]; 0: at once, and `actual.NAME` is no state.
+    unit : "N", "N.m" of a moment alone, "rad" of a fin.
+    """
+
+    name: str
+    kind: Literal["thruster", "fin"]
+    limit: float
+    lag: float
+    unit: str
+
+    @property
+    def command(self) -> str:
+        """FMI name of its input."""
+        return f"{self.kind}.{self.name}"
+
+
+@dataclass(frozen=True)
+class OnboardDamping:
+    """The damping loop on board: rates [1/s] by velocity ("u", ...), age of its data [s]."""
+
+    rates: Mapping[str, float]
+    delay: float
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """What is measured.
+
+    Attributes
+    ----------
+    measures : outputs of the plant, such as "eta.x".
+    interval : time from one measurement to the next [s]; 0: at every communication point.
+    noise : standard deviation of each value, in its unit.
+    age : greatest age of the values when they act [s].
+    over : "onboard", or "link" for what comes from outside.
+    """
+
+    name: str
+    measures: tuple[str, ...]
+    interval: float
+    noise: tuple[float, ...]
+    age: float
+    over: Literal["onboard", "link"]
+
+
+@dataclass(frozen=True)
+class Control:
+    """What the design controls.
+
+    Attributes
+    ----------
+    states : controlled states, all of eta and nu unless the file says others.
+    weights : in z, by state or by command of an actuator; those that the file gives.
+    """
+
+    states: tuple[str, ...]
+    weights: Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class Vehicle:
+    """A vehicle.
+
+    Attributes
+    ----------
+    degrees_of_freedom : 4 or 6.
+    attitude : "euler", or "quaternion" with 6.
+    actuators : thrusters, then fins.
+    parameter_table : parameters of the plant with units; `parameters` has name -> value.
+    terms : which terms the equations have (`cosim.models.VehicleEquations`).
+    damping : the onboard loop; None without one.
+    trim : velocity through the water by FMI name; those that are absent are zero.
+    envelope : state by FMI name -> bound about the trim.
+    text : the file.
+    """
+
+    name: str
+    description: str
+    source: str
+    degrees_of_freedom: Literal[4, 6]
+    attitude: Literal["euler", "quaternion"]
+    actuators: tuple[Actuator, ...]
+    parameter_table: tuple[Parameter, ...]
+    terms: Mapping[str, Any]
+    damping: OnboardDamping | None
+    sensors: tuple[Sensor, ...]
+    trim: Mapping[str, float]
+    envelope: Mapping[str, float]
+    control: Control
+    text: str = field(repr=False)
+
+    @cached_property
+    def equations(self) -> VehicleEquations:
+        """The equations, for given parameters and any kind of scalar."""
+        return VehicleEquations(self.terms)
+
+    @property
+    def states(self) -> tuple[str, ...]:
+        """FMI names of the state: eta (or its quaternion), nu, `actual.NAME`."""
+        return self.equations.states
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """FMI names of the inputs: commands, current.x/.y/.z, disturbance.u ... .r."""
+        return self.equations.inputs
+
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        """FMI names of the outputs: the states, and the Euler angles beside a quaternion."""
+        return output_names(self.states, self.attitude)
+
+    @cached_property
+    def parameters(self) -> Mapping[str, float]:
+        """The parameters of the plant by FMI name."""
+        return MappingProxyType({p.name: p.value for p in self.parameter_table})
+
+    def rates(
+        self,
+        x: Sequence[Any],
+        late: Sequence[Any],
+        u: Sequence[Any],
+        ns: Any = FloatFunctions,
+        parameters: Mapping[str, Any] | None = None,
+    ) -> list[Any]:
+        """Return x' (n,).
+
+        Parameters
+        ----------
+        x : in the order of `states` (n,).
+        late : x(t-d) (n,), or nothing without onboard damping.
+        u : in the order of `inputs` (m,).
+        ns : sin, cos, sqrt, exp, atan2, asin, min and max of two, for the scalars given.
+        parameters : in place of the vehicle's own, of the same names.
+        """
+        p = self.parameters if parameters is None else parameters
+        constants = self.equations.constants(p, FloatFunctions if parameters is None else ns)
+        return self.equations.rates(x, late, u, constants, ns)
+
+
+def output_names(states: Sequence[str], attitude: str) -> tuple[str, ...]:
+    """Return the names of the outputs of a vehicle with these states."""
+    angles = ("eta.phi", "eta.theta", "eta.psi") if attitude == "quaternion" else ()
+    return (*states, *angles)
