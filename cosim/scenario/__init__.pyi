@@ -62,6 +62,7 @@ from .python_api import (
 )
 from .read import (
     LoadedScenario as LoadedScenario,
+    all_refusals as all_refusals,
     builtin_names as builtin_names,
     load as load,
     parse as parse,
