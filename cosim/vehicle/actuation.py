@@ -1,0 +1,137 @@
+"""From what a design commands to what the actuators of a vehicle are told.
+
+Where the actuators can give the controlled velocities any acceleration, the design commands
+accelerations, and the thrust map is the least-squares one, actuators counted in share of their
+limits; accelerations of the other velocities are kept at zero where the actuators can do that too.
+Otherwise the design commands those actuators that move a controlled velocity, in share of their
+limits.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cosim.core import InputError
+from cosim.models import FloatFunctions
+from cosim.vehicle.trim import Trim
+from cosim.vehicle.vehicle import Vehicle
+
+Matrix = NDArray[np.float64]
+
+_RANK = 1e-8
+
+
+@dataclass(frozen=True, eq=False)
+class Actuation:
+    """commands = at_trim + thrust_map u.
+
+    Attributes
+    ----------
+    actuators : FMI names of the commands, (k,).
+    at_trim, limits : (k,), in the units of the commands.
+    thrust_map : (k, m).
+    commands : name of each entry of u: a velocity, or an actuator.
+    accelerations : whether u are accelerations, not shares of a limit.
+    lags : (k,) [s].
+    """
+
+    actuators: tuple[str, ...]
+    at_trim: Matrix
+    limits: Matrix
+    thrust_map: Matrix
+    commands: tuple[str, ...]
+    accelerations: bool
+    lags: Matrix
+
+    @property
+    def used(self) -> Matrix:
+        """Whether an entry of u moves each actuator (k,); the others stay at the trim."""
+        return np.asarray(self.thrust_map.any(axis=1))
+
+    @property
+    def common_lag(self) -> float | None:
+        """The lag of all actuators in use; None where they differ."""
+        lags = set(self.lags[self.used].tolist())
+        return lags.pop() if len(lags) == 1 else None
+
+    @property
+    def authority(self) -> Matrix:
+        """The largest magnitude (m,) of each entry of u alone at which no actuator is at a limit."""
+        left = (self.limits - np.abs(self.at_trim))[:, None]
+        size = np.abs(self.thrust_map)
+        shares = np.divide(left, size, out=np.full(size.shape, np.inf), where=size > 0)
+        return np.asarray(shares.min(axis=0))
+
+
+def actuation_of(vehicle: Vehicle, trim: Trim, velocities: Sequence[str]) -> Actuation:
+    """Return how the controlled velocities ("nu.u", ...) of a vehicle are commanded.
+
+    Raises
+    ------
+    InputError : no actuator moves any of them.
+    """
+    effects = _effects(vehicle, trim)
+    limits = np.array([a.limit for a in vehicle.actuators])
+    every = [name for name in vehicle.states if name.startswith("nu.")]
+    own = [every.index(name) for name in velocities]
+    scaled = effects * limits
+    k = len(limits)
+    accelerations = _rank(scaled[own]) == len(own) > 0
+    if accelerations:
+        whole = _rank(scaled) == len(every)
+        rows = range(len(every)) if whole else own
+        inverse = limits[:, None] * np.linalg.pinv(scaled[list(rows)], rcond=_RANK)
+        found = inverse[:, own] if whole else inverse
+        found = np.where(np.abs(found) > 1e-10 * np.abs(found).max(), found, 0.0)
+        commands = tuple(velocities)
+    else:
+        moving = np.flatnonzero(np.abs(scaled[own]).max(axis=0, initial=0.0) > _RANK)
+        if not moving.size:
+            raise InputError(
+                "no actuator moves a controlled velocity",
+                where="control.states",
+                got=", ".join(velocities) or "no velocity",
+            )
+        found = (np.eye(k) * limits)[:, moving]
+        commands = tuple(vehicle.actuators[i].command for i in moving)
+    return Actuation(
+        tuple(a.command for a in vehicle.actuators),
+        np.array([trim.commands[a.command] for a in vehicle.actuators]),
+        limits,
+        found,
+        commands,
+        accelerations,
+        np.array([a.lag for a in vehicle.actuators]),
+    )
+
+
+def _rank(matrix: Matrix) -> int:
+    return int(np.linalg.matrix_rank(matrix, tol=_RANK * max(np.abs(matrix).max(initial=0.0), 1e-6)))
+
+
+def _effects(vehicle: Vehicle, trim: Trim) -> Matrix:
+    """Return the acceleration of each velocity per actuator at the trim, (velocities, k).
+
+    Forces are at most quadratic in what an actuator does: a central difference is exact.
+    """
+    x = [trim.state[name] for name in vehicle.states]
+    u = [trim.commands.get(name, 0.0) for name in vehicle.inputs]
+    rows = [i for i, name in enumerate(vehicle.states) if name.startswith("nu.")]
+    columns = []
+    for actuator in vehicle.actuators:
+        ends = []
+        for sign in (1.0, -1.0):
+            y, v = list(x), list(u)
+            step = sign * (actuator.limit - abs(trim.commands[actuator.command])) / 2
+            if actuator.lag:
+                y[vehicle.states.index(f"actual.{actuator.name}")] += step
+            else:
+                v[vehicle.inputs.index(actuator.command)] += step
+            rates = vehicle.rates(y, x if vehicle.damping else (), v, FloatFunctions)
+            ends.append(np.array([rates[i] for i in rows]) / (2 * step))
+        columns.append(ends[0] + ends[1])
+    return np.array(columns).T.reshape(len(rows), len(vehicle.actuators))
