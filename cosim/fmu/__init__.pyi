@@ -42,6 +42,7 @@ from .export.flavours import (
 from .export.fmu_file import (
     FmuTarget as FmuTarget,
     target_named as target_named,
+    write_fmu as write_fmu,
 )
 from .export.native.platforms import (
     PLATFORMS as PLATFORMS,

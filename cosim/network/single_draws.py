@@ -1,4 +1,4 @@
-"""Single draws of the streams of `draws`, by the standard library: what a component in Python needs.
+"""Single draws of the streams of `draws`, by the standard library: for components in Python.
 
 The same Philox 4x64-10, keys and logarithm, one number at a time, to the last bit; c/draws.c is
 this file in C. An FMU has no NumPy.

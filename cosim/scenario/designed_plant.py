@@ -80,7 +80,8 @@ class DesignedPlant:
     Attributes
     ----------
     state, control, disturbance : x, u and w of Eq. (7).
-    parameters : name -> the value that the plant must have.
+    parameters : name -> the value that the plant must have; a delay may be shorter.
+    trim : state of the plant -> its value at the trim, those that are not controlled as well.
     envelope : variable -> its value at the trim, and the greatest deviation from it for which the
         uncertainty covers the plant.
     neglected : what the linear model leaves out, a sentence each.
@@ -91,25 +92,24 @@ class DesignedPlant:
     control: LinearSignals
     disturbance: LinearSignals
     parameters: Mapping[str, float]
+    trim: Mapping[str, float] = field(default_factory=dict)
     envelope: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     neglected: tuple[str, ...] = ()
     source: str = ""
 
     def differences(self, parameters: Mapping[str, float | None]) -> list[str]:
         """Return in words which parameters of a run's plant are not those designed for."""
-        return [
-            f"{name} is {_value(parameters.get(name))}, designed for {value!r}"
-            for name, value in self.parameters.items()
-            if parameters.get(name) != value
-        ]
+        found = []
+        for name, value in self.parameters.items():
+            own = parameters.get(name)
+            if own is None or (own > value if name == "delay.d" else own != value):
+                found.append(f"{name} is {_value(own)}, designed for {value!r}")
+        return found
 
     @property
     def at_rest(self) -> dict[str, float]:
         """The parameters `initial.*` of the plant at its trim, where they exist."""
-        return {
-            f"initial.{name}": value
-            for name, value in zip(self.state.names, self.state.trim, strict=True)
-        } | {f"initial.{name}": centre for name, (centre, _) in self.envelope.items()}
+        return {f"initial.{name}": value for name, value in self.trim.items()}
 
     def to_json(self) -> dict[str, Any]:
         """Return JSON values."""
@@ -118,6 +118,7 @@ class DesignedPlant:
             "control": self.control.to_json(),
             "disturbance": self.disturbance.to_json(),
             "parameters": dict(self.parameters),
+            "trim": dict(self.trim),
             "envelope": {name: list(pair) for name, pair in self.envelope.items()},
             "neglected": list(self.neglected),
             "source": self.source,
@@ -136,6 +137,7 @@ class DesignedPlant:
             return cls(
                 **vectors,
                 parameters={str(k): float(v) for k, v in data["parameters"].items()},
+                trim={str(k): float(v) for k, v in data["trim"].items()},
                 envelope={k: (float(c), float(b)) for k, (c, b) in data["envelope"].items()},
                 neglected=tuple(map(str, data["neglected"])),
                 source=str(data["source"]),
@@ -144,7 +146,7 @@ class DesignedPlant:
             raise InputError(
                 "not a note about a plant",
                 where=where,
-                expected="parameters, envelope, neglected, source",
+                expected="parameters, trim, envelope, neglected, source",
                 got=str(error),
             ) from error
 

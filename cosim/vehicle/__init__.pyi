@@ -1,6 +1,23 @@
+from .diagnosis import (
+    Finding as Finding,
+    diagnose as diagnose,
+)
+from .flight import (
+    Flight as Flight,
+    fly as fly,
+)
+from .flight_plan import (
+    LOSSES_IN_A_ROW as LOSSES_IN_A_ROW,
+    FlightSettings as FlightSettings,
+)
 from .keys import (
     VehicleKey as VehicleKey,
     vehicle_tables as vehicle_tables,
+)
+from .overview import (
+    Overview as Overview,
+    draw_overview as draw_overview,
+    overview as overview,
 )
 from .parameters import Parameter as Parameter
 from .read import (
@@ -9,6 +26,7 @@ from .read import (
     vehicle_from_toml as vehicle_from_toml,
     vehicle_text as vehicle_text,
 )
+from .template import vehicle_template as vehicle_template
 from .vehicle import (
     Actuator as Actuator,
     Control as Control,

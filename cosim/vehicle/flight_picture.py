@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.trace import Check, Trace, assumptions_of, outcome_of, pyplot, save_picture
+from cosim.trace import Trace, assumptions_of, outcome_of, pyplot, save_picture
 
 Reals = NDArray[np.float64]
 
@@ -163,7 +163,7 @@ def _uses(axis: Any, rows: _Rows) -> None:
 
 def _assumptions(axis: Any, rows: _Rows) -> None:
     axis.axis("off")
-    checks: list[Check] = [] if rows.outcome is None else assumptions_of(rows.outcome)
+    checks = [] if rows.outcome is None else assumptions_of(rows.outcome)
     axis.set_title("Assumptions of the guarantee", loc="left")
     apart = min(0.105, 0.98 / max(1, len(checks)))
     for k, check in enumerate(checks):

@@ -46,7 +46,6 @@ def component_of(sensor: str) -> str:
 def scenario_text(
     vehicle: str,
     states: Sequence[str],
-    trim: Sequence[float],
     disturbances: Sequence[str],
     initial: Mapping[str, float],
     sensors: Sequence[PlannedSensor],
@@ -57,7 +56,7 @@ def scenario_text(
 
     Parameters
     ----------
-    states, trim : outputs of the plant that are the state of the design, and their values.
+    states : names of the state of the design.
     disturbances : inputs of the plant that the sea acts on.
     initial : parameters `initial.*` of the plant at the trim.
     """
@@ -82,7 +81,7 @@ def scenario_text(
         *(_sensor(sensor, settings.seed + k) for k, sensor in enumerate(sensors)),
         _sea(disturbances, course, settings),
         _set_points(course, sensors, settings),
-        *(_of_sensor(sensor, states) for sensor in sensors),
+        *(_of_sensor(sensor) for sensor in sensors),
         *(_link(sensor, settings) for sensor in sensors if sensor.over_link),
         _DESIGN,
         _MORE.format(limit=f"{2 * settings.link:g}", state=_position(states)),
@@ -174,8 +173,7 @@ points = [{[0.0, *values]}, {[half, *[0.0] * len(values)]}]
 {link}"""
 
 
-def _of_sensor(sensor: PlannedSensor, states: Sequence[str]) -> str:
-    del states
+def _of_sensor(sensor: PlannedSensor) -> str:
     name = component_of(sensor.name)
     link = sensor.name if sensor.over_link else None
     wires = [

@@ -44,9 +44,9 @@ def sensor_spec(
     count = len(values)
     if not 1 <= count <= MOST_VALUES:
         raise ValueError(f"{name}: a sensor has 1 to {MOST_VALUES} values, got {count}")
-    for word, given in (("noise", noise), ("bias", bias)):
-        if len(given) not in (0, count):
-            raise ValueError(f"{name}: {word} has {len(given)} numbers for {count} values")
+    for word, numbers in (("noise", noise), ("bias", bias)):
+        if len(numbers) not in (0, count):
+            raise ValueError(f"{name}: {word} has {len(numbers)} numbers for {count} values")
     inputs, outputs, deviations, errors = [], [], [], []
     for i, (text, given) in enumerate(values, 1):
         unit = given if given in UNITS else None
@@ -54,9 +54,7 @@ def sensor_spec(
         outputs.append(Variable(f"y[{i}]", "output", f"{text}, as measured", unit, discrete=True))
         words = f"standard deviation of y[{i}]", f"constant error of y[{i}]"
         start = float(noise[i - 1]) if noise else 0.0
-        deviations.append(
-            Variable(f"noise[{i}]", "parameter", words[0], unit, start, minimum=0.0)
-        )
+        deviations.append(Variable(f"noise[{i}]", "parameter", words[0], unit, start, minimum=0.0))
         start = float(bias[i - 1]) if bias else 0.0
         errors.append(Variable(f"bias[{i}]", "parameter", words[1], unit, start))
     taken = "time at which the values were taken; before the first ones, 1 s before the run"
@@ -70,7 +68,14 @@ def sensor_spec(
         *deviations,
         *errors,
         Variable(
-            "seed", "parameter", "draws the noise", None, seed, "Integer", False, 0, _MOST_INTEGER
+            "seed",
+            "parameter",
+            "draws the noise",
+            None,
+            seed,
+            "Integer",
+            minimum=0,
+            maximum=_MOST_INTEGER,
         ),
     ]
     return ComponentSpec(

@@ -1,0 +1,377 @@
+"""From a vehicle file to a flight whose guarantee is judged: model, design, FMUs, scenario, run."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from cosim import fmu as fmus, hinf, scenario
+from cosim.core import DESIGN_FILE, InputError, NotAchievableError, Progress, silent
+from cosim.models import Measurement
+from cosim.trace import pyplot
+from cosim.vehicle.flight_course import flight_course
+from cosim.vehicle.flight_picture import PictureSubject, draw_flight
+from cosim.vehicle.flight_plan import FlightSettings, PlannedSensor, planned_sensors, sensor_line
+from cosim.vehicle.flight_scenario import FlightCourse, scenario_text
+from cosim.vehicle.linear_model import LinearModel, linear_model
+from cosim.vehicle.read import load_vehicle
+from cosim.vehicle.vehicle import Vehicle
+
+if TYPE_CHECKING:
+    from cosim.scenario import Outcome
+
+SCENARIO, TRACE, PICTURE, DESIGN = "scenario.toml", "flight.mcap", "flight.png", "design.json"
+"""Files of a flight in its folder."""
+
+_STEPS = 6
+
+
+@dataclass(frozen=True)
+class Flight:
+    """A flight: its outcome, what was designed for it, and the folder with everything made for it.
+
+    Attributes
+    ----------
+    picture : None without matplotlib; then `no_picture` says what to install.
+    seconds : wall-clock time of each step [s].
+    """
+
+    vehicle: Vehicle
+    folder: Path
+    outcome: Outcome
+    design: hinf.OutputFeedback
+    sensors: tuple[PlannedSensor, ...]
+    picture: Path | None
+    no_picture: str | None
+    seconds: dict[str, float]
+
+    def to_json(self) -> dict[str, Any]:
+        """Return everything, for `--json`."""
+        return {
+            "vehicle": self.vehicle.name,
+            "folder": str(self.folder),
+            "scenario": str(self.folder / SCENARIO),
+            "gamma": self.design.gamma,
+            "exact_norm": self.design.exact_norm,
+            "measurements": [
+                {"name": s.name, "measures": list(s.measures), "greatest_age_s": s.age}
+                for s in self.sensors
+            ],
+            "run": self.outcome.to_json(),
+            "picture": None if self.picture is None else str(self.picture),
+            "seconds": {step: round(s, 2) for step, s in self.seconds.items()},
+        }
+
+
+def fly(
+    vehicle: Vehicle | str | Path,
+    folder: Path | str,
+    settings: FlightSettings | None = None,
+    *,
+    fmu_cache: scenario.FmuCache | None = None,
+    say: Callable[[str], None] | None = None,
+    progress: Progress | None = None,
+) -> Flight:
+    """Design for a vehicle whose fixes and set-points come over a slow link, and fly it.
+
+    Parameters
+    ----------
+    vehicle : or the name of one of the gallery, or a `.toml` file.
+    folder : for vehicle, design, FMUs, scenario, trace and picture.
+    settings : link, losses, duration; the defaults without it.
+    fmu_cache : where FMUs of the catalogue are.
+    say : is called with a line about each step.
+
+    Raises
+    ------
+    InputError : the vehicle cannot be designed for, or files cannot be written.
+    NotAchievableError : no gain and injections could be certified.
+    ComponentError : a component did not start.
+    """
+    chosen, where = settings or FlightSettings(), Path(folder)
+    craft = vehicle if isinstance(vehicle, Vehicle) else load_vehicle(vehicle)
+    steps = _Steps(say or silent_line, progress or silent)
+    scenario.check_writable(where / TRACE)
+    where.mkdir(parents=True, exist_ok=True)
+    (where / "vehicle.toml").write_text(craft.text, "utf-8")
+    with steps("linear model at the trim, uncertainty proved over the envelope"):
+        model = linear_model(craft)
+        steps.add(_model_line(model))
+    with steps("observer and gain, certified as a pair"):
+        sensors, design = _designed(model, chosen, steps)
+        steps.add(f"gamma {design.gamma:.4g} certified, exact norm {design.exact_norm or 0:.4g}")
+        course = _course(model, design, chosen)
+        _save(design, where / DESIGN)
+    with steps("plant, sensors and controller as FMUs"):
+        names = _write_fmus(model, sensors, course, design, where)
+        steps.add(", ".join(names))
+    with steps(f"scenario: {where / SCENARIO}"):
+        _write_scenario(model, sensors, course, chosen, where / SCENARIO, steps)
+    with steps(f"flight of {chosen.duration:g} s"):
+        loaded = scenario.load(str(where / SCENARIO))
+        cache = fmu_cache or scenario.FmuCache(Path("fmus"), where)
+        prepared = scenario.prepare(loaded, replace(cache, folder=where), progress=progress)
+        outcome = scenario.execute_run(prepared, where / TRACE, progress=progress)
+    picture, why = None, None
+    with steps("picture"):
+        try:
+            pyplot()
+        except InputError as error:
+            why = error.hint
+        if why is None and outcome.status != "failed":
+            subject = _subject(model, design, sensors, course, outcome)
+            picture = draw_flight(where / TRACE, subject, where / PICTURE)
+    return Flight(craft, where, outcome, design, sensors, picture, why, steps.seconds)
+
+
+def silent_line(line: str) -> None:
+    """Say nothing."""
+    del line
+
+
+class _Steps:
+    """Says each step of a flight as it begins, with what it found and how long it took."""
+
+    def __init__(self, say: Callable[[str], None], progress: Progress) -> None:
+        self._say, self._progress = say, progress
+        self.seconds: dict[str, float] = {}
+        self._lines: list[str] = []
+        self._what, self._began = "", 0.0
+
+    def __call__(self, what: str) -> _Steps:
+        self._what = what
+        return self
+
+    def __enter__(self) -> _Steps:
+        self._began = time.perf_counter()
+        self._lines = []
+        self._progress(self._what, len(self.seconds) / _STEPS)
+        return self
+
+    def add(self, line: str) -> None:
+        """Add a line about the present step."""
+        self._lines.append(line)
+
+    def __exit__(self, kind: Any, *rest: object) -> None:
+        if kind is not None:
+            return
+        took = time.perf_counter() - self._began
+        self.seconds[self._what] = took
+        self._say(f"{len(self.seconds)} of {_STEPS}  {self._what} ({took:.1f} s)")
+        for line in self._lines:
+            self._say(f"        {line}")
+
+
+def _model_line(model: LinearModel) -> str:
+    n, m = model.system.B.shape
+    bounds = ", ".join(f"{name} {bound:g}" for name, bound in model.envelope.items())
+    return f"{n} states, {m} controls; about the trim at most: {bounds}"
+
+
+def measurements_of(
+    model: LinearModel, sensors: Sequence[PlannedSensor]
+) -> tuple[Measurement, ...]:
+    """Return the measurements of the design: rows of x, each with its age and its noise."""
+    n = len(model.states)
+    found = []
+    for sensor in sensors:
+        rows = np.zeros((len(sensor.measures), n))
+        for k, name in enumerate(sensor.measures):
+            rows[k, model.states.index(name)] = 1.0
+        over: Any = "link" if sensor.loss or sensor.jitter else "onboard"
+        noise = list(sensor.noise)
+        found.append(
+            Measurement(sensor.name, rows, sensor.age, any_age=True, noise=noise, over=over)
+        )
+    return tuple(found)
+
+
+def _designed(
+    model: LinearModel, settings: FlightSettings, steps: _Steps
+) -> tuple[tuple[PlannedSensor, ...], hinf.OutputFeedback]:
+    """Return sensors and design; where nothing is certified, with fewer losses in a row."""
+    refused: NotAchievableError | None = None
+    for losses in range(settings.losses, -1, -1):
+        tried = replace(settings, losses=losses)
+        sensors = planned_sensors(model.vehicle.sensors, model.states, tried)
+        try:
+            design = hinf.design_output_feedback(
+                model.system, measurements_of(model, sensors), command_age=settings.step
+            )
+        except NotAchievableError as error:
+            refused = refused or error
+            if not any(s.loss for s in sensors):
+                break
+            continue
+        for sensor in sensors:
+            steps.add(sensor_line(sensor))
+        return sensors, replace(design, notes={"plant_note": plant_note(model).to_json()})
+    assert refused is not None
+    refused.hint = "a faster link (--link), a smaller envelope, sensors that are faster on board"
+    raise refused
+
+
+def plant_note(model: LinearModel) -> scenario.DesignedPlant:
+    """Return how the plant's FMU is seen as the linear model."""
+    vehicle, actuation = model.vehicle, model.actuation
+    trim = dict(model.trim.state)
+    lagged = [a for a in vehicle.actuators if a.lag]
+    own = [name for name in model.states if not name.startswith("acting.")]
+    actual = [f"actual.{a.name}" for a in lagged] if len(own) < len(model.states) else []
+    inverse = np.linalg.pinv(actuation.thrust_map)
+    rows = np.zeros((len(model.states), len(own) + len(actual)))
+    for i, name in enumerate(model.states):
+        if name in own:
+            rows[i, own.index(name)] = 1.0
+            continue
+        entry = model.commands.index(name.removeprefix("acting."))
+        for k, actuator in enumerate(vehicle.actuators):
+            if actuator.lag:
+                rows[i, len(own) + lagged.index(actuator)] = inverse[entry, k]
+    names = (*own, *actual)
+    state = scenario.LinearSignals(names, tuple(trim[n] for n in names), rows)
+    at_trim = tuple(float(value) for value in actuation.at_trim)
+    return scenario.DesignedPlant(
+        state=state if actual else scenario.LinearSignals(names, state.trim),
+        control=scenario.LinearSignals(actuation.actuators, at_trim, inverse),
+        disturbance=scenario.LinearSignals(
+            *((names := disturbances_of(model)), (0.0,) * len(names))
+        ),
+        parameters={
+            name: value
+            for name, value in vehicle.parameters.items()
+            if not name.startswith(("initial.", "solver."))
+        },
+        trim=trim,
+        envelope={n: (trim.get(n, 0.0), bound) for n, bound in model.envelope.items()},
+        neglected=tuple(
+            f"other states and the current change {name}' by at most {bound:.3g}, as a disturbance"
+            for name, bound in model.disturbance.items()
+        ),
+        source=vehicle.text,
+    )
+
+
+def disturbances_of(model: LinearModel) -> tuple[str, ...]:
+    """Return the inputs of the plant that are the entries of w."""
+    rows = np.argmax(np.abs(model.system.C), axis=0)
+    return tuple(f"disturbance.{model.states[i].removeprefix('nu.')}" for i in rows)
+
+
+def _course(
+    model: LinearModel, design: hinf.OutputFeedback, settings: FlightSettings
+) -> FlightCourse:
+    return flight_course(
+        design,
+        model.states,
+        disturbances_of(model),
+        model.envelope,
+        model.actuation.authority.tolist(),
+        settings,
+    )
+
+
+def _save(design: hinf.OutputFeedback, path: Path) -> None:
+    data = DESIGN_FILE.stamped(hinf.design_to_json(design))
+    path.write_text(json.dumps(data, indent=1, allow_nan=False) + "\n", "utf-8")
+
+
+def _write_fmus(
+    model: LinearModel,
+    sensors: Sequence[PlannedSensor],
+    course: FlightCourse,
+    design: hinf.OutputFeedback,
+    folder: Path,
+) -> list[str]:
+    """Write the FMUs of a flight; return their names."""
+    kind = fmus.target_named(fmus.DEFAULT_FLAVOUR, "prebuilt")
+    plant = fmus.component_module("vehicle_plant.variables")
+    observer = fmus.component_module("observer.variables")
+    sensor_fmu = fmus.component_module("sensor.variables")
+    vehicle, actuation = model.vehicle, model.actuation
+    numbers = {name: i for i, name in enumerate(model.states, 1)}
+    outputs = {p.name: p.unit for p in vehicle.parameter_table if p.name.startswith("initial.")}
+    specs = {
+        "plant": plant.vehicle_plant_spec(vehicle, name="plant"),
+        "controller": observer.output_feedback_spec(
+            "controller",
+            hinf.certificate_bytes(design.certificate),
+            sample_time=0.0,
+            limits=actuation.limits.tolist(),
+            safe=actuation.at_trim.tolist(),
+            envelope={numbers[n]: b for n, b in model.envelope.items() if n in numbers},
+            outputs=[(a.command, a.unit) for a in vehicle.actuators],
+            thrust_map=actuation.thrust_map.tolist(),
+            trim=actuation.at_trim.tolist(),
+            trim_measured={
+                s.name: [model.trim.state[name] for name in s.measures] for s in sensors
+            },
+        ),
+    }
+    for sensor in sensors:
+        values = [(name, outputs.get(f"initial.{name}")) for name in sensor.measures]
+        specs[sensor.name] = sensor_fmu.sensor_spec(
+            sensor.name, values, noise=sensor.noise, sample_time=sensor.interval
+        )
+    if course.set_points:
+        points = [(f"set-point of {model.states[i - 1]}", None) for i in course.set_points]
+        specs["ship"] = sensor_fmu.sensor_spec("ship", points)
+    for name, spec in specs.items():
+        fmus.write_fmu(spec, folder / f"{name}.fmu", kind)
+    return [f"{name}.fmu" for name in specs]
+
+
+def _write_scenario(
+    model: LinearModel,
+    sensors: Sequence[PlannedSensor],
+    course: FlightCourse,
+    settings: FlightSettings,
+    path: Path,
+    steps: _Steps,
+) -> None:
+    """Write the scenario; one that was there and differs is kept beside it."""
+    text = scenario_text(
+        model.vehicle.name,
+        model.states,
+        disturbances_of(model),
+        {f"initial.{name}": value for name, value in model.trim.state.items() if value},
+        sensors,
+        course,
+        settings,
+    )
+    if path.exists() and path.read_text("utf-8") != text:
+        kept = path.with_suffix(".before.toml")
+        path.replace(kept)
+        steps.add(f"the scenario that was there is kept: {kept}")
+    path.write_text(text, "utf-8")
+    if course.wave_height:
+        steps.add(f"a sea of {course.wave_height:g} m, {course.wave_period:g} s, met 10 m down")
+    offsets = [f"{model.states[i - 1]} {v:+g}" for i, v in course.set_points.items()]
+    steps.add(f"set-points over the link, back to the trim from {', '.join(offsets) or 'there'}")
+
+
+def _subject(
+    model: LinearModel,
+    design: hinf.OutputFeedback,
+    sensors: Sequence[PlannedSensor],
+    course: FlightCourse,
+    outcome: Outcome,
+) -> PictureSubject:
+    aged = ", ".join(f"{s.name} up to {s.age:g} s old" for s in sensors)
+    gamma = "" if design.gamma is None else f"γ = {design.gamma:.3g} certified; "
+    return PictureSubject(
+        title=f"{model.vehicle.name}: {outcome.headline}",
+        subtitle=f"{gamma}{aged}; loop closed on board, set-points over the link",
+        states=model.states,
+        trim=[model.trim.state.get(name, 0.0) for name in model.states],
+        positions=list(course.set_points),
+        ages={s.name: s.age for s in sensors},
+        limits={a.command: a.limit for a in model.vehicle.actuators},
+    )
+
