@@ -27,7 +27,7 @@ VehicleArgument = Annotated[
     typer.Argument(
         metavar="VEHICLE",
         help="Name of a vehicle of the gallery, or FILE.toml.",
-        autocompletion=lambda text: [n for n in vehicles.VEHICLES if n.startswith(text)],
+        autocompletion=lambda incomplete: [n for n in vehicles.VEHICLES if n.startswith(incomplete)],
     ),
 ]
 

@@ -22,11 +22,11 @@ _OPERATIONS = (
 )
 _PROGRAMS = (
     *("model_constants", "model_rates", "model_other_outputs", "model_outputs_change"),
-    *("model_objection", "model_law"),
+    *("model_objection", "model_law", "model_compared", "model_decided"),
 )
 _TABLES = (
     *("model_inputs", "model_outputs", "model_states", "model_initials", "model_delays"),
-    *("model_others", "named"),
+    *("model_others", "named", "model_measured", "model_acting", "model_watched", "model_play"),
 )
 _MOST_TABLE = dict.fromkeys(_TABLES, 128) | {"model_states": 64, "model_delays": 8}
 _MOST_VARIABLES, _MOST_CONSTANTS, _MOST_SLOTS, _MOST_LANES = 4096, 1024, 2048, 64

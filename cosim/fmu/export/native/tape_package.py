@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import functools
+import json
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 from cosim.fmu.export.archive import deterministic_zip
@@ -26,6 +28,7 @@ KINDS = {
     "transport_link.c": "transport_link",
     "table.c": "table",
     "sensor.c": "sensor",
+    "observer.c": "observer",
 }
 """C file of a kind of behaviour -> name of its binary that reads the model."""
 
@@ -105,6 +108,17 @@ def _binary_path(kind: str, version: str, target: Platform) -> str:
     return f"binaries/fmi{version[0]}/{target.tuple_name}/{kind}{target.suffix}"
 
 
+def _a_pair() -> ComponentSpec:
+    """Return an output feedback of one state."""
+    one = [[1.0]]
+    plant = {"A": one, "B": one, "delays": []}
+    measured = [{"name": "y", "C": one, "d": 1.0}]
+    pair = {"kind": "output-feedback", "plant": plant, "measurements": measured, "K": one, "L": [one]}
+    variables = component_module("observer.variables")
+    found: ComponentSpec = variables.output_feedback_spec("Pair", json.dumps(pair).encode())
+    return replace(found, certificate=None)
+
+
 @functools.cache
 def _specimens() -> dict[str, ComponentSpec]:
     """Return a component of each kind; which one does not matter for the binary."""
@@ -113,6 +127,7 @@ def _specimens() -> dict[str, ComponentSpec]:
     return {
         "plant": component_module("delayed_plant.variables").SPEC,
         "feedback": component_module("hinf_controller.variables").PAPER_SPEC,
+        "observer": _a_pair(),
         "packet_link": link.packet_spec("Link", PacketLink("link", sample_time_ns=1), signals),
         "transport_link": link.transport_spec("Link", TransportLink("link"), signals),
         "table": component_module("signal_table.variables").table_spec(

@@ -119,11 +119,15 @@ static int receive(Observer *it, double *v, int i, Message *why) {
     double stored[MOST_STATES], found[MOST_INPUTS];
     look_up(&b->line, 0, lesser(greater(stamp, now - oldest), now), stored);
     model_compared(stored, v, b->constants, found);
-    unsigned all = FIELD(0, FIRST), first = FIELD(i, FIRST);
-    unsigned after = i + 1 < MEASUREMENTS ? FIELD(i + 1, FIRST) : all + (unsigned)(INPUTS - ACTING);
-    for (unsigned k = first; k < after; k++)
-        if (!isfinite(found[k - all])) return say(why, "%s is not finite", model_variables[k].name);
-    for (unsigned k = first; k < after; k++) v[k] = found[k - all];
+    const unsigned *innovation = model_inputs + ACTING;
+    unsigned first = FIELD(i, FIRST);
+    unsigned next = i + 1 < MEASUREMENTS ? FIELD(i + 1, FIRST) : (unsigned)MODEL_VARIABLES;
+    for (int k = 0; k < INPUTS - ACTING; k++) {
+        if (innovation[k] < first || innovation[k] >= next) continue; /* another measurement's */
+        if (!isfinite(found[k]))
+            return say(why, "%s is not finite", model_variables[innovation[k]].name);
+        v[innovation[k]] = found[k];
+    }
     p->used = stamp;
     p->any = 1.0;
     return 1;

@@ -90,6 +90,16 @@ void model_law(double elapsed, const double *v, const double *c, double *out) {
     perform(LAW, array, out);
 }
 
+void model_compared(const double *x, const double *v, const double *c, double *out) {
+    const double *array[ARRAYS] = {[V] = v, [C] = c, [X] = x};
+    perform(COMPARED, array, out);
+}
+
+void model_decided(const double *x, const double *v, const double *c, double *out) {
+    const double *array[ARRAYS] = {[V] = v, [C] = c, [X] = x};
+    perform(DECIDED, array, out);
+}
+
 /* ---- the file: words of 64 bits, little endian */
 
 static int64_t *words;
@@ -152,9 +162,12 @@ static void read_program(Reader *r, Program *p, int64_t most) {
 
 static int read_model(Reader *r) {
     static const int64_t most[TABLES] = {MOST_INPUTS,     MOST_OUTPUTS, MOST_STATES, MOST_REFERENCES,
-                                         MOST_DELAYS, MOST_OTHERS,  MOST_REFERENCES};
+                                         MOST_DELAYS, MOST_OTHERS,  MOST_REFERENCES,
+                                         MOST_MEASURED,  MOST_REFERENCES, MOST_REFERENCES,
+                                         MOST_REFERENCES};
     static const int64_t results[PROGRAMS] = {MOST_CONSTANTS, MOST_STATES, MOST_OTHERS,
-                                              MOST_OTHERS, MOST_REFERENCES, MOST_OUTPUTS};
+                                              MOST_OTHERS, MOST_REFERENCES, MOST_OUTPUTS,
+                                              MOST_INPUTS, MOST_DECIDED};
     take_one(r, INT64_C(0x4c45444f4d565541), INT64_C(0x4c45444f4d565541)); /* AUVMODEL */
     take_one(r, 1, 1);
     model.guid = take_text(r);

@@ -23,6 +23,8 @@
 #define MOST_CONSTANTS 1024
 #define MOST_LANES 64
 #define MOST_REFERENCES 128
+#define MOST_MEASURED MOST_REFERENCES
+#define MOST_DECIDED (2 * (MOST_OUTPUTS + MOST_REFERENCES) + 2)
 #define MOST_SLOTS 2048
 
 /* An operation on numbers of arrays; an operand is array * 2^32 + index. */
@@ -36,8 +38,10 @@ typedef struct {
     const int64_t *result; /* operands */
 } Program;
 
-enum { CONSTANTS_OF_A_RUN, RATES, OUTPUT_VALUES, OUTPUT_CHANGES, CONDITIONS, LAW, PROGRAMS };
-enum { TO_INPUTS, TO_OUTPUTS, TO_STATES, TO_INITIALS, TO_DELAYS, TO_OTHERS, TO_NAMED, TABLES };
+enum { CONSTANTS_OF_A_RUN, RATES, OUTPUT_VALUES, OUTPUT_CHANGES, CONDITIONS, LAW, COMPARED,
+       DECIDED, PROGRAMS };
+enum { TO_INPUTS, TO_OUTPUTS, TO_STATES, TO_INITIALS, TO_DELAYS, TO_OTHERS, TO_NAMED,
+       TO_MEASURED, TO_ACTING, TO_WATCHED, TO_PLAY, TABLES };
 enum { STEP, SAMPLE_TIME, LATE_FROM, LATE_TO, RUN_CONSTANTS, ROWS_OF_TABLE, NUMBERS };
 
 typedef struct {
@@ -70,6 +74,9 @@ void model_leave(void);
 #define MODEL_OTHERS (model.count[TO_OTHERS])
 #define MODEL_DELAYS (model.count[TO_DELAYS])
 #define MODEL_LANES (model.count[TO_INPUTS])
+#define MODEL_MEASURED (model.count[TO_MEASURED])
+#define MODEL_ACTING (model.count[TO_ACTING])
+#define MODEL_WATCHED (model.count[TO_WATCHED])
 #define MODEL_CONSTANTS (model.number[RUN_CONSTANTS])
 #define MODEL_ROWS (model.number[ROWS_OF_TABLE])
 #define MODEL_STEP (model.number[STEP])
@@ -85,6 +92,10 @@ void model_leave(void);
 #define model_initials (model.reference[TO_INITIALS])
 #define model_delays (model.reference[TO_DELAYS])
 #define model_others (model.reference[TO_OTHERS])
+#define model_measured (model.reference[TO_MEASURED])
+#define model_acting (model.reference[TO_ACTING])
+#define model_watched (model.reference[TO_WATCHED])
+#define model_play (model.reference[TO_PLAY])
 #define model_link_name (model.link)
 #define model_instants (model.instant)
 #define model_table (model.table)
@@ -97,5 +108,7 @@ void model_other_outputs(const double *x, const double *v, const double *c, doub
 void model_outputs_change(const double *x, const double *v, const double *c,
                           const double *change, double *out);
 void model_law(double elapsed, const double *v, const double *c, double *out);
+void model_compared(const double *x, const double *v, const double *c, double *out);
+void model_decided(const double *x, const double *v, const double *c, double *out);
 
 #endif
