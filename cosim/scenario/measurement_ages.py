@@ -21,6 +21,52 @@ from cosim.scenario.signal_reader import SignalReader
 Integers = NDArray[np.int64]
 
 
+class PacketsInUse:
+    """Which packets a controller with an observer has in use, interval by interval.
+
+    Parameters
+    ----------
+    names : of the measurements.
+    """
+
+    def __init__(self, names: Sequence[str]) -> None:
+        self._names = tuple(names)
+        self._begins: Integers | None = None
+        self._last = self._in_use = np.full((1, len(self._names)), -1)
+
+    def begin(self, controller: ComponentInstance) -> None:
+        """Find the stamps, and the ages beyond which a packet is ignored."""
+        self._instance = controller
+        self._reader = SignalReader(controller, [f"stamp.{name}" for name in self._names])
+        oldest = [_parameter(controller, f"age.{name}", np.inf) for name in self._names]
+        self._oldest_s = np.array(oldest) * (1 + 1e-12) + 1e-9
+
+    def add(self, first: int, last: int) -> tuple[Integers, Integers, Integers] | None:
+        """Return the intervals that end at the controller's points among these; None of none.
+
+        They are their beginnings and ends [ns], (n,), and the stamps in use before the first of
+        them and in each [ns], (n + 1, names); -1 where there was none.
+        """
+        stamps = self._reader.read(first, last)
+        own = own_points_in(self._instance, first, last)
+        if not own.size:
+            return None
+        times = self._instance.comm_points.points_ns[own]
+        taken = np.round(stamps[own - first] * 1e9).astype(np.int64)
+        begins = after(self._begins, times)
+        if self._begins is not None:
+            taken = np.concatenate((self._last, taken))
+        # the inputs of the last point are in use in an interval that has not ended yet
+        self._last, self._begins = taken[-1:].copy(), times[-1:].copy()
+        starts, ends, taken = begins[:-1], begins[1:], taken[:-1]
+        if not ends.size:
+            return None
+        taken = np.where((starts[:, None] - taken) / 1e9 > self._oldest_s, -1, taken)
+        used = np.maximum.accumulate(np.concatenate((self._in_use, taken)), axis=0)
+        self._in_use = used[-1:].copy()
+        return starts, ends, used
+
+
 class StampedAges(Measure[dict[str, MeasuredAges | None]]):
     """The ages of stamped measurements over a run, by name; None where none came into use.
 
@@ -39,39 +85,20 @@ class StampedAges(Measure[dict[str, MeasuredAges | None]]):
         watch: Callable[[Integers, Integers], None] | None = None,
     ) -> None:
         self._controller, self._names, self._watch = controller, tuple(names), watch
-        self._begins: Integers | None = None
-        self._in_use: Integers | None = None
+        self._packets = PacketsInUse(names)
         self._ages = [_Ages() for _ in names]
         self.reads_inputs = True
 
     def begin(self, instances: Sequence[ComponentInstance]) -> None:
         """Find the stamps."""
-        self._instance = next(s for s in instances if s.name == self._controller)
-        self._reader = SignalReader(self._instance, [f"stamp.{name}" for name in self._names])
-        oldest = [_parameter(self._instance, f"age.{name}", np.inf) for name in self._names]
-        self._oldest_s = np.array(oldest) * (1 + 1e-12) + 1e-9
+        self._packets.begin(next(s for s in instances if s.name == self._controller))
 
     def add(self, first: int, last: int) -> None:
         """Take the intervals that end at the points."""
-        stamps = self._reader.read(first, last)
-        own = own_points_in(self._instance, first, last)
-        if not own.size:
+        found = self._packets.add(first, last)
+        if found is None:
             return
-        times = self._instance.comm_points.points_ns[own]
-        taken = np.round(stamps[own - first] * 1e9).astype(np.int64)
-        before = np.full((1, len(self._names)), -1) if self._in_use is None else self._in_use
-        begins = after(self._begins, times)
-        # the inputs of the last point are in use in an interval that has not ended yet
-        if self._begins is not None:
-            taken = np.concatenate((self._last, taken))
-        self._last = taken[-1:].copy()
-        self._begins = times[-1:].copy()
-        starts, ends, taken = begins[:-1], begins[1:], taken[:-1]
-        if not ends.size:
-            return
-        taken = np.where((starts[:, None] - taken) / 1e9 > self._oldest_s, -1, taken)
-        used = np.maximum.accumulate(np.concatenate((before, taken)), axis=0)
-        self._in_use = used[-1:].copy()
+        starts, ends, used = found
         for j, ages in enumerate(self._ages):
             ages.add(starts, ends, used[:, j])
         if self._watch is not None:

@@ -22,6 +22,7 @@ from cosim.master import Connection, Run, System
 from cosim.models import Delay, total
 from cosim.scenario.age import AgeMeasure, MeasuredAges
 from cosim.scenario.age_claim import age_assumptions, age_figures, feedback_of
+from cosim.scenario.applied_commands import AppliedCommands
 from cosim.scenario.assertions import AssertionsMeasure
 from cosim.scenario.coupling import CouplingMeasure
 from cosim.scenario.cut_delays import CutMeasure
@@ -38,6 +39,7 @@ from cosim.scenario.measurement_claim import (
     measurement_age_figures,
     measurement_assumptions,
 )
+from cosim.scenario.noise_energy import NoiseEnergy
 from cosim.scenario.origin import Findings
 from cosim.scenario.performance import GainMeasure
 from cosim.scenario.plant import is_plant_of, is_vehicle_of
@@ -85,6 +87,7 @@ class RunFigures:
     ages : of the measurements in use; None without one.
     stamped_ages : of the measurements that carry stamps, by name; None without an observer.
     command_age_ns : the greatest age of an observer's command in use; None without one.
+    commands_known : whether the observer knew what acted; None without one.
     last_outputs : by component and output.
     coupling_delays_s, cut_delays_s : by connection.
     assertions : the verdicts.
@@ -96,6 +99,7 @@ class RunFigures:
     ages: MeasuredAges | None
     stamped_ages: Mapping[str, MeasuredAges | None] | None
     command_age_ns: int | None
+    commands_known: bool | None
     last_outputs: Mapping[str, Mapping[str, float]]
     coupling_delays_s: Mapping[str, float]
     cut_delays_s: Mapping[Connection, float]
@@ -113,7 +117,10 @@ class ZeroStateMeasures(Measures):
         self._gain = None
         if part is not None and prepared.problem is not None:
             problem = prepared.problem
-            self._gain = GainMeasure(part.plant, problem.system, problem.plant)
+            noise = None
+            if observes(prepared.design):
+                noise = NoiseEnergy(part.controller, part.plant, prepared.design, problem.plant)
+            self._gain = GainMeasure(part.plant, problem.system, problem.plant, noise)
         super().__init__(_made(self._saturation, self._largest, self._gain))
 
     def figures(self, run: Run) -> ZeroStateFigures:
@@ -149,7 +156,7 @@ class RunMeasures(Measures):
         }
         self._saturation = None if part is None else commands[part.controller]
         self._largest = self._age = self._last_outputs = self._coupling = self._cut = None
-        self._stamped = self._commands = None
+        self._stamped = self._commands = self._applied = None
         if wanted.has("events", "metrics.envelope_use", "metrics.assumptions"):
             self._largest = _envelope_measure(prepared, self._events.envelope)
         aged = part is not None and wanted.has("events", *_OF_AGE)
@@ -157,6 +164,10 @@ class RunMeasures(Measures):
             names = [each.name for each in prepared.design.measurements]
             self._stamped = StampedAges(part.controller, names, self._events.stamped)
             self._commands = CommandAge(part.controller, part.plant)
+            plant = None if prepared.problem is None else prepared.problem.plant
+            self._applied = AppliedCommands(
+                part.controller, part.plant, prepared.design.system, plant
+            )
         elif part is not None and aged:
             self._age = AgeMeasure(
                 part.plant, part.controller, scenario.run.algorithm, self._events.age
@@ -171,7 +182,7 @@ class RunMeasures(Measures):
         self._loss = LossBursts(system, self._collector) if wanted.has("events") else None
         self._others = [m for m in commands.values() if m is not self._saturation]
         found = (self._saturation, self._largest, self._age, self._last_outputs, self._coupling)
-        last = _made(self._stamped, self._commands, self._cut, self._assertions, self._loss)
+        last = _made(self._stamped, self._commands, self._applied, self._cut, self._assertions, self._loss)
         super().__init__([*_made(*found), *last, *self._others], at_once=at_once)
 
     def log(self, time_ns: int, level: str, name: str, message: str) -> None:
@@ -193,6 +204,7 @@ class RunMeasures(Measures):
             ages=None if self._age is None else self._age.result(run),
             stamped_ages=None if self._stamped is None else self._stamped.result(run),
             command_age_ns=None if self._commands is None else self._commands.result(run),
+            commands_known=None if self._applied is None else self._applied.result(run),
             last_outputs={} if self._last_outputs is None else self._last_outputs.result(run),
             coupling_delays_s={} if self._coupling is None else self._coupling.result(run),
             cut_delays_s={} if self._cut is None else self._cut.result(run),
@@ -352,6 +364,8 @@ def _assumptions(context: RunContext) -> dict[str, bool]:
             context.system.comm_schedule.step_ns,
             substituted=any(figures["substitutions"] for figures in context.links.values()),
         )
+        if context.figures.commands_known is not None:
+            result["observer_knows_commands"] = context.figures.commands_known
     elif designed is not None:
         substituted = any(figures["substitutions"] for figures in context.links.values())
         result["message_age_within_design"] = (

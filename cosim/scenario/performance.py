@@ -67,39 +67,51 @@ def _plain(names: Sequence[str], mapped: NDArray[np.float64] | None = None) -> L
 class GainMeasure(Measure[float | None]):
     """sqrt(int z'z / int w'w) over the run.
 
-    None without a disturbance or without z, of a plant that is not known, and of a failed run.
+    None without a disturbance or without z, of a plant that is not known, and of a failed run; and
+    where measurements have a noise that the design has not.
 
     Parameters
     ----------
     plant : name of the plant.
     system : the system it was designed as.
     seen_as : how the plant is seen as that system, where the design knows.
+    noise : of the measurements of an observer, which is a disturbance as w is.
     """
 
     def __init__(
-        self, plant: str, system: DelaySystem, seen_as: DesignedPlant | None = None
+        self,
+        plant: str,
+        system: DelaySystem,
+        seen_as: DesignedPlant | None = None,
+        noise: Measure[float | None] | None = None,
     ) -> None:
         self._plant, self._system, self._seen_as = plant, system, seen_as
+        self._noise = noise
         self._readers: tuple[SignalReader, ...] = ()
         self._before: tuple[Any, ...] = (None, None, None, None)
         self._disturbance, self._outset, self._end = _Integral(), _Integral(), _Integral()
 
     def begin(self, instances: Sequence[ComponentInstance]) -> None:
         """Bind the variables of the plant."""
+        if self._noise is not None:
+            self._noise.begin(instances)
         instance = next((s for s in instances if s.name == self._plant), None)
         binding = None if instance is None else binding_for(instance, self._system, self._seen_as)
         if instance is None or binding is None or not self._system.has_performance:
             return
         self._instance, self._binding = instance, binding
-        self._readers = tuple(_reader(instance, group.names) for group in binding)
+        self._readers = tuple(reader_of(instance, group.names) for group in binding)
         self.reads_inputs = any(reader.reads_inputs for reader in self._readers)
+        self.reads_inputs |= self._noise is not None
 
     def add(self, first: int, last: int) -> None:
         """Add the integrals over the intervals that end at the points."""
         if not self._readers:
             return
+        if self._noise is not None:
+            self._noise.add(first, last)
         x, u, w = (
-            _of(group, reader.read(first, last))
+            vector_of(group, reader.read(first, last))
             for group, reader in zip(self._binding, self._readers, strict=True)
         )
         direct = _times(w, self._system.D1) + _times(u, self._system.D2)
@@ -120,7 +132,10 @@ class GainMeasure(Measure[float | None]):
 
     def result(self, run: Run) -> float | None:
         """Return the gain."""
-        energy_in = self._disturbance.value
+        noise = 0.0 if self._noise is None or not self._readers else self._noise.result(run)
+        if noise is None:
+            return None
+        energy_in = self._disturbance.value + noise
         if run.status == "failed" or energy_in == 0.0:
             return None
         energy_out = 0.5 * (self._outset.value + self._end.value)
@@ -141,7 +156,7 @@ class _Integral:
         self.value = float(np.cumsum(np.concatenate(([self.value], parts)))[-1])
 
 
-def _of(group: LinearSignals, rows: NDArray[np.float64]) -> NDArray[np.float64]:
+def vector_of(group: LinearSignals, rows: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the entries of a vector of the linear model from the values of its variables."""
     deviation = rows - np.array(group.trim)
     return deviation if group.map is None else _times(deviation, group.map)
@@ -154,7 +169,7 @@ def _times(rows: NDArray[np.float64], matrix: NDArray[np.float64]) -> NDArray[np
     return np.column_stack(wide) if wide else np.zeros((len(rows), 0))
 
 
-def _reader(instance: ComponentInstance, names: Sequence[str]) -> SignalReader:
+def reader_of(instance: ComponentInstance, names: Sequence[str]) -> SignalReader:
     """Return a reader of variables of a plant; unconnected inputs are at their start."""
     parameters, ports = instance.component.parameters, instance.component.description.ports
     recorded = {c.name for c in (*instance.output_columns, *instance.input_columns)}

@@ -122,6 +122,10 @@ def _words(name: str, met: Any, metrics: Mapping[str, Any]) -> tuple[str, str]:
             return "The state stayed inside the envelope of the proof", _envelope(metrics)
         case "limits_not_reached":
             return "No command stood at its limit", _limits(met, metrics)
+        case "observer_knows_commands":
+            same = "what the plant received is what the observer took to act, at every point"
+            other = "what the plant received was not always what the observer took to act"
+            return "The observer knew the commands that acted", same if met is True else other
         case "plant_as_designed":
             same = "every parameter of the plant is that of the design's model"
             other = "the plant of the run has other parameters than the design's model"
