@@ -14,13 +14,13 @@ from cosim.models import Measurement
 from cosim.scenario import FmuCache, execute_unrecorded, parse, prepare
 from tests.vehicle.monolithic import Loop, Packet, simulate
 
-A, LATE = np.array([[0.0, 1.0], [0.0, -0.1]]), np.array([[0.0, 0.0], [0.0, -0.2]])
+A, LATE = np.array([[0.0, 1.0], [-8.0, -4.0]]), np.array([[0.0, 0.0], [0.0, -0.2]])
 AGE = 0.37
 K = np.array([[-0.3, -0.9]])
-L = [np.array([[0.35], [0.05]]), np.array([[0.2], [0.9]])]
+L = [np.array([[0.15], [0.1]]), np.array([[0.0], [0.2]])]
 C = [np.array([[1.0, 0.0]]), np.array([[0.0, 1.0]])]
-START, ESTIMATE, LIMIT = (2.0, -0.3), (1.5, 0.0), 0.35
-STEP, END = 0.05, 12.0
+START, ESTIMATE, LIMIT = (2.0, -0.3), (1.5, 0.0), 0.3
+STEP, END = 0.05, 5.0
 FIX, TRANSIT, SPEED = 0.4, 0.55, 0.1
 
 SCENARIO = f"""
@@ -52,7 +52,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     made = tmp_path_factory.mktemp("axis")
     system = DelaySystem(
         A, [[0.0], [1.0]], [[0.0], [1.0]], [[0.1, 0.0], [0.0, 0.0]], D2=[[0.0], [1.0]],
-        delays=[Delay(AGE, LATE, any_age=True)],
+        delays=[Delay(AGE, LATE)],
     )  # fmt: skip
     ages = (1.2, 0.3)
     measured = [
@@ -116,12 +116,10 @@ def alone(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def test_a_flight_agrees_with_one_simulation_of_everything(folder: Path) -> None:
     """The error falls by 16 as the integration step is halved: limits, delay and late fixes."""
-    errors = []
-    for step in (0.05, 0.025):
-        found = flown(folder, step)
-        truth, command = alone(found["points"])
-        errors.append(float(np.abs(found["flight"] - truth).max()))
-        assert np.abs(found["command"] - command).max() < 1e-6
+    coarse, fine = flown(folder, 0.05), flown(folder, 0.025)
+    truth, command = alone(coarse["points"])
+    errors = [float(np.abs(one["flight"] - truth).max()) for one in (coarse, fine)]
     assert np.abs(command).max() == LIMIT
-    assert errors[0] < 1e-7
-    assert 10 < errors[0] / errors[1] < 24
+    assert np.abs(fine["command"] - command).max() < 1e-4
+    assert errors[0] < 1e-3
+    assert 13 < errors[0] / errors[1] < 20
