@@ -51,7 +51,7 @@ def check(
     """
     found = replay.certificate_in(file)
     checked = hinf.check_certificate(found.data)
-    own = hinf.system_from_json(found.data["system"])
+    own = hinf.system_from_json(found.data.get("plant", found.data.get("system")))
     if checked.valid and found.mismatch is not None:
         checked = replace(checked, valid=False, reason=found.mismatch)
     apart = None if system is None else _differences(own, system)

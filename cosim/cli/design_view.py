@@ -225,8 +225,13 @@ def packed_view(packed: ControllerFmu) -> RenderableType:
     """Show a controller FMU that was exported, and what its certificate proves."""
     head = Text.assemble(("packed", "bold green"), f": {packed.path}")
     facts = facts_table()
-    how = "eta, nu to thrust" if packed.form == "vehicle" else "x[j] to u[i]"
-    facts.add_row("model", packed.name, f"{packed.kind.text}; {how}")
+    how = {
+        "vehicle": "eta, nu to thrust",
+        "system": "x[j] to u[i]",
+        "output-feedback": "stamped measurements to u[i]",
+        "observer": "stamped measurements and u[i] to the estimate",
+    }[packed.form]
+    facts.add_row("model", packed.name, Text(f"{packed.kind.text}; {how}"))
     facts.add_row("K", f"{len(packed.K)} x {len(packed.K[0])}", Text("start values of K[i,j]"))
     gamma = packed.claim["gamma"]
     if gamma is not None:

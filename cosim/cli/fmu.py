@@ -208,15 +208,21 @@ def controller(
             "per control input."
         ),
     ] = None,
+    observer: Annotated[
+        bool,
+        typer.Option("--observer", help="Of an output feedback, only the observer."),
+    ] = False,
     as_json: JsonOption = False,
 ) -> None:
     """Export a saved design as a controller FMU with gain, limits, certificate and documentation.
 
     The proof is checked before anything is written. A design for the vehicle gives a
     controller from position and velocity to thrust, like HinfController; any other design gives
-    a controller from the state x to the control u. Gain, limits and sample time are parameters;
-    the certificate holds for the gain that the FMU starts with. A scenario that connects this FMU
-    to its plant needs no [design]: the certificate counts.
+    a controller from the state x to the control u. The design of an output feedback gives one with
+    its observer inside: from measurements, each with the time at which it was taken, to the
+    control. Gain, limits and sample time are parameters; the certificate holds for what the FMU
+    starts with. A scenario that connects this FMU to its plant needs no [design]: the certificate
+    counts.
 
     \b
     cosim fmu controller gain.json -o my-controller.fmu
@@ -239,6 +245,7 @@ def controller(
         name=name,
         sample_time=sample_time,
         limits=bounds,
+        observer=observer,
     )
     answer(
         as_json,

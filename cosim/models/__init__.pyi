@@ -2,6 +2,11 @@ from . import (
     paper_example as paper_example,
     waves as waves,
 )
+from .assumptions import (
+    greatest_share as greatest_share,
+    share_of_age as share_of_age,
+    watch as watch,
+)
 from .auv import (
     STATE as STATE,
     TABLE_1 as TABLE_1,
@@ -34,7 +39,6 @@ from .measurement import (
 )
 from .observer import (
     acting_control as acting_control,
-    greatest_share as greatest_share,
     innovation as innovation,
 )
 from .products import (

@@ -32,11 +32,3 @@ def acting_control(
     """
     moved = [a - b for a, b in zip(commands, trim, strict=True)] if trim else list(commands)
     return moved if allocation is None else product(allocation, moved)
-
-
-def greatest_share(values: Sequence[Any], bounds: Sequence[Any], ns: Any) -> Any:
-    """Return the greatest |value| / bound; 0 without any. `ns` provides `max` of two."""
-    greatest: Any = 0.0
-    for value, bound in zip(values, bounds, strict=True):
-        greatest = ns.max(greatest, ns.max(value, -value) / bound)
-    return greatest

@@ -11,14 +11,12 @@ import numpy as np
 
 from cosim import hinf
 from cosim.core import InputError, NotAchievableError
-from cosim.fmu import FmuDescription, component_module
+from cosim.fmu import FmuDescription, certified_values
 from cosim.models import Delay, DelaySystem
 from cosim.scenario.age_claim import feedback_of
 from cosim.scenario.designed_plant import PLANT_NOTE, DesignedPlant
 from cosim.scenario.feedback_age import FeedbackAge
 from cosim.scenario.schema import DesignPart
-
-_OBSERVER = "observer.variables"
 
 if TYPE_CHECKING:
     AnyDesign = hinf.Design | hinf.OutputFeedback
@@ -366,7 +364,7 @@ def controller_parameters(found: AnyDesign, controller: FmuDescription) -> dict[
     """
     if not observes(found):
         return gain_parameters(found.K, controller)
-    values: dict[str, float] = component_module(_OBSERVER).design_parameters(found.certificate)
+    values = certified_values(found.certificate)
     unlike = [name for name in values if name not in controller.ports]
     if unlike:
         raise InputError(

@@ -20,6 +20,8 @@ from cosim.models import (
     greatest_share,
     innovation,
     linear_derivatives,
+    share_of_age,
+    watch,
 )
 
 _MOST = 2**31 - 1  # greatest Integer of FMI
@@ -55,7 +57,7 @@ class Observer(DelayPlant):
         self.inputs = [*self.acting, *self.innovations]
         self.uses = ["age", "envelope", *(["saturation"] if self.commands else [])]
         self._bounded: list[int] = constants["envelope"]
-        self._limited: bool = constants["limited"]
+        self._with_limits: bool = constants["with_limits"]
         self._mapped: bool = constants["mapped"]
         self._trimmed: bool = constants["trimmed"]
 
@@ -65,7 +67,7 @@ class Observer(DelayPlant):
         """Bounds that shares are taken of must be positive."""
         bounds = [f"age.{one.name}" for one in self.measured]
         bounds += [f"envelope[{i}]" for i in self._bounded]
-        bounds += [f"limit.{name}" for name in self.commands] if self._limited else []
+        bounds += [f"limit.{name}" for name in self.commands] if self._with_limits else []
         return [(v[name], f"{name} must be positive") for name in bounds]
 
     def memory(self, v: Any) -> Any:
@@ -83,7 +85,9 @@ class Observer(DelayPlant):
         found = {f"A{i}": entries(f"A{i}", n, n) for i in late}
         found |= {"A": entries("A", n, n), "B": entries("B", n, m)}
         injections = [entries(f"L.{one.name}", n, len(one.values)) for one in self.measured]
-        found["C"] = [[x for rows in parts for x in rows] for parts in zip(*injections, strict=True)]
+        found["C"] = [
+            [x for rows in parts for x in rows] for parts in zip(*injections, strict=True)
+        ]
         seen = {one.name: entries(f"C.{one.name}", len(one.values), n) for one in self.measured}
         if not self.commands:
             return found, seen, None, None, None
@@ -125,7 +129,7 @@ class Observer(DelayPlant):
         free = feedback_command(K, x, reference, thrust_map)
         if trim:
             free = [a + b for a, b in zip(free, trim, strict=True)]
-        limits = [v[f"limit.{name}"] for name in self.commands] if self._limited else []
+        limits = [v[f"limit.{name}"] for name in self.commands] if self._with_limits else []
         found: list[Any] = []
         for values in (free, [v[f"safe.{name}"] for name in self.commands]):
             commands = clamped_command(values, limits, ns) if limits else values
@@ -142,14 +146,16 @@ class Observer(DelayPlant):
         self._start, self._samples = start, 0
         # the last stamp seen, the one in use, and whether there is one
         self._stamps = [[v[f"stamp.{one.name}"], start, 0] for one in self.measured]
-        self._ahead: list[list[float]] = []  # instant and control of own commands on their way
+        # own commands on their way: the time of the estimate behind each, and its control
+        self._ahead: list[list[float]] = []
+        self._behind = start  # time of the estimate behind the control that acts
         self._notice: str | None = None
         for one in self.measured:
             v[f"message_age.{one.name}"] = 0.0
             v[f"ignored.{one.name}"] = 0
         for use in self.uses:
             v[f"present.{use}"] = v[f"assumption.{use}"] = 0.0
-        v["assumption.met"] = 1
+        watch(v, self.uses)
         if self.commands:
             v["watchdog"] = 0
 
@@ -164,25 +170,25 @@ class Observer(DelayPlant):
         for one, state in zip(self.measured, self._stamps, strict=True):
             self._receive(v, one, state)
         near = 16.0 * math.ulp(max(1.0, abs(end)))
-        while self._ahead and self._ahead[0][0] < end - near:
-            instant, *acting = self._ahead.pop(0)
+        later, oldest = v["command.delay"] if self.commands else 0.0, 0.0
+        while self._ahead and self._ahead[0][0] + later < end - near:
+            instant = self._ahead[0][0] + later
             if instant > self._line.time:
                 super().advance(v, instant)
-            v.update(zip(self.acting, acting, strict=True))
+            oldest = max(oldest, instant - self._behind)
+            self._act(v)
         super().advance(v, end)
-        late = self._ages(v, end)
+        late = self._ages(v, end, max(oldest, end - self._behind))
         found = self.decided(v, self._line.x, self._constants, builtins)
         if not all(map(math.isfinite, [v["present.age"], *found])):
             raise ArithmeticError(f"a command or the use of an assumption at {end!r} s overflows")
         if self.commands:
             self._command(v, end, late, found)
-            while self._ahead and self._ahead[0][0] <= end + near:
-                v.update(zip(self.acting, self._ahead.pop(0)[1:], strict=True))
+            while self._ahead and self._ahead[0][0] + later <= end + near:
+                self._act(v)
         else:
             v["present.envelope"] = found[0]
-        for use in self.uses:
-            v[f"assumption.{use}"] = max(v[f"assumption.{use}"], v[f"present.{use}"])
-        v["assumption.met"] = int(all(v[f"assumption.{use}"] <= 1.0 for use in self.uses))
+        watch(v, self.uses)
 
     def _receive(self, v: dict[str, float], one: Measured, state: list[float]) -> None:
         """Take a packet with a new stamp: its innovation is held from now on."""
@@ -206,18 +212,26 @@ class Observer(DelayPlant):
         v.update((self.innovations[i], found[i]) for i in own)
         state[1:] = [stamp, 1]
 
-    def _ages(self, v: dict[str, float], end: float) -> Measured | None:
-        """Write ages and their use; return the first measurement that is too old."""
-        near, greatest, late = 1e-9 * max(1.0, abs(end)), 0.0, None
+    def _act(self, v: dict[str, float]) -> None:
+        self._behind, *control = self._ahead.pop(0)
+        v.update(zip(self.acting, control, strict=True))
+
+    def _ages(self, v: dict[str, float], end: float, oldest: float) -> Measured | None:
+        """Write ages and their use; return the first measurement that is too old.
+
+        `oldest` : the greatest age of an estimate behind the control that acted in this step.
+        """
+        greatest, late = 0.0, None
         for one, state in zip(self.measured, self._stamps, strict=True):
-            age, most = end - state[1], v[f"age.{one.name}"]
-            share = age / most
-            if age <= most + near:
-                share = min(share, 1.0)
-            elif late is None:
-                late = one
+            age = end - state[1]
+            share, beyond = share_of_age(age, v[f"age.{one.name}"], end)
             greatest = max(greatest, share)
+            if beyond and late is None:
+                late = one
             v[f"message_age.{one.name}"] = age
+        if self.commands and v["age.command"] > 0.0:
+            share, _ = share_of_age(oldest, v["age.command"], end)
+            greatest = max(greatest, share)
         v["present.age"] = greatest
         return late
 
@@ -244,7 +258,7 @@ class Observer(DelayPlant):
             v["present.saturation"] = found[-1]
         chosen = found[r + m : 2 * (r + m)] if late is not None else found[: r + m]
         v.update(zip(self.commands, chosen[:r], strict=True))
-        self._ahead.append([end + v["command.delay"], *chosen[r:]])
+        self._ahead.append([end, *chosen[r:]])
 
     def notice(self) -> str | None:
         """Return, once, what the last step has to report."""
@@ -261,19 +275,23 @@ class Observer(DelayPlant):
             "samples": self._samples,
             "stamps": self._stamps,
             "ahead": self._ahead,
+            "behind": self._behind,
         }
 
     def restore(self, saved: dict[str, Any]) -> None:
         """Return to a `snapshot`; the parameters are restored with the variables."""
         super().restore(saved)
         self._start, self._samples = saved["start"], saved["samples"]
+        self._behind = saved["behind"]
         self._stamps = [list(state) for state in saved["stamps"]]
         self._ahead = [list(one) for one in saved["ahead"]]
 
 
 def _notice_of(late: Measured | None, v: dict[str, float], end: float) -> str:
     if late is None:
-        return f"watchdog at t = {end!r} s: all ages are allowed again, commands follow the estimate"
+        return (
+            f"watchdog at t = {end!r} s: all ages are allowed again, commands follow the estimate"
+        )
     age, most = v[f"message_age.{late.name}"], v[f"age.{late.name}"]
     return (
         f"watchdog at t = {end!r} s: {late.name} is {age!r} s old, age.{late.name} is {most!r} s: "

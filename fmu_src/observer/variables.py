@@ -6,21 +6,32 @@ Their start values are the doubles of a certificate of kind "output-feedback".
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from cosim.core import InputError
 from cosim.fmu import ComponentSpec, Variable, component_module, solver_step
+
+from .allocation import maps_between
+from .page import notes
 
 _PLANT = component_module("delayed_plant.variables")
 _SOURCES = (
     *("cosim.models.products", "cosim.models.delayed_linear", "cosim.models.delay_line"),
-    *("cosim.models.feedback", "cosim.models.observer", "cosim.fmu.export.python.delay_plant"),
-    "cosim.components.observer.behaviour",
+    *("cosim.models.feedback", "cosim.models.observer", "cosim.models.assumptions"),
+    *("cosim.fmu.export.python.delay_plant", "cosim.components.observer.behaviour"),
 )
 _STEP = 0.05  # [s], of the default experiment
 _NEVER = -1.0  # stamp of an input that has had no packet
+_USES = {"age": "greatest ages", "envelope": "envelope", "saturation": "limits of the commands"}
+_MAPS = {
+    "thrust_map": "entry ({i},{j}) of the map from controls to commands",
+    "allocation": "entry ({i},{j}) of the map from commands to controls",
+}
 
 
 def observer_spec(
@@ -30,24 +41,24 @@ def observer_spec(
     ages: Mapping[str, float] | None = None,
     envelope: Mapping[int, float] | None = None,
     initial: Sequence[float] = (),
+    units: Sequence[str | None] = (),
+    trim_measured: Mapping[str, Sequence[float]] | None = None,
     stop: float = 60.0,
 ) -> ComponentSpec:
     """Specify the observer of a certificate alone, which is told the control that acts.
 
-    `ages`, `envelope`, `initial` : as for `output_feedback_spec`.
+    Parameters are those of `output_feedback_spec`.
     """
-    own = _Part(json.loads(certificate), ages or {}, envelope or {}, initial)
-    inputs = [
-        Variable(u, "input", "control as it acts: limited, and at the time at which it acts")
-        for u in own.controls("u")
-    ]
+    own = _Pair(json.loads(certificate), ages, envelope, initial, units)
+    text = "control that acts: limited, and at the time at which it does"
+    trims = [] if trim_measured is None else own.trims(trim_measured)
     return own.spec(
         name,
-        "Observer of late measurements, with the estimate of a certified pair",
-        [*own.measured(), *inputs],
+        "Observer of late measurements, of a certified pair",
+        [*own.measured(), *(Variable(u, "input", text) for u in own.controls("u"))],
         [*own.results(), *own.watched(("age", "envelope"))],
-        [*own.matrices(), *own.settings()],
-        {"commands": [], "limited": False, "mapped": False, "trimmed": False},
+        [*own.matrices(), *trims, *own.settings()],
+        {"commands": [], "with_limits": False, "mapped": False, "trimmed": bool(trims)},
         certificate,
         stop,
     )
@@ -60,10 +71,11 @@ def output_feedback_spec(
     sample_time: float = 0.0,
     limits: Sequence[float] = (),
     safe: Sequence[float] = (),
-    command_delay: float = 0.0,
+    command_delay: float | None = None,
     ages: Mapping[str, float] | None = None,
     envelope: Mapping[int, float] | None = None,
     initial: Sequence[float] = (),
+    units: Sequence[str | None] = (),
     outputs: Sequence[tuple[str, str | None]] = (),
     allocation: Sequence[Sequence[float]] = (),
     thrust_map: Sequence[Sequence[float]] = (),
@@ -76,12 +88,13 @@ def output_feedback_spec(
     Parameters
     ----------
     sample_time : of the commands [s]; 0: at every communication point.
-    limits, safe : one per output; no limits by default, and safe values of zero.
-    command_delay : after which a command acts, by play-out at the actuator [s].
-    ages : greatest age per measurement [s]; by default what the certificate allows, less the age
-        that it allows the command.
+    limits, safe : one per output; by default no limits, and safe values of zero, or of `trim`.
+    command_delay : after which a command acts, by play-out at the actuator [s]; by default the
+        age of the command where the certificate is about just this one, else 0.
+    ages : greatest age per measurement [s]; by default, and at most, that of the certificate.
     envelope : bound by the number of a state (from 1), where the proof has one.
     initial : estimate for t <= start, length n; zero by default.
+    units : of the states.
     outputs : name and unit of each; u[1], u[2], ... by default.
     allocation : (m, r) the control u that outputs give, where they are not u themselves.
     thrust_map : (r, m) outputs for a control u; by default the pseudo-inverse of `allocation`.
@@ -90,118 +103,74 @@ def output_feedback_spec(
 
     Raises
     ------
-    InputError : sizes that do not fit, or an allocation that does not give every control.
+    InputError : another certificate, sizes that do not fit, or maps that are no inverse of each
+        other.
     """
-    own = _Part(json.loads(certificate), ages or {}, envelope or {}, initial)
-    m = len(own.B[0])
+    own = _Pair(json.loads(certificate), ages, envelope, initial, units)
     named = list(outputs) or [(u, None) for u in own.controls("u")]
-    names, r = [one for one, _ in named], len(named)
-    maps = _maps(allocation, thrust_map, m, r)
+    names, unit_of = [one for one, _ in named], dict(named)
+    maps = maps_between(thrust_map, allocation, len(own.B[0]), len(named))
     for word, values in (("limits", limits), ("safe", safe), ("trim", trim)):
-        if len(values) not in (0, r):
-            raise InputError(
-                f"the {word} do not fit the outputs", expected=str(r), got=str(len(values))
-            )
-    trimmed = bool(trim) or trim_measured is not None
-    K = own.data["K"]
+        own.fits(word, values, len(named), "one per output")
     references = [
-        Variable(f"reference[{i}]", "input", f"set point of state {i}") for i in own.numbers
+        Variable(f"reference[{i}]", "input", f"set point of state {i}", own.units[i - 1])
+        for i in own.numbers
     ]
-    commands = [
-        Variable(one, "output", f"command {one}, held between samples", unit, discrete=True)
-        for one, unit in named
-    ]
-    applied = [
-        Variable(u, "output", f"control that the observer takes to act, {u}", discrete=True)
-        for u in own.controls("applied")
-    ]
-    text = "1: a measurement is too old, and the safe values are commanded; 0: they are not"
-    watchdog = Variable("watchdog", "output", text, kind="Integer")
-    units = dict(named)
-    feedback = [*_entries("K", K, "gain of control {i} on state {j}, u = K xh")]
-    for letter, matrix in maps.items():
-        feedback += _entries(letter, matrix, f"entry ({{i}},{{j}}) of the {_MAPS[letter]}")
-    feedback += [
-        Variable(f"limit.{one}", "parameter", f"largest {one}", units[one], value, minimum=0.0)
-        for one, value in zip(names if limits else (), limits, strict=True)
-    ]
-    feedback += [
-        Variable(f"safe.{one}", "parameter", f"safe value of {one}", units[one], value)
-        for one, value in zip(names, safe or [0.0] * r, strict=True)
-    ]
-    if trimmed:
-        offsets = dict(zip(names, trim or [0.0] * r, strict=True))
-        for one, values in own.of_measurements(trim_measured or {}).items():
-            offsets |= {f"{one}[{i}]": value for i, value in enumerate(values, 1)}
-        feedback += [
-            Variable(f"trim.{one}", "parameter", f"{one} at the trim", units.get(one), value)
-            for one, value in offsets.items()
-        ]
-    period = "sampling period of the commands; 0: at every communication point"
-    feedback += [
-        Variable("sample_time", "parameter", period, "s", sample_time, minimum=0.0),
-        Variable(
-            *("command.delay", "parameter", "time after which a command acts at the actuator"),
-            *("s", command_delay),
-            minimum=0.0,
+    results = [
+        *(
+            Variable(one, "output", f"command {one}, held between samples", unit, discrete=True)
+            for one, unit in named
         ),
+        *(
+            Variable(u, "output", "control that acts, as the observer knows it", discrete=True)
+            for u in own.controls("applied")
+        ),
+        *own.results(),
+        Variable(
+            *("watchdog", "output", "1 while a measurement is too old, and safe values are in use"),
+            kind="Integer",
+        ),
+        *own.watched(tuple(_USES)),
     ]
+    parameters = [
+        *own.matrices(),
+        *_entries("K", own.data["K"], "gain of control {i} on state {j}, u = K (xh - reference)"),
+        *(v for letter, matrix in maps.items() for v in _entries(letter, matrix, _MAPS[letter])),
+    ]
+    trims: dict[str, float] = {}
+    if len(trim) or trim_measured is not None:
+        trims = dict(zip(names, trim or [0.0] * len(named), strict=True))
+    for word, text, starts in (
+        ("limit", "largest", dict(zip(names, limits, strict=False))),
+        (
+            "safe",
+            "safe value of",
+            dict(zip(names, safe or trim or [0.0] * len(named), strict=True)),
+        ),
+        ("trim", "value at the trim of", trims),
+    ):
+        least = 0.0 if word == "limit" else None
+        parameters += [
+            Variable(f"{word}.{x}", "parameter", f"{text} {x}", unit_of[x], value, minimum=least)
+            for x, value in starts.items()
+        ]
+    if trims:
+        parameters += own.trims(trim_measured or {})
     return own.spec(
         name,
-        "Observer of late measurements and sampled feedback of its estimate, as certified",
+        "Observer of late measurements and feedback of its estimate, as certified",
         [*own.measured(), *references],
-        [*commands, *applied, *own.results(), watchdog]
-        + own.watched(("age", "envelope", "saturation")),
-        [*own.matrices(), *feedback, *own.settings()],
+        results,
+        [*parameters, *own.command(sample_time, command_delay), *own.settings()],
         {
             "commands": names,
-            "limited": bool(limits),
-            "mapped": bool(maps),
-            "trimmed": trimmed,
+            "with_limits": len(limits) > 0,
+            "mapped": len(maps) > 0,
+            "trimmed": len(trims) > 0,
         },
         certificate,
         stop,
     )
-
-
-_MAPS = {
-    "thrust_map": "map from controls to commands",
-    "allocation": "map from commands to controls",
-}
-
-
-def _maps(
-    allocation: Sequence[Sequence[float]], thrust_map: Sequence[Sequence[float]], m: int, r: int
-) -> dict[str, list[list[float]]]:
-    """Return both maps, each the pseudo-inverse of the other where one is given; none of none."""
-    if not len(allocation) and not len(thrust_map):
-        if m != r:
-            raise InputError(
-                "the outputs need an allocation", expected=f"{m} outputs", got=f"{r} outputs"
-            )
-        return {}
-    # imported for maps alone: what is packed without one is described without it
-    import numpy as np  # noqa: PLC0415
-
-    given = {"thrust_map": (thrust_map, (r, m)), "allocation": (allocation, (m, r))}
-    found = {}
-    for name, (matrix, shape) in given.items():
-        if len(matrix):
-            found[name] = np.array(matrix, dtype=float)
-            if found[name].shape != shape:
-                raise InputError(f"the {name} does not fit", expected=f"{shape}", got=str(found[name].shape))
-    for name, other in (("thrust_map", "allocation"), ("allocation", "thrust_map")):
-        if name not in found:
-            found[name] = np.linalg.pinv(found[other])
-    off = np.abs(found["allocation"] @ found["thrust_map"] - np.eye(m)).max()
-    if not off < 1e-6:  # noqa: PLR2004 - rounding of maps with six digits
-        raise InputError(
-            "the outputs do not give the control that is commanded",
-            expected="allocation @ thrust_map = I",
-            got=f"off by {off:.3g}",
-            hint="an actuator for each controlled direction",
-        )
-    return {name: found[name].tolist() for name in given}
 
 
 def _entries(letter: str, matrix: Sequence[Sequence[float]], text: str) -> Iterator[Variable]:
@@ -210,15 +179,20 @@ def _entries(letter: str, matrix: Sequence[Sequence[float]], text: str) -> Itera
             yield Variable(f"{letter}[{i},{j}]", "parameter", text.format(i=i, j=j), None, value)
 
 
-class _Part:
-    """What both FMUs of a certificate have."""
+def _seconds(name: str, text: str, value: float) -> Variable:
+    return Variable(name, "parameter", text, "s", value, minimum=0.0)
+
+
+class _Pair:
+    """What both FMUs of a certificate have, list by list."""
 
     def __init__(
         self,
         data: Any,
-        ages: Mapping[str, float],
-        envelope: Mapping[int, float],
+        ages: Mapping[str, float] | None,
+        envelope: Mapping[int, float] | None,
         initial: Sequence[float],
+        units: Sequence[str | None],
     ) -> None:
         if data.get("kind") != "output-feedback":
             raise InputError(
@@ -226,64 +200,90 @@ class _Part:
                 expected='kind "output-feedback"',
                 got=repr(data.get("kind")),
             )
-        self.data, self.envelope = data, envelope
-        plant = data["plant"]
+        self.data, plant = data, data["plant"]
         self.A, self.B = plant["A"], plant["B"]
+        n = len(self.A)
         # a delay through which only the control acts is the link's
         self.late = [d for d in plant["delays"] if any(any(row) for row in d["A"])]
         self.delays = _PLANT.delay_names(len(self.late))
-        self.numbers = range(1, len(self.A) + 1)
+        self.numbers = range(1, n + 1)
         self.measurements = {one["name"]: one for one in data["measurements"]}
-        usual = {name: float(one["d"]) for name, one in self.measurements.items()}
-        unknown = {*ages} - {*usual}
-        if unknown or not all(value > 0 for value in {**usual, **ages}.values()):
+        for one in self.measurements:
+            if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", one):
+                raise InputError(
+                    "a measurement has no name of a variable",
+                    expected="ASCII letters, digits, _; a letter first",
+                    got=repr(one),
+                )
+        self.ages = self._ages(ages or {})
+        self.envelope = dict(sorted((envelope or {}).items()))
+        if not all(i in self.numbers and bound > 0 for i, bound in self.envelope.items()):
             raise InputError(
-                "the greatest ages do not fit the measurements",
-                expected=f"seconds > 0 for {', '.join(usual)}",
-                got=str({**usual, **ages}),
+                "the envelope does not fit the states",
+                expected=f"bounds > 0 of states 1 to {n}",
+                got=str(self.envelope),
             )
-        self.ages = {**usual, **ages}
-        self.initial = list(initial) or [0.0] * len(self.A)
+        for word, values in (("initial estimate", initial), ("units", units)):
+            self.fits(word, values, n, "one per state")
+        self.initial = list(initial) or [0.0] * n
+        self.units = list(units) or [None] * n
+
+    def _ages(self, chosen: Mapping[str, float]) -> dict[str, float]:
+        proved = {name: float(one["d"]) for name, one in self.measurements.items()}
+        found = {**proved, **chosen}
+        fits = all(d > 0 and (d <= proved.get(x, d) or not proved[x]) for x, d in found.items())
+        if found.keys() != proved.keys() or not fits:
+            raise InputError(
+                "the greatest ages are not those of the certificate",
+                expected="; ".join(f"{one}: > 0, at most {d:g} s" for one, d in proved.items()),
+                got="; ".join(f"{one}: {d:g} s" for one, d in found.items()),
+                hint="where the certificate has 0, at once, say what the exchange adds",
+            )
+        return found
+
+    @staticmethod
+    def fits(word: str, values: Sequence[Any], count: int, which: str) -> None:
+        """Refuse a list that is neither empty nor of a length (InputError)."""
+        if len(values) not in (0, count):
+            raise InputError(
+                f"the {word} do not fit", expected=f"{count}, {which}", got=str(len(values))
+            )
 
     def controls(self, word: str) -> list[str]:
-        """Return the names of all controls."""
+        """Return a name for each control."""
         return [f"{word}[{j}]" for j in range(1, len(self.B[0]) + 1)]
 
-    def of_measurements(self, values: Mapping[str, Sequence[float]]) -> dict[str, list[float]]:
-        """Return a value for each row of each measurement, zero where none is given."""
-        return {
-            name: list(values.get(name, [0.0] * len(one["C"])))
-            for name, one in self.measurements.items()
-        }
+    def _values(self) -> Iterator[tuple[str, str | None]]:
+        """Yield each measured value and its unit, that of a state if it is one."""
+        for name, one in self.measurements.items():
+            for i, row in enumerate(one["C"], 1):
+                used = [j for j, entry in enumerate(row) if entry]
+                alone = len(used) == 1 and row[used[0]] == 1
+                yield f"{name}[{i}]", self.units[used[0]] if alone else None
 
     def measured(self) -> list[Variable]:
         """Return the inputs of all measurements."""
-        table = []
-        for name, one in self.measurements.items():
-            table += [
-                Variable(f"{name}[{i}]", "input", f"measurement {name}, value {i}", discrete=True)
-                for i in range(1, len(one["C"]) + 1)
-            ]
-            text = f"time at which {name} was measured; {name} is used when this is later"
-            table.append(Variable(f"stamp.{name}", "input", text, "s", _NEVER, discrete=True))
-        return table
+        table = [
+            Variable(value, "input", f"measured {value}", unit, discrete=True)
+            for value, unit in self._values()
+        ]
+        text = "time at which {0} was measured; {0} is used when this is later than before"
+        return table + [
+            Variable(f"stamp.{name}", "input", text.format(name), "s", _NEVER, discrete=True)
+            for name in self.measurements
+        ]
 
     def results(self) -> list[Variable]:
         """Return estimate, innovations, and ages."""
         table = [
-            Variable(f"estimate[{i}]", "output", f"estimate of state {i}", start=value)
-            for i, value in enumerate(self.initial, 1)
+            Variable(f"estimate[{i}]", "output", f"estimate of state {i}", unit, value)
+            for i, unit, value in zip(self.numbers, self.units, self.initial, strict=True)
         ]
-        for name, one in self.measurements.items():
-            table += [
-                Variable(
-                    f"innovation.{name}[{i}]",
-                    "output",
-                    f"{name}[{i}] against the estimate of its time, in use since it arrived",
-                    discrete=True,
-                )
-                for i in range(1, len(one["C"]) + 1)
-            ]
+        text = "{0} against the estimate of its time; held until the next one"
+        table += [
+            Variable(f"innovation.{value}", "output", text.format(value), unit, discrete=True)
+            for value, unit in self._values()
+        ]
         for name in self.measurements:
             text = f"time since {name} in use was measured, or since the start"
             table.append(Variable(f"message_age.{name}", "output", text, "s"))
@@ -292,58 +292,77 @@ class _Part:
         return table
 
     def watched(self, uses: Sequence[str]) -> list[Variable]:
-        """Return the use of assumptions, present and greatest."""
-        table = []
-        for word, when in (("present", "at present"), ("assumption", "greatest so far")):
-            table += [
-                Variable(f"{word}.{use}", "output", f"use of the {_USES[use]}, {when}; 1 is all of it")
-                for use in uses
-            ]
-        text = "1 while no assumption has been used beyond what is allowed, 0 from then on"
-        table.append(Variable("assumption.met", "output", text, None, 1.0, "Integer"))
-        return table
+        """Return the use of assumptions, at present and at most, and whether they are met."""
+        table = [
+            Variable(f"{word}.{use}", "output", f"use of the {_USES[use]}, {when}: 1 is all of it")
+            for word, when in (("present", "at present"), ("assumption", "greatest so far"))
+            for use in uses
+        ]
+        text = "1 until an assumption is used beyond 1, 0 from then on"
+        return [*table, Variable("assumption.met", "output", text, None, 1.0, "Integer")]
 
     def matrices(self) -> list[Variable]:
         """Return plant, measurements and injections."""
-        entry = "entry ({i},{j}) of "
-        found = [*_entries("A", self.A, f"{entry}A")]
+        found = [*_entries("A", self.A, "entry ({i},{j}) of A")]
         for k, delay in enumerate(self.late, 1):
-            found += _entries(f"A{k}", delay["A"], f"{entry}A{k}")
-        found += _entries("B", self.B, f"{entry}B")
+            found += _entries(f"A{k}", delay["A"], f"entry ({{i}},{{j}}) of A{k}")
+        found += _entries("B", self.B, "entry ({i},{j}) of B")
         for (name, one), L in zip(self.measurements.items(), self.data["L"], strict=True):
-            found += _entries(f"C.{name}", one["C"], f"value {{i}} of {name} per state {{j}}")
-            found += _entries(f"L.{name}", L, f"injection into state {{i}} per innovation {{j}} of {name}")
+            found += _entries(f"C.{name}", one["C"], f"{name}[{{i}}] per state {{j}}")
+            found += _entries(f"L.{name}", L, f"x[{{i}}]' per innovation.{name}[{{j}}]")
         return found
+
+    def trims(self, given: Mapping[str, Sequence[float]]) -> list[Variable]:
+        """Return the measured values at the trim."""
+        starts: dict[str, float] = {}
+        for name, one in self.measurements.items():
+            values = given.get(name, ())
+            self.fits(f"values of {name} at the trim", values, len(one["C"]), "one per value")
+            starts |= {f"{name}[{i}]": value for i, value in enumerate(values, 1)}
+        return [
+            Variable(
+                f"trim.{x}", "parameter", f"value at the trim of {x}", unit, starts.get(x, 0.0)
+            )
+            for x, unit in self._values()
+        ]
+
+    def command(self, sample_time: float, delay: float | None) -> list[Variable]:
+        """Return sampling and play-out of the commands, and their greatest age."""
+        age = float(self.data.get("command_age", 0.0))
+        exactly = 0.0 if self.data.get("command_any_age", False) else age
+        later = exactly if delay is None else delay
+        return [
+            _seconds(
+                "sample_time", "period of commands; 0: every communication point", sample_time
+            ),
+            _seconds("command.delay", "time after which a command acts at the actuator", later),
+            _seconds("age.command", "greatest age of the estimate behind it; 0: not watched", age),
+        ]
 
     def settings(self) -> list[Variable]:
         """Return delays, ages, envelope, initial estimate and solver step."""
         found = [
-            Variable(one, "parameter", f"delay {one[6:]} of the plant", "s", delay["d"], minimum=0.0)
+            _seconds(one, f"delay {one[6:]} of the plant", delay["d"])
             for one, delay in zip(self.delays, self.late, strict=True)
         ]
         found += [
-            Variable(
-                f"age.{name}", "parameter", f"greatest age of {name} allowed", "s", d, minimum=0.0
-            )
-            for name, d in self.ages.items()
+            _seconds(f"age.{name}", f"greatest age of {name}", d) for name, d in self.ages.items()
         ]
-        found += [
-            Variable(
-                f"envelope[{i}]", "parameter", f"largest estimate {i} allowed", None, bound, minimum=0.0
-            )
-            for i, bound in sorted(self.envelope.items())
-        ]
-        found += [
-            Variable(f"initial.estimate[{i}]", "parameter", f"estimate {i} for t <= start", None, x)
-            for i, x in zip(self.numbers, self.initial, strict=True)
-        ]
-        import numpy as np  # noqa: PLC0415 - as in `_maps`
-
-        rates = {"A": np.array(self.A)}
-        rates |= {f"A{k}": np.array(d["A"]) for k, d in enumerate(self.late, 1)}
-        for name, L in zip(self.measurements, self.data["L"], strict=True):
-            rates[f"A.{name}"] = np.array(L)
-        return [*found, solver_step(_PLANT.default_step(rates))]
+        initial = dict(zip(self.numbers, self.initial, strict=True))
+        for word, text, values in (
+            ("envelope", "largest |estimate[{0}]|", self.envelope),
+            ("initial.estimate", "estimate {0} for t <= start", initial),
+        ):
+            least = 0.0 if word == "envelope" else None
+            found += [
+                Variable(
+                    *(f"{word}[{i}]", "parameter", text.format(i), self.units[i - 1], value),
+                    minimum=least,
+                )
+                for i, value in values.items()
+            ]
+        rates = {f"A{k}": np.array(d["A"]) for k, d in enumerate(self.late, 1)}
+        return [*found, solver_step(_PLANT.default_step({"A": np.array(self.A), **rates}))]
 
     def spec(
         self,
@@ -357,7 +376,6 @@ class _Part:
         stop: float,
     ) -> ComponentSpec:
         """Return the specification."""
-        sizes = [[one, len(given["C"])] for one, given in self.measurements.items()]
         return ComponentSpec(
             name=name,
             description=description,
@@ -369,25 +387,12 @@ class _Part:
             step_size=_STEP,
             constants={
                 "size": [len(self.A), len(self.B[0])],
-                "measurements": sizes,
+                "measurements": [[one, len(x["C"])] for one, x in self.measurements.items()],
                 "delays": self.delays,
-                "envelope": sorted(self.envelope),
+                "envelope": [*self.envelope],
                 **constants,
             },
             certificate=certificate,
+            notes=notes(self.data, self.ages, constants),
             slave="cosim.fmu.export.python.watched_slave:WatchedSlave",
         )
-
-
-_USES = {"age": "greatest ages", "envelope": "envelope", "saturation": "limits of the commands"}
-
-
-def design_parameters(data: Any) -> dict[str, float]:
-    """Return the parameters that a certificate of kind "output-feedback" decides, by name.
-
-    They are the matrices of the plant and of its measurements, K, L, and the delays.
-    """
-    own = _Part(data, {}, {}, ())
-    table = [*own.matrices(), *_entries("K", data["K"], "")]
-    delays = zip(own.delays, own.late, strict=True)
-    return {v.name: v.start for v in table} | {name: float(d["d"]) for name, d in delays}

@@ -18,9 +18,11 @@ from cosim.hinf import certificate_bytes, certificate_hash, check_certificate, s
 from cosim.models import DelaySystem
 
 _VARIABLES = component_module("hinf_controller.variables")
+_OBSERVER = component_module("observer.variables")
 
-Form = Literal["vehicle", "system"]
-"""Inputs and outputs: measured eta, nu to thrust; or measured x[j] to u[i], as in Eq. (7)."""
+Form = Literal["vehicle", "system", "output-feedback", "observer"]
+"""Inputs and outputs: measured eta, nu to thrust; measured x[j] to u[i], as in Eq. (7); stamped
+measurements to u[i]; or stamped measurements and the u[i] that act to the estimate."""
 
 
 @dataclass(frozen=True)
@@ -55,6 +57,7 @@ def export_controller(
     name: str | None = None,
     sample_time: float | None = None,
     limits: Sequence[float] | None = None,
+    observer: bool = False,
 ) -> ControllerFmu:
     """Write the FMU of a gain after checking its proof.
 
@@ -68,6 +71,7 @@ def export_controller(
         point) for any other system.
     limits : for the vehicle, of each thrust [N] and of the moment [N m]; otherwise one per
         command, by default none.
+    observer : of an output feedback, only its observer.
 
     Raises
     ------
@@ -81,7 +85,15 @@ def export_controller(
         raise InputError(
             "there is no gain to pack", where=where, got=f"a proof of kind {data['kind']}"
         )
-    system = system_from_json(data["system"])
+    observed = data.get("kind") == "output-feedback"
+    if observer and not observed:
+        raise InputError(
+            "there is no observer to pack",
+            where=where,
+            expected="the design of an output feedback",
+            got="a gain of measured states",
+        )
+    system = system_from_json(data["plant" if observed else "system"])
     m = system.B.shape[1]
     if m == 0:
         raise InputError(
@@ -91,14 +103,20 @@ def export_controller(
             got="the analysis of a system without control",
         )
     form: Form = "vehicle" if is_vehicle(system) else "system"
+    if observed:
+        form = "observer" if observer else "output-feedback"
     chosen = model_name(path) if name is None else checked_name(name)
     settings = _settings(sample_time, limits, form, m)
     spec: ComponentSpec
+    certificate = certificate_bytes(data)
     if form == "vehicle":
-        spec = _VARIABLES.vehicle_spec(chosen, certificate_bytes(data), **settings)
+        spec = _VARIABLES.vehicle_spec(chosen, certificate, **settings)
+    elif form == "output-feedback":
+        spec = _OBSERVER.output_feedback_spec(chosen, certificate, **settings)
+    elif form == "observer":
+        spec = _OBSERVER.observer_spec(chosen, certificate)
     else:
         about = "Sampled state feedback with a certified gain, Eq. (8)"
-        certificate = certificate_bytes(data)
         spec = _VARIABLES.feedback_spec(chosen, certificate, description=about, **settings)
     write_fmu(spec, path, kind)
     return ControllerFmu(
@@ -132,7 +150,7 @@ def _settings(
             "not a sample time", where="--sample-time", expected="seconds >= 0", got=repr(chosen)
         )
     wanted = 2 if form == "vehicle" else m
-    fits = len(bounds) == wanted or (form == "system" and not bounds)
+    fits = len(bounds) == wanted or (form != "vehicle" and not bounds)
     if not fits or not all(math.isfinite(value) and value >= 0 for value in bounds):
         raise InputError(
             "the limits do not fit the controller",

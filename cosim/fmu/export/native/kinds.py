@@ -153,7 +153,7 @@ def record_delay_plant(writer: ModelWriter, behaviour: DelayPlant) -> None:
 def record_observer(
     writer: ModelWriter, behaviour: Any, x: list[Scalar], constants: Any
 ) -> list[tuple[str, list[tuple[str, Scalar]]]]:
-    """Record what an observer does at communication points; return its functions for c/observer.c."""
+    """Record what an observer does at communication points: its functions for c/observer.c."""
     fields = ("stamp.{0}", "age.{0}", "message_age.{0}", "ignored.{0}", "innovation.{0}[1]")
     measured = [text.format(one.name) for one in behaviour.measured for text in fields]
     uses = [f"{word}.{use}" for word in ("present", "assumption") for use in behaviour.uses]
@@ -162,7 +162,7 @@ def record_observer(
     writer.references("model_measured", measured, "MODEL_MEASURED")
     writer.references("model_acting", behaviour.acting, "MODEL_ACTING")
     writer.references("model_watched", [*uses, "assumption.met"], "MODEL_WATCHED")
-    play = ["watchdog", "command.delay"] if with_commands else []
+    play = ["watchdog", "command.delay", "age.command"] if with_commands else []
     writer.references("model_play", play, "MODEL_PLAY")
     writer.define("MODEL_SAMPLE_TIME", "V_sample_time" if with_commands else 0)
     found = {

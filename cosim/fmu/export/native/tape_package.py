@@ -27,8 +27,8 @@ KINDS = {
     "packet_link.c": "packet_link",
     "transport_link.c": "transport_link",
     "table.c": "table",
-    "sensor.c": "sensor",
     "observer.c": "observer",
+    "sensor.c": "sensor",
 }
 """C file of a kind of behaviour -> name of its binary that reads the model."""
 
@@ -113,7 +113,13 @@ def _a_pair() -> ComponentSpec:
     one = [[1.0]]
     plant = {"A": one, "B": one, "delays": []}
     measured = [{"name": "y", "C": one, "d": 1.0}]
-    pair = {"kind": "output-feedback", "plant": plant, "measurements": measured, "K": one, "L": [one]}
+    pair = {
+        "kind": "output-feedback",
+        "plant": plant,
+        "measurements": measured,
+        "K": one,
+        "L": [one],
+    }
     variables = component_module("observer.variables")
     found: ComponentSpec = variables.output_feedback_spec("Pair", json.dumps(pair).encode())
     return replace(found, certificate=None)

@@ -40,6 +40,7 @@ enum { STAMP, GREATEST_AGE, AGE, IGNORED, FIRST, FIELDS };
 #define ACTING ((int)MODEL_ACTING)
 #define WATCHDOG model_play[0]
 #define COMMAND_DELAY model_play[1]
+#define COMMAND_AGE model_play[2]
 #define MOST_INTEGER 2147483647.0
 
 typedef struct {
@@ -50,9 +51,10 @@ typedef struct {
 
 typedef struct {
     Behaviour plant; /* first: a pointer to it is one to the whole */
-    double start, samples;
+    double start, samples, behind; /* behind: time of the estimate behind the control that acts */
     Packet packet[MOST_MEASURED / FIELDS];
-    double *ahead; /* commands on their way, begin to end - 1: when each acts, and its control */
+    double *ahead; /* commands on their way, begin to end - 1: the time of the estimate behind each,
+                      and its control */
     size_t capacity, begin, end;
     Message notice;
     int noticed;
@@ -85,7 +87,7 @@ int behaviour_initialise(Behaviour *b, double *v, double start, Message *why) {
     for (int i = 0; i < COMMANDS; i++) v[model_outputs[i]] = 0.0;
     if (!plant_initialise(b, v, start, why)) return 0;
     remember(b, v);
-    it->start = start;
+    it->start = it->behind = start;
     it->samples = 0.0;
     it->begin = it->end = 0;
     it->noticed = 0;
@@ -133,8 +135,9 @@ static int receive(Observer *it, double *v, int i, Message *why) {
     return 1;
 }
 
-/* Write ages and their use; return the first measurement that is too old, or -1. */
-static int ages(const Observer *it, double *v, double end) {
+/* Write ages and their use; return the first measurement that is too old, or -1. `oldest`: the
+   greatest age of an estimate behind the control that acted in this step. */
+static int ages(const Observer *it, double *v, double end, double oldest) {
     double greatest = 0.0;
     int first = -1;
     for (int i = 0; i < MEASUREMENTS; i++) {
@@ -143,6 +146,10 @@ static int ages(const Observer *it, double *v, double end) {
         greatest = greater(greatest, share_of_age(age, v[FIELD(i, GREATEST_AGE)], end, &late));
         if (late && first < 0) first = i;
         v[FIELD(i, AGE)] = age;
+    }
+    if (COMMANDS && v[COMMAND_AGE] > 0.0) {
+        int late;
+        greatest = greater(greatest, share_of_age(oldest, v[COMMAND_AGE], end, &late));
     }
     v[model_watched[0]] = greatest;
     return first;
@@ -173,8 +180,9 @@ static int room_ahead(Observer *it, size_t more, Message *why) {
 }
 
 static void act(Observer *it, double *v) {
-    const double *control = row(it, it->begin++) + 1;
-    for (int j = 0; j < ACTING; j++) v[model_acting[j]] = control[j];
+    const double *next = row(it, it->begin++);
+    it->behind = next[0];
+    for (int j = 0; j < ACTING; j++) v[model_acting[j]] = next[1 + j];
 }
 
 static void notice(Observer *it, const double *v, double end, int late) {
@@ -216,7 +224,7 @@ static int command(Observer *it, double *v, double end, int late, const double *
     const double *chosen = late >= 0 ? found + both : found;
     for (int j = 0; j < COMMANDS; j++) v[model_outputs[j]] = chosen[j];
     double *last = row(it, it->end++);
-    last[0] = end + v[COMMAND_DELAY];
+    last[0] = end;
     memcpy(last + 1, chosen + COMMANDS, (size_t)ACTING * sizeof *last);
     return 1;
 }
@@ -228,13 +236,15 @@ static int observe(Observer *it, double *v, double end, Message *why) {
     for (int i = 0; i < MEASUREMENTS; i++)
         if (!receive(it, v, i, why)) return 0;
     double near = 16.0 * spacing(greater(1.0, fabs(end)));
-    while (it->begin < it->end && row(it, it->begin)[0] < end - near) {
-        double instant = row(it, it->begin)[0];
+    double later = COMMANDS ? v[COMMAND_DELAY] : 0.0, oldest = 0.0;
+    while (it->begin < it->end && row(it, it->begin)[0] + later < end - near) {
+        double instant = row(it, it->begin)[0] + later;
         if (instant > b->line.time && !plant_advance(b, v, instant, why)) return 0;
+        oldest = greater(oldest, instant - it->behind);
         act(it, v);
     }
     if (!plant_advance(b, v, end, why)) return 0;
-    int late = ages(it, v, end);
+    int late = ages(it, v, end, greater(oldest, end - it->behind));
     double found[MOST_DECIDED];
     model_decided(b->line.x, v, b->constants, found);
     int count = COMMANDS ? 2 * (COMMANDS + ACTING) + 2 : 1;
@@ -247,7 +257,7 @@ static int observe(Observer *it, double *v, double end, Message *why) {
         v[model_watched[1]] = found[0];
     } else {
         if (!command(it, v, end, late, found, why)) return 0;
-        while (it->begin < it->end && row(it, it->begin)[0] <= end + near) act(it, v);
+        while (it->begin < it->end && row(it, it->begin)[0] + later <= end + near) act(it, v);
     }
     watch(v);
     return 1;
@@ -258,6 +268,7 @@ int behaviour_advance(Behaviour *b, double *v, double end, Message *why) {
     double before[MOST_VARIABLES], held[AT_LEAST_ONE(MOST_INPUTS)];
     Packet packet[MOST_MEASURED / FIELDS];
     size_t begin = it->begin;
+    double behind = it->behind;
     int stepped = b->stepped;
     memcpy(before, v, (size_t)MODEL_VARIABLES * sizeof *v);
     memcpy(held, b->held, sizeof held);
@@ -272,13 +283,14 @@ int behaviour_advance(Behaviour *b, double *v, double end, Message *why) {
     memcpy(b->held, held, sizeof held);
     memcpy(it->packet, packet, sizeof packet);
     it->begin = begin;
+    it->behind = behind;
     b->stepped = stepped;
     return 0;
 }
 
 /* ---- the whole state */
 
-#define OWN (3 + 3 * (size_t)MEASUREMENTS)
+#define OWN (4 + 3 * (size_t)MEASUREMENTS)
 
 size_t behaviour_size(const Behaviour *b) {
     const Observer *it = (const Observer *)b;
@@ -291,6 +303,7 @@ void behaviour_save(const Behaviour *b, double *to) {
     *to++ = it->start;
     *to++ = it->samples;
     *to++ = (double)(it->end - it->begin);
+    *to++ = it->behind;
     for (int i = 0; i < MEASUREMENTS; i++) {
         *to++ = it->packet[i].seen;
         *to++ = it->packet[i].used;
@@ -316,10 +329,11 @@ int behaviour_restore(Behaviour *b, const double *v, const double *from, size_t 
     if (!room_ahead(it, waiting, why)) return 0;
     it->start = from[0];
     it->samples = from[1];
-    it->begin = 0;
     it->end = waiting;
+    it->begin = 0;
+    it->behind = from[3];
     for (int i = 0; i < MEASUREMENTS; i++) {
-        Packet saved = {from[3 + 3 * i], from[4 + 3 * i], from[5 + 3 * i]};
+        Packet saved = {from[4 + 3 * i], from[5 + 3 * i], from[6 + 3 * i]};
         it->packet[i] = saved;
     }
     if (waiting > 0) memcpy(it->ahead, from + OWN, waiting * ROW * sizeof *it->ahead);
