@@ -1,3 +1,4 @@
+from .actuation import Actuation as Actuation
 from .diagnosis import (
     Finding as Finding,
     diagnose as diagnose,
@@ -14,6 +15,10 @@ from .keys import (
     VehicleKey as VehicleKey,
     vehicle_tables as vehicle_tables,
 )
+from .linear_model import (
+    LinearModel as LinearModel,
+    linear_model as linear_model,
+)
 from .overview import (
     Overview as Overview,
     draw_overview as draw_overview,
@@ -27,6 +32,10 @@ from .read import (
     vehicle_text as vehicle_text,
 )
 from .template import vehicle_template as vehicle_template
+from .trim import (
+    Trim as Trim,
+    find_trim as find_trim,
+)
 from .vehicle import (
     Actuator as Actuator,
     Control as Control,

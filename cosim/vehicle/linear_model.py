@@ -1,14 +1,14 @@
 """The linear uncertain model of a vehicle about its trim, proved over its envelope.
 
-With y the deviation of the controlled states and of the actuators with a lag, o that of all other
+With y the deviation of the controlled states and of what the actuators do, o that of all other
 states and of the current, each within its bound,
 
-    f(x0 + y + o) = [f(x0 + o) - f(x0)] + (A + dA(y, o)) y + A1 y(t-d) + B u,   dA = E F H,
+    f(x0 + y + o) - f(x0) = [f(x0 + o) - f(x0)] + (A + dA(y, o)) y + A1 y(t-d) + B u,   dA = E F H,
 
 is exact: dA is the mean of the derivative along a path (`cosim.hinf`), enclosed over the whole box.
 The first bracket is not proportional to y: it is a disturbance, and `disturbance` bounds it by row.
 Among o is the current: drag acts on the velocity through the water, so a current adds both to dA
-and to the disturbance.
+and to the disturbance. Limits of actuators are not in the model: it holds while none is reached.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim import hinf
 from cosim.core import InputError
+from cosim.hinf import AFFINE, Box, LinearEnclosure, enclose
 from cosim.models import Delay, DelaySystem
 from cosim.vehicle.actuation import Actuation, actuation_of
 from cosim.vehicle.trim import Trim, find_trim
@@ -31,23 +31,30 @@ from cosim.vehicle.vehicle import Vehicle
 Matrix = NDArray[np.float64]
 
 POSITION_WEIGHT = 0.1
-"""Weight in z of a controlled position or angle without one in the file [1/s2]."""
+"""Weight in z of a controlled position or angle, where the file gives none."""
+
+_ANGLES = ("eta.phi", "eta.theta", "eta.psi")
+_PLACES = ("eta.x", "eta.y", "eta.z")
+_SPEEDS = ("nu.u", "nu.v", "nu.w")
+_CURRENTS = ("current.x", "current.y", "current.z")
 
 
 @dataclass(frozen=True, eq=False)
 class LinearModel:
-    """A vehicle as a `DelaySystem`.
+    """A vehicle as a `DelaySystem`, and what must hold for the vehicle to be within it.
 
     Attributes
     ----------
-    system : x is the deviation from the trim of the controlled states, then of the actuators.
-    states : name of each state: an FMI name, or `acting.NAME` of a command that a lag delays.
+    system : its x is the deviation from the trim.
+    states : name of each state: an FMI name, or `acting.NAME`: the entry NAME of u as it acts, a
+        lag after the command; the actuators do `thrust_map` times that.
     commands : name of each entry of u: a velocity whose acceleration [m/s2, rad/s2] is commanded,
-        or an actuator, as a share of its limit.
+        or a command of an actuator, as a share of its limit.
     trim : the steady motion.
-    envelope : state or current by FMI name -> bound about the trim, as far as it matters.
-    disturbance : row of x' -> bound of what other states and the current add, beside w.
-    actuation : from u to commands of actuators.
+    envelope : name of a state or of the current -> bound about the trim; those that matter.
+    disturbance : name of a state -> bound on what other states and the current add to its rate,
+        beside w; rows that they do not reach are absent.
+    actuation : from u to the commands of the actuators.
     """
 
     vehicle: Vehicle
@@ -58,6 +65,20 @@ class LinearModel:
     envelope: Mapping[str, float]
     disturbance: Mapping[str, float]
     actuation: Actuation = field(repr=False)
+
+    def differences(self, parameters: Mapping[str, float | None]) -> list[str]:
+        """Return in words the parameters of a plant that are not those of the model.
+
+        A delay may be shorter: the model is for every age up to it.
+        """
+        found = []
+        for name, value in self.vehicle.parameters.items():
+            if name.startswith(("initial.", "solver.")):
+                continue
+            own = parameters.get(name)
+            if own is None or (own > value if name == "delay.d" else own != value):
+                found.append(f"{name} is {own}, designed for {value}")
+        return found
 
 
 def linear_model(
@@ -71,69 +92,225 @@ def linear_model(
 
     Parameters
     ----------
-    current : bound of the current north, east and down [m/s].
+    current : bounds of the current north, east and down [m/s].
     loop_delay : greatest age of the feedback [s]; 0: u = K x(t).
-    envelope : bounds in place of those of the vehicle.
+    envelope : bounds in place of those of the vehicle, by FMI name.
 
     Raises
     ------
     InputError : a state that matters has no bound; the equations are not differentiable over the
-        envelope; the commands do not stabilise the controlled states.
+        envelope; the commands do not stabilise the controlled states; an unknown name.
     NotAchievableError : as `find_trim`.
     """
     trim = find_trim(vehicle)
-    model = _Coordinates(vehicle, trim, current, vehicle.envelope | (envelope or {}))
-    n, m = len(model.states), len(model.commands)
-    found = hinf.enclose(model.rates, model.box(), n, first=model.attitude, weights=model.weights)
-    _require_defined(found, model)
-    A, A1 = found.centre[:, :n], found.centre[:, n : 2 * n]
-    B = found.centre[:, 2 * n :]
-    if (found.radius[:, 2 * n :] > 0).any():
-        i, j = np.argwhere(found.radius[:, 2 * n :] > 0)[0]
-        raise InputError(
-            "the effect of a command depends on the state",
-            where=f"{model.commands[j]}, on {model.states[i]}'",
-            expected="an actuator with a lag: its angle is then a state, and this is covered",
-            hint="lag = 0.1",
-        )
-    names = model.states
-    late = (found.factors.H[:, n : 2 * n], A1)
-    delays = []
-    if vehicle.damping is not None:
-        delays.append(Delay(vehicle.damping.delay, late[1], late[0], any_age=True))
-    if loop_delay > 0:
-        delays.append(Delay(loop_delay, np.zeros((n, n)), feedback=True, any_age=True))
-    weights = np.diag(model.weights)[model.weights > 0]
-    p = len(weights)
-    entry = np.array([[float(k == i) for k in range(n)] for i in model.accelerations]).T
-    system = DelaySystem(
-        A=A,
-        B=B,
-        C=entry,
-        D=np.vstack([weights, np.zeros((m, n))]),
-        D1=np.zeros((p + m, entry.shape[1])),
-        D2=np.vstack([np.zeros((p, m)), model.effort]),
-        E=found.factors.E if found.factors.blocks else None,
-        H=found.factors.H[:, :n] if found.factors.blocks else None,
-        delays=tuple(delays),
-        name=vehicle.name,
-        uncertainty_blocks=found.factors.blocks or None,
-    )
-    disturbance = {
-        f"{names[i]}'": float(value) for i, value in enumerate(found.disturbance) if value > 0
-    }
-    bounds = {
-        name: bound
-        for name, bound in model.bounds.items()
-        if np.isfinite(bound) and bound > 0 and name in found.used
-    }
+    model = _Coordinates(vehicle, trim, {**vehicle.envelope, **(envelope or {})}, current)
+    found = enclose(model.rates, model.box)
     return LinearModel(
         vehicle,
-        system,
-        names,
-        model.commands,
+        _system(model, found, loop_delay),
+        model.states,
+        model.actuation.commands,
         trim,
-        MappingProxyType(bounds),
-        MappingProxyType(disturbance),
+        MappingProxyType(
+            {name: model.bounds[name] for name in found.needed if name in model.bounds}
+        ),
+        MappingProxyType(
+            {
+                name: float(size)
+                for name, size in zip(model.states, found.disturbance, strict=True)
+                if size > 0
+            }
+        ),
         model.actuation,
     )
+
+
+def _system(model: _Coordinates, found: LinearEnclosure, loop_delay: float) -> DelaySystem:
+    vehicle, n, m = model.vehicle, len(model.states), len(model.actuation.commands)
+    delays = []
+    H = found.uncertain.H if found.uncertain.blocks else None
+    if vehicle.damping is not None:
+        late = None if H is None else H[:, n:]
+        delays.append(Delay(vehicle.damping.delay, found.A1, late, any_age=True))
+    if loop_delay > 0:
+        delays.append(Delay(loop_delay, np.zeros((n, n)), feedback=True, any_age=True))
+    D = np.diag(model.weights)[np.array(model.weights) > 0]
+    D2 = model.effort
+    pushed = [i for i, name in enumerate(model.states) if name.startswith("nu.")]
+    C = np.eye(n)[:, pushed]
+    p = len(D) + len(D2)
+    return DelaySystem(
+        A=found.A,
+        B=found.B,
+        C=C,
+        D=np.vstack([D, np.zeros((len(D2), n))]),
+        D1=np.zeros((p, C.shape[1])),
+        D2=np.vstack([np.zeros((len(D), m)), D2]),
+        E=found.uncertain.E if H is not None else None,
+        H=None if H is None else H[:, :n],
+        delays=delays,
+        name=vehicle.name,
+        uncertainty_blocks=found.uncertain.blocks or None,
+    )
+
+
+class _Coordinates:
+    """The variables of a linear model, and the equations of its vehicle in them.
+
+    Variables: the controlled states, what u acts as behind a lag; the same d seconds ago; u; and
+    then the other states, those d seconds ago, and the current.
+    """
+
+    def __init__(
+        self,
+        vehicle: Vehicle,
+        trim: Trim,
+        envelope: Mapping[str, float],
+        current: Sequence[float],
+    ) -> None:
+        self.vehicle, self._trim = vehicle, trim
+        known = (*vehicle.states, *_CURRENTS)
+        for name in envelope:
+            if name not in known:
+                raise InputError.unknown("state", name, known, where="envelope")
+        lagged = [f"actual.{a.name}" for a in vehicle.actuators if a.lag]
+        self._plant = [name for name in vehicle.control.states if name not in lagged]
+        velocities = [name for name in self._plant if name.startswith("nu.")]
+        self.actuation = actuation = actuation_of(vehicle, trim, velocities)
+        self.acting = self._acting()
+        self.states = (*self._plant, *self.acting)
+        self._others = [x for x in vehicle.states if x not in self._plant and x not in lagged]
+        self.bounds = {**dict(zip(_CURRENTS, current, strict=True)), **envelope}
+        self.bounds |= {name: size for name, size in self.acting.items()}
+        self.weights = self._weights()
+        self.effort = self._effort()
+        self.box = self._box(actuation)
+
+    def _acting(self) -> dict[str, float]:
+        """Return the states of the actuators in use, with their bounds.
+
+        With one lag for all, u itself acts behind it, whatever the thrust map.
+        """
+        own = self.actuation
+        left = own.limits + np.abs(own.at_trim)
+        if own.common_lag:
+            inverse = np.abs(np.linalg.pinv(own.thrust_map))
+            bounds = inverse @ left
+            return {f"acting.{name}": float(x) for name, x in zip(own.commands, bounds, strict=True)}
+        return {
+            f"actual.{a.name}": float(left[i] / own.limits[i])
+            for i, a in enumerate(self.vehicle.actuators)
+            if own.used[i] and a.lag
+        }
+
+    def _weights(self) -> tuple[float, ...]:
+        given = self.vehicle.control.weights
+        usual = {name: POSITION_WEIGHT for name in self._plant if name.startswith("eta.")}
+        for name in given:
+            if name not in self._plant and name not in self.actuation.actuators:
+                known = (*self._plant, *self.actuation.actuators)
+                raise InputError.unknown("state", name, known, where="control.weights")
+        return tuple(given.get(name, usual.get(name, 0.0)) for name in self.states)
+
+    def _effort(self) -> Matrix:
+        """Return D2: u, each entry by its weight, and actuators that have a weight of their own."""
+        own, given = self.actuation, self.vehicle.control.weights
+        if not own.accelerations:
+            return np.diag([given.get(name, 1.0) for name in own.commands])
+        rows = [
+            given[name] * own.thrust_map[i] / own.limits[i]
+            for i, name in enumerate(own.actuators)
+            if name in given
+        ]
+        return np.vstack([np.eye(len(own.commands)), *rows])
+
+    def _box(self, actuation: Actuation) -> Box:
+        n, place = len(self.states), self._trim.state
+        bound = {name: self.bounds.get(name, np.inf) for name in (*self.states, *self._others)}
+        own = [place.get(name, 0.0) for name in self.states]
+        other = [place[name] for name in self._others]
+        names = [
+            *self.states,
+            *(f"{name}(t-d)" for name in self.states),
+            *(f"u of {name}" for name in actuation.commands),
+            *self._others,
+            *(f"{name}(t-d)" for name in self._others),
+            *_CURRENTS,
+        ]
+        m = len(actuation.commands)
+        sizes = [bound[name] for name in self.states], [bound[name] for name in self._others]
+        moved = [self.bounds[name] for name in _CURRENTS]
+        angles = tuple(self.states.index(x) for x in _ANGLES if x in self.states)
+        rows, columns = (
+            tuple(self.states.index(x) for x in part if x in self.states)
+            for part in (_PLACES, _SPEEDS)
+        )
+        return Box(
+            tuple(names),
+            (*own, *own, *[0.0] * m, *other, *other, *[0.0] * len(_CURRENTS)),
+            (*sizes[0], *sizes[0], *[0.0] * m, *sizes[1], *sizes[1], *moved),
+            n,
+            m,
+            angles,
+            (rows, columns),
+            self.weights,
+        )
+
+    def rates(self, variables: Sequence[Any]) -> list[Any]:
+        """Return the rates of the states, for duals as for floats."""
+        own, n, m = self.actuation, len(self.states), len(self.actuation.commands)
+        x, late, u = variables[:n], variables[n : 2 * n], variables[2 * n : 2 * n + m]
+        rest = variables[2 * n + m :]
+        count = len(self._others)
+        command = [
+            _combined(middle, row, u)
+            for middle, row in zip(own.at_trim, own.thrust_map, strict=True)
+        ]
+        actual = dict(zip(own.actuators, command, strict=True))
+        acting = dict(zip(self.acting, x[len(self._plant) :], strict=True))
+        for i, actuator in enumerate(self.vehicle.actuators):
+            if actuator.lag and not own.used[i]:
+                actual[actuator.command] = float(own.at_trim[i])
+            elif actuator.lag:
+                share = np.eye(len(own.actuators))[i] * own.limits[i]
+                row = own.thrust_map[i]
+                if not own.common_lag:
+                    row = np.array([share[i] * (name == f"actual.{actuator.name}") for name in acting])
+                actual[actuator.command] = _combined(own.at_trim[i], row, list(acting.values()))
+        now = dict(zip(self._plant, x, strict=False)) | dict(zip(self._others, rest, strict=False))
+        then = dict(zip(self._plant, late, strict=False))
+        then |= dict(zip(self._others, rest[count:], strict=False))
+        for actuator in self.vehicle.actuators:
+            if actuator.lag:
+                now[f"actual.{actuator.name}"] = actual[actuator.command]
+                then[f"actual.{actuator.name}"] = 0.0
+        inputs = dict(zip(own.actuators, command, strict=True))
+        inputs |= dict(zip(_CURRENTS, rest[2 * count :], strict=True))
+        found = self.vehicle.rates(
+            [now[name] for name in self.vehicle.states],
+            [then[name] for name in self.vehicle.states] if self.vehicle.damping else (),
+            [inputs.get(name, 0.0) for name in self.vehicle.inputs],
+            AFFINE,
+        )
+        by_name = dict(zip(self.vehicle.states, found, strict=True))
+        return [by_name[name] for name in self._plant] + self._lags(list(acting.values()), u)
+
+    def _lags(self, acting: Sequence[Any], u: Sequence[Any]) -> list[Any]:
+        """Return the rates of what acts: within the limits, a first-order lag behind u."""
+        own = self.actuation
+        if own.common_lag:
+            return [(u[j] - value) * (1.0 / own.common_lag) for j, value in enumerate(acting)]
+        lagged = [i for i, lag in enumerate(own.lags) if lag and own.used[i]]
+        return [
+            (_combined(0.0, own.thrust_map[i] / own.limits[i], u) - value) * (1.0 / own.lags[i])
+            for i, value in zip(lagged, acting, strict=True)
+        ]
+
+
+def _combined(middle: float, row: Any, values: Sequence[Any]) -> Any:
+    """Return middle + row . values."""
+    total: Any = float(middle)
+    for factor, value in zip(row, values, strict=True):
+        if factor:
+            total = value * float(factor) + total
+    return total

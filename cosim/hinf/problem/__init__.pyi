@@ -1,3 +1,4 @@
+from .affine_dual import AFFINE as AFFINE
 from .auv import (
     DEFAULT_ENVELOPE as DEFAULT_ENVELOPE,
     DEFAULT_K1 as DEFAULT_K1,
@@ -20,6 +21,11 @@ from .feedback_structure import (
 from .filters import (
     Filter as Filter,
     filtered as filtered,
+)
+from .linear_enclosure import (
+    Box as Box,
+    LinearEnclosure as LinearEnclosure,
+    enclose as enclose,
 )
 from .modem import (
     SOUND_SPEED as SOUND_SPEED,

@@ -186,7 +186,9 @@ def _order(function: Function, box: Box) -> list[int]:
             expected="states that the actuators move, each of them by some command",
             got=", ".join(box.names[:n]),
         )
-    q = (q + other) / 2
+    # what no order changes, as the kinematics where angles move first, is no reason for one
+    free = (np.abs(q - other) > 1e-9 * q.max(initial=0.0)).any(axis=1)[:, None]
+    q = np.where(free, (q + other) / 2, 0.0)
     bounds = np.array([size if 0 < size < math.inf else 1e300 for size in box.radius[:n]])
     for _ in range(4):
         wanted = order_of_variables(q, gains, bounds)
@@ -194,7 +196,7 @@ def _order(function: Function, box: Box) -> list[int]:
         if new == order:
             break
         order = new
-        q = _parts(function, box, order)[2]
+        q = np.where(free, _parts(function, box, order)[2], 0.0)
     return order
 
 
@@ -216,15 +218,17 @@ def _wholes(
     The states that move first are taken cell by cell; the norm in a cell is at most that of the
     middles plus that of the radii. `centre` becomes the value at the trim there.
     """
-    rows, columns = box.whole
+    inside = radius[np.ix_(*box.whole)] > 0
+    rows = [i for i, own in zip(box.whole[0], inside.any(axis=1), strict=True) if own]
+    columns = [j for j, own in zip(box.whole[1], inside.any(axis=0), strict=True) if own]
     part = np.ix_(rows, columns)
-    if len(rows) < 2 or len(columns) < 2 or not radius[part].any():
+    if len(rows) < 2 or len(columns) < 2:
         return []
     moving = [j for j in box.first if box.radius[j] > 0]
     each = round(_CELLS ** (1 / max(len(moving), 1)))
     grid = (np.arange(each) + 0.5) / each * 2 - 1
     point = mean_jacobian(function, box.centre, [0.0] * len(box.names), list(columns), 1)
-    middle = (point[0][part] + point[1][part]) / 2
+    middle = centre_and_radius(*point)[0][part]
     largest = 0.0
     for place in itertools.product(grid, repeat=len(moving)):
         about, size = list(box.centre), list(box.radius)

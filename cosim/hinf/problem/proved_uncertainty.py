@@ -48,11 +48,13 @@ def centre_and_radius(lower: Matrix, upper: Matrix) -> tuple[Matrix, Matrix]:
     middle, half = (lower + upper) / 2, (upper - lower) / 2
     # what is symmetric about zero, or about a number that has few digits, is so but for rounding
     middle = np.where(np.abs(middle) <= 1e-9 * half, 0.0, middle)
+    row = np.abs(middle).max(axis=1, initial=0.0, keepdims=True)
+    middle = np.where(np.abs(middle) <= _KNOWN * row, 0.0, middle)
     known = half <= _KNOWN * np.maximum(np.abs(middle), 1.0)
     short = _digits(middle, 12)
     centre = np.where(known, np.where(np.abs(short - middle) <= half, short, middle), short)
     radius = np.nextafter(np.maximum(upper - centre, centre - lower), math.inf)
-    return centre, np.where(known, 0.0, radius)
+    return centre + 0.0, np.where(known, 0.0, radius)
 
 
 def uncertain_matrix(
