@@ -17,6 +17,7 @@ from cosim.core import at_least, at_most
 if TYPE_CHECKING:  # `cosim fmu check` needs neither
     from cosim.fmu import ControllerFmu, PlantFmu
     from cosim.models import Delay, DelaySystem
+    from cosim.vehicle import VehicleFmu
 
 _LIMIT_REACHED = "certified; the search ended here, longer delays may be certified too"
 
@@ -237,6 +238,20 @@ def packed_view(packed: ControllerFmu) -> RenderableType:
     if gamma is not None:
         facts.add_row("gamma", at_most(gamma), "certified, for this K")
     facts.add_row("certificate", packed.sha256[:16], "SHA-256; resources/certificate.json")
+    return Group(head, facts)
+
+
+def vehicle_plant_view(made: VehicleFmu) -> RenderableType:
+    """Show the plant FMU of a vehicle that was exported."""
+    head = Text.assemble(("packed", "bold green"), f": {made.path}")
+    vehicle = made.vehicle
+    facts = facts_table()
+    facts.add_row("model", made.name, made.kind.text)
+    facts.add_row("vehicle", vehicle.name, f"{vehicle.degrees_of_freedom} degrees of freedom")
+    facts.add_row("commands", ", ".join(a.command for a in vehicle.actuators) or "none", "")
+    facts.add_row("states", ", ".join(vehicle.states), "")
+    facts.add_row("parameters", str(len(vehicle.parameters)), "every number of the file")
+    facts.add_row("solver.step", f"{made.step:g} s", "largest internal step")
     return Group(head, facts)
 
 

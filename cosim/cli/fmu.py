@@ -8,10 +8,10 @@ from typing import Annotated
 
 import typer
 
-from cosim import fmu as fmus, replay
+from cosim import fmu as fmus, replay, vehicle as vehicles
 from cosim.cli.arguments import numbers
 from cosim.cli.common import JsonOption, answer
-from cosim.cli.design_view import packed_view, plant_view
+from cosim.cli.design_view import packed_view, plant_view, vehicle_plant_view
 from cosim.cli.fmu_view import check_view, info_view, rule_view
 from cosim.cli.help_text import HelpTyper
 from cosim.core import CheckFailedError, InputError
@@ -130,7 +130,10 @@ def check(
 @fmu_app.command()
 def build(
     system: Annotated[
-        str, typer.Argument(metavar="SYSTEM", help="A system FILE.toml, or: paper, auv.")
+        str,
+        typer.Argument(
+            metavar="SYSTEM", help="A system FILE.toml, or: paper, auv; a vehicle by name or file."
+        ),
     ],
     out: OutOption = None,
     name: NameOption = None,
@@ -143,9 +146,13 @@ def build(
     *,
     as_json: JsonOption = False,
 ) -> None:
-    """Export a plant FMU of a linear system with delays, with the symbols of Eq. (7).
+    """Export a plant FMU: a linear system with delays, Eq. (7), or a vehicle.
 
-    The system may have any dimension and any number of delays. Inputs are u[j] and w[k],
+    A vehicle file, or a vehicle of the gallery, gives its equations in 4 or 6 degrees of freedom:
+    commands of thrusters and fins, current and disturbance are inputs; eta, nu and the thrusts
+    and angles after their lags are outputs; every number of the file is a parameter.
+
+    A linear system may have any dimension and any number of delays. Inputs are u[j] and w[k],
     outputs x[i] and z[l]. Every matrix entry and every delay is a parameter whose start value is
     the number in the file. With one delay: A1[i,j], H1[i,j], delay.d; with several: A1, H1,
     delay.d1, A2, H2, delay.d2, ...
@@ -156,11 +163,22 @@ def build(
     \b
     cosim fmu build my-system.toml -o my-plant.fmu
     cosim fmu build paper --initial 1,0
+    cosim fmu build my-vehicle.toml -o my-vehicle.fmu
     """
     file = Path(system)
     target = _target(file, out)
     start = None if initial is None else numbers("--initial", initial)
     kind = fmus.target_named(flavour, platforms)
+    if (vehicle := vehicles.named_vehicle(system)) is not None:
+        if start is not None:
+            raise InputError(
+                "the initial state of a vehicle is set where it runs",
+                where="--initial",
+                hint='in a scenario: parameters = { "initial.eta.z" = 5.0 }',
+            )
+        made = vehicles.export_vehicle(vehicle, target, kind=kind, name=name)
+        answer(as_json, made.to_json, lambda: vehicle_plant_view(made))
+        return
     packed = fmus.export_plant(system, target, kind=kind, name=name, initial=start)
     n, m = packed.system.B.shape
     p, q = packed.system.D1.shape

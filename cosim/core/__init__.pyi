@@ -22,6 +22,7 @@ from .file_kinds import (
     SYSTEM_FILE as SYSTEM_FILE,
     VEHICLE_FILE as VEHICLE_FILE,
     FileKind as FileKind,
+    kind_by_keys as kind_by_keys,
 )
 from .files import (
     cache_folder as cache_folder,

@@ -42,6 +42,8 @@ from .export.flavours import (
 )
 from .export.fmu_file import (
     FmuTarget as FmuTarget,
+    checked_name as checked_name,
+    model_name as model_name,
     target_named as target_named,
     write_fmu as write_fmu,
 )

@@ -99,7 +99,7 @@ class VehicleEquations:
         named = [derivative_named(name) for name in terms["derivatives"]]
         self._derivatives: list[Derivative] = [d for d in named if d is not None]
         self._without = {(i - 1, j - 1) for i, j in terms["coriolis_without"]}
-        quaternion = tuple(f"quaternion.{i}" for i in range(4))
+        quaternion = tuple(f"quaternion.q{i}" for i in range(4))
         turned = quaternion if self._quaternion else tuple(f"eta.{a}" for a in _ANGLES[dof])
         letters = [VELOCITIES[i] for i in self._axes]
         self._attitude = slice(3, 3 + len(turned))
@@ -128,7 +128,7 @@ class VehicleEquations:
             for pivot, axis in zip(pivots, self._axes, strict=True)
         ]
         if self._quaternion:
-            q = [p[f"initial.quaternion.{i}"] for i in range(4)]
+            q = [p[f"initial.quaternion.q{i}"] for i in range(4)]
             off = abs(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3] - 1.0)
             found.append((1e-6 - off, "the initial quaternion must have the length 1"))
         return found

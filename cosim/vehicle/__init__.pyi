@@ -25,6 +25,12 @@ from .overview import (
     overview as overview,
 )
 from .parameters import Parameter as Parameter
+from .plant import (
+    VehicleFmu as VehicleFmu,
+    export_vehicle as export_vehicle,
+    named_vehicle as named_vehicle,
+    plant_spec as plant_spec,
+)
 from .read import (
     VEHICLES as VEHICLES,
     load_vehicle as load_vehicle,

@@ -413,7 +413,7 @@ class Faults:
     def _mass(self) -> None:
         """Refuse a mass matrix that is not positive definite."""
         values = {p.name: p.value for p in parameters_of(self._file)}
-        initial = {f"initial.quaternion.{i}": float(i == 0) for i in range(4)}
+        initial = {f"initial.quaternion.q{i}": float(i == 0) for i in range(4)}
         conditions = VehicleEquations(terms_of(self._file)).conditions({**values, **initial})
         for quantity, message in conditions:
             if not quantity > 0:

@@ -177,11 +177,16 @@ def _actuators(vehicle: Vehicle, trim: Trim) -> Iterator[Finding]:
 
 
 def drag_shares(vehicle: Vehicle, trim: Trim) -> dict[str, float]:
-    """Return by velocity which share of the limits holds it at its bound, beside the trim."""
+    """Return by velocity which share of the limits holds it at its bound, beside the trim.
+
+    Empty where the actuators cannot hold each velocity apart from the others.
+    """
     at = [i for i, name in enumerate(vehicle.states) if name.startswith("nu.")]
     effect = command_effect(vehicle, trim)
     limits = np.array([a.limit for a in vehicle.actuators])
-    found = {}
+    found: dict[str, float] = {}
+    if np.linalg.matrix_rank(effect * limits, tol=1e-8) < len(_driven(vehicle, effect, at)):
+        return found  # at speed, what holds one velocity moves another
     for i in at:
         name = vehicle.states[i]
         if name not in vehicle.envelope or name[3:] not in _driven(vehicle, effect, at):

@@ -6,16 +6,31 @@ moments are as they act on the vehicle: a damping derivative such as X_u is nega
 
 from __future__ import annotations
 
+import re
 from typing import Annotated, Any, Literal
 
-from pydantic import ConfigDict, Field, StringConstraints
+from pydantic import AfterValidator, ConfigDict, Field, StringConstraints
 
 from cosim.scenario import NotNegative, Number, Part, Positive
 
-NAME_PATTERN = r"^[A-Za-z][A-Za-z0-9]*(_[A-Za-z0-9]+)*$"
-"""Of an actuator or a sensor: a part of FMI names."""
+_NAME = re.compile(r"[A-Za-z][A-Za-z0-9]*(_[A-Za-z0-9]+)*")
+_TITLE = re.compile(r"[A-Za-z][A-Za-z0-9_-]*")
 
-Name = Annotated[str, StringConstraints(pattern=NAME_PATTERN)]
+
+def _part_of_names(name: str) -> str:
+    if not _NAME.fullmatch(name):
+        raise ValueError("a name: a letter, then letters and digits, with single _ between")
+    return name
+
+
+def _title(name: str) -> str:
+    if not _TITLE.fullmatch(name):
+        raise ValueError("a name: a letter, then letters, digits, _ or -")
+    return name
+
+
+Name = Annotated[str, AfterValidator(_part_of_names)]
+"""Of an actuator or a sensor: a part of FMI names."""
 Text = Annotated[str, StringConstraints(min_length=1)]
 Vector = Annotated[list[Number], Field(min_length=3, max_length=3)]
 Matrix = Annotated[list[Vector], Field(min_length=3, max_length=3)]
@@ -222,7 +237,7 @@ class ControlPart(Part):
 class VehicleFile(Part):
     """A vehicle file."""
 
-    name: Annotated[str, StringConstraints(pattern=r"^[A-Za-z][A-Za-z0-9_-]*$")]
+    name: Annotated[str, AfterValidator(_title)]
     """Name of the vehicle."""
     description: str = ""
     """What it is, in a sentence."""

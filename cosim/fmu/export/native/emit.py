@@ -7,7 +7,9 @@ from collections.abc import Iterable, Mapping, Sequence
 
 from cosim.fmu.export.native.tape import FIXED, VARYING, Scalar, Tape
 
-_CALLS = {"pow": "power", "min": "lesser", "max": "greater"}  # of c/arithmetic.h
+_CALLS = {"pow": "power", "min": "lesser", "max": "greater", "abs": "fabs"}
+"""Operation -> function of c/arithmetic.h or of C, where their names differ."""
+
 _SUM, _PRODUCT, _SIGN, _ATOM = 1, 2, 3, 4
 _BINDS = {"+": _SUM, "-": _SUM, "*": _PRODUCT, "/": _PRODUCT, "negate": _SIGN}
 _LONGEST = 160  # characters; a longer expression gets a name

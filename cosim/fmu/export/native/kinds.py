@@ -27,6 +27,7 @@ LinkChannel: Any = component_module("link_channel.behaviour").LinkChannel
 Sensor: Any = component_module("sensor.behaviour").Sensor
 SignalTable: Any = component_module("signal_table.behaviour").SignalTable
 Observer: Any = component_module("observer.behaviour").Observer
+VehiclePlant: Any = component_module("vehicle_plant.behaviour").VehiclePlant
 WaveField: Any = component_module("wave_field.behaviour").WaveField
 
 COMMON = ("message.c", "instance.c", "saved.c")
@@ -62,8 +63,11 @@ def recorded_model(spec: ComponentSpec) -> tuple[ModelWriter, tuple[str, ...]]:
     behaviour = behaviour_of(spec)
     writer = ModelWriter(spec)
     if isinstance(behaviour, DelayPlant):
+        if isinstance(behaviour, VehiclePlant):
+            behaviour.functions = writer.ns
         record_delay_plant(writer, behaviour)
-        sources: tuple[str, ...] = ("delay_line.c", "plant.c")
+        watched = isinstance(behaviour, VehiclePlant) and behaviour.pitch is not None
+        sources: tuple[str, ...] = ("delay_line.c", "vehicle.c" if watched else "plant.c")
         if isinstance(behaviour, Observer):
             sources = ("observer.c", "instance_watched.c")
     elif isinstance(behaviour, StateFeedback):

@@ -35,6 +35,7 @@ _HEADERS = {
 }
 _HEADERS_OF = (
     ("delay_line.c", "delay_line.h"),
+    ("vehicle.c", "plant.c"),
     ("draws.c", "draws.h"),
     ("packet_link.c", "clock.h"),
     ("transport_link.c", "clock.h"),

@@ -107,6 +107,9 @@ class Scalar:
     def __neg__(self) -> Scalar:
         return self.tape.apply("negate", self)
 
+    def __abs__(self) -> Scalar:
+        return self.tape.apply("abs", self)
+
     def _branch(self, *_: object) -> NoReturn:
         raise TypeError("an equation must not branch on a value: C is made from one run of it")
 
@@ -122,6 +125,6 @@ class Functions:
         self._tape = tape
 
     def __getattr__(self, name: str) -> Any:
-        if name not in ("sin", "cos", "exp", "log", "sqrt", "min", "max"):
+        if name not in ("sin", "cos", "asin", "atan2", "exp", "log", "sqrt", "min", "max"):
             raise AttributeError(f"the C shell has no function {name}")
         return lambda *arguments: self._tape.apply(name, *arguments)

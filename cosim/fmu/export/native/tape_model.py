@@ -19,6 +19,7 @@ _ARRAYS = {"slots": 0, "v": 1, "c": 2, "x": 3, "late": 4, "change": 5, "t": 6, "
 _POOL = 7
 _OPERATIONS = (
     *("+", "-", "*", "/", "negate", "pow", "min", "max", "sin", "cos", "exp", "log", "sqrt"),
+    *("abs", "asin", "atan2"),
 )
 _PROGRAMS = (
     *("model_constants", "model_rates", "model_other_outputs", "model_outputs_change"),

@@ -21,7 +21,7 @@ Model model = {.guid = ""};
 
 enum { SLOTS, V, C, X, LATE, CHANGE, OTHER, POOL, ARRAYS };
 enum { ADD, SUBTRACT, MULTIPLY, DIVIDE, NEGATE, POWER, LESSER, GREATER, SIN, COS, EXP, LOG, SQRT,
-       OPERATIONS };
+       ABSOLUTE, ARCSINE, ARCTANGENT, OPERATIONS };
 
 #define AT(operand) array[(uint64_t)(operand) >> 32][(uint32_t)(operand)]
 
@@ -47,6 +47,9 @@ static void perform(int number, const double *array[ARRAYS], double *out) {
         case COS: r = cos(a); break;
         case EXP: r = exp(a); break;
         case LOG: r = log(a); break;
+        case ABSOLUTE: r = fabs(a); break;
+        case ARCSINE: r = asin(a); break;
+        case ARCTANGENT: r = atan2(a, b); break;
         default: r = sqrt(a); break;
         }
         slot[o->to] = r;

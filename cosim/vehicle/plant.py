@@ -1,0 +1,105 @@
+"""Export a vehicle as a plant FMU."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from cosim.core import VEHICLE_FILE, CosimError, kind_by_keys, parse_toml
+from cosim.fmu import (
+    ComponentSpec,
+    FmuTarget,
+    checked_name,
+    component_module,
+    model_name,
+    write_fmu,
+)
+from cosim.vehicle.read import VEHICLES, load_vehicle
+from cosim.vehicle.vehicle import Vehicle
+
+
+@dataclass(frozen=True)
+class VehicleFmu:
+    """The plant FMU of a vehicle that was exported.
+
+    Attributes
+    ----------
+    path, name : the file and its model name.
+    kind : flavour and platforms.
+    vehicle : the exported vehicle.
+    """
+
+    path: Path
+    name: str
+    kind: FmuTarget
+    vehicle: Vehicle
+
+    @cached_property
+    def step(self) -> float:
+        """Start value of `solver.step` [s]."""
+        return plant_spec(self.vehicle, name=self.name).variables[-1].start
+
+    def to_json(self) -> dict[str, Any]:
+        """Return what was exported, as `--json` prints it."""
+        vehicle = self.vehicle
+        return {
+            "fmu": str(self.path),
+            "model": self.name,
+            "flavour": self.kind.flavour,
+            "vehicle": vehicle.name,
+            "degrees_of_freedom": vehicle.degrees_of_freedom,
+            "inputs": list(vehicle.inputs),
+            "outputs": list(vehicle.outputs),
+            "parameters": dict(vehicle.parameters),
+            "solver_step": self.step,
+        }
+
+
+def plant_spec(vehicle: Vehicle, *, name: str) -> ComponentSpec:
+    """Specify the plant FMU of a vehicle, for `cosim.build_fmu`.
+
+    name : of the model.
+    """
+    spec: ComponentSpec = component_module("vehicle_plant.variables").vehicle_plant_spec(
+        vehicle, name=name
+    )
+    return spec
+
+
+def export_vehicle(
+    vehicle: Vehicle, path: Path, *, kind: FmuTarget, name: str | None = None
+) -> VehicleFmu:
+    """Write the plant FMU of a vehicle.
+
+    name : of the model; by default the stem of `path`.
+
+    Raises
+    ------
+    InputError : no model name, no compiler, or a file that cannot be written.
+    """
+    chosen = model_name(path) if name is None else checked_name(name)
+    write_fmu(plant_spec(vehicle, name=chosen), path, kind)
+    return VehicleFmu(path, chosen, kind, vehicle)
+
+
+def named_vehicle(name_or_path: str) -> Vehicle | None:
+    """Return the vehicle of the gallery, or of a file that is one; None for anything else.
+
+    Raises
+    ------
+    InputError : as `load_vehicle`, for a file whose keys are those of a vehicle.
+    """
+    if name_or_path in VEHICLES:
+        return load_vehicle(name_or_path)
+    return load_vehicle(name_or_path) if _is_vehicle(Path(name_or_path)) else None
+
+
+def _is_vehicle(path: Path) -> bool:
+    try:
+        data: Mapping[str, Any] = parse_toml(path.read_text("utf-8"), str(path))
+    except (OSError, UnicodeDecodeError, CosimError):
+        return False
+    return kind_by_keys(data) is VEHICLE_FILE

@@ -1,0 +1,1 @@
+"""A vehicle of a vehicle file as a component."""
