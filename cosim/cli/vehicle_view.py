@@ -11,6 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from cosim.cli.terminal import facts_table, number
+from cosim.scenario import PLANT_NOTE
 
 if TYPE_CHECKING:
     from cosim.vehicle import Finding, Flight, Overview, VehicleKey
@@ -157,5 +158,5 @@ def flight_view(flight: Flight, summary: RenderableType) -> RenderableType:
 
 
 def _neglected(flight: Flight) -> list[RenderableType]:
-    note = flight.design.notes.get("plant_note") or {}
+    note = flight.design.certificate.get(PLANT_NOTE) or {}
     return [Text(f"outside the model: {words}", style="dim") for words in note.get("neglected", ())]

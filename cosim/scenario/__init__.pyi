@@ -5,6 +5,7 @@ from .demo import (
     demonstrate as demonstrate,
 )
 from .designed_plant import (
+    PLANT_NOTE as PLANT_NOTE,
     DesignedPlant as DesignedPlant,
     LinearSignals as LinearSignals,
 )

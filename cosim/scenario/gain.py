@@ -142,7 +142,7 @@ def _output_feedback_problem(
             expected="file, controller and plant: the design knows its system and its ages",
             hint="leave them out",
         )
-    note = found.notes.get(PLANT_NOTE)
+    note = found.certificate.get(PLANT_NOTE)
     plant = None if note is None else DesignedPlant.from_json(note, f"{where}: {PLANT_NOTE}")
     return Problem(found.system, None, None, None, plant=plant)
 

@@ -57,7 +57,7 @@ def measurement_assumptions(
 
 def _command_bound_ns(design: OutputFeedback, step_ns: int) -> float:
     """Return the greatest age of a command [ns]; a constant one holds up to the steps."""
-    return design.command_age * 1e9 + (0 if design.command_any_age else 2 * step_ns)
+    return design.pair.command_age * 1e9 + (0 if design.pair.command_any_age else 2 * step_ns)
 
 
 def measurement_age_figures(
@@ -70,11 +70,11 @@ def measurement_age_figures(
     measured = None if command_age_ns is None else {"greatest_s": command_age_ns / 1e9}
     found[COMMANDS] = {
         "assumed": (
-            f"any age up to {design.command_age:.6g} s, from the estimate to its use"
-            if design.command_any_age
-            else f"constant, {design.command_age:.6g} s from the estimate to its use, up to the steps"
+            f"any age up to {design.pair.command_age:.6g} s, from the estimate to its use"
+            if design.pair.command_any_age
+            else f"constant, {design.pair.command_age:.6g} s from the estimate to its use, up to the steps"
         ),
-        "greatest_s": design.command_age,
+        "greatest_s": design.pair.command_age,
         "measured": measured,
     }
     return found

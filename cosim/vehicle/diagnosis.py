@@ -136,8 +136,8 @@ def greatest_power(vehicle: Vehicle) -> tuple[float, dict[str, float]]:
 
 def _accelerations(vehicle: Vehicle, nu: Matrix, at: list[int]) -> Matrix:
     x = [0.0] * len(vehicle.states)
-    if "quaternion.0" in vehicle.states:
-        x[vehicle.states.index("quaternion.0")] = 1.0
+    if "quaternion.q0" in vehicle.states:
+        x[vehicle.states.index("quaternion.q0")] = 1.0
     for i, value in zip(at, nu.tolist(), strict=True):
         x[i] = value
     still = [0.0] * len(x)  # what the damping loop on board knows is apart from the water

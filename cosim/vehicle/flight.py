@@ -13,7 +13,7 @@ import numpy as np
 
 from cosim import fmu as fmus, hinf, scenario
 from cosim.core import DESIGN_FILE, InputError, NotAchievableError, Progress, silent
-from cosim.models import Measurement
+from cosim.models import DelaySystem, Measurement
 from cosim.trace import pyplot
 from cosim.vehicle.flight_course import flight_course
 from cosim.vehicle.flight_picture import PictureSubject, draw_flight
@@ -202,7 +202,7 @@ def _designed(
         sensors = planned_sensors(model.vehicle.sensors, model.states, tried)
         try:
             design = hinf.design_output_feedback(
-                model.system, measurements_of(model, sensors), command_age=settings.step
+                known_delays(model.system), measurements_of(model, sensors)
             )
         except NotAchievableError as error:
             refused = refused or error
@@ -211,45 +211,55 @@ def _designed(
             continue
         for sensor in sensors:
             steps.add(sensor_line(sensor))
-        return sensors, replace(design, notes={"plant_note": plant_note(model).to_json()})
+        note = {scenario.PLANT_NOTE: plant_note(model).to_json()}
+        return sensors, replace(design, certificate={**design.certificate, **note})
     assert refused is not None
     refused.hint = "a faster link (--link), a smaller envelope, sensors that are faster on board"
     raise refused
+
+
+def known_delays(system: DelaySystem) -> DelaySystem:
+    """Return a system with the delays inside the plant constant: an observer must know them."""
+    delays = [replace(d, any_age=False) if not d.feedback else d for d in system.delays]
+    return replace(system, delays=tuple(delays))
 
 
 def plant_note(model: LinearModel) -> scenario.DesignedPlant:
     """Return how the plant's FMU is seen as the linear model."""
     vehicle, actuation = model.vehicle, model.actuation
     trim = dict(model.trim.state)
-    lagged = [a for a in vehicle.actuators if a.lag]
-    own = [name for name in model.states if not name.startswith("acting.")]
-    actual = [f"actual.{a.name}" for a in lagged] if len(own) < len(model.states) else []
+    limits = {f"actual.{a.name}": a.limit for a in vehicle.actuators}
     inverse = np.linalg.pinv(actuation.thrust_map)
-    rows = np.zeros((len(model.states), len(own) + len(actual)))
+    own = [name for name in model.states if not name.startswith("acting.")]
+    acting = len(own) < len(model.states)
+    lagged = [a for a in vehicle.actuators if a.lag] if acting else []
+    names = (*own, *(f"actual.{a.name}" for a in lagged))
+    rows = np.zeros((len(model.states), len(names)))
     for i, name in enumerate(model.states):
-        if name in own:
-            rows[i, own.index(name)] = 1.0
+        if name in own:  # an actuator counts in share of its limit
+            rows[i, own.index(name)] = 1.0 / limits.get(name, 1.0)
             continue
         entry = model.commands.index(name.removeprefix("acting."))
-        for k, actuator in enumerate(vehicle.actuators):
-            if actuator.lag:
-                rows[i, len(own) + lagged.index(actuator)] = inverse[entry, k]
-    names = (*own, *actual)
-    state = scenario.LinearSignals(names, tuple(trim[n] for n in names), rows)
+        for actuator in lagged:
+            place = names.index(f"actual.{actuator.name}")
+            rows[i, place] = inverse[entry, vehicle.actuators.index(actuator)]
     at_trim = tuple(float(value) for value in actuation.at_trim)
+    acted = disturbances_of(model)
     return scenario.DesignedPlant(
-        state=state if actual else scenario.LinearSignals(names, state.trim),
+        state=scenario.LinearSignals(names, tuple(trim[name] for name in names), rows),
         control=scenario.LinearSignals(actuation.actuators, at_trim, inverse),
-        disturbance=scenario.LinearSignals(
-            *((names := disturbances_of(model)), (0.0,) * len(names))
-        ),
+        disturbance=scenario.LinearSignals(acted, (0.0,) * len(acted)),
         parameters={
             name: value
             for name, value in vehicle.parameters.items()
             if not name.startswith(("initial.", "solver."))
         },
         trim=trim,
-        envelope={n: (trim.get(n, 0.0), bound) for n, bound in model.envelope.items()},
+        envelope={
+            name: (trim.get(name, 0.0), bound * limits.get(name, 1.0))
+            for name, bound in model.envelope.items()
+            if not name.startswith("acting.")
+        },
         neglected=tuple(
             f"other states and the current change {name}' by at most {bound:.3g}, as a disturbance"
             for name, bound in model.disturbance.items()
@@ -260,7 +270,7 @@ def plant_note(model: LinearModel) -> scenario.DesignedPlant:
 
 def disturbances_of(model: LinearModel) -> tuple[str, ...]:
     """Return the inputs of the plant that are the entries of w."""
-    rows = np.argmax(np.abs(model.system.C), axis=0)
+    rows = np.argmax(np.abs(model.system.C), axis=0)  # a column for each controlled velocity
     return tuple(f"disturbance.{model.states[i].removeprefix('nu.')}" for i in rows)
 
 

@@ -9,13 +9,14 @@ reports what it used.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
-from cosim.hinf import lti
-from cosim.models import DelaySystem
+from cosim.hinf import close
 from cosim.vehicle.flight_plan import FlightSettings
 from cosim.vehicle.flight_scenario import FlightCourse
 
@@ -52,7 +53,7 @@ def flight_course(
     free = [i for i in positions if states[i] not in envelope or _is_heading(states[i])]
     bounds = np.array([envelope.get(name, np.inf) for name in states])
     sizes = np.array([_MOST_RADIANS if _is_angle(states[i]) else _MOST_METRES for i in free])
-    times = np.linspace(0.0, settings.duration, 1 + max(200, int(settings.duration / 0.25)))
+    times = np.arange(0.0, settings.duration, settings.step)
     offsets: dict[int, float] = {}
     if free:
         loop = _loop(design, free)
@@ -98,31 +99,61 @@ class _Loop:
     """The nominal pair with further inputs: outputs are x, then u."""
 
     def __init__(self, design: OutputFeedback, inputs: Reals, direct: Reals) -> None:
-        pair, gain = design.pair, design.pair_gain
+        pair, gain = design.pair.system, design.pair.gain
         n, m = design.system.B.shape
         wide = len(pair.A)
         states = np.hstack([np.eye(n), np.zeros((n, wide - n))])
         controls = np.zeros((m, gain.shape[0]))
         controls[:, :m] = np.eye(m)
-        system = DelaySystem(
-            pair.A,
-            pair.B,
-            inputs,
-            np.vstack([states, np.zeros((m, wide))]),
-            np.vstack([np.zeros((n, inputs.shape[1])), direct]),
-            np.vstack([np.zeros((n, gain.shape[0])), controls]),
-            delays=pair.delays,
-            feedback=pair.feedback,
+        system = replace(
+            pair,
+            C=inputs,
+            D=np.vstack([states, np.zeros((m, wide))]),
+            D1=np.vstack([np.zeros((n, inputs.shape[1])), direct]),
+            D2=np.vstack([np.zeros((n, gain.shape[0])), controls]),
         )
-        self.model = lti(system, gain)
+        self._loop = close(system, gain)
         self.states = n
+
+    def greatest(self, times: Reals, signal: Reals) -> Reals:
+        """Return the greatest magnitude of each output for an input (k, q) at equal steps.
+
+        Exact in what is not delayed, with late terms and inputs held over a step.
+        """
+        loop, step = self._loop, float(times[1] - times[0])
+        wide = len(loop.A[0])
+        block = np.zeros((2 * wide, 2 * wide))
+        block[:wide, :wide], block[:wide, wide:] = loop.A[0], np.eye(wide)
+        moved = scipy.linalg.expm(step * block)
+        ahead, held = moved[:wide, :wide], moved[:wide, wide:]
+        late = [round(d / step) for d in loop.delays[1:]]
+        x = np.zeros((len(times) + 1, wide))
+        most = np.zeros(len(loop.D[0]))
+        for k, w in enumerate(signal):
+            old = [x[k - n] if k >= n else x[0] for n in late]
+            y = loop.D[0] @ x[k] + loop.D1 @ w
+            pushed = loop.C @ w
+            for A, D, then in zip(loop.A[1:], loop.D[1:], old, strict=True):
+                y, pushed = y + D @ then, pushed + A @ then
+            most = np.maximum(most, np.abs(y))
+            x[k + 1] = ahead @ x[k] + held @ pushed
+        return most
+
+    def at(self, omega: float) -> Reals:
+        """Return the magnitudes of the response to sinusoids, (outputs, inputs)."""
+        loop, s = self._loop, 1j * omega
+        late = [np.exp(-s * d) for d in loop.delays]
+        A = sum(e * A for e, A in zip(late, loop.A, strict=True))
+        D = sum(e * D for e, D in zip(late, loop.D, strict=True))
+        found: Reals = np.abs(D @ np.linalg.solve(s * np.eye(len(A)) - A, loop.C) + loop.D1)
+        return found
 
 
 def _loop(design: OutputFeedback, free: Sequence[int]) -> _Loop:
     """Return the pair with the changes of set-points as inputs: u = K (xh - r)."""
     n = len(design.system.A)
     push = -design.K[:, free]
-    rest = np.zeros((len(design.pair.A) - n, len(free)))
+    rest = np.zeros((len(design.pair.system.A) - n, len(free)))
     return _Loop(design, np.vstack([design.system.B @ push, rest]), push)
 
 
@@ -135,8 +166,7 @@ def _use(
     free: Sequence[int] = (),
 ) -> float:
     """Return the greatest share of envelope and limits that a signal takes."""
-    answer = loop.model.forced_response(times, signal.T).y
-    most = np.abs(np.atleast_2d(answer)).max(axis=1)
+    most = loop.greatest(times, signal)
     held = np.isin(np.arange(loop.states), free)  # their offset is chosen, not answered
     shares = [*(most[: loop.states] / bounds)[~held], *(most[loop.states :] / np.array(limits))]
     return float(max(shares, default=0.0))
@@ -153,10 +183,9 @@ def _wave_height(
     acting = [k for k, name in enumerate(disturbances) if name in ("disturbance.u", "disturbance.v")]
     if not acting:
         return 0.0
-    C = design.pair.C[:, : len(disturbances)]
+    C = design.pair.system.C[:, : len(disturbances)]
     direct = np.zeros((design.system.B.shape[1], C.shape[1]))
-    response = _Loop(design, C, direct).model(2j * np.pi / _WAVE_PERIOD)
-    most = np.abs(np.asarray(response)[:, acting]).sum(axis=1)
+    most = _Loop(design, C, direct).at(2 * np.pi / _WAVE_PERIOD)[:, acting].sum(axis=1)
     n = len(design.system.A)
     shares = [*(most[:n] / bounds), *(most[n:] / np.array(limits))]
     per_acceleration = max(shares)
