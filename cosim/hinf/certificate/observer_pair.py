@@ -7,7 +7,8 @@ carry their stamps, and the control acts on it, at once or by the age tau_c of t
     u_acted(t) = K xh(t-tau_c)
 
 The innovation compares with the estimate stored at the stamp, and is held between messages; the
-observer knows u as it acted (after saturation, thrust map and play-out) and the plant's own delays.
+observer knows u as it acted (after limits, thrust map and play-out), and the plant's own delays;
+one whose age varies it takes to be its greatest, d_j: e' has A_j (x(t-tau_j) - xh(t-d_j)).
 With e = x - xh, v_i = N_i w_i, N_i the diagonal of the noise,
 
     x' = sum_j (A_j + dA_j) x(t-d_j) + B K (x - e)(t-tau_c) + C w
@@ -31,10 +32,9 @@ such states have no e, and no row in L_i.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from fractions import Fraction
-from typing import Any
 
 import numpy as np
 import scipy
@@ -88,7 +88,7 @@ def pair_of(
 
     Parameters
     ----------
-    system : the plant (n states, m controls); its delays are constant and known to the observer.
+    system : the plant (n states, m controls), without feedback of its own.
     measurements : at least one.
     K : (m, n) u = K xh.
     L : (n, k_i) one injection per measurement.
@@ -124,7 +124,7 @@ def pair_of(
                 got=str(rows[state].tolist()),
             )
         injections.append(rows)
-        exact_measurements.append(with_noise(own, exact_noise(rows, own.noise)))
+        exact_measurements.append(replace(own, noise=exact_noise(rows, own.noise)))
     if not (math.isfinite(command_age) and command_age >= 0):
         raise InputError(
             "not an age", where="command_age", expected="seconds >= 0", got=repr(command_age)
@@ -172,7 +172,7 @@ def _assembled(
         mask[rows, 0 if rows.start < m else n :] = True
         return mask.tolist()  # type: ignore[no-any-return]
 
-    delays = [_of_both(x, chosen) for x in system.delays]
+    delays = [term for x in system.delays for term in _of_both(x, chosen)]
     at_once, late = acting(slice(0, m)), command_age > 0
     if late:
         zero = np.zeros((N, N))
@@ -200,12 +200,18 @@ def _assembled(
     return pair, gain
 
 
-def _of_both(delay: Delay, chosen: NDArray[np.bool_]) -> Delay:
-    """Return a delay of the plant as one of the pair."""
-    A = scipy.linalg.block_diag(delay.A, delay.A[np.ix_(chosen, chosen)])
-    more = np.zeros((len(delay.H), int(chosen.sum())))
-    H = np.hstack([delay.H, more]) if delay.H.size else None
-    return Delay(delay.d, A, H)
+def _of_both(delay: Delay, chosen: NDArray[np.bool_]) -> Iterator[Delay]:
+    """Yield a delay of the plant as one of the pair; two where the observer takes it to be d."""
+    (n, n_e), A = (len(chosen), int(chosen.sum())), delay.A
+    error = A[np.ix_(chosen, chosen)]
+    H = np.hstack([delay.H, np.zeros((len(delay.H), n_e))]) if delay.H.size else None
+    if not (delay.any_age and A.any()):
+        yield replace(delay, A=scipy.linalg.block_diag(A, error), H=H)
+        return
+    nothing = np.zeros((n, n_e))
+    yield replace(delay, A=np.block([[A, nothing], [A[chosen], nothing[chosen]]]), H=H)
+    assumed = np.block([[np.zeros((n, n)), nothing], [-A[chosen] + 0.0, error]])
+    yield Delay(delay.d, assumed)
 
 
 def exact_noise(injection: Matrix, noise: Sequence[float]) -> tuple[float, ...]:
@@ -227,13 +233,6 @@ def _odd_bits(x: float) -> int:
     """Return how many bits the odd part of a double has."""
     top = abs(Fraction(x).numerator)
     return (top >> ((top & -top).bit_length() - 1)).bit_length() if top else 0
-
-
-def with_noise(measurement: Measurement, noise: Sequence[float]) -> Measurement:
-    """Return the measurement with this noise in place of its own."""
-    x = measurement
-    ages: dict[str, Any] = {"any_age": x.any_age, "least_age": x.least_age, "rate": x.rate}
-    return Measurement(x.name, x.C, x.d, **ages, sampled=x.sampled, noise=noise, over=x.over)
 
 
 def checked_measurements(system: DelaySystem, measurements: Sequence[Measurement]) -> None:
@@ -278,14 +277,6 @@ def _check_plant(system: DelaySystem) -> None:
             where=f"{system.name}: integral" if system.name else "integral",
             expected="no integral action",
         )
-    for j, delay in enumerate(system.delays, 1):
-        if delay.any_age:
-            raise InputError(
-                "a delay inside the plant whose age varies: no observer knows it",
-                where=f"delays[{j}]",
-                expected="a constant delay",
-                got=delay.description,
-            )
 
 
 def _estimated(system: DelaySystem, estimated: Sequence[bool] | None) -> NDArray[np.bool_]:
@@ -303,6 +294,7 @@ def _estimated(system: DelaySystem, estimated: Sequence[bool] | None) -> NDArray
     matrices = {"A": system.A} | {f"A{j}": x.A for j, x in enumerate(system.delays, 1)}
     acting = {name: M[np.ix_(known, chosen)] for name, M in matrices.items()}
     acting |= {"C": system.C[known], "E": system.E[known]}
+    acting |= {f"A{j}": x.A[known] for j, x in enumerate(system.delays, 1) if x.any_age}
     for name, part in acting.items():
         if part.any():
             state = int(np.flatnonzero(known)[np.flatnonzero(part.any(axis=1))[0]])

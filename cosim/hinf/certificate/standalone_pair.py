@@ -5,8 +5,9 @@ With e = x - xh, L_i = injection, N_i = diagonal of the noise, and everything ex
     x' = sum_j A_j x(t-d_j) + B K (x - e)(t-tau_c) + C w,   z = D x + D1 w + D2 K (x - e)(t-tau_c)
     e' = sum_j A_j e(t-d_j) + C w - sum_i (L_i C_i e(t-tau_i) + L_i N_i w_i)
 
-and E F (sum_j H_j x(t-d_j)) in both. The closed loop of the file is held against these, term by
-term; a state that is known has no e.
+and E F (sum_j H_j x(t-d_j)) in both. For a delay of the plant that varies e' has instead
+A_j (x(t-tau_j) - (x - e)(t-d_j)), d_j its greatest. The closed loop of the file is held against
+these, term by term; a state that is known has no e.
 """
 
 # mypy: ignore-errors
@@ -36,7 +37,7 @@ def need_pair(c, plant, s):
     n, m, sensors, chosen = plant.n, plant.m, c["measurements"], c["estimated"]
     need(len(chosen) == n and all(type(x) is bool for x in chosen), "estimated is no truth value")
     need(len(sensors) == len(c["L"]) > 0, "not one injection per measurement")
-    need(plant.whole and plant.fed[0] is True and not any(plant.varies), "not a plant of a pair")
+    need(plant.whole and plant.fed[0] is True, "not a plant of a pair")
     need(type(c["command_any_age"]) is bool, "neither true nor false")
     e = [j for j in range(n) if chosen[j]]
     up = M({(n + i, j): sn.Fraction(1) for i, j in enumerate(e)})  # puts estimated rows below
@@ -50,8 +51,16 @@ def need_pair(c, plant, s):
 
     for A in (plant.C, plant.E):
         need(all(chosen[i] for i, _ in A), "a state is not known")
-    A, D = [of_both(x) for x in plant.open], [plant.open_D, *(M() for _ in plant.delays)]
-    H, ages = list(plant.H), [age_of(x) for x in plant.delays]
+    A, H, ages = [of_both(plant.open[0])], plant.H[:1], []
+    for table, A_j, H_j, varies in zip(plant.delays, plant.open[1:], plant.H[1:], plant.varies[1:]):
+        apart = varies and A_j
+        need(not apart or all(chosen[i] for i, _ in A_j), "a state is not known")
+        terms = [(both @ A_j, H_j, table)] if apart else [(of_both(A_j), H_j, table)]
+        if apart:
+            terms.append((-1 * up @ A_j @ estimate, M(), {"d": table["d"]}))
+        for one, other, own in terms:
+            A, H, ages = [*A, one], [*H, other], [*ages, age_of(own)]
+    D = [plant.open_D, *(M() for _ in ages)]
     late = sn.number(c["command_age"])
     need(late >= 0, "a negative age of the command")
     A_u, D_u = plant.B @ K @ estimate, plant.D2 @ K @ estimate

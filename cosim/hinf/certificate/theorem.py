@@ -81,7 +81,8 @@ def _observer(claim: dict[str, Any]) -> list[str]:
     )
     estimate = (
         "observer: xh' = sum_j A_j xh(t - d_j) + B u + sum_i L_i (y_i - C_i xh)(t - tau_i), with u "
-        "as it acts, d_j known, and xh stored at the stamp of y_i"
+        "as it acts, d_j the plant's constant delay or the greatest age of one that varies, and "
+        "xh stored at the stamp of y_i"
     )
     command = f"command: u(t) = K xh(t - tau_c), {acting}"
     pair = "pair: x = (xp, xp - xh), w = (w, w_1 .. w_p); system and K are those of pair"

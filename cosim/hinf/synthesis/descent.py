@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from cosim.hinf.lmi import units_of
 from cosim.hinf.problem import DesignConstraints
-from cosim.hinf.synthesis.loop_gain import LoopGain, Value
+from cosim.hinf.synthesis.loop_gain import GainFunction, LoopGain, Value
 from cosim.hinf.synthesis.nonsmooth import minimised
 from cosim.models import DelaySystem, Matrix
 
@@ -60,7 +60,12 @@ def proposals(
     evaluations : of each stage, at most.
     constraints : what the nominal loop must meet, but for the peak of the control.
     """
-    descent = _Descent(system, evaluations, constraints)
+    own = units_of(system)[0]
+    descent = Descent(
+        LoopGain(system),
+        LoopGain(system, only_uncertain=True) if system.E.size else None,
+        *(own.input[:, None] / own.state, 1.0 / own.T, evaluations, constraints),
+    )
     seeded = np.random.default_rng(2013)
     zero = np.zeros(system.B.T.shape)
     others = (seeded.normal(size=zero.shape) * descent.units if k else zero for k in range(drawn))
@@ -70,26 +75,34 @@ def proposals(
             yield found
 
 
-class _Descent:
+class Descent:
     """The stages, in units of K in which its entries compare.
 
-    units : (m, n).
+    Parameters
+    ----------
+    loop, alone : the loop as a function of its gain; that from p to q, None where F = 0.
+    units : (m, n) of the entries of the gain.
+    speed : of the loop [1/s].
+    evaluations : of each stage, at most.
+    constraints : what the nominal loop must meet.
     """
 
     def __init__(
-        self, system: DelaySystem, evaluations: int, constraints: DesignConstraints
+        self,
+        loop: GainFunction,
+        alone: GainFunction | None,
+        units: Matrix,
+        speed: float,
+        evaluations: int = _EVALUATIONS,
+        constraints: DesignConstraints = _NO_CONSTRAINTS,
     ) -> None:
         self._asked = constraints
         self._is_constrained = any(
             x is not None for x in (constraints.decay, constraints.damping, constraints.gain_limit)
         )
-        own = units_of(system)[0]
-        self.units: Matrix = own.input[:, None] / own.state
         self._evaluations = evaluations
-        self._loop = LoopGain(system)
-        self._speed = 1.0 / own.T
-        self._alone = LoopGain(system, only_uncertain=True) if system.E.size else None
-        self.units = np.where(self._loop.free, self.units, 0.0)
+        self._loop, self._alone, self._speed = loop, alone, speed
+        self.units: Matrix = np.where(loop.free, units, 0.0)
 
     def from_start(self, start: Matrix) -> Matrix | None:
         """Return the gain that the stages reach; None where one of them fails."""

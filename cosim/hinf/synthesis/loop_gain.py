@@ -34,11 +34,13 @@ taken at its least and at its greatest age: a gain that is found here is a propo
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from copy import copy
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
+from scipy.sparse.csgraph import connected_components
 
 from cosim.hinf.nominal import ClosedLoop, approximate_roots
 from cosim.models import DelaySystem, Matrix
@@ -63,11 +65,13 @@ class Value(NamedTuple):
     value : infinite where the loop is not stable, or not with every F at this e.
     in_gain : (m, n) by K.
     in_scaling : (blocks,) by log e; zero where it has no part in the value.
+    in_disturbance : (n, q) by the disturbance matrix C, where a loop asks for it.
     """
 
     value: float
     in_gain: Matrix
     in_scaling: Reals
+    in_disturbance: Matrix | None = None
 
 
 class _At(NamedTuple):
@@ -79,6 +83,24 @@ class _At(NamedTuple):
     on_uncertain: Complexes  # (.., r, n) H_q
 
 
+class GainFunction(Protocol):
+    """What a descent makes small: functions of a matrix of unknowns, such as `LoopGain` of K."""
+
+    scalings: int
+    free: NDArray[np.bool_]
+    has_gain: bool
+    has_scaling: bool
+
+    def abscissa(self, K: Matrix) -> Value:
+        """Return the greatest real part of the characteristic roots."""
+
+    def gain(self, K: Matrix, log_e: float | Reals = 0.0) -> Value:
+        """Return the logarithm of the gain at scalings e."""
+
+    def excess(self, K: Matrix, ratio: float, within: float) -> Value:
+        """Return by how much a root misses a damping ratio."""
+
+
 class LoopGain:
     """The abscissa and the gain of one system's loop as functions of K.
 
@@ -87,6 +109,9 @@ class LoopGain:
     system : Eq. (7) (n states, m inputs).
     uncertain : False: F = 0.
     only_uncertain : the gain is that from p to q, scaled, which must be less than one.
+    by_disturbance : also differentiate by the disturbance matrix C, which may be set then.
+    in_parts : compute roots in the parts that the loop falls into, one behind the other; a pair
+        does, into the plant and the error, each again where states do not act on each other.
 
     Attributes
     ----------
@@ -96,9 +121,16 @@ class LoopGain:
     """
 
     def __init__(
-        self, system: DelaySystem, *, uncertain: bool = True, only_uncertain: bool = False
+        self,
+        system: DelaySystem,
+        *,
+        uncertain: bool = True,
+        only_uncertain: bool = False,
+        by_disturbance: bool = False,
+        in_parts: bool = False,
     ) -> None:
         self.system = system
+        self._by_disturbance, self._in_parts = by_disturbance, in_parts
         self.free = system.free
         # (N+1, 1, n), or (N+1, m, n) where entries of K act through different delays
         self._S = np.array([np.atleast_2d(S) for S in system.selections])
@@ -129,6 +161,12 @@ class LoopGain:
         self._ages = [np.array([0.0, *greatest])]
         if least != greatest:
             self._ages.append(np.array([0.0, *least]))
+
+    def with_disturbance(self, C: Matrix) -> LoopGain:
+        """Return the same loop with the disturbance matrix C (n, q)."""
+        other = copy(self)
+        other._C = C  # noqa: SLF001 - its own copy
+        return other
 
     def abscissa(self, K: Matrix) -> Value:
         """Return the greatest real part of the characteristic roots [1/s], computed roughly."""
@@ -167,7 +205,17 @@ class LoopGain:
 
     def _roots(self, K: Matrix, ages: Reals, nodes: int = _NODES) -> Complexes:
         A = [M + _fed(self._B, K, S) for M, S in zip(self._A, self._S, strict=True)]
-        return approximate_roots(ClosedLoop(A, ages.tolist()), nodes)
+        if not self._in_parts:
+            return approximate_roots(ClosedLoop(A, ages.tolist()), nodes)
+        pattern = np.abs(A).sum(axis=0) > 0
+        count, label = connected_components(pattern, connection="strong")
+        parts = [np.flatnonzero(label == k) for k in range(count)]
+        found = [
+            approximate_roots(ClosedLoop([M[np.ix_(x, x)] for M in A], ages.tolist()), nodes)
+            for x in parts
+        ]
+        roots = np.concatenate(found)
+        return np.asarray(roots[np.argsort(-roots.real, kind="stable")])
 
     def _at(self, K: Matrix, s: Any, ages: Reals) -> tuple[Any, Any, Any]:
         """Return the weights e^{-s d_i}, phi and H at each s."""
@@ -307,9 +355,17 @@ class LoopGain:
             slope[i] = -2 * square * e2 * float(np.vdot(v_p[p], v_p[p]).real - own)
         for i, (p, h) in enumerate(self._scaled_alone):
             slope[i] = 2 * float(np.vdot(a[h], a[h]).real - square * np.vdot(v[p], v[p]).real)
+        in_disturbance = None
+        if self._by_disturbance:
+            before = a.conj() @ at.on_output
+            for i, (_, h) in enumerate(self._blocks):
+                before = before + square * np.exp(2 * log_e[i]) * b[h].conj() @ at.on_uncertain[h]
+            by_C = np.outer(before @ at.inverse, v[: self._C.shape[1]]).real
+            in_disturbance = by_C / size / square
         gradient = 2 * (row[:, None] * (at.phi * (x @ v))).real * self.free / size
         return Value(
-            0.5 * float(np.log(square)), gradient / (2 * square), slope / size / (2 * square)
+            *(0.5 * float(np.log(square)), gradient / (2 * square), slope / size / (2 * square)),
+            in_disturbance,
         )
 
     def _weight(self, log_e: Reals) -> Reals:
