@@ -288,7 +288,7 @@ def _course(
 
 
 def _save(design: hinf.OutputFeedback, path: Path) -> None:
-    data = DESIGN_FILE.stamped(hinf.design_to_json(design))
+    data = DESIGN_FILE.stamped(design.to_json())
     path.write_text(json.dumps(data, indent=1, allow_nan=False) + "\n", "utf-8")
 
 

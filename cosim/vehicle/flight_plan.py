@@ -8,13 +8,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from cosim.core import InputError
+from cosim.vehicle.vehicle import Sensor
 
 LOSSES_IN_A_ROW = 3
 """Messages over the link that may be lost one after the other within the age designed for."""
+
+ONBOARD = "onboard"
+"""Name of the packet of all that is measured on board."""
 
 _JITTER = 0.1  # of the time that a message takes
 _RUN = 1.25  # mean length of a run of losses, in messages
@@ -92,22 +96,28 @@ class PlannedSensor:
 
 
 def planned_sensors(
-    sensors: Sequence[Any], states: Sequence[str], settings: FlightSettings
+    sensors: Sequence[Sensor], states: Sequence[str], settings: FlightSettings
 ) -> tuple[PlannedSensor, ...]:
     """Return the sensors that measure controlled states, with intervals and ages that go together.
+
+    What is measured on board goes to the observer in one packet with one stamp, as a navigation
+    computer hands it on: at the longest interval and for the greatest age of its sensors. A design
+    then has one age on board, and one for each sensor over the link.
 
     Raises
     ------
     InputError : no sensor measures any of these states.
     """
-    found = []
+    used = []
     for sensor in sensors:
-        pairs = list(zip(sensor.measures, sensor.noise, strict=True))
-        used = [(name, noise) for name, noise in pairs if name in states]
-        if used:
-            over = _over_link if sensor.over == "link" else _on_board
-            measures, noise = zip(*used, strict=True)
-            found.append(over(sensor, measures, noise, settings))
+        pairs = zip(sensor.measures, sensor.noise, strict=True)
+        own = {name: noise for name, noise in pairs if name in states}
+        if own:
+            used.append(replace(sensor, measures=tuple(own), noise=tuple(own.values())))
+    found = [_over_link(sensor, settings) for sensor in used if sensor.over == "link"]
+    own = [sensor for sensor in used if sensor.over == "onboard"]
+    if own:
+        found.insert(0, _on_board(own, settings))
     if not found:
         raise InputError(
             "no sensor measures a controlled state",
@@ -118,30 +128,37 @@ def planned_sensors(
     return tuple(found)
 
 
-def _on_board(
-    sensor: Any, measures: tuple[str, ...], noise: tuple[float, ...], settings: FlightSettings
-) -> PlannedSensor:
+def _on_board(sensors: Sequence[Sensor], settings: FlightSettings) -> PlannedSensor:
+    """Return one sensor for all on board; of two that measure the same, the less noisy counts."""
     step = settings.step
-    interval = _whole(max(sensor.interval, step), step)
+    best: dict[str, float] = {}
+    for sensor in sensors:
+        for name, noise in zip(sensor.measures, sensor.noise, strict=True):
+            best[name] = min(noise, best.get(name, noise))
+    interval = _whole(max(step, *(sensor.interval for sensor in sensors)), step)
     # measured at the beginning of a step, there at its end, held until the next one is there
-    least = round(interval + step, 9)
-    age, remark = sensor.age, ""
-    if age < least:
-        age, remark = least, f"an interval and a step; the file says {sensor.age:g} s"
+    least, given = round(interval + step, 9), max(sensor.age for sensor in sensors)
+    age = max(given, least)
+    names = ", ".join(sensor.name for sensor in sensors)
+    remark = "" if names == ONBOARD else f"{names} in one packet"
+    if given < least:
+        remark += f"; an interval and a step make it so old, not {given:g} s"
     transit = _whole(age - least, step, math.floor)
-    return PlannedSensor(sensor.name, measures, noise, interval, transit, 0.0, age, 0.0, remark)
+    return PlannedSensor(
+        *(ONBOARD, tuple(best), tuple(best.values()), interval, transit, 0.0, age, 0.0, remark)
+    )
 
 
-def _over_link(
-    sensor: Any, measures: tuple[str, ...], noise: tuple[float, ...], settings: FlightSettings
-) -> PlannedSensor:
+def _over_link(sensor: Sensor, settings: FlightSettings) -> PlannedSensor:
     step = settings.step
     interval = _whole(max(sensor.interval, step), step)
     transit, jitter = link_times(settings)
     age = round(transit + interval * (1 + settings.losses) + 2 * step, 9)
     remark = f"{settings.losses} in a row may be lost" if settings.losses else ""
+    name = sensor.name if sensor.name != ONBOARD else f"{ONBOARD}_link"
     return PlannedSensor(
-        *(sensor.name, measures, noise, interval, transit, jitter, age, settings.loss, remark)
+        *(name, sensor.measures, sensor.noise, interval, transit, jitter, age, settings.loss),
+        remark,
     )
 
 

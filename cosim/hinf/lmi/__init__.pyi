@@ -13,6 +13,7 @@ from .decay_lmi import (
     CornersProblem as CornersProblem,
     shifted_systems as shifted_systems,
 )
+from .injection_lmi import InjectionLmi as InjectionLmi
 from .peak_lmi import (
     THETAS as THETAS,
     proved_peak_control as proved_peak_control,

@@ -33,3 +33,8 @@ from .gain_size import gain_remark as gain_remark
 from .greatest_delays import (
     GreatestDelay as GreatestDelay,
 )
+from .output_feedback import (
+    OutputFeedback as OutputFeedback,
+    design_output_feedback as design_output_feedback,
+    output_feedback_from_json as output_feedback_from_json,
+)
