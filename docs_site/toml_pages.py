@@ -10,6 +10,7 @@ from typing import Any
 from cosim.hinf import SYSTEM_TABLES
 from cosim.scenario import json_schema
 from cosim.study import Study
+from cosim.vehicle import vehicle_schema
 
 _HEADS = Path(__file__).parent / "heads"
 _WITH_UNIT = "one with a unit"
@@ -17,10 +18,11 @@ Json = dict[str, Any]
 
 
 def pages() -> dict[str, str]:
-    """Return the pages by their path: systems, scenarios, studies."""
+    """Return the pages by their path: systems, vehicles, scenarios, studies."""
     scenario = json_schema()
     found = {
         "systems": "\n\n".join(system_tables()),
+        "vehicle-files": "\n\n".join(tables(vehicle_schema())),
         "scenarios": "\n\n".join(tables(scenario["else"] | {"$defs": scenario["$defs"]})),
         "studies": "\n\n".join(tables(Study.model_json_schema(by_alias=True))),
     }

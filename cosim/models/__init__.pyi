@@ -38,6 +38,7 @@ from .measurement import (
     Over as Over,
 )
 from .observer import (
+    EstimateLine as EstimateLine,
     acting_control as acting_control,
     innovation as innovation,
 )

@@ -44,7 +44,6 @@ class DelayLine:
     step : largest internal step [s]; the step taken is the communication step (or the
         shortest delay, when that is shorter) divided by a power of two.
     start : initial time [s].
-    memory : how far back `at` must reach [s], beyond what the delays need.
 
     Raises
     ------
@@ -52,12 +51,7 @@ class DelayLine:
     """
 
     def __init__(
-        self,
-        initial: Sequence[float],
-        delays: Sequence[float],
-        step: float,
-        start: float = 0.0,
-        memory: float = 0.0,
+        self, initial: Sequence[float], delays: Sequence[float], step: float, start: float = 0.0
     ) -> None:
         for d in delays:
             if not (math.isfinite(d) and d >= 0.0):
@@ -72,7 +66,7 @@ class DelayLine:
         self._step = float(step)
         positive = sorted({d for d in self._delays if d > 0.0})
         self._shortest = positive[0] if positive else math.inf
-        self._longest = max(positive[-1] if positive else 0.0, memory)
+        self._longest = positive[-1] if positive else 0.0
         self._images = sorted(set(positive) | {a + b for a in positive for b in positive})
         self._ends: list[float] = []  # t1 of every piece, for bisection
         self._pieces: list[Piece] = []
@@ -83,7 +77,7 @@ class DelayLine:
 
         Raises
         ------
-        LookupError : `t` is older than the longest delay and `memory`, and its piece was deleted.
+        LookupError : `t` is older than the longest delay, and its piece was deleted.
         """
         if t <= self._start or not self._pieces:
             return self._before

@@ -15,7 +15,26 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from cosim.models.delay_line import DelayLine
 from cosim.models.products import Matrix, product
+
+
+class EstimateLine(DelayLine):
+    """A delay line whose `at` reaches back as far as a measurement may be old.
+
+    Parameters are those of `DelayLine`, and `memory` : how far `at` reaches back [s].
+    """
+
+    def __init__(
+        self,
+        initial: Sequence[float],
+        delays: Sequence[float],
+        step: float,
+        start: float,
+        memory: float,
+    ) -> None:
+        super().__init__(initial, delays, step, start)
+        self._longest = max(self._longest, memory)
 
 
 def innovation(y: Sequence[Any], C: Matrix, stored: Sequence[Any]) -> list[Any]:

@@ -13,9 +13,10 @@ from .flight_plan import (
 )
 from .keys import (
     VehicleKey as VehicleKey,
+    vehicle_schema as vehicle_schema,
     vehicle_tables as vehicle_tables,
 )
-from .linear_model import (
+from .linearisation import (
     LinearModel as LinearModel,
     linear_model as linear_model,
 )

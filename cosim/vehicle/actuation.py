@@ -60,7 +60,7 @@ class Actuation:
 
     @property
     def authority(self) -> Matrix:
-        """The largest magnitude (m,) of each entry of u alone at which no actuator is at a limit."""
+        """Magnitude (m,) of each entry of u, alone, at which the first actuator is at its limit."""
         left = (self.limits - np.abs(self.at_trim))[:, None]
         size = np.abs(self.thrust_map)
         shares = np.divide(left, size, out=np.full(size.shape, np.inf), where=size > 0)
@@ -110,7 +110,9 @@ def actuation_of(vehicle: Vehicle, trim: Trim, velocities: Sequence[str]) -> Act
 
 
 def _rank(matrix: Matrix) -> int:
-    return int(np.linalg.matrix_rank(matrix, tol=_RANK * max(np.abs(matrix).max(initial=0.0), 1e-6)))
+    return int(
+        np.linalg.matrix_rank(matrix, tol=_RANK * max(np.abs(matrix).max(initial=0.0), 1e-6))
+    )
 
 
 def _effects(vehicle: Vehicle, trim: Trim) -> Matrix:

@@ -41,10 +41,15 @@ class VehicleKey(NamedTuple):
     required: bool
 
 
+def vehicle_schema() -> dict[str, Any]:
+    """Return the JSON Schema of a vehicle file."""
+    return VehicleFile.model_json_schema()
+
+
 @cache
 def vehicle_tables() -> Mapping[str, tuple[str, Mapping[str, VehicleKey]]]:
     """Return the tables of a vehicle file: heading -> what it is for, and its keys."""
-    schema = VehicleFile.model_json_schema()
+    schema = vehicle_schema()
     parts = schema["$defs"]
     found = {"top of the file": ("What the vehicle is.", _keys(schema, parts, _TABLES))}
     for name, heading in _TABLES.items():

@@ -16,12 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.core import InputError, NotAchievableError
-from cosim.models import FloatFunctions
 from cosim.vehicle.vehicle import Vehicle
 
 _TURNS = 60
 _STEP = 1e-6
-_HELD = 1e-9
+_LARGEST_RATE = 1e-9
 """Largest rate that is left of a trim [m/s2, rad/s2, m/s]."""
 
 
@@ -57,50 +56,25 @@ def find_trim(vehicle: Vehicle) -> Trim:
             expected='"euler": a steady motion has a pitch below 90 degrees',
             got='"quaternion"',
         )
-    places = {name: i for i, name in enumerate(vehicle.states)}
-    held = [i for name, i in places.items() if name.startswith("nu.") or name == "eta.z"]
-    moving = any(vehicle.trim.values())
-    free = ["eta.phi", "eta.theta", *(("nu.v", "nu.w") if moving else ())]
-    angles = [name for name in free if name in places and name not in vehicle.trim]
-    count, limits = len(vehicle.actuators), [a.limit for a in vehicle.actuators]
-    scale = np.array([*limits, *(1.0 for _ in angles)])
-    start = np.zeros(len(places))
-    for name, value in vehicle.trim.items():
-        start[places[name]] = value
-
-    def whole(y: NDArray[np.float64]) -> tuple[list[float], list[float]]:
-        x, u = start.copy(), [*(y[:count] * scale[:count]), *[0.0] * (len(vehicle.inputs) - count)]
-        for name, value in zip(angles, y[count:], strict=True):
-            x[places[name]] = value
-        for actuator, value in zip(vehicle.actuators, u[:count], strict=True):
-            if actuator.lag:
-                x[places[f"actual.{actuator.name}"]] = value
-        return x.tolist(), [float(value) for value in u]
-
-    def left(y: NDArray[np.float64]) -> NDArray[np.float64]:
-        x, u = whole(y)
-        rates = vehicle.rates(x, x if vehicle.damping else (), u, FloatFunctions)
-        return np.array([rates[i] for i in held])
-
-    y = np.zeros(len(scale))
+    motion = _Motion(vehicle)
+    y = np.zeros(len(motion.scale))
     for _ in range(_TURNS):
-        now = left(y)
+        now = motion.left(y)
         if np.abs(now).max() <= 1e-14:
             break
-        slopes = [
-            (left(y + _STEP * one) - left(y - _STEP * one)) / (2 * _STEP) for one in np.eye(len(y))
-        ]
+        pairs = [(y + step, y - step) for step in _STEP * np.eye(len(y))]
+        slopes = [(motion.left(a) - motion.left(b)) / (2 * _STEP) for a, b in pairs]
         y = y - np.linalg.lstsq(np.array(slopes).T, now, rcond=1e-10)[0]
-    residual = left(y)
-    x, u = whole(y)
+    residual = motion.left(y)
     worst = int(np.argmax(np.abs(residual)))
-    if not abs(residual[worst]) <= _HELD:
+    if not abs(residual[worst]) <= _LARGEST_RATE:
         raise NotAchievableError(
             "nothing holds the trim",
             where="trim",
             expected="actuators and an attitude that keep every velocity and the depth constant",
-            got=f"{vehicle.states[held[worst]]}' = {residual[worst]:.3g} is left",
+            got=f"{vehicle.states[motion.rows[worst]]}' = {residual[worst]:.3g} is left",
         )
+    x, u = motion.at(y)
     for actuator, value in zip(vehicle.actuators, u, strict=False):
         if abs(value) >= actuator.limit:
             raise NotAchievableError(
@@ -114,3 +88,40 @@ def find_trim(vehicle: Vehicle) -> Trim:
         MappingProxyType({a.command: v for a, v in zip(vehicle.actuators, u, strict=False)}),
         float(np.abs(residual).max()),
     )
+
+
+class _Motion:
+    """The motion of a vehicle in what is free at a trim: its actuators, then some states.
+
+    rows : states whose rates must be zero.
+    scale : of what is free.
+    """
+
+    def __init__(self, vehicle: Vehicle) -> None:
+        self._vehicle, self._places = vehicle, {name: i for i, name in enumerate(vehicle.states)}
+        names = [name for name in vehicle.states if name.startswith("nu.") or name == "eta.z"]
+        self.rows = [self._places[name] for name in names]
+        across = ("nu.v", "nu.w") if any(vehicle.trim.values()) else ()
+        free = [name for name in ("eta.phi", "eta.theta", *across) if name not in vehicle.trim]
+        self._free = [self._places[name] for name in free if name in self._places]
+        limits = [actuator.limit for actuator in vehicle.actuators]
+        self.scale = np.array([*limits, *[1.0] * len(self._free)])
+        self._start = [vehicle.trim.get(name, 0.0) for name in vehicle.states]
+
+    def at(self, y: NDArray[np.float64]) -> tuple[list[float], list[float]]:
+        """Return state and inputs at y, in share of `scale`."""
+        values = (y * self.scale).tolist()
+        count = len(self._vehicle.actuators)
+        x, u = list(self._start), values[:count]
+        for place, value in zip(self._free, values[count:], strict=True):
+            x[place] = value
+        for actuator, value in zip(self._vehicle.actuators, u, strict=True):
+            if actuator.lag:
+                x[self._places[f"actual.{actuator.name}"]] = value
+        return x, [*u, *[0.0] * (len(self._vehicle.inputs) - count)]
+
+    def left(self, y: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the rates that must be zero."""
+        x, u = self.at(y)
+        rates = self._vehicle.rates(x, x if self._vehicle.damping else (), u)
+        return np.array([rates[i] for i in self.rows])

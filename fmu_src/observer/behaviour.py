@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 
 from cosim.fmu import DelayPlant
 from cosim.models import (
+    EstimateLine,
     acting_control,
     clamped_command,
     feedback_command,
@@ -69,10 +70,6 @@ class Observer(DelayPlant):
         bounds += [f"envelope[{i}]" for i in self._bounded]
         bounds += [f"limit.{name}" for name in self.commands] if self._with_limits else []
         return [(v[name], f"{name} must be positive") for name in bounds]
-
-    def memory(self, v: Any) -> Any:
-        """Old estimates are kept for the oldest measurement that may arrive."""
-        return max(v[f"age.{one.name}"] for one in self.measured)
 
     def constants(self, v: Any) -> Any:
         """Return all matrices by letter; L of all measurements is C of the delay equation."""
@@ -143,6 +140,10 @@ class Observer(DelayPlant):
         for name in [*self.innovations, *(self.acting if self.commands else ()), *self.commands]:
             v[name] = 0.0
         super().initialise(v, start)
+        initial = [v[f"initial.{name}"] for name in self.states]
+        memory = max(v[f"age.{one.name}"] for one in self.measured)
+        delays = [v[name] for name in self.delays]
+        self._line = EstimateLine(initial, delays, v["solver.step"], start, memory)
         self._start, self._samples = start, 0
         # the last stamp seen, the one in use, and whether there is one
         self._stamps = [[v[f"stamp.{one.name}"], start, 0] for one in self.measured]

@@ -73,11 +73,108 @@ def quaternion(angles: Sequence[float]) -> np.ndarray:
     return times(times(psi, theta), phi)
 
 
+def test_the_mass_matrix_is_that_of_the_body_and_of_the_water() -> None:
+    """[[m I, -m S(r_g)], [m S(r_g), I_o]] less the derivatives of the accelerations."""
+    x, y, z = r_g = np.array([0.03, 0.01, 0.04])
+    S = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    assert np.array_equal(S @ NU[:3], np.cross(r_g, NU[:3]))
+    inertia = [[0.6, 0.02, -0.05], [0.02, 2.2, 0.03], [-0.05, 0.03, 2.4]]
+    rigid = np.block([[20.0 * np.eye(3), -20.0 * S], [20.0 * S, np.array(inertia)]])
+    water = np.diag([4.0, 15.0, 18.0, 0.2, 1.1, 1.3])
+    water[1, 5] = water[5, 1] = -0.7
+    water[2, 4] = water[4, 2] = 0.9
+    assert mass(free()) == pytest.approx(rigid + water, rel=1e-14)
+
+
+def force(more: str, commands: Sequence[float] = ()) -> np.ndarray:
+    """Force and moment (6,) at NU of the tables `more`, at the mass matrix of the bare vehicle."""
+    water = {"density": "1025.0", "length": "1.6"}
+    vehicle, bare = free(more, **water), free(**water)
+    x = [0.0, 0.0, 0.0, *ANGLES, *NU]
+    without = np.array(bare.rates(x, [], [0.0] * 9)[6:])
+    found = np.array(vehicle.rates([*x, *commands], [], [*commands, *[0.0] * 9])[6:12])
+    return np.asarray(mass(bare) @ (found - without))
+
+
+@pytest.mark.parametrize("law", ["", "coupled = true\nsoftening = 1e-12\n"])
+def test_cross_flow_drag_is_that_of_strips_that_move_with_the_hull(law: str) -> None:
+    """Each strip at x has the velocity (v + x r, w - x q), and its force the moment of its arm."""
+    table = "[cross_flow]\nheight = 0.2\nbreadth = 0.3\ndrag = [0.9, 1.1]\nstrips = 5\n"
+    _, v, w, _, q, r = NU
+    total = np.zeros(6)
+    for k in range(5):
+        x = 1.6 * ((k + 0.5) / 5 - 0.5)
+        speed = np.array([v + x * r, w - x * q])
+        area = np.array([0.2 * 0.9, 0.3 * 1.1])
+        size = 1025.0 / 2 * 1.6 / 5
+        if law:
+            acting = -size * (area @ speed**2) * speed / np.hypot(*speed)
+        else:
+            acting = -size * area * np.abs(speed) * speed
+        total += [0, *acting, *np.cross([x, 0, 0], [0, *acting])]
+    assert force(table + law) == pytest.approx(total, abs=1e-9)
+    opposite = force(f'{table}{law}pitch = "opposite"\n') - total if law else np.zeros(6)
+    assert np.flatnonzero(np.abs(opposite) > 1e-6).tolist() == ([4] if law else [])
+
+
+def test_the_hull_lifts_across_its_path_and_drags_along_it() -> None:
+    """In the plane of u and w: lift towards the side that is turned to the flow's lee."""
+    u, v, w = NU[:3]
+    alpha, pressure, aspect = math.atan2(w, u), 1025.0 / 2 * (u * u + v * v + w * w), 0.2**2 / 0.21
+    slope = math.pi * aspect / (1 + math.sqrt(1 + (aspect / 2) ** 2))
+    along = np.array([u, w]) / math.hypot(u, w)
+    across = np.array([along[1], -along[0]])  # a flow from below pushes up, -z
+    for stall in (0.0, 0.4):
+        lift = (1 - stall) * slope * alpha + stall * 2 * math.sin(alpha) ** 2 * math.cos(alpha)
+        drag = 0.1 + (slope * alpha) ** 2 / (math.pi * 0.7 * aspect)
+        acting = pressure * 0.21 * (lift * across - drag * along)
+        table = f"[lift_drag]\nspan = 0.2\narea = 0.21\ndrag = 0.1\nstall = {stall}\n"
+        assert force(table) == pytest.approx([acting[0], 0, acting[1], 0, 0, 0], abs=1e-9)
+
+
+def test_thrusters_and_fins_act_where_they_are() -> None:
+    """With the moment of their arms; a fin by the square of the speed that it sees."""
+    where, towards = np.array([-0.7, 0.1, -0.2]), np.array([0.0, -0.6, 0.8])
+    place = f"position = {where.tolist()}\ndirection = {towards.tolist()}\nlimit = 20.0\n"
+    thruster = f"[[thrusters]]\nname = 't'\n{place}moment = [0.02, 0.0, 0.0]\nlag = 0.3\n"
+    acting = 7.0 * towards
+    turn = np.cross(where, acting)
+    turn[0] += 7.0 * 0.02
+    assert force(thruster, [7.0]) == pytest.approx([*acting, *turn], abs=1e-9)
+    fin = f"[[fins]]\nname = 'f'\n{place}area = 0.013\nlift = 3.0\ndrag = 0.5\nlag = 0.3\n"
+    pressure = 1025.0 / 2 * 0.013 * (NU[0] ** 2 + (NU[:3] @ towards) ** 2)
+    acting = pressure * (3.0 * 0.2 * towards - 0.5 * 0.2**2 * np.array([1.0, 0, 0]))
+    assert force(fin, [0.2]) == pytest.approx([*acting, *np.cross(where, acting)], abs=1e-9)
+    products = "derivatives = { Y_uud = 5.0, N_urd = -2.0, X_uudd = -3.0, K_d = 1.5 }\n"
+    u, r = NU[0], NU[5]
+    rows = [-3 * u * u * 0.04, 5 * u * u * 0.2, 0, 1.5 * 0.2, 0, -2 * u * r * 0.2]
+    fin = f"[[fins]]\nname = 'f'\nlimit = 0.3\nlag = 0.3\n{products}"
+    assert force(fin, [0.2]) == pytest.approx(rows, abs=1e-9)
+
+
+def test_an_actuator_follows_its_command_up_to_its_limit() -> None:
+    """T' = (command - T)/lag, the command clamped."""
+    thruster = "[[thrusters]]\nname = 't'\ndirection = [1, 0, 0]\nlimit = 20.0\nlag = 0.5\n"
+    vehicle = free(thruster)
+    x = [*[0.0] * 12, 5.0]
+    found = [vehicle.rates(x, [], [c, *[0.0] * 9])[-1] for c in (10.0, 30.0, -30.0)]
+    assert found == [10.0, 30.0, -50.0]
+
+
+def test_derivatives_act_on_what_they_name() -> None:
+    """Absolute values, products of turning and moving, and damping that fades with the speed."""
+    lines = '"Y_v|r|" = -4.0\n"N_|v|r" = -3.0\nM_uq = -6.0\nX_u = -2.0\nK_p = -0.3\n'
+    u, v, w, p, q, r = NU
+    rows = [-2 * u, -4 * v * abs(r), 0, -0.3 * p, -6 * u * q, -3 * abs(v) * r]
+    assert force(lines) == pytest.approx(rows, abs=1e-12)
+    rows[0] *= math.exp(-3.0 * math.hypot(u, v, w))
+    assert force(f"{lines}fading = {{ X_u = 3.0 }}\n") == pytest.approx(rows, abs=1e-12)
+
+
 def test_without_drag_kinetic_energy_and_momentum_stay() -> None:
     """1/2 nu' M nu, R d/dv of it, and the angular momentum about the earth's origin."""
     vehicle = free()
     M = mass(vehicle)
-    assert np.allclose(M, M.T)
     assert np.count_nonzero(M) == 24
     start = [1.0, -2.0, 3.0, *ANGLES, *NU]
 

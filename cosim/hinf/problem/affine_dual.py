@@ -61,7 +61,7 @@ class AffineDual:
         return self + (-dual(other))
 
     def __rsub__(self, other: Any) -> AffineDual:
-        return -self + other
+        return (-self).__add__(other)
 
     def __mul__(self, other: Any) -> AffineDual:
         b = dual(other)
@@ -172,7 +172,8 @@ def _atan2(y: Any, x: Any) -> AffineDual:
     """Return the angle of (x, y) where x > 0; not a number elsewhere."""
     x = dual(x)
     right = np.where(x.value.bounds[0] > 0, 1.0, math.nan)
-    return AFFINE.atan(dual(y) / x * right)
+    found: AffineDual = AFFINE.atan(dual(y) / x * right)
+    return found
 
 
 _HALF_TURN = math.nextafter(math.pi / 2, 0)

@@ -51,7 +51,7 @@ class AffineForm:
         middle = lower / 2 + upper / 2
         size = np.maximum(upper - middle, middle - lower)
         own = AffineForm(middle, {new_symbol(): size})
-        return own._rounded()
+        return own.rounded()
 
     @property
     def radius(self) -> Bounds:
@@ -77,7 +77,7 @@ class AffineForm:
         parts = dict(self.parts)
         for k, a in other.parts.items():
             parts[k] = parts[k] + a if k in parts else a
-        return AffineForm(self.middle + other.middle, parts, self.rest + other.rest)._rounded()
+        return AffineForm(self.middle + other.middle, parts, self.rest + other.rest).rounded()
 
     def __mul__(self, other: AffineForm) -> AffineForm:
         if self is other:
@@ -86,23 +86,21 @@ class AffineForm:
             self, other = other, self  # noqa: PLW0642 - a factor that is certain comes second
         if not other.parts and not other.rest.any():
             parts = {k: a * other.middle for k, a in self.parts.items()}
-            scaled = AffineForm(
-                self.middle * other.middle, parts, self.rest * np.abs(other.middle)
-            )
-            return scaled._rounded()
+            scaled = AffineForm(self.middle * other.middle, parts, self.rest * np.abs(other.middle))
+            return scaled.rounded()
         parts = {k: a * other.middle for k, a in self.parts.items()}
         for k, a in other.parts.items():
             parts[k] = parts.get(k, 0.0) + a * self.middle
         rest = np.abs(self.middle) * other.rest + np.abs(other.middle) * self.rest
         rest = rest + self.radius * other.radius
-        return AffineForm(self.middle * other.middle, parts, rest)._rounded()
+        return AffineForm(self.middle * other.middle, parts, rest).rounded()
 
     def square(self) -> AffineForm:
         """Return x^2: the square of the deviation is not negative."""
         half = self.radius**2 / 2
         parts = {k: 2 * self.middle * a for k, a in self.parts.items()}
         rest = 2 * np.abs(self.middle) * self.rest + half
-        return AffineForm(self.middle**2 + half, parts, rest)._rounded()
+        return AffineForm(self.middle**2 + half, parts, rest).rounded()
 
     def magnitude(self) -> tuple[AffineForm, AffineForm]:
         """Return |x| and the sign of x, between -1 and 1 where x may be either."""
@@ -113,7 +111,7 @@ class AffineForm:
         k = new_symbol()
         parts = {j: sign * a for j, a in self.parts.items()} | {k: half}
         size = AffineForm(sign * self.middle + half, parts, np.abs(sign) * self.rest)
-        return size._rounded(), AffineForm(sign, {new_symbol(): open_})
+        return size.rounded(), AffineForm(sign, {new_symbol(): open_})
 
     def through(self, function: Callable[[Any, Any], tuple[Any, Any]]) -> AffineForm:
         """Return a function's values: from balls of the ends of x to balls of its extremes."""
@@ -127,7 +125,7 @@ class AffineForm:
         low, high = found[:, places.ravel()].reshape(2, *np.shape(self.bounds[0]))
         return AffineForm.between(np.nextafter(low, -math.inf), np.nextafter(high, math.inf))
 
-    def _rounded(self) -> AffineForm:
+    def rounded(self) -> AffineForm:
         """Add what the last operation may have rounded; one of zeros and nothing else is exact."""
         size = np.abs(self.middle) + self.radius
         self.rest = self.rest + size * (_ROUNDING * (len(self.parts) + 8))

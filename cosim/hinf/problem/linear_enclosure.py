@@ -14,13 +14,15 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from cosim.core import InputError
 from cosim.hinf.certificate import rounded_up
 from cosim.hinf.problem.affine_form import Bounds
-from cosim.hinf.problem.mean_jacobian import PIECES, Function, change_of, mean_jacobian
+from cosim.hinf.problem.dependence import DEPENDENCE, Dependence, variables_of
+from cosim.hinf.problem.mean_jacobian import PIECES, Function, change_of, jacobian, mean_jacobian
 from cosim.hinf.problem.proved_uncertainty import (
     NormBlock,
     UncertainMatrix,
@@ -139,31 +141,22 @@ def _bounds(
 
 def _needed(function: Function, box: Box) -> tuple[str, ...]:
     """Return the variables that the function is not linear in, each with a bound."""
-    found = []
+    variables = [
+        Dependence(frozenset([j])) if size else value
+        for j, (value, size) in enumerate(zip(box.centre, box.radius, strict=True))
+    ]
+    used, bent = variables_of(function(variables, DEPENDENCE))
     moving = range(2 * box.n + box.m)
-    for j, (name, size) in enumerate(zip(box.names, box.radius, strict=True)):
-        if 2 * box.n <= j < moving.stop:
-            continue
-        # infinity shows where the variable meets another one, or itself
-        radius = [math.inf if k == j else 0.0 for k in range(len(box.names))]
-        ends = [*mean_jacobian(function, box.centre, radius, [k for k in moving if k != j], 1)]
-        if j in moving:
-            ends += mean_jacobian(function, box.centre, radius, [j], 1)
-        else:
-            ends += change_of(function, box.centre, radius)
-        open_ = not all(np.isfinite(end).all() for end in ends)
-        if not open_:
-            continue
-        if not math.isfinite(size):
+    wanted = [j for j in sorted(used) if j in bent or j not in moving]
+    for j in wanted:
+        if not math.isfinite(box.radius[j]):
             raise InputError(
                 "a state has no bound, and the equations depend on it",
-                where=f"envelope.{name}",
+                where=f"envelope.{box.names[j]}",
                 expected="a bound about the trim",
-                hint=f'envelope = {{ "{name}" = ... }}',
+                hint=f'envelope = {{ "{box.names[j]}" = ... }}',
             )
-        if size > 0:
-            found.append(name)
-    return tuple(found)
+    return tuple(box.names[j] for j in wanted)
 
 
 def _order(function: Function, box: Box) -> list[int]:
@@ -200,9 +193,7 @@ def _order(function: Function, box: Box) -> list[int]:
     return order
 
 
-def _parts(
-    function: Function, box: Box, order: Sequence[int]
-) -> tuple[Bounds, Bounds, Bounds]:
+def _parts(function: Function, box: Box, order: Sequence[int]) -> tuple[Bounds, Bounds, Bounds]:
     """Return A with what is delayed at once, B, and the radii of x, all roughly."""
     n = box.n
     lower, upper = _bounds(function, box, order, _ROUGH)
@@ -210,15 +201,13 @@ def _parts(
     return centre[:, :n] + centre[:, n : 2 * n], centre[:, 2 * n : 2 * n + box.m], radius[:, :n]
 
 
-def _wholes(
-    function: Function, box: Box, centre: Bounds, radius: Bounds
-) -> list[NormBlock]:
+def _wholes(function: Function, box: Box, centre: Bounds, radius: Bounds) -> list[NormBlock]:
     """Return the part that is bounded by its norm, if that is less than by its entries.
 
     The states that move first are taken cell by cell; the norm in a cell is at most that of the
     middles plus that of the radii. `centre` becomes the value at the trim there.
     """
-    inside = radius[np.ix_(*box.whole)] > 0
+    inside: Any = radius[np.ix_(*box.whole)] > 0
     rows = [i for i, own in zip(box.whole[0], inside.any(axis=1), strict=True) if own]
     columns = [j for j, own in zip(box.whole[1], inside.any(axis=0), strict=True) if own]
     part = np.ix_(rows, columns)
@@ -227,18 +216,18 @@ def _wholes(
     moving = [j for j in box.first if box.radius[j] > 0]
     each = round(_CELLS ** (1 / max(len(moving), 1)))
     grid = (np.arange(each) + 0.5) / each * 2 - 1
-    point = mean_jacobian(function, box.centre, [0.0] * len(box.names), list(columns), 1)
+    places = np.array(list(itertools.product(grid, repeat=len(moving))))
+    point = mean_jacobian(function, box.centre, [0.0] * len(box.names), columns, 1)
     middle = centre_and_radius(*point)[0][part]
-    largest = 0.0
-    for place in itertools.product(grid, repeat=len(moving)):
-        about, size = list(box.centre), list(box.radius)
-        for j, share in zip(moving, place, strict=True):
-            about[j] += share * box.radius[j]
-            size[j] = box.radius[j] / each * (1 + 1e-9)
-        lower, upper = mean_jacobian(function, about, size, list(columns), 1)
-        off, spread = (upper[part] + lower[part]) / 2 - middle, (upper[part] - lower[part]) / 2
-        largest = max(largest, float(np.linalg.norm(off, 2) + np.linalg.norm(spread, 2)))
-    largest = rounded_up(largest)
+    about: list[Any] = list(box.centre)
+    size: list[Any] = list(box.radius)
+    for k, j in enumerate(moving):
+        about[j] = about[j] + places[:, k] * box.radius[j]
+        size[j] = np.full(len(places), box.radius[j] / each * (1 + 1e-9))
+    lower, upper = (bound[:, rows] for bound in jacobian(function, about, size, columns))
+    off, spread = (upper + lower) / 2 - middle, (upper - lower) / 2
+    norms = np.linalg.norm(off, 2, axis=(1, 2)) + np.linalg.norm(spread, 2, axis=(1, 2))
+    largest = rounded_up(float(norms.max()))
     if not largest < np.linalg.norm(radius[part], 2):
         return []
     centre[part] = middle

@@ -18,11 +18,11 @@ from typing import Any
 
 import numpy as np
 
-from cosim.hinf.problem.affine_dual import AffineDual, dual
+from cosim.hinf.problem.affine_dual import AFFINE, AffineDual, dual
 from cosim.hinf.problem.affine_form import AffineForm, Bounds, new_symbol
 
-Function = Callable[[list[AffineDual]], Sequence[Any]]
-"""Equations: the variables, as duals, to the values."""
+Function = Callable[[Sequence[Any], Any], Sequence[Any]]
+"""Equations: the variables, and the namespace of functions for them, to the values."""
 
 PIECES = 64
 
@@ -48,29 +48,54 @@ def mean_jacobian(
     count = len(order)
     place = {j: p for p, j in enumerate(order)}
     turn = np.repeat(np.arange(count), pieces)
-    reach = np.tile((np.arange(pieces) + 0.5) / pieces, count)
+    share = np.tile((np.arange(pieces) + 0.5) / pieces, count)
     own, within = [new_symbol() for _ in centre], new_symbol()
     variables = []
     for j, (middle, size) in enumerate(zip(centre, radius, strict=True)):
         mine, moved = turn == place.get(j, -1), turn > place.get(j, -1)
-        parts = {own[j]: np.where(mine, reach * size, np.where(moved, size, 0.0))}
+        parts = {own[j]: np.where(mine, share * size, np.where(moved, size, 0.0))}
         if mine.any():
             parts[within] = np.where(mine, size / (2 * pieces), 0.0)
         slope = AffineForm(mine.astype(float)) if mine.any() else None
         variables.append(AffineDual(AffineForm(middle, parts, 0.0), slope))
     with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
-        rows = [dual(row).slope for row in function(variables)]
+        rows = [dual(row).slope for row in function(variables, AFFINE)]
         lower, upper = np.zeros((2, len(rows), len(centre)))
-        for i, slope in enumerate(rows):
-            if slope is not None:
-                middle, size = _mean(slope, own, within, count)
-                lower[i, list(order)], upper[i, list(order)] = middle - size, middle + size
+        for i, row in enumerate(rows):
+            if row is not None:
+                mean, spread = _mean(row, own, within, count)
+                lower[i, list(order)], upper[i, list(order)] = mean - spread, mean + spread
     return lower, upper
 
 
-def _mean(
-    slope: AffineForm, own: Sequence[int], within: int, count: int
+def jacobian(
+    function: Function, centre: Sequence[Any], radius: Sequence[Any], columns: Sequence[int]
 ) -> tuple[Bounds, Bounds]:
+    """Return bounds (cells, rows, columns) of df/dx_j in cells of a box.
+
+    Parameters
+    ----------
+    centre, radius : per variable a number, or an array with one entry per cell.
+    """
+    cells = max(np.size(value) for value in (*centre, *radius))
+    turn = np.repeat(np.arange(len(columns)), cells)
+    variables = []
+    for j, (middle, size) in enumerate(zip(centre, radius, strict=True)):
+        about, parts = (
+            np.tile(np.broadcast_to(value, cells), len(columns)) for value in (middle, size)
+        )
+        form = AffineForm(about, {new_symbol(): parts} if np.any(parts) else None)
+        mine = turn == (columns.index(j) if j in columns else -1)
+        slope = AffineForm(mine.astype(float)) if mine.any() else None
+        variables.append(AffineDual(form, slope))
+    with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
+        rows = [dual(row).slope or AffineForm(0.0) for row in function(variables, AFFINE)]
+        ends = np.array([[np.broadcast_to(end, turn.size) for end in x.bounds] for x in rows])
+    found = ends.reshape(len(rows), 2, len(columns), cells)
+    return found[:, 0].transpose(2, 0, 1), found[:, 1].transpose(2, 0, 1)
+
+
+def _mean(slope: AffineForm, own: Sequence[int], within: int, count: int) -> tuple[Bounds, Bounds]:
     """Return middle and radius, per variable, of the mean of a slope over the pieces of its ray.
 
     Symbols of the variables are the same in every piece; what an operation left unknown may differ
@@ -95,7 +120,8 @@ def change_of(
 ) -> tuple[Bounds, Bounds]:
     """Return bounds (rows,) of f(x) - f(x0) over the box."""
     with np.errstate(invalid="ignore"):
-        point = function([dual(value) for value in centre])
-        box = function([dual(AffineForm.between(c - r, c + r)) if r else dual(c) for c, r in zip(centre, radius, strict=True)])
+        point = function([dual(value) for value in centre], AFFINE)
+        moved = [AffineForm(c, {new_symbol(): r}) for c, r in zip(centre, radius, strict=True)]
+        box = function([dual(form) for form in moved], AFFINE)
         ends = [(dual(b) - dual(a)).value.bounds for a, b in zip(point, box, strict=True)]
     return np.array([float(a) for a, _ in ends]), np.array([float(b) for _, b in ends])

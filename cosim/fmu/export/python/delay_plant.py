@@ -33,11 +33,6 @@ class DelayPlant:
         del v
         return []
 
-    def memory(self, v: Any) -> Any:
-        """Return how far back [s] the history must reach, beyond what the delays need."""
-        del v
-        return 0.0
-
     def constants(self, v: Any) -> Any:
         """Compute what depends on parameters alone and is passed to `rates` and `outputs`."""
         raise NotImplementedError
@@ -66,8 +61,7 @@ class DelayPlant:
         self._constants = self.constants(v)
         self._last_inputs: list[float] | None = None
         initial = [v[f"initial.{name}"] for name in self.states]
-        delays = [v[name] for name in self.delays]
-        self._line = DelayLine(initial, delays, v["solver.step"], start, self.memory(v))
+        self._line = DelayLine(initial, [v[name] for name in self.delays], v["solver.step"], start)
         self._publish(v)
 
     def advance(self, v: dict[str, float], end: float) -> None:

@@ -1,5 +1,5 @@
 /* What a component does between its variables: one of plant.c, sampled.c, waves.c,
-   packet_link.c, transport_link.c, table.c, sensor.c.
+   packet_link.c, transport_link.c, table.c.
 
    `v` are the values of all variables by their row in the table. Functions that return int give 1,
    or 0 with the reason in `why`; then neither `v` nor the behaviour has changed. */

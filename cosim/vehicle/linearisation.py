@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.core import InputError
-from cosim.hinf import AFFINE, Box, LinearEnclosure, enclose
+from cosim.hinf import Box, LinearEnclosure, enclose
 from cosim.models import Delay, DelaySystem
 from cosim.vehicle.actuation import Actuation, actuation_of
 from cosim.vehicle.trim import Trim, find_trim
@@ -136,8 +136,8 @@ def _system(model: _Coordinates, found: LinearEnclosure, loop_delay: float) -> D
         delays.append(Delay(loop_delay, np.zeros((n, n)), feedback=True, any_age=True))
     D = np.diag(model.weights)[np.array(model.weights) > 0]
     D2 = model.effort
-    pushed = [i for i, name in enumerate(model.states) if name.startswith("nu.")]
-    C = np.eye(n)[:, pushed]
+    accelerated = [i for i, name in enumerate(model.states) if name.startswith("nu.")]
+    C = np.eye(n)[:, accelerated]
     p = len(D) + len(D2)
     return DelaySystem(
         A=found.A,
@@ -181,7 +181,7 @@ class _Coordinates:
         self.states = (*self._plant, *self.acting)
         self._others = [x for x in vehicle.states if x not in self._plant and x not in lagged]
         self.bounds = {**dict(zip(_CURRENTS, current, strict=True)), **envelope}
-        self.bounds |= {name: size for name, size in self.acting.items()}
+        self.bounds |= self.acting
         self.weights = self._weights()
         self.effort = self._effort()
         self.box = self._box(actuation)
@@ -196,7 +196,9 @@ class _Coordinates:
         if own.common_lag:
             inverse = np.abs(np.linalg.pinv(own.thrust_map))
             bounds = inverse @ left
-            return {f"acting.{name}": float(x) for name, x in zip(own.commands, bounds, strict=True)}
+            return {
+                f"acting.{name}": float(x) for name, x in zip(own.commands, bounds, strict=True)
+            }
         return {
             f"actual.{a.name}": float(left[i] / own.limits[i])
             for i, a in enumerate(self.vehicle.actuators)
@@ -256,8 +258,8 @@ class _Coordinates:
             self.weights,
         )
 
-    def rates(self, variables: Sequence[Any]) -> list[Any]:
-        """Return the rates of the states, for duals as for floats."""
+    def rates(self, variables: Sequence[Any], ns: Any) -> list[Any]:
+        """Return the rates of the states."""
         own, n, m = self.actuation, len(self.states), len(self.actuation.commands)
         x, late, u = variables[:n], variables[n : 2 * n], variables[2 * n : 2 * n + m]
         rest = variables[2 * n + m :]
@@ -275,7 +277,9 @@ class _Coordinates:
                 share = np.eye(len(own.actuators))[i] * own.limits[i]
                 row = own.thrust_map[i]
                 if not own.common_lag:
-                    row = np.array([share[i] * (name == f"actual.{actuator.name}") for name in acting])
+                    row = np.array(
+                        [share[i] * (name == f"actual.{actuator.name}") for name in acting]
+                    )
                 actual[actuator.command] = _combined(own.at_trim[i], row, list(acting.values()))
         now = dict(zip(self._plant, x, strict=False)) | dict(zip(self._others, rest, strict=False))
         then = dict(zip(self._plant, late, strict=False))
@@ -290,7 +294,7 @@ class _Coordinates:
             [now[name] for name in self.vehicle.states],
             [then[name] for name in self.vehicle.states] if self.vehicle.damping else (),
             [inputs.get(name, 0.0) for name in self.vehicle.inputs],
-            AFFINE,
+            ns,
         )
         by_name = dict(zip(self.vehicle.states, found, strict=True))
         return [by_name[name] for name in self._plant] + self._lags(list(acting.values()), u)
