@@ -204,7 +204,7 @@ def _of_both(delay: Delay, chosen: NDArray[np.bool_]) -> Iterator[Delay]:
     """Yield a delay of the plant as one of the pair; two where the observer takes it to be d."""
     (n, n_e), A = (len(chosen), int(chosen.sum())), delay.A
     error = A[np.ix_(chosen, chosen)]
-    H = np.hstack([delay.H, np.zeros((len(delay.H), n_e))]) if delay.H.size else None
+    H = np.hstack([delay.H, np.zeros((len(delay.H), n_e))])
     if not (delay.any_age and A.any()):
         yield replace(delay, A=scipy.linalg.block_diag(A, error), H=H)
         return

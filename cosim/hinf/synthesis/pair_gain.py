@@ -30,6 +30,7 @@ class PairGain:
     ----------
     plant, measurements : as of `pair_of`.
     known : its other arguments, by name.
+    K, L : kept as they are where they are given; theta is zero there.
     only_uncertain : the gain is that from p to q, as of `LoopGain`.
     """
 
@@ -39,14 +40,19 @@ class PairGain:
         measurements: Sequence[Measurement],
         known: dict[str, Any],
         *,
+        K: Matrix | None = None,
+        L: Sequence[Matrix] | None = None,
         only_uncertain: bool = False,
     ) -> None:
         n, m = plant.B.shape
         estimated = known.get("estimated")
         self._chosen = np.ones(n, dtype=bool) if estimated is None else np.array(estimated)
         errors = np.eye(n)[self._chosen]
-        told = [replace(x, C=errors, noise=None) for x in measurements]
-        pair = pair_of(plant, told, np.zeros((m, n)), [errors.T for _ in told], **known)
+        silent = (0.0,) * len(errors)
+        errors_measured = [replace(x, C=errors, noise=silent) for x in measurements]
+        pair = pair_of(
+            plant, errors_measured, np.zeros((m, n)), [errors.T for _ in errors_measured], **known
+        )
         self._rows = [x.C[:, self._chosen] for x in measurements]
         self._noise = [np.array(x.noise) * (not only_uncertain) for x in measurements]
         system, self._first = pair.system, plant.C.shape[1]
@@ -62,7 +68,12 @@ class PairGain:
         self._K = (m, n)
         self.scalings, self.has_gain = self._loop.scalings, self._loop.has_gain
         self.has_scaling = self._loop.has_scaling
-        self.free = self.theta(*_coupled(plant, measurements)) > 0
+        zeros = [np.zeros(x.C.T.shape) for x in measurements]
+        parts = _coupled(plant, measurements)
+        free = np.zeros((m, n)) if K is not None else parts[0], zeros if L is not None else parts[1]
+        self.free = self.theta(*free) > 0
+        given = np.zeros((m, n)) if K is None else K, zeros if L is None else L
+        self._given = self.theta(*given)
 
     def theta(self, K: Matrix, L: Sequence[Matrix]) -> Matrix:
         """Return K and L (each (n, k_i)) as one row."""
@@ -80,7 +91,8 @@ class PairGain:
         """Return K, and every L without the rows of known states."""
         sizes = [self._K, *((x.shape[1], x.shape[0]) for x in self._rows)]
         ends = np.cumsum([a * b for a, b in sizes])
-        return [x.reshape(s) for x, s in zip(np.split(theta[0], ends[:-1]), sizes, strict=True)]
+        whole = np.split((theta + self._given)[0], ends[:-1])
+        return [x.reshape(s) for x, s in zip(whole, sizes, strict=True)]
 
     def _at(self, theta: Matrix) -> tuple[LoopGain, Matrix]:
         """Return the loop at the noise of theta, and the gain of the pair."""
@@ -143,6 +155,6 @@ def _coupled(
     same = (part[:, None] == part).astype(np.float64)
 
     def reached(matrix: Matrix) -> Matrix:
-        return (np.abs(matrix) @ same > 0).astype(np.float64)
+        return np.asarray(np.abs(matrix) @ same > 0, dtype=np.float64)
 
     return reached(plant.B.T), [reached(x.C).T for x in measurements]

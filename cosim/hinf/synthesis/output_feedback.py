@@ -1,0 +1,355 @@
+"""Design an observer and the gain that acts on its estimate, together, and prove their pair.
+
+1. L starts from the LMI of the error (`injection_lmi`), K from a linear-quadratic regulator.
+2. A descent on the gain of the pair, uncertainty included (`pair_gain`), improves both together,
+   at constant ages: at the greatest, then at somewhat longer ones, which are more cautious.
+3. The pair of each, K and L rounded, is analysed with the ages as they are, and the best is kept.
+
+Only the analysis is a proof (`cosim.hinf.certificate.pair_of`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import scipy
+from numpy.typing import ArrayLike
+
+from cosim.core import InputError, NotAchievableError, html_table, matrix_text, report
+from cosim.hinf.certificate import (
+    Certificate,
+    ObserverPair,
+    output_feedback_to_json,
+    pair_from_json,
+    pair_of,
+)
+from cosim.hinf.lmi import InjectionLmi, Scaling, solver_words, units_of
+from cosim.hinf.nominal import (
+    NominalFigures,
+    WorstCase,
+    checked_system,
+    nominal_figures_of,
+    one_thread,
+    worst_case_at,
+)
+from cosim.hinf.problem import ages_are_known
+from cosim.hinf.synthesis.analysis import (
+    Analysis,
+    Order,
+    best_analysis,
+    check_gamma,
+    check_order_of_analysis,
+)
+from cosim.hinf.synthesis.descent import Descent
+from cosim.hinf.synthesis.designs import rounded_gain
+from cosim.hinf.synthesis.pair_gain import PairGain
+from cosim.hinf.synthesis.result_text import proved_words, result_rows
+from cosim.models import DelaySystem, Matrix, Measurement
+
+_LONGER = (1.0, 1.15, 1.35)
+"""Ages for which K and L are proposed, as multiples of those that vary."""
+_MULTIPLIERS = (0.3, 1.0, 3.0)
+"""b of `InjectionLmi`, as multiples of the greatest age."""
+_BITS = 20  # of the entries of L, relative to the largest of its column
+_EVALUATIONS = 150
+_SMALL = 1e-3  # weight of states and controls that are not in z, in own units
+_AGELESS = 1e-2  # s per unit of time: the age that stands for none
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class OutputFeedback:
+    """An observer and its gain, certified together, with the figures of their nominal pair.
+
+    Attributes
+    ----------
+    pair : plant and observer as one system; what is analysed.
+    gamma : certified bound of the gain from (w, w_1 .. w_p) to z, uncertainty included; None where
+        the plant has no z or nothing acts on it, and stability alone is certified.
+    certificate : the proof as JSON values, for `check_certificate`, of kind "output-feedback".
+    order : Bessel-Legendre order of the proof.
+    least_gamma : the solver's least gamma; not proved.
+    abscissa, exact_norm, exact_norm_upper, norm_frequency, delay_margin : of the nominal pair
+        (`cosim.hinf.nominal.nominal_figures`).
+    worst_case : the sinusoid that the nominal pair amplifies most; None without one.
+    """
+
+    pair: ObserverPair
+    gamma: float | None
+    certificate: dict[str, Any]
+    order: int
+    least_gamma: float | None
+    abscissa: float
+    exact_norm: float | None
+    exact_norm_upper: float | None
+    norm_frequency: float | None
+    delay_margin: tuple[float | None, ...] | None
+    worst_case: WorstCase | None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "certificate", Certificate(self.certificate))
+
+    def __repr__(self) -> str:
+        name = f" {self.system.name!r}" if self.system.name else ""
+        names = ", ".join(x.name for x in self.measurements)
+        return f"<OutputFeedback{name}: observer of {names}, {proved_words(self)}>"
+
+    def _repr_html_(self) -> str:
+        """Return the gains, what is proved and the figures of the pair, for notebooks."""
+        rows = {"system": repr(self.system)[1:-1], "K": matrix_text(self.K)}
+        rows |= {
+            f"L of {x.name}": matrix_text(own)
+            for x, own in zip(self.measurements, self.L, strict=True)
+        }
+        return html_table(repr(self), rows | result_rows(self))
+
+    @property
+    def system(self) -> DelaySystem:
+        """The plant."""
+        return self.pair.plant
+
+    @property
+    def measurements(self) -> tuple[Measurement, ...]:
+        """What the observer receives, with the noise that is proved."""
+        return self.pair.measurements
+
+    @property
+    def K(self) -> Matrix:
+        """The gain (m, n): u = K xh."""
+        return self.pair.K
+
+    @property
+    def L(self) -> tuple[Matrix, ...]:
+        """The injection (n, k_i) of every measurement."""
+        return self.pair.L
+
+    @property
+    def certified(self) -> bool:
+        """Always true: an `OutputFeedback` is only made with a proof."""
+        return True
+
+    @property
+    def covers_smaller_delays(self) -> bool:
+        """Whether the proof covers every delay up to the system's, not exactly these alone."""
+        from cosim.hinf.certificate import covers_smaller  # noqa: PLC0415 - as `Design`
+
+        return covers_smaller(self.certificate["claim"])
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the certificate, and the figures of the nominal pair beside it."""
+        names = ("least_gamma", "abscissa", "exact_norm", "exact_norm_upper", "norm_frequency")
+        return {**self.certificate, "figures": {name: getattr(self, name) for name in names}}
+
+
+@one_thread
+def design_output_feedback(
+    system: DelaySystem,
+    measurements: Sequence[Measurement],
+    *,
+    gain: ArrayLike | None = None,
+    injections: Sequence[ArrayLike] | None = None,
+    gamma: float | None = None,
+    command_age: float = 0.0,
+    command_any_age: bool = False,
+    estimated: Sequence[bool] | None = None,
+    order: Order = "auto",
+) -> OutputFeedback:
+    """Design K and L for measurements with ages of their own, or prove given ones.
+
+    Parameters
+    ----------
+    system : the plant, Eq. (7) (n states, m controls), without feedback of its own.
+    measurements : what the observer receives.
+    gain : (m, n) a K to keep; None: it is designed.
+    injections : one L (n, k_i) per measurement to keep; None: they are designed.
+    gamma : a bound to meet instead of the least one.
+    command_age : age [s] at which u acts, constant (play-out); 0: at once.
+    command_any_age : any age up to it, in place of the constant one.
+    estimated : one truth value per state; False: it is known (`ObserverPair`). None: all are
+        estimated.
+    order : of the analysis, as of `analyse`.
+
+    Raises
+    ------
+    InputError : numbers that do not fit the system.
+    NotAchievableError : no K and L were found whose pair is certified.
+
+    Examples
+    --------
+    >>> from cosim.hinf import DelaySystem, design_output_feedback
+    >>> from cosim.models import Measurement
+    >>> slow = DelaySystem(A=[[-0.1]], B=[[1]], C=[[1]], D=[[1], [0]], D2=[[0], [1]])
+    >>> late = Measurement("depth", [[1]], 0.5, any_age=True, noise=[0.1])
+    >>> found = design_output_feedback(slow, [late])
+    >>> bool(found.gamma < 1.1 * found.exact_norm), found.K.shape, found.L[0].shape
+    (True, (1, 1), (1, 1))
+    """
+    system = checked_system(system, control=True)
+    check_order_of_analysis(order)
+    known: dict[str, Any] = {
+        "command_age": command_age,
+        "command_any_age": command_any_age,
+        "estimated": estimated,
+    }
+    (n, m) = system.B.shape
+    K = np.zeros((m, n)) if gain is None else gain
+    L = [np.zeros(x.C.T.shape) for x in measurements] if injections is None else injections
+    given = pair_of(system, measurements, K, L, **known)
+    if gamma is not None:
+        check_gamma(gamma, given.system)
+    if gain is not None and injections is not None:
+        return _best(system, measurements, iter([(given.K, list(given.L))]), known, gamma, order)
+    proposed = _proposals(
+        given,
+        known,
+        None if gain is None else given.K,
+        None if injections is None else list(given.L),
+    )
+    return _best(system, measurements, proposed, known, gamma, order)
+
+
+def _best(
+    system: DelaySystem,
+    measurements: Sequence[Measurement],
+    proposed: Iterator[tuple[Matrix, list[Matrix]]],
+    known: dict[str, Any],
+    gamma: float | None,
+    order: Order,
+) -> OutputFeedback:
+    """Return the best proof of the gains that are proposed, until they become worse."""
+    made: list[tuple[ObserverPair, Analysis]] = []
+    reason = "no gains were found that stabilise it"
+    with solver_words():
+        for K, L in proposed:
+            pair = pair_of(system, measurements, K, L, **known)
+            figures = nominal_figures_of(pair.system, pair.gain)
+            quick = best_analysis(*(pair.system, pair.gain, gamma, order, figures), ranking=True)
+            if not quick.certified:
+                reason = quick.reason or reason
+                continue
+            worse = bool(made) and (quick.gamma or 0.0) >= (made[-1][1].gamma or 0.0)
+            made.append((pair, quick))
+            if worse or quick.gamma is None or gamma is not None:
+                break
+    if not made:
+        raise NotAchievableError(
+            "no observer and gain could be certified",
+            where=system.name or None,
+            expected="an exact proof of stability" if gamma is None else f"gamma = {gamma:g}",
+            got=reason,
+            hint="younger measurements, less uncertainty, a larger gamma, or gains of your own",
+        )
+    pair, found = min(made, key=lambda one: one[1].gamma or 0.0)
+    if ages_are_known(pair.system) and order == "auto":
+        full = best_analysis(pair.system, pair.gain, gamma, order, NominalFigures.of(found))
+        found = min((found, full), key=lambda one: (not one.certified, one.gamma or 0.0))
+    return _certified(pair, found)
+
+
+def _certified(pair: ObserverPair, found: Analysis) -> OutputFeedback:
+    """Return the output feedback of a certified analysis of its pair."""
+    if found.certificate is None:
+        raise ValueError("expected a certified analysis")
+    return OutputFeedback(
+        pair=pair,
+        gamma=found.gamma,
+        certificate=output_feedback_to_json(pair, found.certificate),
+        order=found.order,
+        least_gamma=found.least_gamma,
+        worst_case=worst_case_at(pair.system, pair.gain, found.norm_frequency),
+        **NominalFigures.of(found)._asdict(),
+    )
+
+
+def _proposals(
+    given: ObserverPair, known: dict[str, Any], K: Matrix | None, L: list[Matrix] | None
+) -> Iterator[tuple[Matrix, list[Matrix]]]:
+    """Yield K and L, of the best gain first at the ages themselves, then at longer ones."""
+    plant, units = given.plant, units_of(given.plant)[0]
+    start_K = _regulator(plant, units) if K is None else np.zeros_like(K)
+    start_L = _injections(given, units) if L is None else [np.zeros_like(x) for x in L]
+    output = [np.abs(x.C) @ units.state for x in given.measurements]
+    per_K = units.input[:, None] / units.state
+    per_L = [units.state[:, None] / units.T / size for size in output]
+    theta: Matrix | None = None
+    varies = any(x.any_age for x in given.system.delays)
+    for factor in _LONGER if varies else _LONGER[:1]:
+        report(f"observer and gain for ages {factor:g} times as long", 0.0)
+        longer = [replace(x, d=factor * x.d) if x.any_age else x for x in given.measurements]
+        loop = PairGain(plant, longer, known, K=K, L=L)
+        alone = PairGain(plant, longer, known, K=K, L=L, only_uncertain=True)
+        theta = loop.theta(start_K, start_L) if theta is None else theta
+        uncertain = alone if plant.E.size else None
+        descent = Descent(loop, uncertain, loop.theta(per_K, per_L), 1 / units.T, _EVALUATIONS)
+        found = descent.from_start(theta * loop.free)
+        if found is None:
+            continue
+        theta = found
+        gains = loop.gains(found)
+        rounded = rounded_gain(gains[0], units) if K is None else K
+        yield rounded, [_short(x) for x in gains[1]] if L is None else L
+
+
+def _short(L: Matrix) -> Matrix:
+    """Round to so few bits that products with the noise are exact: 20 of each column's largest."""
+    largest = np.abs(L).max(axis=0)
+    step = np.exp2(np.floor(np.log2(np.where(largest > 0, largest, 1.0))) - _BITS)
+    return np.asarray(np.round(L / step) * step + 0.0)
+
+
+def _regulator(plant: DelaySystem, units: Scaling) -> Matrix:
+    """Return the gain (m, n) of a linear-quadratic regulator without delays; zero without one."""
+    own = units.system(plant)
+    A = own.A + sum((x.A for x in own.delays), np.zeros_like(own.A))
+    (n, m) = own.B.shape
+    Q, R = own.D.T @ own.D + _SMALL * np.eye(n), own.D2.T @ own.D2 + _SMALL * np.eye(m)
+    try:
+        P = scipy.linalg.solve_continuous_are(A, own.B, Q, R)
+    except (ValueError, np.linalg.LinAlgError):
+        return np.zeros((m, n))
+    in_units = -np.linalg.solve(R, own.B.T @ P)
+    return np.asarray(in_units * units.input[:, None] / units.state)
+
+
+def _injections(given: ObserverPair, units: Scaling) -> list[Matrix]:
+    """Return the injections of the error's LMI at the best of some multipliers; else zeros."""
+    longest = max(x.d for x in given.measurements) or _AGELESS * units.T
+    lmi = InjectionLmi(*(given.plant, given.measurements, given.estimated, units.state, units.T))
+    found = [lmi.least_gamma(b * longest) for b in _MULTIPLIERS]
+    best = min((x for x in found if x is not None), key=lambda x: x[0], default=None)
+    return list(given.L) if best is None else best[1]
+
+
+def output_feedback_from_json(data: Any, *, where: str) -> OutputFeedback:
+    """Read an output feedback from its certificate, and check its proof again.
+
+    The figures of the nominal pair, which no claim depends on, are computed.
+
+    Raises
+    ------
+    InputError : not an output feedback, or one whose proof does not hold.
+    """
+    from cosim.hinf.certificate import check_certificate  # noqa: PLC0415
+
+    kind = data.get("kind") if isinstance(data, dict) else None
+    if kind != "output-feedback":
+        raise InputError(
+            "not an output feedback", where=where, expected="kind output-feedback", got=str(kind)
+        )
+    proof = check_certificate(data)
+    if not proof.valid:
+        raise InputError("the proof does not hold", where=where, got=proof.reason)
+    pair, variables = pair_from_json(data), data["pair"]["variables"]
+    figures = nominal_figures_of(pair.system, pair.gain)
+    top, _, bottom = str(variables["gamma"]).partition("/")
+    return OutputFeedback(
+        pair=pair,
+        gamma=None if variables["gamma"] is None else int(top) / int(bottom or 1),
+        certificate={key: x for key, x in data.items() if key not in ("figures", "schema")},
+        order=variables["order"],
+        least_gamma=None,
+        worst_case=worst_case_at(pair.system, pair.gain, figures.norm_frequency),
+        **figures._asdict(),
+    )

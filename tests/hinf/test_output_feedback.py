@@ -1,0 +1,143 @@
+"""Observer and gain designed together: what is certified of them, and what they beat."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cosim.core import InputError, NotAchievableError
+from cosim.hinf import (
+    Delay,
+    DelaySystem,
+    analyse,
+    auv_system,
+    check_certificate,
+    close,
+    design_output_feedback,
+    hinf_norm,
+    output_feedback_from_json,
+    pair_of,
+)
+from cosim.hinf.lmi import InjectionLmi, units_of, without_performance
+from cosim.hinf.synthesis.pair_gain import PairGain
+from cosim.models import Measurement
+
+AXIS = DelaySystem(
+    [[0, 1], [0, 0]], [[0], [1]], [[0], [1]], [[0.1, 0.0], [0.0, 0.0]], D2=[[0], [1]], name="axis"
+)
+SLOW = DelaySystem([[-0.1]], [[1]], [[1]], [[1], [0]], D2=[[0], [1]], name="slow")
+DEPTH = Measurement("depth", [[1]], 0.5, noise=[0.1])
+FIXES = Measurement("position", [[1, 0]], 1.5, any_age=True)
+
+
+def onboard() -> DelaySystem:
+    """The vehicle with its onboard damping, half a second late; the loop closes on board."""
+    system = auv_system()
+    own = [replace(x, feedback=False, any_age=False) for x in system.delays if x.A.any()]
+    return replace(system, delays=tuple(own))
+
+
+def test_the_axis_of_the_theory_bears_fixes_of_any_age_of_a_second_and_a_half() -> None:
+    """MATH 7: L = (.53, .057); the LMI of the error finds one, up to 8 s with small ones."""
+    units = units_of(AXIS)[0]
+    for d, most in ((1.5, 1.0), (8.0, 0.2)):
+        late = replace(FIXES, d=d)
+        lmi = InjectionLmi(AXIS, [late], np.ones(2, dtype=bool), units.state, units.T)
+        found = lmi.least_gamma(d)
+        assert found is not None
+        assert np.abs(found[1][0]).max() < most
+        pair = pair_of(AXIS, [late], [[-0.06, -0.53]], found[1])
+        assert analyse(without_performance(pair.system), pair.gain, order=0).certified
+
+
+def test_derivatives_of_the_pairs_gain_are_those_of_differences() -> None:
+    """By K and by L, with noise, uncertainty and a late command."""
+    plant = DelaySystem(
+        *(np.array([[0, 1], [0, -0.5]]), [[0], [1]], [[0], [1]], np.diag([0.1, 0.0])),
+        D2=[[0], [1]],
+        E=[[0.0], [0.2]],
+        H=[[0.0, 0.5]],
+        delays=[Delay(0.4, np.diag([0, -0.1]))],
+    )
+    sensors = [replace(FIXES, noise=(0.2,)), Measurement("speed", [[0, 1]], 0.2, noise=[0.1])]
+    known: dict[str, Any] = {"command_age": 0.1}
+    loop = PairGain(plant, sensors, known)
+    alone = PairGain(plant, sensors, known, only_uncertain=True)
+    L = [np.array([[0.5], [0.1]]), np.array([[0.1], [0.4]])]
+    theta = loop.theta(np.array([[-0.1, -0.6]]), L)
+    for function in (loop.abscissa, lambda x: loop.gain(x, -2.0), alone.gain):
+        slopes = []
+        for i in range(theta.size):
+            ends = [function(theta + h * np.eye(1, theta.size, i)).value for h in (-1e-6, 1e-6)]
+            slopes.append((ends[1] - ends[0]) / 2e-6)
+        np.testing.assert_allclose(function(theta).in_gain[0], slopes, rtol=1e-4, atol=1e-5)
+
+
+@pytest.fixture(scope="module")
+def designed() -> Any:
+    """A slow plant whose depth is known half a second late, with noise."""
+    return design_output_feedback(SLOW, [DEPTH])
+
+
+def test_a_design_is_certified_and_has_less_gamma_than_other_gains(designed: Any) -> None:
+    """Its gamma is near the exact norm of its pair, below that of other gains."""
+    by_hand = pair_of(SLOW, designed.measurements, [[-0.25]], [[[0.25]]])
+    assert designed.exact_norm <= designed.gamma < 1.1 * designed.exact_norm
+    norm = hinf_norm(close(by_hand.system, by_hand.gain))
+    assert norm is not None
+    assert designed.gamma < 0.9 * norm.value
+    assert designed.measurements[0].noise[0] == pytest.approx(0.1, rel=1e-6)
+
+
+def test_a_saved_output_feedback_is_read_with_its_figures(designed: Any) -> None:
+    """Through JSON; the proof is checked again, and a changed one refused."""
+    data = json.loads(json.dumps(designed.to_json()))
+    again = output_feedback_from_json(data, where="file")
+    assert again.gamma == designed.gamma
+    assert again.exact_norm == designed.exact_norm
+    np.testing.assert_array_equal(again.L[0], designed.L[0])
+    assert check_certificate(again.to_json()).valid
+    data["K"][0][0] *= 1.5
+    with pytest.raises(InputError, match="the proof does not hold"):
+        output_feedback_from_json(data, where="file")
+    with pytest.raises(InputError, match="not an output feedback"):
+        output_feedback_from_json({"kind": "norm"}, where="file")
+
+
+@pytest.mark.slow
+def test_given_gains_are_kept_as_they_are() -> None:
+    """K alone, L alone, or both; what cannot be certified is refused with its reason."""
+    K, L = [[-0.25]], [[[0.25]]]
+    both = design_output_feedback(SLOW, [DEPTH], gain=K, injections=L)
+    kept_K = design_output_feedback(SLOW, [DEPTH], gain=K)
+    kept_L = design_output_feedback(SLOW, [DEPTH], injections=L)
+    np.testing.assert_array_equal(kept_K.K, K)
+    np.testing.assert_array_equal(kept_L.L[0], L[0])
+    assert max(kept_K.gamma or 0, kept_L.gamma or 0) < (both.gamma or 0)
+    with pytest.raises(NotAchievableError, match="no observer and gain"):
+        design_output_feedback(SLOW, [DEPTH], gain=K, injections=[[[-0.5]]])
+    with pytest.raises(NotAchievableError, match="no observer and gain"):
+        design_output_feedback(SLOW, [DEPTH], gain=K, injections=L, gamma=0.5)
+
+
+@pytest.mark.slow
+def test_the_vehicle_is_certified_with_positions_alone_of_any_age() -> None:
+    """Eight states, the envelope's whole uncertainty, fixes of any age up to 1.5 s; random F."""
+    fixes = Measurement("eta", np.eye(4, 8), 1.5, any_age=True)
+    found = design_output_feedback(onboard(), [fixes])
+    assert check_certificate(found.to_json()).valid
+    seeded, system, norms = np.random.default_rng(1), found.pair.system, []
+    for _ in range(6):
+        left, _, right = np.linalg.svd(seeded.normal(size=(6, 6)))
+        F = left @ right
+        delays = [replace(x, A=x.A + system.E @ F @ x.H) for x in system.delays]
+        delays[1] = replace(delays[1], d=float(seeded.uniform(0, 1.5)))
+        moved = replace(system, A=system.A + system.E @ F @ system.H, delays=tuple(delays))
+        norm = hinf_norm(close(moved, found.pair.gain))
+        assert norm is not None
+        norms.append(norm.value)
+    assert max(norms) <= (found.gamma or 0.0)
