@@ -230,6 +230,21 @@ def controller(
         bool,
         typer.Option("--observer", help="Of an output feedback, only the observer."),
     ] = False,
+    watch: Annotated[
+        bool,
+        typer.Option(
+            "--watch",
+            help="Report as the FMU runs how much of the ages, the envelope and the limits is used "
+            "that the proof allows. The age needs a further input, the time of the measurement.",
+        ),
+    ] = False,
+    envelope: Annotated[
+        str | None,
+        typer.Option(
+            help="What --watch, or an observer, compares the state with: a bound per state, 0 for "
+            "none (default: those of the built-in vehicle's design)."
+        ),
+    ] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Export a saved design as a controller FMU with gain, limits, certificate and documentation.
@@ -245,6 +260,7 @@ def controller(
     \b
     cosim fmu controller gain.json -o my-controller.fmu
     cosim fmu controller gain.json -o sampled.fmu --sample-time 0.05 --limits 2
+    cosim fmu controller gain.json -o watched.fmu --watch
     """
     kind = replace(fmus.target_named(flavour, platforms), clocked=clocked)
     found = replay.certificate_in(file)
@@ -264,6 +280,8 @@ def controller(
         sample_time=sample_time,
         limits=bounds,
         observer=observer,
+        watch=watch,
+        envelope=None if envelope is None else numbers("--envelope", envelope),
     )
     answer(
         as_json,

@@ -14,7 +14,7 @@ def greatest_share(values: Sequence[Any], bounds: Sequence[Any], ns: Any) -> Any
     """Return the greatest |value| / bound; 0 without any. `ns` provides `max` of two."""
     greatest: Any = 0.0
     for value, bound in zip(values, bounds, strict=True):
-        greatest = ns.max(greatest, ns.max(value, -value) / bound)
+        greatest = ns.max(greatest, abs(value) / bound)
     return greatest
 
 

@@ -7,11 +7,13 @@ The gain of HinfController is that of the design `auv-1.25s`, which the built-in
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from cosim.core import InputError
 from cosim.fmu import ComponentSpec, Variable, component_module, loop_scenario
 from cosim.models import STATE, TABLE_1, inertia
 
@@ -265,6 +267,75 @@ def feedback_spec(
             end=stop,
         ),
     )
+
+
+def watched_spec(
+    spec: ComponentSpec, *, age: float, envelope: Mapping[str, float] | None = None
+) -> ComponentSpec:
+    """Add to a controller the outputs that report the use of its assumptions.
+
+    Parameters
+    ----------
+    age : greatest age of the measured state [s]; 0: not watched.
+    envelope : bounds of measured values by name, where the proof has them.
+    """
+    bounds = dict(envelope or {})
+    measured = {v.name: v.unit for v in spec.variables if v.name in spec.constants["measured"]}
+    unknown = [*({*bounds} - {*measured}), *(x for x, bound in bounds.items() if not bound > 0)]
+    if unknown:
+        raise InputError(
+            "the envelope does not fit what is measured",
+            expected=f"bounds > 0 of {', '.join(measured)}",
+            got=", ".join(f"{name}: {bounds[name]:g}" for name in unknown),
+        )
+    table = [
+        Variable(
+            *("stamp.state", "input", "time at which the state in use was measured", "s", -1.0),
+            discrete=True,
+        ),
+        Variable("message_age.state", "output", "time since then, or since the start", "s"),
+        *watched_variables(("age", "envelope", "saturation")),
+        Variable(
+            *("age.state", "parameter", "greatest age of the state; 0: not watched", "s", age),
+            minimum=0.0,
+        ),
+    ]
+    table += [
+        Variable(f"envelope.{x}", "parameter", f"largest |{x}|", measured[x], bound, minimum=0.0)
+        for x, bound in bounds.items()
+    ]
+    module = "cosim.components.hinf_controller.watched"
+    return replace(
+        spec,
+        variables=(*spec.variables, *table),
+        behaviour=f"{module}:WatchedFeedback",
+        sources=(*spec.sources, "cosim.models.assumptions", module),
+        constants={**spec.constants, "envelope": [*bounds]},
+        notes=spec.notes + _WATCHED_NOTES,
+    )
+
+
+def watched_variables(uses: Sequence[str]) -> list[Variable]:
+    """Return the use of assumptions, at present and at most, and whether all are met."""
+    table = [
+        Variable(f"{word}.{use}", "output", f"use of the {_USES[use]}, {when}: 1 is all of it")
+        for word, when in (("present", "at present"), ("assumption", "greatest so far"))
+        for use in uses
+    ]
+    text = "1 until an assumption is used beyond 1, 0 from then on"
+    return [*table, Variable("assumption.met", "output", text, None, 1.0, "Integer")]
+
+
+_USES = {"age": "greatest ages", "envelope": "envelope", "saturation": "limits of the commands"}
+_WATCHED_NOTES = """
+## The assumptions of the proof
+
+The proof holds while the age of the measured state, the envelope and the limits are used by no
+more than 1. `present.age`, `present.envelope` and `present.saturation` are the share at present, of
+`age.state`, of `envelope.*` by what is measured, and of the limits by what is commanded before it
+is limited; `assumption.*` are their greatest values so far, and `assumption.met` is 1 while none is
+beyond 1. The age is the time since `stamp.state`, which travels with the measurement.
+"""
 
 
 def _constants_of(own: _Integrals) -> dict[str, Any]:

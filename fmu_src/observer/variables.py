@@ -19,6 +19,8 @@ from cosim.fmu import ComponentSpec, Variable, component_module, solver_step
 from .allocation import maps_between
 from .page import notes
 
+watched_variables = component_module("hinf_controller.variables").watched_variables
+
 _PLANT = component_module("delayed_plant.variables")
 _SOURCES = (
     *("cosim.models.products", "cosim.models.delayed_linear", "cosim.models.delay_line"),
@@ -27,7 +29,6 @@ _SOURCES = (
 )
 _STEP = 0.05  # [s], of the default experiment
 _NEVER = -1.0  # stamp of an input that has had no packet
-_USES = {"age": "greatest ages", "envelope": "envelope", "saturation": "limits of the commands"}
 _MAPS = {
     "thrust_map": "entry ({i},{j}) of the map from controls to commands",
     "allocation": "entry ({i},{j}) of the map from commands to controls",
@@ -56,7 +57,7 @@ def observer_spec(
         name,
         "Observer of late measurements, of a certified pair",
         [*own.measured(), *(Variable(u, "input", text) for u in own.controls("u"))],
-        [*own.results(), *own.watched(("age", "envelope"))],
+        [*own.results(), *watched_variables(("age", "envelope"))],
         [*own.matrices(), *trims, *own.settings()],
         {"commands": [], "with_limits": False, "mapped": False, "trimmed": bool(trims)},
         certificate,
@@ -130,7 +131,7 @@ def output_feedback_spec(
             *("watchdog", "output", "1 while a measurement is too old, and safe values are in use"),
             kind="Integer",
         ),
-        *own.watched(tuple(_USES)),
+        *watched_variables(("age", "envelope", "saturation")),
     ]
     parameters = [
         *own.matrices(),
@@ -290,16 +291,6 @@ class _Pair:
             text = f"packets of {name} not used: older than the one in use, or than age.{name}"
             table.append(Variable(f"ignored.{name}", "output", text, kind="Integer"))
         return table
-
-    def watched(self, uses: Sequence[str]) -> list[Variable]:
-        """Return the use of assumptions, at present and at most, and whether they are met."""
-        table = [
-            Variable(f"{word}.{use}", "output", f"use of the {_USES[use]}, {when}: 1 is all of it")
-            for word, when in (("present", "at present"), ("assumption", "greatest so far"))
-            for use in uses
-        ]
-        text = "1 until an assumption is used beyond 1, 0 from then on"
-        return [*table, Variable("assumption.met", "output", text, None, 1.0, "Integer")]
 
     def matrices(self) -> list[Variable]:
         """Return plant, measurements and injections."""

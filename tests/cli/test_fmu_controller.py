@@ -235,3 +235,27 @@ def test_what_cannot_be_exported_is_refused(arguments: list[str], reply: str, fo
     assert result.code == 2
     assert reply in result.error["what"]
     assert set(folder.rglob("*.fmu")) == before
+
+
+def test_a_controller_that_reports_its_assumptions(folder: Path) -> None:
+    """Ages from the certificate, the vehicle's own envelope, or the one that is given."""
+    options = ("--watch", "--flavour", "python")
+    pack(folder, "vehicle.json", "-o", "watched.fmu", *options)
+    model = read_model_description(str(folder / "watched.fmu"))
+    start = {v.name: v.start for v in model.modelVariables}
+    assert [*start][: len(SPEC.variables)] == [v.name for v in SPEC.variables]
+    assert float(start["age.state"]) == 1.25
+    assert float(start["envelope.eta.psi"]) == 0.35
+    assert "assumption.met" in start
+    pack(folder, "three.json", "-o", "three-watched.fmu", *options, "--envelope", "0,0.5,2")
+    start = {
+        v.name: v.start
+        for v in read_model_description(str(folder / "three-watched.fmu")).modelVariables
+    }
+    named = {name: float(x) for name, x in start.items() if name.startswith("envelope")}
+    assert named == {"envelope.x[2]": 0.5, "envelope.x[3]": 2.0}
+    assert float(start["age.state"]) == 0.1
+    for wrong in (("--envelope", "1,1,1"), ("--watch", "--envelope", "1,1")):
+        result = cosim("fmu", "controller", "three.json", *wrong, cwd=folder)
+        assert result.code == 2
+        assert "--envelope" in result.err

@@ -92,7 +92,7 @@ class Equations:
         """Set inputs and advance."""
         self.v.update(inputs)
         self.behaviour.advance(self.v, end)
-        notice = self.behaviour.notice()
+        notice = self.behaviour.notice() if hasattr(self.behaviour, "notice") else None
         if notice is not None:
             self.notices.append(notice)
 

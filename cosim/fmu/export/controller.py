@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal
 
@@ -14,8 +14,16 @@ from cosim.core import InputError, counted
 from cosim.fmu.export.components import component_module
 from cosim.fmu.export.fmu_file import FmuTarget, checked_name, model_name, write_fmu
 from cosim.fmu.export.spec import ComponentSpec
-from cosim.hinf import certificate_bytes, certificate_hash, check_certificate, system_from_json
-from cosim.models import DelaySystem
+from cosim.hinf import (
+    DEFAULT_ENVELOPE,
+    AuvDesignSettings,
+    auv_system,
+    certificate_bytes,
+    certificate_hash,
+    check_certificate,
+    system_from_json,
+)
+from cosim.models import STATE, DelaySystem
 
 _VARIABLES = component_module("hinf_controller.variables")
 _OBSERVER = component_module("observer.variables")
@@ -58,6 +66,8 @@ def export_controller(
     sample_time: float | None = None,
     limits: Sequence[float] | None = None,
     observer: bool = False,
+    watch: bool = False,
+    envelope: Sequence[float] | None = None,
 ) -> ControllerFmu:
     """Write the FMU of a gain after checking its proof.
 
@@ -72,6 +82,10 @@ def export_controller(
     limits : for the vehicle, of each thrust [N] and of the moment [N m]; otherwise one per
         command, by default none.
     observer : of an output feedback, only its observer.
+    watch : report the use of the assumptions by outputs, as the FMU of an output feedback does in
+        any case.
+    envelope : a bound for each measured state, or estimate, 0 for none; by default none, and of the
+        built-in vehicle those of its design.
 
     Raises
     ------
@@ -107,21 +121,76 @@ def export_controller(
         form = "observer" if observer else "output-feedback"
     chosen = model_name(path) if name is None else checked_name(name)
     settings = _settings(sample_time, limits, form, m)
-    spec: ComponentSpec
-    certificate = certificate_bytes(data)
-    if form == "vehicle":
-        spec = _VARIABLES.vehicle_spec(chosen, certificate, **settings)
-    elif form == "output-feedback":
-        spec = _OBSERVER.output_feedback_spec(chosen, certificate, **settings)
-    elif form == "observer":
-        spec = _OBSERVER.observer_spec(chosen, certificate)
-    else:
-        about = "Sampled state feedback with a certified gain, Eq. (8)"
-        spec = _VARIABLES.feedback_spec(chosen, certificate, description=about, **settings)
+    bounds = _bounds(envelope, len(system.A) - system.integrals)
+    if bounds and not (watch or observed):
+        raise InputError("an envelope is only watched", where="--envelope", hint="--watch")
+    spec = _spec(form, chosen, certificate_bytes(data), bounds, settings)
+    if watch and not observed:
+        spec = _watched(spec, system, form, bounds)
     write_fmu(spec, path, kind)
     return ControllerFmu(
         path, spec.name, kind, form, data["K"], proof.claim, certificate_hash(data)
     )
+
+
+def _spec(
+    form: Form,
+    name: str,
+    certificate: bytes,
+    bounds: dict[int, float],
+    settings: dict[str, Any],
+) -> ComponentSpec:
+    """Return the specification of a controller, `bounds` : by the number of a state."""
+    spec: ComponentSpec
+    if form == "vehicle":
+        spec = _VARIABLES.vehicle_spec(name, certificate, **settings)
+    elif form == "output-feedback":
+        spec = _OBSERVER.output_feedback_spec(name, certificate, envelope=bounds, **settings)
+    elif form == "observer":
+        spec = _OBSERVER.observer_spec(name, certificate, envelope=bounds)
+    else:
+        about = "Sampled state feedback with a certified gain, Eq. (8)"
+        spec = _VARIABLES.feedback_spec(name, certificate, description=about, **settings)
+    return spec
+
+
+def _watched(
+    spec: ComponentSpec, system: DelaySystem, form: Form, bounds: dict[int, float]
+) -> ComponentSpec:
+    """Return a state feedback that reports the use of its assumptions."""
+    if form == "vehicle":
+        named = {STATE[i - 1]: bound for i, bound in bounds.items()} or _vehicle_envelope(system)
+    else:
+        named = {f"x[{i}]": bound for i, bound in bounds.items()}
+    watched: ComponentSpec = _VARIABLES.watched_spec(
+        spec, age=system.feedback_delay, envelope=named
+    )
+    return watched
+
+
+def _bounds(envelope: Sequence[float] | None, states: int) -> dict[int, float]:
+    """Return the bounds of an envelope by the number of a state, from 1."""
+    values = list(envelope or ())
+    fits = len(values) in (0, states) and all(math.isfinite(x) and x >= 0 for x in values)
+    if not fits:
+        raise InputError(
+            "the envelope does not fit the states",
+            where="--envelope",
+            expected=f"{counted(states, 'number')} >= 0, one per state; 0: no bound",
+            got=", ".join(map(repr, values)),
+        )
+    return {i: x for i, x in enumerate(values, 1) if x > 0}
+
+
+def _vehicle_envelope(system: DelaySystem) -> dict[str, float]:
+    """Return the default envelope of the vehicle by signal, if E and H of a system are its own."""
+    own = auv_system(AuvDesignSettings())
+    n = len(own.A)
+    same = system.E.shape[1] == own.E.shape[1] and len(system.H) == len(own.H)
+    if not (same and np.allclose(system.E[:n], own.E) and np.allclose(system.H[:, :n], own.H)):
+        return {}
+    bounds = asdict(DEFAULT_ENVELOPE)
+    return {"eta.psi": bounds.pop("psi"), **{f"nu.{axis}": x for axis, x in bounds.items()}}
 
 
 def is_vehicle(system: DelaySystem) -> bool:

@@ -28,7 +28,11 @@ Sensor: Any = component_module("sensor.behaviour").Sensor
 SignalTable: Any = component_module("signal_table.behaviour").SignalTable
 Observer: Any = component_module("observer.behaviour").Observer
 VehiclePlant: Any = component_module("vehicle_plant.behaviour").VehiclePlant
+WatchedFeedback: Any = component_module("hinf_controller.watched").WatchedFeedback
 WaveField: Any = component_module("wave_field.behaviour").WaveField
+
+_DECIDED = "void model_{}(const double *x, const double *v, const double *c, double *out)"
+_STATE_AGE = ("stamp.state", "age.state", "message_age.state")
 
 COMMON = ("message.c", "instance.c", "saved.c")
 CLOCKED = {"sampled.c": "sampled_clocked.c", "packet_link.c": "packet_link_clocked.c"}
@@ -72,7 +76,8 @@ def recorded_model(spec: ComponentSpec) -> tuple[ModelWriter, tuple[str, ...]]:
             sources = ("observer.c", "instance_watched.c")
     elif isinstance(behaviour, StateFeedback):
         record_sampled(writer, behaviour)
-        sources = ("sampled.c",)
+        watches = isinstance(behaviour, WatchedFeedback)
+        sources = ("sampled_watched.c" if watches else "sampled.c",)
     elif isinstance(behaviour, WaveField):
         record_waves(writer, behaviour)
         sources = ("waves.c",)
@@ -160,25 +165,19 @@ def record_observer(
     """Record what an observer does at communication points: its functions for c/observer.c."""
     fields = ("stamp.{0}", "age.{0}", "message_age.{0}", "ignored.{0}", "innovation.{0}[1]")
     measured = [text.format(one.name) for one in behaviour.measured for text in fields]
-    uses = [f"{word}.{use}" for word in ("present", "assumption") for use in behaviour.uses]
     with_commands = bool(behaviour.commands)
     writer.references("model_outputs", behaviour.commands, "MODEL_OUTPUTS")
     writer.references("model_measured", measured, "MODEL_MEASURED")
     writer.references("model_acting", behaviour.acting, "MODEL_ACTING")
-    writer.references("model_watched", [*uses, "assumption.met"], "MODEL_WATCHED")
+    _record_watched(writer, behaviour.uses)
     play = ["watchdog", "command.delay", "age.command"] if with_commands else []
     writer.references("model_play", play, "MODEL_PLAY")
     writer.define("MODEL_SAMPLE_TIME", "V_sample_time" if with_commands else 0)
-    found = {
-        "compared": behaviour.compared(writer.v, x, constants),
-        "decided": behaviour.decided(writer.v, x, constants, writer.ns),
-    }
+    compared = behaviour.compared(writer.v, x, constants)
+    decided = behaviour.decided(writer.v, x, constants, writer.ns)
     return [
-        (
-            f"void model_{name}(const double *x, const double *v, const double *c, double *out)",
-            [(f"out[{i}]", _scalar(writer, value)) for i, value in enumerate(values)],
-        )
-        for name, values in found.items()
+        (_DECIDED.format("compared"), _results(writer, compared)),
+        (_DECIDED.format("decided"), _results(writer, decided)),
     ]
 
 
@@ -203,9 +202,29 @@ def record_sampled(writer: ModelWriter, behaviour: Any) -> None:
     outputs = behaviour.law(writer.v, behaviour.constants(writer.v), writer.ns, elapsed)
     writer.references("model_outputs", list(outputs), "MODEL_OUTPUTS")
     writer.define("MODEL_SAMPLE_TIME", "V_sample_time")
-    targets = [(f"out[{i}]", _scalar(writer, value)) for i, value in enumerate(outputs.values())]
-    writer.hoist([value for _, value in targets])
+    targets = _results(writer, list(outputs.values()))
+    shares: list[tuple[str, Scalar]] = []
+    if isinstance(behaviour, WatchedFeedback):
+        writer.references("model_measured", _STATE_AGE, "MODEL_MEASURED")
+        _record_watched(writer, ("age", "envelope", "saturation"))
+        constants = behaviour.constants(writer.v)
+        shares = _results(writer, behaviour.shares(writer.v, constants, writer.ns))
+        conditions = behaviour.conditions(writer.v)
+    writer.hoist([value for _, value in (*targets, *shares)])
     writer.function(signature, targets, hoisted=True)
+    if shares:
+        writer.parameter_check([(_scalar(writer, bound), text) for bound, text in conditions])
+        writer.function(_DECIDED.format("decided"), shares, hoisted=True)
+
+
+def _record_watched(writer: ModelWriter, uses: Sequence[str]) -> None:
+    """Name the uses of assumptions at present and at most, and whether they are met."""
+    named = [f"{word}.{use}" for word in ("present", "assumption") for use in uses]
+    writer.references("model_watched", [*named, "assumption.met"], "MODEL_WATCHED")
+
+
+def _results(writer: ModelWriter, values: Sequence[Scalar | float]) -> list[tuple[str, Scalar]]:
+    return [(f"out[{i}]", _scalar(writer, value)) for i, value in enumerate(values)]
 
 
 def record_link(writer: ModelWriter, behaviour: Any) -> tuple[str, ...]:

@@ -52,6 +52,8 @@ _HEADERS_OF = (
     ("observer.c", "plant.c"),
     ("observer.c", "watch.h"),
     ("instance_watched.c", "instance.c"),
+    ("sampled_watched.c", "sampled.c"),
+    ("sampled_watched.c", "watch.h"),
 )
 """C file of a kind of behaviour -> file that it includes beside `_OWN_HEADERS`."""
 _OWN_HEADERS = ("arithmetic.h", "behaviour.h", "instance.h", "message.h", "variable.h")

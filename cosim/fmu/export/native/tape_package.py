@@ -25,6 +25,7 @@ KINDS = {
     "plant.c": "plant",
     "vehicle.c": "vehicle",
     "sampled.c": "feedback",
+    "sampled_watched.c": "watched_feedback",
     "packet_link.c": "packet_link",
     "transport_link.c": "transport_link",
     "table.c": "table",
@@ -138,6 +139,9 @@ def _specimens() -> dict[str, ComponentSpec]:
     return {
         "plant": component_module("delayed_plant.variables").SPEC,
         "feedback": component_module("hinf_controller.variables").PAPER_SPEC,
+        "watched_feedback": component_module("hinf_controller.variables").watched_spec(
+            component_module("hinf_controller.variables").PAPER_SPEC, age=1.0
+        ),
         "observer": _a_pair(),
         "packet_link": link.packet_spec("Link", PacketLink("link", sample_time_ns=1), signals),
         "transport_link": link.transport_spec("Link", TransportLink("link"), signals),

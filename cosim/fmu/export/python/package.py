@@ -119,7 +119,7 @@ def _renamed_imports(text: str, renamed: dict[str, str], home: Mapping[str, str]
 
     def moved(found: re.Match[str]) -> str:
         modules: dict[str, list[str]] = {}
-        for name in re.findall(r"\w+", found["names"]):
+        for name in re.findall(r"\w+", re.sub("#.*", "", found["names"])):
             module = found["package"] if found["package"] in renamed else home.get(name, "")
             modules.setdefault(renamed.get(module, found["package"]), []).append(name)
         return "\n".join(f"from {m} import {', '.join(names)}" for m, names in modules.items())
