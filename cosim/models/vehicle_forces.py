@@ -165,23 +165,38 @@ def coupled_cross_flow(
     *,
     opposite: bool = False,
 ) -> None:
-    """Add the cross-flow drag along the cross-flow velocity of each strip.
+    """Add the cross-flow drag along the cross-flow velocity of each strip, `coupled_drag`.
 
-    Per strip, (sway v^2 + heave w^2) (v, w) / (sqrt(v^2 + w^2) + softening), with the strip's v
-    and w. opposite : the pitch moment as in npsauv.m, with w + x q beside w - x q.
+    opposite : the pitch moment as in npsauv.m, with w + x q beside w - x q.
     """
     sums: list[list[Any]] = [[], [], [], []]
     q = nu.get(4)
+    # an enclosure cannot follow the root through zero, and brings one of the whole
+    enclosed = None if opposite else getattr(ns, "coupled_drag", None)
     for place in x:
         v = nu[1] + place * nu[5]
         w = nu[2] if q is None else nu[2] - place * q
-        speed = ns.sqrt(v * v + w * w) + softening
-        drag = (sway * (v * v) + heave * (w * w)) / speed
-        moment = nu[2] + place * q if opposite and q is not None else -w
-        for terms, value in zip(sums, (v, w, moment * place, v * place), strict=True):
-            terms.append(drag * value)
+        if enclosed is not None:
+            along, down = enclosed(v, w, sway, heave, softening)
+            turning = -down
+        else:
+            along, down, drag = coupled_drag(v, w, sway, heave, softening, ns)
+            turning = drag * (nu[2] + place * q) if opposite and q is not None else -down
+        for terms, value in zip(sums, (along, down, place * turning, place * along), strict=True):
+            terms.append(value)
     for row, terms in zip((1, 2, 4, 5), sums, strict=True):
         add_force(total, row, -_added(terms))
+
+
+def coupled_drag(
+    v: Any, w: Any, sway: Any, heave: Any, softening: Any, ns: Any
+) -> tuple[Any, Any, Any]:
+    """Return D v and D w, the drag of a strip across the hull, and D.
+
+    D = (sway v^2 + heave w^2) / (sqrt(v^2 + w^2) + softening).
+    """
+    drag = (sway * (v * v) + heave * (w * w)) / (ns.sqrt(v * v + w * w) + softening)
+    return drag * v, drag * w, drag
 
 
 def lift_and_drag(nu: Mapping[int, Any], wing: Mapping[str, Any], total: Force, ns: Any) -> None:

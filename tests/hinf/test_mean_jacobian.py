@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from types import SimpleNamespace
 from typing import Any
@@ -13,7 +14,17 @@ from cosim.core import InputError
 from cosim.hinf import Box, enclose
 from cosim.hinf.problem.mean_jacobian import change_of, jacobian, mean_jacobian
 
+
+def drag_across(
+    v: Any, w: Any, sway: float, heave: float, softening: float, root: Any = math.sqrt
+) -> Any:
+    """The drag across a hull, by its formula."""
+    size = (sway * v * v + heave * w * w) / (root(v * v + w * w) + softening)
+    return size * v, size * w
+
+
 FLOATS = SimpleNamespace(
+    coupled_drag=drag_across,
     **{n: getattr(math, n) for n in ("sin", "cos", "tan", "asin", "atan", "atan2", "sqrt", "exp")},
     min=min,
     max=max,
@@ -29,6 +40,8 @@ EXPRESSIONS = {
     "exp": lambda x, n: [n.exp(-3 * (1 + x[0])) * x[1], 1 / (3 + x[0] * x[1])],
     "abs": lambda x, _: [abs(x[0]) * x[1], -2 * abs(x[0] + x[1]) * (x[0] + x[1])],
     "powers": lambda x, _: [x[0] ** 3 - x[1] ** 2, (x[0] - x[1]) * (x[0] + x[1])],
+    "drag": lambda x, n: n.coupled_drag(x[0] - 0.5 * x[1], x[1], 2.0, 0.6, 1e-3),
+    "coupled drag": lambda x, n: n.coupled_drag(x[0], x[1], 0.4, 3.0, 1e-13),
     "limits": lambda x, n: [n.max(-0.5, n.min(0.5, x[0])) * x[1], n.min(x[0], x[1])],
 }
 
@@ -51,7 +64,9 @@ def test_the_change_is_enclosed_for_both_orders(name: str) -> None:
             assert ((low - 1e-12 <= change) & (change <= high + 1e-12)).all()
 
 
-@pytest.mark.parametrize("name", ["sin", "cos", "tan", "asin", "atan2", "sqrt", "exp", "powers"])
+@pytest.mark.parametrize(
+    "name", ["sin", "cos", "tan", "asin", "atan2", "sqrt", "exp", "powers", "coupled drag"]
+)
 def test_derivatives_are_those_of_complex_steps(name: str) -> None:
     """At a point the enclosure is the derivative, to rounding."""
     import cmath  # noqa: PLC0415
@@ -60,6 +75,7 @@ def test_derivatives_are_those_of_complex_steps(name: str) -> None:
     names = ("sin", "cos", "tan", "asin", "atan", "sqrt", "exp")
     ns = SimpleNamespace(**{n: getattr(cmath, n) for n in names})
     ns.atan2 = lambda y, x: cmath.atan(y / x)
+    ns.coupled_drag = functools.partial(drag_across, root=cmath.sqrt)
     lower, upper = mean_jacobian(EXPRESSIONS[name], point, [0.0, 0.0], [0, 1], 1)
     for j in range(2):
         moved: list[Any] = list(point)
@@ -75,7 +91,12 @@ def test_drag_costs_its_sector_and_a_product_its_later_factor() -> None:
     def f(x: Any, _: Any) -> list[Any]:
         return [-2.0 * abs(x[0]) * x[0], 3.0 * x[0] * x[1] + x[0] * x[0]]
 
+    def across(x: Any, n: Any) -> Any:
+        return [-n.coupled_drag(x[0], 0.0, 2.0, 1.0, 1e-9)[0]]
+
+    alike = mean_jacobian(across, [0.0, 0.0], [0.5, 0.2], [0, 1], 64)
     lower, upper = mean_jacobian(f, [0.0, 0.0], [0.5, 0.2], [0, 1], 64)
+    assert [end[0, 0] for end in alike] == pytest.approx([lower[0, 0], 0.0], rel=0.02, abs=1e-8)
     assert -1.0 * (1 + 1 / 60) <= lower[0, 0] <= -1.0
     assert abs(upper[0, 0]) < 1e-12
     # a quadratic term is half of its slope exactly, and what cancels does

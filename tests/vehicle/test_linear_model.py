@@ -123,7 +123,7 @@ def test_every_point_of_the_box_is_covered(name: str) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", [*NAMES, "nps-auv2-6dof"])
 def test_ten_thousand_points_are_covered(name: str) -> None:
     found = model(name)
     largest, share = uses(found, found.system, 10_000)

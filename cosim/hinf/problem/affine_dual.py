@@ -19,6 +19,7 @@ import flint
 import numpy as np
 
 from cosim.hinf.problem.affine_form import AffineForm, cosine, reciprocal, rising
+from cosim.hinf.problem.coupled_drag import drag_and_slopes
 
 _ONE = AffineForm(1.0)
 
@@ -176,6 +177,19 @@ def _atan2(y: Any, x: Any) -> AffineDual:
     return found
 
 
+def _coupled_drag(
+    v: Any, w: Any, sway: float, heave: float, softening: float
+) -> tuple[AffineDual, AffineDual]:
+    """Return the drag across a hull of `cosim.models`, where the flow may be zero as well."""
+    v, w = dual(v), dual(w)
+    values, slopes = drag_and_slopes(v.value, w.value, sway, heave, softening)
+    along, down = (
+        AffineDual(value, _sum(_times(v.slope, by_v), _times(w.slope, by_w)))
+        for value, (by_v, by_w) in zip(values, slopes, strict=True)
+    )
+    return along, down
+
+
 _HALF_TURN = math.nextafter(math.pi / 2, 0)
 
 AFFINE = SimpleNamespace(
@@ -195,5 +209,6 @@ AFFINE = SimpleNamespace(
     sign=_sign,
     max=_larger,
     min=lambda a, b: -_larger(-dual(a), -dual(b)),
+    coupled_drag=_coupled_drag,
 )
 """The functions of equations, for `AffineDual`."""

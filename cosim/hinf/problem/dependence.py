@@ -58,7 +58,12 @@ def function_of(*values: Any) -> Dependence:
 
 
 _FUNCTIONS = ("sin", "cos", "tan", "asin", "atan", "atan2", "sqrt", "exp", "sign", "min", "max")
-DEPENDENCE = SimpleNamespace(abs=abs, fabs=abs, **dict.fromkeys(_FUNCTIONS, function_of))
+DEPENDENCE = SimpleNamespace(
+    abs=abs,
+    fabs=abs,
+    coupled_drag=lambda v, w, *_: (function_of(v, w),) * 2,
+    **dict.fromkeys(_FUNCTIONS, function_of),
+)
 """The functions of equations, for `Dependence`."""
 
 
