@@ -248,8 +248,9 @@ def vehicle_plant_view(made: VehicleFmu) -> RenderableType:
     facts = facts_table()
     facts.add_row("model", made.name, made.kind.text)
     facts.add_row("vehicle", vehicle.name, f"{vehicle.degrees_of_freedom} degrees of freedom")
-    facts.add_row("commands", ", ".join(a.command for a in vehicle.actuators) or "none", "")
-    facts.add_row("states", ", ".join(vehicle.states), "")
+    commands = [a.command for a in vehicle.actuators]
+    facts.add_row("commands", str(len(commands)), ", ".join(commands))
+    facts.add_row("states", str(len(vehicle.states)), ", ".join(vehicle.states))
     facts.add_row("parameters", str(len(vehicle.parameters)), "every number of the file")
     facts.add_row("solver.step", f"{made.step:g} s", "largest internal step")
     return Group(head, facts)

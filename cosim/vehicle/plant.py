@@ -8,7 +8,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from cosim.core import VEHICLE_FILE, CosimError, kind_by_keys, parse_toml
+from cosim.core import VEHICLE_FILE, CosimError, InputError, kind_by_keys, parse_toml
 from cosim.fmu import (
     ComponentSpec,
     FmuTarget,
@@ -17,6 +17,7 @@ from cosim.fmu import (
     model_name,
     write_fmu,
 )
+from cosim.hinf import BUILT_IN_SYSTEMS
 from cosim.vehicle.read import VEHICLES, load_vehicle
 from cosim.vehicle.vehicle import Vehicle
 
@@ -86,14 +87,18 @@ def export_vehicle(
 
 
 def named_vehicle(name_or_path: str) -> Vehicle | None:
-    """Return the vehicle of the gallery, or of a file that is one; None for anything else.
+    """Return the vehicle of the gallery, or of a file that is one; None for a system.
 
     Raises
     ------
-    InputError : as `load_vehicle`, for a file whose keys are those of a vehicle.
+    InputError : a name of neither; as `load_vehicle`, for a file with the keys of a vehicle.
     """
     if name_or_path in VEHICLES:
         return load_vehicle(name_or_path)
+    if not Path(name_or_path).suffix and name_or_path not in BUILT_IN_SYSTEMS:
+        known = (*BUILT_IN_SYSTEMS, *VEHICLES, "FILE.toml")
+        hint = "a system or a vehicle of your own is a TOML file"
+        raise InputError.unknown("system or vehicle", name_or_path, known, hint=hint)
     return load_vehicle(name_or_path) if _is_vehicle(Path(name_or_path)) else None
 
 

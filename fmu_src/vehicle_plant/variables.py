@@ -10,7 +10,7 @@ import numpy as np
 from cosim.fmu import ComponentSpec, Variable, round_below, solver_step
 from cosim.models import FloatFunctions, VehicleEquations
 
-_LONGEST, _SHORTEST, _SHARE = 0.05, 1e-4, 0.16
+_LONGEST, _SHORTEST, _SHARE = 0.05, 1e-4, 0.2
 """Internal step [s]: at most, at least, and as a share of the shortest time constant."""
 _STIR = 0.5
 """Velocities at which the time constants are taken as well, beside the trim [m/s, rad/s]."""
@@ -76,7 +76,7 @@ def initial_state(vehicle: Any, equations: VehicleEquations) -> dict[str, float]
 def default_step(vehicle: Any, equations: VehicleEquations) -> float:
     """Return the start value of `solver.step` [s].
 
-    It is the largest of 1, 2, 5 times a power of ten up to 0.05 s that is at most 0.16 times the
+    It is the largest of 1, 2, 5 times a power of ten up to 0.05 s that is at most 0.2 times the
     shortest time constant, the inverse of the greatest root of the linearised equations at the trim
     and with all velocities off it by 0.5.
     """
