@@ -17,7 +17,7 @@ from cosim.core import VEHICLE_FILE, CosimError, InputError, NotAchievableError
 from cosim.models import VELOCITIES
 from cosim.scenario import all_refusals
 from cosim.vehicle.check import Faults
-from cosim.vehicle.linear_model import linear_model
+from cosim.vehicle.linearisation import linear_model
 from cosim.vehicle.read import flattened, vehicle_from_toml
 from cosim.vehicle.schema import VehicleFile
 from cosim.vehicle.trim import Trim, find_trim

@@ -19,7 +19,7 @@ from cosim.vehicle.flight_course import flight_course
 from cosim.vehicle.flight_picture import PictureSubject, draw_flight
 from cosim.vehicle.flight_plan import FlightSettings, PlannedSensor, planned_sensors, sensor_line
 from cosim.vehicle.flight_scenario import FlightCourse, scenario_text
-from cosim.vehicle.linear_model import LinearModel, linear_model
+from cosim.vehicle.linearisation import LinearModel, linear_model
 from cosim.vehicle.read import load_vehicle
 from cosim.vehicle.vehicle import Vehicle
 
