@@ -136,7 +136,12 @@ def _measurement_ages(ages: Mapping[str, Any]) -> list[tuple[str, str, str]]:
     rows = []
     for name, age in ages.items():
         most = None if age["measured"] is None else age["measured"]["greatest_s"]
-        how = f"measured; certified up to {age['greatest_s']:.4g} s"
+        bound = age["greatest_s"]
+        how = (
+            f"measured; certified up to {bound:.4g} s"
+            if bound
+            else "measured; at once but for steps"
+        )
         rows.append((f"oldest {name} used", number(most, 4, "s"), how))
     return rows
 

@@ -27,7 +27,9 @@ VehicleArgument = Annotated[
     typer.Argument(
         metavar="VEHICLE",
         help="Name of a vehicle of the gallery, or FILE.toml.",
-        autocompletion=lambda incomplete: [n for n in vehicles.VEHICLES if n.startswith(incomplete)],
+        autocompletion=lambda incomplete: [
+            n for n in vehicles.VEHICLES if n.startswith(incomplete)
+        ],
     ),
 ]
 
@@ -123,7 +125,8 @@ def show(
     name: Annotated[
         str | None,
         typer.Argument(
-            metavar="VEHICLE", help="Name of a vehicle of the gallery, or FILE.toml.",
+            metavar="VEHICLE",
+            help="Name of a vehicle of the gallery, or FILE.toml.",
             show_default=False,
         ),
     ] = None,
@@ -140,7 +143,7 @@ def show(
     ] = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Show a vehicle: mass matrix, trim, poles at the trim, drag at the envelope, actuators, sensors.
+    """Show a vehicle: mass matrix, trim, poles there, drag, actuators, sensors.
 
     \b
     cosim vehicle show bluerov2-heavy

@@ -23,11 +23,10 @@ def findings_view(found: Mapping[str, Sequence[Finding]]) -> RenderableType:
     """Show what is wrong with vehicles, or doubtful, the errors first."""
     parts: list[RenderableType] = []
     for name, findings in found.items():
-        for level in _COLOURS:
+        for level, colour in _COLOURS.items():
             for each in findings:
                 if each.level == level:
-                    colour = f"bold {_COLOURS[level]}"
-                    parts.append(Text.assemble((f"{level}  ", colour), each.error.text()))
+                    parts.append(Text.assemble((f"{level}  ", f"bold {colour}"), each.error.text()))
         errors = sum(each.level == "error" for each in findings)
         verdict = ("ok", "bold green") if not errors else (f"{errors} errors", "bold red")
         parts.append(Text.assemble(f"{name}: ", verdict))
@@ -49,9 +48,7 @@ def keys_view(tables: Mapping[str, tuple[str, Mapping[str, VehicleKey]]]) -> Ren
     return Group(*parts)
 
 
-def overview_view(
-    found: Overview, picture: str | None, *, parameters: bool
-) -> RenderableType:
+def overview_view(found: Overview, picture: str | None, *, parameters: bool) -> RenderableType:
     """Show a vehicle in figures."""
     vehicle = found.vehicle
     source = " ".join(vehicle.source.split())
@@ -87,7 +84,11 @@ def _facts(found: Overview) -> RenderableType:
         facts.add_row("trim", "", words or "at rest, level")
     for label, value, how in (
         ("poles at the trim", ", ".join(map(_pole, found.poles)), "1/s, without control"),
-        ("envelope", ", ".join(f"{n} {b:g}" for n, b in vehicle.envelope.items()), "about the trim"),
+        (
+            "envelope",
+            ", ".join(f"{n} {b:g}" for n, b in vehicle.envelope.items()),
+            "about the trim",
+        ),
     ):
         if value:
             facts.add_row(label, "", Text.assemble(value, (f"  {how}", "dim")))

@@ -62,7 +62,9 @@ class LinearSignals:
             return cls(
                 tuple(str(name) for name in data["names"]),
                 tuple(float(value) for value in data["trim"]),
-                None if rows is None else np.array(rows, dtype=float).reshape(-1, len(data["names"])),
+                None
+                if rows is None
+                else np.array(rows, dtype=float).reshape(-1, len(data["names"])),
             )
         except (AttributeError, KeyError, TypeError, ValueError) as error:
             raise InputError(

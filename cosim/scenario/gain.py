@@ -129,9 +129,7 @@ def problem_about(part: DesignPart, found: AnyDesign, where: str, folder: Path |
     return replace(own, vehicle=described.vehicle)
 
 
-def _output_feedback_problem(
-    part: DesignPart, found: hinf.OutputFeedback, where: str
-) -> Problem:
+def _output_feedback_problem(part: DesignPart, found: hinf.OutputFeedback, where: str) -> Problem:
     """Return the problem of a design with an observer, which knows its system and its plant."""
     known = {"file", "controller", "plant"}
     given = sorted(key for key in part.model_fields_set - known if getattr(part, key) is not None)

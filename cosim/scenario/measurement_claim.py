@@ -39,7 +39,7 @@ def measurement_assumptions(
         measured = ages.get(name)
         found[f"age_of_{name}_within_design"] = (
             measured is not None
-            and 0 <= (measured.least_ns or 0)
+            and (measured.least_ns or 0) >= 0
             and measured.greatest_ns / 1e9 <= delay.d * (1 + _CLOSE)
             and not substituted
         )
@@ -68,13 +68,11 @@ def measurement_age_figures(
         name: age_figures(delay, ages.get(name), None) for name, delay in _delays(design).items()
     }
     measured = None if command_age_ns is None else {"greatest_s": command_age_ns / 1e9}
+    age = design.pair.command_age
+    kind = f"any age up to {age:.6g} s" if design.pair.command_any_age else f"constant, {age:.6g} s"
     found[COMMANDS] = {
-        "assumed": (
-            f"any age up to {design.pair.command_age:.6g} s, from the estimate to its use"
-            if design.pair.command_any_age
-            else f"constant, {design.pair.command_age:.6g} s from the estimate to its use, up to the steps"
-        ),
-        "greatest_s": design.pair.command_age,
+        "assumed": f"{kind}, from the estimate to its use, but for steps",
+        "greatest_s": age,
         "measured": measured,
     }
     return found

@@ -182,7 +182,9 @@ class RunMeasures(Measures):
         self._loss = LossBursts(system, self._collector) if wanted.has("events") else None
         self._others = [m for m in commands.values() if m is not self._saturation]
         found = (self._saturation, self._largest, self._age, self._last_outputs, self._coupling)
-        last = _made(self._stamped, self._commands, self._applied, self._cut, self._assertions, self._loss)
+        last = _made(
+            self._stamped, self._commands, self._applied, self._cut, self._assertions, self._loss
+        )
         super().__init__([*_made(*found), *last, *self._others], at_once=at_once)
 
     def log(self, time_ns: int, level: str, name: str, message: str) -> None:

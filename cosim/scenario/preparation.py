@@ -15,7 +15,13 @@ from cosim.scenario.assembly import assemble, find_fmus
 from cosim.scenario.controller_design import with_design_of_controller
 from cosim.scenario.feedback_age import feedback_age
 from cosim.scenario.fmu_cache import FmuCache
-from cosim.scenario.gain import Problem, controller_parameters, gain_parameters, observes, problem_of
+from cosim.scenario.gain import (
+    Problem,
+    controller_parameters,
+    gain_parameters,
+    observes,
+    problem_of,
+)
 from cosim.scenario.origin import Findings
 from cosim.scenario.pinned import DesignSource, kept_or_made, named_design
 from cosim.scenario.read import LoadedScenario

@@ -27,7 +27,16 @@ from cosim.scenario.origin import NOWHERE, Findings, Layer, Origin
 from cosim.scenario.schema import Scenario
 from cosim.scenario.schema_errors import refusals
 
-__all__ = ["LoadedScenario", "all_refusals", "builtin_names", "load", "parse", "read_text", "valid", "validated"]
+__all__ = [
+    "LoadedScenario",
+    "all_refusals",
+    "builtin_names",
+    "load",
+    "parse",
+    "read_text",
+    "valid",
+    "validated",
+]
 
 Model = TypeVar("Model", bound=BaseModel)
 

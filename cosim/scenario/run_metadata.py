@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, fields, is_dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from cosim import hinf
 from cosim.master import Link, System, receiving_order
@@ -25,6 +25,9 @@ from cosim.trace import (
     Attachment,
     certificate_entries,
 )
+
+if TYPE_CHECKING:
+    from cosim.scenario.gain import AnyDesign
 
 
 def run_metadata_of(

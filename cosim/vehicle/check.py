@@ -61,7 +61,7 @@ class Faults:
             raise fault
 
     def all(self) -> Iterator[InputError]:
-        """Yield every fault, one for each part of the file; a part that builds on one comes last."""
+        """Yield every fault, one for each part; what builds on others comes last."""
         names = self._file.hydro.__pydantic_extra__ or {}
         parts: list[Callable[[], object]] = [self._attitude, self._body]
         parts += [partial(self._derivative, name, "hydro", name) for name in names]

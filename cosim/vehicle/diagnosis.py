@@ -1,7 +1,7 @@
 """Find what is wrong with a vehicle file, and what is doubtful about the vehicle.
 
 Errors: the file is refused, or nothing can be designed for it. Warnings: it can be, but energy
-comes from nowhere, an actuator is too weak, or a state is not measured. Notes: what is good to know.
+comes from nowhere, or an actuator is too weak. Notes: what is good to know.
 """
 
 from __future__ import annotations

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -104,7 +106,7 @@ def fly(
         model = linear_model(craft)
         steps.add(_model_line(model))
     with steps("observer and gain, certified as a pair"):
-        sensors, design = _designed(model, chosen, steps)
+        sensors, design = _designed(model, chosen, where, steps)
         steps.add(f"gamma {design.gamma:.4g} certified, exact norm {design.exact_norm or 0:.4g}")
         course = _course(model, design, chosen)
         _save(design, where / DESIGN)
@@ -142,30 +144,22 @@ class _Steps:
         self._say, self._progress = say, progress
         self.seconds: dict[str, float] = {}
         self._lines: list[str] = []
-        self._what, self._began = "", 0.0
 
-    def __call__(self, what: str) -> _Steps:
-        self._what = what
-        return self
-
-    def __enter__(self) -> _Steps:
-        self._began = time.perf_counter()
-        self._lines = []
-        self._progress(self._what, len(self.seconds) / _STEPS)
-        return self
+    @contextmanager
+    def __call__(self, what: str) -> Iterator[None]:
+        """Say a step when it is done."""
+        began, self._lines = time.perf_counter(), []
+        self._progress(what, len(self.seconds) / _STEPS)
+        yield
+        took = time.perf_counter() - began
+        self.seconds[what] = took
+        self._say(f"{len(self.seconds)} of {_STEPS}  {what} ({took:.1f} s)")
+        for line in self._lines:
+            self._say(f"        {line}")
 
     def add(self, line: str) -> None:
         """Add a line about the present step."""
         self._lines.append(line)
-
-    def __exit__(self, kind: Any, *rest: object) -> None:
-        if kind is not None:
-            return
-        took = time.perf_counter() - self._began
-        self.seconds[self._what] = took
-        self._say(f"{len(self.seconds)} of {_STEPS}  {self._what} ({took:.1f} s)")
-        for line in self._lines:
-            self._say(f"        {line}")
 
 
 def _model_line(model: LinearModel) -> str:
@@ -193,19 +187,19 @@ def measurements_of(
 
 
 def _designed(
-    model: LinearModel, settings: FlightSettings, steps: _Steps
+    model: LinearModel, settings: FlightSettings, folder: Path, steps: _Steps
 ) -> tuple[tuple[PlannedSensor, ...], hinf.OutputFeedback]:
     """Return sensors and design; where nothing is certified, with fewer losses in a row."""
-    refused: NotAchievableError | None = None
+    refused = NotAchievableError("no design was tried")
     for losses in range(settings.losses, -1, -1):
         tried = replace(settings, losses=losses)
         sensors = planned_sensors(model.vehicle.sensors, model.states, tried)
+        measured = measurements_of(model, sensors)
         try:
-            design = hinf.design_output_feedback(
-                known_delays(model.system), measurements_of(model, sensors)
-            )
+            design = made_before(model, measured, folder, steps)
+            design = design or hinf.design_output_feedback(known_delays(model.system), measured)
         except NotAchievableError as error:
-            refused = refused or error
+            refused = error if losses == settings.losses else refused
             if not any(s.loss for s in sensors):
                 break
             continue
@@ -213,9 +207,50 @@ def _designed(
             steps.add(sensor_line(sensor))
         note = {scenario.PLANT_NOTE: plant_note(model).to_json()}
         return sensors, replace(design, certificate={**design.certificate, **note})
-    assert refused is not None
     refused.hint = "a faster link (--link), a smaller envelope, sensors that are faster on board"
     raise refused
+
+
+def made_before(
+    model: LinearModel, measured: Sequence[Measurement], folder: Path, steps: _Steps
+) -> hinf.OutputFeedback | None:
+    """Return the design for this model and these measurements that was made before, if any is.
+
+    That is in the folder of the flight, or for a vehicle of the gallery in the package: a solver's
+    last digits never decide what flies. Its proof is checked again.
+    """
+    packed = files("cosim.vehicle").joinpath("gallery", "designs", f"{model.vehicle.name}.json")
+    for place in (folder / DESIGN, packed):
+        try:
+            content = place.read_bytes()
+        except OSError:
+            continue
+        data = hinf.certificate_from_bytes(content, str(place))
+        if not _same_question(data, model, measured):
+            continue
+        found = hinf.design_from_json(data, where=str(place))
+        if isinstance(found, hinf.OutputFeedback):
+            steps.add(f"made before, its proof checked again: {place.name}")
+            return found
+    return None
+
+
+def _same_question(data: Any, model: LinearModel, measured: Sequence[Measurement]) -> bool:
+    """Whether a certificate is about this plant and these measurements, as far as noise goes."""
+    try:
+        pair = hinf.pair_from_json(data)
+    except (InputError, KeyError, TypeError):
+        return False
+    given = [(m.name, m.C.tolist(), m.delay(len(model.states)).description) for m in measured]
+    own = [
+        (m.name, m.C.tolist(), m.delay(len(pair.plant.A)).description) for m in pair.measurements
+    ]
+    noise = all(
+        np.allclose(a.noise, b.noise, rtol=1e-3)  # rounded up, so that products are exact
+        for a, b in zip(measured, pair.measurements, strict=False)
+    )
+    same = hinf.first_difference(known_delays(model.system), pair.plant) is None
+    return own == given and noise and same
 
 
 def known_delays(system: DelaySystem) -> DelaySystem:
@@ -350,6 +385,7 @@ def _write_scenario(
         model.vehicle.name,
         model.states,
         disturbances_of(model),
+        [a.command for a in model.vehicle.actuators],
         {f"initial.{name}": value for name, value in model.trim.state.items() if value},
         sensors,
         course,
@@ -361,7 +397,8 @@ def _write_scenario(
         steps.add(f"the scenario that was there is kept: {kept}")
     path.write_text(text, "utf-8")
     if course.wave_height:
-        steps.add(f"a sea of {course.wave_height:g} m, {course.wave_period:g} s, met 10 m down")
+        sea = f"a sea of {course.wave_height:g} m and {course.wave_period:g} s"
+        steps.add(f"{sea}, met {course.wave_depth:g} m down")
     offsets = [f"{model.states[i - 1]} {v:+g}" for i, v in course.set_points.items()]
     steps.add(f"set-points over the link, back to the trim from {', '.join(offsets) or 'there'}")
 
@@ -384,4 +421,3 @@ def _subject(
         ages={s.name: s.age for s in sensors},
         limits={a.command: a.limit for a in model.vehicle.actuators},
     )
-

@@ -29,7 +29,7 @@ PATH_ENDS = 0.45
 """Share of the flight after which the set-points are at the trim."""
 
 _MOST_METRES, _MOST_RADIANS = 5.0, 0.3
-_WAVE_PERIOD, _DEPTH = 8.0, 10.0
+_WAVE_PERIOD, _DEPTH = 8.0, 30.0
 _ERROR = 0.1  # of the first estimate, as a share of the offset
 
 
@@ -69,7 +69,7 @@ def flight_course(
         }
     height = _wave_height(design, disturbances, bounds, limits, settings)
     errors = {i: _rounded(_ERROR * value) for i, value in offsets.items() if abs(value) > 0}
-    return FlightCourse(offsets, errors, height, _WAVE_PERIOD)
+    return FlightCourse(offsets, errors, height, _WAVE_PERIOD, _DEPTH)
 
 
 def _is_angle(name: str) -> bool:
@@ -180,7 +180,9 @@ def _wave_height(
     settings: FlightSettings,
 ) -> float:
     """Return the height of the sea [m] whose peak wave takes its share; 0 where none acts."""
-    acting = [k for k, name in enumerate(disturbances) if name in ("disturbance.u", "disturbance.v")]
+    acting = [
+        k for k, name in enumerate(disturbances) if name in ("disturbance.u", "disturbance.v")
+    ]
     if not acting:
         return 0.0
     C = design.pair.system.C[:, : len(disturbances)]
@@ -193,4 +195,4 @@ def _wave_height(
     omega = 2 * np.pi / _WAVE_PERIOD
     per_height = omega**2 * np.exp(-(omega**2) * _DEPTH / 9.81)
     height = 0.4 * settings.use / (per_acceleration * per_height) if per_acceleration else 0.0
-    return _rounded(min(height, 1.5))
+    return _rounded(min(height, 2.0))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,6 +18,7 @@ Reals = NDArray[np.float64]
 _TRUTH, _ESTIMATE, _SET, _BAD = "#0b6e99", "#d1495b", "#555555", "#b3261e"
 _COLOURS = ("#0b6e99", "#d1495b", "#5f7a3d", "#8a5a9e", "#b8860b", "#4f6d7a", "#a0522d", "#2e8b57")
 _MOST_ROWS = 4
+_WIDE = 72  # characters
 
 
 @dataclass(frozen=True)
@@ -55,13 +57,13 @@ def draw_flight(trace: Path, subject: PictureSubject, target: Path) -> Path:
         figure = plt.figure(figsize=(14, 8.4), layout="constrained")
         figure.suptitle(f"{subject.title}\n", fontsize=13, fontweight="bold")
         figure.text(0.5, 0.955, subject.subtitle, ha="center", fontsize=9.5, color="#444444")
-        left, middle, right = figure.add_gridspec(1, 3, width_ratios=(1.25, 1.05, 0.95))
+        left, middle, right = figure.add_gridspec(1, 3, width_ratios=(1.2, 1.05, 1.0))
         _states(figure, left, rows, subject)
         panels = middle.subgridspec(3, 1)
         _errors(figure.add_subplot(panels[0]), rows, subject)
         _ages(figure.add_subplot(panels[1]), rows, subject)
         _actuators(figure.add_subplot(panels[2]), rows, subject)
-        lower = right.subgridspec(2, 1, height_ratios=(1, 1.25))
+        lower = right.subgridspec(2, 1, height_ratios=(1, 1.5))
         _uses(figure.add_subplot(lower[0]), rows)
         _assumptions(figure.add_subplot(lower[1]), rows)
         save_picture(figure, target, 120)
@@ -101,7 +103,11 @@ def _states(figure: Any, place: Any, rows: _Rows, subject: PictureSubject) -> No
         if f"reference[{i}]" in rows.into.columns:
             axis.step(
                 *(received, rows.into[f"reference[{i}]"] + trim),
-                **{"where": "post", "color": _SET, "ls": "--", "lw": 1.0, "label": "set-point"},
+                where="post",
+                color=_SET,
+                ls="--",
+                lw=1.0,
+                label="set-point",
             )
         axis.plot(rows.seconds, rows.plant[name], color=_TRUTH, lw=1.5, label="vehicle")
         estimate = rows.estimate(i) + trim
@@ -155,7 +161,9 @@ def _uses(axis: Any, rows: _Rows) -> None:
     names = list(use)[::-1]
     shares = [100 * min(float(use[name]), 2.0) for name in names]
     colours = [_BAD if share > 100 else _TRUTH for share in shares]
-    axis.barh([_label(name).partition(" [")[0] for name in names], shares, color=colours, height=0.6)
+    axis.barh(
+        [_label(name).partition(" [")[0] for name in names], shares, color=colours, height=0.6
+    )
     axis.axvline(100, color=_SET, ls=":", lw=1.2)
     axis.set(xlim=(0, max([110.0, *shares])), title="Greatest use of the envelope [%]")
     axis.grid(axis="y", visible=False)
@@ -171,9 +179,10 @@ def _assumptions(axis: Any, rows: _Rows) -> None:
         colour = "#2b7a3d" if good else _BAD
         y = 0.97 - k * apart
         axis.text(0.0, y, "\u2713" if good else "\u2717", color=colour, fontsize=11, va="top")
-        axis.text(0.06, y, check.what, va="top", fontsize=8.5)
-        why = check.why if len(check.why) < 78 else f"{check.why[:75]}..."
-        axis.text(0.06, y - 0.4 * apart, why, va="top", fontsize=6.5, color="#666666")
+        axis.text(0.06, y, check.what, va="top", fontsize=8)
+        why = textwrap.shorten(check.why, 2 * _WIDE, placeholder=" ...")
+        lines = "\n".join(textwrap.wrap(why, _WIDE))
+        axis.text(0.06, y - 0.36 * apart, lines, va="top", fontsize=6, color="#666666")
 
 
 _WORDS = {

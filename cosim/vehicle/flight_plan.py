@@ -45,13 +45,17 @@ class FlightSettings:
     duration: float = 180.0
     step: float = 0.05
     seed: int = 7
-    use: float = 0.5
+    use: float = 0.7
 
     def __post_init__(self) -> None:
         for name, good, expected in (
             ("link", self.link >= self.step, f"at least a step of {self.step:g} s"),
             ("loss", 0 <= self.loss < 1, "a share from 0 to less than 1"),
-            ("duration", self.duration >= 10 * self.link, "at least ten times the time that a message takes"),
+            (
+                "duration",
+                self.duration >= 10 * self.link,
+                "at least ten times the time that a message takes",
+            ),
             ("use", 0 < self.use <= 1, "a share from 0 to 1"),
         ):
             value = getattr(self, name)

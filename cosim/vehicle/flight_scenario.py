@@ -19,6 +19,7 @@ SET_POINTS = "set_points"
 
 _RESERVED = {PLANT, CONTROLLER, SHIP, SEA, SET_POINTS}
 
+
 @dataclass(frozen=True)
 class FlightCourse:
     """What happens to the vehicle of a flight.
@@ -29,13 +30,14 @@ class FlightCourse:
         set-point goes back to the trim along a slow path.
     errors : number of the state -> error of the first estimate.
     wave_height : significant height of the sea [m]; 0: no sea.
-    wave_period : peak period [s].
+    wave_period, wave_depth : peak period [s], and how far below the surface the vehicle is [m].
     """
 
     set_points: Mapping[int, float]
     errors: Mapping[int, float]
     wave_height: float
     wave_period: float = 8.0
+    wave_depth: float = 30.0
 
 
 def component_of(sensor: str) -> str:
@@ -47,6 +49,7 @@ def scenario_text(
     vehicle: str,
     states: Sequence[str],
     disturbances: Sequence[str],
+    commands: Sequence[str],
     initial: Mapping[str, float],
     sensors: Sequence[PlannedSensor],
     course: FlightCourse,
@@ -58,6 +61,7 @@ def scenario_text(
     ----------
     states : names of the state of the design.
     disturbances : inputs of the plant that the sea acts on.
+    commands : inputs of the plant that the controller drives.
     initial : parameters `initial.*` of the plant at the trim.
     """
     start = dict(initial)
@@ -71,8 +75,8 @@ def scenario_text(
     reference = {f"reference[{i}]": value for i, value in course.set_points.items()}
     parts = [
         _head(vehicle, sensors, settings),
-        f"[components.{PLANT}]\nfmu = \"plant.fmu\"\n" + _parameters(PLANT, start),
-        f"[components.{CONTROLLER}]\nfmu = \"controller.fmu\"\n"
+        f'[components.{PLANT}]\nfmu = "plant.fmu"\n' + _parameters(PLANT, start),
+        f'[components.{CONTROLLER}]\nfmu = "controller.fmu"\n'
         + _parameters(
             CONTROLLER,
             estimate | reference,
@@ -82,6 +86,7 @@ def scenario_text(
         _sea(disturbances, course, settings),
         _set_points(course, sensors, settings),
         *(_of_sensor(sensor) for sensor in sensors),
+        *(_wire(f"{CONTROLLER}.{name}", f"{PLANT}.{name}") for name in commands),
         *(_link(sensor, settings) for sensor in sensors if sensor.over_link),
         _DESIGN,
         _MORE.format(limit=f"{2 * settings.link:g}", state=_position(states)),
@@ -136,7 +141,7 @@ def _sea(disturbances: Sequence[str], course: FlightCourse, settings: FlightSett
     values = {
         "Hs": course.wave_height,
         "Tp": course.wave_period,
-        "depth": 10.0,
+        "depth": course.wave_depth,
         "seed": settings.seed,
     }
     wires = "\n".join(

@@ -163,7 +163,9 @@ def _layout(axis: Any, vehicle: Vehicle) -> None:
         axis.annotate(f" {actuator.name}", (y, x), fontsize=8)
     axis.plot(0, 0, "k+", ms=12)
     axis.set(title="Actuators from above (red: vertical, or a fin)")
-    axis.set(xlabel="starboard y [m]", ylabel="forward x [m]", xlim=(-size, size), ylim=(-size, size))
+    axis.set(
+        xlabel="starboard y [m]", ylabel="forward x [m]", xlim=(-size, size), ylim=(-size, size)
+    )
     axis.set_aspect("equal")
 
 

@@ -11,8 +11,8 @@ from cosim.vehicle.read import vehicle_text
 from cosim.vehicle.schema import VehicleFile
 
 _HEAD = """\
-# {name}: a vehicle, begun as a copy of {like}. SI units; body axes x forward, y to starboard, z down;
-# the earth's north, east, down. Forces and moments as they act on the vehicle: damping is negative.
+# {name}: a vehicle, begun as a copy of {like}. SI units; body axes x forward, y to starboard,
+# z down; the earth's north, east, down. Forces and moments as they act on the vehicle: damping is negative.
 #   cosim vehicle check {file}     list its faults
 #   cosim vehicle show {file}      trim, poles, drag, actuators, sensors
 #   cosim vehicle fly {file}       design for it, and fly it over a slow link

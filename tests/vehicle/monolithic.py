@@ -11,6 +11,7 @@ from __future__ import annotations
 from bisect import bisect_right
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -86,7 +87,7 @@ def simulate(
     newest = [-1.0] * len(loop.C)
     now, command = past.first, np.zeros(len(loop.B[0]))
     rows = [(now[:n], now[n:], command)]
-    for begin, end in zip(points, points[1:], strict=False):
+    for begin, end in pairwise(points):
         while waiting and waiting[0].arrival <= begin + 1e-9:
             packet = waiting.pop(0)
             if packet.stamp > newest[packet.measurement]:
@@ -95,9 +96,7 @@ def simulate(
                 held[i] = loop.C[i] @ (loop.output(then[:n]) - then[n:])
         inject = np.sum([L @ v for L, v in zip(loop.L, held, strict=True)], axis=0)
 
-        def rates(
-            t: float, y: Reals, command: Reals = command, inject: Reals = inject
-        ) -> Reals:
+        def rates(t: float, y: Reals, command: Reals = command, inject: Reals = inject) -> Reals:
             estimate = loop.A @ y[n:] + loop.B @ command + inject
             for age, matrix in loop.late:
                 estimate = estimate + matrix @ past(t - age)[n:]

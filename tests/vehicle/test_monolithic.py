@@ -1,4 +1,4 @@
-"""A flight of FMUs agrees with one simulation of plant, observer and links, to the method's order."""
+"""A flight of FMUs agrees with one simulation of everything, to the method's order."""
 
 from __future__ import annotations
 

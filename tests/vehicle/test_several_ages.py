@@ -68,9 +68,7 @@ def test_each_measurement_has_its_own_age(folder: Path) -> None:
         ("nothing_set_or_overridden", {"override": "plant.u[1]"}),
     ],
 )
-def test_one_fault_fails_one_assumption(
-    folder: Path, name: str, changed: dict[str, Any]
-) -> None:
+def test_one_fault_fails_one_assumption(folder: Path, name: str, changed: dict[str, Any]) -> None:
     """Each alone; a command that is overridden is also one that the observer did not know."""
     also = {}
     if "override" in changed:
@@ -122,10 +120,10 @@ def test_views_of_a_trace_show_each_age(folder: Path, tmp_path: Path) -> None:
         assert fix.tone == tone
         assert "any age up to 1.2 s" in fix.why
         assert check_certificate(json.loads(trace.attachments["certificate.json"])).valid
-        info = cosim("trace", "info", file).out
+        info = cosim("trace", "info", file, cwd=tmp_path).out
         assert "age of fix" in info
         page = tmp_path / f"{name}.html"
-        cosim("trace", "report", file, "--out", page)
+        cosim("trace", "report", file, "--out", page, cwd=tmp_path)
         assert "Measurements of fix were no older" in page.read_text("utf-8")
-        again = cosim("trace", "rerun", file, "--fmus", folder)
+        again = cosim("trace", "rerun", file, "--fmus", folder, cwd=tmp_path)
         assert again.code == 0, again.err

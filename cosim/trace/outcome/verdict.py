@@ -113,32 +113,43 @@ def figures_of(metrics: Mapping[str, Any]) -> Iterator[tuple[str, str, str]]:
 def _words(name: str, met: Any, metrics: Mapping[str, Any]) -> tuple[str, str]:
     """Return an assumption in words, and its numbers."""
     match name:
-        case "certificate_verified":
-            why = "every inequality of the proof was checked again in exact rational arithmetic"
-            return "The certificate is valid", why if met is True else "the exact check fails"
         case "message_age_within_design":
             return "Measurements were no older than designed for", _age(met, metrics)
         case "state_inside_envelope":
             return "The state stayed inside the envelope of the proof", _envelope(metrics)
         case "limits_not_reached":
             return "No command stood at its limit", _limits(met, metrics)
-        case "observer_knows_commands":
-            same = "what the plant received is what the observer took to act, at every point"
-            other = "what the plant received was not always what the observer took to act"
-            return "The observer knew the commands that acted", same if met is True else other
-        case "plant_as_designed":
-            same = "every parameter of the plant is that of the design's model"
-            other = "the plant of the run has other parameters than the design's model"
-            differs = metrics.get("plant_differs")
-            if isinstance(differs, list) and differs:
-                other = "; ".join(map(str, differs))
-            return "The plant is the one designed for", same if met is True else other
+    if name in _COMPARED:
+        what, same, other = _COMPARED[name]
+        differs = metrics.get("plant_differs") if name == "plant_as_designed" else None
+        if isinstance(differs, list) and differs:
+            other = "; ".join(map(str, differs))
+        return what, same if met is True else other
     if name.startswith(_OF) and name != _OF:
         return _measurement_words(name.removeprefix(_OF), met, metrics)
     words, line = _AGES.get(name, (name.replace("_", " ").capitalize(), None))
     plain = "met" if met is True else "not met"
     return words, plain if line is None else _age_line(metrics, line)
 
+
+_COMPARED = {
+    "certificate_verified": (
+        "The certificate is valid",
+        "every inequality of the proof was checked again in exact rational arithmetic",
+        "the exact check fails",
+    ),
+    "observer_knows_commands": (
+        "The observer knew the commands that acted",
+        "what the plant received is what the observer took to act, at every point",
+        "what the plant received was not always what the observer took to act",
+    ),
+    "plant_as_designed": (
+        "The plant is the one designed for",
+        "every parameter of the plant is that of the design's model",
+        "the plant of the run has other parameters than the design's model",
+    ),
+}
+"""Assumption -> its words, and what is said where it was met and where not."""
 
 _AGES: dict[str, tuple[str, int | None]] = {
     "message_age_not_below_least": ("Measurements were never newer than the proof assumes", 1),
