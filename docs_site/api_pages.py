@@ -14,7 +14,8 @@ import cosim
 
 FACES = (
     *("cosim.hinf", "cosim.vehicle", "cosim.scenario", "cosim.trace", "cosim.study", "cosim.fmu"),
-    *("cosim.network", "cosim.master", "cosim.replay", "cosim.models", "cosim.core", "cosim.paper"),
+    *("cosim.network", "cosim.recordings", "cosim.master", "cosim.replay", "cosim.models"),
+    *("cosim.core", "cosim.paper"),
 )
 """Packages with a page, in the order in which a name that several offer is shown by the first."""
 

@@ -24,9 +24,12 @@ def findings_view(found: Mapping[str, Sequence[Finding]]) -> RenderableType:
     parts: list[RenderableType] = []
     for name, findings in found.items():
         for level, colour in _COLOURS.items():
-            for each in findings:
-                if each.level == level:
-                    parts.append(Text.assemble((f"{level}  ", f"bold {colour}"), each.error.text()))
+            style = f"bold {colour}"
+            parts += [
+                Text.assemble((f"{level}  ", style), each.error.text())
+                for each in findings
+                if each.level == level
+            ]
         errors = sum(each.level == "error" for each in findings)
         verdict = ("ok", "bold green") if not errors else (f"{errors} errors", "bold red")
         parts.append(Text.assemble(f"{name}: ", verdict))

@@ -52,6 +52,11 @@ VERBS = {
         "trace_app",
         "Read, verify, recover, compare, show, export and rerun recorded traces.",
     ),
+    "link": Verb(
+        "link",
+        "link_app",
+        "Record links from traces; show what became of their messages; fit models of links.",
+    ),
     "certificate": Verb(
         "certificate", "certificate_app", "Check the certificate of a design or an analysis."
     ),

@@ -20,7 +20,6 @@ from cosim.master.reserved import Reserved
 from cosim.network import (
     DELIVERED,
     NONE_YET,
-    DelayProfile,
     DelaySignal,
     PacketLink,
     TransportLink,
@@ -294,7 +293,7 @@ def is_wire(system: Parts, link: PacketLink | TransportLink) -> bool:
     """Whether a packet link brings every value at once: messages without delay, at every point."""
     if not isinstance(link, PacketLink) or isinstance(link.delay, DelaySignal) or system.grows:
         return False
-    if not _may_deliver_at_once(link):
+    if link.least_transit_ns > 0:
         return False
     return all(
         (points.rows_of_messages(link.name, first, last) == np.arange(first, last)).all()
@@ -306,7 +305,7 @@ def delivers_at_once(system: Parts, link: PacketLink) -> bool:
     """Whether a message of a packet link may be delivered at the point at which it is sent."""
     if isinstance(link.delay, DelaySignal):
         return True
-    if not _may_deliver_at_once(link):
+    if link.least_transit_ns > 0:
         return False
     schedule = system.comm_schedule
     traffic, until, count = schedule.begin()[link.name], 0, 0
@@ -319,9 +318,3 @@ def delivers_at_once(system: Parts, link: PacketLink) -> bool:
         count += found.arrival_ns.size
         traffic.forget(until)
     return False
-
-
-def _may_deliver_at_once(link: PacketLink) -> bool:
-    delay = link.delay
-    least = int(delay.delays_ns.min()) if isinstance(delay, DelayProfile) else link.delay_ns
-    return least == 0 and link.frame_ns == 0

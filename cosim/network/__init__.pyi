@@ -1,4 +1,7 @@
-from . import stepping as stepping
+from . import (
+    draws as draws,
+    stepping as stepping,
+)
 from .alignment import (
     Alignment as Alignment,
     align as align,
@@ -16,11 +19,17 @@ from .arrivals import (
     Arrivals as Arrivals,
 )
 from .checks import MAX_NS as MAX_NS
+from .csv_columns import (
+    Row as Row,
+    no_rows as no_rows,
+    read_rows as read_rows,
+)
 from .delay_signal import DelaySignal as DelaySignal
 from .growing_schedule import GrowingSchedule as GrowingSchedule
 from .impairment import (
     GilbertElliott as GilbertElliott,
     Jitter as Jitter,
+    LossChain as LossChain,
     LossWindow as LossWindow,
 )
 from .keys import (
@@ -29,6 +38,7 @@ from .keys import (
     DeclaredKey as DeclaredKey,
     DurationKey as DurationKey,
     NumberKey as NumberKey,
+    ProbabilitiesKey as ProbabilitiesKey,
     ProbabilityKey as ProbabilityKey,
     TableKey as TableKey,
     WordOrNumberKey as WordOrNumberKey,
@@ -43,6 +53,12 @@ from .packet_schedule import PacketSchedule as PacketSchedule
 from .profile import (
     DelayProfile as DelayProfile,
     Interpolation as Interpolation,
+)
+from .recording import (
+    IN_FLIGHT_NS as IN_FLIGHT_NS,
+    Recording as Recording,
+    Replay as Replay,
+    RowOf as RowOf,
 )
 from .scheduling import schedule as schedule
 from .single_draws import (

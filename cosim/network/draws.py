@@ -18,7 +18,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.network.impairment import GilbertElliott, Jitter
+from cosim.network.impairment import GilbertElliott, Jitter, LossChain
 
 _Stream = Callable[[int], NDArray[np.float64]]
 """Returns so many doubles for each message of a block."""
@@ -103,7 +103,7 @@ def _normal(jitter: Jitter, stream: _Stream) -> NDArray[np.float64]:
 
 
 def lost(
-    loss: float | GilbertElliott | NDArray[np.float64],
+    loss: float | GilbertElliott | LossChain | NDArray[np.float64],
     seed: int,
     name: str,
     count: int,
@@ -111,40 +111,43 @@ def lost(
 ) -> NDArray[np.bool_]:
     """Draw which of `count` messages are lost, with a loss, or with one for each message.
 
-    Bursts depend on all messages before: in blocks pass what follows from `bad_states`.
+    A chain depends on all messages before: in blocks pass what follows from `states`.
     """
     if isinstance(loss, float) and loss == 0.0:
         return np.zeros(count, np.bool_)
-    if isinstance(loss, GilbertElliott):
-        bad = bad_states(loss, seed, name, count)
-        loss = np.where(bad, loss.loss_bad, loss.loss_good)
+    if isinstance(loss, GilbertElliott | LossChain):
+        loss = np.array(loss.losses)[states(loss, seed, name, count)]
     return uniform(seed, name, "loss", count, first=first) < loss
 
 
-def bad_states(
-    chain: GilbertElliott,
+def states(
+    chain: GilbertElliott | LossChain,
     seed: int,
     name: str,
     count: int,
     first: int = 0,
-    before: bool = False,  # noqa: FBT001, FBT002 - a state, not a switch
-) -> NDArray[np.bool_]:
-    """Draw which of `count` messages are sent in the bad state; `before` is that of the last one.
+    before: int = 0,
+) -> NDArray[np.int8]:
+    """Draw in which states `count` messages are sent; `before` is that of the last one, int8 (n,).
 
-    A draw maps both states to one (which forgets the past), each to itself, or each to the
-    other. The state is thus that of the last forgetting, inverted once per swap since then.
+    A draw maps each state to one: to the first other state that the sum of the probabilities of
+    going there exceeds it at, or else to itself. Maps of neighbours are put together in twos,
+    fours, ... until each leads to one state wherever it began.
     """
+    k = len(chain.losses)
     change = uniform(seed, name, "loss state", count, first=first)
-    enters, leaves = change < chain.p_enter, change < chain.p_exit
-    swaps, forgets = enters & leaves, enters != leaves
-    if count:
-        after = not leaves[0] if before else enters[0]
-        # the first message of all is sent in the good state, whatever was drawn
-        swaps[0], forgets[0], enters[0] = False, True, first > 0 and after
-    turns = np.cumsum(swaps)
-    last = np.maximum.accumulate(np.where(forgets, np.arange(count), 0))
-    result: NDArray[np.bool_] = enters[last] ^ ((turns - turns[last]) % 2 == 1)
-    return result
+    maps = np.empty((count, k), np.int8)
+    for state, moves in enumerate(chain.moves):
+        others = [*(other for other in range(k) if other != state), state]
+        place = np.searchsorted(np.cumsum(moves), change, side="right")
+        maps[:, state] = np.array(others, np.int8)[place]
+    if count:  # the first message of all is sent in the first state, whatever was drawn
+        maps[0] = maps[0, before] if first > 0 else 0
+    width = 1
+    while width < count and (maps != maps[:, :1]).any():
+        maps[width:] = np.take_along_axis(maps[width:], maps[:-width], axis=1)
+        width *= 2
+    return maps[:, 0]
 
 
 def duplicated(

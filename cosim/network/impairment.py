@@ -10,7 +10,13 @@ from typing import Annotated, Literal, get_args
 
 from cosim.core import InputError
 from cosim.network.checks import check_duration
-from cosim.network.keys import ChoiceKey, DurationKey, ProbabilityKey, check_keys
+from cosim.network.keys import (
+    ChoiceKey,
+    DurationKey,
+    ProbabilitiesKey,
+    ProbabilityKey,
+    check_keys,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,3 +110,73 @@ class GilbertElliott:
 
     def __post_init__(self) -> None:
         check_keys("loss.", self)
+
+    @property
+    def losses(self) -> tuple[float, ...]:
+        """Probability of a loss in each state."""
+        return self.loss_good, self.loss_bad
+
+    @property
+    def moves(self) -> tuple[tuple[float, ...], ...]:
+        """Probability of going from each state to each other one, in order."""
+        return (self.p_enter,), (self.p_exit,)
+
+
+_MOST_STATES = 8
+_ADDS_TO_ONE = 1e-9
+
+
+@dataclass(frozen=True, slots=True)
+class LossChain:
+    """Loss in a chain of k hidden states: one transition per message, starting in the first.
+
+    Parameters
+    ----------
+    transitions : from each state (row) to each (column), before a message, k rows of k; what a
+        row lacks to 1 by rounding is taken as staying. The first message is sent in state 0.
+    loss : probability of losing a message sent in each state, k numbers.
+
+    With k = 2 it draws what `GilbertElliott` draws. More states make runs of losses of several
+    kinds: single ones, short fades, outages of minutes.
+
+    Raises
+    ------
+    InputError : fewer than 2 states or more than 8, tables that do not fit, rows that do not add
+        to 1.
+    """
+
+    transitions: Annotated[
+        tuple[tuple[float, ...], ...],
+        ProbabilitiesKey("from each state (row) to each, per message", 2, _MOST_STATES, rows=True),
+    ]
+    loss: Annotated[
+        tuple[float, ...], ProbabilitiesKey("probability of a loss in each state", 2, _MOST_STATES)
+    ]
+
+    def __post_init__(self) -> None:
+        check_keys("loss.", self)
+        if len(self.loss) != len(self.transitions):
+            raise InputError(
+                "a chain has a loss for each state",
+                where="loss.loss",
+                expected=f"{len(self.transitions)} numbers, as transitions has rows",
+                got=str(len(self.loss)),
+            )
+        for i, row in enumerate(self.transitions):
+            if abs(sum(row) - 1.0) > _ADDS_TO_ONE:
+                raise InputError(
+                    "a row of the transitions does not add to 1",
+                    where=f"loss.transitions[{i}]",
+                    expected="1",
+                    got=f"{sum(row):.12g}",
+                )
+
+    @property
+    def losses(self) -> tuple[float, ...]:
+        """Probability of a loss in each state."""
+        return self.loss
+
+    @property
+    def moves(self) -> tuple[tuple[float, ...], ...]:
+        """Probability of going from each state to each other one, in order."""
+        return tuple(row[:i] + row[i + 1 :] for i, row in enumerate(self.transitions))

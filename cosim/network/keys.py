@@ -51,13 +51,13 @@ class DurationKey(Key):
 
 @dataclass(frozen=True)
 class ProbabilityKey(Key):
-    """A number from 0 to 1; or, where the field has another type beside float, one of that."""
+    """A number from 0 to 1; or, where the field has another type beside float, one of `instead`."""
 
-    instead: type | None = None
+    instead: tuple[type, ...] = ()
 
     def check(self, where: str, name: str, value: Any) -> None:
         """Check a number from 0 to 1."""
-        if self.instead is not None and isinstance(value, self.instead):
+        if isinstance(value, self.instead):
             return
         if not is_number(value) or not 0.0 <= value <= 1.0:
             raise InputError(
@@ -66,6 +66,36 @@ class ProbabilityKey(Key):
                 expected="a number from 0 to 1",
                 got=f"{value!r} ({type(value).__name__})",
             )
+
+
+@dataclass(frozen=True)
+class ProbabilitiesKey(Key):
+    """Numbers from 0 to 1, one of each of `least` to `most` states; or `rows` of as many each."""
+
+    least: int
+    most: int
+    rows: bool = False
+
+    def check(self, where: str, name: str, value: Any) -> None:
+        """Check the number of states and each number."""
+        if not isinstance(value, tuple) or not self.least <= len(value) <= self.most:
+            raise InputError(
+                f"{name} has a wrong number of states",
+                where=where + name,
+                expected=f"{self.least} to {self.most}",
+                got=str(len(value)) if isinstance(value, tuple) else repr(value),
+            )
+        own = ProbabilityKey(self.text)
+        for i, one in enumerate(value):
+            if self.rows and (not isinstance(one, tuple) or len(one) != len(value)):
+                raise InputError(
+                    f"{name} is not square",
+                    where=f"{where}{name}[{i}]",
+                    expected=f"{len(value)} numbers",
+                    got=repr(one),
+                )
+            for j, number in enumerate(one if self.rows else [one]):
+                own.check(where, f"{name}[{i}]" + f"[{j}]" * self.rows, number)
 
 
 @dataclass(frozen=True)

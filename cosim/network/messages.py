@@ -18,9 +18,10 @@ from cosim.network import draws
 from cosim.network.checks import check_duration
 from cosim.network.delay_signal import DelaySignal
 from cosim.network.grid import grid_of
-from cosim.network.impairment import GilbertElliott
+from cosim.network.impairment import GilbertElliott, LossChain
 from cosim.network.packet import PacketLink
 from cosim.network.profile import DelayProfile
+from cosim.network.recording import Player
 
 MAX_MESSAGES = 50_000_000
 """More messages than this in the arrays of a whole run are taken for a mistake in the units."""
@@ -150,14 +151,25 @@ class MessageStream:
     Attributes
     ----------
     next : number of the message that is taken next.
+
+    Raises
+    ------
+    InputError : as `Player`.
     """
 
     def __init__(self, link: PacketLink, sendings: Sendings) -> None:
         self._link, self._sendings = link, sendings
         self._blocks = [_NO_MESSAGES]
         self._begin = self._end = 0  # of the last block
-        self._bad = False  # whether the last message drawn was sent in the bad state
+        self._state = 0  # of the chain of losses, at the last message drawn
         self._keeps = True
+        self._player = (
+            None
+            if link.recording is None
+            else Player(
+                link.recording, int(link.sample_time_ns), link.name, link.seed, sendings.count
+            )
+        )
         self.next = 0
 
     def take(self, count: int) -> Messages:
@@ -206,14 +218,20 @@ class MessageStream:
         first, link = self._end, self._link
         last = first + max(count, min(_DRAWN_AT_ONCE, self._sendings.count - first))
         loss: float | NDArray[np.float64]
-        if isinstance(link.loss, GilbertElliott):
+        recorded_ns: NDArray[np.int64] | None = None
+        if self._player is not None:
+            rows = self._player.rows(first, last)
+            loss, recorded_ns = self._player.lost(rows), self._player.delay_ns(rows)
+        elif isinstance(link.loss, GilbertElliott | LossChain):
             source = link.loss, link.seed, link.name, last - first, first
-            bad = draws.bad_states(*source, before=self._bad)
-            self._bad = bool(bad[-1])
-            loss = np.where(bad, link.loss.loss_bad, link.loss.loss_good)
+            states = draws.states(*source, before=self._state)
+            self._state = int(states[-1])
+            loss = np.array(link.loss.losses)[states]
         else:
             loss = link.loss
         block = _draw_messages(link, self._sendings, first, last, loss)
+        if recorded_ns is not None:
+            block = block._replace(delay_ns=recorded_ns)
         self._blocks = [*self._blocks, block] if self._keeps else [block]
         self._begin, self._end = first, last
 
@@ -263,8 +281,10 @@ def known_delays(link: PacketLink, sent_ns: NDArray[np.int64]) -> NDArray[np.int
 def resend_at(link: PacketLink, messages: Messages, sent_ns: NDArray[np.int64]) -> Messages:
     """Return the same messages sent at other instants.
 
-    A recorded delay is that of the new instant; one that followed a signal stays as it was.
+    A delay profile is read at the new instant; a delay that followed a signal, and one from a
+    recording of messages, stay as they were.
     """
-    if isinstance(link.delay, DelaySignal):
+    recorded = link.recording is not None and link.recording.delay_ns is not None
+    if isinstance(link.delay, DelaySignal) or recorded:
         return messages._replace(sent_ns=sent_ns)
     return messages._replace(sent_ns=sent_ns, delay_ns=known_delays(link, sent_ns))

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from cosim.core import InputError
 from cosim.network.checks import check_delay, check_duration, check_name
 from cosim.network.delay_signal import DelaySignal
-from cosim.network.impairment import GilbertElliott, Jitter, LossWindow
+from cosim.network.impairment import GilbertElliott, Jitter, LossChain, LossWindow
 from cosim.network.keys import (
     ChoiceKey,
     CountKey,
@@ -28,6 +28,7 @@ from cosim.network.keys import (
     check_keys,
 )
 from cosim.network.profile import DelayProfile
+from cosim.network.recording import Recording, check_recording
 
 Order = Literal["newest-wins", "fifo", "as-arrived"]
 """Which messages a packet link delivers, and in which order."""
@@ -75,6 +76,8 @@ class PacketLink:
     queue_limit : how many messages may wait while another is being sent; one more is refused
         ("queue full", drop-tail) at the instant of sending, without effect on the receiver
         (`on_loss` does not act). None: no limit. Only with a `data_rate`.
+    recording : what became of each message of a recorded link; its delays and losses replace
+        `delay`, `jitter` and `loss`. What else a link does to messages it does to these, too.
     windows : times with another loss; where windows overlap the last one counts. Jitter, and
         the losses outside, are as without them.
     quantization : step of the quantizer applied to the values sent; 0: none.
@@ -96,7 +99,8 @@ class PacketLink:
         default_factory=Jitter
     )
     loss: Annotated[
-        float | GilbertElliott, ProbabilityKey("probability of a loss", GilbertElliott)
+        float | GilbertElliott | LossChain,
+        ProbabilityKey("probability of a loss", (GilbertElliott, LossChain)),
     ] = 0.0
     duplicate: Annotated[
         float, ProbabilityKey("probability that what is not lost arrives twice")
@@ -115,6 +119,7 @@ class PacketLink:
     seed: Annotated[int, CountKey("seed of the run", most=2**63 - 1)] = 0
     delay: DelayProfile | DelaySignal | None = None
     windows: tuple[LossWindow, ...] = ()
+    recording: Recording | None = None
 
     def __post_init__(self) -> None:
         check_name("link", self.name)
@@ -122,6 +127,12 @@ class PacketLink:
         check_keys(f"{where}: ", self)
         hint = "a delay that does not vary is delay_ns"
         check_delay(where, self.delay, self.delay_ns, (DelayProfile, DelaySignal), hint)
+        given = {
+            "delay": self.delay is not None or self.delay_ns > 0,
+            "jitter": self.jitter.kind != "none",
+            "loss": self.loss != 0.0,
+        }
+        check_recording(where, self.recording, given)
         if (self.data_rate == 0) != (self.frame_size == 0):
             raise InputError(
                 "a data rate and a frame size go together",
@@ -163,6 +174,8 @@ class PacketLink:
         least = self.delay_ns
         if isinstance(self.delay, DelayProfile):
             least = int(self.delay.delays_ns.min())
+        if self.recording is not None:
+            least += self.recording.least_ns
         return self.frame_ns + least
 
     @property

@@ -16,22 +16,28 @@ import numpy as np
 from cosim.core import InputError
 from cosim.master import DelaySource, Link
 from cosim.network import (
+    IN_FLIGHT_NS,
     DelayProfile,
     DelaySignal,
     GilbertElliott,
     Jitter,
+    LossChain,
     LossWindow,
     PacketLink,
+    Recording,
     TransportLink,
 )
 from cosim.scenario.link_keys import nanoseconds, of_part
 from cosim.scenario.links import (
     BurstPart,
+    ChainPart,
     LinkPart,
     PacketPart,
     ProfileFilePart,
     ProfilePart,
     RangeDelayPart,
+    RecordingFilePart,
+    RecordingPart,
     SignalDelayPart,
 )
 from cosim.scenario.matching import endpoint
@@ -93,13 +99,51 @@ def _link_of(name: str, part: LinkPart, seed: int, changes: Sequence[Change]) ->
         delay_ns=0 if changed is not None else constant,
         delay=changed,
         jitter=Jitter() if part.jitter is None else of_part(Jitter, part.jitter),
-        loss=of_part(GilbertElliott, part.loss) if isinstance(part.loss, BurstPart) else part.loss,
+        loss=_loss(part.loss),
         seed=seed if part.seed is None else part.seed,
+        recording=_recording(part.recording),
         windows=tuple(
             LossWindow(c.from_ns, c.until_ns, 1.0 if c.loss is None else c.loss)
             for c in changes
             if c.delay_ns is None
         ),
+    )
+
+
+def _loss(part: float | BurstPart | ChainPart) -> float | GilbertElliott | LossChain:
+    """Return the loss that a key says."""
+    match part:
+        case BurstPart():
+            return of_part(GilbertElliott, part)
+        case ChainPart():
+            return of_part(LossChain, part)
+    return part
+
+
+def _recording(part: RecordingPart | RecordingFilePart | None) -> Recording | None:
+    """Return the recording that a link replays, or None."""
+    if part is None:
+        return None
+    if isinstance(part, RecordingFilePart):
+        raise InputError("a recording is read with the scenario", where="recording.file")
+    lost = np.zeros(len(part.sent), np.bool_)
+    if any(k >= lost.size for k in part.lost):
+        raise InputError(
+            "there is no such message in the recording",
+            where="recording.lost",
+            expected=f"numbers below {lost.size}",
+            got=str(max(part.lost)),
+        )
+    lost[part.lost] = True
+    delays = part.delays
+    return of_part(
+        Recording,
+        part,
+        sent_ns=np.array([nanoseconds(t) for t in part.sent], np.int64),
+        lost=lost,
+        delay_ns=None
+        if delays is None
+        else np.array([IN_FLIGHT_NS if d == "in flight" else nanoseconds(d) for d in delays]),
     )
 
 

@@ -80,6 +80,8 @@ def link_words(link: Link) -> str:
             late = f"delay from {delay.file}"
     if not isinstance(link, PacketPart):
         return f"transport, {late}"
+    if link.recording is not None:
+        late = "as recorded"
     words = [f"packet each {link.sample_time:g} s", late]
     if link.jitter is not None:
         words.append(f"{link.jitter.kind} jitter")

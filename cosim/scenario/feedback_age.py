@@ -18,7 +18,14 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from cosim.master import Component, Connection, Link, System, receiving_order
-from cosim.network import DelayProfile, DelaySignal, GilbertElliott, PacketLink, TransportLink
+from cosim.network import (
+    DelayProfile,
+    DelaySignal,
+    GilbertElliott,
+    LossChain,
+    PacketLink,
+    TransportLink,
+)
 
 
 @dataclass(frozen=True)
@@ -180,7 +187,8 @@ def _constant_ns(link: PacketLink, name: str) -> int:
         return link.playout_ns
     if link.jitter.kind != "none":
         raise _NotSampledError(f"{name}: its messages arrive with jitter, and without playout")
-    if link.delay is not None:
+    recorded = link.recording is not None and link.recording.delay_ns is not None
+    if link.delay is not None or recorded:
         raise _NotSampledError(f"{name}: its delay varies, and it has no playout")
     if link.frame_ns > link.sample_time_ns:
         raise _NotSampledError(f"{name}: its messages wait in a queue, and it has no playout")
@@ -218,8 +226,11 @@ def _controller_stage(controller: Component, name: str, step: int) -> _Stage:
 def _may_lose(link: PacketLink) -> bool:
     """Whether a message may be lost, refused by the queue, or late for its play-out."""
     chance = link.loss
-    if isinstance(chance, GilbertElliott):
-        chance = max(chance.loss_good, chance.loss_bad)
+    if isinstance(chance, GilbertElliott | LossChain):
+        chance = max(chance.losses)
+    recording = link.recording
+    if recording is not None and not recording.arrived.all():
+        return True
     if chance > 0 or any(window.loss > 0 for window in link.windows):
         return True
     return 0 < link.playout_ns < _latest_ns(link)
@@ -236,6 +247,8 @@ def _latest_ns(link: PacketLink) -> float:
     most = link.delay_ns
     if isinstance(link.delay, DelayProfile):
         most = int(link.delay.delays_ns.max())
+    if link.recording is not None:
+        most += link.recording.greatest_ns
     # under fifo a message waits for those before it, which were sent earlier
     return link.frame_ns + most + extra
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeGuard
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -19,6 +19,8 @@ from cosim.scenario.feedback_age import FeedbackAge
 from cosim.scenario.schema import DesignPart
 
 if TYPE_CHECKING:
+    from typing_extensions import TypeIs
+
     AnyDesign = hinf.Design | hinf.OutputFeedback
     """Of the whole state, or of what is measured of it."""
 
@@ -76,7 +78,7 @@ def _problem_of(part: DesignPart, folder: Path) -> Problem:
     return Problem(named.system, k1, k2, None, named.design_constraints)
 
 
-def observes(found: AnyDesign | None) -> TypeGuard[hinf.OutputFeedback]:
+def observes(found: AnyDesign | None) -> TypeIs[hinf.OutputFeedback]:
     """Whether a design feeds back what an observer estimates, rather than the measured state."""
     return found is not None and found.certificate.get("kind") == "output-feedback"
 

@@ -19,6 +19,7 @@ from cosim.network import (
     DeclaredKey,
     DurationKey,
     NumberKey,
+    ProbabilitiesKey,
     ProbabilityKey,
     WordOrNumberKey,
     keys_of,
@@ -73,6 +74,8 @@ def nanoseconds(seconds: float) -> int:
 
 
 def _declared(found: DeclaredKey, value: Any) -> Any:
+    if isinstance(found.key, ProbabilitiesKey):
+        return tuple(tuple(row) for row in value) if found.key.rows else tuple(value)
     return nanoseconds(value) if isinstance(found.key, DurationKey) and value is not None else value
 
 
@@ -85,6 +88,10 @@ def _default(found: DeclaredKey) -> Any:
 
 
 def _type(found: DeclaredKey) -> Any:
+    if isinstance(found.key, ProbabilitiesKey):
+        limits = Field(min_length=found.key.least, max_length=found.key.most)
+        numbers = Annotated[list[Probability], limits]
+        return Annotated[list[numbers], limits] if found.key.rows else numbers
     match found.key:
         case DurationKey(least_ns=least):
             limits = Field(ge=least / 1e9, le=MAX_NS / 1e9, allow_inf_nan=False)
@@ -96,10 +103,9 @@ def _type(found: DeclaredKey) -> Any:
         case CountKey():
             limits = Field(ge=0, le=found.key.most)
             return Annotated[int, limits, *UNITS_OF_COUNTS[found.key.unit]]
-        case WordOrNumberKey(words=words):
-            return _LITERAL[words] | Number
         case ChoiceKey(words=words):
-            return _LITERAL[words]
+            word = _LITERAL[words]
+            return word | Number if isinstance(found.key, WordOrNumberKey) else word
     raise TypeError(f"{found.name}: scenarios have no type for a {type(found.key).__name__}")
 
 

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import Discriminator, Field, Tag, model_validator
+from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 
 from cosim.network import (
     DelaySignal,
     GilbertElliott,
     Interpolation,
     Jitter,
+    LossChain,
     PacketLink,
+    Recording,
     TransportLink,
 )
 from cosim.scenario.fields import (
@@ -32,6 +34,9 @@ SPEED_OF_SOUND = 1500.0
 
 _Jitter: Any = part_of(Jitter, kind=(Literal["uniform", "exponential", "normal"], ...))
 _Burst: Any = part_of(GilbertElliott)
+_Chain: Any = part_of(
+    LossChain, first={"kind": (Annotated[Literal["chain"], Field(description="A chain.")], ...)}
+)
 _SignalDelay: Any = part_of(
     DelaySignal, first={"signal": (Annotated[Reference, Field(description="The signal.")], ...)}
 )
@@ -43,6 +48,10 @@ class JitterPart(_Jitter):  # type: ignore[misc]
 
 class BurstPart(_Burst):  # type: ignore[misc]
     """Gilbert-Elliott loss."""
+
+
+class ChainPart(_Chain):  # type: ignore[misc]
+    """Loss in a chain of hidden states."""
 
 
 class ProfilePart(Part):
@@ -135,14 +144,64 @@ RecordedDelay = Annotated[
 
 
 def _kind_of_loss(value: Any) -> str:
+    if isinstance(value, ChainPart) or (isinstance(value, dict) and "kind" in value):
+        return "in a chain"
     return "in bursts" if isinstance(value, dict | BurstPart) else "independent"
 
 
 Loss = Annotated[
-    Annotated[Probability, Tag("independent")] | Annotated[BurstPart, Tag("in bursts")],
+    Annotated[Probability, Tag("independent")]
+    | Annotated[BurstPart, Tag("in bursts")]
+    | Annotated[ChainPart, Tag("in a chain")],
     Discriminator(_kind_of_loss),
 ]
 
+
+_Replayed: Any = part_of(Recording)
+
+
+class RecordingPart(_Replayed):  # type: ignore[misc]
+    """What became of recorded messages: { sent = [...], delays = [...], lost = [...] }."""
+
+    sent: Annotated[list[LinkTime], Field(min_length=1)]
+    """Instants of sending, from the first message on; they never decrease."""
+    delays: list[LinkTime | Literal["in flight"]] | None = None
+    """Time from sending to arrival, or until a lost message was due; without it the link's own."""
+    lost: list[Annotated[int, Field(ge=0)]] = Field(default_factory=list)
+    """Numbers of the messages that were lost, from 0."""
+
+
+class RecordingFilePart(_Replayed):  # type: ignore[misc]
+    """What became of recorded messages, from a CSV file, a trace or another MCAP file."""
+
+    file: Text
+    """The file, from the folder of the scenario."""
+    node: Text | None = None
+    """Which link of a file with several; without it the one of this name, or the only one."""
+
+
+def _kind_of_recording(value: Any) -> str | None:
+    if not isinstance(value, dict | Part):
+        return None
+    keys = value if isinstance(value, dict) else type(value).model_fields
+    return "inline" if "sent" in keys else "from a file"
+
+
+_NO_RECORDING = "the name of a file, or a table with file, or with sent, delays and lost"
+
+
+RecordedMessages = Annotated[
+    Annotated[RecordingPart, Tag("inline")] | Annotated[RecordingFilePart, Tag("from a file")],
+    Discriminator(
+        _kind_of_recording,
+        custom_error_type="no_recording",
+        custom_error_message=_NO_RECORDING,
+    ),
+    BeforeValidator(
+        lambda value: {"file": value} if isinstance(value, str) else value,
+        json_schema_input_type=Text | dict[str, Any],
+    ),
+]
 
 _KIND = Field(description="Sampled messages, or a continuous signal, delayed.")
 _Packet: Any = part_of(
@@ -162,6 +221,9 @@ _Transport: Any = part_of(
 
 class PacketPart(_Packet):  # type: ignore[misc]
     """[links.NAME] with kind = "packet"; without `seed` the seed of the run."""
+
+    recording: RecordedMessages | None = None
+    """What became of each message of a recorded link: a file, or a table."""
 
 
 class TransportPart(_Transport):  # type: ignore[misc]

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from cosim.hinf import OutputFeedback
 
 Reals = NDArray[np.float64]
+Integers = NDArray[np.int64]
 
 _CLOSE = 1e-9
 """Relative size of a noise that is rounding."""
@@ -105,7 +106,7 @@ class NoiseEnergy(Measure[float | None]):
         kept = max(0, int(np.searchsorted(self._times, oldest)))
         self._times, self._past = self._times[kept:], self._past[kept:]
 
-    def _add(self, starts: Reals, ends: Reals, used: Reals, rows: Reals) -> None:
+    def _add(self, starts: Integers, ends: Integers, used: Integers, rows: Reals) -> None:
         column = 0
         for j, each in enumerate(self._design.measurements):
             mine = slice(column, column + len(each.C))

@@ -30,7 +30,13 @@ from cosim.hinf import (
 )
 from cosim.scenario.age_claim import age_in_words, feedback_of
 from cosim.scenario.feedback_age import FeedbackAge
-from cosim.scenario.gain import Problem, problem_about, solve_sharply, with_known_age
+from cosim.scenario.gain import (
+    Problem,
+    observes,
+    problem_about,
+    solve_sharply,
+    with_known_age,
+)
 from cosim.scenario.read import LoadedScenario
 from cosim.scenario.schema import MADE_WITH, DesignPart
 
@@ -201,6 +207,8 @@ def _kept(
         found = design_from_json(data, where=str(path))
     except InputError as error:
         return None, f"the one kept before is refused: {error.what}", True
+    if observes(found):
+        return None, "the one kept before is of an observer", True
     differences = [first_difference(problem.system, found.system) for problem in problems]
     differs = None if None in differences else differences[-1]
     if differs is not None:

@@ -11,8 +11,9 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
+from cosim import recordings
 from cosim.core import InputError
-from cosim.network import DelayProfile
+from cosim.network import DelayProfile, Recording, keys_of
 from cosim.scenario.extend import (
     Source,
     builtin_names,
@@ -22,7 +23,13 @@ from cosim.scenario.extend import (
     source_of,
 )
 from cosim.scenario.key_paths import put, setting
-from cosim.scenario.links import ProfileFilePart, ProfilePart
+from cosim.scenario.links import (
+    PacketPart,
+    ProfileFilePart,
+    ProfilePart,
+    RecordingFilePart,
+    RecordingPart,
+)
 from cosim.scenario.origin import NOWHERE, Findings, Layer, Origin
 from cosim.scenario.schema import Scenario
 from cosim.scenario.schema_errors import refusals
@@ -133,15 +140,32 @@ def loaded_of(source: Source) -> LoadedScenario:
 
 
 def with_files(scenario: Scenario, folder: Path, findings: Findings) -> Scenario:
-    """Replace delays in files by their values, so that the scenario needs no other file."""
+    """Replace delays and recordings in files by their values: the scenario needs no other file."""
     links = dict(scenario.links)
     for name, part in scenario.links.items():
+        if isinstance(part, PacketPart) and isinstance(part.recording, RecordingFilePart):
+            with findings.at("links", name, "recording"):
+                played = _messages(part.recording, folder, name)
+                links[name] = part.model_copy(update={"recording": played})
         if isinstance(part.delay, ProfileFilePart):
             with findings.at("links", name, "delay"):
                 links[name] = part.model_copy(update={"delay": _recorded(part.delay, folder)})
     if links == scenario.links:
         return scenario
     return scenario.model_copy(update={"links": links})
+
+
+def _messages(part: RecordingFilePart, folder: Path, link: str) -> RecordingPart:
+    found = recordings.read_recording(folder / part.file, part.node, default=link)
+    delays = found.delay_ns
+    return RecordingPart(
+        sent=(found.sent_ns / 1e9).tolist(),
+        delays=None
+        if delays is None
+        else [d / 1e9 if d >= 0 else "in flight" for d in delays.tolist()],
+        lost=[k for k, lost in enumerate(found.lost.tolist()) if lost],
+        **{name: getattr(part, name) for name in keys_of(Recording)},
+    )
 
 
 def _recorded(part: ProfileFilePart, folder: Path) -> ProfilePart:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from cosim import hinf
 from cosim.master import Link, System, receiving_order
-from cosim.network import DelayProfile
+from cosim.network import DelayProfile, Recording, keys_of
 from cosim.scenario.gain import starts_with
 from cosim.scenario.preparation import PreparedScenario
 from cosim.trace import (
@@ -81,7 +81,14 @@ def run_metadata_of(
     return entries, attachments
 
 
-_LATER = {"delay": None, "duplicate": 0.0, "queue_limit": None, "windows": (), "playout_ns": 0}
+_LATER = {
+    "delay": None,
+    "duplicate": 0.0,
+    "queue_limit": None,
+    "windows": (),
+    "playout_ns": 0,
+    "recording": None,
+}
 """Later fields of links and their unused values, which are left out: old traces lack them."""
 
 
@@ -94,6 +101,12 @@ def _link_entry(link: Link) -> dict[str, Any]:
                 "times_ns": value.times_ns.tolist(),
                 "delays_ns": value.delays_ns.tolist(),
                 "interpolation": value.interpolation,
+            }
+        elif isinstance(value, Recording):  # its rows are in the scenario
+            found[each.name] = {
+                "messages": len(value),
+                "sha256": value.sha256,
+                **{key.field: getattr(value, key.field) for key in keys_of(Recording).values()},
             }
         elif isinstance(value, tuple):
             found[each.name] = [asdict(item) for item in value]

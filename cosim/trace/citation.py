@@ -86,6 +86,8 @@ def _link(name: str, link: Any) -> str:
         kind = jitter.get("kind") if isinstance(jitter, dict) else None
         more = f" and {kind} jitter" if kind not in (None, "none") else ""
         facts.append(f"delays it by {_seconds(link['delay_ns'])}{more}")
+    if isinstance(link.get("recording"), dict):
+        facts.append("replays a recording of a link")
     loss = link.get("loss")
     if isinstance(loss, dict):
         facts.append("loses messages in bursts")

@@ -264,7 +264,7 @@ def plant_note(model: LinearModel) -> scenario.DesignedPlant:
     vehicle, actuation = model.vehicle, model.actuation
     trim = dict(model.trim.state)
     limits = {f"actual.{a.name}": a.limit for a in vehicle.actuators}
-    inverse = np.linalg.pinv(actuation.thrust_map)
+    inverse = np.asarray(np.linalg.pinv(actuation.thrust_map), dtype=np.float64)
     own = [name for name in model.states if not name.startswith("acting.")]
     acting = len(own) < len(model.states)
     lagged = [a for a in vehicle.actuators if a.lag] if acting else []

@@ -145,7 +145,7 @@ class _Loop:
         late = [np.exp(-s * d) for d in loop.delays]
         A = sum(e * A for e, A in zip(late, loop.A, strict=True))
         D = sum(e * D for e, D in zip(late, loop.D, strict=True))
-        found: Reals = np.abs(D @ np.linalg.solve(s * np.eye(len(A)) - A, loop.C) + loop.D1)
+        found: Reals = np.abs(D @ np.linalg.solve(s * np.eye(len(A)) - A, np.asarray(loop.C)) + loop.D1)
         return found
 
 

@@ -119,9 +119,9 @@ def planned_sensors(
         if own:
             used.append(replace(sensor, measures=tuple(own), noise=tuple(own.values())))
     found = [_over_link(sensor, settings) for sensor in used if sensor.over == "link"]
-    own = [sensor for sensor in used if sensor.over == "onboard"]
-    if own:
-        found.insert(0, _on_board(own, settings))
+    aboard = [sensor for sensor in used if sensor.over == "onboard"]
+    if aboard:
+        found.insert(0, _on_board(aboard, settings))
     if not found:
         raise InputError(
             "no sensor measures a controlled state",

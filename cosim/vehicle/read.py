@@ -19,6 +19,12 @@ from cosim.vehicle.vehicle import Actuator, Control, OnboardDamping, Sensor, Veh
 _GALLERY = files("cosim.vehicle") / "gallery"
 VEHICLES: Final = tuple(sorted(p.name[:-5] for p in _GALLERY.iterdir() if p.name[-5:] == ".toml"))
 """Names of the vehicles of the gallery, which need no file."""
+_BOUNDS: Final = {
+    **dict.fromkeys(("nu.u", "nu.v", "nu.w"), 0.15),
+    **dict.fromkeys(("nu.p", "nu.q", "nu.r", "eta.phi", "eta.theta"), 0.1),
+    "eta.psi": 0.175,
+}
+"""Bounds of states that a file gives none for, as the text of its key says."""
 
 
 def vehicle_text(name: str) -> str:
@@ -84,6 +90,7 @@ def _vehicle(file: VehicleFile, text: str) -> Vehicle:
     ]
     fins = [Actuator(fin.name, "fin", fin.limit, fin.lag, "rad") for fin in file.fins]
     loop = file.onboard_damping
+    bounds = {name: _BOUNDS[name] for name in motion_names(file) if name in _BOUNDS}
     vehicle = Vehicle(
         name=file.name,
         description=file.description,
@@ -96,7 +103,8 @@ def _vehicle(file: VehicleFile, text: str) -> Vehicle:
         damping=None if loop is None else OnboardDamping(dict(loop.rates.items()), loop.delay),
         sensors=tuple(_sensor(s) for s in file.sensors),
         trim=MappingProxyType({"nu.u": file.trim.u} if file.trim.u else {}),
-        envelope=MappingProxyType(dict(file.envelope)),
+        envelope=MappingProxyType(bounds | file.envelope),
+        default_bounds=tuple(name for name in bounds if name not in file.envelope),
         control=Control(tuple(file.control.states or ()), MappingProxyType(file.control.weights)),
         text=text,
     )

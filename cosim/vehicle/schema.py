@@ -268,6 +268,8 @@ class VehicleFile(Part):
     trim: TrimPart = Field(default_factory=TrimPart)
     """The steady motion that the design is about."""
     envelope: dict[Text, Any] = Field(default_factory=dict)
-    """Bound of a state about the trim, by its name: "nu.u" = 0.3, "eta.psi" = 0.2."""
+    """Bound of a state about the trim, by its name: "nu.u" = 0.3, "eta.psi" = 0.2. Without one:
+    0.15 m/s for speeds, 0.1 rad/s for rates, 0.1 rad for roll and pitch, 0.175 rad for the heading.
+    """
     control: ControlPart = Field(default_factory=ControlPart)
     """What the design controls."""

@@ -12,7 +12,7 @@ from cosim.vehicle.schema import VehicleFile
 
 _HEAD = """\
 # {name}: a vehicle, begun as a copy of {like}. SI units; body axes x forward, y to starboard,
-# z down; the earth's north, east, down. Forces and moments as they act on the vehicle: damping is negative.
+# z down; the earth's north, east, down. Forces and moments as they act: damping is negative.
 #   cosim vehicle check {file}     list its faults
 #   cosim vehicle show {file}      trim, poles, drag, actuators, sensors
 #   cosim vehicle fly {file}       design for it, and fly it over a slow link

@@ -92,7 +92,8 @@ class Vehicle:
     terms : which terms the equations have (`cosim.models.VehicleEquations`).
     damping : the onboard loop; None without one.
     trim : velocity through the water by FMI name; those that are absent are zero.
-    envelope : state by FMI name -> bound about the trim.
+    envelope : state by FMI name -> bound about the trim, for every angle and velocity.
+    default_bounds : the states whose bound is a default, since the file gives none.
     text : the file.
     """
 
@@ -108,6 +109,7 @@ class Vehicle:
     sensors: tuple[Sensor, ...]
     trim: Mapping[str, float]
     envelope: Mapping[str, float]
+    default_bounds: tuple[str, ...]
     control: Control
     text: str = field(repr=False)
 

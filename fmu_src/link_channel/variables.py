@@ -15,6 +15,7 @@ from cosim.network import (
     DeclaredKey,
     DurationKey,
     GilbertElliott,
+    LossChain,
     PacketLink,
     ProbabilityKey,
     TableKey,
@@ -101,7 +102,7 @@ def _parameters(declared: DeclaredKey, link: object, prefix: str = "") -> list[V
         case DurationKey():
             text += "; 0: no bound" if absent else ""
             found = [_real(name, text, (value or 0) / 1e9, key.least_ns / 1e9, MAX_NS / 1e9, "s")]
-        case ProbabilityKey(instead=None):
+        case ProbabilityKey(instead=()):
             found = [_real(name, text, value, 0.0, 1.0)]
         case ProbabilityKey():
             found = _losses(value, text)
@@ -126,19 +127,27 @@ def _parameters(declared: DeclaredKey, link: object, prefix: str = "") -> list[V
     return found
 
 
-def _losses(loss: float | GilbertElliott, text: str) -> list[Variable]:
-    """Return the parameters of independent losses and of bursts."""
-    bursts = isinstance(loss, GilbertElliott)
-    chain = loss if isinstance(loss, GilbertElliott) else GilbertElliott(0.0, 1.0, loss)
-    choice = "0: independent losses, 1: Gilbert-Elliott"
+def _losses(loss: float | GilbertElliott | LossChain, text: str) -> list[Variable]:
+    """Return the parameters of independent losses, of bursts, and of the chain that a link has."""
+    chain = loss if isinstance(loss, LossChain) else None
+    bursts = loss if isinstance(loss, GilbertElliott) else GilbertElliott(0.0, 1.0)
+    good = loss if isinstance(loss, int | float) else bursts.loss_good
+    kind = 2 if chain else int(isinstance(loss, GilbertElliott))
+    choice = "0: independent losses, 1: Gilbert-Elliott" + (", 2: loss.state" if chain else "")
     found = [
-        _integer("loss.bursts", "parameter", choice, int(bursts), 0, 1),
-        _real("loss.good", f"{text}; with bursts, in the good state", chain.loss_good, 0.0, 1.0),
+        _integer("loss.bursts", "parameter", choice, kind, 0, 2 if chain else 1),
+        _real("loss.good", f"{text}; with bursts, in the good state", good, 0.0, 1.0),
     ]
     for name in ("loss_bad", "p_enter", "p_exit"):
         words = f"with bursts, {keys_of(GilbertElliott)[name].key.text}"
-        start = getattr(chain, name)
+        start = getattr(bursts, name)
         found.append(_real(f"loss.{name.removeprefix('loss_')}", words, start, 0.0, 1.0))
+    for i, one in enumerate(chain.losses if chain else (), 1):
+        found.append(_real(f"loss.state[{i}]", f"{text} in state {i}", one, 0.0, 1.0))
+    for i, row in enumerate(chain.moves if chain else (), 1):
+        for j, move in zip([j for j in range(1, len(row) + 2) if j != i], row, strict=True):
+            words = f"from state {i} to state {j}, per message"
+            found.append(_real(f"loss.move[{i},{j}]", words, move, 0.0, 1.0))
     return found
 
 

@@ -19,7 +19,9 @@ from cosim.network import (
     DelayProfile,
     GilbertElliott,
     Jitter,
+    LossChain,
     PacketLink,
+    Recording,
     TransportLink,
     align,
     schedule,
@@ -105,6 +107,34 @@ def test_link_fmu_is_the_link_on_the_grid(channel: Path, case: str, order: str) 
     assert np.array_equal(rows[:, 3], state.sequence[1:])
     assert np.array_equal(rows[:, 4], state.dropped[1:])
     assert np.unique(values[:, 0]).size > 30 or case in ("all lost", "odd rate", "slow")
+
+
+CHAIN = LossChain(((0.8, 0.15, 0.05), (0.3, 0.6, 0.1), (0.0, 0.1, 0.9)), (0.0, 0.4, 1.0))
+
+
+def test_a_link_fmu_has_the_chain_of_its_link(tmp_path: Path) -> None:
+    """Three states draw what the project's own link draws, bit for bit, over a saved state too."""
+    link = PacketLink("uplink", 30 * MS, delay_ns=90 * MS, loss=CHAIN, on_loss="zero", seed=4)
+    values, state = expected(link, STEP, STEPS)
+    with Channel(build(link, tmp_path, STEP)) as raw:
+        raw.begin()
+        rows = raw.run(STEP, 0, 150)
+        saved = raw.saved()
+        raw.run(STEP, 150, 190)
+        raw.resume(saved)
+        rows = np.concatenate([rows, raw.run(STEP, 150, STEPS)])
+    assert np.array_equal(rows[:, :2], values[1:])
+    assert np.array_equal(rows[:, 4], state.dropped[1:])
+    assert state.dropped[-1] > 100
+
+
+def test_a_chain_that_leaves_a_state_too_often_is_refused(tmp_path: Path) -> None:
+    """Parameters may be set: their sum from one state is checked."""
+    link = PacketLink("uplink", 30 * MS, delay_ns=90 * MS, loss=CHAIN)
+    with Channel(build(link, tmp_path, STEP)) as raw:
+        with pytest.raises(Exception, match="status"):
+            raw.begin({"loss.move[2,1]": 0.95})
+        assert "loss.move[2,...] must add to at most 1" in raw.messages
 
 
 def test_full_queue_refuses_as_the_link_does(channel: Path) -> None:
@@ -327,6 +357,7 @@ def test_link_that_no_fmu_can_be_is_refused_by_name() -> None:
         PacketLink("up", MS, delay=profile),
         TransportLink("up", delay=profile),
         PacketLink("up", MS, delay_ns=MS, seed=2**40),
+        PacketLink("up", MS, recording=Recording([0], [0], [MS])),
     ):
         with pytest.raises(InputError, match="'up'"):
             link_spec("Up", link, [LinkSignal()], MS)

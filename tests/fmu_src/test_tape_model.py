@@ -26,7 +26,7 @@ from cosim.fmu.export.native.platforms import host
 from cosim.fmu.export.native.tape_model import model_data
 from cosim.fmu.export.native.tape_package import KINDS, MODEL, build_tape_fmu
 from cosim.models import Delay, DelaySystem
-from cosim.network import GilbertElliott, Jitter, PacketLink, TransportLink
+from cosim.network import Jitter, LossChain, PacketLink, TransportLink
 
 LINK = component_module("link_channel.variables")
 PLANT = component_module("delayed_plant.variables").delayed_plant_spec
@@ -36,7 +36,8 @@ def spec_of(name: str) -> ComponentSpec:
     """A component of each kind, none of them the one that the binary was compiled with."""
     signals = [LINK.LinkSignal(initial=0.5), LINK.LinkSignal()]
     if name == "packet":
-        loss = GilbertElliott(0.1, 0.3, 0.05, 0.6)
+        moves = ((0.9, 0.08, 0.02), (0.3, 0.6, 0.1), (0.0, 0.2, 0.8))
+        loss = LossChain(moves, (0.05, 0.6, 1.0))
         jitter = Jitter("exponential", mean_ns=40_000_000)
         link = PacketLink(
             "of its own", 70_000_000, 0, 120_000_000, jitter=jitter, loss=loss, seed=5

@@ -85,6 +85,25 @@ def test_derivatives_are_those_of_complex_steps(name: str) -> None:
         assert upper[:, j] == pytest.approx(slope, rel=1e-11, abs=1e-13)
 
 
+def test_slopes_of_drag_across_contain_those_of_its_formula() -> None:
+    """At points, whatever the speed that softens it is to that of the flow."""
+    import cmath  # noqa: PLC0415
+
+    rng = np.random.default_rng(5)
+    for _ in range(60):
+        point, (sway, heave) = rng.uniform(-0.3, 0.3, 2), rng.uniform(0.1, 3.0, 2)
+        coefficients = sway, heave, float(10 ** rng.uniform(-3, 0))
+        lower, upper = mean_jacobian(
+            lambda x, n, c=coefficients: n.coupled_drag(*x, *c), point, [0.0, 0.0], [0, 1], 1
+        )
+        for j in range(2):
+            moved = [complex(x) for x in point]
+            moved[j] += 1e-30j
+            slopes = [row.imag / 1e-30 for row in drag_across(*moved, *coefficients, cmath.sqrt)]
+            assert (lower[:, j] <= slopes).all()
+            assert (slopes <= upper[:, j]).all()
+
+
 def test_drag_costs_its_sector_and_a_product_its_later_factor() -> None:
     """-d v |v| lies in [-d v_bar, 0]; 3 u v is 3 u_bar in the column of v when v moves last."""
 

@@ -1,7 +1,7 @@
 """A link, event by event, in integers and fractions: slow, obvious, and on its own.
 
-It shares nothing with `cosim.network` but the declaration of the link and the raw draws (which
-message is lost or copied, and its jitter). The sender's queue is a list of waiting messages,
+It shares nothing with `cosim.network` but the declaration of the link and the raw draws (uniform
+numbers, jitter, which message is copied). The sender's queue is a list of waiting messages,
 the channel a heap of events, the play-out buffer a shelf, the receiver a person with a notebook.
 """
 
@@ -15,7 +15,7 @@ from fractions import Fraction
 from functools import cached_property
 from typing import Any, NamedTuple
 
-from cosim.network import DelaySignal, PacketLink, draws
+from cosim.network import DelaySignal, GilbertElliott, PacketLink, draws
 
 Label = tuple[int, int]
 """A message and which of its two: 0 itself, 1 its copy."""
@@ -122,7 +122,10 @@ def raw_draws(link: PacketLink, end: int, points: Sequence[int] | None = None) -
     """Return the draws of a run; of a live link on a grid `points`, since windows count there."""
     nominal = range(link.offset_ns, end + 1, link.sample_time_ns)
     source = (link.seed, link.name, len(nominal))
-    lost = draws.lost(link.loss, *source).tolist()
+    if link.recording is None:
+        lost = chain_losses(link, len(nominal))
+    else:
+        lost = [bool(link.recording.lost[row]) for row in recorded_rows(link, len(nominal))]
     up = _Model(link, end, points if isinstance(link.delay, DelaySignal) else None).up
     for window in link.windows:
         others = draws.lost(window.loss, *source).tolist()
@@ -134,6 +137,57 @@ def raw_draws(link: PacketLink, end: int, points: Sequence[int] | None = None) -
         draws.duplicated(link.duplicate, *source).tolist(),
         draws.jitter_ns(link.jitter, *source, "copy jitter").tolist(),
     )
+
+
+def chain_losses(link: PacketLink, count: int) -> list[bool]:
+    """The losses of a link, walked message by message."""
+    u = draws.uniform(link.seed, link.name, "loss", count)
+    change = draws.uniform(link.seed, link.name, "loss state", count)
+    if isinstance(link.loss, int | float):
+        return [x < link.loss for x in u]
+    if isinstance(link.loss, GilbertElliott):
+        p, q = link.loss.p_enter, link.loss.p_exit
+        leaving, losses = [[p], [q]], [link.loss.loss_good, link.loss.loss_bad]
+    else:
+        rows = [list(row) for row in link.loss.transitions]
+        leaving = [row[:i] + row[i + 1 :] for i, row in enumerate(rows)]
+        losses = list(link.loss.loss)
+    state, lost = 0, []
+    for k in range(count):
+        others = [other for other in range(len(losses)) if other != state]
+        total = 0.0
+        for other, p in zip(others, leaving[state], strict=True) if k else ():
+            total += p
+            if change[k] < total:
+                state = other
+                break
+        lost.append(bool(u[k] < losses[state]))
+    return lost
+
+
+def recorded_rows(link: PacketLink, count: int) -> list[int]:
+    """The row of its recording that each message takes, found by looking from the start."""
+    recording = link.recording
+    assert recording is not None
+    sent = recording.sent_ns.tolist()
+    delays = [0] * len(sent) if recording.delay_ns is None else recording.delay_ns.tolist()
+    order = list(range(len(sent)))
+    if recording.rows == "time":
+        order, t = [], 0
+        while t <= sent[-1]:
+            order.append(max(k for k, instant in enumerate(sent) if instant <= t))
+            t += link.sample_time_ns
+    if recording.replay == "once":
+        return order[:count]
+    whole = [row for row in order if min(delays[: row + 1]) >= 0]
+    if recording.replay == "loop":
+        return [whole[k % len(whole)] for k in range(count)]
+    block, rows = recording.block, []
+    u = draws.uniform(link.seed, link.name, "recording", count).tolist()
+    while len(rows) < count:
+        begin = math.floor(u[len(rows) // block] * (len(whole) - block + 1))
+        rows += whole[begin : begin + block]
+    return rows[:count]
 
 
 def run(

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from cosim.network import GilbertElliott, Jitter, PacketLink, draws, schedule
+from cosim.network import GilbertElliott, Jitter, LossChain, PacketLink, draws, schedule
 
 MASK = 2**64 - 1
 
@@ -160,10 +160,30 @@ def test_a_block_has_its_part_of_the_stream(first: int) -> None:
 def test_bursts_go_on_from_block_to_block(chain: tuple[float, float]) -> None:
     """States drawn in blocks of any size, each told the last of the one before, are the run's."""
     burst = GilbertElliott(*chain)
-    whole = draws.bad_states(burst, 7, "a", 600)
+    whole = draws.states(burst, 7, "a", 600)
     first = 0
     for count in (0, 1, 1, 2, 5, 91, 500):
-        before = bool(whole[first - 1]) if first else False
-        block = draws.bad_states(burst, 7, "a", count, first, before=before)
+        before = int(whole[first - 1]) if first else 0
+        block = draws.states(burst, 7, "a", count, first, before=before)
         assert block.tolist() == whole[first : first + count].tolist()
         first += count
+
+
+@pytest.mark.parametrize("p", [(0.3, 0.4, 0.1, 0.8), (0.9, 0.8, 0.0, 1.0), (0.0, 1.0, 0.5, 0.5)])
+def test_a_chain_of_two_states_draws_what_bursts_draw(p: tuple[float, ...]) -> None:
+    """Gilbert-Elliott is the chain of two states, draw by draw."""
+    chain = LossChain(((1 - p[0], p[0]), (p[1], 1 - p[1])), (p[2], p[3]))
+    bursts = draws.lost(GilbertElliott(*p), 3, "a", 2000)
+    assert (draws.lost(chain, 3, "a", 2000) == bursts).all()
+
+
+def test_a_chain_stays_as_long_as_it_says() -> None:
+    """Shares of states, and of the messages lost, are those of the stationary distribution."""
+    moves = ((0.9, 0.1, 0.0), (0.05, 0.9, 0.05), (0.0, 0.02, 0.98))
+    chain = LossChain(moves, (0.0, 0.4, 1.0))
+    share = np.bincount(draws.states(chain, 1, "a", 400_000), minlength=3) / 400_000
+    # detailed balance: 0.1 a = 0.05 b, 0.05 b = 0.02 c
+    exact = np.array([1.0, 2.0, 5.0]) / 8.0
+    assert np.allclose(share, exact, atol=0.02)
+    lost = draws.lost(chain, 1, "a", 400_000).mean()
+    assert abs(lost - (0.4 * exact[1] + exact[2])) < 0.02

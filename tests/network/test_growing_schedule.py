@@ -137,7 +137,8 @@ def test_blocks_of_any_size_on_three_thousand(part: int, monkeypatch: pytest.Mon
 def test_constant_values_give_the_schedule_of_a_constant_delay(number: int, delay: int) -> None:
     """A signal that never changes makes the schedule of that delay, in every field."""
     case = draw_case(number)
-    link = replace(case.link, playout_ns=case.link.playout_ns and case.link.playout_ns + delay)
+    link = replace(case.link, recording=None)
+    link = replace(link, playout_ns=link.playout_ns and link.playout_ns + delay)
     constant = replace(link, delay=None, delay_ns=delay, windows=())
     follows = replace(link, delay=DelaySignal(1e-9), delay_ns=0, windows=())
     exact = schedule(constant, case.end)

@@ -7,6 +7,7 @@ import random
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from functools import cached_property
 from typing import Any
 
 import link_model
@@ -21,9 +22,11 @@ from cosim.network import (
     GilbertElliott,
     GrowingSchedule,
     Jitter,
+    LossChain,
     LossWindow,
     PacketLink,
     PacketSchedule,
+    Recording,
     TransportLink,
     align,
     schedule,
@@ -40,13 +43,20 @@ class Case:
     values: list[float]
 
     def delay(self, message: int, sent: int) -> int:
-        declared = self.link.delay
+        declared, recording = self.link.delay, self.link.recording
+        if recording is not None and recording.delay_ns is not None:
+            late = int(recording.delay_ns[self.rows[message]])
+            return 2**53 if late < 0 else late
         if declared is None:
             return self.link.delay_ns
         if isinstance(declared, DelaySignal):
             share = Fraction(declared.scale) * Fraction(self.values[message]) * 10**9
             return round(declared.offset_ns + share)
         return round(profile_at(declared, sent))
+
+    @cached_property
+    def rows(self) -> list[int]:
+        return link_model.recorded_rows(self.link, len(self.values))
 
     def value(self, message: int) -> float | None:
         return self.values[message] if isinstance(self.link.delay, DelaySignal) else None
@@ -91,6 +101,10 @@ def draw_case(number: int) -> Case:
     if r.random() < 0.4:
         late = r.choice([0, r.randint(0, 10), r.randint(0, 60)]) * unit
         link = replace(link, playout_ns=max(1, link.least_transit_ns + late))
+    if r.random() < 0.2:
+        link = replace(link, loss=draw_chain(r))
+    if r.random() < 0.3:
+        link = with_recording(r, link, end)
     return Case(link, end, points, values)
 
 
@@ -109,6 +123,49 @@ def draw_jitter(r: random.Random, unit: int) -> Jitter:
 def draw_loss(r: random.Random) -> float | GilbertElliott:
     p = [r.choice([0.0, 0.2, 0.5, 1.0, r.random()]) for _ in range(4)]
     return r.choice([0.0, 0.0, 0.2, 0.6, 1.0, GilbertElliott(*p), GilbertElliott(p[0], p[1])])
+
+
+def draw_chain(r: random.Random) -> LossChain:
+    k = r.randint(2, 4)
+    rows = [[r.choice([0.0, r.random()]) for _ in range(k)] for _ in range(k)]
+    for i, row in enumerate(rows):
+        row[i] += not sum(row)
+    moves = tuple(tuple(p / sum(row) for p in row) for row in rows)
+    return LossChain(moves, tuple(r.choice([0.0, 0.5, 1.0, r.random()]) for _ in range(k)))
+
+
+def with_recording(r: random.Random, link: PacketLink, end: int) -> PacketLink:
+    """The link with a recording in place of its delay, jitter and loss."""
+    every = link.sample_time_ns
+    count = max(0, (end - link.offset_ns) // every + 1) + 60  # tests lengthen the run
+    replay, rows = r.choice(["once", "loop", "blocks"]), r.choice([None, "message", "time"])
+    size = r.randint(1, 12) if replay != "once" else count
+    sent = [k * every + r.randint(0, max(0, (every - 1) // 2)) for k in range(size)]
+    if rows == "time" and replay != "once":
+        sent = sorted(r.randint(0, 4 * size * every) for _ in range(size))
+    sent = [t - sent[0] for t in sorted(sent)]
+    if rows == "time" and replay == "once":
+        sent[-1] = max(sent[-1], count * every)
+    lost = [r.random() < 0.4 for _ in sent]
+    delays = [r.randint(0, 40) * every // 10 for _ in sent]
+    if r.random() < 0.3 and size > 1:
+        k = r.randrange(1, size)
+        lost[k], delays[k] = False, -1
+    known = sum(min(delays[: k + 1]) >= 0 for k in range(size))
+    recording = Recording(
+        np.array(sent),
+        np.array(lost),
+        np.array(delays) if r.random() < 0.8 else None,
+        replay=replay,
+        block=r.randint(1, known) if replay == "blocks" else None,
+        rows=rows,
+    )
+    less = replace(link, loss=0.0, playout_ns=0)
+    if recording.delay_ns is None:
+        return replace(less, recording=recording)
+    recorded = replace(less, delay_ns=0, delay=None, jitter=Jitter(), recording=recording)
+    late = recorded.least_transit_ns + r.randint(1, 4) * every
+    return replace(recorded, playout_ns=late if link.playout_ns else 0)
 
 
 def draw_windows(r: random.Random, end: int) -> tuple[LossWindow, ...]:

@@ -20,6 +20,7 @@ from cosim.network import (
     GilbertElliott,
     GrowingSchedule,
     Jitter,
+    LossChain,
     PacketLink,
     PacketSchedule,
     TransportLink,
@@ -108,10 +109,12 @@ def test_the_random_links_are_of_every_kind() -> None:
         delay = case.link.delay
         seen |= {case.link.order, case.link.on_loss, type(case.link.loss), type(delay)}
         seen |= {getattr(delay, "interpolation", None), case.link.jitter.kind}
+        seen |= {getattr(case.link.recording, "replay", None)}
         seen |= {"substituted"} if s.statistics()["substitutions"] else set()
     assert fates == set(REASONS)
     assert seen >= {"newest-wins", "fifo", "as-arrived", "hold", "zero", 2.5, "substituted"}
-    assert seen >= {float, GilbertElliott, type(None), DelayProfile, DelaySignal}
+    assert seen >= {float, GilbertElliott, LossChain, type(None), "once", "loop", "blocks"}
+    assert seen >= {DelayProfile, DelaySignal}
     assert seen >= {"previous", "linear", "none", "uniform", "exponential", "normal"}
 
 

@@ -21,9 +21,12 @@ from cosim.network import (
     DurationKey,
     GilbertElliott,
     Jitter,
+    LossChain,
     NumberKey,
     PacketLink,
+    ProbabilitiesKey,
     ProbabilityKey,
+    Recording,
     TransportLink,
     WordOrNumberKey,
     keys_of,
@@ -31,8 +34,10 @@ from cosim.network import (
 from cosim.scenario import link_of
 from cosim.scenario.links import (
     BurstPart,
+    ChainPart,
     JitterPart,
     PacketPart,
+    RecordingFilePart,
     SignalDelayPart,
     TransportPart,
 )
@@ -44,9 +49,12 @@ PARTS = {
     TransportLink: TransportPart,
     Jitter: JitterPart,
     GilbertElliott: BurstPart,
+    LossChain: ChainPart,
+    Recording: RecordingFilePart,
     DelaySignal: SignalDelayPart,
 }
-NOT_KEYS = {"name", "delay", "windows"}
+NOT_KEYS = {"name", "delay", "windows", "recording"}
+ROWS = {"sent_ns", "lost", "delay_ns", "range_m", "size", "start_ns"}
 RATE = {"data_rate": 1000, "frame_size": 10}
 
 
@@ -54,7 +62,9 @@ def test_every_field_is_a_key() -> None:
     """A field of a link is declared with meaning and range, or has none in a scenario."""
     for declared in PARTS:
         named = {key.field for key in keys_of(declared).values()}
-        assert {f.name for f in fields(declared)} - named <= NOT_KEYS
+        assert {f.name for f in fields(declared)} - named <= (
+            ROWS if declared is Recording else NOT_KEYS
+        )
 
 
 @pytest.mark.parametrize("declared", PARTS)
@@ -62,9 +72,8 @@ def test_a_scenario_has_the_same_keys(declared: type) -> None:
     """Each key once, in order, with its meaning in the JSON schema; nothing else but a few."""
     part = PARTS[declared]
     names = [field.alias or name for name, field in part.model_fields.items()]
-    assert [n for n in names if n not in ("kind", "signal") or n in keys_of(declared)] == [
-        *keys_of(declared)
-    ]
+    others = ("kind", "signal", "recording", "file", "node")
+    assert [n for n in names if n not in others or n in keys_of(declared)] == [*keys_of(declared)]
     properties = part.model_json_schema()["properties"]
     for name, found in keys_of(declared).items():
         assert properties[name]["description"] == found.key.text
@@ -171,6 +180,8 @@ def values_in_words(found: DeclaredKey) -> str:
             words = f"{'1e-9' if least else '0'} to 9.007e6 s"
         case ProbabilityKey(instead=instead):
             words = "0 to 1" + (", or a table" if instead else "")
+        case ProbabilitiesKey(least=least, most=most, rows=rows):
+            words = f"{least} to {most} " + ("rows that add to 1" if rows else "numbers, 0 to 1")
         case NumberKey(least=least):
             words = "any number" if least is None else f"0, or from {least:g} up"
         case CountKey(most=most, unit=unit):

@@ -50,7 +50,13 @@ def test_a_file_becomes_states_inputs_and_parameters() -> None:
     assert {n: p[f"effect.bow.{n}"] for n in "YZMN"} == {"Y": 0.6, "Z": 0.8, "M": -0.4, "N": 0.3}
     assert "gravity" not in p
     assert p["weight"] == 294.0
-    assert vehicle.envelope == {"nu.u": 0.3, "nu.q": 0.1, "eta.theta": 0.2}
+    assert set(vehicle.envelope) - set(vehicle.default_bounds) == {"nu.u", "nu.q", "eta.theta"}
+    assert {n: vehicle.envelope[n] for n in ("nu.u", "nu.q", "eta.theta", "eta.phi")} == {
+        "nu.u": 0.3, "nu.q": 0.1, "eta.theta": 0.2, "eta.phi": 0.1,
+    }  # fmt: skip
+    assert level(4).envelope == {
+        "eta.psi": 0.175, "nu.u": 0.15, "nu.v": 0.15, "nu.w": 0.15, "nu.r": 0.1,
+    }  # fmt: skip
     assert vehicle.trim == {"nu.u": 1.0}
     assert vehicle.sensors[1].noise == (0.3, 0.3)
     assert vehicle.sensors[0].noise == (0.01,) * 3

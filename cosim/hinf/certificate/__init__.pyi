@@ -11,12 +11,16 @@ from .ages_terms import (
     AgeFunctional as AgeFunctional,
     AgesVariables as AgesVariables,
     AgeTerms as AgeTerms,
+    Support as Support,
+    Supports as Supports,
     choices as choices,
     is_symmetric_unknown as is_symmetric_unknown,
     late_delays as late_delays,
     rows_of as rows_of,
     state_blocks as state_blocks,
+    supports_of as supports_of,
     unknowns_of as unknowns_of,
+    widths_of as widths_of,
 )
 from .analysis_certificate import (
     analysis_to_json as analysis_to_json,

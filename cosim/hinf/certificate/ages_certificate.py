@@ -5,20 +5,23 @@
                    "down_to_zero": false,
                    "terms": [{"functional": "looped", "matrices": {"U": ..., "X_a": ...}}]}}
 
-`terms` has one entry per positive delay; the matrices are those of `ages_terms.unknowns_of`. The
-claim lists the theorem's hypotheses in full.
+`terms` has one entry per positive delay; the matrices are those of `ages_terms.unknowns_of`. Beside
+them "states" or "controls", numbers from 1, is the support of the delay; without it the terms are
+about the whole state. The claim lists the theorem's hypotheses in full.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from cosim.core import InputError
 from cosim.hinf.certificate.ages_proof import ages_claim, ages_proved
 from cosim.hinf.certificate.ages_terms import (
     AgesVariables,
     AgeTerms,
+    Support,
     check_functionals,
+    check_supports,
     is_symmetric_unknown,
     late_delays,
     state_blocks,
@@ -49,6 +52,7 @@ if TYPE_CHECKING:
 AGES = "ages"
 _VARIABLES = ("order", "P", "terms", "eps", "gamma", "down_to_zero")
 _TERMS = ("functional", "matrices")
+_SUPPORT: tuple[Literal["states", "controls"], ...] = ("states", "controls")
 
 
 def exact_ages(system: DelaySystem, v: AgesVariables) -> AgesVariables:
@@ -60,6 +64,7 @@ def exact_ages(system: DelaySystem, v: AgesVariables) -> AgesVariables:
                 name: exact_symmetric(value) if is_symmetric_unknown(name) else exact_matrix(value)
                 for name, value in own.matrices.items()
             },
+            own.support,
         )
         for own in v.terms
     )
@@ -89,6 +94,7 @@ def ages_to_json(system: DelaySystem, gain: Matrix, v: AgesVariables) -> dict[st
                     "functional": own.functional,
                     "matrices": {k: matrix_to_text(M) for k, M in own.matrices.items()},
                 }
+                | _support_to_json(own.support)
                 for own in v.terms
             ],
             "eps": eps_to_json(v.eps),
@@ -99,6 +105,26 @@ def ages_to_json(system: DelaySystem, gain: Matrix, v: AgesVariables) -> dict[st
     }
 
 
+def _support_to_json(support: Support | None) -> dict[str, list[int]]:
+    return {} if support is None else {support.of: [i + 1 for i in support.numbers]}
+
+
+def _support(table: dict[str, Any], where: str) -> Support | None:
+    """Read what `_support_to_json` wrote; whether it holds is for `check_supports` to say."""
+    given = [key for key in _SUPPORT if key in table]
+    numbers = [table[key] for key in given]
+    if len(given) > 1 or not all(
+        isinstance(x, list) and all(type(i) is int for i in x) for x in numbers
+    ):
+        raise InputError(
+            "not the support of a delay",
+            where=where,
+            expected=f"a list of integers, {' or '.join(_SUPPORT)}",
+            got=", ".join(f"{key} {format_value(table[key])}" for key in given),
+        )
+    return Support(given[0], tuple(i - 1 for i in numbers[0])) if given else None
+
+
 def check_ages(data: dict[str, Any]) -> CertificateCheck:
     """Check an analysis with known ages from its JSON alone, with rationals and no solver.
 
@@ -107,14 +133,14 @@ def check_ages(data: dict[str, Any]) -> CertificateCheck:
     InputError : not a certificate. (Where the claim is not proved, no error: `valid` is False.)
     """
     system, gain, more = loop_from_json(data)
-    v = _variables(system, data["variables"])
+    v = _variables(system, gain, data["variables"])
     claim, symmetric = ages_claim(system, v), v.symmetric_matrices()
     return more.judged(
         data, (system, gain), claim, symmetric, lambda: ages_proved(system, gain, v).reason
     )
 
 
-def _variables(system: DelaySystem, data: Any) -> AgesVariables:
+def _variables(system: DelaySystem, gain: Matrix, data: Any) -> AgesVariables:
     known_keys(data, "variables", _VARIABLES, required=_VARIABLES)
     order = order_from_json(data["order"])
     late, tables = late_delays(system), data["terms"]
@@ -126,9 +152,11 @@ def _variables(system: DelaySystem, data: Any) -> AgesVariables:
             got=format_value(tables),
         )
     for j, table in enumerate(tables):
-        known_keys(table, f"variables.terms[{j}]", _TERMS, required=_TERMS)
+        known_keys(table, f"variables.terms[{j}]", (*_TERMS, *_SUPPORT), required=_TERMS)
     functionals = tuple(table["functional"] for table in tables)
     check_functionals(system, functionals)
+    supports = [_support(table, f"variables.terms[{j}]") for j, table in enumerate(tables)]
+    check_supports(system, gain, supports)
     if not isinstance(data["down_to_zero"], bool):
         raise InputError(
             "not a truth value",
@@ -139,18 +167,17 @@ def _variables(system: DelaySystem, data: Any) -> AgesVariables:
     if not system.has_performance:
         check_null("gamma", data["gamma"], expected=True)
     gamma = None if data["gamma"] is None else from_text(data["gamma"], "variables.gamma")
+    every = unknowns_of(system, order, functionals, gamma=gamma is not None, supports=supports)
     terms = []
-    for j, (table, shapes) in enumerate(
-        zip(tables, unknowns_of(system, order, functionals, gamma=gamma is not None), strict=True)
-    ):
+    for j, (table, own, shapes) in enumerate(zip(tables, supports, every, strict=True)):
         where = f"variables.terms[{j}].matrices"
         known_keys(table["matrices"], where, tuple(shapes), required=tuple(shapes))
         matrices = {
             name: matrix_from_text(table["matrices"][name], f"{where}.{name}", *shape)
             for name, shape in shapes.items()
         }
-        terms.append(AgeTerms(table["functional"], matrices))
-    rows = len(system.A) * len(state_blocks(system, order, functionals))
+        terms.append(AgeTerms(table["functional"], matrices, own))
+    rows = sum(state_blocks(system, order, functionals, supports).values())
     return AgesVariables(
         order=order,
         P=matrix_from_text(data["P"], "variables.P", rows, rows),

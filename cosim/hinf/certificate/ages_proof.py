@@ -22,6 +22,10 @@ With a = least_age, N the order, c = (333/106)^2/4 < pi^2/4, |v|_R^2 = v'R v, He
         start of a hold (age a), l (|z'|_U^2 + He z''(X_a z + X_b z_0)), at its end (age d)
         l He(xi'Y v) - l |v|_U^2 in further rows v; where a = 0: z = x - x_k, z_0 = x_k, no N
 
+A delay with a support (`ages_terms.Support`) has its terms in y = C x in place of x, from
+A_i + B K S_i = A' C, H_i = H' C and D2 K S_i = D' C, with C exact: x_a, x_tau, x_d, W_k, m_1, ..
+are those of y, and the rate of y is C f.
+
 Where constant delays are covered down to zero, l of each is d and 0 at the corners: y is affine
 in l, and Phi but for the convex l^2 |f|_R^2. Phi, with eps (q'q - p'p) + z'z/gamma
 - gamma w'w, is affine in every tau, tau' and time since an instant, so that -Phi > 0 is shown
@@ -35,6 +39,7 @@ at every corner. Beside it, > 0:
 from __future__ import annotations
 
 import itertools
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import flint
@@ -42,16 +47,20 @@ import flint
 from cosim.core import InputError
 from cosim.hinf.certificate.ages_terms import (
     AgesVariables,
+    Support,
     check_functionals,
+    check_supports,
     late_delays,
     rows_of,
     state_blocks,
+    widths_of,
 )
 from cosim.hinf.certificate.analysis_proof import EXACTLY, ExactLoop, exact_loop, orders_of
 from cosim.hinf.certificate.block_multipliers import scalings
 from cosim.hinf.certificate.proof import MAX_ROWS, CertificateCheck, claim_of
 from cosim.hinf.certificate.rational import (
     exact,
+    exact_matrix,
     first_bad_matrix,
     first_bad_pivot,
     identity,
@@ -146,8 +155,8 @@ def ages_proved(system: DelaySystem, gain: Matrix, v: AgesVariables) -> Certific
 
     Raises
     ------
-    InputError : more than `MAX_ROWS` rows or `MAX_CORNERS` corners, or a functional that does
-        not hold for a delay.
+    InputError : more than `MAX_ROWS` rows or `MAX_CORNERS` corners, or a functional or a support
+        that does not hold for a delay.
     """
     reason = _failure(system, gain, v)
     return CertificateCheck(valid=reason is None, reason=reason, claim=ages_claim(system, v))
@@ -155,7 +164,8 @@ def ages_proved(system: DelaySystem, gain: Matrix, v: AgesVariables) -> Certific
 
 def _failure(system: DelaySystem, gain: Matrix, v: AgesVariables) -> str | None:
     check_functionals(system, v.functionals)
-    rows = sum(rows_of(system, v.order, v.functionals, gamma=v.gamma is not None).values())
+    check_supports(system, gain, v.supports)
+    rows = sum(_rows(system, v).values())
     rows += sum(own.matrices["U"].nrows() for own in v.terms if own.functional == "looped")
     corners = corners_of(system, v)
     for what, got, most in (("rows", rows, MAX_ROWS), ("corners", len(corners), MAX_CORNERS)):
@@ -176,7 +186,7 @@ def _failure(system: DelaySystem, gain: Matrix, v: AgesVariables) -> str | None:
     )
     if name is not None:
         return f"{name} is not positive definite"
-    proof = _Forms(system, exact_loop(system, gain, orders_of(system, v.order)), v)
+    proof = _Forms(system, gain, v)
     of_phi = ((f"-Phi at {_corner_text(at)}", proof.minus_phi(at)) for at in corners)
     for name, form in (*proof.positive(), *of_phi):
         lower, names = form.lower()
@@ -187,6 +197,35 @@ def _failure(system: DelaySystem, gain: Matrix, v: AgesVariables) -> str | None:
                 f"in the rows of {names[bad]}, is not positive"
             )
     return None
+
+
+def _rows(system: DelaySystem, v: AgesVariables) -> dict[str, int]:
+    return rows_of(system, v.order, v.functionals, gamma=v.gamma is not None, supports=v.supports)
+
+
+def _on_supports(
+    system: DelaySystem, gain: Matrix, loop: ExactLoop, supports: tuple[Support | None, ...]
+) -> tuple[ExactLoop, list[Any]]:
+    """Return the loop with A', H', D' of every delay with a support, and C of every delay."""
+    n = len(system.A)
+    A, H, D, C = loop.A[:1], loop.H[:1], loop.D[:1], []
+    late = [S for x, S in zip(system.delays, system.selections[1:], strict=True) if x.d > 0]
+    for j, (own, selection) in enumerate(zip(supports, late, strict=True), 1):
+        if own is not None and own.of == "controls":
+            rows = list(own.numbers)
+            C.append(exact_matrix((gain * selection)[rows]))
+            A.append(exact_matrix(system.B[:, rows]))
+            H.append(flint.fmpq_mat(loop.H[j].nrows(), len(rows)))
+            D.append(exact_matrix(system.D2[:, rows]))
+            continue
+        select = identity(n)
+        if own is not None:
+            entries = [int(i == k) for i in own.numbers for k in range(n)]
+            select = flint.fmpq_mat(len(own.numbers), n, entries)
+        C.append(select)
+        for each, whole in ((A, loop.A[j]), (H, loop.H[j]), (D, loop.D[j])):
+            each.append(whole if own is None else whole * select.transpose())
+    return replace(loop, A=A, H=H, D=D), C
 
 
 def corners_of(system: DelaySystem, v: AgesVariables) -> list[tuple[Any, ...]]:
@@ -243,15 +282,20 @@ class _Form:
                 if self._place[b] <= self._place[a]:
                     self._put(b, a, term.transpose())
 
-    def twice_of(self, lefts: list[Map], middle: Any, rights: list[Map], n: int) -> None:
-        """Add the same for stacked maps of n rows each."""
-        for i, left in enumerate(lefts):
-            for j, right in enumerate(rights):
-                self.twice(left, _cut(middle, i * n, j * n, n, n), right)
+    def twice_of(self, lefts: list[Map], middle: Any, rights: list[Map]) -> None:
+        """Add the same for stacked maps."""
+        row = 0
+        for left in lefts:
+            height, column = _height(left), 0
+            for right in rights:
+                width = _height(right)
+                self.twice(left, _cut(middle, row, column, height, width), right)
+                column += width
+            row += height
 
-    def square_of(self, lefts: list[Map], middle: Any, n: int) -> None:
-        """Add left'M left for stacked maps of n rows each, M symmetric."""
-        self.twice_of(lefts, flint.fmpq(1, 2) * middle, lefts, n)
+    def square_of(self, lefts: list[Map], middle: Any) -> None:
+        """Add left'M left for stacked maps, M symmetric."""
+        self.twice_of(lefts, flint.fmpq(1, 2) * middle, lefts)
 
     def _put(self, row: str, column: str, term: Any) -> None:
         key = row, column
@@ -266,23 +310,24 @@ class _Form:
 class _Forms:
     """The forms of one loop that must be positive, from the equations of the module."""
 
-    def __init__(self, system: DelaySystem, loop: ExactLoop, v: AgesVariables) -> None:
-        self._loop, self._v, self._n = loop, v, len(system.A)
-        self._late = late_delays(system)
-        self._rows = rows_of(system, v.order, v.functionals, gamma=v.gamma is not None)
-        self._state = state_blocks(system, v.order, v.functionals)
-        self._one = identity(self._n)
+    def __init__(self, system: DelaySystem, gain: Matrix, v: AgesVariables) -> None:
+        loop = exact_loop(system, gain, orders_of(system, v.order))
+        self._loop, self._C = _on_supports(system, gain, loop, v.supports)
+        self._v = v
+        self._late, self._width = late_delays(system), widths_of(system, v.supports)
+        self._rows = _rows(system, v)
+        self._state = state_blocks(system, v.order, v.functionals, v.supports)
 
     def minus_phi(  # noqa: C901 - one table, read from top to bottom
         self, corner: tuple[Any, ...]
     ) -> _Form:
         """Return -Phi at a corner of `corners_of`."""
-        v, loop, one = self._v, self._loop, self._one
+        v, loop = self._v, self._loop
         sizes = dict(self._rows)
         for j, (own, at) in enumerate(zip(v.terms, corner, strict=True)):
             if own.functional == "looped" and at[0] == exact(self._late[j].d):
-                count = own.matrices["U"].nrows() // self._n
-                sizes |= {f"v{j},{i}": self._n for i in range(count)}
+                count = own.matrices["U"].nrows() // self._width[j]
+                sizes |= {f"v{j},{i}": self._width[j] for i in range(count)}
         form = _Form(sizes)
         on = ["x", *(f"x{j}" for j in range(len(self._late)))]
         f = dict(zip(on, loop.A, strict=True))
@@ -290,25 +335,26 @@ class _Forms:
             f["w"] = loop.C
         if loop.blocks:
             f["p"] = loop.E
-        state: list[tuple[Map, Map]] = [({"x": one}, f)]
+        state: list[tuple[Map, Map]] = [({"x": identity(sizes["x"])}, f)]
         for j, (own, at) in enumerate(zip(v.terms, corner, strict=True)):
             delay = self._late[j]
+            rate = {name: self._C[j] * M for name, M in f.items()}
             if own.functional == "constant":
                 length = exact(delay.d) if at is None else at[0]
-                state += self._constant_part(form, j, f, f"x{j}", length)
+                state += self._constant_part(form, j, rate, f"x{j}", length)
             elif delay.least_age > 0:
-                state += self._constant_part(form, j, f, f"h{j}", exact(delay.least_age))
+                state += self._constant_part(form, j, rate, f"h{j}", exact(delay.least_age))
             if own.functional in {"interval", "rate"}:
-                state += self._between(form, j, f, at)
+                state += self._between(form, j, rate, at)
             elif own.functional == "wirtinger":
                 length = exact(delay.d) - exact(delay.least_age)
                 W = own.matrices["W"]
-                form.square(f, -length * length * W)
-                form.square(self._minus(self._start(j), f"x{j}"), _PI_LOWER**2 / 4 * W)
+                form.square(rate, -length * length * W)
+                form.square(self._minus(j, self._start(j), f"x{j}"), _PI_LOWER**2 / 4 * W)
             elif own.functional == "looped":
-                state += self._looped(form, j, f, at[0])
+                state += self._looped(form, j, rate, at[0])
         values, rates = [value for value, _ in state], [rate for _, rate in state]
-        form.twice_of(values, -v.P, rates, self._n)
+        form.twice_of(values, -v.P, rates)
         if loop.blocks:
             L_p, L_q = scalings(loop.blocks, v.eps)
             form.square(dict(zip(on, loop.H, strict=True)), -L_q)
@@ -325,13 +371,14 @@ class _Forms:
         for j, own in enumerate(self._v.terms):
             if own.functional not in {"interval", "rate"}:
                 continue
-            count = own.matrices["M"].nrows() // self._n
+            width = self._width[j]
+            count = own.matrices["M"].nrows() // width
             names = [f"{side}{i}" for side in "vu" for i in range(count)]
-            form = _Form(dict.fromkeys(names, self._n))
-            maps = [{name: self._one} for name in names]
+            form = _Form(dict.fromkeys(names, width))
+            maps = [{name: identity(width)} for name in names]
             for i, each in enumerate(maps):
                 form.square(each, (2 * (i % count) + 1) * own.matrices["Z"])
-            form.twice_of(maps[:count], own.matrices["M"], maps[count:], self._n)
+            form.twice_of(maps[:count], own.matrices["M"], maps[count:])
             found.append((f"[Z M[{j}]; M' Z]", form))
         looped = [j for j, own in enumerate(self._v.terms) if own.functional == "looped"]
         for count in range(len(looped) + 1):
@@ -346,15 +393,16 @@ class _Forms:
 
     def _functional(self, sampled: tuple[int, ...]) -> _Form:
         """P + ... at the start of a hold of the delays `sampled`."""
-        n, one = self._n, self._one
-        sizes = dict.fromkeys(self._state, n)
+        sizes = dict(self._state)
         for j in sampled:
-            sizes |= ({f"t{j}": n} if self._late[j].least_age > 0 else {}) | {f"x{j}": n}
+            names = [f"t{j}"] if self._late[j].least_age > 0 else []
+            sizes |= dict.fromkeys([*names, f"x{j}"], self._width[j])
         form = _Form(sizes)
-        form.square_of([{name: one} for name in self._state], self._v.P, n)
+        form.square_of([{name: identity(n)} for name, n in self._state.items()], self._v.P)
         for j, (own, delay) in enumerate(zip(self._v.terms, self._late, strict=True)):
             least = exact(delay.d if own.functional == "constant" else delay.least_age)
             length = exact(delay.d) - exact(delay.least_age)
+            one = identity(self._width[j])
             for name in self._state:
                 if name.startswith(f"W{j},"):
                     k = int(name.split(",")[1])
@@ -366,30 +414,34 @@ class _Forms:
                 continue
             z, start = self._loop_maps(j)
             if delay.least_age > 0:
-                form.square(self._minus("x", f"h{j}"), 1 / least * own.matrices["N"])
-            form.square_of(z, length * own.matrices["X_a"] + own.matrices["U"], n)
-            form.twice_of(z, length * own.matrices["X_b"], start, n)
+                form.square(self._minus(j, "x", f"h{j}"), 1 / least * own.matrices["N"])
+            form.square_of(z, length * own.matrices["X_a"] + own.matrices["U"])
+            form.twice_of(z, length * own.matrices["X_b"], start)
         return form
 
     def _start(self, j: int) -> str:
-        """The row of x(t - least_age)."""
+        """The row of y(t - least_age)."""
         return f"h{j}" if self._late[j].least_age > 0 else "x"
 
-    def _minus(self, first: str, second: str) -> Map:
-        return {first: self._one, second: -self._one}
+    def _y(self, j: int, name: str, factor: int = 1) -> Map:
+        """Return y_j as a map: C x(t), or a row of its own."""
+        return {name: factor * (self._C[j] if name == "x" else identity(self._width[j]))}
+
+    def _minus(self, j: int, first: str, second: str) -> Map:
+        return self._y(j, first) | self._y(j, second, -1)
 
     def _constant_part(
         self, form: _Form, j: int, f: Map, end: str, length: Any
     ) -> list[tuple[Map, Map]]:
         """Subtract the terms of Q and R; return the blocks l W_k of y with their derivatives."""
-        one, own = self._one, self._v.terms[j].matrices
-        form.square({"x": one}, -own["Q"])
+        one, own = identity(self._width[j]), self._v.terms[j].matrices
+        form.square(self._y(j, "x"), -own["Q"])
         form.square({end: one}, own["Q"])
         form.square(f, -length * length * own["R"])
         state = []
         for k in range(self._v.order + 1):
-            # the integral of L_k x' over the part, by parts
-            change: Map = {"x": one, end: (-1) ** (k + 1) * one}
+            # the integral of L_k y' over the part, by parts
+            change = self._y(j, "x") | self._y(j, end, (-1) ** (k + 1))
             for i in range(k):
                 if (k + i) % 2:
                     change[f"W{j},{i}"] = -2 * (2 * i + 1) * one
@@ -400,74 +452,80 @@ class _Forms:
 
     def _between(self, form: _Form, j: int, f: Map, at: Any) -> list[tuple[Map, Map]]:
         """Subtract the terms of an age between two bounds; return its blocks of y."""
-        one, own, delay = self._one, self._v.terms[j].matrices, self._late[j]
-        first, last = exact(delay.least_age), exact(delay.d)
-        start, now, end = self._start(j), f"x{j}", f"d{j}"
-        young, old = [self._minus(start, now)], [self._minus(now, end)]
+        own, delay = self._v.terms[j].matrices, self._late[j]
+        one, first, last = identity(self._width[j]), exact(delay.least_age), exact(delay.d)
+        now, end = f"x{j}", f"d{j}"
+        start = self._y(j, self._start(j))
+        young, old = [start | {now: -one}], [self._minus(j, now, end)]
         if self._v.order:
-            young.append({start: one, now: one, f"a{j}": -2 * one})
+            young.append(start | {now: one, f"a{j}": -2 * one})
             old.append({now: one, end: one, f"b{j}": -2 * one})
         form.square(f, -((last - first) ** 2) * own["Z"])
         for k, pair in enumerate(zip(young, old, strict=True)):
             for change in pair:
                 form.square(change, (2 * k + 1) * own["Z"])
-        form.twice_of(young, own["M"], old, self._n)
+        form.twice_of(young, own["M"], old)
         if self._v.terms[j].functional == "interval":
-            form.square({start: one}, -own["S"])
+            form.square(start, -own["S"])
             form.square({end: one}, own["S"])
             if not self._v.order:
                 return []
             age = at[0]
             mean: Map = {f"a{j}": (age - first) * one, f"b{j}": (last - age) * one}
-            return [(mean, self._minus(start, end))]
+            return [(mean, start | {end: -one})]
         slope = 1 - at[1]
-        form.square({start: one}, -own["S_1"])
+        form.square(start, -own["S_1"])
         form.square({now: one}, slope * (own["S_1"] - own["S_2"]))
         form.square({end: one}, own["S_2"])
         if not self._v.order:
             return []
         return [
-            ({f"a{j}": (at[0] - first) * one}, {start: one, now: -slope * one}),
+            ({f"a{j}": (at[0] - first) * one}, start | {now: -slope * one}),
             ({f"b{j}": (last - at[0]) * one}, {now: slope * one, end: -one}),
         ]
 
     def _loop_maps(self, j: int) -> tuple[list[Map], list[Map]]:
-        """z and z_0 of a looped functional, each a list of maps of n rows."""
+        """z and z_0 of a looped functional, each a list of maps."""
         if self._late[j].least_age > 0:
-            z = [self._minus("x", f"t{j}"), self._minus(f"h{j}", f"x{j}")]
-            return z, [{f"t{j}": self._one}, {f"x{j}": self._one}]
-        return [self._minus("x", f"x{j}")], [{f"x{j}": self._one}]
+            z = [self._minus(j, "x", f"t{j}"), self._minus(j, f"h{j}", f"x{j}")]
+            return z, [self._y(j, f"t{j}"), self._y(j, f"x{j}")]
+        return [self._minus(j, "x", f"x{j}")], [self._y(j, f"x{j}")]
 
     def _looped(self, form: _Form, j: int, f: Map, age: Any) -> list[tuple[Map, Map]]:
         """Subtract the terms of a looped functional; return its block of y."""
-        n, own, delay = self._n, self._v.terms[j].matrices, self._late[j]
+        own, delay, width = self._v.terms[j].matrices, self._late[j], self._width[j]
         length = exact(delay.d) - exact(delay.least_age)
         z, start = self._loop_maps(j)
         rate, state = [f], []
         if delay.least_age > 0:
-            late_rate: Map = {f"r{j}": self._one}
+            late_rate = self._y(j, f"r{j}")
             form.square(f, -own["N"])
             form.square(late_rate, own["N"])
             rate.append(late_rate)
-            state.append(({f"h{j}": self._one}, late_rate))
-        form.square_of(z, own["X_a"], n)
-        form.twice_of(z, own["X_b"], start, n)
-        further = [{f"v{j},{i}": self._one} for i in range(len(z))]
+            state.append((self._y(j, f"h{j}"), late_rate))
+        form.square_of(z, own["X_a"])
+        form.twice_of(z, own["X_b"], start)
+        further = [self._y(j, f"v{j},{i}") for i in range(len(z))]
         first = 0
         for name, size in self._rows.items():
             for i, (each, more) in enumerate(zip(z, further, strict=True)):
-                Y = _cut(own["Y"], first, i * n, size, n)
+                Y = _cut(own["Y"], first, i * width, size, width)
                 form.twice({name: identity(size)}, Y, each)
                 if age == exact(delay.d):
                     form.twice({name: identity(size)}, -length * Y, more)
             first += size
         if age == exact(delay.d):
-            form.square_of(further, length * own["U"], n)
+            form.square_of(further, length * own["U"])
         else:
-            form.square_of(rate, -length * own["U"], n)
-            form.twice_of(rate, -length * own["X_a"], z, n)
-            form.twice_of(rate, -length * own["X_b"], start, n)
+            form.square_of(rate, -length * own["U"])
+            form.twice_of(rate, -length * own["X_a"], z)
+            form.twice_of(rate, -length * own["X_b"], start)
         return state
+
+
+def _height(one: Map) -> int:
+    """Return how many rows a map makes."""
+    return int(next(iter(one.values())).nrows())
 
 
 def _cut(matrix: Any, row: int, column: int, height: int, width: int) -> Any:

@@ -10,20 +10,45 @@ Each positive delay has one of five functionals:
 
 An age with a known rate is one of any variation as well, and so is a sampled one. The unknowns
 and the equations are those of `ages_proof`; docs/explanation/theory.md derives them.
+
+The terms of a delay are about y(t) = C x(t): the whole state, or its `Support`. Its rows and
+unknowns then have the size of y instead of n.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal, get_args
+
+import numpy as np
 
 from cosim.core import InputError
 
 if TYPE_CHECKING:
-    from cosim.models import Delay, DelaySystem
+    from cosim.models import Delay, DelaySystem, Matrix
 
 AgeFunctional = Literal["constant", "interval", "rate", "wirtinger", "looped"]
 FUNCTIONALS: tuple[str, ...] = get_args(AgeFunctional)
+
+
+@dataclass(frozen=True)
+class Support:
+    """What of x is needed late, y(t - age) with y = C x: the support of one delay.
+
+    Attributes
+    ----------
+    of : "states": C selects states, the others have no entry in A_i + B K S_i, H_i and D2 K S_i.
+        "controls": C is rows of K S_i, where A_i = 0 and H_i = 0, and the delay acts through u.
+    numbers : of the states or controls, from 0, ascending.
+    """
+
+    of: Literal["states", "controls"]
+    numbers: tuple[int, ...]
+
+
+Supports = Sequence[Support | None]
+"""The support of every positive delay; None: the whole state."""
 
 
 @dataclass(frozen=True)
@@ -31,11 +56,12 @@ class AgeTerms:
     """The part of one positive delay: its functional, and its matrices by name.
 
     The names and shapes are those of `unknowns_of`; the matrices are arrays of floats from a
-    solver, `fmpq_mat` in a proof.
+    solver, `fmpq_mat` in a proof. `support`: what they are about; None: the whole state.
     """
 
     functional: AgeFunctional
     matrices: dict[str, Any]
+    support: Support | None = None
 
 
 @dataclass(frozen=True)
@@ -58,6 +84,11 @@ class AgesVariables:
     def functionals(self) -> tuple[AgeFunctional, ...]:
         """The functional of every positive delay."""
         return tuple(own.functional for own in self.terms)
+
+    @property
+    def supports(self) -> tuple[Support | None, ...]:
+        """The support of every positive delay; None: the whole state."""
+        return tuple(own.support for own in self.terms)
 
     def symmetric_matrices(self) -> list[tuple[str, Any]]:
         """Return every matrix that must be symmetric, with its name."""
@@ -106,30 +137,103 @@ def check_functionals(system: DelaySystem, functionals: tuple[str, ...]) -> None
             )
 
 
+def supports_of(
+    system: DelaySystem, gain: Matrix, *, controls: bool = False
+) -> tuple[Support | None, ...]:
+    """Return the least states that every positive delay needs late; None where it needs all.
+
+    controls : the controls instead, where a delay acts through fewer of them than states.
+    """
+    found: list[Support | None] = []
+    for delay, acting in _acting_late(system, gain):
+        states = np.flatnonzero(np.vstack([delay.A, delay.H, acting]).any(axis=0))
+        rows = np.flatnonzero(acting.any(axis=1))
+        own = Support("states", tuple(map(int, states)) or (0,))
+        if controls and 0 < rows.size < states.size and not (delay.A.any() or delay.H.any()):
+            own = Support("controls", tuple(map(int, rows)))
+        found.append(None if own.of == "states" and len(own.numbers) == len(system.A) else own)
+    return tuple(found)
+
+
+def _acting_late(system: DelaySystem, gain: Matrix) -> list[tuple[Delay, Matrix]]:
+    """Return every positive delay with K S_i, without the rows of a control that does nothing."""
+    live = np.vstack([system.B, system.D2]).any(axis=0, keepdims=True).T
+    pairs = zip(system.delays, system.selections[1:], strict=True)
+    return [(delay, live * gain * selection) for delay, selection in pairs if delay.d > 0]
+
+
+def check_supports(system: DelaySystem, gain: Matrix, supports: Supports) -> None:
+    """Refuse a support outside of which a delay acts.
+
+    Raises
+    ------
+    InputError : naming the delay.
+    """
+    late = _acting_late(system, gain)
+    for j, ((delay, acting), own) in enumerate(zip(late, supports, strict=True)):
+        if own is None:
+            continue
+        size, what = (len(system.A), "state") if own.of == "states" else (len(gain), "control")
+        where = f"variables.terms[{j}].{own.of}"
+        got = str([i + 1 for i in own.numbers])
+        fits = own.numbers and all(0 <= i < size for i in own.numbers)
+        if not fits or list(own.numbers) != sorted(set(own.numbers)):
+            raise InputError(
+                f"not an ascending list of {what}s",
+                where=where,
+                expected=f"numbers from 1 to {size}",
+                got=got,
+            )
+        if own.of == "states":
+            outside = np.delete(np.vstack([delay.A, delay.H, acting]), own.numbers, axis=1)
+        else:
+            outside = np.vstack([delay.A, delay.H, np.delete(acting, own.numbers, axis=0)])
+        if outside.any():
+            raise InputError(
+                "the delay acts outside its support",
+                where=where,
+                expected=f"every {what} that acts through the delay",
+                got=got,
+            )
+
+
+def widths_of(system: DelaySystem, supports: Supports | None) -> list[int]:
+    """Return the size of y of every positive delay."""
+    n, late = len(system.A), late_delays(system)
+    each = [None] * len(late) if supports is None else supports
+    return [n if own is None else len(own.numbers) for own in each]
+
+
 def rows_of(
-    system: DelaySystem, order: int, functionals: tuple[AgeFunctional, ...], *, gamma: bool
+    system: DelaySystem,
+    order: int,
+    functionals: tuple[AgeFunctional, ...],
+    *,
+    gamma: bool,
+    supports: Supports | None = None,
 ) -> dict[str, int]:
     """Return the rows of -Phi by name, in order, without those that one corner adds.
 
-    x(t) is "x", x(t - tau_j) is "x{j}"; "h{j}" and "d{j}" are x(t - least_age), x(t - d);
+    x(t) is "x", y(t - tau_j) is "x{j}"; "h{j}" and "d{j}" are y(t - least_age), y(t - d);
     "W{j},{k}" the means over the constant part, "a{j}" and "b{j}" those over
-    [t - tau, t - least_age] and [t - d, t - tau]; "t{j}" is x(s_k + least_age) and "r{j}"
-    x'(t - least_age). `gamma`: with a row for w.
+    [t - tau, t - least_age] and [t - d, t - tau]; "t{j}" is y(s_k + least_age) and "r{j}"
+    y'(t - least_age). `gamma`: with a row for w.
     """
-    n = len(system.A)
-    names = ["x"]
-    for j, (own, delay) in enumerate(zip(functionals, late_delays(system), strict=True)):
+    sizes = {"x": len(system.A)}
+    widths = widths_of(system, supports)
+    each = zip(functionals, late_delays(system), widths, strict=True)
+    for j, (own, delay, width) in enumerate(each):
+        means = [f"W{j},{k}" for k in range(order)]
         if own == "constant":
-            names += [f"x{j}", *(f"W{j},{k}" for k in range(order))]
+            sizes |= dict.fromkeys([f"x{j}", *means], width)
             continue
-        if delay.least_age > 0:
-            names += [f"h{j}", *(f"W{j},{k}" for k in range(order))]
+        names = [f"h{j}", *means] if delay.least_age > 0 else []
         names.append(f"x{j}")
         if own in {"interval", "rate"}:
             names += [f"d{j}", *((f"a{j}", f"b{j}") if order else ())]
         if own == "looped" and delay.least_age > 0:
             names += [f"t{j}", f"r{j}"]
-    sizes = dict.fromkeys(names, n)
+        sizes |= dict.fromkeys(names, width)
     if gamma:
         sizes["w"] = system.C.shape[1]
     if system.E.size:
@@ -138,33 +242,48 @@ def rows_of(
 
 
 def state_blocks(
-    system: DelaySystem, order: int, functionals: tuple[AgeFunctional, ...]
-) -> list[str]:
-    """Return the blocks of y in y'P y: "x", then the name and index of each further one."""
-    blocks = ["x"]
-    for j, (own, delay) in enumerate(zip(functionals, late_delays(system), strict=True)):
+    system: DelaySystem,
+    order: int,
+    functionals: tuple[AgeFunctional, ...],
+    supports: Supports | None = None,
+) -> dict[str, int]:
+    """Return the blocks of the vector of V: "x", then the name and index of each further one.
+
+    With the size of each.
+    """
+    blocks = {"x": len(system.A)}
+    widths = widths_of(system, supports)
+    each = zip(functionals, late_delays(system), widths, strict=True)
+    for j, (own, delay, width) in enumerate(each):
+        names = []
         if own == "constant" or delay.least_age > 0:
-            blocks += [f"W{j},{k}" for k in range(order)]
+            names += [f"W{j},{k}" for k in range(order)]
         if own == "looped" and delay.least_age > 0:
-            blocks.append(f"h{j}")
+            names.append(f"h{j}")
         if own == "interval" and order:
-            blocks.append(f"ab{j}")
+            names.append(f"ab{j}")
         if own == "rate" and order:
-            blocks += [f"a{j}", f"b{j}"]
+            names += [f"a{j}", f"b{j}"]
+        blocks |= dict.fromkeys(names, width)
     return blocks
 
 
 def unknowns_of(
-    system: DelaySystem, order: int, functionals: tuple[AgeFunctional, ...], *, gamma: bool
+    system: DelaySystem,
+    order: int,
+    functionals: tuple[AgeFunctional, ...],
+    *,
+    gamma: bool,
+    supports: Supports | None = None,
 ) -> list[dict[str, tuple[int, int]]]:
     """Return the name and shape of the matrices of every positive delay.
 
     All are symmetric but M, X_b and Y (`is_symmetric_unknown`).
     """
-    n = len(system.A)
-    rows = sum(rows_of(system, order, functionals, gamma=gamma).values())
+    rows = sum(rows_of(system, order, functionals, gamma=gamma, supports=supports).values())
     found = []
-    for own, delay in zip(functionals, late_delays(system), strict=True):
+    widths = widths_of(system, supports)
+    for own, delay, n in zip(functionals, late_delays(system), widths, strict=True):
         names: dict[str, tuple[int, int]] = {}
         first = own == "constant" or delay.least_age > 0
         if first:

@@ -3,14 +3,15 @@
 docs/explanation/theory.md derives the functionals, and has the letters: V is y'P y with one group
 of terms per positive delay, Phi what bounds its derivative. Shown are -Phi > 0 at every corner of
 the ages, and V > 0. An analysis of order N is one with constant delays; of order 0 where any age is
-allowed, and then without Q.
+allowed, and then without Q. The terms of a delay are about y = C x, C the identity or the support
+that the certificate gives: of the states, or of the controls, that act through the delay.
 """
 
 # mypy: ignore-errors
 # ruff: noqa: ANN001, ANN201, ANN204, B905, C901, D102, D103, N817
 
 from fractions import Fraction as F
-from itertools import combinations, product
+from itertools import accumulate, combinations, product
 
 if __package__:
     from cosim.hinf.certificate import standalone_numbers as sn
@@ -27,8 +28,9 @@ OWN["looped"] = "U X_a X_b Y"
 class Term:
     """A positive delay: its functional, lengths, matrices, and the names of its rows."""
 
-    def __init__(self, s, j, kind, order):
+    def __init__(self, s, j, kind, order, table):
         self.j, self.kind, self.order = j, kind, order
+        self.C, self.n, self.A, self.H, self.D = on_support(s, j, table)
         self.d, self.a, self.rate = (
             s.d[j],
             F(0) if kind == "constant" else s.a[j],
@@ -45,7 +47,8 @@ class Term:
         one = [f"ab{j}"] * (order > 0)
         self.blocks = means + {"looped": late, "interval": one, "rate": middle}.get(kind, [])
 
-    def read(self, table, n, rows, *, crude):
+    def read(self, table, rows, *, crude):
+        n = self.n
         names = OWN[self.kind] + " N" * (self.kind == "looped" and self.a > 0)
         names += " R" * (self.part > 0) + " Q" * (self.part > 0 and not crude)
         m, two = n * (1 + (self.a > 0)), n * (1 + (self.order > 0))
@@ -71,18 +74,23 @@ class Term:
         fixed = {"constant": lengths, "wirtinger": [self.a]}
         return list(product(fixed.get(self.kind, ages), slopes))
 
-    def loop_maps(self, o, n):
+    def now_and_start(self, o):
+        """C x(t), and y at the least age."""
+        x = self.C @ o["x"]
+        return x, o[self.start] if self.a else x
+
+    def loop_maps(self, o):
         """z and z_0 of a looped functional."""
-        x, now = o["x"], o[f"x{self.j}"]
+        (x, h), now = self.now_and_start(o), o[f"x{self.j}"]
         if not self.a:
             return x + -1 * now, now
-        t, h = o[f"t{self.j}"], o[self.start]
+        t, n = o[f"t{self.j}"], self.n
         return x + -1 * t + (h + -1 * now).at(n, 0), t + now.at(n, 0)
 
-    def add_to(self, o, f, corner, everything, n):
-        """Add this delay's part of Phi; return its blocks of y with their derivatives."""
-        j, at, (age, slope), blocks = self.j, self.at, corner, []
-        x, now, start = o["x"], o[f"x{j}"], o[self.start]
+    def add_to(self, o, f, corner, everything):
+        """Add this delay's part of Phi, x' = f; return its blocks of V with their derivatives."""
+        j, at, n, (age, slope), blocks = self.j, self.at, self.n, corner, []
+        (x, start), now, f = self.now_and_start(o), o[f"x{j}"], self.C @ f
         if self.part > 0:
             end, length = (now, age) if self.kind == "constant" else (start, self.a)
             o.square(x, at["Q"])
@@ -116,7 +124,7 @@ class Term:
             o.square(f, at["W"], self.rest**2)
             o.square(start + -1 * now, at["W"], -PI2 / 4)
         if self.kind == "looped":
-            (z, z_0), rate = self.loop_maps(o, n), f
+            (z, z_0), rate = self.loop_maps(o), f
             if self.a:
                 late = o[f"r{j}"]
                 o.square(f, at["N"])
@@ -134,7 +142,7 @@ class Term:
                 o.add(rate, at["X_a"] @ z + at["X_b"] @ z_0, self.rest)
         return blocks
 
-    def add_to_value(self, o, n, *, sampled):
+    def add_to_value(self, o, *, sampled):
         """Add what V has at least beside y'P y; sampled: just after a sampling instant."""
         j, at = self.j, self.at
         for k in range(self.order):
@@ -142,11 +150,34 @@ class Term:
         for row, name in (("ab", "S"), ("a", "S_1"), ("b", "S_2")):
             o.square(o[f"{row}{j}"], at.get(name, M()), 1 / self.rest if self.rest else 0)
         if sampled:
-            z, z_0 = self.loop_maps(o, n)
+            z, z_0 = self.loop_maps(o)
             if self.a:
-                o.square(o["x"] + -1 * o[self.start], at["N"], 1 / self.a)
+                x, start = self.now_and_start(o)
+                o.square(x + -1 * start, at["N"], 1 / self.a)
             o.square(z, self.rest * at["X_a"] + at["U"])
             o.add(z, at["X_b"] @ z_0, self.rest)
+
+
+def on_support(s, j, table):
+    """Return C, its rows, and A', H', D' with A' C, H' C, D' C the matrices of delay j."""
+    given = [key for key in ("states", "controls") if key in table]
+    need(len(given) < 2, "two supports")
+    if not given:
+        return sn.eye(s.n), s.n, s.A[j], s.H[j], s.D[j]
+    numbers = [int(sn.number(i)) - 1 for i in table[given[0]]]
+    need(numbers == sorted({*numbers}) and numbers, "no support")
+    need([i + 1 for i in numbers] == table[given[0]], "half a state")
+    size, places = s.n if given == ["states"] else s.m, {x: k for k, x in enumerate(numbers)}
+    need(numbers[0] >= 0 and numbers[-1] < size, "a support of what there is not")
+
+    whole, select = (s.A[j], s.H[j], s.D[j]), M({(i, k): F(1) for i, k in places.items()})
+    if given == ["states"]:
+        C, parts = select.T, [A @ select for A in whole]
+    else:
+        C, parts = select.T @ s.late_gain[j], [s.B @ select, M(), s.D2 @ select]
+    same = all(part @ C + M() == A for part, A in zip(parts, whole))
+    need(same, "the delay acts outside its support")
+    return C, len(numbers), *parts
 
 
 def lengths_of(v, s, late, order):
@@ -178,9 +209,11 @@ def analysis_proved(c, s):
         s.multipliers(v["eps"]),
     )
     need(gamma is None or (gamma > 0 and s.q and s.p), "gamma is not positive, or bounds nothing")
+    given = v["terms"] if ages else [{}] * len(v["Q"])
     if ages:
-        tables = [x["matrices"] for x in v["terms"]]
-        kinds = [x["functional"] for x in v["terms"]]
+        for x in given:
+            sn.values(x, "matrices functional", "states controls")
+        tables, kinds = ([x[key] for x in given] for key in ("matrices", "functional"))
         for j, kind in zip(late, kinds):
             holds = ["rate"] * (s.rate[j] is not None) + ["looped", "wirtinger"] * s.sampled[j]
             need(
@@ -192,34 +225,46 @@ def analysis_proved(c, s):
         ]
         kinds = ["constant"] * len(tables)
     need(len(tables) == len(kinds) == len(late), "not one term per positive delay")
-    terms = [Term(s, j, k, order * (ages or not s.varies[j])) for j, k in zip(late, kinds)]
-    rows = ["x", *(row for term in terms for row in term.rows)]
-    rows = [(row, n) for row in rows] + [("w", s.q)] * (gamma is not None) + [("p", s.s)]
+    terms = [
+        Term(s, j, k, order * (ages or not s.varies[j]), x) for j, k, x in zip(late, kinds, given)
+    ]
+    rows = [("x", n), *((row, term.n) for term in terms for row in term.rows)]
+    rows += [("w", s.q)] * (gamma is not None) + [("p", s.s)]
     for term, table in zip(terms, tables):
-        crude = not ages and s.varies[term.j]
-        term.read(table, n, sum(size for _, size in rows), crude=crude)
-    blocks = ["x", *(block for term in terms for block in term.blocks)]
-    P = sn.symmetric(v["P"], n * len(blocks))
+        term.read(table, sum(size for _, size in rows), crude=not ages and s.varies[term.j])
+    blocks = [("x", n), *((block, term.n) for term in terms for block in term.blocks)]
+    *first, size = accumulate([0, *(size for _, size in blocks)])
+    P = sn.symmetric(v["P"], size)
     looped = [term for term in terms if term.kind == "looped"]
     for count in range(len(looped) + 1):
         for sampled in combinations(looped, count):
-            more = [f"{x}{term.j}" for term in sampled for x in ("t" * (term.a > 0), "x") if x]
-            o = sn.Form((row, n) for row in [*blocks, *more])
-            o.square(total(o[block].at(i * n, 0) for i, block in enumerate(blocks)), P)
+            more = [
+                (f"{x}{term.j}", term.n) for term in sampled for x in ["t"] * (term.a > 0) + ["x"]
+            ]
+            o = sn.Form([*blocks, *more])
+            o.square(total(o[block].at(i, 0) for i, (block, _) in zip(first, blocks)), P)
             for term in terms:
-                term.add_to_value(o, n, sampled=term in sampled)
+                term.add_to_value(o, sampled=term in sampled)
             sn.positive(o.matrix, o.n, "P with what the other terms add to V")
     lengths, words = lengths_of(v, s, late, order)
     for corner in product(*(term.corners(ends) for term, ends in zip(terms, lengths))):
         further = [t for t, (age, _) in zip(terms, corner) if t.kind == "looped" and age == t.d]
-        o = sn.Form([*rows, *((f"v{t.j}", t.m * n) for t in further)])
-        at = [o[f"x{j}"] if j in late else o["x"] for j in range(len(s.d))]
-        f, z, q = (total(A @ x for A, x in zip(each, at)) for each in (s.A, s.D, s.H))
+        o = sn.Form([*rows, *((f"v{t.j}", t.m * t.n) for t in further)])
+        now = [i for i, d in enumerate(s.d) if not d]  # x(t), and delays of zero
+        f, z, q = (
+            total(each[i] for i in now) @ o["x"]
+            + total(A @ o[f"x{t.j}"] for A, t in zip(own, terms))
+            for each, own in (
+                (s.A, [t.A for t in terms]),
+                (s.D, [t.D for t in terms]),
+                (s.H, [t.H for t in terms]),
+            )
+        )
         f, z = f + s.C @ o["w"] + s.E @ o["p"], z + s.D1 @ o["w"]
         pairs = [(o["x"], f)]
         for term, own in zip(terms, corner):
-            pairs += term.add_to(o, f, own, sn.eye(sum(size for _, size in rows)), n)
-        y, rate = (total(x.at(i * n, 0) for i, x in enumerate(each)) for each in zip(*pairs))
+            pairs += term.add_to(o, f, own, sn.eye(sum(size for _, size in rows)))
+        y, rate = (total(x.at(i, 0) for i, x in zip(first, each)) for each in zip(*pairs))
         o.add(y, P @ rate)
         L_p, L_q = s.scalings(eps)
         o.square(q, L_q)

@@ -178,8 +178,8 @@ class Loop:
     """Eq. (7) with u = sum_i (K o M_i) x(t - d_i), exactly: index 0 is x(t), index j is delay j.
 
     n, m, q, p, s, r : sizes of x, u, w, z and F(t); `blocks` those of the blocks of F. A, H, D :
-    lists, the loop closed; `open` without K. a, rate, sampled, varies : what is known of an age.
-    fed : `feedback` as given. whole : the whole state is fed back through one of them.
+    lists, the loop closed; `open` without K; late_gain : K S_i. a, rate, sampled, varies : what is
+    known of an age. fed : `feedback` as given. whole : the whole state is fed back through one.
     """
 
     def __init__(self, system: dict[str, Any], gain: Any = None) -> None:
@@ -226,11 +226,13 @@ class Loop:
         once = (sum(x[i][j] for x in masks) <= 1 for i in range(rows) for j in range(self.n))
         need(fits and all(once), "states fed back twice")
         self.K = M() if gain is None else matrix(gain, self.m, self.n, number)
-        parts = [M({(i, j): x for (i, j), x in self.K.items() if own[i][j]}) for own in masks]
-        need(total(parts) == self.K, "a state that is not fed back has a gain")
-        self.A = [A + self.B @ x for A, x in zip(self.open, parts, strict=True)]
+        self.late_gain = [
+            M({(i, j): x for (i, j), x in self.K.items() if own[i][j]}) for own in masks
+        ]
+        need(total(self.late_gain) == self.K, "a state that is not fed back has a gain")
+        self.A = [A + self.B @ x for A, x in zip(self.open, self.late_gain, strict=True)]
         own = [at.get(("D", 0), M()), *(M() for _ in self.delays)]
-        self.D = [D + self.D2 @ x for D, x in zip(own, parts, strict=True)]
+        self.D = [D + self.D2 @ x for D, x in zip(own, self.late_gain, strict=True)]
         self.open_D = own[0]
 
     def multipliers(self, x: Any) -> list[Fraction]:

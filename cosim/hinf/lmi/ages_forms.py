@@ -1,7 +1,8 @@
 """The forms of `ages_lmi` for one part of a loop: Phi at every corner, and what must be positive.
 
 The equations are those of `cosim.hinf.certificate.ages_proof`, here with selection matrices, in
-the loop's own units: unknowns over a length l are counted in units of max(1, l).
+the loop's own units: unknowns over a length l are counted in units of max(1, l). The terms of a
+delay are about y = C x of that delay, in units of its own.
 """
 
 from __future__ import annotations
@@ -113,10 +114,12 @@ class PartOfLoop:
     number : of the part; its unknowns are "number P" and "number delay name".
     order : N.
     late : its positive delays.
-    A, H, D : the loop's matrices for x(t) and for every delay of the system.
+    A, H, D : the loop's matrices for x(t) and for every delay of the system; of x where it is
+        zero, otherwise of y.
+    S : C of every delay of the system.
     C, E, D1 : the loop's, of the disturbances and of the columns of E that belong to the part.
     rows : sizes of the rows of -Phi, by name.
-    blocks : names of the blocks of y.
+    blocks : sizes of the blocks of the vector of V, by name.
     channels : the unknown, the columns of E that belong to the part, and the rows of H, of every
         block of the uncertainty.
     """
@@ -128,13 +131,13 @@ class PartOfLoop:
         late: list[LateAge],
         matrices: dict[str, list[Array]],
         rows: dict[str, int],
-        blocks: list[str],
+        blocks: dict[str, int],
         channels: dict[str, tuple[NDArray[np.bool_], slice]] | None = None,
     ) -> None:
         self._number, self._order, self._late = number, order, late
         self._matrices, self._rows, self._blocks = matrices, rows, blocks
         self._channels = channels or {}
-        self._n = rows["x"]
+        self._S = [matrices["S"][x.index] for x in late]
         self._base = sum(rows.values())
 
     def _name(self, j: int, name: str) -> str:
@@ -169,17 +172,18 @@ class PartOfLoop:
 
     def rows_at(self, corner: Corner) -> dict[str, Array]:
         """Return the selections of all rows of Phi at a corner, with those that it adds."""
-        n, sizes = self._n, dict(self._rows)
+        sizes = dict(self._rows)
         for j, (x, (age, _)) in enumerate(zip(self._late, corner, strict=True)):
             if x.functional == "looped" and age == x.d:
-                sizes[f"v{j}"] = n * (2 if x.least > 0 else 1)
+                sizes[f"v{j}"] = len(self._S[j]) * (2 if x.least > 0 else 1)
         return self._selections(sizes)
 
     def _phi(self, corner: Corner, gamma: float) -> Form:
         given, at = self._matrices, self.rows_at(corner)
         form = Form(at["x"].shape[1])
-        names = {x.index: f"x{j}" for j, x in enumerate(self._late)}
-        on = [at["x"], *(at[names.get(i, "x")] for i in range(len(given["A"]) - 1))]
+        on = [at["x"], *(S @ at["x"] for S in given["S"])]
+        for j, x in enumerate(self._late):
+            on[1 + x.index] = at[f"x{j}"]
         f = np.asarray(sum(A @ x for A, x in zip(given["A"], on, strict=True)))
         if "w" in at:
             f = f + given["C"][0] @ at["w"]
@@ -201,39 +205,40 @@ class PartOfLoop:
         """Add V' at a corner, x' = f; `at` selects the rows."""
         y, rate = [at["x"]], [f]
         for j, (x, (age, slope)) in enumerate(zip(self._late, corner, strict=True)):
-            start = at["x"]
+            own = self._S[j] @ f
+            start = self._S[j] @ at["x"]
             if x.functional == "constant":
-                more = self._constant_part(form, at, j, f, at[f"x{j}"], age)
+                more = self._constant_part(form, at, j, own, at[f"x{j}"], age)
             elif x.least > 0:
                 start = at[f"h{j}"]
-                more = self._constant_part(form, at, j, f, start, x.part)
+                more = self._constant_part(form, at, j, own, start, x.part)
             else:
                 more = ([], [])
             y, rate = y + more[0], rate + more[1]
             if x.functional in {"interval", "rate"}:
-                more = self._between(form, at, j, f, start, age, slope)
+                more = self._between(form, at, j, own, start, age, slope)
                 y, rate = y + more[0], rate + more[1]
             elif x.functional == "wirtinger":
-                form.square(self._name(j, "W"), f, (x.rest / x.u) ** 2)
+                form.square(self._name(j, "W"), own, (x.rest / x.u) ** 2)
                 form.square(self._name(j, "W"), start - at[f"x{j}"], -((_PI_LOWER / 2 / x.u) ** 2))
             elif x.functional == "looped":
                 if x.least > 0:
                     y, rate = [*y, start], [*rate, at[f"r{j}"]]
-                self._looped(form, at, j, f, age)
+                self._looped(form, at, j, own, age)
         form.twice(f"{self._number} P", np.concatenate(y), np.concatenate(rate))
 
     def _constant_part(
         self, form: Form, at: dict[str, Array], j: int, f: Array, end: Array, length: float
     ) -> tuple[list[Array], list[Array]]:
         """Add the terms of Q and R; return the blocks of y and their derivatives."""
-        x, order = self._late[j], self._order
-        form.square(self._name(j, "Q"), at["x"])
+        x, order, now = self._late[j], self._order, self._S[j] @ at["x"]
+        form.square(self._name(j, "Q"), now)
         form.square(self._name(j, "Q"), end, -1.0)
         form.square(self._name(j, "R"), f, (length / x.s) ** 2)
         v = []
         for k in range(order + 1):
             means = (c * at[f"W{j},{i}"] for i, c in enumerate(couplings(k)))
-            v.append(at["x"] - (-1) ** k * end - sum(means, np.zeros_like(end)))
+            v.append(now - (-1) ** k * end - sum(means, np.zeros_like(end)))
             form.square(self._name(j, "R"), v[k], -(2 * k + 1) / x.s**2)
         blocks = [length / x.s * at[f"W{j},{k}"] for k in range(order)]
         return blocks, [v[k] / x.s for k in range(order)]
@@ -277,10 +282,10 @@ class PartOfLoop:
         return [first, second], rates
 
     def _looped(self, form: Form, at: dict[str, Array], j: int, f: Array, age: float) -> None:
-        x = self._late[j]
-        z, first, rate = at["x"] - at[f"x{j}"], at[f"x{j}"], f
+        x, now = self._late[j], self._S[j] @ at["x"]
+        z, first, rate = now - at[f"x{j}"], at[f"x{j}"], f
         if x.least > 0:
-            z = np.concatenate([at["x"] - at[f"t{j}"], at[f"h{j}"] - at[f"x{j}"]])
+            z = np.concatenate([now - at[f"t{j}"], at[f"h{j}"] - at[f"x{j}"]])
             first = np.concatenate([at[f"t{j}"], at[f"x{j}"]])
             rate = np.concatenate([f, at[f"r{j}"]])
             form.square(self._name(j, "N"), f)
@@ -300,10 +305,13 @@ class PartOfLoop:
 
     def positive(self) -> list[Form]:
         """Return the other matrices that must be positive."""
-        n, found = self._n, []
-        if not n:
+        found: list[Form] = []
+        if not self._rows["x"]:
             return []
         for j, x in enumerate(self._late):
+            n = len(self._S[j])
+            if not n:
+                continue
             names = {
                 "constant": ["Q", "R"],
                 "interval": ["S"],
@@ -339,13 +347,13 @@ class PartOfLoop:
 
     def _functional(self, sampled: tuple[int, ...]) -> Form:
         """P with what the other terms add, at the start of a hold of the delays `sampled`."""
-        n, blocks = self._n, self._blocks
-        sizes = dict.fromkeys(blocks, n)
+        sizes = dict(self._blocks)
         for j in sampled:
-            sizes |= ({f"t{j}": n} if self._late[j].least > 0 else {}) | {f"x{j}": n}
+            names = [f"t{j}"] if self._late[j].least > 0 else []
+            sizes |= dict.fromkeys([*names, f"x{j}"], len(self._S[j]))
         at = self._selections(sizes)
         form = Form(sum(sizes.values()))
-        form.square(f"{self._number} P", np.eye(len(blocks) * n, form.size))
+        form.square(f"{self._number} P", np.eye(sum(self._blocks.values()), form.size))
         for j, x in enumerate(self._late):
             for k in range(self._order):
                 if f"W{j},{k}" in at:
@@ -356,11 +364,12 @@ class PartOfLoop:
                     form.square(self._name(j, S), at[name], x.u**2 / x.rest)
             if j not in sampled:
                 continue
-            z, start = at["x"] - at[f"x{j}"], at[f"x{j}"]
+            now = self._S[j] @ at["x"]
+            z, start = now - at[f"x{j}"], at[f"x{j}"]
             if x.least > 0:
-                z = np.concatenate([at["x"] - at[f"t{j}"], at[f"h{j}"] - at[f"x{j}"]])
+                z = np.concatenate([now - at[f"t{j}"], at[f"h{j}"] - at[f"x{j}"]])
                 start = np.concatenate([at[f"t{j}"], at[f"x{j}"]])
-                form.square(self._name(j, "N"), at["x"] - at[f"h{j}"], 1 / x.least)
+                form.square(self._name(j, "N"), now - at[f"h{j}"], 1 / x.least)
             form.square(self._name(j, "X_a"), z, x.rest / x.u)
             form.square(self._name(j, "U"), z, 1 / x.u)
             form.twice(self._name(j, "X_b"), z, start, x.rest / x.u)

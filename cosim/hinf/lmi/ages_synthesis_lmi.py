@@ -65,9 +65,11 @@ class AgesSynthesisLmi(GainLmi[float]):
         rows |= {"z": system.D.shape[0]} if performance else {}
         rows |= {"h": system.H.shape[0]} if system.E.size else {}
         blocks = state_blocks(system, order, own)
-        self._forms = PartOfLoop(0, order, late, {}, rows, blocks)
+        self._forms = PartOfLoop(
+            0, order, late, {"S": [np.eye(len(self._back))] * len(system.delays)}, rows, blocks
+        )
         n, m = self._B.shape
-        shapes = {"gain X": (n, n), "gain Y": (m, n), "0 P": (len(blocks) * n,) * 2}
+        shapes = {"gain X": (n, n), "gain Y": (m, n), "0 P": (sum(blocks.values()),) * 2}
         for j, names in enumerate(unknowns_of(system, order, own, gamma=performance)):
             for name, (height, width) in names.items():
                 shapes[f"0 {j} {name}"] = (sum(rows.values()) if name == "Y" else height, width)

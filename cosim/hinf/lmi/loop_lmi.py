@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
 
 import numpy as np
 import scipy
@@ -59,6 +59,7 @@ def _widest_margin(
     *,
     enough: float,
     labels: Labelled | None = None,
+    solver: Solver = solve,
 ) -> tuple[float, Array] | None:
     """Return the greatest margin and its point, which `accept` accepts; None if there is none.
 
@@ -74,7 +75,7 @@ def _widest_margin(
     for _ in range(2):
         whole = [c.less(svec(np.diag(s))) for c, s in zip(phi, scales, strict=True)]
         bounded = [*whole, *floors, *free, Constraint(1, np.ones(1), -last)]
-        solution = _solved(constraints, bounded, -last[0], labels)
+        solution = _solved(constraints, bounded, -last[0], labels, solver)
         if not solution.usable or not accept(solution.y[:-1]):
             break
         found = float(solution.y[-1]), solution.y[:-1]
@@ -87,11 +88,15 @@ def _widest_margin(
 
 
 def _solved(
-    constraints: Constraints, asked: Sequence[Constraint], q: Array, labels: Labelled | None
+    constraints: Constraints,
+    asked: Sequence[Constraint],
+    q: Array,
+    labels: Labelled | None,
+    solver: Solver,
 ) -> Solution:
     """Minimise q'y over `asked`: -Phi, the positive matrices once or twice, and others."""
     if labels is None:
-        return solve(asked, q, tolerance=_TOLERANCE)
+        return solver(asked, q, tolerance=_TOLERANCE)
     phi, positive = constraints
     rows = [*(labels[0] for _ in phi), *labels[1]]
     rows += labels[1] if len(asked) > len(phi) + len(positive) else ()
@@ -121,6 +126,15 @@ def in_channel_units(
     return E * columns, [M / rows[:, None] for M in H], columns
 
 
+class Solver(Protocol):
+    """A solver of LMIs without parts."""
+
+    def __call__(
+        self, constraints: Sequence[Constraint], q: Array, *, tolerance: float
+    ) -> Solution:
+        """Minimise q'y over the constraints."""
+
+
 class LoopLmi(ABC, Generic[Variables]):
     """The LMI of one loop, to be solved at any delays.
 
@@ -130,6 +144,8 @@ class LoopLmi(ABC, Generic[Variables]):
     K : (m, n) the gain, zero for the system as it is.
     performance : bound the gain from w to z, instead of stability alone.
     """
+
+    _solver: Solver = staticmethod(solve)
 
     def __init__(self, system: DelaySystem, K: Array, *, performance: bool) -> None:
         self._performance = performance
@@ -150,6 +166,7 @@ class LoopLmi(ABC, Generic[Variables]):
         links += [("q", "x", H) for H in self._H]
         if performance:
             links += [*(("z", "x", D) for D in self._D), ("z", "w", self._D1)]
+        self._links = links
         self._part = parts_of(links)
 
     def _multipliers(self, values: dict[str, Array]) -> Any:
@@ -167,7 +184,8 @@ class LoopLmi(ABC, Generic[Variables]):
         phi, positive = self._constraints(delays, reference, fixed=False)
         cost = np.zeros(phi[0].columns.shape[1])
         cost[-1] = 1.0
-        found = _solved((phi, positive), [*phi, *positive], cost, self._labels(delays))
+        labels = self._labels(delays)
+        found = _solved((phi, positive), [*phi, *positive], cost, labels, self._solver)
         if not (found.usable and found.value > 0):
             return None
         return float(reference * np.sqrt(found.value))
@@ -191,7 +209,12 @@ class LoopLmi(ABC, Generic[Variables]):
             bound *= max(1.0, gamma / float(np.linalg.norm(self._C, 2)) ** 2)
         constraints = self._constraints(delays, gamma or 1.0, fixed=True, down_to_zero=down_to_zero)
         found = _widest_margin(
-            constraints, bound, lambda _: True, enough=-np.inf, labels=self._labels(delays)
+            constraints,
+            bound,
+            lambda _: True,
+            enough=-np.inf,
+            labels=self._labels(delays),
+            solver=self._solver,
         )
         if found is None:
             return None

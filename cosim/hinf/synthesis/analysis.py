@@ -42,6 +42,7 @@ from cosim.hinf.synthesis.conditions import (
     Condition,
     affordable_conditions,
     conditions_of,
+    is_large,
     prove,
     widened,
 )
@@ -215,7 +216,7 @@ def best_analysis(
     made: list[Analysis] = []
     excluded = figures.abscissa >= 0 and not any(delay.sampled for delay in system.delays)
     bounded = system.has_performance
-    known = ages_are_known(system)
+    known = ages_are_known(system) or is_large(system, K)
     orders = [order] if order != "auto" else [1, 0] if known else [*AFFORDABLE_ORDERS]
     for own in orders:
         conditions: list[Condition] = []

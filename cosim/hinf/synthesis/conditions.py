@@ -7,6 +7,9 @@ Each is an LMI with a least gamma, a greatest margin and an exact proof of the p
 * those of ages as they are (`AgesLmi`): an interval, a bounded rate, sampled. They are used from
   order 1 on, and at every order where more is known of an age than its bound.
 
+Where a system has many states, those of ages as they are are stated on the support of each delay:
+the states, or the controls, that act through it. Elsewhere about the whole state.
+
 Theorem 2 is a further one, with a gain that it designs (`cosim.hinf.synthesis.theorem_2`).
 """
 
@@ -23,6 +26,7 @@ from cosim.hinf.certificate import (
     MAX_CORNERS,
     AgeFunctional,
     AgesVariables,
+    Supports,
     ages_proved,
     ages_to_json,
     analysis_proved,
@@ -30,6 +34,7 @@ from cosim.hinf.certificate import (
     choices,
     exact_ages,
     exact_analysis,
+    supports_of,
 )
 from cosim.hinf.lmi import AgesLmi, AnalysisLmi, not_found, solver_words
 from cosim.models import DelaySystem
@@ -45,6 +50,8 @@ _MOST_WITH_AGES = 3500
 """So too where more is known of an age than its bound: half a minute for a vehicle's axes."""
 _MOST_FOR_RANKING = 500
 """So too where gains are compared with each other before the best one is analysed in full."""
+_MOST_WORK = 6e9
+"""Multiplications of an iteration up to which a condition of a large system is affordable."""
 AFFORDABLE_ORDERS = (0, 1, 2)
 """Orders that are tried where none is asked for."""
 
@@ -55,11 +62,34 @@ def conditions_of(
     system: DelaySystem, K: NDArray[Any], order: int, *, performance: bool
 ) -> list[Condition]:
     """Return the conditions that are worth a try at this order, the sharpest first."""
+    if is_large(system, K):
+        return [
+            *_of_ages(system, K, order, performance, supports_of(system, K)),
+            *_of_ages(system, K, order, performance, supports_of(system, K, controls=True)),
+        ]
     ages = any(x.ages_are_known or (order > 0 and x.any_age and x.d > 0) for x in system.delays)
     plain = AnalysisLmi(system, K, order, performance=performance)
     if not ages:
         return [plain]
-    found: list[Condition] = []
+    return [*_of_ages(system, K, order, performance), plain]
+
+
+def is_large(system: DelaySystem, K: NDArray[Any]) -> bool:
+    """Whether a condition about the whole state has too many unknowns at every order."""
+    plain = AnalysisLmi(system, K, 0, performance=system.has_performance)
+    many = plain.unknowns([x.d for x in system.delays]) > _MOST_UNKNOWNS
+    return many and any(own is not None for own in supports_of(system, K))
+
+
+def _of_ages(
+    system: DelaySystem,
+    K: NDArray[Any],
+    order: int,
+    performance: bool,  # noqa: FBT001
+    supports: Supports | None = None,
+) -> list[AgesLmi]:
+    """Return the conditions of ages as they are, the sharpest first."""
+    found: list[AgesLmi] = []
     tried: list[tuple[AgeFunctional, ...]] = []
     most = max(len(choices(x)) for x in system.delays)
     for level in range(most):
@@ -67,12 +97,12 @@ def conditions_of(
         if own in tried:
             continue
         tried.append(own)
-        condition = AgesLmi(system, K, order, own, performance=performance)
+        condition = AgesLmi(system, K, order, own, performance=performance, supports=supports)
         rows = condition.largest_part([x.d for x in system.delays])
         large = "looped" in own and rows > MOST_ROWS
         if not large and _corners(system, order, own, down_to_zero=False) <= MAX_CORNERS:
             found.append(condition)
-    return [*found, plain]
+    return found
 
 
 def affordable_conditions(
@@ -94,11 +124,23 @@ def affordable_conditions(
             return one.unknowns(delays)
         return one.unknowns(delays) * _corners(system, order, one.functionals, down_to_zero=False)
 
+    if is_large(system, K):
+        quick = [x for x in found if _work(x, system) <= _MOST_WORK and order < 2]
+        return quick or ([] if order else found[-1:])
     known = any(x.ages_are_known for x in late)
     if known and order > 1:
         return []
     most = (_MOST_FOR_RANKING if ranking else _MOST_WITH_AGES) if known else _MOST_UNKNOWNS
     return [x for x in found if cost(x) <= most] or ([] if order else found[-1:])
+
+
+def _work(one: Condition, system: DelaySystem) -> float:
+    """Return what an iteration of `solve_dense` costs, in multiplications."""
+    delays = [x.d for x in system.delays]
+    if isinstance(one, AnalysisLmi):
+        return math.inf
+    corners = _corners(system, one.order, one.functionals, down_to_zero=False)
+    return float(corners * (one.unknowns(delays) * one.largest_part(delays)) ** 2)
 
 
 def affordable_order(system: DelaySystem, K: NDArray[Any], *, performance: bool) -> int:

@@ -48,6 +48,14 @@ def _refuse(link: Link) -> None:
         )
     if not isinstance(link, PacketLink):
         return
+    if link.recording is not None:
+        raise InputError(
+            "a link FMU cannot replay a recording",
+            where=where,
+            expected="delay, jitter and loss as numbers",
+            got=repr(link.recording),
+            hint="export what cosim link fit makes of it, or an annotation: --links annotate",
+        )
     if link.seed > _VARIABLES.MOST_INTEGER:
         raise InputError(
             "the seed is too large for an Integer of FMI",

@@ -238,6 +238,12 @@ def record_link(writer: ModelWriter, behaviour: Any) -> tuple[str, ...]:
         writer.references(array, [f"{name}[{i}]" for i in numbers], size)
     if behaviour.kind == "transport":
         return ("transport_link.c",)
+    names = [v.name for v in writer.spec.variables]
+    for array, start, size in (
+        ("model_states", "loss.state[", "MODEL_STATES"),
+        ("model_others", "loss.move[", "MODEL_OTHERS"),
+    ):
+        writer.references(array, [name for name in names if name.startswith(start)], size)
     for number, order in enumerate(get_args(Order)):
         writer.define(f"ORDER_{order.upper().replace('-', '_')}", number)
     writer.header.append("extern const char model_link_name[];")

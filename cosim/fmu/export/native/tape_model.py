@@ -32,7 +32,7 @@ _TABLES = (
 _MOST_TABLE = dict.fromkeys(_TABLES, 128) | {"model_states": 64, "model_delays": 8}
 _MOST_VARIABLES, _MOST_CONSTANTS, _MOST_SLOTS, _MOST_LANES = 4096, 1024, 2048, 64
 """As in c/tape.h."""
-_SIGNAL = re.compile(r"(u|y|initial|bias|noise)\[\d+\]")
+_LISTED = re.compile(r"(u|y|initial|bias|noise|loss\.state|loss\.move)\[[\d,]+\]")
 
 
 def model_data(writer: ModelWriter, identity: str) -> bytes:
@@ -74,9 +74,9 @@ def model_data(writer: ModelWriter, identity: str) -> bytes:
 
 
 def named_variables(writer: ModelWriter) -> Iterable[str]:
-    """Yield the variables that the C of a link or sensor names: all but those of each signal."""
+    """Yield the variables that the C of a link or sensor names: all but those of tables."""
     if "MODEL_LANES" in writer.defined:
-        yield from (v.name for v in writer.spec.variables if not _SIGNAL.fullmatch(v.name))
+        yield from (v.name for v in writer.spec.variables if not _LISTED.fullmatch(v.name))
 
 
 def model_header(writer: ModelWriter) -> str:

@@ -42,7 +42,7 @@ struct Behaviour {
     int64_t next; /* message to be sent */
     LinkSender sender;
     LinkReceiver receiver;
-    int bad; /* state of the Gilbert-Elliott chain at the last message sent */
+    int state; /* of the chain of losses at the last message sent */
     Entry *entry; /* on their way, as they were sent */
     size_t count, room;
 };
@@ -70,6 +70,13 @@ static int64_t frame_time(double size, double rate) {
 
 static int settle(Settings *is, const double *v, Message *why) {
     double rate = v[V_data_rate], size = v[V_frame_size];
+    for (int i = 0; i < (int)MODEL_STATES; i++) {
+        double leave = 0.0;
+        for (int j = 0; j < (int)MODEL_STATES - 1; j++)
+            leave += v[model_others[i * ((int)MODEL_STATES - 1) + j]];
+        if (leave > 1.0 + 1e-9)
+            return say(why, "loss.move[%d,...] must add to at most 1: the rest is staying", i + 1);
+    }
     if (rate != floor(rate) || size != floor(size) || (rate == 0.0) != (size == 0.0))
         return say(why, "data_rate and frame_size must be whole numbers, both or neither zero");
     if (rate > 0.0 && size / rate > LONGEST)
@@ -116,7 +123,7 @@ int behaviour_initialise(Behaviour *b, double *v, double start, Message *why) {
     b->next = 0;
     b->sender = sender;
     b->receiver = receiver;
-    b->bad = 0;
+    b->state = 0;
     b->count = 0;
     for (size_t i = 0; i < LANES; i++) v[model_outputs[i]] = v[model_initials[i]];
     publish(b, v);
@@ -129,14 +136,42 @@ static double quantized(double value, double step) {
     return step == 0.0 ? value : rint(value / step) * step;
 }
 
-static int is_lost(Behaviour *b, const double *v, uint64_t k) {
-    double u = draw_uniform(&b->is.source, "loss", 0, k);
-    if (v[V_loss_bursts] == 0.0) return u < v[V_loss_good];
-    if (k > 0) { /* the first message is sent in the good state */
-        double change = draw_uniform(&b->is.source, "loss state", 0, k);
-        b->bad = b->bad ? !(change < v[V_loss_p_exit]) : change < v[V_loss_p_enter];
+/* The chain of losses: its states, and for each the probabilities of going to the others. */
+typedef struct {
+    int states;
+    const unsigned *loss, *move;
+} Chain;
+
+static Chain chain_of(const double *v, unsigned two[4]) {
+    Chain chain = {2, two, two + 2};
+    two[0] = V_loss_good;
+    two[1] = V_loss_bad;
+    two[2] = V_loss_p_enter;
+    two[3] = V_loss_p_exit;
+    if (v[V_loss_bursts] == 2.0) {
+        chain.states = (int)MODEL_STATES;
+        chain.loss = model_states;
+        chain.move = model_others;
     }
-    return u < (b->bad ? v[V_loss_bad] : v[V_loss_good]);
+    return chain;
+}
+
+static int is_lost(Behaviour *b, const double *v, uint64_t k) {
+    unsigned two[4];
+    Chain chain = chain_of(v, two);
+    double u = draw_uniform(&b->is.source, "loss", 0, k);
+    if (v[V_loss_bursts] != 0.0 && k > 0) { /* the first message is sent in the first state */
+        double change = draw_uniform(&b->is.source, "loss state", 0, k), reach = 0.0;
+        const unsigned *move = chain.move + b->state * (chain.states - 1);
+        for (int j = 0; j < chain.states - 1; j++) {
+            reach += v[move[j]];
+            if (change < reach) {
+                b->state = j < b->state ? j : j + 1;
+                break;
+            }
+        }
+    }
+    return u < v[chain.loss[b->state]];
 }
 
 static void put(Behaviour *b, const double *v, int64_t arrival, int64_t fate) {
@@ -251,7 +286,7 @@ void behaviour_save(const Behaviour *b, double *to) {
     const LinkReceiver *r = &b->receiver;
     const int64_t own[OWN] = {b->next,       b->sender.free_ns, b->sender.behind_ns,
                               r->newest,     r->sequence,       r->origin_ns,
-                              r->dropped,    r->delivered,      b->bad};
+                              r->dropped,    r->delivered,      b->state};
     clock_save(&b->clock, to);
     to += CLOCK_NUMBERS;
     for (size_t i = 0; i < OWN; i++) *to++ = (double)own[i];
@@ -274,6 +309,9 @@ int behaviour_restore(Behaviour *b, const double *v, const double *from, size_t 
     if (!fits || !clock_restore(&b->clock, from) || from[CLOCK_NUMBERS] < 0.0)
         return say(why, "the saved messages do not fit this link");
     if (!settle(&b->is, v, why)) return 0;
+    unsigned two[4];
+    if (!(from[CLOCK_NUMBERS + 8] >= 0.0 && from[CLOCK_NUMBERS + 8] < chain_of(v, two).states))
+        return say(why, "the saved messages do not fit this link");
     size_t entries = (count - HEAD) / EACH;
     Entry *entry = realloc(b->entry, (entries ? entries : 1) * sizeof *entry);
     if (!entry) return say(why, "there is no memory left for the messages on their way");
@@ -287,7 +325,7 @@ int behaviour_restore(Behaviour *b, const double *v, const double *from, size_t 
     b->next = (int64_t)from[0];
     b->sender = sender;
     b->receiver = receiver;
-    b->bad = from[8] != 0.0;
+    b->state = (int)from[8];
     from += OWN;
     for (size_t i = 0; i < entries; i++, from += EACH) {
         for (size_t j = 0; j < 4; j++)

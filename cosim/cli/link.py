@@ -1,0 +1,145 @@
+"""The commands for recorded links: link record, link show, link fit."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from cosim import recordings, trace
+from cosim.cli.common import JsonOption, answer
+from cosim.cli.help_text import HelpTyper
+from cosim.cli.link_fit_view import fit_json, fit_view
+from cosim.cli.link_view import record_json, record_view, show_json, show_view
+from cosim.core import CheckFailedError, InputError, write_whole
+from cosim.network import Recording
+
+link_app = HelpTyper(
+    help="Record links from traces; show what became of their messages; fit models of links."
+)
+
+FileArgument = Annotated[
+    Path, typer.Argument(help="A CSV file of messages, a trace, or another MCAP file.")
+]
+NodeOption = Annotated[
+    str | None, typer.Option("--node", help="Only this link of a file with several.")
+]
+PictureOption = Annotated[
+    Path | None,
+    typer.Option(help="Also draw it: a .png, .svg or .pdf file (needs the extra plot)."),
+]
+
+
+@link_app.command()
+def record(
+    file: Annotated[Path, typer.Argument(help="A trace, or another MCAP file.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="CSV file to write.")],
+    link: Annotated[
+        str | None, typer.Option("--link", help="Only this link (default: every packet link).")
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Write what became of each message of a link: sent, delivered or lost.
+
+    The CSV file is one that `recording` of a link replays. In an MCAP file that is no trace of a
+    run, the topics are links: publish time is sending, log time arrival, and a gap in the sequence
+    numbers is a loss.
+
+    \b
+    cosim link record traces/auv-acoustic.mcap --link uplink -o uplink.csv
+    """
+    found = recordings.read_recordings(file)
+    if link is not None:
+        found = {link: recordings.read_recording(file, link)}
+    recordings.write_recordings(out, found)
+    answer(as_json, lambda: record_json(file, out, found), lambda: record_view(out, found))
+
+
+@link_app.command()
+def show(
+    file: FileArgument,
+    node: NodeOption = None,
+    picture: PictureOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Show what a recorded link was like: losses, their runs, delays, ages and outages.
+
+    \b
+    cosim link show modem.csv
+    cosim link show traces/auv-acoustic.mcap --node uplink --picture uplink.png
+    """
+    found = chosen(file, node, picture)
+    if picture is not None:
+        recordings.draw_recordings(found, picture)
+    described = {name: recordings.statistics_of(each) for name, each in found.items()}
+    answer(
+        as_json,
+        lambda: show_json(file, described, picture),
+        lambda: show_view(file, described, picture),
+    )
+
+
+@link_app.command()
+def fit(
+    file: FileArgument,
+    node: NodeOption = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="Also write the [links.NAME] as TOML.")
+    ] = None,
+    name: Annotated[
+        str, typer.Option(help="NAME of the link, where the file names none.")
+    ] = "uplink",
+    states: Annotated[
+        int, typer.Option(help="Hidden states of the largest chain that is tried, from 2.")
+    ] = 3,
+    as_json: JsonOption = False,
+) -> None:
+    """Fit the models of a link to what was recorded, and say whether one fits.
+
+    Losses: independent, Gilbert (a chain seen in the losses), Gilbert-Elliott, and chains of
+    more hidden states, by maximum likelihood. Delays: constant, or with uniform, exponential or
+    normal jitter. They are fitted to the first two thirds of the messages and held against the
+    last third: the likelihood, the share of losses, the lengths of runs, the distribution of the
+    delays, and whether each delay is independent of the one before. Where the file says how far or
+    how large, the dependence on it. The result is a link of a scenario.
+
+    Exit code 1: no model fits, and the statistics that refuse it are named.
+
+    \b
+    cosim link fit modem.csv
+    cosim link fit modem.csv --node buoy2 --states 4 -o link.toml
+    """
+    found = {
+        each or name: recordings.fit_link(recording, states)
+        for each, recording in chosen(file, node, None).items()
+    }
+    if out is not None:
+        tomls = [each.toml(link) for link, each in found.items()]
+        write_whole(out, "\n".join(tomls).encode())
+    answer(as_json, lambda: fit_json(file, found, out), lambda: fit_view(found, out))
+    refused = [f"{link}: {why}" for link, each in found.items() for why in each.refusals]
+    if refused:
+        raise CheckFailedError(
+            "no model of the schema fits",
+            where=str(file),
+            got="; ".join(refused),
+            hint="recording = the file: a link replays it, as it was or in blocks",
+        )
+
+
+def chosen(file: Path, node: str | None, picture: Path | None) -> dict[str, Recording]:
+    """Return the recordings of a file, or of one node; refuse a picture that cannot be drawn.
+
+    Raises
+    ------
+    InputError : as `read_recordings`, an unknown node, or no matplotlib for the picture.
+    """
+    if picture is not None:
+        trace.pyplot()
+    found = recordings.read_recordings(file)
+    if node is not None:
+        if node not in found:
+            raise InputError.unknown("node", node, [n for n in found if n], where=str(file))
+        found = {node: found[node]}
+    return found

@@ -1,0 +1,131 @@
+"""Recorded links, formatted for a terminal and as JSON."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from rich.console import Group, RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from cosim.cli.terminal import NONE, facts_table, number, plain
+from cosim.core import counted
+from cosim.network import Recording
+from cosim.recordings import OUTAGE, LinkStatistics, Spread
+
+_MOST_LINES = 5
+_BINS = ((1, 1), (2, 2), (3, 5), (6, 10), (11, 30), (31, 100), (101, None))
+"""Lengths of runs that share a column of the table."""
+
+
+def record_json(file: Path, out: Path, found: Mapping[str, Recording]) -> dict[str, Any]:
+    """Return what was written as plain JSON values."""
+    return {
+        "file": str(file),
+        "out": str(out),
+        "links": {
+            name: {"messages": len(each), "lost": int(each.lost.sum()), "sha256": each.sha256}
+            for name, each in found.items()
+        },
+    }
+
+
+def record_view(out: Path, found: Mapping[str, Recording]) -> RenderableType:
+    """Show what was written."""
+    lines = [
+        plain(f"{name}: {counted(len(each), 'message')}, {int(each.lost.sum())} lost")
+        for name, each in found.items()
+    ]
+    return Group(*lines, plain(f"written: {out}"))
+
+
+def show_json(
+    file: Path, described: Mapping[str, LinkStatistics], picture: Path | None
+) -> dict[str, Any]:
+    """Return the statistics as plain JSON values."""
+    return {
+        "file": str(file),
+        "links": {name: asdict(each) for name, each in described.items()},
+        "picture": None if picture is None else str(picture),
+    }
+
+
+def show_view(
+    file: Path, described: Mapping[str, LinkStatistics], picture: Path | None
+) -> RenderableType:
+    """Show the statistics link by link."""
+    parts: list[RenderableType] = []
+    for name, each in described.items():
+        parts += [Text(name or str(file), style="bold"), _facts(each), _runs(each)]
+        parts += [*_outages(each), Text()]
+    if picture is not None:
+        parts.append(plain(f"picture: {picture}"))
+    return Group(*parts)
+
+
+def _facts(found: LinkStatistics) -> RenderableType:
+    facts = facts_table()
+    sent = "" if found.interval_s is None else f"one each {found.interval_s.median:.4g} s (median)"
+    facts.add_row("messages", str(found.messages), f"in {found.duration_s:.4g} s, {sent}")
+    in_flight = found.messages - found.arrived - found.lost
+    also = f"; {in_flight} still in flight at the end" if in_flight else ""
+    facts.add_row("loss", _share(found.loss), f"{found.lost} lost, {found.arrived} arrived{also}")
+    facts.add_row("P(loss | loss)", _share(found.loss_after_loss), "right after a lost message")
+    facts.add_row("P(loss | ok)", _share(found.loss_after_arrival), "right after one that arrived")
+    if found.delay_s is None:
+        facts.add_row("delay", NONE, "no times of arrival")
+    else:
+        facts.add_row("delay", number(found.delay_s.mean, 4, "s"), _spread(found.delay_s))
+        follow = "correlation of each delay with the next"
+        facts.add_row("", number(found.delay_correlation, 2), follow)
+        most = f"on average; at most {number(found.greatest_age_s, 4, 's')}"
+        facts.add_row("age", number(found.mean_age_s, 4, "s"), most)
+    return facts
+
+
+def _spread(spread: Spread) -> str:
+    return (
+        f"mean; {spread.least:.4g} to {spread.greatest:.4g} s, half up to {spread.median:.4g} s, "
+        f"95 % up to {spread.p95:.4g} s"
+    )
+
+
+def _share(share: float | None) -> str:
+    return NONE if share is None else f"{100 * share:.3g} %"
+
+
+def _runs(found: LinkStatistics) -> RenderableType:
+    table = Table(box=None, pad_edge=False)
+    table.add_column("messages in a row", style="bold")
+    for low, high in _BINS:
+        table.add_column(_bin(low, high), justify="right")
+    table.add_column("longest", justify="right")
+    for what, runs in (("lost", found.runs_of_losses), ("arrived", found.runs_of_arrivals)):
+        counts = [
+            sum(
+                n
+                for length, n in runs.items()
+                if low <= length and (high is None or length <= high)
+            )
+            for low, high in _BINS
+        ]
+        table.add_row(what, *(str(n) for n in counts), str(max(runs, default=0)))
+    return table
+
+
+def _bin(low: int, high: int | None) -> str:
+    return f"{low}+" if high is None else str(low) if low == high else f"{low}-{high}"
+
+
+def _outages(found: LinkStatistics) -> list[RenderableType]:
+    if not found.outages_s:
+        return [Text(f"no outage ({OUTAGE} losses in a row or more)", style="dim")]
+    longest = sorted(found.outages_s, key=lambda each: -each[1])[:_MOST_LINES]
+    spent = sum(length for _, length in found.outages_s)
+    share = spent / found.duration_s if found.duration_s else None
+    head = f"{counted(len(found.outages_s), 'outage')} ({OUTAGE} losses in a row or more), "
+    lines = [plain(f"{head}{_share(share)} of the time; the longest:")]
+    return [*lines, *(plain(f"  {length:.4g} s, from {since:.6g} s") for since, length in longest)]

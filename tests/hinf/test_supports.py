@@ -1,0 +1,175 @@
+"""Conditions on the support of each delay: what they prove, their certificate, their solver."""
+
+from __future__ import annotations
+
+import copy
+import json
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cosim.core.errors import InputError
+from cosim.hinf import analyse, auv_system, check_certificate
+from cosim.hinf.certificate import ages_proved, ages_to_json, exact_ages, standalone, supports_of
+from cosim.hinf.certificate.ages_terms import Support
+from cosim.hinf.certificate.standalone_numbers import RefusedError
+from cosim.hinf.lmi import AgesLmi
+from cosim.hinf.lmi.conic import solve
+from cosim.hinf.lmi.interior_point import solve_dense
+from cosim.hinf.synthesis import conditions
+from cosim.models.delay_system import Delay, DelaySystem
+
+VEHICLE_GAIN = np.hstack([-0.06 * np.eye(4), -0.53 * np.eye(4)])
+
+
+def axis_pair(*, link: bool = True, **age: Any) -> tuple[DelaySystem, Any]:
+    """One axis (eta, nu), its observer's error e, and u = K (x - e), over a link of 0.2 s or not.
+
+    The innovation of a position fix acts through the first delay, on e_1 alone.
+    """
+    A = np.kron(np.eye(2), [[0.0, 1.0], [0.0, -0.1]])
+    fix = np.zeros((4, 4))
+    fix[2:, 2] = -0.5, -0.06
+    system = DelaySystem(
+        A,
+        [[0.0], [1.0], [0.0], [0.0]],
+        C=[[0.0, 0.0], [1.0, 0.0], [0.0, -0.5], [1.0, -0.06]],
+        D=[[0.1, 0, 0, 0], [0, 0, 0, 0]],
+        D2=[[0.0], [1.0]],
+        E=[[0.0], [0.05], [0.0], [0.05]],
+        H=[[0.0, 0.2, 0.0, 0.0]],
+        delays=[
+            Delay(1.5, fix, **(age or {"any_age": True})),
+            Delay(0.2 if link else 0.0, np.zeros((4, 4)), feedback=True, any_age=True),
+        ],
+    )
+    return system, np.array([[-0.06, -0.53, 0.06, 0.53]])
+
+
+def proved(system: DelaySystem, K: Any, order: int, own: list[Any], supports: Any) -> Any:
+    """The solver's least gamma, and a certificate a little above it that both checkers accept."""
+    lmi = AgesLmi(system, K, order, own, performance=True, supports=supports)
+    delays = [x.d for x in system.delays]
+    least = lmi.least_gamma(delays, 2.0)
+    assert least is not None
+    point = lmi.central(delays, 1.002 * least)
+    assert point is not None
+    exact = exact_ages(system, point)
+    proof = ages_proved(system, K, exact)
+    assert proof.valid, proof.reason
+    document = json.dumps(ages_to_json(system, K, exact))
+    assert check_certificate(json.loads(document)).valid
+    standalone.check(document.encode())
+    return least, json.loads(document)
+
+
+@pytest.mark.parametrize(
+    ("age", "order", "functional"),
+    [
+        ({}, 1, "interval"),
+        ({"any_age": True, "least_age": 0.4}, 1, "interval"),
+        ({"rate": 0.3, "least_age": 0.1}, 0, "rate"),
+        ({"sampled": True, "least_age": 0.4}, 0, "wirtinger"),
+        ({"sampled": True, "least_age": 0.4}, 0, "looped"),
+    ],
+)
+def test_on_the_states_next_to_nothing_is_lost(
+    age: dict[str, Any], order: int, functional: str
+) -> None:
+    """Of every functional: gamma within 1 % of that of the whole state, never below it."""
+    system, K = axis_pair(link=False, **age)
+    own = [functional, "interval"]
+    full = AgesLmi(system, K, order, own, performance=True).least_gamma([1.5, 0.0], 2.0)
+    assert full is not None
+    assert supports_of(system, K) == (Support("states", (2,)),)
+    made, document = proved(system, K, order, own, supports_of(system, K))
+    assert document["variables"]["terms"][0]["states"] == [3]
+    assert full * (1 - 1e-3) < made < 1.01 * full
+
+
+def test_on_the_controls_little_is_lost() -> None:
+    """One control instead of four states behind the link."""
+    system, K = axis_pair()
+    own, states = ["interval", "interval"], supports_of(system, K)
+    controls = supports_of(system, K, controls=True)
+    assert states == (Support("states", (2,)), None)
+    assert controls == (Support("states", (2,)), Support("controls", (0,)))
+    made, _ = proved(system, K, 0, own, states)
+    fewer, document = proved(system, K, 0, own, controls)
+    assert document["variables"]["terms"][1]["controls"] == [1]
+    assert made * (1 - 1e-3) < fewer < 1.05 * made
+
+
+def test_nothing_is_claimed_outside_the_support() -> None:
+    """A state less, another state, a control that does not act: refused by both checkers."""
+    system, K = axis_pair()
+    own = ["interval", "interval"]
+    _, document = proved(system, K, 0, own, supports_of(system, K, controls=True))
+    for place, change in (
+        (0, {"states": [2]}),
+        (0, {"states": [5]}),
+        (0, {"states": []}),
+        (0, {"states": [3.5]}),
+        (0, {"controls": [1]}),
+        (0, {"states": [3], "controls": [1]}),
+        (1, {"states": [1]}),
+        (1, {"controls": [2]}),
+        (1, {}),
+    ):
+        wrong = copy.deepcopy(document)
+        term = wrong["variables"]["terms"][place]
+        wrong["variables"]["terms"][place] = {k: term[k] for k in ("functional", "matrices")}
+        wrong["variables"]["terms"][place] |= change
+        with pytest.raises(InputError):
+            check_certificate(wrong)
+        with pytest.raises(RefusedError):
+            standalone.check(json.dumps(wrong).encode())
+
+
+def test_a_delay_that_acts_through_one_more_state_needs_it() -> None:
+    """The same matrices do not prove a loop in which a further state acts late."""
+    system, K = axis_pair()
+    _, document = proved(system, K, 0, ["interval", "interval"], supports_of(system, K))
+    document["system"]["delays"][0]["A"][2][0] = 1e-9
+    with pytest.raises(InputError, match="outside its support"):
+        check_certificate(document)
+    with pytest.raises(RefusedError, match="outside its support"):
+        standalone.check(json.dumps(document).encode())
+
+
+def test_the_dense_solver_agrees_with_clarabel() -> None:
+    """The least gamma of a vehicle, uncertainty included, and a system without any."""
+    system = auv_system()
+    own = ["interval", "interval"]
+    lmi = AgesLmi(
+        system,
+        VEHICLE_GAIN,
+        0,
+        own,
+        performance=True,
+        supports=supports_of(system, VEHICLE_GAIN),
+    )
+    delays = [x.d for x in system.delays]
+    phi, positive = lmi._constraints(delays, 4.0, fixed=False)
+    cost = np.zeros(phi[0].columns.shape[1])
+    cost[-1] = 1.0
+    one, other = (f([*phi, *positive], cost, tolerance=1e-8) for f in (solve, solve_dense))
+    assert one.usable
+    assert other.usable
+    assert other.value == pytest.approx(one.value, rel=1e-6)
+    phi, positive = lmi._constraints([9.0, 9.0], 4.0, fixed=False)
+    assert solve_dense([*phi, *positive], cost, tolerance=1e-8).status == "infeasible"
+
+
+def test_a_large_system_is_analysed_on_supports(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where the conditions about the whole state are too large; a small one keeps them."""
+    system, K = axis_pair()
+    usual = conditions.conditions_of(system, K, 0, performance=True)
+    assert [type(one).__name__ for one in usual] == ["AnalysisLmi"]
+    monkeypatch.setattr(conditions, "_MOST_UNKNOWNS", 20)
+    found = analyse(system, K, order=0)
+    assert found.certified, found.reason
+    terms = found.certificate["variables"]["terms"]
+    assert terms[0]["states"] == [3]
+    assert found.gamma > found.exact_norm

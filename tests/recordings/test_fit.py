@@ -1,0 +1,208 @@
+"""Fits find what made a recording, and refuse what did not."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from cosim.core import InputError
+from cosim.network import Jitter, LossChain, PacketLink, Recording, schedule
+from cosim.recordings import HiddenChain, fit_link
+from cosim.recordings.delay_fit import delay_models
+from cosim.recordings.hidden_chain import fit_chain, fit_gilbert
+from cosim.recordings.loss_fit import loss_models
+from cosim.recordings.range_fit import range_dependence
+
+S = 10**9
+BUOY = LossChain(((0.93, 0.07), (0.06, 0.94)), (0.06, 0.96))
+"""Like buoys at sea: P(loss | loss) about 0.88, P(loss | ok) about 0.12."""
+THREE = LossChain(((0.95, 0.04, 0.01), (0.1, 0.85, 0.05), (0.005, 0.005, 0.99)), (0.01, 0.5, 0.98))
+
+
+def recording_of(count: int, seed: int = 0, **link: Any) -> Recording:
+    """What a link of the project does to `count` messages, each 2 s."""
+    found = schedule(PacketLink("up", 2 * S, seed=seed, **link), 2 * S * (count - 1))
+    return Recording(found.sent_ns, found.lost, found.transit_ns)
+
+
+def walked(chain: HiddenChain, lost: NDArray[np.bool_]) -> float:
+    """The log-likelihood by the sum over all paths, message by message."""
+    row, total = chain.stationary, 0.0
+    for k, each in enumerate(lost):
+        row = row @ chain.transitions if k else row
+        row = row * (chain.loss if each else 1.0 - chain.loss)
+        total += np.log(row.sum())
+        row = row / row.sum()
+    return total
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 17, 100, 1001])
+def test_the_likelihood_in_segments_is_that_of_a_walk(count: int) -> None:
+    """However the segments fall; and so is that of what is simulated."""
+    chain = HiddenChain(
+        np.array([[0.9, 0.07, 0.03], [0.2, 0.7, 0.1], [0.0, 0.05, 0.95]]),
+        np.array([0.02, 0.5, 0.9]),
+    )
+    lost, likelihood = chain.simulate(count, 2, "test")
+    for j in range(2):
+        exact = walked(chain, lost[:, j])
+        assert chain.log_likelihood(lost[:, j]) == pytest.approx(exact, abs=1e-9)
+        assert likelihood[j] == pytest.approx(exact, abs=1e-9)
+
+
+def test_geometric_runs_have_a_closed_form() -> None:
+    """Gilbert: shares of transitions; p_exit is one over the mean run; the climb finds no more."""
+    lost = recording_of(3000, loss=LossChain(((0.9, 0.1), (0.25, 0.75)), (0.0, 1.0))).lost
+    fit = fit_gilbert(lost)
+    pairs = list(zip(lost[:-1].tolist(), lost[1:].tolist(), strict=True))
+    enter = pairs.count((False, True)) / (pairs.count((False, True)) + pairs.count((False, False)))
+    leave = pairs.count((True, False)) / (pairs.count((True, False)) + pairs.count((True, True)))
+    assert fit.chain.transitions[0, 1] == pytest.approx(enter, rel=1e-12)
+    assert fit.chain.transitions[1, 0] == pytest.approx(leave, rel=1e-12)
+    runs = np.diff(np.flatnonzero(np.diff(lost.astype(int), prepend=0, append=0)))[::2]
+    assert leave == pytest.approx(1.0 / runs.mean(), rel=0.01)
+    found = fit_chain(lost, 2)
+    # two more parameters: the likelihood grows by chance, 7 with probability 1e-3
+    assert -0.05 < found.log_likelihood - fit.log_likelihood < 7.0
+    assert found.chain.transitions[1, 0] == pytest.approx(leave, abs=0.05)
+    share = fit_chain(lost, 1)
+    assert share.chain.loss[0] == lost.mean()
+
+
+def test_no_parameter_nearby_is_more_likely() -> None:
+    """The maximum is one: a step in any direction makes the losses less likely."""
+    lost = recording_of(1500, loss=BUOY).lost
+    fit = fit_chain(lost, 2)
+    best, random = walked(fit.chain, lost), np.random.default_rng(1)
+    for _ in range(30):
+        moves = fit.chain.transitions + 0.01 * random.standard_normal((2, 2))
+        moves = np.clip(moves, 1e-6, 1.0)
+        loss = np.clip(fit.chain.loss + 0.01 * random.standard_normal(2), 1e-6, 1 - 1e-6)
+        other = HiddenChain(moves / moves.sum(axis=1, keepdims=True), loss)
+        assert walked(other, lost) < best + 0.05
+
+
+def test_parameters_are_recovered_within_their_errors() -> None:
+    """Of six recordings, each parameter within two standard errors in nearly all."""
+    within = []
+    for seed in range(6):
+        fit = fit_chain(recording_of(3000, seed, loss=BUOY).lost, 2)
+        for got, error, made in (
+            (fit.chain.transitions[0, 1], fit.transitions_error[0, 1], 0.07),
+            (fit.chain.transitions[1, 0], fit.transitions_error[1, 0], 0.06),
+            (fit.chain.loss[0], fit.loss_error[0], 0.06),
+            (fit.chain.loss[1], fit.loss_error[1], 0.96),
+        ):
+            within.append(abs(got - made) < 1.96 * error)
+            assert error < 0.03
+    # 24 intervals of 95 %: fewer than 19 has probability 1e-3
+    assert sum(within) >= 19
+
+
+def test_a_link_of_the_schema_is_found_and_not_refused() -> None:
+    """Delay, jitter and losses of a buoy; wrong models are refused, by the runs above all."""
+    jitter = Jitter("exponential", mean_ns=60_000_000)
+    found = fit_link(recording_of(3000, loss=BUOY, delay_ns=310_000_000, jitter=jitter))
+    assert found.refusals == []
+    assert found.loss.name == "gilbert-elliott"
+    assert found.delay is not None
+    assert found.delay.name == "exponential"
+    assert found.delay.delay == pytest.approx(0.31, abs=0.001)
+    assert found.delay.mean == pytest.approx(0.06, rel=0.1)
+    independent, gilbert = found.losses[:2]
+    assert {"runs of losses", "runs of arrivals"} <= set(independent.refused_by)
+    assert "runs of losses" in gilbert.refused_by
+    assert {each.name for each in found.delays if each.refused_by} == {"uniform", "normal"}
+    assert found.losses[2].tested > max(independent.tested, gilbert.tested)
+
+
+def test_three_kinds_of_loss_need_three_states() -> None:
+    """The chain of three explains more than Gilbert-Elliott, also of what it has not seen."""
+    found = fit_link(recording_of(4500, seed=1, loss=THREE))
+    assert found.loss.name == "chain of 3"
+    assert found.refusals == []
+    assert found.losses[2].bic > found.loss.bic + 10.0
+    assert found.losses[2].tested < found.loss.tested
+    made = found.loss.chain.transitions
+    assert np.allclose(made, THREE.transitions, atol=0.05)
+    assert np.allclose(found.loss.chain.loss, THREE.loss, atol=0.1)
+
+
+def test_what_no_model_makes_is_refused_by_name() -> None:
+    """A link that changes for good, losses like a clock, delays that follow each other."""
+    change = np.concatenate([np.zeros(800, bool), np.tile([True, False], 200)])
+    sent, none = np.arange(1200) * S, np.zeros(1200, np.int64)
+    found = fit_link(Recording(sent, change, none), 2)
+    assert "share of losses" in " ".join(found.refusals)
+    clock = np.arange(1200) % 7 == 3
+    found = fit_link(Recording(sent, clock, none), 2)
+    assert "runs of arrivals" in " ".join(found.refusals)
+    slow = (5e8 + 2e8 * np.sin(np.arange(1200) / 40)).astype(np.int64)
+    found = fit_link(Recording(sent, np.zeros(1200, bool), slow))
+    assert "correlation of each delay with the next" in " ".join(found.refusals)
+
+
+@pytest.mark.slow
+def test_the_right_model_is_seldom_refused() -> None:
+    """Over sixty recordings of a buoy: at a level of 1 %, more than three have probability 1e-3."""
+    refused = 0
+    for seed in range(60):
+        lost = recording_of(1500, 100 + seed, loss=BUOY).lost
+        refused += bool(loss_models(lost[:1000], lost[1000:], 2)[2].refused_by)
+    assert refused <= 3
+
+
+@pytest.mark.parametrize(
+    ("jitter", "name"),
+    [
+        (Jitter("uniform", width_ns=400_000_000), "uniform"),
+        (Jitter("exponential", mean_ns=100_000_000), "exponential"),
+        (Jitter("normal", mean_ns=300_000_000, sigma_ns=60_000_000), "normal"),
+        (Jitter("normal", sigma_ns=100_000_000), "normal"),
+        (Jitter(), "constant"),
+    ],
+)
+def test_each_kind_of_jitter_is_found(jitter: Jitter, name: str) -> None:
+    """The likeliest kind is the one that made the delays, and nothing refuses it."""
+    found = recording_of(3000, 1, jitter=jitter, delay_ns=200_000_000)
+    assert found.delay_ns is not None
+    late = found.delay_ns / 1e9
+    models = delay_models(late[:2000], late[2000:])
+    best = max(models, key=lambda each: each.log_likelihood)
+    assert best.name == name
+    assert best.refused_by == []
+    assert all(each.refused_by for each in models if each is not best)
+
+
+def test_loss_over_range_is_logistic() -> None:
+    """Made with logit p = -4 + r / 250 m, and sound at 1480 m/s with 0.2 s before it."""
+    random = np.random.default_rng(3)
+    r = 200.0 + 1500.0 * random.random(4000)
+    lost = random.random(4000) < 1.0 / (1.0 + np.exp(4.0 - r / 250.0))
+    delay = np.rint((0.2 + r / 1480.0) * 1e9).astype(np.int64)
+    found = range_dependence(Recording(np.arange(4000) * S, lost, delay, range_m=r))[0]
+    assert abs(found.slope - 1 / 250) < 3 * found.slope_error
+    assert found.slope_error < 3e-4
+    assert found.intercept == pytest.approx(-4.0, abs=0.5)
+    assert found.p_value < 1e-6
+    assert found.speed == pytest.approx(1480.0, rel=1e-4)
+    assert found.offset_s == pytest.approx(0.2, abs=1e-3)
+    chance = range_dependence(Recording(np.arange(4000) * S, random.random(4000) < 0.3, range_m=r))
+    assert chance[0].p_value > 0.01
+    split = Recording(np.arange(4000) * S, r > 900.0, range_m=r)
+    assert range_dependence(split) == []
+
+
+def test_too_little_is_refused() -> None:
+    """Too few messages, too many states; nothing lost, or no times, is no reason to refuse."""
+    with pytest.raises(InputError, match="at least 60"):
+        fit_link(recording_of(59))
+    with pytest.raises(InputError, match="2 to 5"):
+        fit_link(recording_of(60), most_states=6)
+    quiet = fit_link(recording_of(60))
+    assert (quiet.loss.name, quiet.table()["loss"], quiet.refusals) == ("independent", 0.0, [])
+    all_lost = fit_link(Recording(np.arange(90) * S, np.ones(90, bool)))
+    assert all_lost.table() == {"kind": "packet", "sample_time": 1.0, "loss": 1.0}
