@@ -19,7 +19,7 @@ from cosim.cli.vehicle_view import findings_view, flight_view, keys_view, overvi
 from cosim.core import InputError, unreadable
 
 vehicle_app = HelpTyper(
-    help="Create, check, show and fly vehicles: parameters in a TOML file, or the gallery."
+    help="Create, check, show and fly a vehicle from its parameters: designed, proved, simulated.",
 )
 
 VehicleArgument = Annotated[

@@ -73,7 +73,7 @@ VERBS = {
     "vehicle": Verb(
         "vehicle",
         "vehicle_app",
-        "Create, check, show and fly a vehicle from its parameters: designed, proved, flown.",
+        "Create, check, show and fly a vehicle from its parameters: designed, proved, simulated.",
     ),
     "study": Verb(
         "study",

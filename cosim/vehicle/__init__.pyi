@@ -20,11 +20,6 @@ from .linearisation import (
     LinearModel as LinearModel,
     linear_model as linear_model,
 )
-from .overview import (
-    Overview as Overview,
-    draw_overview as draw_overview,
-    overview as overview,
-)
 from .parameters import Parameter as Parameter
 from .plant import (
     VehicleFmu as VehicleFmu,
@@ -49,4 +44,9 @@ from .vehicle import (
     OnboardDamping as OnboardDamping,
     Sensor as Sensor,
     Vehicle as Vehicle,
+)
+from .vehicle_overview import (
+    Overview as Overview,
+    draw_overview as draw_overview,
+    overview as overview,
 )

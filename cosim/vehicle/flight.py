@@ -17,11 +17,11 @@ from cosim import fmu as fmus, hinf, scenario
 from cosim.core import DESIGN_FILE, InputError, NotAchievableError, Progress, silent
 from cosim.models import DelaySystem, Measurement
 from cosim.trace import pyplot
-from cosim.vehicle.flight_course import flight_course
 from cosim.vehicle.flight_picture import PictureSubject, draw_flight
 from cosim.vehicle.flight_plan import FlightSettings, PlannedSensor, planned_sensors, sensor_line
-from cosim.vehicle.flight_scenario import FlightCourse, scenario_text
+from cosim.vehicle.flight_scenario import Mission, scenario_text
 from cosim.vehicle.linearisation import LinearModel, linear_model
+from cosim.vehicle.mission import plan_mission
 from cosim.vehicle.read import load_vehicle
 from cosim.vehicle.vehicle import Vehicle
 
@@ -108,13 +108,13 @@ def fly(
     with steps("observer and gain, certified as a pair"):
         sensors, design = _designed(model, chosen, where, steps)
         steps.add(f"gamma {design.gamma:.4g} certified, exact norm {design.exact_norm or 0:.4g}")
-        course = _course(model, design, chosen)
+        mission = _mission(model, design, chosen)
         _save(design, where / DESIGN)
     with steps("plant, sensors and controller as FMUs"):
-        names = _write_fmus(model, sensors, course, design, where)
+        names = _write_fmus(model, sensors, mission, design, where)
         steps.add(", ".join(names))
     with steps(f"scenario: {where / SCENARIO}"):
-        _write_scenario(model, sensors, course, chosen, where / SCENARIO, steps)
+        _write_scenario(model, sensors, mission, chosen, where / SCENARIO, steps)
     with steps(f"flight of {chosen.duration:g} s"):
         loaded = scenario.load(str(where / SCENARIO))
         cache = fmu_cache or scenario.FmuCache(Path("fmus"), where)
@@ -127,7 +127,7 @@ def fly(
         except InputError as error:
             why = error.hint
         if why is None and outcome.status != "failed":
-            subject = _subject(model, design, sensors, course, outcome)
+            subject = _subject(model, design, sensors, mission, outcome)
             picture = draw_flight(where / TRACE, subject, where / PICTURE)
     return Flight(craft, where, outcome, design, sensors, picture, why, steps.seconds)
 
@@ -309,10 +309,8 @@ def disturbances_of(model: LinearModel) -> tuple[str, ...]:
     return tuple(f"disturbance.{model.states[i].removeprefix('nu.')}" for i in rows)
 
 
-def _course(
-    model: LinearModel, design: hinf.OutputFeedback, settings: FlightSettings
-) -> FlightCourse:
-    return flight_course(
+def _mission(model: LinearModel, design: hinf.OutputFeedback, settings: FlightSettings) -> Mission:
+    return plan_mission(
         design,
         model.states,
         disturbances_of(model),
@@ -330,7 +328,7 @@ def _save(design: hinf.OutputFeedback, path: Path) -> None:
 def _write_fmus(
     model: LinearModel,
     sensors: Sequence[PlannedSensor],
-    course: FlightCourse,
+    mission: Mission,
     design: hinf.OutputFeedback,
     folder: Path,
 ) -> list[str]:
@@ -364,8 +362,8 @@ def _write_fmus(
         specs[sensor.name] = sensor_fmu.sensor_spec(
             sensor.name, values, noise=sensor.noise, sample_time=sensor.interval
         )
-    if course.set_points:
-        points = [(f"set-point of {model.states[i - 1]}", None) for i in course.set_points]
+    if mission.set_points:
+        points = [(f"set-point of {model.states[i - 1]}", None) for i in mission.set_points]
         specs["ship"] = sensor_fmu.sensor_spec("ship", points)
     for name, spec in specs.items():
         fmus.write_fmu(spec, folder / f"{name}.fmu", kind)
@@ -375,7 +373,7 @@ def _write_fmus(
 def _write_scenario(
     model: LinearModel,
     sensors: Sequence[PlannedSensor],
-    course: FlightCourse,
+    mission: Mission,
     settings: FlightSettings,
     path: Path,
     steps: _Steps,
@@ -388,7 +386,7 @@ def _write_scenario(
         [a.command for a in model.vehicle.actuators],
         {f"initial.{name}": value for name, value in model.trim.state.items() if value},
         sensors,
-        course,
+        mission,
         settings,
     )
     if path.exists() and path.read_text("utf-8") != text:
@@ -396,10 +394,10 @@ def _write_scenario(
         path.replace(kept)
         steps.add(f"the scenario that was there is kept: {kept}")
     path.write_text(text, "utf-8")
-    if course.wave_height:
-        sea = f"a sea of {course.wave_height:g} m and {course.wave_period:g} s"
-        steps.add(f"{sea}, met {course.wave_depth:g} m down")
-    offsets = [f"{model.states[i - 1]} {v:+g}" for i, v in course.set_points.items()]
+    if mission.wave_height:
+        sea = f"a sea of {mission.wave_height:g} m and {mission.wave_period:g} s"
+        steps.add(f"{sea}, met {mission.wave_depth:g} m down")
+    offsets = [f"{model.states[i - 1]} {v:+g}" for i, v in mission.set_points.items()]
     steps.add(f"set-points over the link, back to the trim from {', '.join(offsets) or 'there'}")
 
 
@@ -407,7 +405,7 @@ def _subject(
     model: LinearModel,
     design: hinf.OutputFeedback,
     sensors: Sequence[PlannedSensor],
-    course: FlightCourse,
+    mission: Mission,
     outcome: Outcome,
 ) -> PictureSubject:
     aged = ", ".join(f"{s.name} up to {s.age:g} s old" for s in sensors)
@@ -417,7 +415,7 @@ def _subject(
         subtitle=f"{gamma}{aged}; loop closed on board, set-points over the link",
         states=model.states,
         trim=[model.trim.state.get(name, 0.0) for name in model.states],
-        positions=list(course.set_points),
+        positions=list(mission.set_points),
         ages={s.name: s.age for s in sensors},
         limits={a.command: a.limit for a in model.vehicle.actuators},
     )

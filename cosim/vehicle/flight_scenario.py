@@ -21,7 +21,7 @@ _RESERVED = {PLANT, CONTROLLER, SHIP, SEA, SET_POINTS}
 
 
 @dataclass(frozen=True)
-class FlightCourse:
+class Mission:
     """What happens to the vehicle of a flight.
 
     Attributes
@@ -52,7 +52,7 @@ def scenario_text(
     commands: Sequence[str],
     initial: Mapping[str, float],
     sensors: Sequence[PlannedSensor],
-    course: FlightCourse,
+    mission: Mission,
     settings: FlightSettings,
 ) -> str:
     """Return the scenario as TOML.
@@ -65,14 +65,14 @@ def scenario_text(
     initial : parameters `initial.*` of the plant at the trim.
     """
     start = dict(initial)
-    for i, offset in course.set_points.items():
+    for i, offset in mission.set_points.items():
         name = f"initial.{states[i - 1]}"
         start[name] = start.get(name, 0.0) + offset
     estimate = {
-        f"initial.estimate[{i}]": course.set_points.get(i, 0.0) + course.errors.get(i, 0.0)
-        for i in sorted({*course.set_points, *course.errors})
+        f"initial.estimate[{i}]": mission.set_points.get(i, 0.0) + mission.errors.get(i, 0.0)
+        for i in sorted({*mission.set_points, *mission.errors})
     }
-    reference = {f"reference[{i}]": value for i, value in course.set_points.items()}
+    reference = {f"reference[{i}]": value for i, value in mission.set_points.items()}
     parts = [
         _head(vehicle, sensors, settings),
         f'[components.{PLANT}]\nfmu = "plant.fmu"\n' + _parameters(PLANT, start),
@@ -83,8 +83,8 @@ def scenario_text(
             "# the first estimate, and the set-points until the first message arrives",
         ),
         *(_sensor(sensor, settings.seed + k) for k, sensor in enumerate(sensors)),
-        _sea(disturbances, course, settings),
-        _set_points(course, sensors, settings),
+        _sea(disturbances, mission, settings),
+        _set_points(mission, sensors, settings),
         *(_of_sensor(sensor) for sensor in sensors),
         *(_wire(f"{CONTROLLER}.{name}", f"{PLANT}.{name}") for name in commands),
         *(_link(sensor, settings) for sensor in sensors if sensor.over_link),
@@ -134,14 +134,14 @@ def _sensor(sensor: PlannedSensor, seed: int) -> str:
     return f'[components.{name}]\nfmu = "{sensor.name}.fmu"\n' + _parameters(name, values)
 
 
-def _sea(disturbances: Sequence[str], course: FlightCourse, settings: FlightSettings) -> str:
+def _sea(disturbances: Sequence[str], mission: Mission, settings: FlightSettings) -> str:
     acting = [name for name in ("u", "v", "w", "r") if f"disturbance.{name}" in disturbances]
-    if not course.wave_height or not acting:
+    if not mission.wave_height or not acting:
         return ""
     values = {
-        "Hs": course.wave_height,
-        "Tp": course.wave_period,
-        "depth": course.wave_depth,
+        "Hs": mission.wave_height,
+        "Tp": mission.wave_period,
+        "depth": mission.wave_depth,
         "seed": settings.seed,
     }
     wires = "\n".join(
@@ -151,19 +151,19 @@ def _sea(disturbances: Sequence[str], course: FlightCourse, settings: FlightSett
 
 
 def _set_points(
-    course: FlightCourse, sensors: Sequence[PlannedSensor], settings: FlightSettings
+    mission: Mission, sensors: Sequence[PlannedSensor], settings: FlightSettings
 ) -> str:
-    if not course.set_points:
+    if not mission.set_points:
         return ""
     interval = max((s.interval for s in sensors if s.loss or s.jitter), default=1.0)
     transit, jitter = link_times(settings)
-    axes = ", ".join(f'"[{k}]"' for k in range(1, 1 + len(course.set_points)))
-    values = [*course.set_points.values()]
+    axes = ", ".join(f'"[{k}]"' for k in range(1, 1 + len(mission.set_points)))
+    values = [*mission.set_points.values()]
     half = round(0.45 * settings.duration, 3)
     link = _packet(SET_POINTS, interval, transit, jitter, settings.loss, settings)
     wires = "\n".join(
         _wire(f"{SHIP}.y[{k}]", f"{CONTROLLER}.reference[{i}]", SET_POINTS)
-        for k, i in enumerate(course.set_points, 1)
+        for k, i in enumerate(mission.set_points, 1)
     )
     return f"""\
 [components.{SHIP}] # sends the set-points

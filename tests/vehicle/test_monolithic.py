@@ -20,7 +20,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return axis.write_axis(tmp_path_factory.mktemp("axis"))
 
 
-def flown(folder: Path, step: float) -> dict[str, np.ndarray]:
+def flight_of_axis(folder: Path, step: float) -> dict[str, np.ndarray]:
     """Signals of the flight with this integration step."""
     text = axis.scenario(step=step, plant='"w[1]" = 0.0')
     loaded = parse(text, name="axis", where="axis.toml", folder=folder)
@@ -59,7 +59,7 @@ def alone(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def test_a_flight_agrees_with_one_simulation_of_everything(folder: Path) -> None:
     """The error falls by 16 as the integration step is halved: limits, delay and late fixes."""
-    coarse, fine = flown(folder, 0.05), flown(folder, 0.025)
+    coarse, fine = flight_of_axis(folder, 0.05), flight_of_axis(folder, 0.025)
     truth, command = alone(coarse["points"])
     errors = [float(np.abs(one["flight"] - truth).max()) for one in (coarse, fine)]
     assert np.abs(command).max() == axis.LIMIT

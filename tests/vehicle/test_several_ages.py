@@ -33,7 +33,9 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return axis.write_axis(tmp_path_factory.mktemp("axis"))
 
 
-def flown(folder: Path, trace: Path | None = None, **changed: object) -> tuple[Outcome, Any]:
+def outcome_of_axis(
+    folder: Path, trace: Path | None = None, **changed: object
+) -> tuple[Outcome, Any]:
     """Outcome and rows of the axis' scenario with these parts changed."""
     text = axis.scenario(**changed)
     loaded = parse(text, name="axis", where="axis.toml", folder=folder)
@@ -45,7 +47,7 @@ def flown(folder: Path, trace: Path | None = None, **changed: object) -> tuple[O
 
 def test_each_measurement_has_its_own_age(folder: Path) -> None:
     """From stamp to use, holds included: the figures that the settings give."""
-    outcome, run = flown(folder)
+    outcome, run = outcome_of_axis(folder)
     assert outcome.metrics["assumptions"] == MET
     ages = outcome.metrics["measurement_ages"]
     assert ages["fix"]["measured"] == {
@@ -75,17 +77,17 @@ def test_one_fault_fails_one_assumption(folder: Path, name: str, changed: dict[s
         events = '[[events]]\nat = 1.0\nfor = 0.2\noverride = { "plant.u[1]" = 0.1 }\n'
         changed = {"more": f"{axis.USUAL['more']}{events}"}
         also = {"observer_knows_commands": False}
-    outcome, _ = flown(folder, **changed)
+    outcome, _ = outcome_of_axis(folder, **changed)
     assert outcome.metrics["assumptions"] == MET | {name: False} | also
     assert outcome.tone == "open"
 
 
 def test_the_gain_counts_the_noise_as_a_disturbance(folder: Path) -> None:
     """From w and the noise to z it is below gamma; a noise that the design has not gives none."""
-    quiet, _ = flown(folder)
-    noisy, _ = flown(folder, noise=0.05)
+    quiet, _ = outcome_of_axis(folder)
+    noisy, _ = outcome_of_axis(folder, noise=0.05)
     assert 0 < noisy.metrics["gain"] < quiet.metrics["gain"] < quiet.metrics["gamma"]
-    loud, _ = flown(folder, speed=0.1)
+    loud, _ = outcome_of_axis(folder, speed=0.1)
     assert loud.metrics["gain"] is None
 
 
@@ -96,12 +98,12 @@ def test_what_is_wrong_with_the_design_is_refused(folder: Path) -> None:
         ('[design]\nfile = "design.json"\ncontroller = "fix"\n', "does not fit the controller"),
     ):
         with pytest.raises(InputError, match=words):
-            flown(folder, more=more)
+            outcome_of_axis(folder, more=more)
 
 
 def test_without_a_design_the_certificate_in_the_controller_counts(folder: Path) -> None:
     """The same verdict, by the FMU alone."""
-    outcome, _ = flown(folder, more="")
+    outcome, _ = outcome_of_axis(folder, more="")
     assert outcome.metrics["assumptions"] == MET
     assert outcome.design is not None
     assert "controller.fmu" in outcome.design.words
@@ -111,7 +113,7 @@ def test_views_of_a_trace_show_each_age(folder: Path, tmp_path: Path) -> None:
     """Of a run that met its assumptions, and of one whose fixes were too old."""
     for name, transit, tone in (("good", 0.55, "good"), ("late", 0.8, "bad")):
         file = tmp_path / f"{name}.mcap"
-        flown(folder, file, transit=transit)
+        outcome_of_axis(folder, file, transit=transit)
         trace = Trace(file)
         outcome = outcome_of(trace.result)
         assert outcome is not None

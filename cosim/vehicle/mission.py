@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from cosim.hinf import close
 from cosim.vehicle.flight_plan import FlightSettings
-from cosim.vehicle.flight_scenario import FlightCourse
+from cosim.vehicle.flight_scenario import Mission
 
 if TYPE_CHECKING:
     from cosim.hinf import OutputFeedback
@@ -33,14 +33,14 @@ _WAVE_PERIOD, _DEPTH = 8.0, 30.0
 _ERROR = 0.1  # of the first estimate, as a share of the offset
 
 
-def flight_course(
+def plan_mission(
     design: OutputFeedback,
     states: Sequence[str],
     disturbances: Sequence[str],
     envelope: Mapping[str, float],
     limits: Sequence[float],
     settings: FlightSettings,
-) -> FlightCourse:
+) -> Mission:
     """Return set-points and sea that together use the share of envelope and limits asked for.
 
     Parameters
@@ -69,7 +69,7 @@ def flight_course(
         }
     height = _wave_height(design, disturbances, bounds, limits, settings)
     errors = {i: _rounded(_ERROR * value) for i, value in offsets.items() if abs(value) > 0}
-    return FlightCourse(offsets, errors, height, _WAVE_PERIOD, _DEPTH)
+    return Mission(offsets, errors, height, _WAVE_PERIOD, _DEPTH)
 
 
 def _is_angle(name: str) -> bool:
@@ -132,11 +132,11 @@ class _Loop:
         for k, w in enumerate(signal):
             old = [x[k - n] if k >= n else x[0] for n in late]
             y = loop.D[0] @ x[k] + loop.D1 @ w
-            pushed = loop.C @ w
+            driven = loop.C @ w
             for A, D, then in zip(loop.A[1:], loop.D[1:], old, strict=True):
-                y, pushed = y + D @ then, pushed + A @ then
+                y, driven = y + D @ then, driven + A @ then
             most = np.maximum(most, np.abs(y))
-            x[k + 1] = ahead @ x[k] + held @ pushed
+            x[k + 1] = ahead @ x[k] + held @ driven
         return most
 
     def at(self, omega: float) -> Reals:
@@ -145,16 +145,18 @@ class _Loop:
         late = [np.exp(-s * d) for d in loop.delays]
         A = sum(e * A for e, A in zip(late, loop.A, strict=True))
         D = sum(e * D for e, D in zip(late, loop.D, strict=True))
-        found: Reals = np.abs(D @ np.linalg.solve(s * np.eye(len(A)) - A, np.asarray(loop.C)) + loop.D1)
+        found: Reals = np.abs(
+            D @ np.linalg.solve(s * np.eye(len(A)) - A, np.asarray(loop.C)) + loop.D1
+        )
         return found
 
 
 def _loop(design: OutputFeedback, free: Sequence[int]) -> _Loop:
     """Return the pair with the changes of set-points as inputs: u = K (xh - r)."""
     n = len(design.system.A)
-    push = -design.K[:, free]
+    change = -design.K[:, free]
     rest = np.zeros((len(design.pair.system.A) - n, len(free)))
-    return _Loop(design, np.vstack([design.system.B @ push, rest]), push)
+    return _Loop(design, np.vstack([design.system.B @ change, rest]), change)
 
 
 def _use(
