@@ -82,8 +82,8 @@ def _facts(found: Overview) -> RenderableType:
     if trim is None:
         facts.add_row("trim", "none", Text(found.no_trim or ""))
     else:
-        held = {n: v for n, v in trim.state.items() if abs(v) > 1e-9 and n[:6] != "actual"}
-        words = ", ".join(f"{name} = {value:.4g}" for name, value in held.items())
+        steady = {n: v for n, v in trim.state.items() if abs(v) > 1e-9 and n[:6] != "actual"}
+        words = ", ".join(f"{name} = {value:.4g}" for name, value in steady.items())
         facts.add_row("trim", "", words or "at rest, level")
     for label, value, how in (
         ("poles at the trim", ", ".join(map(_pole, found.poles)), "1/s, without control"),

@@ -205,10 +205,10 @@ def _kept(
         return None, "the one kept before answers another question", True
     try:
         found = design_from_json(data, where=str(path))
+        if observes(found):
+            raise InputError("it is the design of an observer")
     except InputError as error:
         return None, f"the one kept before is refused: {error.what}", True
-    if observes(found):
-        return None, "the one kept before is of an observer", True
     differences = [first_difference(problem.system, found.system) for problem in problems]
     differs = None if None in differences else differences[-1]
     if differs is not None:

@@ -93,11 +93,11 @@ class _Rows:
 
 
 def _states(figure: Any, place: Any, rows: _Rows, subject: PictureSubject) -> None:
-    shown = list(subject.positions[:_MOST_ROWS]) or list(range(1, 1 + _MOST_ROWS))
-    panels = place.subgridspec(len(shown), 1)
+    listed = list(subject.positions[:_MOST_ROWS]) or list(range(1, 1 + _MOST_ROWS))
+    panels = place.subgridspec(len(listed), 1)
     received = rows.into.log_time_ns / 1e9
     above = None
-    for k, i in enumerate(shown):
+    for k, i in enumerate(listed):
         axis = figure.add_subplot(panels[k], sharex=above)
         above = above or axis
         name, trim = subject.states[i - 1], subject.trim[i - 1]
@@ -117,7 +117,7 @@ def _states(figure: Any, place: Any, rows: _Rows, subject: PictureSubject) -> No
         if k == 0:
             axis.set_title("What the ship asks for, and what the vehicle does")
             axis.legend(loc="best", frameon=False)
-        axis.tick_params(labelbottom=k == len(shown) - 1)
+        axis.tick_params(labelbottom=k == len(listed) - 1)
     axis.set_xlabel("time [s]")
 
 

@@ -40,20 +40,20 @@ def vehicle_template(name: str, like: str) -> str:
         )
     tables = vehicle_tables()
     lines = [_HEAD.format(name=name, like=like, file=f"{name}.toml")]
-    heading, said, inside = _TOP, set[tuple[str, str]](), False
+    heading, explained, inside = _TOP, set[tuple[str, str]](), False
     for line in vehicle_text(like).splitlines():
         found = None if inside else _KEY.match(line)
         if _TABLE.fullmatch(line):
             heading = line
             purpose = "" if line not in tables else tables[line][0]
-            lines += _comment(purpose) if (heading, "") not in said else []
-            said.add((heading, ""))
+            lines += _comment(purpose) if (heading, "") not in explained else []
+            explained.add((heading, ""))
         elif found is not None:
             key = found["key"].strip('"')
             known = tables[heading][1].get(key) if heading in tables else None
-            if known is not None and (heading, key) not in said:
+            if known is not None and (heading, key) not in explained:
                 lines += _comment(_meaning(known))
-            said.add((heading, key))
+            explained.add((heading, key))
             if heading == _TOP and key == "name":
                 line = f'name = "{name}"'  # noqa: PLW2901 - the copy has a name of its own
         lines.append(line)

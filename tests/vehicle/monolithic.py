@@ -83,7 +83,7 @@ def simulate(
     """Return states, estimates and commands at the points, (k, n), (k, n) and (k, m)."""
     n, waiting = len(loop.start), sorted(packets, key=lambda p: (p.arrival, p.stamp))
     past = History(np.concatenate((loop.start, loop.estimate)))
-    held = [np.zeros(len(C)) for C in loop.C]
+    innovations = [np.zeros(len(C)) for C in loop.C]
     newest = [-1.0] * len(loop.C)
     now, command = past.first, np.zeros(len(loop.B[0]))
     rows = [(now[:n], now[n:], command)]
@@ -93,8 +93,8 @@ def simulate(
             if packet.stamp > newest[packet.measurement]:
                 i, then = packet.measurement, past(packet.stamp)
                 newest[i] = packet.stamp
-                held[i] = loop.C[i] @ (loop.output(then[:n]) - then[n:])
-        inject = np.sum([L @ v for L, v in zip(loop.L, held, strict=True)], axis=0)
+                innovations[i] = loop.C[i] @ (loop.output(then[:n]) - then[n:])
+        inject = np.sum([L @ v for L, v in zip(loop.L, innovations, strict=True)], axis=0)
 
         def rates(t: float, y: Reals, command: Reals = command, inject: Reals = inject) -> Reals:
             estimate = loop.A @ y[n:] + loop.B @ command + inject
