@@ -54,7 +54,7 @@ def check(
     own = hinf.system_from_json(found.data.get("plant", found.data.get("system")))
     if checked.valid and found.mismatch is not None:
         checked = replace(checked, valid=False, reason=found.mismatch)
-    apart = None if system is None else _differences(own, system)
+    apart = None if system is None else _differences(own, system, found.data)
     if checked.valid and apart:
         reason = f"it is proved, but about another system than {system}: {apart[0]}"
         checked = replace(checked, valid=False, reason=reason)
@@ -79,7 +79,9 @@ def check(
         raise typer.Exit(CheckFailedError.exit_code)
 
 
-def _differences(own: DelaySystem, name: str) -> list[str]:
-    """Return where the system of a certificate differs from the one of that name."""
+def _differences(own: DelaySystem, name: str, data: dict[str, Any]) -> list[str]:
+    """Return where the system of a certificate, and its sensors, differ from those of that name."""
     named: Any = named_problem(name)[0]
-    return list(hinf.differences(own, named.system))
+    found = list(hinf.differences(own, named.system))
+    sensors = () if named.observer is None else named.observer.measurements
+    return found + hinf.measurement_differences(data.get("measurements", []), sensors)

@@ -17,6 +17,7 @@ from cosim.cli.arguments import gain_from, named_problem, numbers, with_weights,
 from cosim.cli.common import JsonOption, answer, progress
 from cosim.cli.design_answers import analysis_json, design_json
 from cosim.cli.design_view import analysis_view, design_view
+from cosim.cli.output_feedback import answer_output_feedback
 from cosim.core import DESIGN_FILE, InputError, NotAchievableError
 from cosim.models import DelaySystem
 
@@ -201,6 +202,9 @@ def design(
     is claimed. The same certificate proves the design constraints --decay, --damping with
     --within, --gain-limit, and --peak-control with --offset or --energy.
 
+    Where a file has [[measurements]] that need an observer, its injections are designed with the
+    gain, and both are certified together.
+
     Exit code 5: the design cannot be achieved. If that is proved, --save-refutation saves the
     proof.
 
@@ -210,15 +214,14 @@ def design(
     cosim design paper --gamma 6 --max-delay --search
     cosim design paper --decay 4 --gain-limit 2
     """
+    options = dict(locals())
     named, gain = named_problem(name)
+    if named.observer is not None:
+        answer_output_feedback(named, options, _order(order, AUTO, THEOREM_2))
+        return
     if weights is not None:
         named = with_weights(named, numbers("--weights", weights))
-    system = named.system
-    if delays is not None:
-        system = hinf.with_delays(system, numbers("--delays", delays))
-    if least_ages is not None or sampled:
-        least = None if least_ages is None else numbers("--least-ages", least_ages)
-        system = hinf.with_ages(system, least, sampled=sampled)
+    system = _at_delays(named.system, delays, least_ages, sampled=sampled)
     if measured is not None or integral is not None:
         system = _with_structure(system, measured, integral, integral_weights, integral_age)
         # those of the system are for feedback of the whole state
@@ -296,6 +299,18 @@ def design(
         ),
         lambda: design_view(name, found, greatest, nominal, remark),
     )
+
+
+def _at_delays(
+    system: DelaySystem, delays: str | None, least_ages: str | None, *, sampled: bool
+) -> DelaySystem:
+    """Return the system with the delays and ages of the command line."""
+    if delays is not None:
+        system = hinf.with_delays(system, numbers("--delays", delays))
+    if least_ages is not None or sampled:
+        least = None if least_ages is None else numbers("--least-ages", least_ages)
+        system = hinf.with_ages(system, least, sampled=sampled)
+    return system
 
 
 def _with_structure(
@@ -415,13 +430,19 @@ def analyse(
     cosim analyse paper --gain "[[0.6432, -0.5679]]"
     cosim analyse my-system.toml --save proof.json
     """
+    options = dict(locals())
     named, own_gain = named_problem(name)
-    system = named.system
-    if delays is not None:
-        system = hinf.with_delays(system, numbers("--delays", delays))
-    if least_ages is not None or sampled:
-        least = None if least_ages is None else numbers("--least-ages", least_ages)
-        system = hinf.with_ages(system, least, sampled=sampled)
+    if named.observer is not None:
+        if named.observer.gain is None or named.observer.injections is None:
+            raise InputError(
+                "an observer is analysed with its gains",
+                where=f"{name}: observer",
+                expected="K and L in [observer]",
+                hint="cosim design finds them",
+            )
+        answer_output_feedback(named, options, _order(order, AUTO))
+        return
+    system = _at_delays(named.system, delays, least_ages, sampled=sampled)
     K = own_gain if gain is None else gain_from(gain)
     condition = _order(order, AUTO) or 0  # never None: Theorem 2 is no word here
     greatest: hinf.CertifiedDelay | None = None

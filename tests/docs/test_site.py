@@ -50,12 +50,15 @@ def test_every_key_of_a_file_is_described(what: str) -> None:
     assert missing == []
 
 
+MEASURED = '[system]\nA = [[-1.0]]\nB = [[1.0]]\n[[measurements]]\nname = "y"\nstates = [1]\n'
 TABLES = {
     "[system]": "[system]\nA = [[-1.0]]\n",
     "[[system.delays]]": "[system]\nA = [[-1.0]]\n[[system.delays]]\nd = 1.0\n",
     "[system.integral]": "[system]\nA = [[-1.0]]\n[system.integral]\nof = [1]\n",
     "[weights.z], [weights.w]": "[system]\nA = [[-1.0]]\n[weights.z]\n",
     "[design]": "[system]\nA = [[-1.0]]\n[design]\n",
+    "[[measurements]]": MEASURED,
+    "[observer]": f"{MEASURED}[observer]\n",
 }
 
 

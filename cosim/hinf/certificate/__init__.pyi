@@ -103,6 +103,7 @@ from .observer_pair import (
     pair_of as pair_of,
 )
 from .output_feedback_certificate import (
+    measurement_differences as measurement_differences,
     measurements_from_json as measurements_from_json,
     output_feedback_to_json as output_feedback_to_json,
     pair_from_json as pair_from_json,

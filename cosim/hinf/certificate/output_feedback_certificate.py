@@ -14,6 +14,7 @@ then checks `pair`, an ordinary certificate.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from importlib import import_module
 from typing import Any, get_args
 
@@ -196,6 +197,28 @@ def measurements_from_json(data: Any, where: str, n: int | None = None) -> list[
             got="[measurements], single brackets" if isinstance(data, dict) else format_value(data),
         )
     return [_measurement(table, f"{where}[{i}]", n) for i, table in enumerate(data)]
+
+
+def measurement_differences(data: Any, wanted: Sequence[Measurement]) -> list[str]:
+    """Return where the measurements of a certificate differ from others, as `differences` does.
+
+    Noise that is proved may be greater than wanted.
+    """
+    own = measurements_from_json(data, "measurements")
+    if [x.name for x in own] != [x.name for x in wanted]:
+        names = [", ".join(x.name for x in each) or "none" for each in (own, wanted)]
+        return [f"measurements: {names[0]} and {names[1]}"]
+    found = []
+    for x, other in zip(own, wanted, strict=True):
+        one, two = ({**measurement_to_json(y), "over": ""} for y in (x, other))
+        if all(a >= b for a, b in zip(x.noise, other.noise, strict=False)):
+            one["noise"] = two["noise"]
+        found += [
+            f"{x.name}, {key}: {one.get(key)} and {two.get(key)}"
+            for key in sorted({*one, *two})
+            if one.get(key) != two.get(key)
+        ]
+    return found
 
 
 def _measurement(table: Any, where: str, n: int | None) -> Measurement:

@@ -20,7 +20,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from cosim.hinf.certificate import AgeFunctional, rows_of, state_blocks, unknowns_of
+from cosim.hinf.certificate import AgeFunctional, Support, rows_of, state_blocks, unknowns_of
 from cosim.hinf.lmi.ages_forms import Form, LateAge, PartOfLoop, count_of
 from cosim.hinf.lmi.conic import Constraint, solve
 from cosim.hinf.lmi.svec import Array, svec
@@ -78,12 +78,18 @@ class InjectionLmi:
             for (i, x), kind in zip(late, kinds, strict=True)
         ]
         self._on = {i: f"x{j}" for j, (i, _) in enumerate(late)}
-        rows = rows_of(system, 0, kinds, gamma=True) | {"r": n}
-        blocks = state_blocks(system, 0, kinds)
-        self._forms = PartOfLoop(0, 0, ages, {}, rows, blocks)
-        shapes = {"gain U": (n, n), "0 P": (n, n)}
+        # of each delay only what acts through it
+        acting = [*self._A[1 : 1 + len(plant.delays)], *self._C]
+        needed = [np.flatnonzero(x.any(axis=0)) for x in acting]
+        self._S = [np.eye(n)[own] for own in needed]
+        supports = [Support("states", tuple(map(int, needed[i]))) for i, _ in late]
+        rows = rows_of(system, 0, kinds, gamma=True, supports=supports) | {"r": n}
+        blocks = state_blocks(system, 0, kinds, supports)
+        self._forms = PartOfLoop(0, 0, ages, {"S": self._S}, rows, blocks)
+        shapes = {"gain U": (n, n), "0 P": (sum(blocks.values()),) * 2}
+        asked = system, 0, kinds
         shapes |= {f"gain W{i}": (n, len(x)) for i, x in enumerate(self._C)}
-        for j, names in enumerate(unknowns_of(system, 0, kinds, gamma=True)):
+        for j, names in enumerate(unknowns_of(*asked, gamma=True, supports=supports)):
             shapes |= {f"0 {j} {name}": shape for name, shape in names.items()}
         self._at, self._width = {}, 0
         for name, shape in shapes.items():
@@ -100,14 +106,16 @@ class InjectionLmi:
         form = Form(at["x"].shape[1])
         self._forms.add_functional(form, at, at["r"], corner)
         M = at["x"] + b / self._T * at["r"]
-        on = [at["x"], *(at[self._on.get(i, "x")] for i in range(len(self._A) - 1))]
+        late = [at[self._on[i]] if i in self._on else S @ at["x"] for i, S in enumerate(self._S)]
+        first = len(late) - len(self._C)
         ends = np.cumsum([x.shape[1] for x in self._w])
         w = np.split(at["w"], ends[:-1])
-        flow = sum((A @ x for A, x in zip(self._A, on, strict=True)), self._w[0] @ w[0])
+        flow = self._A[0] @ at["x"] + self._w[0] @ w[0]
+        for A, S, x in zip(self._A[1 : 1 + first], self._S, late, strict=False):
+            flow = flow + A @ S.T @ x
         form.twice("gain U", M, np.asarray(flow - at["r"]))
-        first = len(on) - len(self._C)
         for i, (C, noise) in enumerate(zip(self._C, self._noise, strict=True)):
-            sensed = C @ on[first + i] + noise[:, None] * w[1 + i]
+            sensed = C @ self._S[first + i].T @ late[first + i] + noise[:, None] * w[1 + i]
             form.twice(f"gain W{i}", M, sensed, -1.0)
         form.constant = at["x"].T @ at["x"]
         own = form.constraint(self._at, self._width + 1)

@@ -27,6 +27,10 @@ from .linear_enclosure import (
     LinearEnclosure as LinearEnclosure,
     enclose as enclose,
 )
+from .measurements import (
+    ObserverSettings as ObserverSettings,
+    fed_back as fed_back,
+)
 from .modem import (
     SOUND_SPEED as SOUND_SPEED,
     Modem as Modem,

@@ -32,6 +32,8 @@ IN_SYSTEM: Final[Mapping[str, str]] = MappingProxyType(
         **_MEANT,
         **dict.fromkeys(_OF_DESIGN, "it belongs into the table [design]"),
         **dict.fromkeys(_OF_A_DELAY, "it belongs to a delay, into a table [[system.delays]]"),
+        "measurements": "a measurement is a table [[measurements]] of its own, beside [system]",
+        "observer": "it is a table of its own, [observer], beside [system]",
     }
 )
 """Key of [system] that does not exist -> what to do."""
@@ -44,6 +46,8 @@ AT_THE_TOP: Final[Mapping[str, str]] = MappingProxyType(
         **dict.fromkeys(_OF_DESIGN, "it belongs into the table [design]"),
         "delays": "a delay is a table [[system.delays]]",
         "integral": "integral action is the table [system.integral]",
+        "measurement": "a measurement is a table [[measurements]]",
+        "sensors": "a sensor is a table [[measurements]]",
     }
 )
 IN_DESIGN: Final[Mapping[str, str]] = MappingProxyType(

@@ -110,6 +110,30 @@ DESIGN: Mapping[str, Key] = {
     "energy": Key("number", "Bound on the square root of the integral of w'w."),
 }
 
+MEASUREMENT: Mapping[str, Key] = {
+    "name": Key("text", "Name of the sensor.", required=True),
+    "states": Key("whole numbers", "The states it measures, from 1; or C."),
+    "C": Key("matrix, n columns", "y = C x + v, in place of states."),
+    "d": Key("number [s]", "Age, or greatest age, where it is used; without it 0: at once."),
+    "any_age": DELAY["any_age"],
+    "least_age": DELAY["least_age"],
+    "rate": DELAY["rate"],
+    "sampled": DELAY["sampled"],
+    "noise": Key("number, or numbers", "Size of v, one for each row; weighed in like w."),
+    "over": Key("link or onboard", "How it reaches the observer; without it link."),
+}
+
+OBSERVER: Mapping[str, Key] = {
+    "known": Key(
+        "whole numbers",
+        "States, from 1, that only u and known states act on, as on a thruster's lag.",
+    ),
+    "command_age": Key("number [s]", "Age at which u acts; without it 0: at once."),
+    "command_any_age": Key("true or false", "Any age up to command_age, not the constant one."),
+    "K": Key("matrix, n columns", "u = K xh, where it is not to be designed."),
+    "L": Key("matrices by name", "L of every measurement, where it is not to be designed."),
+}
+
 SYSTEM_TABLES: Mapping[str, tuple[str, Mapping[str, Key]]] = {
     "[system]": ("Matrices of Eq. (7); a matrix is a list of rows.", SYSTEM),
     "[[system.delays]]": ("One delay each, with what is known of its age.", DELAY),
@@ -118,6 +142,11 @@ SYSTEM_TABLES: Mapping[str, tuple[str, Mapping[str, Key]]] = {
         "Weights that depend on frequency, of z and w: as matrices, or as transfer functions.",
         FILTER,
     ),
+    "[[measurements]]": (
+        "A sensor. All states, whole, without noise, are fed back; else an observer is designed.",
+        MEASUREMENT,
+    ),
+    "[observer]": ("An observer of the measurements, also where none is needed.", OBSERVER),
     "[design]": ("Settings and constraints of a design; none is needed.", DESIGN),
 }
 """The tables of a system file: heading, what a table is for, and its keys."""

@@ -43,6 +43,20 @@ state-space or, for a diagonal filter, as transfer functions by falling powers o
     numerators = [[1.0]]                  # one per w; here 1 / (10 s + 1)
     denominators = [[10.0, 1.0]]
 
+Measurements with ages of their own, and an observer of them (`cosim.hinf.problem.measurements`)::
+
+    [[measurements]]
+    name = "position"
+    states = [1]        # or C = [[1.0, 0.0]]
+    d = 1.5             # and the kind of age, as a delay has it
+    any_age = true
+    noise = 0.1
+    over = "link"       # or "onboard"
+
+    [observer]          # not needed where an observer is
+    known = [3]         # states that only u and known states act on
+    command_age = 0.5
+
 `schema = 1` above the tables says the version of their keys (`cosim.core.file_kinds`).
 
 Optional settings of a design, k1 and k2 one number per delay, with its constraints
@@ -85,6 +99,7 @@ from cosim.hinf.problem.design_constraints import (
     DesignConstraints,
     design_constraints_from_table,
 )
+from cosim.hinf.problem.measurements import ObserverSettings, measured_from_tables
 from cosim.hinf.problem.misplaced_keys import AT_THE_TOP, IN_DESIGN, IN_SYSTEM, OTHER_FILES
 from cosim.hinf.problem.system_keys import DESIGN, FILTER, INTEGRAL, SYSTEM
 from cosim.models import (
@@ -109,6 +124,7 @@ class NamedSystem:
     unweighted : the system before these weights; None where there are none.
     design_constraints : what a design must meet beside gamma.
     plant : the system without the states of filters and integrals; None where there are none.
+    observer : what is measured for an observer of `system`; None where the state is fed back.
     """
 
     system: DelaySystem
@@ -119,6 +135,7 @@ class NamedSystem:
     unweighted: DelaySystem | None = None
     design_constraints: DesignConstraints = field(default_factory=DesignConstraints)
     plant: DelaySystem | None = None
+    observer: ObserverSettings | None = None
 
 
 def system_by_name(name: str) -> NamedSystem:
@@ -168,7 +185,8 @@ def system_from_toml(text: str, *, where: str, name: str) -> NamedSystem:
     InputError : as `load_system`.
     """
     data = SYSTEM_FILE.from_toml(text, where)
-    known_keys(data, where, ("system", "design", "weights"), required=("system",), hints=AT_THE_TOP)
+    tables = ("system", "design", "weights", "measurements", "observer")
+    known_keys(data, where, tables, required=("system",), hints=AT_THE_TOP)
     table, place = data["system"], f"{where}: system"
     known_keys(table, place, tuple(SYSTEM), required=("A",), hints=IN_SYSTEM)
     system = assembled(table, _delays(table, place), place, name)
@@ -181,6 +199,10 @@ def system_from_toml(text: str, *, where: str, name: str) -> NamedSystem:
         plant = system
         system = _with_more_states(system, data, where)
         unweighted = None if unweighted is None else _with_more_states(unweighted, data, where)
+    observer = None
+    if "measurements" in data or "observer" in data:
+        system, observer = measured_from_tables(data, system, where)
+        N = len(system.delays)
     place = f"{where}: design"
     design = data.get("design", {})
     known_keys(design, place, tuple(DESIGN), hints=IN_DESIGN)
@@ -191,7 +213,7 @@ def system_from_toml(text: str, *, where: str, name: str) -> NamedSystem:
             "k2 is zero", where=f"{place}.k2", expected="no zero (Theorem 2)", got=str(list(k2))
         )
     gamma = number(design["gamma"], f"{place}.gamma") if "gamma" in design else None
-    if gamma is not None and not system.has_performance:
+    if gamma is not None and not (system.has_performance or observer):
         raise InputError(
             "this system has no gain to bound",
             where=f"{place}.gamma",
@@ -203,7 +225,9 @@ def system_from_toml(text: str, *, where: str, name: str) -> NamedSystem:
             "gamma is not positive", where=f"{place}.gamma", expected="> 0", got=str(gamma)
         )
     design_constraints = design_constraints_from_table(design, system, place)
-    return NamedSystem(system, k1, k2, gamma, weights, unweighted, design_constraints, plant)
+    return NamedSystem(
+        *(system, k1, k2, gamma, weights, unweighted, design_constraints, plant, observer)
+    )
 
 
 def _delays(data: dict[str, Any], where: str) -> list[Delay]:
