@@ -201,14 +201,14 @@ def _kept(
     if not isinstance(mark, dict) or mark.get("scenario") != made_for["scenario"]:
         words = f"{path} is not one that a run of {made_for['scenario']} wrote, and stays as it is"
         return None, words, False
-    if mark.get("question") != made_for["question"]:
+    if mark.get("question") != made_for["question"] or "measurements" in data:
         return None, "the one kept before answers another question", True
     try:
         found = design_from_json(data, where=str(path))
-        if observes(found):
-            raise InputError("it is the design of an observer")
     except InputError as error:
         return None, f"the one kept before is refused: {error.what}", True
+    if observes(found):
+        raise TypeError("a design that a run keeps has no measurements")
     differences = [first_difference(problem.system, found.system) for problem in problems]
     differs = None if None in differences else differences[-1]
     if differs is not None:

@@ -125,7 +125,7 @@ class _Loop:
         block = np.zeros((2 * wide, 2 * wide))
         block[:wide, :wide], block[:wide, wide:] = loop.A[0], np.eye(wide)
         moved = scipy.linalg.expm(step * block)
-        ahead, kept_inputs = moved[:wide, :wide], moved[:wide, wide:]
+        ahead, by_input = moved[:wide, :wide], moved[:wide, wide:]
         late = [round(d / step) for d in loop.delays[1:]]
         x = np.zeros((len(times) + 1, wide))
         most = np.zeros(len(loop.D[0]))
@@ -136,7 +136,7 @@ class _Loop:
             for A, D, then in zip(loop.A[1:], loop.D[1:], old, strict=True):
                 y, driven = y + D @ then, driven + A @ then
             most = np.maximum(most, np.abs(y))
-            x[k + 1] = ahead @ x[k] + kept_inputs @ driven
+            x[k + 1] = ahead @ x[k] + by_input @ driven
         return most
 
     def at(self, omega: float) -> Reals:
@@ -169,8 +169,8 @@ def _use(
 ) -> float:
     """Return the greatest share of envelope and limits that a signal takes."""
     most = loop.greatest(times, signal)
-    kept_inputs = np.isin(np.arange(loop.states), free)  # their offset is chosen, not answered
-    shares = [*(most[: loop.states] / bounds)[~kept_inputs], *(most[loop.states :] / np.array(limits))]
+    chosen = np.isin(np.arange(loop.states), free)  # their offset is chosen, not answered
+    shares = [*(most[: loop.states] / bounds)[~chosen], *(most[loop.states :] / np.array(limits))]
     return float(max(shares, default=0.0))
 
 
