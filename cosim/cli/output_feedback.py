@@ -57,6 +57,9 @@ def answer_output_feedback(
             command_any_age=settings.command_any_age,
             estimated=settings.estimated,
             order=order,
+            offset=settings.offset,
+            initial_error=settings.initial_error,
+            energy=settings.energy,
         )
     if save is not None:
         write_json(save, DESIGN_FILE.stamped(found.to_json()))
@@ -89,6 +92,7 @@ def output_feedback_json(
         "known_states": found.certificate["claim"]["observer"]["known_states"],
         "command_age": pair.command_age,
         "command_any_age": pair.command_any_age,
+        "peaks": _peaks(found),
         "least_gamma": found.least_gamma,
         "abscissa": found.abscissa,
         "exact_norm": found.exact_norm,
@@ -114,10 +118,21 @@ def output_feedback_view(name: str, found: hinf.OutputFeedback) -> RenderableTyp
     known = found.certificate["claim"]["observer"]["known_states"]
     if known:
         facts.add_row("known states", ", ".join(map(str, known)), "driven by u as it acts")
+    for key, bound in (_peaks(found) or {}).items():
+        facts.add_row(f"peak of {key}", at_most(bound), "certified: from offset, with energy")
     parts: list[RenderableType] = [facts, f"K ({name}): u = K xh", _matrix(found.K)]
     for x, own in zip(found.measurements, found.L, strict=True):
         parts += [f"L of {x.name}", _matrix(own)]
     return Group(*parts)
+
+
+def _peaks(found: hinf.OutputFeedback) -> dict[str, float] | None:
+    """Return the proved peaks of u_1 .. and x_1 .., rounded up; None where none were asked for."""
+    if found.state_peaks is None:
+        return None
+    (n, m) = found.system.B.shape
+    names = [*(f"u_{i + 1}" for i in range(m)), *(f"x_{i + 1}" for i in range(n))]
+    return {k: float(x) for k, x in zip(names, found.state_peaks.bounds, strict=True)}
 
 
 def _age_of(x: Measurement) -> str:

@@ -22,6 +22,8 @@ from cosim.hinf import (
     output_feedback_from_json,
     pair_of,
 )
+from cosim.hinf.certificate import standalone
+from cosim.hinf.certificate.standalone_numbers import RefusedError
 from cosim.hinf.lmi import InjectionLmi, units_of, without_performance
 from cosim.hinf.synthesis.pair_gain import PairGain
 from cosim.models import Measurement
@@ -122,6 +124,45 @@ def test_given_gains_are_kept_as_they_are() -> None:
         design_output_feedback(SLOW, [DEPTH], gain=K, injections=[[[-0.5]]])
     with pytest.raises(NotAchievableError, match="no observer and gain"):
         design_output_feedback(SLOW, [DEPTH], gain=K, injections=L, gamma=0.5)
+
+
+def test_peaks_with_the_initial_error_are_proved_and_not_exceeded() -> None:
+    """From one metre with an estimate of zero, and from other errors; both checkers; simulated."""
+    fixes = replace(FIXES, d=0.5)
+    gains: dict[str, Any] = {"gain": [[-0.25, -0.75]], "injections": [[[1.0], [0.375]]]}
+    zero = design_output_feedback(AXIS, [fixes], **gains, order=0, offset=[1, 0])
+    other = design_output_feedback(
+        *(AXIS, [fixes]), **gains, order=0, offset=[1, 0], initial_error=[0.5, 0.25]
+    )
+    data = json.loads(json.dumps(zero.to_json()))
+    check: Any = standalone.check
+    assert check_certificate(data).valid
+    assert check(json.dumps(data).encode())["guarantees"]["state_peaks"]["energy"] == "0"
+    assert zero.state_peaks is not None
+    assert other.state_peaks is not None
+    again = output_feedback_from_json(data, where="file").state_peaks
+    assert again is not None
+    assert again.bounds == zero.state_peaks.bounds
+    data["pair"]["guarantees"]["state_peaks"]["bounds"][1] = "1"
+    data["pair"]["claim"]["guarantees"]["state_peaks"]["bounds"][1] = "1"
+    data["claim"]["guarantees"]["state_peaks"]["bounds"][1] = "1"
+    del data["theorem"], data["pair"]["theorem"]
+    assert "bound of row 2 is too low" in str(check_certificate(data).reason)
+    with pytest.raises(RefusedError, match="bounds too low"):
+        check(json.dumps(data).encode())
+    for found, starts in ((zero, [1, 0, 1, 0]), (other, [1, 0, 0.5, 0.25])):
+        peaks = found.state_peaks
+        assert peaks is not None
+        for age in (0, 17, 50):  # hundredths of a second: Euler's method
+            x = np.tile(np.array(starts, dtype=float), (3001, 1))
+            A = [found.pair.system.A, np.zeros((4, 4))]
+            for i, mask in enumerate(found.pair.system.selections):
+                A[i] = A[i] + found.pair.system.B @ (found.pair.gain * mask)
+            for t in range(3000):
+                x[t + 1] = x[t] + 0.01 * (A[0] @ x[t] + A[1] @ x[max(t - age, 0)])
+            reached = np.abs(x @ peaks.rows.T).max(axis=0)
+            assert (reached <= 1.02 * np.array([float(b) for b in peaks.bounds])).all()
+            assert reached[1] >= 0.99
 
 
 @pytest.mark.slow

@@ -132,6 +132,12 @@ from .refutation_proof import (
     Place as Place,
     refuted as refuted,
 )
+from .state_peaks import (
+    StatePeaks as StatePeaks,
+    bounds_above as bounds_above,
+    check_peaks_asked as check_peaks_asked,
+    squared_state_peaks as squared_state_peaks,
+)
 from .system_json import (
     BLOCKS as BLOCKS,
     MATRICES as MATRICES,

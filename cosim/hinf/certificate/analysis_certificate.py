@@ -74,16 +74,20 @@ def analysis_to_json(system: DelaySystem, gain: Matrix, v: ExactAnalysis) -> dic
         "theorem": theorem_of(claim),
         "claim": claim,
         "system": system_to_json(system),
-        "variables": {
-            "order": v.order,
-            "P": matrix_to_text(v.P),
-            "Q": [None if Q is None else matrix_to_text(Q) for Q in v.Q],
-            "R": [matrix_to_text(R) for R in v.R],
-            "eps": eps_to_json(v.eps),
-            "gamma": None if v.gamma is None else to_text(v.gamma),
-        }
-        | ({} if lower is None else {"lower": lower}),
+        "variables": variables_to_json(v) | ({} if lower is None else {"lower": lower}),
         "K": gain.tolist(),
+    }
+
+
+def variables_to_json(v: ExactAnalysis) -> dict[str, Any]:
+    """Return the variables but `lower` as JSON values."""
+    return {
+        "order": v.order,
+        "P": matrix_to_text(v.P),
+        "Q": [None if Q is None else matrix_to_text(Q) for Q in v.Q],
+        "R": [matrix_to_text(R) for R in v.R],
+        "eps": eps_to_json(v.eps),
+        "gamma": None if v.gamma is None else to_text(v.gamma),
     }
 
 
@@ -95,7 +99,7 @@ def check_analysis(data: dict[str, Any]) -> CertificateCheck:
     InputError : not a certificate. (Where the claim is not proved, no error: `valid` is False.)
     """
     system, gain, more = loop_from_json(data)
-    v = _variables(system, data["variables"])
+    v = variables_from_json(system, data["variables"])
     claim = analysis_claim(system, v)
     return more.judged(
         data, (system, gain), claim, v.matrices(), lambda: analysis_proved(system, gain, v).reason
@@ -184,8 +188,14 @@ def check_null(name: str, value: Any, *, expected: bool) -> None:
         )
 
 
-def _variables(system: DelaySystem, data: Any) -> ExactAnalysis:
-    known_keys(data, "variables", _VARIABLES, required=_REQUIRED)
+def variables_from_json(system: DelaySystem, data: Any, where: str = "variables") -> ExactAnalysis:
+    """Read the variables of an analysis of a system; messages of the table name `where`.
+
+    Raises
+    ------
+    InputError : a missing key, a wrong shape, a number that is none.
+    """
+    known_keys(data, where, _VARIABLES, required=_REQUIRED)
     order = order_from_json(data["order"])
     n, orders = system.A.shape[0], orders_of(system, order)
     late = [delay for delay in system.delays if delay.d > 0]

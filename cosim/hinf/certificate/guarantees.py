@@ -20,6 +20,7 @@ from cosim.hinf.certificate.control_limits import (
 from cosim.hinf.certificate.damping import Damping, damping_from_json
 from cosim.hinf.certificate.decay import Decay, decay_from_json
 from cosim.hinf.certificate.proof import CertificateCheck, judged
+from cosim.hinf.certificate.state_peaks import StatePeaks, state_peaks_from_json
 from cosim.hinf.certificate.system_json import known_keys
 from cosim.hinf.certificate.theorem import theorem_of
 from cosim.models import DelaySystem, Matrix
@@ -30,6 +31,7 @@ _READERS: dict[str, Callable[[Any, DelaySystem, str], Any]] = {
     "damping": damping_from_json,
     "gain_limit": gain_limit_from_json,
     "peak_control": peak_control_from_json,
+    "state_peaks": state_peaks_from_json,
 }
 
 
@@ -41,12 +43,13 @@ class Guarantees:
     damping: Damping | None = None
     gain_limit: GainLimit | None = None
     peak_control: PeakControl | None = None
+    state_peaks: StatePeaks | None = None
 
     def __repr__(self) -> str:
         proved = "; ".join(one.claim()["property"] for _, one in self._each())
         return f"<Guarantees: {proved or 'none'}>"
 
-    def _each(self) -> list[tuple[str, Decay | Damping | GainLimit | PeakControl]]:
+    def _each(self) -> list[tuple[str, Decay | Damping | GainLimit | PeakControl | StatePeaks]]:
         named = [(field.name, getattr(self, field.name)) for field in fields(self)]
         return [(name, value) for name, value in named if value is not None]
 

@@ -9,6 +9,7 @@ functionals of an analysis. The sentences under "theorem" and "hypotheses" are n
 # ruff: noqa: ANN001, ANN201, ANN202, B905, D103, FBT002, N817, T201
 
 import sys
+from copy import copy
 from fractions import Fraction as F
 from itertools import product
 from pathlib import Path
@@ -103,7 +104,7 @@ def design(c, s):
 
 def guarantees(c, s):
     readers = {"decay": decay, "damping": damping, "gain_limit": gain_limit}
-    readers["peak_control"] = peak_control
+    readers |= {"peak_control": peak_control, "state_peaks": state_peaks}
     more = {name: readers[name](s, table) for name, table in c.get("guarantees", {}).items()}
     return {"guarantees": more} if more else {}
 
@@ -166,6 +167,31 @@ def peak_control(s, table):
     words += "offset_i, with any w of int w'w <= energy^2"
     texts = [str(x) for x in bounds], [str(x) for x in offset], str(energy[0])
     return {"property": words, **dict(zip(("bounds", "offset", "energy"), texts))}
+
+
+def state_peaks(s, table):
+    rows, starts, bounds, energy, v = sn.values(table, "rows starts bounds energy variables")
+    k, energy, bounds = len(starts[0]), sn.text(energy), [sn.text(x) for x in bounds]
+    G, S = sn.matrix(rows, len(bounds), s.n, sn.number), sn.matrix(starts, s.n, k, sn.number)
+    need(k <= 8 and min([*bounds, energy]) >= 0, "too many corners, or a negative number")
+    bare = copy(s)
+    bare.D, bare.D1 = [M() for _ in s.D], M()
+    bare.p = s.p or 1
+    gamma, _, more = analysis_proved({"kind": "analysis", "variables": v}, bare)
+    need(more == {"order": 0} and (gamma is None) == (energy == 0), "not order 0, or no mu")
+    P, late = sn.symmetric(v["P"], s.n), sn.symmetric(v["P"], s.n)
+    for d, Q in zip([d for d in s.d[1:] if d > 0], v["Q"], strict=True):
+        late = late + (M() if Q is None else d * sn.symmetric(Q, s.n))
+    columns = [S @ M({(i, 0): F(x) for i, x in enumerate(a)}) for a in product((1, -1), repeat=k)]
+    level = max((x.T @ late @ x).get((0, 0), 0) for x in columns) + (gamma or 0) * energy**2
+    own = G @ inverse(P, s.n) @ G.T
+    need(all(x**2 >= level * own.get((i, i), 0) for i, x in enumerate(bounds)), "bounds too low")
+    words = (
+        "|g_i x(t)| <= bounds_i for every t >= 0, g_i the rows, from any constant initial state "
+    )
+    words += "sum_k a_k s_k, |a_k| <= 1, s_k the columns of starts, with any w of int w'w <= "
+    texts = {"bounds": [str(x) for x in bounds], "energy": str(energy)}
+    return {"property": words + "energy^2", "rows": rows, "starts": starts, **texts}
 
 
 def inverse(A, n):

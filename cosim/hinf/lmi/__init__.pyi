@@ -39,6 +39,7 @@ from .solver_status import (
     not_found as not_found,
     solver_words as solver_words,
 )
+from .state_peak_lmi import proved_state_peaks as proved_state_peaks
 from .svec import Array as Array
 from .theorem_2_lmi import (
     Unknowns as Unknowns,

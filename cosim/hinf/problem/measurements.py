@@ -20,9 +20,11 @@ from cosim.hinf.certificate import (
     known_keys,
     matrix_from_rows,
     measurements_from_json,
+    number,
     pair_of,
     seconds,
 )
+from cosim.hinf.problem.system_keys import OBSERVER
 from cosim.models import DelaySystem, Matrix, Measurement
 
 
@@ -36,6 +38,7 @@ class ObserverSettings:
     estimated : one truth value per state, False where it is known; None: all are estimated.
     command_age, command_any_age : when the command acts.
     gain, injections : K and every L, where they are given.
+    offset, initial_error, energy : of peaks that are to be proved; None and 0 without.
     """
 
     measurements: tuple[Measurement, ...]
@@ -44,6 +47,9 @@ class ObserverSettings:
     command_any_age: bool = False
     gain: Matrix | None = None
     injections: tuple[Matrix, ...] | None = None
+    offset: tuple[float, ...] | None = None
+    initial_error: tuple[float, ...] | None = None
+    energy: float = 0.0
 
 
 def fed_back(system: DelaySystem, measurements: Sequence[Measurement]) -> DelaySystem:
@@ -120,7 +126,7 @@ def _settings(
     table: Any, own: tuple[Measurement, ...], system: DelaySystem, where: str
 ) -> ObserverSettings:
     """Read [observer], and refuse what is no pair."""
-    known_keys(table, where, ("known", "command_age", "command_any_age", "K", "L"))
+    known_keys(table, where, tuple(OBSERVER))
     n, m = system.B.shape
     estimated = None
     if "known" in table:
@@ -157,7 +163,23 @@ def _settings(
                 got=format_value(rows),
             )
         injections = tuple(matrix_from_rows(rows[x.name], f"{where}.L.{x.name}") for x in own)
-    settings = ObserverSettings(own, estimated, age, late, gain, injections)
+    peaks: dict[str, Any] = {}
+    for key in (key for key in ("offset", "initial_error") if key in table):
+        values = table[key] if isinstance(table[key], list) else [None]
+        if len(values) != n:
+            raise InputError(
+                "not one number per state",
+                where=f"{where}.{key}",
+                expected=f"a list of {n}",
+                got=format_value(table[key]),
+            )
+        peaks[key] = tuple(number(x, f"{where}.{key}[{i}]") for i, x in enumerate(values))
+    peaks["energy"] = number(table.get("energy", 0.0), f"{where}.energy")
+    if "offset" not in table and len(peaks) + ("energy" in table) > 1:
+        raise InputError(
+            "peaks from no initial state", where=where, expected="offset, zeros where it is zero"
+        )
+    settings = ObserverSettings(own, estimated, age, late, gain, injections, **peaks)
     try:
         pair_of(
             *(system, own, np.zeros((m, n)) if gain is None else gain),

@@ -132,6 +132,14 @@ OBSERVER: Mapping[str, Key] = {
     "command_any_age": Key("true or false", "Any age up to command_age, not the constant one."),
     "K": Key("matrix, n columns", "u = K xh, where it is not to be designed."),
     "L": Key("matrices by name", "L of every measurement, where it is not to be designed."),
+    "offset": Key(
+        "numbers >= 0",
+        "Prove peaks of u and x from |x_i(0)| at most this, one for each state.",
+    ),
+    "initial_error": Key(
+        "numbers >= 0", "Of the estimate; without it that starts at zero, and the error is x."
+    ),
+    "energy": Key("number", "Of w and noise of these peaks: square root of the integral of w'w."),
 }
 
 SYSTEM_TABLES: Mapping[str, tuple[str, Mapping[str, Key]]] = {

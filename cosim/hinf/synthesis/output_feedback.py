@@ -16,17 +16,23 @@ from typing import Any
 
 import numpy as np
 import scipy
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from cosim.core import InputError, NotAchievableError, html_table, matrix_text, report
 from cosim.hinf.certificate import (
+    MAX_OFFSETS,
     Certificate,
+    Guarantees,
     ObserverPair,
+    StatePeaks,
+    check_peaks_asked,
+    guarantees_from_json,
     output_feedback_to_json,
     pair_from_json,
     pair_of,
+    too_many_offsets,
 )
-from cosim.hinf.lmi import InjectionLmi, Scaling, solver_words, units_of
+from cosim.hinf.lmi import InjectionLmi, Scaling, proved_state_peaks, solver_words, units_of
 from cosim.hinf.nominal import (
     NominalFigures,
     WorstCase,
@@ -74,6 +80,7 @@ class OutputFeedback:
     abscissa, exact_norm, exact_norm_upper, norm_frequency, delay_margin : of the nominal pair
         (`cosim.hinf.nominal.nominal_figures`).
     worst_case : the sinusoid that the nominal pair amplifies most; None without one.
+    state_peaks : bounds of every |u_i(t)|, then of every |x_i(t)|, where they were asked for.
     """
 
     pair: ObserverPair
@@ -87,6 +94,7 @@ class OutputFeedback:
     norm_frequency: float | None
     delay_margin: tuple[float | None, ...] | None
     worst_case: WorstCase | None
+    state_peaks: StatePeaks | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "certificate", Certificate(self.certificate))
@@ -155,6 +163,9 @@ def design_output_feedback(
     command_any_age: bool = False,
     estimated: Sequence[bool] | None = None,
     order: Order = "auto",
+    offset: Sequence[float] | None = None,
+    initial_error: Sequence[float] | None = None,
+    energy: float = 0.0,
 ) -> OutputFeedback:
     """Design K and L for measurements with ages of their own, or prove given ones.
 
@@ -170,11 +181,15 @@ def design_output_feedback(
     estimated : one truth value per state; False: it is known (`ObserverPair`). None: all are
         estimated.
     order : of the analysis, as of `analyse`.
+    offset : (n,) also prove peaks of u and x from |x_i| <= offset_i, constant before t = 0.
+    initial_error : (n,) |x_i - xh_i| <= initial_error_i there, whatever x is; None: the estimate
+        starts at zero, so that the error is x.
+    energy : of the disturbance of these peaks, int w'w <= energy^2, noise included.
 
     Raises
     ------
     InputError : numbers that do not fit the system.
-    NotAchievableError : no K and L were found whose pair is certified.
+    NotAchievableError : no K and L were found whose pair is certified, or no proof of the peaks.
 
     Examples
     --------
@@ -199,15 +214,61 @@ def design_output_feedback(
     given = pair_of(system, measurements, K, L, **known)
     if gamma is not None:
         check_gamma(gamma, given.system)
-    if gain is not None and injections is not None:
-        return _best(system, measurements, iter([(given.K, list(given.L))]), known, gamma, order)
-    proposed = _proposals(
-        given,
-        known,
-        None if gain is None else given.K,
-        None if injections is None else list(given.L),
-    )
-    return _best(system, measurements, proposed, known, gamma, order)
+    starts = None if offset is None else _starts(given, offset, initial_error)
+    proposed = iter([(given.K, list(given.L))])
+    if gain is None or injections is None:
+        kept = None if gain is None else given.K
+        proposed = _proposals(given, known, kept, None if injections is None else list(given.L))
+    found = _best(system, measurements, proposed, known, gamma, order)
+    return found if starts is None else _with_peaks(found, starts, energy)
+
+
+def _starts(
+    pair: ObserverPair, offset: Sequence[float], initial_error: Sequence[float] | None
+) -> Matrix:
+    """Return the columns of initial states (x, e), each with one offset."""
+    n, sizes = len(pair.estimated), []
+    for name, values in (("offset", offset), ("initial_error", initial_error or ())):
+        own = np.array([float(x) for x in values])
+        fits = len(own) == n or (name == "initial_error" and initial_error is None)
+        if not (fits and np.isfinite(own).all() and (own >= 0).all()):
+            raise InputError(
+                "not the size of an initial state",
+                where=name,
+                expected=f"{n} numbers >= 0, one per state",
+                got=str(list(values)),
+            )
+        sizes.append(own)
+    x, e = np.diag(sizes[0]), np.diag(sizes[0])[pair.estimated]
+    if initial_error is not None:
+        error = np.diag(sizes[1])[pair.estimated]
+        x, e = np.hstack([x, np.zeros((n, n))]), np.hstack([np.zeros_like(e), error])
+    columns = np.vstack([x, e])
+    columns = columns[:, columns.any(axis=0)]
+    if columns.shape[1] > MAX_OFFSETS:
+        raise too_many_offsets(columns.shape[1], "offset")
+    return np.asarray(columns)
+
+
+def _with_peaks(found: OutputFeedback, starts: Matrix, energy: float) -> OutputFeedback:
+    """Return an output feedback with proved peaks of u and x."""
+    pair, N = found.pair, len(found.pair.system.A)
+    (n, m) = pair.plant.B.shape
+    rows = np.vstack([pair.gain[:m], np.eye(N)[:n]])
+    check_peaks_asked(rows, starts, N, "offset")
+    if not (np.isfinite(energy) and energy >= 0):
+        raise InputError("not an energy", where="energy", expected=">= 0", got=repr(energy))
+    peaks = proved_state_peaks(pair.system, pair.gain, rows, starts, energy)
+    if peaks is None:
+        raise NotAchievableError(
+            "no peaks of the controls and the state could be proved",
+            where=pair.plant.name or None,
+            expected="a functional of order 0",
+            hint="younger measurements; a design without offset",
+        )
+    inner = Guarantees(state_peaks=peaks).beside(found.certificate["pair"])
+    certificate = output_feedback_to_json(pair, inner)
+    return replace(found, certificate=certificate, state_peaks=peaks)
 
 
 def _best(
@@ -267,7 +328,8 @@ def _proposals(
     given: ObserverPair, known: dict[str, Any], K: Matrix | None, L: list[Matrix] | None
 ) -> Iterator[tuple[Matrix, list[Matrix]]]:
     """Yield K and L, of the best gain first at the ages themselves, then at longer ones."""
-    plant, units = given.plant, units_of(given.plant)[0]
+    plant = given.plant
+    units = _units(plant, given.estimated)
     start_K = _regulator(plant, units) if K is None else np.zeros_like(K)
     start_L = _injections(given, units) if L is None else [np.zeros_like(x) for x in L]
     output = [np.abs(x.C) @ units.state for x in given.measurements]
@@ -290,6 +352,39 @@ def _proposals(
         gains = loop.gains(found)
         rounded = rounded_gain(gains[0], units) if K is None else K
         yield rounded, [_short(x) for x in gains[1]] if L is None else L
+
+
+def _units(plant: DelaySystem, estimated: NDArray[np.bool_]) -> Scaling:
+    """Return units in which K and L compare: those of the plant without the states that are known.
+
+    Lags of actuators are quick, and would give the time in which a thruster moves. The units of
+    known states are those that the inputs give them at rest.
+    """
+    slow, known = np.flatnonzero(estimated), np.flatnonzero(~estimated)
+    if not known.size or not slow.size:
+        return units_of(plant)[0]
+    inner = plant.A[np.ix_(known, known)]
+    if not np.linalg.eigvals(inner).real.max() < 0:
+        return units_of(plant)[0]
+    at_rest = -np.linalg.solve(inner, np.hstack([plant.A[np.ix_(known, slow)], plant.B[known]]))
+    through = plant.A[np.ix_(slow, known)] @ at_rest
+    count = slow.size
+    reduced = replace(
+        plant,
+        A=plant.A[np.ix_(slow, slow)] + through[:, :count],
+        B=plant.B[slow] + through[:, count:],
+        C=plant.C[slow],
+        D=plant.D[:, slow],
+        E=plant.E[slow],
+        H=plant.H[:, slow],
+        delays=[replace(x, A=x.A[np.ix_(slow, slow)], H=x.H[:, slow]) for x in plant.delays],
+        feedback=None,
+    )
+    found = units_of(reduced)[0]
+    state = np.ones(len(plant.A))
+    state[slow] = found.state
+    state[known] = np.abs(at_rest) @ np.concatenate([found.state, found.input])
+    return replace(found, state=np.where(state > 0, state, 1.0))
 
 
 def _short(L: Matrix) -> Matrix:
@@ -351,5 +446,6 @@ def output_feedback_from_json(data: Any, *, where: str) -> OutputFeedback:
         order=variables["order"],
         least_gamma=None,
         worst_case=worst_case_at(pair.system, pair.gain, figures.norm_frequency),
+        state_peaks=guarantees_from_json(data["pair"], pair.system).state_peaks,
         **figures._asdict(),
     )

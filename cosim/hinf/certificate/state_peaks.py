@@ -1,0 +1,188 @@
+"""Proved peaks of states and controls of a loop: bounds on rows g_i of |g_i x(t)|, for every t.
+
+The functional of an analysis of order 0, without z, has V' <= mu w'w (mu its gamma) for every
+admissible F(t) and age, and x'P x <= V. From an initial state x0, constant before t = 0,
+
+    x(t)'P x(t) <= V(t) <= level = x0'(P + sum_j dj Qj) x0 + mu int w'w,
+
+Qj = 0 where any age is allowed, and (g x)^2 <= g P^-1 g' level. The initial states are
+
+    x0 = sum_k a_k s_k,  |a_k| <= 1,
+
+s_k the columns of `starts`: the level is largest at a corner, since it is convex. For a pair of
+plant and observer with an estimate of zero, x0 = (x, e) with e = x: one column (s; s) for each
+state that starts away from zero. A row of K' is a control; it acts at its age, but no later one is
+greater.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import flint
+import numpy as np
+
+from cosim.core import InputError
+from cosim.hinf.certificate.analysis_proof import ExactAnalysis, analysis_proved
+from cosim.hinf.certificate.control_limits import MAX_OFFSETS, peak_system
+from cosim.hinf.certificate.rational import (
+    asymmetric,
+    exact,
+    exact_matrix,
+    from_text,
+    rounded_up,
+    to_text,
+)
+from cosim.hinf.certificate.system_json import known_keys, matrix_from_rows
+from cosim.models import DelaySystem, Matrix
+
+_KEYS = ("rows", "starts", "bounds", "energy", "variables")
+
+
+@dataclass(frozen=True, eq=False)
+class StatePeaks:
+    """Bounds |g_i x(t)| <= bound_i for every t >= 0, with their proof.
+
+    rows : (r, n) the g_i, doubles.
+    starts : (n, k) the s_k, doubles; at most eight columns.
+    bounds : one per row, `fmpq`.
+    energy : int w'w <= energy^2, `fmpq`.
+    variables : of the analysis without z, order 0; their gamma is None where the energy is zero.
+    """
+
+    rows: Matrix
+    starts: Matrix
+    bounds: tuple[Any, ...]
+    energy: Any
+    variables: ExactAnalysis
+
+    def claim(self) -> dict[str, Any]:
+        """Return the claim that is proved if `failure` returns None."""
+        return {
+            "property": "|g_i x(t)| <= bounds_i for every t >= 0, g_i the rows, from any constant "
+            "initial state sum_k a_k s_k, |a_k| <= 1, s_k the columns of starts, with any w of int "
+            "w'w <= energy^2",
+            "rows": self.rows.tolist(),
+            "starts": self.starts.tolist(),
+            "bounds": [to_text(x) for x in self.bounds],
+            "energy": to_text(self.energy),
+        }
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the JSON values that `state_peaks_from_json` reads."""
+        from cosim.hinf.certificate.analysis_certificate import (  # noqa: PLC0415 - it reads us
+            variables_to_json,
+        )
+
+        claim = self.claim()
+        table = {key: claim[key] for key in _KEYS if key in claim}
+        return table | {"variables": variables_to_json(self.variables)}
+
+    def failure(self, system: DelaySystem, gain: Matrix) -> str | None:
+        """Return why it is not proved; None if it is."""
+        if min((*self.bounds, self.energy), default=0) < 0:
+            return "a bound or the energy is negative"
+        name = asymmetric(self.variables.matrices())
+        if name is not None:
+            return f"{name} is not symmetric"
+        bare = peak_system(system, energy=self.energy != 0)
+        reason = analysis_proved(bare, gain, self.variables).reason
+        if reason is not None:
+            return reason
+        squares = squared_state_peaks(system, self)
+        high = [i for i, (b, s) in enumerate(zip(self.bounds, squares, strict=True)) if b * b < s]
+        return f"the bound of row {high[0] + 1} is too low" if high else None
+
+
+def squared_state_peaks(system: DelaySystem, peaks: StatePeaks) -> list[Any]:
+    """Return g P^-1 g' times the level for every row, exactly (`fmpq`)."""
+    v = peaks.variables
+    late = v.P
+    for d, Q in zip((x.d for x in system.delays if x.d > 0), v.Q, strict=True):
+        late = late if Q is None else late + exact(d) * Q
+    starts = exact_matrix(peaks.starts)
+    product = starts.transpose() * late * starts
+    k, level = product.nrows(), flint.fmpq(0)
+    for signs in itertools.product((1, -1), repeat=max(k - 1, 0)):
+        a = (1, *signs)[:k]
+        level = max(level, sum((a[i] * a[j] * product[i, j] for i in range(k) for j in range(k)),
+                               flint.fmpq(0)))  # fmt: skip
+    if v.gamma is not None:
+        level += v.gamma * peaks.energy * peaks.energy
+    rows = exact_matrix(peaks.rows)
+    through = v.P.solve(rows.transpose())
+    return [
+        level * sum((rows[i, j] * through[j, i] for j in range(rows.ncols())), flint.fmpq(0))
+        for i in range(rows.nrows())
+    ]
+
+
+def bounds_above(squares: list[Any]) -> tuple[Any, ...]:
+    """Return bounds whose squares are at least these, rounded up to seven digits."""
+    found = []
+    for square in squares:
+        root = math.sqrt(float(square)) if square > 0 else 0.0
+        value = rounded_up(root) if root > 0 else 0.0
+        while exact(value) * exact(value) < square:
+            value = value * (1 + 1e-12) or math.ulp(0.0)
+        found.append(exact(value))
+    return tuple(found)
+
+
+def state_peaks_from_json(data: Any, system: DelaySystem, where: str) -> StatePeaks:
+    """Read what `StatePeaks.to_json` wrote.
+
+    Raises
+    ------
+    InputError : a missing key, a wrong shape, a text that is no number.
+    """
+    from cosim.hinf.certificate.analysis_certificate import (  # noqa: PLC0415 - it reads us
+        variables_from_json,
+    )
+
+    known_keys(data, where, _KEYS, required=_KEYS)
+    n = len(system.A)
+    rows = matrix_from_rows(data["rows"], f"{where}.rows")
+    starts = matrix_from_rows(data["starts"], f"{where}.starts")
+    check_peaks_asked(rows, starts, n, where)
+    bounds = data["bounds"]
+    if not isinstance(bounds, list) or len(bounds) != len(rows):
+        raise InputError(
+            "not one bound per row", where=f"{where}.bounds", expected=f"{len(rows)} numbers"
+        )
+    energy = from_text(data["energy"], f"{where}.energy")
+    bare = peak_system(system, energy=energy != 0)
+    variables = variables_from_json(bare, data["variables"], f"{where}.variables")
+    if variables.order != 0 or (variables.gamma is None) != (energy == 0):
+        raise InputError(
+            "not the variables of a peak",
+            where=f"{where}.variables",
+            expected="order 0, and gamma where there is an energy",
+        )
+    texts = tuple(from_text(x, f"{where}.bounds[{i}]") for i, x in enumerate(bounds))
+    return StatePeaks(rows, starts, texts, energy, variables)
+
+
+def check_peaks_asked(rows: Matrix, starts: Matrix, n: int, where: str) -> None:
+    """Refuse rows and starts that do not fit a loop of n states.
+
+    Raises
+    ------
+    InputError : naming which.
+    """
+    fits = rows.ndim == 2 and rows.shape[1] == n and len(rows) > 0
+    if not (fits and np.isfinite(rows).all()):
+        raise InputError(
+            "not rows of a state", where=f"{where}.rows", expected=f"rows of {n} finite numbers"
+        )
+    fits = starts.ndim == 2 and len(starts) == n and starts.shape[1] <= MAX_OFFSETS
+    if not (fits and np.isfinite(starts).all()):
+        raise InputError(
+            "not initial states",
+            where=f"{where}.starts",
+            expected=f"{n} rows of finite numbers, at most {MAX_OFFSETS} columns",
+            got=str(starts.shape),
+        )
