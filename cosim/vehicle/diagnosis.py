@@ -74,6 +74,15 @@ def _file_errors(text: str, where: str) -> Iterator[InputError]:
 def _of_motion(vehicle: Vehicle) -> Iterator[Finding]:
     """Look at energy, trim, stability, actuators and the linear model."""
     yield from _energy(vehicle)
+    if vehicle.default_bounds:
+        bounds = ", ".join(f'"{n}" = {vehicle.envelope[n]:g}' for n in vehicle.default_bounds)
+        yield _finding(
+            "note",
+            "the file gives no bound for some states: defaults are taken",
+            where="envelope",
+            got=bounds,
+            hint="the uncertainty of the design is proved for these bounds about the trim",
+        )
     if vehicle.attitude == "quaternion":
         yield _finding(
             "note",

@@ -105,6 +105,9 @@ def fly(
     with steps("linear model at the trim, uncertainty proved over the envelope"):
         model = linear_model(craft)
         steps.add(_model_line(model))
+        if craft.default_bounds:
+            bounds = ", ".join(f"{n} {craft.envelope[n]:g}" for n in craft.default_bounds)
+            steps.add(f"bounds that the file does not give: {bounds}")
     with steps("observer and gain, certified as a pair"):
         sensors, design = _designed(model, chosen, where, steps)
         steps.add(f"gamma {design.gamma:.4g} certified, exact norm {design.exact_norm or 0:.4g}")

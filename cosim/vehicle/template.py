@@ -8,7 +8,6 @@ import textwrap
 from cosim.core import InputError
 from cosim.vehicle.keys import VehicleKey, vehicle_tables
 from cosim.vehicle.read import vehicle_text
-from cosim.vehicle.schema import VehicleFile
 
 _HEAD = """\
 # {name}: a vehicle, begun as a copy of {like}. SI units; body axes x forward, y to starboard,
@@ -31,8 +30,7 @@ def vehicle_template(name: str, like: str) -> str:
     ------
     InputError : a name that no vehicle can have, or no such vehicle in the gallery.
     """
-    pattern = VehicleFile.model_json_schema()["properties"]["name"]["pattern"]
-    if not re.fullmatch(pattern, name):
+    if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_-]*", name):
         raise InputError(
             "not a valid name for a vehicle",
             where=name,
