@@ -7,7 +7,6 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -217,25 +216,23 @@ def _designed(
 def made_before(
     model: LinearModel, measured: Sequence[Measurement], folder: Path, steps: _Steps
 ) -> hinf.OutputFeedback | None:
-    """Return the design for this model and these measurements that was made before, if any is.
+    """Return the design for this model and these measurements that is in the folder, if one is.
 
-    That is in the folder of the flight, or for a vehicle of the gallery in the package: a solver's
-    last digits never decide what flies. Its proof is checked again.
+    A solver's last digits never decide what flies: a design is kept, and its proof checked again.
     """
-    packed = files("cosim.vehicle").joinpath("gallery", "designs", f"{model.vehicle.name}.json")
-    for place in (folder / DESIGN, packed):
-        try:
-            content = place.read_bytes()
-        except OSError:
-            continue
-        data = hinf.certificate_from_bytes(content, str(place))
-        if not _same_question(data, model, measured):
-            continue
-        found = hinf.design_from_json(data, where=str(place))
-        if isinstance(found, hinf.OutputFeedback):
-            steps.add(f"made before, its proof checked again: {place.name}")
-            return found
-    return None
+    place = folder / DESIGN
+    try:
+        content = place.read_bytes()
+    except OSError:
+        return None
+    data = hinf.certificate_from_bytes(content, str(place))
+    if not _same_question(data, model, measured):
+        return None
+    found = hinf.design_from_json(data, where=str(place))
+    if not isinstance(found, hinf.OutputFeedback):
+        return None
+    steps.add(f"made before, its proof checked again: {place}")
+    return found
 
 
 def _same_question(data: Any, model: LinearModel, measured: Sequence[Measurement]) -> bool:
