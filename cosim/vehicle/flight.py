@@ -16,6 +16,7 @@ from cosim import fmu as fmus, hinf, scenario
 from cosim.core import DESIGN_FILE, InputError, NotAchievableError, Progress, silent
 from cosim.models import DelaySystem, Measurement
 from cosim.trace import pyplot
+from cosim.vehicle.first_gains import observed_design
 from cosim.vehicle.flight_picture import PictureSubject, draw_flight
 from cosim.vehicle.flight_plan import FlightSettings, PlannedSensor, planned_sensors, sensor_line
 from cosim.vehicle.flight_scenario import Mission, scenario_text
@@ -31,6 +32,8 @@ SCENARIO, TRACE, PICTURE, DESIGN = "scenario.toml", "flight.mcap", "flight.png",
 """Files of a flight in its folder."""
 
 _STEPS = 6
+_ENVELOPES = (1.0, 0.5, 0.25)
+"""Shares of the envelope for which a design is tried in turn."""
 
 
 @dataclass(frozen=True)
@@ -102,13 +105,12 @@ def fly(
     where.mkdir(parents=True, exist_ok=True)
     (where / "vehicle.toml").write_text(craft.text, "utf-8")
     with steps("linear model at the trim, uncertainty proved over the envelope"):
-        model = linear_model(craft)
-        steps.add(_model_line(model))
+        steps.add(_model_line(linear_model(craft)))
         if craft.default_bounds:
             bounds = ", ".join(f"{n} {craft.envelope[n]:g}" for n in craft.default_bounds)
             steps.add(f"bounds that the file does not give: {bounds}")
     with steps("observer and gain, certified as a pair"):
-        sensors, design = _designed(model, chosen, where, steps)
+        model, sensors, design = _designed(craft, chosen, where, steps)
         steps.add(f"gamma {design.gamma:.4g} certified, exact norm {design.exact_norm or 0:.4g}")
         mission = _mission(model, design, chosen)
         _save(design, where / DESIGN)
@@ -189,26 +191,28 @@ def measurements_of(
 
 
 def _designed(
-    model: LinearModel, settings: FlightSettings, folder: Path, steps: _Steps
-) -> tuple[tuple[PlannedSensor, ...], hinf.OutputFeedback]:
-    """Return sensors and design; where nothing is certified, with fewer losses in a row."""
+    craft: Vehicle, settings: FlightSettings, folder: Path, steps: _Steps
+) -> tuple[LinearModel, tuple[PlannedSensor, ...], hinf.OutputFeedback]:
+    """Return model, sensors and design; where nothing is certified, for a smaller envelope."""
     refused = NotAchievableError("no design was tried")
-    for losses in range(settings.losses, -1, -1):
-        tried = replace(settings, losses=losses)
-        sensors = planned_sensors(model.vehicle.sensors, model.states, tried)
+    for share in _ENVELOPES:
+        envelope = {name: share * bound for name, bound in craft.envelope.items()}
+        model = linear_model(craft, envelope=envelope)
+        sensors = planned_sensors(craft.sensors, model.states, settings)
         measured = measurements_of(model, sensors)
         try:
             design = made_before(model, measured, folder, steps)
-            design = design or hinf.design_output_feedback(known_delays(model.system), measured)
+            design = design or observed_design(known_delays(model.system), measured)
         except NotAchievableError as error:
-            refused = error if losses == settings.losses else refused
-            if not any(s.loss for s in sensors):
-                break
+            refused = error if share == 1.0 else refused
             continue
+        steps.add(_model_line(model))
+        if share < 1.0:
+            steps.add(f"nothing was certified for the whole envelope: for {share:g} times of it")
         for sensor in sensors:
             steps.add(sensor_line(sensor))
         note = {scenario.PLANT_NOTE: plant_note(model).to_json()}
-        return sensors, replace(design, certificate={**design.certificate, **note})
+        return model, sensors, replace(design, certificate={**design.certificate, **note})
     refused.hint = "a faster link (--link), a smaller envelope, sensors that are faster on board"
     raise refused
 
