@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from cosim import recordings, trace
-from cosim.cli.common import JsonOption, answer
+from cosim.cli.common import JsonOption, answer, progress
 from cosim.cli.help_text import HelpTyper
 from cosim.cli.link_fit_view import fit_json, fit_view
 from cosim.cli.link_view import record_json, record_view, show_json, show_view
@@ -110,22 +110,17 @@ def fit(
     cosim link fit modem.csv
     cosim link fit modem.csv --node buoy2 --states 4 -o link.toml
     """
-    found = {
-        each or name: recordings.fit_link(recording, states)
-        for each, recording in chosen(file, node, None).items()
-    }
+    read, found = chosen(file, node, None), {}
+    with progress() as report_progress:
+        for number, (each, recording) in enumerate(read.items()):
+            report_progress("fitting", number / len(read))
+            found[each or name] = recordings.fit_link(recording, states)
     if out is not None:
         tomls = [each.toml(link) for link, each in found.items()]
         write_whole(out, "\n".join(tomls).encode())
     answer(as_json, lambda: fit_json(file, found, out), lambda: fit_view(found, out))
-    refused = [f"{link}: {why}" for link, each in found.items() for why in each.refusals]
-    if refused:
-        raise CheckFailedError(
-            "no model of the schema fits",
-            where=str(file),
-            got="; ".join(refused),
-            hint="recording = the file: a link replays it, as it was or in blocks",
-        )
+    if any(each.refusals for each in found.values()):
+        raise typer.Exit(CheckFailedError.exit_code)
 
 
 def chosen(file: Path, node: str | None, picture: Path | None) -> dict[str, Recording]:

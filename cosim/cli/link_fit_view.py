@@ -82,6 +82,8 @@ def fit_view(found: Mapping[str, LinkFit], out: Path | None) -> RenderableType:
         verdict = each.refusals or ["nothing refuses this link:"]
         parts += [Text(), *(Text(line, style="bold") for line in verdict)]
         parts.append(plain_lines(each.toml(name)))
+    if any(each.refusals for each in found.values()):
+        parts.append(Text("a link with recording = FILE replays it, as it was or in blocks"))
     if out is not None:
         parts.append(plain(f"written: {out}"))
     return Group(*parts)
@@ -95,7 +97,7 @@ def plain_lines(text: str) -> Text:
 def _losses(found: LinkFit) -> Table:
     caption = "log-likelihood per message; p: of a difference as large, if the model is right"
     table = _table(f"Losses ({caption})")
-    for column in ("model", "parameters", "fitted", "held out", "BIC", "least p", "refused by"):
+    for column in ("model", "fitted", "tested", "BIC", "least p", "refused by"):
         table.add_column(column, justify="left" if column in ("model", "refused by") else "right")
     for model in found.losses:
         table.add_row(
@@ -104,10 +106,16 @@ def _losses(found: LinkFit) -> Table:
             f"{model.tested:.4f}",
             f"{model.bic:.1f}",
             f"{min(model.p_values.values()):.2g}",
-            ", ".join(model.refused_by) or NONE,
+            _refused(model),
             style="bold" if model is found.loss else None,
         )
     return table
+
+
+def _refused(model: LossModel | DelayModel) -> str:
+    """Return the statistic that refuses a model the most clearly, and how many more do."""
+    first, *more = *model.refused_by, NONE
+    return f"{first} and {len(more) - 1} more" if len(more) > 1 else first
 
 
 def _parameters(model: LossModel) -> str:
@@ -138,7 +146,7 @@ def _delays(found: LinkFit) -> Table:
             f"{model.log_likelihood:.4f}",
             f"{model.distance:.4f}",
             f"{min(model.p_values.values()):.2g}",
-            ", ".join(model.refused_by) or NONE,
+            _refused(model),
             style="bold" if model is found.delay else None,
         )
     return table

@@ -11,7 +11,7 @@ from rich.text import Text
 
 from cosim.cli.terminal import NONE, facts_table, number, plain
 from cosim.core import at_most
-from cosim.trace import age_lines, measurement_age_lines
+from cosim.trace import age_lines, measurement_age_lines, plant_line
 
 if TYPE_CHECKING:
     from cosim.scenario import Demo, Outcome
@@ -47,8 +47,8 @@ def outcome_view(outcome: Outcome) -> RenderableType:
         *_pace(outcome),
         *_links(outcome.links),
         _assumptions(outcome.metrics["assumptions"]),
+        *_plant(outcome.metrics),
         *_age(outcome.metrics),
-        *(Text(f"plant: {words}") for words in outcome.metrics.get("plant_differs", ())),
         *_assertions(outcome),
         *_events(outcome),
         *_advice(outcome),
@@ -213,6 +213,11 @@ def _assumptions(assumptions: Mapping[str, bool]) -> RenderableType:
     for name, met in assumptions.items():
         table.add_row(_tick(met), name.replace("_", " "))
     return table
+
+
+def _plant(metrics: Mapping[str, Any]) -> list[RenderableType]:
+    """Show which parameters are not those of the design, with both values."""
+    return [Text(plant_line(metrics))] if metrics.get("plant_differences") else []
 
 
 def _age(metrics: Mapping[str, Any]) -> list[RenderableType]:

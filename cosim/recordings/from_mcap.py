@@ -66,8 +66,7 @@ class _Seen(NamedTuple):
         """Return instants of sending and of the first entry, by sequence number."""
         found: dict[int, tuple[int, int]] = {}
         for number, sent, at in zip(*(column.tolist() for column in self), strict=True):
-            if number not in found or at < found[number][1]:
-                found[number] = sent, at
+            found.setdefault(number, (sent, at))
         return found
 
 

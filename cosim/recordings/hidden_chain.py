@@ -30,6 +30,8 @@ Losses = NDArray[np.bool_]
 _BOUND = 14.0
 """Greatest logit: a probability is between 1e-6 and 1 - 1e-6, or it is 0 or 1."""
 _AT_BOUND = 11.0
+_AT_ONCE = 4096
+"""Messages of which all simulated draws are in memory."""
 _STEP = 1e-4
 
 
@@ -62,33 +64,44 @@ class HiddenChain:
         return np.asarray(share / share.sum())
 
     def log_likelihood(self, lost: Losses) -> float:
-        """Return the logarithm of the probability of these losses; the chain is stationary."""
-        return _expected(self, lost, self.stationary).log_likelihood
+        """Return the logarithm of the probability of these losses; the chain is stationary.
 
-    def simulate(self, count: int, copies: int, purpose: str) -> tuple[Losses, Floats]:
-        """Draw recordings of `count` messages, and what the log-likelihood of each is.
-
-        Returns
-        -------
-        lost : bool (count, copies).
-        log_likelihood : float64 (copies,).
+        Minus infinity where the chain excludes them.
         """
-        k = self.loss.size
-        u = draws.uniform(0, purpose, "fit", 2 * count * copies).reshape(count, 2, copies)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            found = _expected(self, lost, self.stationary).log_likelihood
+        return -np.inf if np.isnan(found) else found  # 0 / 0: no way through a segment
+
+    def simulate(self, count: int, copies: int, purpose: str) -> Losses:
+        """Draw recordings of `count` messages, one in each column, bool (count, copies)."""
+        lost = np.empty((count, copies), np.bool_)
         bounds = np.cumsum(self.transitions, axis=1)[:, :-1]
-        state = (u[0, 0][:, None] >= np.cumsum(self.stationary)[:-1]).sum(axis=1)
-        seen = np.tile(self.stationary, (copies, 1))
-        lost, likelihood = np.zeros((count, copies), np.bool_), np.zeros(copies)
-        for t in range(count):
-            if t:
-                state = (u[t, 0][:, None] >= bounds[state]).sum(axis=1) if k > 1 else state
-                seen = seen @ self.transitions
-            lost[t] = u[t, 1] < self.loss[state]
-            seen = seen * np.where(lost[t][:, None], self.loss, 1.0 - self.loss)
-            total = seen.sum(axis=1)
-            likelihood += np.log(total)
-            seen = seen / total[:, None]
-        return lost, likelihood
+        state, begin = np.zeros(copies, np.intp), np.cumsum(self.stationary)[:-1]
+        for first in range(0, count, _AT_ONCE):  # of a long recording not all draws are in memory
+            rows = min(_AT_ONCE, count - first)
+            part = rows * copies, 0, first * copies
+            u, change = (
+                draws.uniform(0, purpose, what, *part).reshape(rows, copies)
+                for what in ("loss", "loss state")
+            )
+            for t in range(rows):
+                if first + t == 0:
+                    state = np.searchsorted(begin, change[0], side="right")
+                elif begin.size:
+                    state = (change[t][:, None] >= bounds[state]).sum(axis=1)
+                lost[first + t] = u[t] < self.loss[state]
+        return lost
+
+    def log_likelihoods(self, lost: Losses) -> Floats:
+        """Return `log_likelihood` of each column, float64 (copies,); none is excluded."""
+        emitted = np.array([1.0 - self.loss, self.loss])
+        row, total = np.tile(self.stationary, (lost.shape[1], 1)), np.zeros(lost.shape[1])
+        for t, now in enumerate(lost.astype(np.int8)):
+            row = (row @ self.transitions if t else row) * emitted[now]
+            scale = row.sum(axis=1)
+            total += np.log(scale)
+            row /= scale[:, None]
+        return total
 
 
 class _Counts(NamedTuple):
@@ -109,8 +122,7 @@ def _expected(chain: HiddenChain, lost: Losses, first: Floats) -> _Counts:
     n = lost.size
     each = np.where(lost[:, None], chain.loss, 1.0 - chain.loss)
     if chain.loss.size == 1:
-        with np.errstate(divide="ignore"):
-            total = float(np.log(each).sum())
+        total = float(np.log(each).sum())
         losses = np.array([float(lost.sum())])
         return _Counts(total, np.array([[n - 1.0]]), np.array([float(n)]), losses)
     parts, step = _Segments.of(each), chain.transitions

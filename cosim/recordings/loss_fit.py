@@ -23,7 +23,10 @@ LEVEL = 0.01
 COPIES = 200
 _BINS = np.array([1, 2, 3, 5, 9, 17, 33, 65, 129, 257, 513, 1025])
 """Least lengths of the classes in which runs are counted."""
-_STATISTICS = ("likelihood", "share of losses", "runs of losses", "runs of arrivals")
+_STATISTICS = (
+    *("likelihood", "share of losses", "runs of losses", "runs of arrivals"),
+    *("runs of losses it was fitted to", "runs of arrivals it was fitted to"),
+)
 
 
 @dataclass(frozen=True)
@@ -39,8 +42,8 @@ class LossModel:
     log_likelihood, tested : natural logarithm per message, of the part it was fitted to and of
         the other; minus infinity where a model excludes what happened.
     bic : Bayesian information criterion on the first part; less is better.
-    p_values : of each statistic of the other part: how probable a difference as large is, if the
-        model is right.
+    p_values : of each statistic of the other part, and of the runs of the part it was fitted to:
+        how probable a difference as large is, if the model is right.
     """
 
     name: str
@@ -76,8 +79,7 @@ def loss_models(first: Losses, tested: Losses, most_states: int) -> list[LossMod
 
 
 def _judged(name: str, fit: ChainFit, parameters: int, first: Losses, tested: Losses) -> LossModel:
-    with np.errstate(divide="ignore"):
-        other = fit.chain.log_likelihood(tested)
+    other = fit.chain.log_likelihood(tested)
     return LossModel(
         name,
         fit.chain,
@@ -87,31 +89,37 @@ def _judged(name: str, fit: ChainFit, parameters: int, first: Losses, tested: Lo
         fit.log_likelihood / first.size,
         other / tested.size,
         parameters * float(np.log(first.size)) - 2.0 * fit.log_likelihood,
-        _p_values(fit.chain, other, first.size, tested),
+        _p_values(fit.chain, other, first, tested),
     )
 
 
-def _p_values(chain: HiddenChain, own: float, fitted: int, tested: Losses) -> dict[str, float]:
-    simulated, likelihoods = chain.simulate(tested.size, COPIES, "goodness")
+def _p_values(chain: HiddenChain, own: float, first: Losses, tested: Losses) -> dict[str, float]:
+    simulated = chain.simulate(tested.size, COPIES, "goodness")
+    likelihoods = chain.log_likelihoods(simulated)
     # the parameters were estimated from a recording of this length, which has a chance of its own
-    spread = 1.0 + tested.size / fitted
+    spread = 1.0 + tested.size / first.size
     shares = simulated.mean(axis=0)
     found = {
         _STATISTICS[0]: _two_sided(own, likelihoods, spread),
         _STATISTICS[1]: _two_sided(float(tested.mean()), shares, spread),
     }
-    for name, value in zip(_STATISTICS[2:], (True, False), strict=True):
-        seen = _classes(tested, value=value)
-        expected = np.array([_classes(simulated[:, j], value=value) for j in range(COPIES)])
-        found[name] = _distance(seen, expected, spread)
+    again = chain.simulate(first.size, COPIES, "goodness of the first part")
+    parts = ((tested, simulated, spread), (first, again, 1.0))
+    names = iter(_STATISTICS[2:])
+    for losses, copies, wider in parts:
+        for value in (True, False):
+            expected = np.array([_classes(copies[:, j], value=value) for j in range(COPIES)])
+            found[next(names)] = _distance(_classes(losses, value=value), expected, wider)
     return found
 
 
 def _two_sided(seen: float, expected: Floats, spread: float) -> float:
     deviation = float(expected.std(ddof=1)) * np.sqrt(spread)
     off = abs(seen - float(expected.mean()))
+    if not np.isfinite(off):  # the model excludes what happened
+        return 0.0
     # where the model is certain, any difference refuses it; rounding is none
-    if not np.isfinite(off) or deviation <= 1e-12 * max(1.0, abs(seen)):
+    if deviation <= 1e-12 * max(1.0, abs(seen)):
         return 1.0 if off <= 1e-9 * max(1.0, abs(seen)) else 0.0
     return float(2.0 * scipy.stats.norm.sf(off / deviation))
 

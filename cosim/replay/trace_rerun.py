@@ -17,7 +17,15 @@ from cosim.core import CosimError, InputError, Progress
 from cosim.fmu import CATALOGUE, FMI_VERSION, ensure_fmu
 from cosim.hinf import design_from_json
 from cosim.replay.trace_attachments import design_in, scenario_in, worst_case_in
-from cosim.scenario import FmuCache, Outcome, PreparedScenario, execute_run, prepare, problem_about
+from cosim.scenario import (
+    FmuCache,
+    Outcome,
+    PreparedScenario,
+    execute_run,
+    parameters_of_plant,
+    prepare,
+    problem_about,
+)
 from cosim.trace import DESIGN_ATTACHMENT, Trace, begins_with, content_hash, diff, differences
 
 
@@ -96,7 +104,8 @@ def _prepared(
     if loaded.scenario.design is not None:
         where = f"{path}: {DESIGN_ATTACHMENT}"
         found = design_from_json(design_in(trace), where=where)
-        saved = (problem_about(loaded.scenario.design, found, where, None), found)
+        plant = parameters_of_plant(loaded.scenario)
+        saved = problem_about(loaded.scenario.design, found, where, None, plant), found
         worst_case = worst_case_in(trace, found.system.C.shape[1])
     prepared = prepare(loaded, fmu_cache, saved=saved, worst_case=worst_case, progress=progress)
     for component, fmu in prepared.fmus.items():

@@ -56,6 +56,7 @@ from .pinned import (
     design_content as design_content,
     named_design as named_design,
 )
+from .plant import parameters_of_plant as parameters_of_plant
 from .preparation import (
     MADE_BEFORE as MADE_BEFORE,
     PreparedScenario as PreparedScenario,

@@ -24,6 +24,7 @@ from cosim.scenario.fmu_cache import FmuCache
 from cosim.scenario.gain import controller_parameters, gain_parameters, observes, problem_of
 from cosim.scenario.origin import Findings, Origin
 from cosim.scenario.pinned import named_design
+from cosim.scenario.plant import parameters_of_plant, require_vehicle_of
 from cosim.scenario.preparation import check_disturbance, check_roles
 from cosim.scenario.read import LoadedScenario, loaded_of
 from cosim.scenario.schema import Scenario
@@ -70,11 +71,16 @@ def _look(loaded: LoadedScenario, fmu_cache: FmuCache, findings: Findings) -> No
     if design is not None:
         with findings.at("design"):
             check_roles(loaded, fmus)
-            named = None if design.file is None else named_design(design, loaded.folder)
-            problem = problem_of(design, loaded.folder) if named is None else named[0]
-            fmu = fmus[design.controller]
-            if named is not None and observes(named[1]):
-                parameters[design.controller] = controller_parameters(named[1], fmu)
+            plant = parameters_of_plant(scenario)
+            fmu, designed = fmus[design.controller], None
+            if design.file is None:
+                problem = problem_of(design, loaded.folder, plant)
+            else:
+                problem, designed, _ = named_design(design, loaded.folder, plant)
+                if problem.vehicle is not None:
+                    require_vehicle_of(problem.vehicle, scenario, design)
+            if observes(designed):
+                parameters[design.controller] = controller_parameters(designed, fmu)
             else:
                 blank = np.zeros(problem.system.B.T.shape)
                 parameters[design.controller] = gain_parameters(blank, fmu)

@@ -15,14 +15,17 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from cosim.core import CosimError
 from cosim.fmu import FmuDescription, carries_certificate
+from cosim.hinf import AuvDesignSettings
 from cosim.scenario.gain import Problem, controller_parameters
 from cosim.scenario.pinned import DesignSource, named_design
+from cosim.scenario.plant import parameters_of_plant, require_vehicle_of
 from cosim.scenario.read import LoadedScenario
 from cosim.scenario.schema import DesignPart, Scenario
 
 if TYPE_CHECKING:
     from cosim.scenario.gain import AnyDesign
 
+_BUILT_IN, _ITS_PLANT, _ITS_DESIGN = "HinfController", "AuvPlant", "auv-1.25s"
 _NAMES_IT = "[design] file, controller and plant say what counts"
 
 
@@ -51,6 +54,7 @@ def with_design_of_controller(
         if part.fmu.endswith(".fmu") and name in fmus and carries_certificate(fmus[name].path)
     ]
     if not carriers:
+        _require_own_vehicle(scenario)
         return ControllerDesign(loaded, None, None)
     if len(carriers) > 1:
         return _none(loaded, f"{' and '.join(carriers)} carry certificates: {_NAMES_IT}")
@@ -67,16 +71,31 @@ def with_design_of_controller(
     # where the FMU was found: a cache may have it under another path than the scenario names
     there = part.model_copy(update={"file": str(fmus[name].path.resolve())})
     try:
-        problem, design, _ = named_design(there, loaded.folder)
+        plant = parameters_of_plant(scenario, part)
+        problem, design, _ = named_design(there, loaded.folder, plant)
         controller_parameters(design, fmus[name])
     except CosimError as error:
         reason = error.what if error.got is None else f"{error.what} ({error.got})"
         return _none(loaded, f"{fmu} carries a certificate that does not count here: {reason}")
+    if problem.vehicle is not None:
+        require_vehicle_of(problem.vehicle, scenario, part)
     digest = loaded.source_sha256 or hashlib.sha256(loaded.text.encode()).hexdigest()
     own = scenario.model_copy(update={"design": part})
     named = replace(loaded, scenario=own, text=own.to_toml(), source_sha256=digest)
     source = DesignSource(f"in {fmu}, the controller; its proof checked again", fmu)
     return ControllerDesign(named, (problem, design), source)
+
+
+def _require_own_vehicle(scenario: Scenario) -> None:
+    """Refuse the built-in controller, with its own gain and thrust map, at another vehicle."""
+    for name, component in scenario.components.items():
+        changed = any(key.startswith(("K[", "thrust_map[")) for key in component.parameters)
+        if component.fmu != _BUILT_IN or changed:
+            continue
+        for plant in _plants(scenario, name):
+            if scenario.components[plant].fmu == _ITS_PLANT:
+                part = DesignPart(file=_ITS_DESIGN, controller=name, plant=plant)
+                require_vehicle_of(AuvDesignSettings(), scenario, part)
 
 
 def _plants(scenario: Scenario, controller: str) -> list[str]:

@@ -99,13 +99,15 @@ class DesignedPlant:
     neglected: tuple[str, ...] = ()
     source: str = ""
 
-    def differences(self, parameters: Mapping[str, float | None]) -> list[str]:
-        """Return in words which parameters of a run's plant are not those designed for."""
+    def differences(
+        self, parameters: Mapping[str, float | None]
+    ) -> list[tuple[str, float | None, float]]:
+        """Return parameters of a run's plant that are not those designed for, with both values."""
         found = []
         for name, value in self.parameters.items():
             own = parameters.get(name)
             if own is None or (own > value if name == "delay.d" else own != value):
-                found.append(f"{name} is {_value(own)}, designed for {value!r}")
+                found.append((name, own, value))
         return found
 
     @property
@@ -151,7 +153,3 @@ class DesignedPlant:
                 expected="parameters, trim, envelope, neglected, source",
                 got=str(error),
             ) from error
-
-
-def _value(value: float | None) -> str:
-    return "not a parameter of the plant" if value is None else repr(value)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,6 +16,7 @@ from cosim.models import Delay, DelaySystem
 from cosim.scenario.age_claim import feedback_of
 from cosim.scenario.designed_plant import PLANT_NOTE, DesignedPlant
 from cosim.scenario.feedback_age import FeedbackAge
+from cosim.scenario.plant import NO_PARAMETERS, design_settings_for
 from cosim.scenario.schema import DesignPart
 
 if TYPE_CHECKING:
@@ -47,22 +48,26 @@ class Problem:
     plant: DesignedPlant | None = None
 
 
-def problem_of(part: DesignPart, folder: Path) -> Problem:
+def problem_of(
+    part: DesignPart, folder: Path, plant: Mapping[str, float] = NO_PARAMETERS
+) -> Problem:
     """Return the problem that [design] describes; the file of a system is relative to `folder`.
+
+    plant : parameters of the vehicle that flies (`parameters_of_plant`), for the system `auv`.
 
     Raises
     ------
     InputError : no such system, or keys that it does not have.
     """
-    found = _problem_of(part, folder)
+    found = _problem_of(part, folder, plant)
     return replace(found, system=_with_age(found.system, part))
 
 
-def _problem_of(part: DesignPart, folder: Path) -> Problem:
+def _problem_of(part: DesignPart, folder: Path, plant: Mapping[str, float]) -> Problem:
     """Return the problem before what [design] says of the age of the feedback."""
     system = str(part.system)
     if system == "auv":
-        return _auv_problem(part)
+        return _auv_problem(part, plant)
     _refuse_vehicle_keys(part, f"system = {part.system!r}")
     if is_file(part):
         named = hinf.system_by_name(str(folder / system))
@@ -83,7 +88,13 @@ def observes(found: AnyDesign | None) -> TypeIs[hinf.OutputFeedback]:
     return found is not None and found.certificate.get("kind") == "output-feedback"
 
 
-def problem_about(part: DesignPart, found: AnyDesign, where: str, folder: Path | None) -> Problem:
+def problem_about(
+    part: DesignPart,
+    found: AnyDesign,
+    where: str,
+    folder: Path | None,
+    plant: Mapping[str, float] = NO_PARAMETERS,
+) -> Problem:
     """Return the problem of an existing design, which must be the one [design] describes.
 
     Without a system in [design], that of the design counts; with a `file` its delays count too,
@@ -93,6 +104,7 @@ def problem_about(part: DesignPart, found: AnyDesign, where: str, folder: Path |
     ----------
     where : the design, for messages.
     folder : start of the path of a system's file; None: do not read that file.
+    plant : parameters of the vehicle that flies. The design may be for them, or for Table 1.
 
     Raises
     ------
@@ -114,11 +126,15 @@ def problem_about(part: DesignPart, found: AnyDesign, where: str, folder: Path |
         known["loop_delay"] = late.get(True, 0.0) if part.loop_delay is None else part.loop_delay
         if part.state_delay is None:
             known["state_delay"] = late.get(False)
-    described = problem_of(part.model_copy(update=known), folder or Path())
-    if not _says_age(part):  # the design knows it: from its own file, or from the links
-        like = next((d for d in found.system.delays if d.feedback), None)
-        described = replace(described, system=like_feedback(described.system, like))
-    differs = hinf.first_difference(described.system, found.system)
+    differs = None
+    for parameters in (plant, NO_PARAMETERS) if plant else (NO_PARAMETERS,):
+        described = problem_of(part.model_copy(update=known), folder or Path(), parameters)
+        if not _says_age(part):  # the design knows it: from its own file, or from the links
+            like = next((d for d in found.system.delays if d.feedback), None)
+            described = replace(described, system=like_feedback(described.system, like))
+        differs = hinf.first_difference(described.system, found.system)
+        if differs is None:
+            break
     if differs is not None:
         raise InputError(
             "this design is for another system than [design] describes",
@@ -247,13 +263,13 @@ def is_file(part: DesignPart) -> bool:
     return part.system is not None and part.system.endswith(".toml")
 
 
-def _auv_problem(part: DesignPart) -> Problem:
+def _auv_problem(part: DesignPart, plant: Mapping[str, float]) -> Problem:
     given = {key: value for key in _AUV_ONLY if (value := getattr(part, key)) is not None}
     if part.damping is not None:
         given["damping"] = tuple(part.damping)
     if part.envelope is not None:
         given["envelope"] = hinf.Envelope(**part.envelope.model_dump())
-    vehicle = hinf.AuvDesignSettings(**given)
+    vehicle = design_settings_for(hinf.AuvDesignSettings(**given), given, plant)
     system = hinf.auv_system(vehicle)
     n = len(system.delays)
     k1 = hinf.DEFAULT_K1[:n] if part.k1 is None else tuple(part.k1)

@@ -199,7 +199,7 @@ RecordedMessages = Annotated[
     ),
     BeforeValidator(
         lambda value: {"file": value} if isinstance(value, str) else value,
-        json_schema_input_type=Text | dict[str, Any],
+        json_schema_input_type=Text | RecordingPart | RecordingFilePart,
     ),
 ]
 

@@ -42,7 +42,13 @@ from cosim.scenario.measurement_claim import (
 from cosim.scenario.noise_energy import NoiseEnergy
 from cosim.scenario.origin import Findings
 from cosim.scenario.performance import GainMeasure
-from cosim.scenario.plant import is_plant_of, is_vehicle_of
+from cosim.scenario.plant import (
+    Difference,
+    differences_json,
+    plant_differences,
+    thrust_map_differences,
+    vehicle_differences,
+)
 from cosim.scenario.preparation import PreparedScenario
 from cosim.scenario.run_events import EventCollector
 from cosim.scenario.schema import Scenario
@@ -265,6 +271,40 @@ class RunContext:
             return None
         return feedback_age(self.system, part.plant, part.controller)
 
+    @cached_property
+    def plant_differences(self) -> list[dict[str, Any]] | None:
+        """Where the parameters of plant and controller are not those of the design.
+
+        None without a plant of a design.
+        """
+        problem, part = self.problem, self.scenario.design
+        if problem is None or part is None or part.plant not in self.system.components:
+            return None
+        plant = self._parameters(part.plant)
+        if problem.plant is not None:
+            different = [Difference(*each) for each in problem.plant.differences(plant)]
+            return differences_json(part.plant, different)
+        exact = (
+            self.design is not None
+            and not observes(self.design)
+            and proves_exact_delays(self.design)
+        )
+        if problem.vehicle is None:
+            # integrals are states of the controller
+            system = hinf.without_integrals(problem.system)
+            return differences_json(part.plant, plant_differences(system, plant, exact=exact))
+        found = vehicle_differences(problem.vehicle, plant, exact=exact)
+        thrust = thrust_map_differences(problem.vehicle, self._parameters(part.controller))
+        return [
+            *differences_json(part.plant, found),
+            *differences_json(part.controller, thrust),
+        ]
+
+    def _parameters(self, name: str) -> dict[str, Any]:
+        component = self.system.components[name]
+        ports = component.description.ports.items()
+        return {name: component.parameters.get(name, port.start) for name, port in ports}
+
     @property
     def age_s(self) -> float | None:
         """The greatest age of a measurement in use [s]; None if none came into use."""
@@ -298,9 +338,8 @@ def metrics_of(context: RunContext, wanted: Wanted = ALL_FIGURES) -> dict[str, A
         )
     if wanted.has("metrics.assumptions"):
         found["assumptions"] = _assumptions(context)
-        differs = _plant_differs(context)
-        if differs:
-            found["plant_differs"] = differs
+        if found["assumptions"] and (different := context.plant_differences):
+            found["plant_differences"] = different
     return found
 
 
@@ -388,7 +427,7 @@ def _assumptions(context: RunContext) -> dict[str, bool]:
         )
     if context.scenario.events:
         result["nothing_set_or_overridden"] = not context.altered_by_events
-    result["plant_as_designed"] = _plant_as_designed(context)
+    result["plant_as_designed"] = context.plant_differences == []
     return result
 
 
@@ -458,44 +497,6 @@ def _envelope_use(context: RunContext) -> dict[str, float] | None:
         largest = max(found[name] for found in runs if found)
         use[axis] = largest / bound if np.isfinite(largest) else float("1e300")
     return use or None
-
-
-def _plant_as_designed(context: RunContext) -> bool:
-    """Whether every parameter of the plant is that of the design."""
-    parameters, problem = _plant_parameters(context), context.problem
-    if problem is None or parameters is None:
-        return False
-    if problem.plant is not None:
-        return not problem.plant.differences(parameters)
-    exact = (
-        context.design is not None
-        and not observes(context.design)
-        and proves_exact_delays(context.design)
-    )
-    if problem.vehicle is not None:
-        return is_vehicle_of(problem.vehicle, parameters, exact=exact)
-    # integrals are states of the controller
-    return is_plant_of(hinf.without_integrals(problem.system), parameters, exact=exact)
-
-
-def _plant_parameters(context: RunContext) -> dict[str, Any] | None:
-    """Return the start value of every variable of the design's plant in this run."""
-    part = context.scenario.design
-    component = None if part is None else context.system.components.get(part.plant)
-    if component is None:
-        return None
-    return {
-        name: component.parameters.get(name, port.start)
-        for name, port in component.description.ports.items()
-    }
-
-
-def _plant_differs(context: RunContext) -> list[str]:
-    """Return in words which parameters of the plant are not those designed for."""
-    parameters, problem = _plant_parameters(context), context.problem
-    if parameters is None or problem is None or problem.plant is None:
-        return []
-    return problem.plant.differences(parameters)
 
 
 _METRICS: Mapping[str, Callable[[RunContext], Any]] = MappingProxyType(

@@ -10,7 +10,7 @@ The proof of an existing design is checked again, exactly, before it is used.
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import lru_cache
 from importlib.resources import files
@@ -37,6 +37,7 @@ from cosim.scenario.gain import (
     solve_sharply,
     with_known_age,
 )
+from cosim.scenario.plant import NO_PARAMETERS
 from cosim.scenario.read import LoadedScenario
 from cosim.scenario.schema import MADE_WITH, DesignPart
 
@@ -62,10 +63,12 @@ class DesignSource:
     made: bool = False
 
 
-def named_design(part: DesignPart, folder: Path) -> tuple[Problem, AnyDesign, DesignSource]:
+def named_design(
+    part: DesignPart, folder: Path, plant: Mapping[str, float] = NO_PARAMETERS
+) -> tuple[Problem, AnyDesign, DesignSource]:
     """Read the design that `[design] file` names, check its proof, and find its problem.
 
-    `folder` : start of relative paths.
+    `folder` : start of relative paths; `plant` : as of `problem_about`.
 
     Raises
     ------
@@ -75,7 +78,7 @@ def named_design(part: DesignPart, folder: Path) -> tuple[Problem, AnyDesign, De
     name = str(part.file)
     where, content = design_content(name, folder)
     found = _proved(content, where, in_fmu=name.endswith(".fmu"))
-    about = problem_about(part, found, where, folder)
+    about = problem_about(part, found, where, folder, plant)
     return about, found, DesignSource(f"{name}, its proof checked again", name)
 
 

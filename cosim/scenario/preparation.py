@@ -24,6 +24,11 @@ from cosim.scenario.gain import (
 )
 from cosim.scenario.origin import Findings
 from cosim.scenario.pinned import DesignSource, kept_or_made, named_design
+from cosim.scenario.plant import (
+    parameters_of_plant,
+    require_vehicle_of,
+    thrust_map_parameters,
+)
 from cosim.scenario.read import LoadedScenario
 from cosim.scenario.signals import no_disturbance, reference_inputs, worst_case_of
 
@@ -51,11 +56,14 @@ class PreparedScenario:
 
     @property
     def gain(self) -> dict[str, dict[str, float]]:
-        """The designed gain as parameters, by component; empty without a design."""
+        """The designed gain and thrust map as parameters, by component; empty without a design."""
         part = self.loaded.scenario.design
         if part is None or self.design is None:
             return {}
-        return {part.controller: controller_parameters(self.design, self.fmus[part.controller])}
+        fmu, own = self.fmus[part.controller], self.loaded.scenario.components[part.controller]
+        vehicle = None if self.problem is None else self.problem.vehicle
+        thrust_map = thrust_map_parameters(vehicle, fmu, own.parameters)
+        return {part.controller: controller_parameters(self.design, fmu) | thrust_map}
 
     @property
     def at_rest(self) -> dict[str, dict[str, Any]]:
@@ -79,6 +87,7 @@ def prepare(
     worst_case: hinf.WorstCase | None = None,
     progress: Progress | None = None,
     of_links: bool = True,
+    plant: Mapping[str, float] | None = None,
 ) -> PreparedScenario:
     """Find or build the FMUs; find the design that the scenario names, or make one.
 
@@ -86,6 +95,9 @@ def prepare(
     worst_case : its worst case, instead of the one in the design.
     of_links : prove a gain that is made for the ages that the links justify; False where one
         design serves many links, as in a study.
+    plant : parameters of the vehicle to design for, where one design serves many plants; None:
+        those that the scenario gives its plant, and a design named for quite another vehicle is
+        refused.
 
     Raises
     ------
@@ -107,13 +119,16 @@ def prepare(
         return PreparedScenario(loaded, fmus, None, None, source=source)
     with findings.at("design"):
         check_roles(loaded, fmus)
+        own = parameters_of_plant(scenario) if plant is None else plant
         found: AnyDesign | None = None
         if saved is not None:
             problem, found = saved
         elif part.file is not None:
-            problem, found, source = named_design(part, loaded.folder)
+            problem, found, source = named_design(part, loaded.folder, own)
+            if plant is None and problem.vehicle is not None:
+                require_vehicle_of(problem.vehicle, scenario, part)
         else:
-            problem = problem_of(part, loaded.folder)
+            problem = problem_of(part, loaded.folder, own)
         if not observes(found):
             blank = gain_parameters(np.zeros(problem.system.B.T.shape), fmus[part.controller])
     with findings.at("disturbance"):

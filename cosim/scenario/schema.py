@@ -271,7 +271,7 @@ class DesignPart(Part):
     order: Annotated[int, Field(ge=0, le=12)] | None = None
     """Order of the Bessel-Legendre inequality that improves the gain of Theorem 2."""
     state_delay: Delay | None = None
-    """Delay inside the vehicle that the design is made for; of `auv` only."""
+    """Delay inside the vehicle that the design is made for, in place of the plant's; `auv` only."""
     loop_delay: Delay | None = None
     """Greatest age of the feedback that the design is made for, in place of that of the system."""
     least_age: Delay | None = None
@@ -283,8 +283,8 @@ class DesignPart(Part):
     sampled: bool | None = None
     """The age of the feedback is `least_age`, growing at rate one until the next sample is used."""
     damping: Annotated[list[PerSecond], Field(min_length=4, max_length=4)] | None = None
-    """Linear damping of the vehicle along u, v, w and r that the design is made for [1/s]; of
-    `auv` only.
+    """Linear damping of the vehicle along u, v, w and r that the design is made for [1/s], in place
+    of the plant's; of `auv` only.
     """
     position_weight: Positive | None = None
     """Weight of the positions in z; of `auv` only."""

@@ -34,6 +34,7 @@ from cosim.scenario import (
     Wanted,
     execute_recorded,
     execute_unrecorded,
+    parameters_of_plant,
     parse_limits,
     prepare,
     problem_about,
@@ -118,6 +119,8 @@ class StudyRunner:
         self._series: RunSeries | None = None
         self._last: tuple[Scenario, PreparedScenario] | None = None
         self._given = designs or {}
+        # one design serves the study: it is for the plant of its scenario
+        self._plant = parameters_of_plant(base.scenario)
         self._designs: OrderedDict[str, tuple[Problem, Design] | NotAchievableError] = OrderedDict()
 
     def execute_run(self, run: int, wanted: Wanted = ALL_FIGURES) -> tuple[Outcome, Run]:
@@ -272,15 +275,17 @@ class StudyRunner:
         if key in self._given and key not in self._designs:
             where = "the study's design"
             found = design_from_json(json.loads(self._given[key]), where=where)
-            self._keep(key, (problem_about(part, found, where, self.base.folder), found))
+            self._keep(
+                key, (problem_about(part, found, where, self.base.folder, self._plant), found)
+            )
         known = self._designs.get(key)
         if isinstance(known, NotAchievableError):
             raise known.with_traceback(None)
         if known is not None:
             self._designs.move_to_end(key)
-            return prepare(loaded, self.fmu_cache, saved=known)
+            return prepare(loaded, self.fmu_cache, saved=known, plant=self._plant)
         try:
-            prepared = prepare(loaded, self.fmu_cache, of_links=False)
+            prepared = prepare(loaded, self.fmu_cache, of_links=False, plant=self._plant)
         except NotAchievableError as error:
             self._keep(key, error)
             raise

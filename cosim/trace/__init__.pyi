@@ -50,6 +50,7 @@ from .outcome.feedback_age import (
     age_lines as age_lines,
     measurement_age_lines as measurement_age_lines,
 )
+from .outcome.plant import plant_line as plant_line
 from .outcome.run_events import (
     CONCLUSION as CONCLUSION,
     SERIOUS as SERIOUS,

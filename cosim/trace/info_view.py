@@ -12,6 +12,7 @@ from rich.text import Text
 
 from cosim.core import at_most
 from cosim.trace.outcome.feedback_age import age_lines, measurement_age_lines
+from cosim.trace.outcome.plant import plant_line
 from cosim.trace.outcome.run_outcome import RunOutcome
 from cosim.trace.outcome.verdict import Check, status_of
 from cosim.trace.rows.layout import HOST_PREFIX
@@ -146,10 +147,10 @@ def _verdict(outcome: RunOutcome) -> Iterator[tuple[str, object]]:
     each = metrics.get("measurement_ages")
     for name, words in measurement_age_lines(each).items() if isinstance(each, Mapping) else ():
         yield f"age of {name}", words
-    for words in metrics.get("plant_differs") or ():
-        yield "plant", words
     for name, met in outcome.assumptions.items():
         yield f"assumption: {name.replace('_', ' ')}", "met" if met else "NOT MET"
+    if metrics.get("plant_differences"):
+        yield "plant", plant_line(metrics)
 
 
 def _topics(topics: list[dict[str, Any]]) -> RichTable:

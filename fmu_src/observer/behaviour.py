@@ -289,12 +289,11 @@ class Observer(DelayPlant):
 
 
 def _notice_of(late: Measured | None, v: dict[str, float], end: float) -> str:
+    begin = f"watchdog at t = {end:.10g} s: "
     if late is None:
-        return (
-            f"watchdog at t = {end!r} s: all ages are allowed again, commands follow the estimate"
-        )
+        return begin + "all ages are allowed again, commands follow the estimate"
     age, most = v[f"message_age.{late.name}"], v[f"age.{late.name}"]
-    return (
-        f"watchdog at t = {end!r} s: {late.name} is {age!r} s old, age.{late.name} is {most!r} s: "
+    return begin + (
+        f"{late.name} is {age:.10g} s old, age.{late.name} is {most:.10g} s: "
         "safe values are commanded"
     )

@@ -17,7 +17,7 @@ from cosim.core import InputError
 from cosim.fmu import ComponentSpec, Variable, component_module, solver_step
 
 from .allocation import maps_between
-from .page import notes
+from .page import notes, scenario_of
 
 watched_variables = component_module("hinf_controller.variables").watched_variables
 
@@ -171,6 +171,7 @@ def output_feedback_spec(
         },
         certificate,
         stop,
+        "" if outputs or maps or trims else scenario_of(own.data, f"{name}.fmu"),
     )
 
 
@@ -365,6 +366,7 @@ class _Pair:
         constants: dict[str, Any],
         certificate: bytes,
         stop: float,
+        scenario: str = "",
     ) -> ComponentSpec:
         """Return the specification."""
         return ComponentSpec(
@@ -384,6 +386,7 @@ class _Pair:
                 **constants,
             },
             certificate=certificate,
+            scenario=scenario,
             notes=notes(self.data, self.ages, constants),
             slave="cosim.fmu.export.python.watched_slave:WatchedSlave",
         )

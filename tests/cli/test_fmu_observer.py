@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import html
 import json
+import re
 import zipfile
 from pathlib import Path
 
@@ -11,9 +13,17 @@ from cli.shell import cosim
 from fmpy import read_model_description
 from fmpy.validation import validate_fmu
 
+from cosim.fmu import build_fmu, component_module
 from cosim.fmu.export.archive import deterministic_zip
-from cosim.hinf import analyse, certificate_bytes, output_feedback_to_json, pair_of
+from cosim.hinf import (
+    analyse,
+    certificate_bytes,
+    output_feedback_to_json,
+    pair_of,
+    system_from_json,
+)
 from cosim.models import Delay, DelaySystem, Measurement
+from cosim.trace import Trace
 
 
 @pytest.fixture(scope="module")
@@ -60,6 +70,33 @@ def test_the_pair_is_packed_with_its_proof(folder: Path) -> None:
         checked = cosim("certificate", "check", fmu, "--json", cwd=folder)
         assert checked.code == 0, checked.err
         assert checked.json["system"]["name"] == "axis"
+
+
+@pytest.mark.slow
+def test_the_example_of_the_page_runs(folder: Path) -> None:
+    """Plant, sensors, link and observer: no watchdog, every assumption met, and it settles."""
+    data = json.loads((folder / "pair.json").read_text())
+    plant = component_module("delayed_plant.variables").delayed_plant_spec
+    build_fmu(plant(system_from_json(data["plant"]), name="plant"), folder, "python")
+    options = ("-o", "loop.fmu", "--flavour", "python")
+    assert cosim("fmu", "controller", "pair.json", *options, cwd=folder).code == 0
+    with zipfile.ZipFile(folder / "loop.fmu") as archive:
+        page = archive.read("documentation/index.html").decode()
+    found = re.search(r'<code class="language-toml">(.*?)</code>', page, re.DOTALL)
+    assert found is not None
+    text = html.unescape(found[1]).replace("end = 20.0", "end = 60.0")
+    (folder / "loop.toml").write_text(text, "utf-8")
+    result = cosim("run", "loop.toml", "--json", cwd=folder)
+    assert result.code == 0, result.err
+    run = Trace(folder / "traces" / "loop.mcap")
+    last = {
+        name: run.signal(f"controller.{name}").values[-1] for name in ("assumption.met", "watchdog")
+    }
+    assert last == {"assumption.met": 1, "watchdog": 0}
+    x = run.signal("plant.x[1]").values
+    assert x[0] == 1.0
+    assert abs(x[-1]) < 0.3
+    assert abs(run.signal("controller.estimate[1]").values[-1] - x[-1]) < 0.05
 
 
 @pytest.mark.parametrize(

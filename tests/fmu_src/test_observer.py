@@ -148,6 +148,7 @@ def test_a_watchdog_commands_safe_values_and_returns() -> None:
         values = {"stamp.dvl": t}
         if t < 0.5 or t >= 3.0:
             values |= {"stamp.fix": t, "fix[1]": 1.0}
+        values["reference[1]"] = 50.0 if 1.9 < t < 2.99 else 0.0  # nobody follows it
         own.step(t + 0.05, values)
         v = own.v
         seen.append((v["watchdog"], v["thruster.a"], v["thruster.b"], v["message_age.fix"]))
@@ -162,6 +163,7 @@ def test_a_watchdog_commands_safe_values_and_returns() -> None:
     assert own.v["assumption.age"] == pytest.approx(2.55 / 1.5)
     assert own.v["assumption.met"] == 0
     assert own.v["present.age"] < 1
+    assert 0 < own.v["assumption.saturation"] < 10
 
 
 def test_packets_are_taken_by_their_stamps() -> None:
@@ -217,8 +219,8 @@ def test_play_out_and_sampling_are_watched() -> None:
 @pytest.mark.parametrize(
     ("inputs", "message"),
     [
-        ({"stamp.fix": 0.2, "fix[1]": 1.0}, "stamp.fix is 0.2 s, in the future of t = 0.1 s"),
-        ({"stamp.dvl": 0.05, "dvl[1]": 1e308, "dvl[2]": 1e308}, "is no longer finite|overflows"),
+        ({"stamp.fix": 2.0, "fix[1]": 1.0}, "stamp.fix is 2.0 s, in the future of t = 1.32 s"),
+        ({"stamp.dvl": 1.32, "dvl[1]": 1e308, "dvl[2]": 1e308}, "is no longer finite|overflows"),
         ({"reference[1]": 1.7e308, "reference[2]": 1.7e308}, "overflows"),
     ],
 )
@@ -226,26 +228,31 @@ def test_a_step_that_is_refused_changes_nothing(
     native: Path, inputs: dict[str, float], message: str
 ) -> None:
     """It says why, and the run goes on with better inputs as if it had not been tried."""
-    good = {"stamp.fix": 0.0, "fix[1]": 1.0, "dvl[1]": 0.0, "dvl[2]": 0.0}
-    good |= {"reference[1]": 0.0, "reference[2]": 0.0}
-    rows, own = [], pairs.Equations(SPEC)
-    own.step(0.1, good)
+    points = [round(0.11 * k, 9) for k in range(13)]  # at 1.32 s a command is on its way
+    good = [
+        {"stamp.fix": t, "fix[1]": 0.1 * t, "stamp.dvl": t, "dvl[1]": 0.1, "dvl[2]": 0.0}
+        for t in points
+    ]
+    if "reference[1]" in inputs:  # nothing jumps at 1.32 s: the step before is gone on with
+        good[-1] = {"reference[1]": 0.0, "reference[2]": 0.0}
+    own = pairs.Equations(SPEC)
+    for k, values in enumerate(good[:-1]):
+        own.step(points[k + 1], values)
     with pytest.raises((ValueError, ArithmeticError), match=message):
-        own.step(0.25, inputs)
+        own.step(1.47, inputs)
+    rows = []
     for try_it in (True, False):
         with RawFmu(native) as raw:
             raw.initialise()
-            pairs.drive(raw, SPEC, [0.0, 0.1], [good])
+            pairs.drive(raw, SPEC, points, good)
             before = pairs.row_of(raw, SPEC)
             if try_it:
                 raw.put(inputs)
                 with pytest.raises(FMICallException):
-                    raw.step(0.1, 0.15)
+                    raw.step(1.32, 0.15)
                 assert pairs.row_of(raw, SPEC) == before
                 assert raw.messages
-            raw.put({**good, "stamp.fix": 0.05, "stamp.dvl": 0.05})
-            raw.step(0.1, 0.2)
-            rows.append(pairs.row_of(raw, SPEC))
+            rows.append(pairs.drive(raw, SPEC, [1.32, 1.47, 1.5, 1.9, 2.3], [good[-1]] * 4))
     assert rows[0] == rows[1]
 
 

@@ -24,8 +24,8 @@ from solver_points import Array, benchmark, random_system
 
 from cosim.core.errors import InputError
 from cosim.hinf import analyse, auv_system, certified_delay, check_certificate, close, hinf_norm
-from cosim.hinf.certificate.analysis_certificate import _variables
 from cosim.hinf.certificate.analysis_proof import ExactAnalysis, exact_loop, minus_phi
+from cosim.hinf.certificate.analysis_variables import variables_from_json
 from cosim.hinf.certificate.rational import exact, exact_matrix, first_bad_pivot
 from cosim.models import paper_example
 from cosim.models.delay_system import Delay, DelaySystem
@@ -350,7 +350,7 @@ def test_a_box_of_delays_is_proved_at_its_corners() -> None:
     assert found.covers_smaller_delays
     proof = check_certificate(found.certificate)
     assert [delay["age"] for delay in proof.claim["delays"]] == ["constant, up to d"] * 2
-    v = _variables(system, json.loads(json.dumps(found.certificate))["variables"])
+    v = variables_from_json(system, json.loads(json.dumps(found.certificate))["variables"])
     loop = exact_loop(system, K, [1, 1])
     for shares in ((0, 0), (0, 1), (1, 1), (0.3, 0.8), (0.5, 0.5), (0.9, 0.1)):
         d = [exact(share * x.d) for share, x in zip(shares, system.delays, strict=True)]

@@ -4,10 +4,15 @@ from __future__ import annotations
 
 import copy
 import json
+from dataclasses import replace
+from fractions import Fraction
 from typing import Any
 
 import numpy as np
 import pytest
+from shared import sampled
+from truth_of_ages import gain_over_patterns, period_radius
+from truth_of_loops import abscissa, loop_of, norm
 
 from cosim.core.errors import InputError
 from cosim.hinf import analyse, auv_system, check_certificate
@@ -101,6 +106,49 @@ def test_on_the_controls_little_is_lost() -> None:
     assert made * (1 - 1e-3) < fewer < 1.05 * made
 
 
+def random_system(seed: int, **age: Any) -> DelaySystem:
+    """Five states, all coupled, of which one or two act late; uncertain, w and z of two each."""
+    rng = np.random.default_rng(seed)
+    late = np.zeros((5, 5))
+    late[:, rng.choice(5, 1 + seed % 2, replace=False)] = 0.5
+    late *= rng.standard_normal((5, 5))
+    A = rng.standard_normal((5, 5))
+    while abscissa(loop_of(DelaySystem(A, delays=[Delay(0.6, late)]))) > -0.5:
+        A = A - 0.2 * np.eye(5)
+    return DelaySystem(
+        A,
+        C=rng.standard_normal((5, 2)),
+        D=rng.standard_normal((2, 5)),
+        E=0.3 * rng.standard_normal((5, 2)),
+        H=0.3 * rng.standard_normal((2, 5)),
+        delays=[Delay(0.6, late, 0.2 * np.sign(late[:2]), **age)],
+    )
+
+
+@pytest.mark.parametrize("seed", sampled(range(12), 1))
+def test_no_gamma_is_below_what_a_loop_attains(seed: int) -> None:
+    """Any age: neither a constant age with a constant F nor a sawtooth exceeds gamma."""
+    system = random_system(seed, any_age=True)
+    K = np.zeros((0, 5))
+    _, document = proved(system, K, seed % 2, ["interval"], supports_of(system, K))
+    gamma = document["claim"]["gamma"]
+    top = float(Fraction(gamma)) if isinstance(gamma, str) else gamma
+    rng, own = np.random.default_rng([seed, 1]), system.delays[0]
+    for d in (0.05, 0.3, 0.6):
+        for _ in range(2):
+            F = rng.standard_normal((2, 2))
+            F /= np.linalg.norm(F, 2)
+            at = replace(system, delays=(Delay(d, own.A, own.H),))
+            assert norm(loop_of(at, F=F)) <= top * (1 + 1e-6), (seed, d)
+    for pattern in ([0.6], [0.1, 0.6]):
+        assert period_radius(system.A, own.A, pattern) < 1
+        for omega in (0.3, 2.0):
+            reached = gain_over_patterns(
+                system.A, own.A, system.C, system.D, pattern, omega, periods=12
+            )
+            assert reached <= top, (seed, pattern, omega)
+
+
 def test_nothing_is_claimed_outside_the_support() -> None:
     """A state less, another state, a control that does not act: refused by both checkers."""
     system, K = axis_pair()
@@ -164,7 +212,7 @@ def test_the_dense_solver_agrees_with_clarabel() -> None:
 
 def test_a_large_system_is_analysed_on_supports(monkeypatch: pytest.MonkeyPatch) -> None:
     """Where the conditions about the whole state are too large; a small one keeps them."""
-    system, K = axis_pair()
+    system, K = axis_pair(link=False)
     usual = conditions.conditions_of(system, K, 0, performance=True)
     assert [type(one).__name__ for one in usual] == ["AnalysisLmi"]
     monkeypatch.setattr(conditions, "_MOST_UNKNOWNS", 20)
@@ -173,3 +221,5 @@ def test_a_large_system_is_analysed_on_supports(monkeypatch: pytest.MonkeyPatch)
     terms = found.certificate["variables"]["terms"]
     assert terms[0]["states"] == [3]
     assert found.gamma > found.exact_norm
+    assert "on the support of each delay" in repr(found)
+    assert "delay 1: states 3" in found._repr_html_()

@@ -177,6 +177,15 @@ def test_a_chain_of_two_states_draws_what_bursts_draw(p: tuple[float, ...]) -> N
     assert (draws.lost(chain, 3, "a", 2000) == bursts).all()
 
 
+def test_what_is_impossible_is_not_drawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A draw of 0, the least there is, takes no way of probability 0."""
+    monkeypatch.setattr(draws, "uniform", lambda *_, **__: np.zeros(5))
+    never = LossChain(((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)), (0.0, 1.0, 1.0))
+    assert draws.states(never, 1, "a", 5).tolist() == [0] * 5
+    past = LossChain(((0.0, 0.0, 1.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)), (0.0, 1.0, 1.0))
+    assert draws.states(past, 1, "a", 5).tolist() == [0, 2, 2, 2, 2]
+
+
 def test_a_chain_stays_as_long_as_it_says() -> None:
     """Shares of states, and of the messages lost, are those of the stationary distribution."""
     moves = ((0.9, 0.1, 0.0), (0.05, 0.9, 0.05), (0.0, 0.02, 0.98))

@@ -46,7 +46,8 @@ def test_the_likelihood_in_segments_is_that_of_a_walk(count: int) -> None:
         np.array([[0.9, 0.07, 0.03], [0.2, 0.7, 0.1], [0.0, 0.05, 0.95]]),
         np.array([0.02, 0.5, 0.9]),
     )
-    lost, likelihood = chain.simulate(count, 2, "test")
+    lost = chain.simulate(count, 2, "test")
+    likelihood = chain.log_likelihoods(lost)
     for j in range(2):
         exact = walked(chain, lost[:, j])
         assert chain.log_likelihood(lost[:, j]) == pytest.approx(exact, abs=1e-9)
@@ -105,7 +106,8 @@ def test_parameters_are_recovered_within_their_errors() -> None:
 def test_a_link_of_the_schema_is_found_and_not_refused() -> None:
     """Delay, jitter and losses of a buoy; wrong models are refused, by the runs above all."""
     jitter = Jitter("exponential", mean_ns=60_000_000)
-    found = fit_link(recording_of(3000, loss=BUOY, delay_ns=310_000_000, jitter=jitter))
+    made = recording_of(3000, loss=BUOY, delay_ns=310_000_000, jitter=jitter)
+    found = fit_link(made, most_states=2)
     assert found.refusals == []
     assert found.loss.name == "gilbert-elliott"
     assert found.delay is not None
@@ -114,7 +116,7 @@ def test_a_link_of_the_schema_is_found_and_not_refused() -> None:
     assert found.delay.mean == pytest.approx(0.06, rel=0.1)
     independent, gilbert = found.losses[:2]
     assert {"runs of losses", "runs of arrivals"} <= set(independent.refused_by)
-    assert "runs of losses" in gilbert.refused_by
+    assert "runs of losses it was fitted to" in gilbert.refused_by
     assert {each.name for each in found.delays if each.refused_by} == {"uniform", "normal"}
     assert found.losses[2].tested > max(independent.tested, gilbert.tested)
 
@@ -129,6 +131,23 @@ def test_three_kinds_of_loss_need_three_states() -> None:
     made = found.loss.chain.transitions
     assert np.allclose(made, THREE.transitions, atol=0.05)
     assert np.allclose(found.loss.chain.loss, THREE.loss, atol=0.1)
+
+
+@pytest.mark.parametrize(("later", "refused"), [(0.115, False), (0.18, True)])
+def test_a_share_may_differ_by_chance_and_no_more(later: float, refused: bool) -> None:  # noqa: FBT001
+    """Of 1000 and 500 messages: one standard error is .0164, both parts counted."""
+    random = np.random.default_rng(0)
+    one, two = random.permutation(1000) < 100, random.permutation(500) < 500 * later
+    model = loss_models(one, two, 2)[0]
+    assert ("share of losses" in model.refused_by) == refused
+
+
+def test_a_model_that_excludes_what_happened_is_refused() -> None:
+    """Gilbert saw a loss end each run and no longer one: then two in a row are impossible."""
+    single, double = np.arange(400) % 9 == 4, np.arange(200) % 9 < 2
+    models = loss_models(single, double, 2)
+    assert models[1].tested == -np.inf
+    assert "likelihood" in models[1].refused_by
 
 
 def test_what_no_model_makes_is_refused_by_name() -> None:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from mcap.writer import Writer
 
 from cosim.core import InputError
 from cosim.network import IN_FLIGHT_NS, PacketLink, Recording, schedule
@@ -169,6 +170,29 @@ def test_what_is_written_is_read_again(tmp_path: Path) -> None:
         found = read_recordings(path)
         assert found == given
         assert [each.start_ns for each in found.values()] == [e.start_ns for e in given.values()]
+
+
+def test_another_mcap_file_is_read_by_its_sequence_numbers(tmp_path: Path) -> None:
+    """Publish time is sending, log time arrival; numbers 6 and 7 are missing: lost."""
+    path = tmp_path / "modem.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        schema = writer.register_schema("ping", "jsonschema", b"{}")
+        topics = [writer.register_channel(t, "json", schema) for t in ("/pings", "/status")]
+        for number, sent, at in ((5, 100, 130), (9, 500, 540), (8, 400, 450)):
+            writer.add_message(topics[0], at, b"{}", sent, number)
+        for at in (100, 200):
+            writer.add_message(topics[1], at, b"{}", at, 0)
+        writer.finish()
+    found = read_recordings(path)
+    assert list(found) == ["/pings"]
+    assert found["/pings"].start_ns == 100
+    assert found["/pings"].sent_ns.tolist() == [0, 100, 200, 300, 400]
+    assert found["/pings"].lost.tolist() == [False, True, True, False, False]
+    delay = found["/pings"].delay_ns
+    assert delay is not None
+    assert delay.tolist() == [30, 30, 30, 50, 40]
 
 
 def test_replay_is_what_an_independent_loop_does(tmp_path: Path) -> None:

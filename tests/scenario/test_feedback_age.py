@@ -27,6 +27,7 @@ from cosim.network import (
     Jitter,
     LossWindow,
     PacketLink,
+    Recording,
     TransportLink,
 )
 from cosim.scenario.age import AgeMeasure, MeasuredAges
@@ -144,6 +145,24 @@ def test_what_settings_say_of_the_age_holds_in_random_runs(
     assert 15 < sum(seen) < 45
 
 
+def test_what_a_recording_says_of_the_age_holds(fmus: Mapping[str, FmuDescription]) -> None:
+    """Its least and greatest delay, and its losses, with and without a play-out."""
+    random = np.random.default_rng(2)
+    greatest = []
+    for k in range(12):
+        every = int(random.choice([2, 3])) * STEP
+        lost = random.random(7) < (0.3 if k % 3 == 0 else 0.0)
+        delays = random.integers(1, 6, 7) * (STEP if k % 2 else STEP // 3)
+        recording = Recording(np.arange(7) * every, lost, delays, "loop")
+        playout = int(random.choice([0, 0, 4 * STEP, 8 * STEP]))
+        playout = max(playout, recording.least_ns) if playout else 0
+        up = PacketLink("up", every, playout_ns=playout, recording=recording)
+        known = check(system_of(fmus, up, None))
+        assert known.least_ns >= recording.least_ns
+        greatest.append(known.greatest_ns)
+    assert 3 < sum(each is not None for each in greatest) < 12
+
+
 def test_no_age_of_a_random_system_is_below_the_least(
     native_fmus: Path, tmp_path_factory: pytest.TempPathFactory
 ) -> None:
@@ -187,6 +206,7 @@ BUFFERED = replace(FIXES, playout_ns=7 * STEP)
             "its delay varies",
         ),
         (PacketLink("up", STEP, data_rate=10, frame_size=10), None, "wait in a queue"),
+        (PacketLink("up", STEP, recording=Recording([0], [0], [1], "loop")), None, "delay varies"),
     ],
 )
 def test_why_an_age_is_not_sampled(

@@ -27,7 +27,8 @@ from cosim.hinf.certificate.ages_terms import (
     state_blocks,
     unknowns_of,
 )
-from cosim.hinf.certificate.analysis_certificate import check_null, loop_from_json, order_from_json
+from cosim.hinf.certificate.analysis_certificate import loop_from_json
+from cosim.hinf.certificate.analysis_variables import check_null, order_from_json
 from cosim.hinf.certificate.block_multipliers import eps_from_json, eps_to_json, exact_eps
 from cosim.hinf.certificate.proof import CertificateCheck
 from cosim.hinf.certificate.rational import (

@@ -27,6 +27,7 @@ import numpy as np
 
 from cosim.core import InputError
 from cosim.hinf.certificate.analysis_proof import ExactAnalysis, analysis_proved
+from cosim.hinf.certificate.analysis_variables import variables_from_json, variables_to_json
 from cosim.hinf.certificate.control_limits import MAX_OFFSETS, peak_system
 from cosim.hinf.certificate.rational import (
     asymmetric,
@@ -73,10 +74,6 @@ class StatePeaks:
 
     def to_json(self) -> dict[str, Any]:
         """Return the JSON values that `state_peaks_from_json` reads."""
-        from cosim.hinf.certificate.analysis_certificate import (  # noqa: PLC0415 - it reads us
-            variables_to_json,
-        )
-
         claim = self.claim()
         table = {key: claim[key] for key in _KEYS if key in claim}
         return table | {"variables": variables_to_json(self.variables)}
@@ -139,10 +136,6 @@ def state_peaks_from_json(data: Any, system: DelaySystem, where: str) -> StatePe
     ------
     InputError : a missing key, a wrong shape, a text that is no number.
     """
-    from cosim.hinf.certificate.analysis_certificate import (  # noqa: PLC0415 - it reads us
-        variables_from_json,
-    )
-
     known_keys(data, where, _KEYS, required=_KEYS)
     n = len(system.A)
     rows = matrix_from_rows(data["rows"], f"{where}.rows")

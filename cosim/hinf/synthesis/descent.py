@@ -143,6 +143,9 @@ class Descent:
             if alone.gain(K).value > _SURELY:
                 if not np.isfinite(alone.gain(K).value):
                     return None
+                balanced = alone.balanced(K)
+                if alone.gain(K, balanced).value < alone.gain(K).value:
+                    log_e = balanced
                 K, log_e, value = self._minimised(alone.gain, K, log_e, below=_SURELY)
                 if not value < 0:
                     return None

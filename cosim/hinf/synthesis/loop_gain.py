@@ -34,6 +34,7 @@ taken at its least and at its greatest age: a gain that is found here is a propo
 
 from __future__ import annotations
 
+import itertools
 from copy import copy
 from typing import Any, NamedTuple, Protocol
 
@@ -56,6 +57,7 @@ _ROUNDS_OF_ALL = 2  # after which the highest peak alone is refined
 _WIDEST = 100.0  # |log e| that a line search may try: further away e overflows
 _POLISH = 3  # Newton steps for a root
 _AT_ZERO = 1e-9  # of `within`: a root nearer to 0 is taken to be at this distance
+_LEAST_PATH = 1e-3  # of the greatest gain between blocks of F: keeps their matrix positive
 _MORE_NODES, _WORST = 20, 4  # for roots further to the left; how many of them are polished
 
 
@@ -99,6 +101,9 @@ class GainFunction(Protocol):
 
     def excess(self, K: Matrix, ratio: float, within: float) -> Value:
         """Return by how much a root misses a damping ratio."""
+
+    def balanced(self, K: Matrix) -> Reals:
+        """Return scalings log e at which the gain from p to q is lower, for a search to start."""
 
 
 class LoopGain:
@@ -202,6 +207,26 @@ class LoopGain:
             turned = s.conjugate() / size * slope
             gradient = (slope.real - s.real / size * turned.real) / size
         return Value(value, np.asarray(gradient * self.free), np.zeros(self.scalings))
+
+    def balanced(self, K: Matrix) -> Reals:
+        """Return log e by the Perron vectors of the greatest gains from block to block of F.
+
+        With |N_ij| of these gains, the scaling e_i^2 = l_i / r_i of its left and right Perron
+        vectors has the least norm of all (Stoer, Witzgall, Numer. Math. 4, 1962).
+        """
+        peaks = np.zeros((self.scalings, self.scalings))
+        for ages in self._ages:
+            grid = self._grid(self._roots(K, ages))
+            at, x = self._maps(K, np.zeros(self.scalings), grid, ages)
+            q = np.abs(at.on_output @ x)
+            for (i, (_, rows)), (j, (columns, _)) in itertools.product(
+                enumerate(self._scaled_alone), repeat=2
+            ):
+                sizes = np.linalg.norm(q[:, rows, columns], axis=(1, 2))
+                peaks[i, j] = max(peaks[i, j], float(sizes.max()))
+        peaks += _LEAST_PATH * peaks.max()
+        left, right = (_perron(M) for M in (peaks.T, peaks))
+        return np.asarray(0.5 * np.log(left / right))
 
     def _roots(self, K: Matrix, ages: Reals, nodes: int = _NODES) -> Complexes:
         A = [M + _fed(self._B, K, S) for M, S in zip(self._A, self._S, strict=True)]
@@ -378,10 +403,13 @@ class LoopGain:
     def _scaled(self, q: Complexes, log_e: Reals) -> Complexes:
         """Return N for G_q."""
         N: Any = np.diag(self._weight(log_e))
-        for (_, rows), e in zip(self._blocks, log_e, strict=False):
-            own = q[..., rows, :]
-            N = N - float(np.exp(2 * e)) * (own.conj().swapaxes(-1, -2) @ own)
-        return np.asarray(N)
+        if not self._blocks:
+            return np.asarray(N)
+        if len(self._blocks) == 1:
+            return np.asarray(N - float(np.exp(2 * log_e[0])) * (q.conj().swapaxes(-1, -2) @ q))
+        sizes = np.repeat(np.exp(log_e), [rows.stop - rows.start for _, rows in self._blocks])
+        own = sizes[:, None] * q
+        return np.asarray(N - own.conj().swapaxes(-1, -2) @ own)
 
     def _least(self, z: Complexes, q: Complexes, log_e: Reals) -> tuple[float, Any]:
         """Return the least g with z*z <= g^2 N, its vector; infinite where N is not positive."""
@@ -390,6 +418,12 @@ class LoopGain:
         except np.linalg.LinAlgError:
             return np.inf, np.zeros(z.shape[1], dtype=np.complex128)
         return float(np.sqrt(max(values[-1], 0.0))), vectors[:, -1]
+
+
+def _perron(M: Matrix) -> Reals:
+    """Return the eigenvector of the spectral radius of a positive matrix."""
+    values, vectors = np.linalg.eig(M)
+    return np.asarray(np.abs(vectors[:, int(values.real.argmax())].real))
 
 
 def _fed(left: Matrix, K: Matrix, phi: Any) -> Any:

@@ -10,6 +10,7 @@ Only the analysis is a proof (`cosim.hinf.certificate.pair_of`).
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -62,6 +63,9 @@ _MULTIPLIERS = (0.3, 1.0, 3.0)
 _BITS = 20  # of the entries of L, relative to the largest of its column
 _EVALUATIONS = 150
 _SMALL = 1e-3  # weight of states and controls that are not in z, in own units
+_CHEAPER = (1.0, 0.1, 0.01)
+"""Weights of u of the regulators, as shares of that in z."""
+_RATE = 0.5  # of an injection into what is measured, times its age
 _AGELESS = 1e-2  # s per unit of time: the age that stands for none
 
 
@@ -330,8 +334,8 @@ def _proposals(
     """Yield K and L, of the best gain first at the ages themselves, then at longer ones."""
     plant = given.plant
     units = _units(plant, given.estimated)
-    start_K = _regulator(plant, units) if K is None else np.zeros_like(K)
-    start_L = _injections(given, units) if L is None else [np.zeros_like(x) for x in L]
+    starts_K = _regulators(plant, units) if K is None else [np.zeros_like(K)]
+    starts_L = _injections(given, units) if L is None else [[np.zeros_like(x) for x in L]]
     output = [np.abs(x.C) @ units.state for x in given.measurements]
     per_K = units.input[:, None] / units.state
     per_L = [units.state[:, None] / units.T / size for size in output]
@@ -342,8 +346,10 @@ def _proposals(
         longer = [replace(x, d=factor * x.d) if x.any_age else x for x in given.measurements]
         loop = PairGain(plant, longer, known, K=K, L=L)
         alone = PairGain(plant, longer, known, K=K, L=L, only_uncertain=True)
-        theta = loop.theta(start_K, start_L) if theta is None else theta
         uncertain = alone if plant.E.size else None
+        if theta is None:
+            starts = [loop.theta(*x) * loop.free for x in itertools.product(starts_K, starts_L)]
+            theta = _first_start(starts, alone) if plant.E.size else starts[0]
         descent = Descent(loop, uncertain, loop.theta(per_K, per_L), 1 / units.T, _EVALUATIONS)
         found = descent.from_start(theta * loop.free)
         if found is None:
@@ -352,6 +358,19 @@ def _proposals(
         gains = loop.gains(found)
         rounded = rounded_gain(gains[0], units) if K is None else K
         yield rounded, [_short(x) for x in gains[1]] if L is None else L
+
+
+def _first_start(starts: Sequence[Matrix], alone: PairGain) -> Matrix:
+    """Return the first start that bears what is uncertain; without one, the one nearest to it."""
+    values = []
+    for theta in starts:
+        value = alone.gain(theta).value
+        if np.isfinite(value):
+            value = min(value, alone.gain(theta, alone.balanced(theta)).value)
+        if value < 0:
+            return theta
+        values.append(value)
+    return starts[int(np.argmin(values))]
 
 
 def _units(plant: DelaySystem, estimated: NDArray[np.bool_]) -> Scaling:
@@ -377,7 +396,7 @@ def _units(plant: DelaySystem, estimated: NDArray[np.bool_]) -> Scaling:
         D=plant.D[:, slow],
         E=plant.E[slow],
         H=plant.H[:, slow],
-        delays=[replace(x, A=x.A[np.ix_(slow, slow)], H=x.H[:, slow]) for x in plant.delays],
+        delays=tuple(replace(x, A=x.A[np.ix_(slow, slow)], H=x.H[:, slow]) for x in plant.delays),
         feedback=None,
     )
     found = units_of(reduced)[0]
@@ -394,27 +413,41 @@ def _short(L: Matrix) -> Matrix:
     return np.asarray(np.round(L / step) * step + 0.0)
 
 
-def _regulator(plant: DelaySystem, units: Scaling) -> Matrix:
-    """Return the gain (m, n) of a linear-quadratic regulator without delays; zero without one."""
+def _regulators(plant: DelaySystem, units: Scaling) -> list[Matrix]:
+    """Return gains (m, n) of linear-quadratic regulators without delays; zero without one.
+
+    The first weighs u as z does, further ones less. What is uncertain of a state's own rate is
+    taken at its least damping.
+    """
     own = units.system(plant)
     A = own.A + sum((x.A for x in own.delays), np.zeros_like(own.A))
+    A = A + np.diag(np.diagonal(np.abs(own.E) @ np.abs(own.H))) if own.blocks else A
     (n, m) = own.B.shape
-    Q, R = own.D.T @ own.D + _SMALL * np.eye(n), own.D2.T @ own.D2 + _SMALL * np.eye(m)
-    try:
-        P = scipy.linalg.solve_continuous_are(A, own.B, Q, R)
-    except (ValueError, np.linalg.LinAlgError):
-        return np.zeros((m, n))
-    in_units = -np.linalg.solve(R, own.B.T @ P)
-    return np.asarray(in_units * units.input[:, None] / units.state)
+    found = []
+    for share in _CHEAPER:
+        Q = own.D.T @ own.D + _SMALL * np.eye(n)
+        R = share * own.D2.T @ own.D2 + _SMALL * np.eye(m)
+        try:
+            P = scipy.linalg.solve_continuous_are(A, own.B, Q, R)
+        except (ValueError, np.linalg.LinAlgError):
+            continue
+        in_units = -np.linalg.solve(R, own.B.T @ P)
+        found.append(np.asarray(in_units * units.input[:, None] / units.state))
+    return found or [np.zeros((m, n))]
 
 
-def _injections(given: ObserverPair, units: Scaling) -> list[Matrix]:
-    """Return the injections of the error's LMI at the best of some multipliers; else zeros."""
+def _injections(given: ObserverPair, units: Scaling) -> list[list[Matrix]]:
+    """Return the injections of the error's LMI at the best of some multipliers, if there are any.
+
+    After them those that correct what is measured at a rate of 0.5 / age, and nothing else: the
+    LMI leaves open what the error of another state hides.
+    """
     longest = max(x.d for x in given.measurements) or _AGELESS * units.T
     lmi = InjectionLmi(*(given.plant, given.measurements, given.estimated, units.state, units.T))
     found = [lmi.least_gamma(b * longest) for b in _MULTIPLIERS]
     best = min((x for x in found if x is not None), key=lambda x: x[0], default=None)
-    return list(given.L) if best is None else best[1]
+    alone = [x.C.T * (_RATE / (x.d or _AGELESS * units.T)) for x in given.measurements]
+    return ([] if best is None else [best[1]]) + [alone]
 
 
 def output_feedback_from_json(data: Any, *, where: str) -> OutputFeedback:

@@ -134,6 +134,11 @@ class PairGain:
         loop, gain = self._at(K)
         return self._by_theta(loop.gain(gain, log_e))
 
+    def balanced(self, K: Matrix) -> Reals:
+        """Return scalings log e for a search to start from, as `LoopGain.balanced`."""
+        loop, gain = self._at(K)
+        return loop.balanced(gain)
+
     def excess(self, K: Matrix, ratio: float, within: float) -> Value:
         """Return by how much the damping of a root misses `ratio`, as `LoopGain.excess`."""
         loop, gain = self._at(K)

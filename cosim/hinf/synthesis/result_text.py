@@ -14,13 +14,31 @@ def proved_words(found: Any) -> str:
     delays = found.system.delays
     cover = ", for every smaller delay too" if delays and found.covers_smaller_delays else ""
     what = "stability" if found.gamma is None else f"gamma {found.gamma:.6g}"
-    return f"{what} certified{cover}"
+    on = ", on the support of each delay" if support_words(found.certificate) else ""
+    return f"{what} certified{cover}{on}"
+
+
+def support_words(certificate: dict[str, Any] | None) -> str:
+    """Return the support of each delay that a certificate names: "delay 1: states 3, 4"."""
+    if certificate is None or "terms" not in certificate.get("variables", {}):
+        return ""
+    late = [i for i, delay in enumerate(certificate["system"]["delays"], 1) if delay["d"] > 0]
+    each = zip(late, certificate["variables"]["terms"], strict=True)
+    return "; ".join(
+        f"delay {i}: {of} {', '.join(map(str, term[of]))}"
+        for i, term in each
+        for of in ("states", "controls")
+        if of in term
+    )
 
 
 def result_rows(found: Any) -> dict[str, str]:
     """Return the rows about a design or an analysis in a notebook."""
     rows = {} if found.K is None else {"K": matrix_text(found.K, most=24)}
     rows["certified"] = proved_words(found)
+    on = support_words(found.certificate)
+    if on:
+        rows["proved on the support of each delay"] = on
     if found.abscissa is not None:
         rows["rightmost root (computed)"] = f"real part {found.abscissa:.6g} 1/s"
     if found.exact_norm is not None:

@@ -8,6 +8,7 @@ from typing import Any
 
 from cosim.core import at_most
 from cosim.trace.outcome.feedback_age import age_lines, measurement_age_lines
+from cosim.trace.outcome.plant import plant_line
 from cosim.trace.outcome.run_outcome import BAD, GOOD, OPEN, RunOutcome
 
 _SITES = {"u": "surge", "v": "sway", "w": "heave", "r": "yaw rate", "psi": "heading"}
@@ -121,10 +122,7 @@ def _words(name: str, met: Any, metrics: Mapping[str, Any]) -> tuple[str, str]:
             return "No command stood at its limit", _limits(met, metrics)
     if name in _COMPARED:
         what, same, other = _COMPARED[name]
-        differs = metrics.get("plant_differs") if name == "plant_as_designed" else None
-        if isinstance(differs, list) and differs:
-            other = "; ".join(map(str, differs))
-        return what, same if met is True else other
+        return what, same if met is True else other or plant_line(metrics)
     if name.startswith(_OF) and name != _OF:
         return _measurement_words(name.removeprefix(_OF), met, metrics)
     words, line = _AGES.get(name, (name.replace("_", " ").capitalize(), None))
@@ -146,7 +144,7 @@ _COMPARED = {
     "plant_as_designed": (
         "The plant is the one designed for",
         "every parameter of the plant is that of the design's model",
-        "the plant of the run has other parameters than the design's model",
+        "",  # named one by one
     ),
 }
 """Assumption -> its words, and what is said where it was met and where not."""

@@ -189,14 +189,14 @@ static void notice(Observer *it, const double *v, double end, int late) {
     it->noticed = 1;
     if (late < 0) {
         say(&it->notice,
-            "watchdog at t = %s s: all ages are allowed again, commands follow the estimate",
-            shortest(end).text);
+            "watchdog at t = %.10g s: all ages are allowed again, commands follow the estimate",
+            end);
         return;
     }
     const char *allowed = model_variables[FIELD(late, GREATEST_AGE)].name; /* age.NAME */
-    say(&it->notice, "watchdog at t = %s s: %s is %s s old, %s is %s s: safe values are commanded",
-        shortest(end).text, allowed + 4, shortest(v[FIELD(late, AGE)]).text, allowed,
-        shortest(v[FIELD(late, GREATEST_AGE)]).text);
+    say(&it->notice,
+        "watchdog at t = %.10g s: %s is %.10g s old, %s is %.10g s: safe values are commanded",
+        end, allowed + 4, v[FIELD(late, AGE)], allowed, v[FIELD(late, GREATEST_AGE)]);
 }
 
 static int command(Observer *it, double *v, double end, int late, const double *found,
