@@ -51,10 +51,10 @@ def estimated_states(system: DelaySystem) -> list[bool]:
     """Return which states must be estimated: not what a lag makes of the commands alone."""
     A = np.abs(system.A) + sum((np.abs(d.A) for d in system.delays), np.zeros_like(system.A))
     driven = np.abs(system.C).any(axis=1) | np.abs(system.E).any(axis=1)
-    known = np.abs(system.B).any(axis=1) & ~driven
-    for i in np.flatnonzero(known):
-        known[i] = not np.delete(A[i], i).any()
-    return [not bool(each) for each in known]
+    commanded = np.abs(system.B).any(axis=1)
+    return [
+        bool(driven[i] or not commanded[i] or np.delete(A[i], i).any()) for i in range(len(A))
+    ]
 
 
 def regulator(system: DelaySystem) -> np.ndarray:
