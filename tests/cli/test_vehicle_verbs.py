@@ -1,4 +1,4 @@
-"""The verbs of vehicles: a file is written, checked, shown and flown."""
+"""The verbs of vehicles: a file is written, checked, figures and flown."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ def test_a_new_vehicle_file_explains_its_keys_and_can_be_read(like: str, tmp_pat
     text = tmp_path.joinpath("mine.toml").read_text("utf-8")
     assert "# Dry mass m" in text
     assert '\nname = "mine"\n' in text
-    shown = cosim("vehicle", "show", "mine.toml", "--json", cwd=tmp_path).json
+    figures = cosim("vehicle", "show", "mine.toml", "--json", cwd=tmp_path).json
     own = cosim("vehicle", "show", like, "--json", cwd=tmp_path).json
-    assert shown["name"] == "mine"
-    assert shown["mass_matrix"] == own["mass_matrix"]
-    assert shown["trim"] == own["trim"]
+    assert figures["name"] == "mine"
+    assert figures["mass_matrix"] == own["mass_matrix"]
+    assert figures["trim"] == own["trim"]
     again = cosim("vehicle", "new", "mine", "--json", cwd=tmp_path)
     assert again.code == 2
     assert again.error["what"] == "this file already exists"
@@ -62,7 +62,7 @@ def test_what_is_doubtful_is_a_warning_not_an_error(tmp_path: Path) -> None:
     assert "drag is not dissipative" in finding["what"]
 
 
-def test_a_vehicle_is_shown_in_figures_and_in_a_picture(tmp_path: Path) -> None:
+def test_a_vehicle_has_figures_and_a_picture(tmp_path: Path) -> None:
     """Mass with added mass, and poles without control: four of a hovering vehicle at zero."""
     picture = tmp_path / "rov.png"
     found = cosim(
