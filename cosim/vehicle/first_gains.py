@@ -50,8 +50,8 @@ def observed_design(system: DelaySystem, measured: Sequence[Measurement]) -> hin
 def estimated_states(system: DelaySystem) -> list[bool]:
     """Return which states must be estimated: not what a lag makes of the commands alone."""
     A = np.abs(system.A) + sum((np.abs(d.A) for d in system.delays), np.zeros_like(system.A))
-    driven = np.hstack([system.C, system.E]).any(axis=1)
-    commanded = system.B.any(axis=1)
+    driven = np.asarray(np.hstack([system.C, system.E]).any(axis=1))
+    commanded = np.asarray(system.B.any(axis=1))
     return [bool(driven[i] or not commanded[i] or np.delete(A[i], i).any()) for i in range(len(A))]
 
 
