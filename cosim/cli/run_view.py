@@ -11,7 +11,7 @@ from rich.text import Text
 
 from cosim.cli.terminal import NONE, facts_table, number, plain
 from cosim.core import at_most
-from cosim.trace import age_lines, plant_line
+from cosim.trace import age_lines, measurement_age_lines, plant_line
 
 if TYPE_CHECKING:
     from cosim.scenario import Demo, Outcome
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 _COLOURS = {"good": "green", "open": "yellow", "bad": "red"}
 _LEVELS = {"warning": "yellow", "error": "red", "fatal": "red"}
 _MOST_EVENTS = 12
+_THRUSTS = ("force.", "thruster.")
 
 
 def outcome_view(outcome: Outcome) -> RenderableType:
@@ -47,7 +48,7 @@ def outcome_view(outcome: Outcome) -> RenderableType:
         *_links(outcome.links),
         _assumptions(outcome.metrics["assumptions"]),
         *_plant(outcome.metrics),
-        *_age(outcome.metrics.get("feedback_age")),
+        *_age(outcome.metrics),
         *_assertions(outcome),
         *_events(outcome),
         *_advice(outcome),
@@ -113,7 +114,7 @@ def _figures(outcome: Outcome) -> list[tuple[str, str, str]]:
     """Return rows of (figure, value, how it was obtained)."""
     m = outcome.metrics
     largest = m["largest_command"] or {}
-    thrust = max((v for n, v in largest.items() if n.startswith("force.")), default=None)
+    thrust = max((v for n, v in largest.items() if n.startswith(_THRUSTS)), default=None)
     use = m["envelope_use"]
     return [
         ("gamma", NONE if m["gamma"] is None else at_most(m["gamma"], 6), "certified"),
@@ -124,9 +125,25 @@ def _figures(outcome: Outcome) -> list[tuple[str, str, str]]:
         ("time at a limit", _percent(m["saturated_fraction"]), "measured"),
         ("age that the design allows", number(m["designed_age_s"], 4, "s"), "certified up to this"),
         ("oldest measurement used", number(m["message_age_s"], 4, "s"), "measured"),
+        *_measurement_ages(m.get("measurement_ages") or {}),
         ("coupling delay", number(m["coupling_delay_s"], 4, "s"), "in addition to the links"),
         ("largest use of envelope", _percent(max(use.values()) if use else None), "measured"),
     ]
+
+
+def _measurement_ages(ages: Mapping[str, Any]) -> list[tuple[str, str, str]]:
+    """Return a row for the greatest age of each measurement, and of the commands."""
+    rows = []
+    for name, age in ages.items():
+        most = None if age["measured"] is None else age["measured"]["greatest_s"]
+        bound = age["greatest_s"]
+        how = (
+            f"measured; certified up to {bound:.4g} s"
+            if bound
+            else "measured; at once but for steps"
+        )
+        rows.append((f"oldest {name} used", number(most, 4, "s"), how))
+    return rows
 
 
 def _cut(cut: Iterable[Mapping[str, Any]]) -> list[RenderableType]:
@@ -203,11 +220,13 @@ def _plant(metrics: Mapping[str, Any]) -> list[RenderableType]:
     return [Text(plant_line(metrics))] if metrics.get("plant_differences") else []
 
 
-def _age(age: Mapping[str, Any] | None) -> list[RenderableType]:
+def _age(metrics: Mapping[str, Any]) -> list[RenderableType]:
     """Show which ages the guarantee assumes, which the run had, and what its settings justify."""
-    if age is None:
-        return []
-    return [Text(line) for line in age_lines(age)]
+    age, each = metrics.get("feedback_age"), metrics.get("measurement_ages")
+    lines = [] if age is None else age_lines(age)
+    if each is not None:
+        lines += [f"age of {name}: {line}" for name, line in measurement_age_lines(each).items()]
+    return [Text(line) for line in lines]
 
 
 def _assertions(outcome: Outcome) -> list[RenderableType]:

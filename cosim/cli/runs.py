@@ -46,6 +46,11 @@ def make_fmu_cache(
 def report_outcome(outcome: scenario.Outcome, as_json: bool) -> None:  # noqa: FBT001 - as `answer`
     """Print the outcome of a run, and leave with its exit code."""
     answer(as_json, outcome.to_json, lambda: outcome_view(outcome))
+    exit_with(outcome)
+
+
+def exit_with(outcome: scenario.Outcome) -> None:
+    """Leave with the exit code of a run: 4 if it failed, 1 if an assertion was not as expected."""
     if outcome.status == "failed":
         raise typer.Exit(ComponentError.exit_code)
     if not outcome.as_expected:

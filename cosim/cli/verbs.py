@@ -70,6 +70,11 @@ VERBS = {
         "ssp_app",
         "Export a scenario as an SSP archive, import an archive, or check it for other tools.",
     ),
+    "vehicle": Verb(
+        "vehicle",
+        "vehicle_app",
+        "Create, check, show and fly a vehicle from its parameters: designed, proved, simulated.",
+    ),
     "study": Verb(
         "study",
         "study_app",

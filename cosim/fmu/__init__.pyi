@@ -10,6 +10,7 @@ from .call_watch import (
 from .certificate import (
     carries_certificate as carries_certificate,
     certificate_in_fmu as certificate_in_fmu,
+    certified_values as certified_values,
 )
 from .compiled import (
     compiled_library as compiled_library,

@@ -15,6 +15,7 @@ from .certificate import (
     measurement_differences as measurement_differences,
     minus_omega as minus_omega,
     output_feedback_to_json as output_feedback_to_json,
+    pair_from_json as pair_from_json,
     pair_of as pair_of,
     read_certificate as read_certificate,
     system_from_json as system_from_json,

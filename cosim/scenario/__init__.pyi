@@ -4,6 +4,11 @@ from .demo import (
     Demo as Demo,
     demonstrate as demonstrate,
 )
+from .designed_plant import (
+    PLANT_NOTE as PLANT_NOTE,
+    DesignedPlant as DesignedPlant,
+    LinearSignals as LinearSignals,
+)
 from .diagram import (
     as_mermaid as as_mermaid,
     as_text as as_text,
@@ -61,8 +66,10 @@ from .python_api import (
     open_session as open_session,
     run as run,
 )
+from .quantity import seconds_in as seconds_in
 from .read import (
     LoadedScenario as LoadedScenario,
+    all_refusals as all_refusals,
     builtin_names as builtin_names,
     load as load,
     parse as parse,

@@ -134,11 +134,11 @@ class _Path:
     ) -> None:
         self._controller = controller
         self._computed = None if at_once else _Computed(controller)
-        self._received, self._commanded = _Lookup(forth), _Lookup(back)
+        self._received, self._commanded = Lookup(forth), Lookup(back)
         self._recent = Recent()
 
     def add(self, first: int, last: int) -> Integers:
-        """Return when the measurement behind the plant's input was taken, as `_Lookup.add`."""
+        """Return when the measurement behind the plant's input was taken, as `Lookup.add`."""
         points = self._controller.comm_points.points_ns
         received = self._received.add(first, last, points)
         if self._computed is None:
@@ -149,7 +149,7 @@ class _Path:
         return self._commanded.add(first, last, self._recent)
 
 
-class _Lookup:
+class Lookup:
     """What the rows that a route reads have in a table of instants [ns]."""
 
     def __init__(self, route: Route) -> None:
@@ -195,7 +195,7 @@ class _Computed:
     def add(self, first: int, last: int, received: Integers) -> Integers:
         """Return it for each row of the block [ns]; -1: none, or not the controller's own point.
 
-        `received` : when what the controller received was taken, as of `_Lookup.add`.
+        `received` : when what the controller received was taken, as of `Lookup.add`.
         """
         own = own_points_in(self._controller, first, last)
         if 0 <= self._own == first - 1:

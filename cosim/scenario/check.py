@@ -21,7 +21,7 @@ from cosim.scenario.assembly import (
 from cosim.scenario.assertions import bind_assertions
 from cosim.scenario.extend import Source
 from cosim.scenario.fmu_cache import FmuCache
-from cosim.scenario.gain import gain_parameters, problem_of
+from cosim.scenario.gain import controller_parameters, gain_parameters, observes, problem_of
 from cosim.scenario.origin import Findings, Origin
 from cosim.scenario.pinned import named_design
 from cosim.scenario.plant import parameters_of_plant, require_vehicle_of
@@ -72,14 +72,18 @@ def _look(loaded: LoadedScenario, fmu_cache: FmuCache, findings: Findings) -> No
         with findings.at("design"):
             check_roles(loaded, fmus)
             plant = parameters_of_plant(scenario)
+            fmu, designed = fmus[design.controller], None
             if design.file is None:
                 problem = problem_of(design, loaded.folder, plant)
             else:
-                problem = named_design(design, loaded.folder, plant)[0]
+                problem, designed, _ = named_design(design, loaded.folder, plant)
                 if problem.vehicle is not None:
                     require_vehicle_of(problem.vehicle, scenario, design)
-            blank = gain_parameters(np.zeros(problem.system.B.T.shape), fmus[design.controller])
-            parameters[design.controller] = blank
+            if observes(designed):
+                parameters[design.controller] = controller_parameters(designed, fmu)
+            else:
+                blank = np.zeros(problem.system.B.T.shape)
+                parameters[design.controller] = gain_parameters(blank, fmu)
             with findings.at("disturbance"):
                 worst_case = (
                     None if scenario.disturbance is None else no_disturbance(problem.system)

@@ -11,16 +11,19 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from cosim.core import CosimError
 from cosim.fmu import FmuDescription, carries_certificate
-from cosim.hinf import AuvDesignSettings, Design
-from cosim.scenario.gain import Problem, gain_parameters
+from cosim.hinf import AuvDesignSettings
+from cosim.scenario.gain import Problem, controller_parameters
 from cosim.scenario.pinned import DesignSource, named_design
 from cosim.scenario.plant import parameters_of_plant, require_vehicle_of
 from cosim.scenario.read import LoadedScenario
 from cosim.scenario.schema import DesignPart, Scenario
+
+if TYPE_CHECKING:
+    from cosim.scenario.gain import AnyDesign
 
 _BUILT_IN, _ITS_PLANT, _ITS_DESIGN = "HinfController", "AuvPlant", "auv-1.25s"
 _NAMES_IT = "[design] file, controller and plant say what counts"
@@ -33,7 +36,7 @@ class ControllerDesign(NamedTuple):
     """
 
     loaded: LoadedScenario
-    made: tuple[Problem, Design] | None
+    made: tuple[Problem, AnyDesign] | None
     source: DesignSource | None
 
 
@@ -70,7 +73,7 @@ def with_design_of_controller(
     try:
         plant = parameters_of_plant(scenario, part)
         problem, design, _ = named_design(there, loaded.folder, plant)
-        gain_parameters(design.K, fmus[name])
+        controller_parameters(design, fmus[name])
     except CosimError as error:
         reason = error.what if error.got is None else f"{error.what} ({error.got})"
         return _none(loaded, f"{fmu} carries a certificate that does not count here: {reason}")

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.scenario.envelope import ENVELOPE
+from cosim.scenario.envelope import envelope_bounds
+from cosim.scenario.gain import observes
 from cosim.scenario.preparation import PreparedScenario
 from cosim.scenario.run_events import Episodes, EventCollector, close_all
 from cosim.trace import RunEvent
@@ -24,9 +25,15 @@ class DesignEvents:
         begins = RunEvent(0, "warning", "age", controller, words)
         self._age = Episodes(collector, begins, "the measurement in use is young enough again")
         self._axes: list[tuple[float, Episodes]] = []
-        if problem is not None and problem.vehicle is not None:
-            for axis, name in ENVELOPE.items():
-                bound = float(getattr(problem.vehicle.envelope, axis))
+        self._stamped: list[tuple[float, Episodes]] = []
+        for each in prepared.design.measurements if observes(prepared.design) else ():
+            words = f"the measurement in use is older than the {each.d:g} s designed for"
+            begins = RunEvent(0, "warning", "age", f"{controller}.{each.name}", words)
+            over = "the measurement in use is young enough again"
+            bound = each.d * 1e9 * (1 + 1e-12)
+            self._stamped.append((bound, Episodes(collector, begins, over)))
+        if problem is not None:
+            for name, bound in envelope_bounds(problem).values():
                 words = f"outside the envelope of the proof: beyond {bound:g}"
                 begins = RunEvent(0, "warning", "envelope", f"{plant}.{name}", words)
                 self._axes.append((bound, Episodes(collector, begins, "inside the envelope again")))
@@ -35,6 +42,11 @@ class DesignEvents:
         """Take the ages of the measurements in use."""
         self._age.add(points_ns, ages_ns > self._oldest_ns)
 
+    def stamped(self, points_ns: NDArray[np.int64], ages_ns: NDArray[np.int64]) -> None:
+        """Take the ages of the measurements that carry stamps, (n, measurements)."""
+        for j, (oldest_ns, episodes) in enumerate(self._stamped):
+            episodes.add(points_ns, ages_ns[:, j] > oldest_ns)
+
     def envelope(self, points_ns: NDArray[np.int64], magnitudes: NDArray[np.float64]) -> None:
         """Take the magnitudes of what the envelope bounds."""
         for j, (bound, episodes) in enumerate(self._axes):
@@ -42,4 +54,5 @@ class DesignEvents:
 
     def close(self, end_ns: int) -> None:
         """Count what still lasts at the end of the run."""
-        close_all([self._age, *(episodes for _, episodes in self._axes)], end_ns)
+        bounded = [episodes for _, episodes in (*self._stamped, *self._axes)]
+        close_all([self._age, *bounded], end_ns)

@@ -242,10 +242,11 @@ def _assembled(
 ) -> System:
     """Assemble the system of the run or, `at_rest`, of the zero-state run."""
     purpose = "zero-state run" if at_rest else "run"
+    rest, gain = prepared.at_rest if at_rest else {}, prepared.gain
     made = assemble(
         prepared.loaded.scenario,
         prepared.fmus,
-        parameters=prepared.gain,
+        parameters={name: rest.get(name, {}) | gain.get(name, {}) for name in {*rest, *gain}},
         worst_case=prepared.worst_case,
         at_rest=at_rest,
         origin=prepared.loaded.origin,

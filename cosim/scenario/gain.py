@@ -5,18 +5,25 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from cosim import hinf
 from cosim.core import InputError, NotAchievableError
-from cosim.fmu import FmuDescription
+from cosim.fmu import FmuDescription, certified_values
 from cosim.models import Delay, DelaySystem
 from cosim.scenario.age_claim import feedback_of
+from cosim.scenario.designed_plant import PLANT_NOTE, DesignedPlant
 from cosim.scenario.feedback_age import FeedbackAge
 from cosim.scenario.plant import NO_PARAMETERS, design_settings_for
 from cosim.scenario.schema import DesignPart
+
+if TYPE_CHECKING:
+    from typing_extensions import TypeIs
+
+    AnyDesign = hinf.Design | hinf.OutputFeedback
+    """Of the whole state, or of what is measured of it."""
 
 _AUV_ONLY = ("state_delay", "loop_delay", "damping", "position_weight", "envelope")
 
@@ -28,6 +35,7 @@ class Problem:
     system, k1, k2 : k1 and k2 None where they are to be searched.
     vehicle : settings that the system was made from, if it is the vehicle.
     design_constraints : what the gain must meet beside gamma.
+    plant : how the plant of the run is seen as the system, where the design knows.
     """
 
     system: DelaySystem
@@ -37,6 +45,7 @@ class Problem:
     design_constraints: hinf.DesignConstraints = field(
         default_factory=lambda: hinf.DesignConstraints()  # noqa: PLW0108 - loaded when it is made
     )
+    plant: DesignedPlant | None = None
 
 
 def problem_of(
@@ -74,9 +83,14 @@ def _problem_of(part: DesignPart, folder: Path, plant: Mapping[str, float]) -> P
     return Problem(named.system, k1, k2, None, named.design_constraints)
 
 
+def observes(found: AnyDesign | None) -> TypeIs[hinf.OutputFeedback]:
+    """Whether a design feeds back what an observer estimates, rather than the measured state."""
+    return found is not None and found.certificate.get("kind") == "output-feedback"
+
+
 def problem_about(
     part: DesignPart,
-    found: hinf.Design,
+    found: AnyDesign,
     where: str,
     folder: Path | None,
     plant: Mapping[str, float] = NO_PARAMETERS,
@@ -96,6 +110,8 @@ def problem_about(
     ------
     InputError : [design] describes another system, or one that does not exist.
     """
+    if observes(found):
+        return _output_feedback_problem(part, found, where)
     require_up_to(found)
     own = Problem(found.system, found.k1, found.k2, None)
     named = found.system.name if part.system is None else part.system
@@ -129,6 +145,22 @@ def problem_about(
             "leave out file, and a new gain is designed",
         )
     return replace(own, vehicle=described.vehicle)
+
+
+def _output_feedback_problem(part: DesignPart, found: hinf.OutputFeedback, where: str) -> Problem:
+    """Return the problem of a design with an observer, which knows its system and its plant."""
+    known = {"file", "controller", "plant"}
+    given = sorted(key for key in part.model_fields_set - known if getattr(part, key) is not None)
+    if given:
+        raise InputError(
+            f"{', '.join(given)} beside the design of an observer",
+            where=where,
+            expected="file, controller and plant: the design knows its system and its ages",
+            hint="leave them out",
+        )
+    note = found.certificate.get(PLANT_NOTE)
+    plant = None if note is None else DesignedPlant.from_json(note, f"{where}: {PLANT_NOTE}")
+    return Problem(found.system, None, None, None, plant=plant)
 
 
 def _refuse_vehicle_keys(part: DesignPart, got: str) -> None:
@@ -339,9 +371,31 @@ def gain_parameters(K: Any, controller: FmuDescription) -> dict[str, float]:
     return values
 
 
-def starts_with(K: Any, controller: FmuDescription) -> bool:
-    """Whether a controller FMU starts with the gain K."""
+def controller_parameters(found: AnyDesign, controller: FmuDescription) -> dict[str, float]:
+    """Return a design as parameters of the FMU that is to fly it.
+
+    Raises
+    ------
+    InputError : it is a controller for another design.
+    """
+    if not observes(found):
+        return gain_parameters(found.K, controller)
+    values = certified_values(found.certificate)
+    unlike = [name for name in values if name not in controller.ports]
+    if unlike:
+        raise InputError(
+            "the design does not fit the controller",
+            where=str(controller.path),
+            expected=f"parameters {', '.join(unlike[:4])}{' ...' if len(unlike) > 4 else ''}",
+            got=f"an FMU with {', '.join(list(controller.ports)[:4])} ...",
+            hint="cosim fmu controller packs a design as its controller",
+        )
+    return values
+
+
+def starts_with(found: AnyDesign, controller: FmuDescription) -> bool:
+    """Whether a controller FMU starts with the numbers of a design."""
     return all(
         controller.ports[name].start == value
-        for name, value in gain_parameters(K, controller).items()
+        for name, value in controller_parameters(found, controller).items()
     )

@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from types import MappingProxyType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -22,20 +22,28 @@ from cosim.master import Connection, Run, System
 from cosim.models import Delay, total
 from cosim.scenario.age import AgeMeasure, MeasuredAges
 from cosim.scenario.age_claim import age_assumptions, age_figures, feedback_of
+from cosim.scenario.applied_commands import AppliedCommands
 from cosim.scenario.assertions import AssertionsMeasure
 from cosim.scenario.coupling import CouplingMeasure
 from cosim.scenario.cut_delays import CutMeasure
 from cosim.scenario.design_events import DesignEvents
-from cosim.scenario.envelope import ENVELOPE, LargestMagnitudes
+from cosim.scenario.envelope import ENVELOPE, LargestMagnitudes, envelope_bounds
 from cosim.scenario.feedback_age import FeedbackAge, feedback_age
 from cosim.scenario.final_values import LastOutputs
-from cosim.scenario.gain import Problem, proves_exact_delays
+from cosim.scenario.gain import Problem, observes, proves_exact_delays
 from cosim.scenario.limits import Saturation, SaturationMeasure
 from cosim.scenario.loss_bursts import LossBursts
 from cosim.scenario.measure import Measure, Measures
+from cosim.scenario.measurement_ages import CommandAge, StampedAges
+from cosim.scenario.measurement_claim import (
+    measurement_age_figures,
+    measurement_assumptions,
+)
+from cosim.scenario.noise_energy import NoiseEnergy
 from cosim.scenario.origin import Findings
 from cosim.scenario.performance import GainMeasure
 from cosim.scenario.plant import (
+    Difference,
     differences_json,
     plant_differences,
     thrust_map_differences,
@@ -47,8 +55,14 @@ from cosim.scenario.schema import Scenario
 from cosim.scenario.wanted import ALL_FIGURES, Wanted
 from cosim.trace import SERIOUS, AssertionResult, EventCount, EventKind, RunEvent
 
+if TYPE_CHECKING:
+    from cosim.scenario.gain import AnyDesign
+
 _POSITION = ("eta.x", "eta.y", "eta.z")
-_OF_AGE = ("metrics.message_age_s", "metrics.feedback_age", "metrics.assumptions")
+_OF_AGE = tuple(
+    f"metrics.{name}"
+    for name in ("message_age_s", "feedback_age", "measurement_ages", "assumptions")
+)
 _OF_COUPLING = tuple(
     f"metrics.{name}" for name in ("coupling_delay_s", "coupling_delays_s", "cut_connections")
 )
@@ -77,6 +91,9 @@ class RunFigures:
     saturation : of the commands; None without a controller that has limits.
     largest : of the signals that the envelope bounds, by their names; None without one.
     ages : of the measurements in use; None without one.
+    stamped_ages : of the measurements that carry stamps, by name; None without an observer.
+    command_age_ns : the greatest age of an observer's command in use; None without one.
+    commands_known : whether the observer knew what acted; None without one.
     last_outputs : by component and output.
     coupling_delays_s, cut_delays_s : by connection.
     assertions : the verdicts.
@@ -86,6 +103,9 @@ class RunFigures:
     saturation: Saturation | None
     largest: Mapping[str, float] | None
     ages: MeasuredAges | None
+    stamped_ages: Mapping[str, MeasuredAges | None] | None
+    command_age_ns: int | None
+    commands_known: bool | None
     last_outputs: Mapping[str, Mapping[str, float]]
     coupling_delays_s: Mapping[str, float]
     cut_delays_s: Mapping[Connection, float]
@@ -102,7 +122,11 @@ class ZeroStateMeasures(Measures):
         self._largest = _envelope_measure(prepared)
         self._gain = None
         if part is not None and prepared.problem is not None:
-            self._gain = GainMeasure(part.plant, prepared.problem.system)
+            problem = prepared.problem
+            noise = None
+            if observes(prepared.design):
+                noise = NoiseEnergy(part.controller, part.plant, prepared.design, problem.plant)
+            self._gain = GainMeasure(part.plant, problem.system, problem.plant, noise)
         super().__init__(_made(self._saturation, self._largest, self._gain))
 
     def figures(self, run: Run) -> ZeroStateFigures:
@@ -138,9 +162,19 @@ class RunMeasures(Measures):
         }
         self._saturation = None if part is None else commands[part.controller]
         self._largest = self._age = self._last_outputs = self._coupling = self._cut = None
+        self._stamped = self._commands = self._applied = None
         if wanted.has("events", "metrics.envelope_use", "metrics.assumptions"):
             self._largest = _envelope_measure(prepared, self._events.envelope)
-        if part is not None and wanted.has("events", *_OF_AGE):
+        aged = part is not None and wanted.has("events", *_OF_AGE)
+        if part is not None and aged and observes(prepared.design):
+            names = [each.name for each in prepared.design.measurements]
+            self._stamped = StampedAges(part.controller, names, self._events.stamped)
+            self._commands = CommandAge(part.controller, part.plant)
+            plant = None if prepared.problem is None else prepared.problem.plant
+            self._applied = AppliedCommands(
+                part.controller, part.plant, prepared.design.system, plant
+            )
+        elif part is not None and aged:
             self._age = AgeMeasure(
                 part.plant, part.controller, scenario.run.algorithm, self._events.age
             )
@@ -154,7 +188,9 @@ class RunMeasures(Measures):
         self._loss = LossBursts(system, self._collector) if wanted.has("events") else None
         self._others = [m for m in commands.values() if m is not self._saturation]
         found = (self._saturation, self._largest, self._age, self._last_outputs, self._coupling)
-        last = _made(self._cut, self._assertions, self._loss)
+        last = _made(
+            self._stamped, self._commands, self._applied, self._cut, self._assertions, self._loss
+        )
         super().__init__([*_made(*found), *last, *self._others], at_once=at_once)
 
     def log(self, time_ns: int, level: str, name: str, message: str) -> None:
@@ -174,6 +210,9 @@ class RunMeasures(Measures):
             saturation=None if self._saturation is None else self._saturation.result(run),
             largest=None if self._largest is None else self._largest.result(run),
             ages=None if self._age is None else self._age.result(run),
+            stamped_ages=None if self._stamped is None else self._stamped.result(run),
+            command_age_ns=None if self._commands is None else self._commands.result(run),
+            commands_known=None if self._applied is None else self._applied.result(run),
             last_outputs={} if self._last_outputs is None else self._last_outputs.result(run),
             coupling_delays_s={} if self._coupling is None else self._coupling.result(run),
             cut_delays_s={} if self._cut is None else self._cut.result(run),
@@ -187,7 +226,13 @@ def _envelope_measure(
     watch: Callable[[NDArray[np.int64], NDArray[np.float64]], None] | None = None,
 ) -> LargestMagnitudes | None:
     part = prepared.loaded.scenario.design
-    if prepared.problem is None or prepared.problem.vehicle is None or part is None:
+    problem = prepared.problem
+    if problem is None or part is None:
+        return None
+    if problem.plant is not None and problem.plant.envelope:
+        centres = [centre for centre, _ in problem.plant.envelope.values()]
+        return LargestMagnitudes(part.plant, list(problem.plant.envelope), watch, centres)
+    if problem.vehicle is None:
         return None
     return LargestMagnitudes(part.plant, list(ENVELOPE.values()), watch)
 
@@ -209,7 +254,7 @@ class RunContext:
 
     scenario: Scenario
     problem: Problem | None
-    design: hinf.Design | None
+    design: AnyDesign | None
     system: System
     run: Run
     figures: RunFigures
@@ -236,7 +281,14 @@ class RunContext:
         if problem is None or part is None or part.plant not in self.system.components:
             return None
         plant = self._parameters(part.plant)
-        exact = self.design is not None and proves_exact_delays(self.design)
+        if problem.plant is not None:
+            different = [Difference(*each) for each in problem.plant.differences(plant)]
+            return differences_json(part.plant, different)
+        exact = (
+            self.design is not None
+            and not observes(self.design)
+            and proves_exact_delays(self.design)
+        )
         if problem.vehicle is None:
             # integrals are states of the controller
             system = hinf.without_integrals(problem.system)
@@ -280,6 +332,10 @@ def metrics_of(context: RunContext, wanted: Wanted = ALL_FIGURES) -> dict[str, A
     }
     if wanted.has(*_OF_COUPLING):
         found |= _coupling(context)
+    if observes(context.design) and wanted.has("metrics.measurement_ages"):
+        found["measurement_ages"] = measurement_age_figures(
+            context.design, context.figures.stamped_ages or {}, context.figures.command_age_ns
+        )
     if wanted.has("metrics.assumptions"):
         found["assumptions"] = _assumptions(context)
         if found["assumptions"] and (different := context.plant_differences):
@@ -310,7 +366,7 @@ def _of_commands(name: str) -> Callable[[RunContext], Any]:
 
 
 def _feedback_age(context: RunContext) -> dict[str, Any] | None:
-    if context.design is None:
+    if context.design is None or observes(context.design):
         return None
     return age_figures(_feedback(context), context.figures.ages, context.known_age)
 
@@ -341,7 +397,17 @@ def _assumptions(context: RunContext) -> dict[str, bool]:
     used, age = context.figures.saturation, context.age_s
     result = {"certificate_verified": _certificate_verified(context.design)}
     designed = _designed_age_s(context)
-    if designed is not None:
+    if observes(context.design):
+        result |= measurement_assumptions(
+            context.design,
+            context.figures.stamped_ages or {},
+            context.figures.command_age_ns,
+            context.system.comm_schedule.step_ns,
+            substituted=any(figures["substitutions"] for figures in context.links.values()),
+        )
+        if context.figures.commands_known is not None:
+            result["observer_knows_commands"] = context.figures.commands_known
+    elif designed is not None:
         substituted = any(figures["substitutions"] for figures in context.links.values())
         result["message_age_within_design"] = (
             age is not None and age <= designed * (1 + 1e-12) and not substituted
@@ -365,10 +431,10 @@ def _assumptions(context: RunContext) -> dict[str, bool]:
     return result
 
 
-_verified: WeakKeyDictionary[hinf.Design, bool] = WeakKeyDictionary()
+_verified: WeakKeyDictionary[AnyDesign, bool] = WeakKeyDictionary()
 
 
-def _certificate_verified(design: hinf.Design) -> bool:
+def _certificate_verified(design: AnyDesign) -> bool:
     """Whether the proof holds; checked once per design, even in a study of many runs."""
     if design not in _verified:
         _verified[design] = hinf.check_certificate(design.certificate).valid
@@ -380,11 +446,19 @@ def _position_error(context: RunContext) -> float | None:
     if part is None:
         return None
     values = context.figures.last_outputs.get(part.plant, {})
-    if not all(name in values for name in _POSITION):
-        return None
+    plant = None if context.problem is None else context.problem.plant
     path = context.scenario.reference
-    target = {} if path is None else dict(zip(path.axes, path.points[-1][1:], strict=True))
-    error = [values[name] - target.get(name.removeprefix("eta."), 0.0) for name in _POSITION]
+    if plant is not None:  # of the positions that are controlled, from the trim
+        trim = dict(zip(plant.state.names, plant.state.trim, strict=True))
+        controlled = [name for name in _POSITION if name in trim and name in values]
+        error = [values[name] - trim[name] for name in controlled]
+        if not controlled:
+            return None
+    elif not all(name in values for name in _POSITION):
+        return None
+    else:
+        target = {} if path is None else dict(zip(path.axes, path.points[-1][1:], strict=True))
+        error = [values[name] - target.get(name.removeprefix("eta."), 0.0) for name in _POSITION]
     size = math.sqrt(total(part * part for part in error))
     return size if np.isfinite(size) else None
 
@@ -400,7 +474,9 @@ def final_values(figures: RunFigures) -> dict[str, float | None]:
 
 def _designed_age_s(context: RunContext) -> float | None:
     """Return the largest measurement age the design allows; 0 for immediate feedback."""
-    return None if context.problem is None else context.problem.system.feedback_delay
+    if context.problem is None or observes(context.design):
+        return None
+    return context.problem.system.feedback_delay
 
 
 def _feedback(context: RunContext) -> Delay | None:
@@ -413,14 +489,14 @@ def _envelope_use(context: RunContext) -> dict[str, float] | None:
     runs = [context.figures.largest]
     if context.zero_state is not None:
         runs.append(context.zero_state.largest)
-    if context.problem is None or context.problem.vehicle is None or not runs[0]:
+    if context.problem is None or not runs[0]:
         return None
-    envelope = context.problem.vehicle.envelope
+    bounds = envelope_bounds(context.problem)
     use = {}
-    for axis, name in ENVELOPE.items():
+    for axis, (name, bound) in bounds.items():
         largest = max(found[name] for found in runs if found)
-        use[axis] = largest / getattr(envelope, axis) if np.isfinite(largest) else float("1e300")
-    return use
+        use[axis] = largest / bound if np.isfinite(largest) else float("1e300")
+    return use or None
 
 
 _METRICS: Mapping[str, Callable[[RunContext], Any]] = MappingProxyType(

@@ -8,14 +8,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cosim.master import ComponentInstance, Run
 from cosim.models import STATE, TABLE_1, DelaySystem, thrust_map, total
+from cosim.scenario.designed_plant import DesignedPlant, LinearSignals
 from cosim.scenario.measure import Measure, after
 from cosim.scenario.signal_reader import SignalReader
 
@@ -23,28 +23,31 @@ _FORCE = ("force.x", "force.y", "force.z", "moment.z")
 _DISTURBANCE = ("disturbance.u", "disturbance.v", "disturbance.w", "disturbance.r")
 
 
-@dataclass(frozen=True)
-class Binding:
-    """The variables of the plant that are x, u and w of Eq. (7).
+class Binding(NamedTuple):
+    """x, u and w of Eq. (7) as variables of the plant; for the vehicle, u is an acceleration."""
 
-    `input_map` (m, m) maps the plant's inputs to u: for the vehicle, forces to accelerations.
+    state: LinearSignals
+    control: LinearSignals
+    disturbance: LinearSignals
+
+
+def binding_for(
+    instance: ComponentInstance, system: DelaySystem, plant: DesignedPlant | None = None
+) -> Binding | None:
+    """Bind a plant by the names of its variables; None if they are not those of a known plant.
+
+    plant : says which variables they are, where the design knows.
     """
-
-    state: tuple[str, ...]
-    control: tuple[str, ...]
-    disturbance: tuple[str, ...]
-    input_map: NDArray[np.float64]
-
-
-def binding_for(instance: ComponentInstance, system: DelaySystem) -> Binding | None:
-    """Bind a plant by the names of its variables; None if they are not those of a known plant."""
     ports = instance.component.description.ports
+    if plant is not None:
+        return Binding(plant.state, plant.control, plant.disturbance)
     if all(name in ports for name in (*STATE, *_FORCE, *_DISTURBANCE)):
         values = {
             name: instance.component.parameters.get(name, ports[name].start or 0.0)
             for name in TABLE_1
         }
-        return Binding(STATE, _FORCE, _DISTURBANCE, np.array(thrust_map(values), dtype=float))
+        thrust = np.array(thrust_map(values), dtype=float)
+        return Binding(_plain(STATE), _plain(_FORCE, thrust), _plain(_DISTURBANCE))
     (n, m), q = system.B.shape, system.C.shape[1]
     names = (
         tuple(f"x[{i + 1}]" for i in range(n)),
@@ -52,44 +55,66 @@ def binding_for(instance: ComponentInstance, system: DelaySystem) -> Binding | N
         tuple(f"w[{k + 1}]" for k in range(q)),
     )
     if all(name in ports for group in names for name in group):
-        return Binding(*names, np.eye(m))
+        return Binding(*map(_plain, names))
     return None
+
+
+def _plain(names: Sequence[str], mapped: NDArray[np.float64] | None = None) -> LinearSignals:
+    """Return signals that are zero at the trim."""
+    return LinearSignals(tuple(names), (0.0,) * len(names), mapped)
 
 
 class GainMeasure(Measure[float | None]):
     """sqrt(int z'z / int w'w) over the run.
 
-    None without a disturbance or without z, of a plant that is not known, and of a failed run.
+    None without a disturbance or without z, of a plant that is not known, and of a failed run; and
+    where measurements have a noise that the design has not.
 
     Parameters
     ----------
     plant : name of the plant.
     system : the system it was designed as.
+    seen_as : how the plant is seen as that system, where the design knows.
+    noise : of the measurements of an observer, which is a disturbance as w is.
     """
 
-    def __init__(self, plant: str, system: DelaySystem) -> None:
-        self._plant, self._system = plant, system
+    def __init__(
+        self,
+        plant: str,
+        system: DelaySystem,
+        seen_as: DesignedPlant | None = None,
+        noise: Measure[float | None] | None = None,
+    ) -> None:
+        self._plant, self._system, self._seen_as = plant, system, seen_as
+        self._noise = noise
         self._readers: tuple[SignalReader, ...] = ()
         self._before: tuple[Any, ...] = (None, None, None, None)
         self._disturbance, self._outset, self._end = _Integral(), _Integral(), _Integral()
 
     def begin(self, instances: Sequence[ComponentInstance]) -> None:
         """Bind the variables of the plant."""
+        if self._noise is not None:
+            self._noise.begin(instances)
         instance = next((s for s in instances if s.name == self._plant), None)
-        binding = None if instance is None else binding_for(instance, self._system)
+        binding = None if instance is None else binding_for(instance, self._system, self._seen_as)
         if instance is None or binding is None or not self._system.has_performance:
             return
-        self._instance, self._input_map = instance, binding.input_map
-        groups = (binding.state, binding.control, binding.disturbance)
-        self._readers = tuple(_reader(instance, names) for names in groups)
+        self._instance, self._binding = instance, binding
+        self._readers = tuple(reader_of(instance, group.names) for group in binding)
         self.reads_inputs = any(reader.reads_inputs for reader in self._readers)
+        self.reads_inputs |= self._noise is not None
 
     def add(self, first: int, last: int) -> None:
         """Add the integrals over the intervals that end at the points."""
         if not self._readers:
             return
-        x, u, w = (reader.read(first, last) for reader in self._readers)
-        direct = _times(w, self._system.D1) + _times(_times(u, self._input_map), self._system.D2)
+        if self._noise is not None:
+            self._noise.add(first, last)
+        x, u, w = (
+            vector_of(group, reader.read(first, last))
+            for group, reader in zip(self._binding, self._readers, strict=True)
+        )
+        direct = _times(w, self._system.D1) + _times(u, self._system.D2)
         here = (
             self._instance.comm_points.points_ns[first:last],
             w,
@@ -107,7 +132,10 @@ class GainMeasure(Measure[float | None]):
 
     def result(self, run: Run) -> float | None:
         """Return the gain."""
-        energy_in = self._disturbance.value
+        noise = 0.0 if self._noise is None or not self._readers else self._noise.result(run)
+        if noise is None:
+            return None
+        energy_in = self._disturbance.value + noise
         if run.status == "failed" or energy_in == 0.0:
             return None
         energy_out = 0.5 * (self._outset.value + self._end.value)
@@ -128,6 +156,12 @@ class _Integral:
         self.value = float(np.cumsum(np.concatenate(([self.value], parts)))[-1])
 
 
+def vector_of(group: LinearSignals, rows: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the entries of a vector of the linear model from the values of its variables."""
+    deviation = rows - np.array(group.trim)
+    return deviation if group.map is None else _times(deviation, group.map)
+
+
 def _times(rows: NDArray[np.float64], matrix: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return rows @ matrix.T in a fixed order of operations: that of a BLAS varies by processor."""
     columns = [total(a * rows[:, j] for j, a in enumerate(row)) for row in matrix.tolist()]
@@ -135,7 +169,7 @@ def _times(rows: NDArray[np.float64], matrix: NDArray[np.float64]) -> NDArray[np
     return np.column_stack(wide) if wide else np.zeros((len(rows), 0))
 
 
-def _reader(instance: ComponentInstance, names: Sequence[str]) -> SignalReader:
+def reader_of(instance: ComponentInstance, names: Sequence[str]) -> SignalReader:
     """Return a reader of variables of a plant; unconnected inputs are at their start."""
     parameters, ports = instance.component.parameters, instance.component.description.ports
     recorded = {c.name for c in (*instance.output_columns, *instance.input_columns)}

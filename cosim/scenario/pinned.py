@@ -15,7 +15,7 @@ from dataclasses import asdict, dataclass
 from functools import lru_cache
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from cosim.core import DESIGN_FILE, InputError, unreadable, write_whole
 from cosim.fmu import certificate_in_fmu
@@ -30,10 +30,19 @@ from cosim.hinf import (
 )
 from cosim.scenario.age_claim import age_in_words, feedback_of
 from cosim.scenario.feedback_age import FeedbackAge
-from cosim.scenario.gain import Problem, problem_about, solve_sharply, with_known_age
+from cosim.scenario.gain import (
+    Problem,
+    observes,
+    problem_about,
+    solve_sharply,
+    with_known_age,
+)
 from cosim.scenario.plant import NO_PARAMETERS
 from cosim.scenario.read import LoadedScenario
 from cosim.scenario.schema import MADE_WITH, DesignPart
+
+if TYPE_CHECKING:
+    from cosim.scenario.gain import AnyDesign
 
 _MADE_FOR = "made_for"
 
@@ -56,7 +65,7 @@ class DesignSource:
 
 def named_design(
     part: DesignPart, folder: Path, plant: Mapping[str, float] = NO_PARAMETERS
-) -> tuple[Problem, Design, DesignSource]:
+) -> tuple[Problem, AnyDesign, DesignSource]:
     """Read the design that `[design] file` names, check its proof, and find its problem.
 
     `folder` : start of relative paths; `plant` : as of `problem_about`.
@@ -74,7 +83,7 @@ def named_design(
 
 
 @lru_cache(maxsize=16)
-def _proved(content: bytes, where: str, *, in_fmu: bool) -> Design:
+def _proved(content: bytes, where: str, *, in_fmu: bool) -> AnyDesign:
     """Return the design in a file, its proof checked: once for the same bytes."""
     read = design_from_certificate if in_fmu else design_from_json
     return read(certificate_from_bytes(content, where), where=where)
@@ -195,12 +204,14 @@ def _kept(
     if not isinstance(mark, dict) or mark.get("scenario") != made_for["scenario"]:
         words = f"{path} is not one that a run of {made_for['scenario']} wrote, and stays as it is"
         return None, words, False
-    if mark.get("question") != made_for["question"]:
+    if mark.get("question") != made_for["question"] or "measurements" in data:
         return None, "the one kept before answers another question", True
     try:
         found = design_from_json(data, where=str(path))
     except InputError as error:
         return None, f"the one kept before is refused: {error.what}", True
+    if observes(found):
+        raise TypeError("a design that a run keeps has no measurements")
     differences = [first_difference(problem.system, found.system) for problem in problems]
     differs = None if None in differences else differences[-1]
     if differs is not None:

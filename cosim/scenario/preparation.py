@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -14,7 +15,13 @@ from cosim.scenario.assembly import assemble, find_fmus
 from cosim.scenario.controller_design import with_design_of_controller
 from cosim.scenario.feedback_age import feedback_age
 from cosim.scenario.fmu_cache import FmuCache
-from cosim.scenario.gain import Problem, gain_parameters, problem_of
+from cosim.scenario.gain import (
+    Problem,
+    controller_parameters,
+    gain_parameters,
+    observes,
+    problem_of,
+)
 from cosim.scenario.origin import Findings
 from cosim.scenario.pinned import DesignSource, kept_or_made, named_design
 from cosim.scenario.plant import (
@@ -24,6 +31,9 @@ from cosim.scenario.plant import (
 )
 from cosim.scenario.read import LoadedScenario
 from cosim.scenario.signals import no_disturbance, reference_inputs, worst_case_of
+
+if TYPE_CHECKING:
+    from cosim.scenario.gain import AnyDesign
 
 MADE_BEFORE = DesignSource("made before, its proof checked again")
 """The source of a design that is given to `prepare`."""
@@ -40,7 +50,7 @@ class PreparedScenario:
     loaded: LoadedScenario
     fmus: Mapping[str, FmuDescription]
     problem: Problem | None
-    design: hinf.Design | None
+    design: AnyDesign | None
     worst_case: hinf.WorstCase | None = None
     source: DesignSource | None = None
 
@@ -53,14 +63,27 @@ class PreparedScenario:
         fmu, own = self.fmus[part.controller], self.loaded.scenario.components[part.controller]
         vehicle = None if self.problem is None else self.problem.vehicle
         thrust_map = thrust_map_parameters(vehicle, fmu, own.parameters)
-        return {part.controller: gain_parameters(self.design.K, fmu) | thrust_map}
+        return {part.controller: controller_parameters(self.design, fmu) | thrust_map}
+
+    @property
+    def at_rest(self) -> dict[str, dict[str, Any]]:
+        """Start values of the zero-state run: of the plant those at the trim of its design."""
+        part = self.loaded.scenario.design
+        if part is None or self.problem is None or self.problem.plant is None:
+            return {}
+        ports, trim = self.fmus[part.plant].ports, self.problem.plant.at_rest
+        stamps = [p for p in self.fmus[part.controller].ports.values() if p.name[:6] == "stamp."]
+        return {
+            part.plant: {name: value for name, value in trim.items() if name in ports},
+            part.controller: {p.name: p.start for p in stamps},  # none has been received
+        }
 
 
 def prepare(
     loaded: LoadedScenario,
     fmu_cache: FmuCache,
     *,
-    saved: tuple[Problem, hinf.Design] | None = None,
+    saved: tuple[Problem, AnyDesign] | None = None,
     worst_case: hinf.WorstCase | None = None,
     progress: Progress | None = None,
     of_links: bool = True,
@@ -97,7 +120,7 @@ def prepare(
     with findings.at("design"):
         check_roles(loaded, fmus)
         own = parameters_of_plant(scenario) if plant is None else plant
-        found: hinf.Design | None = None
+        found: AnyDesign | None = None
         if saved is not None:
             problem, found = saved
         elif part.file is not None:
@@ -106,7 +129,8 @@ def prepare(
                 require_vehicle_of(problem.vehicle, scenario, part)
         else:
             problem = problem_of(part, loaded.folder, own)
-        blank = gain_parameters(np.zeros(problem.system.B.T.shape), fmus[part.controller])
+        if not observes(found):
+            blank = gain_parameters(np.zeros(problem.system.B.T.shape), fmus[part.controller])
     with findings.at("disturbance"):
         still = None if disturbance is None else no_disturbance(problem.system)
     if found is None:
@@ -118,7 +142,7 @@ def prepare(
         known = feedback_age(system, part.plant, part.controller) if of_links else None
         found, source = kept_or_made(loaded, problem, known)
         problem = replace(problem, system=found.system)
-    if disturbance is not None and worst_case is None:
+    if disturbance is not None and worst_case is None and not observes(found):
         worst_case = worst_case_of(disturbance, found)
     return PreparedScenario(loaded, fmus, problem, found, worst_case, source)
 

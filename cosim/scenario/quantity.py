@@ -117,6 +117,11 @@ def quantity_in(text: str, wanted: Dimension) -> float:
     return found.si
 
 
+def seconds_in(text: str) -> float:
+    """Return a time in seconds: "2s", "800 ms", "3 min"; a QuantityError for anything else."""
+    return quantity_in(text, TIME)
+
+
 def check_dimension(found: Quantity, wanted: Dimension) -> None:
     """Raise a QuantityError that names both dimensions if they differ."""
     if found.dimension != wanted:

@@ -12,6 +12,7 @@ from typing import Any, TypeVar
 from pydantic import BaseModel, ValidationError
 
 from cosim import recordings
+from cosim.core import InputError
 from cosim.network import DelayProfile, Recording, keys_of
 from cosim.scenario.extend import (
     Source,
@@ -33,7 +34,16 @@ from cosim.scenario.origin import NOWHERE, Findings, Layer, Origin
 from cosim.scenario.schema import Scenario
 from cosim.scenario.schema_errors import refusals
 
-__all__ = ["LoadedScenario", "builtin_names", "load", "parse", "read_text", "valid", "validated"]
+__all__ = [
+    "LoadedScenario",
+    "all_refusals",
+    "builtin_names",
+    "load",
+    "parse",
+    "read_text",
+    "valid",
+    "validated",
+]
 
 Model = TypeVar("Model", bound=BaseModel)
 
@@ -177,6 +187,17 @@ def validated(model: type[Model], text: str, data: dict[str, Any], where: str) -
     InputError : it breaks the model; says file, line, key, and the nearest known keys.
     """
     return valid(model, data, Origin((Layer(where, text),)))
+
+
+def all_refusals(
+    model: type[BaseModel], text: str, data: dict[str, Any], where: str
+) -> list[InputError]:
+    """Return an error for every key of the `data` of a TOML `text` that breaks the model."""
+    try:
+        model.model_validate(data)
+    except ValidationError as error:
+        return refusals(model, error, data, Origin((Layer(where, text),)))
+    return []
 
 
 def valid(model: type[Model], data: dict[str, Any], origin: Origin) -> Model:

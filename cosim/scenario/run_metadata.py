@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, fields, is_dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from cosim import hinf
 from cosim.master import Link, System, receiving_order
@@ -25,6 +25,9 @@ from cosim.trace import (
     Attachment,
     certificate_entries,
 )
+
+if TYPE_CHECKING:
+    from cosim.scenario.gain import AnyDesign
 
 
 def run_metadata_of(
@@ -117,13 +120,13 @@ def _link_entry(link: Link) -> dict[str, Any]:
 
 
 def _certificate(
-    prepared: PreparedScenario, design: hinf.Design
+    prepared: PreparedScenario, design: AnyDesign
 ) -> tuple[dict[str, str], Attachment]:
     """Return the entries of `cosim.run` about the certificate, and its attachment."""
     proof = hinf.certificate_bytes(design.certificate)
     part = prepared.loaded.scenario.design
     name = "" if part is None else part.controller
-    starts = starts_with(design.K, prepared.fmus[name])
+    starts = starts_with(design, prepared.fmus[name])
     own = "its FMU starts with it" if starts else "its FMU starts with another, which did not fly"
     entries = certificate_entries(
         design.certificate["claim"],

@@ -173,7 +173,7 @@ class PathPart(Part):
     target: Reference
     """Component and group of the inputs that follow the path."""
     axes: Annotated[list[str], Field(min_length=1)]
-    """Names of these inputs in the group."""
+    """Names of these inputs in the group; "[1]" is the first element of an array."""
     points: Annotated[list[list[SignalValue]], Field(min_length=1)]
     """Rows of a time and one value per axis; the times increase. Before the first and after the
     last point the path is constant.

@@ -34,7 +34,7 @@ def reference_inputs(path: PathPart, fmus: Mapping[str, FmuDescription]) -> Path
     base = endpoint(path.target)
     fmu = _fmu_at(base, fmus, "reference.target")
     ports = [
-        fmu.port(f"{base.variable}.{axis}", where=f"component {base.component!r}")
+        fmu.port(_member(base.variable, axis), where=f"component {base.component!r}")
         for axis in path.axes
     ]
     points: list[list[Any]] = [
@@ -50,6 +50,11 @@ def reference_inputs(path: PathPart, fmus: Mapping[str, FmuDescription]) -> Path
     return path.model_copy(update={"points": points})
 
 
+def _member(group: str, axis: str) -> str:
+    """Return the variable of a group: `group.x` for "x", `group[1]` for "[1]"."""
+    return f"{group}{axis}" if axis.startswith("[") else f"{group}.{axis}"
+
+
 def _fmu_at(base: Endpoint, fmus: Mapping[str, FmuDescription], where: str) -> FmuDescription:
     if base.component not in fmus:
         raise InputError.unknown("component", base.component, fmus, where=where)
@@ -62,7 +67,7 @@ def along_path(path: PathPart, *, at_rest: bool) -> Signals:
     base = endpoint(path.target)
     driven: Signals = {}
     for j, axis in enumerate(path.axes):
-        end = Endpoint(base.component, f"{base.variable}.{axis}")
+        end = Endpoint(base.component, _member(base.variable, axis))
         driven[end] = np.zeros_like if at_rest else partial(_along, points, j, path.interpolation)
     return driven
 

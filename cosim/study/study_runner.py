@@ -242,7 +242,7 @@ class StudyRunner:
             if not isinstance(made, NotAchievableError)
         }
 
-    def problem_and_design(self, run: int) -> tuple[Problem | None, Design | None]:
+    def problem_and_design(self, run: int) -> tuple[Problem | None, Any]:
         """Return the design problem and the design of a run."""
         prepared = self._prepared(self._loaded(run, ""))
         return prepared.problem, prepared.design

@@ -46,7 +46,10 @@ from .outcome.cause import (
     Cause as Cause,
     CauseKind as CauseKind,
 )
-from .outcome.feedback_age import age_lines as age_lines
+from .outcome.feedback_age import (
+    age_lines as age_lines,
+    measurement_age_lines as measurement_age_lines,
+)
 from .outcome.plant import plant_line as plant_line
 from .outcome.run_events import (
     CONCLUSION as CONCLUSION,
@@ -59,6 +62,7 @@ from .outcome.run_outcome import (
     RunOutcome as RunOutcome,
     outcome_of as outcome_of,
 )
+from .outcome.verdict import assumptions_of as assumptions_of
 from .picture import (
     LabelledTrace as LabelledTrace,
     compare_runs as compare_runs,

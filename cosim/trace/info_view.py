@@ -11,7 +11,7 @@ from rich.table import Table as RichTable
 from rich.text import Text
 
 from cosim.core import at_most
-from cosim.trace.outcome.feedback_age import age_lines
+from cosim.trace.outcome.feedback_age import age_lines, measurement_age_lines
 from cosim.trace.outcome.plant import plant_line
 from cosim.trace.outcome.run_outcome import RunOutcome
 from cosim.trace.outcome.verdict import Check, status_of
@@ -144,6 +144,9 @@ def _verdict(outcome: RunOutcome) -> Iterator[tuple[str, object]]:
     for line in age_lines(age) if isinstance(age, Mapping) else ():
         label, _, words = line.partition(": ")
         yield label, words
+    each = metrics.get("measurement_ages")
+    for name, words in measurement_age_lines(each).items() if isinstance(each, Mapping) else ():
+        yield f"age of {name}", words
     for name, met in outcome.assumptions.items():
         yield f"assumption: {name.replace('_', ' ')}", "met" if met else "NOT MET"
     if metrics.get("plant_differences"):

@@ -1,4 +1,16 @@
 from .actuation import Actuation as Actuation
+from .diagnosis import (
+    Finding as Finding,
+    diagnose as diagnose,
+)
+from .flight import (
+    Flight as Flight,
+    fly as fly,
+)
+from .flight_plan import (
+    LOSSES_IN_A_ROW as LOSSES_IN_A_ROW,
+    FlightSettings as FlightSettings,
+)
 from .keys import (
     VehicleKey as VehicleKey,
     vehicle_schema as vehicle_schema,
@@ -21,6 +33,7 @@ from .read import (
     vehicle_from_toml as vehicle_from_toml,
     vehicle_text as vehicle_text,
 )
+from .template import vehicle_template as vehicle_template
 from .trim import (
     Trim as Trim,
     find_trim as find_trim,
@@ -31,4 +44,9 @@ from .vehicle import (
     OnboardDamping as OnboardDamping,
     Sensor as Sensor,
     Vehicle as Vehicle,
+)
+from .vehicle_overview import (
+    Overview as Overview,
+    draw_overview as draw_overview,
+    overview as overview,
 )

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from functools import partial
 from typing import NoReturn
 
 from cosim.core import InputError, counted
@@ -56,6 +57,30 @@ class Faults:
         ------
         InputError : a term that does not fit, or a number that cannot be.
         """
+        for fault in self.all():
+            raise fault
+
+    def all(self) -> Iterator[InputError]:
+        """Yield every fault, one for each part; what builds on others comes last."""
+        names = self._file.hydro.__pydantic_extra__ or {}
+        parts: list[Callable[[], object]] = [self._attitude, self._body]
+        parts += [partial(self._derivative, name, "hydro", name) for name in names]
+        parts += [self._hydro, self._hull]
+        parts += [partial(self._thruster, i) for i in range(len(self._file.thrusters))]
+        parts += [partial(self._fin, i) for i in range(len(self._file.fins))]
+        found: set[str] = set()
+        for group in ([*parts, self._actuators], [self._design], [self._mass]):
+            for part in group:
+                try:
+                    part()
+                except InputError as fault:
+                    if str(fault) not in found:
+                        found.add(str(fault))
+                        yield fault
+            if found:
+                return
+
+    def _attitude(self) -> None:
         file = self._file
         if self._level and file.attitude == "quaternion":
             self._refuse(
@@ -64,12 +89,6 @@ class Faults:
                 expected='attitude = "euler", or degrees_of_freedom = 6',
                 got='"quaternion"',
             )
-        self._body()
-        self._hydro()
-        self._hull()
-        self._actuators()
-        self._design()
-        self._mass()
 
     def _refuse(
         self,
@@ -281,10 +300,6 @@ class Faults:
                         got=f"{part.name} beside {seen[part.name.lower()]}",
                     )
                 seen[part.name.lower()] = part.name
-        for i in range(len(self._file.thrusters)):
-            self._thruster(i)
-        for i in range(len(self._file.fins)):
-            self._fin(i)
         loop = self._file.onboard_damping
         for letter in loop.rates if loop else ():
             if VELOCITIES.index(letter) not in self._axes:

@@ -114,8 +114,10 @@ def gain_of(run: Run, plant: str, binding: Binding, system: DelaySystem) -> floa
             found.append(added)
         return found
 
-    x, w = values(binding.state), values(binding.disturbance)
-    u = times(binding.input_map, values(binding.control))
+    x, w = values(binding.state.names), values(binding.disturbance.names)
+    u = values(binding.control.names)
+    if binding.control.map is not None:
+        u = times(binding.control.map, u)
     d1, d2 = times(system.D1, w), times(system.D2, u)
     direct = [a + b for a, b in zip(d1, d2, strict=True)]
     z = times(system.D, x)

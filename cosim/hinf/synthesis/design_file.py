@@ -20,6 +20,7 @@ from cosim.hinf.certificate import (
     system_from_json,
 )
 from cosim.hinf.synthesis.certified_design import Design
+from cosim.hinf.synthesis.output_feedback import OutputFeedback, output_feedback_from_json
 
 # computed, not part of the claim
 _FIGURES = ("least_gamma", "abscissa", "exact_norm", "norm_frequency")
@@ -27,8 +28,10 @@ _FIGURES = ("least_gamma", "abscissa", "exact_norm", "norm_frequency")
 _LATER_FIGURES = ("exact_norm_upper", "delay_margin", "worst_case")
 
 
-def design_to_json(design: Design) -> dict[str, Any]:
+def design_to_json(design: Design | OutputFeedback) -> dict[str, Any]:
     """Return JSON values: `claim`, `system`, `variables`, `K` of the proof, and `figures`."""
+    if isinstance(design, OutputFeedback):
+        return design.to_json()
     figures = {name: getattr(design, name) for name in (*_FIGURES, "exact_norm_upper")}
     margin = design.delay_margin
     figures["delay_margin"] = None if margin is None else list(margin)
@@ -40,13 +43,17 @@ def design_to_json(design: Design) -> dict[str, Any]:
     return {**design.certificate, "figures": figures}
 
 
-def design_from_json(data: Any, *, where: str) -> Design:
+def design_from_json(data: Any, *, where: str) -> Design | OutputFeedback:
     """Read a design from its JSON, and check its proof again.
+
+    One of kind "output-feedback" is an `OutputFeedback`.
 
     Raises
     ------
     InputError : not a design, or one whose proof does not hold.
     """
+    if _observes(data):
+        return output_feedback_from_json(data, where=where)
     _require_proof(data, where)
     figures = data.get("figures")
     known = set(_FIGURES + _LATER_FIGURES)
@@ -62,7 +69,7 @@ def design_from_json(data: Any, *, where: str) -> Design:
     return _design(data, figures, where)
 
 
-def design_from_certificate(data: Any, *, where: str) -> Design:
+def design_from_certificate(data: Any, *, where: str) -> Design | OutputFeedback:
     """Read a design from its certificate alone, as a controller FMU carries it.
 
     The figures of the nominal loop, which no claim depends on, are computed.
@@ -71,6 +78,8 @@ def design_from_certificate(data: Any, *, where: str) -> Design:
     ------
     InputError : a proof that does not hold, or that is not about a gain.
     """
+    if _observes(data):
+        return output_feedback_from_json(data, where=where)
     _require_proof(data, where)
     K, variables = data.get("K"), data.get("variables")
     if not K or not K[0] or not isinstance(variables, dict) or "gamma" not in variables:
@@ -86,6 +95,10 @@ def design_from_certificate(data: Any, *, where: str) -> Design:
     figures = found._asdict() | {"delay_margin": None if margin is None else list(margin)}
     worst = nominal.worst_case_at(system, np.array(K), found.norm_frequency)
     return replace(_design(data, figures, where), worst_case=worst)
+
+
+def _observes(data: Any) -> bool:
+    return isinstance(data, dict) and data.get("kind") == "output-feedback"
 
 
 def _require_proof(data: Any, where: str) -> None:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+_ASSUMED = "age of the feedback, assumed: "
+
 
 def age_lines(age: Mapping[str, Any]) -> list[str]:
     """Return which ages of the feedback are assumed, measured, and justified, a sentence each.
@@ -13,11 +15,13 @@ def age_lines(age: Mapping[str, Any]) -> list[str]:
     """
     lines = []
     if isinstance(age.get("assumed"), str):
-        lines.append(f"age of the feedback, assumed: {age['assumed']}")
+        lines.append(f"{_ASSUMED}{age['assumed']}")
     measured = age.get("measured")
     if isinstance(measured, Mapping):
         least, most = _seconds(measured.get("least_s")), _seconds(measured.get("greatest_s"))
         line = f"in this run: from {least} to {most}"
+        if measured.get("least_s") is None:
+            line = f"in this run: up to {most}"
         used: Any = measured.get("in_use_s")
         if isinstance(used, list) and len(used) == 2:
             one = used[0] == used[1]
@@ -34,6 +38,21 @@ def age_lines(age: Mapping[str, Any]) -> list[str]:
             f"{bound}; {settings.get('why')}"
         )
     return lines
+
+
+def measurement_age_lines(ages: Mapping[str, Any]) -> dict[str, str]:
+    """Return by measurement which ages are assumed and measured, and of the commands.
+
+    `ages` : the metric `measurement_ages`.
+    """
+    found = {}
+    for name, age in ages.items():
+        if isinstance(age, Mapping):
+            lines = age_lines(age)
+            found[name] = "; ".join(line.removeprefix(_ASSUMED) for line in lines)
+            if not isinstance(age.get("measured"), Mapping):
+                found[name] += "; none came into use"
+    return found
 
 
 def _seconds(value: Any) -> str:

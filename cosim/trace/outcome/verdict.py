@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from cosim.core import at_most
-from cosim.trace.outcome.feedback_age import age_lines
+from cosim.trace.outcome.feedback_age import age_lines, measurement_age_lines
 from cosim.trace.outcome.plant import plant_line
 from cosim.trace.outcome.run_outcome import BAD, GOOD, OPEN, RunOutcome
 
@@ -114,22 +114,40 @@ def figures_of(metrics: Mapping[str, Any]) -> Iterator[tuple[str, str, str]]:
 def _words(name: str, met: Any, metrics: Mapping[str, Any]) -> tuple[str, str]:
     """Return an assumption in words, and its numbers."""
     match name:
-        case "certificate_verified":
-            why = "every inequality of the proof was checked again in exact rational arithmetic"
-            return "The certificate is valid", why if met is True else "the exact check fails"
         case "message_age_within_design":
             return "Measurements were no older than designed for", _age(met, metrics)
         case "state_inside_envelope":
             return "The state stayed inside the envelope of the proof", _envelope(metrics)
         case "limits_not_reached":
             return "No command stood at its limit", _limits(met, metrics)
-        case "plant_as_designed":
-            same = "every parameter of the plant is that of the design's model"
-            return "The plant is the one designed for", same if met is True else plant_line(metrics)
+    if name in _COMPARED:
+        what, same, other = _COMPARED[name]
+        return what, same if met is True else other or plant_line(metrics)
+    if name.startswith(_OF) and name != _OF:
+        return _measurement_words(name.removeprefix(_OF), met, metrics)
     words, line = _AGES.get(name, (name.replace("_", " ").capitalize(), None))
     plain = "met" if met is True else "not met"
     return words, plain if line is None else _age_line(metrics, line)
 
+
+_COMPARED = {
+    "certificate_verified": (
+        "The certificate is valid",
+        "every inequality of the proof was checked again in exact rational arithmetic",
+        "the exact check fails",
+    ),
+    "observer_knows_commands": (
+        "The observer knew the commands that acted",
+        "what the plant received is what the observer took to act, at every point",
+        "what the plant received was not always what the observer took to act",
+    ),
+    "plant_as_designed": (
+        "The plant is the one designed for",
+        "every parameter of the plant is that of the design's model",
+        "",  # named one by one
+    ),
+}
+"""Assumption -> its words, and what is said where it was met and where not."""
 
 _AGES: dict[str, tuple[str, int | None]] = {
     "message_age_not_below_least": ("Measurements were never newer than the proof assumes", 1),
@@ -138,6 +156,28 @@ _AGES: dict[str, tuple[str, int | None]] = {
     "links_justify_sampled_age": ("By their settings the links give a sampled age", 2),
 }
 """Assumption -> its words, and the line of `age_lines` with its numbers."""
+
+
+_OF = "age_of_"
+_MEASUREMENTS = {
+    "_within_design": "{} were no older than designed for",
+    "_not_below_least": "{} were never newer than the proof assumes",
+    "_sampled": "{} came into use at the age of the proof",
+    "_constant": "The age of {} was constant, up to the steps",
+}
+"""End of an assumption about the age of one measurement -> its words."""
+
+
+def _measurement_words(name: str, met: Any, metrics: Mapping[str, Any]) -> tuple[str, str]:
+    """Return an assumption about the age of one measurement, or of commands, and its numbers."""
+    ages = metrics.get("measurement_ages")
+    lines = measurement_age_lines(ages) if isinstance(ages, Mapping) else {}
+    for end, words in _MEASUREMENTS.items():
+        of = name.removesuffix(end)
+        if of != name:
+            subject = "Commands" if of == "commands" else f"Measurements of {of}"
+            return words.format(subject), lines.get(of, "met" if met is True else "not met")
+    return name.replace("_", " "), "met" if met is True else "not met"
 
 
 def _age_line(metrics: Mapping[str, Any], which: int) -> str:

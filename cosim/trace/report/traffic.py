@@ -90,6 +90,10 @@ def chart_of(recording: Recording, metrics: Mapping[str, Any]) -> Chart | None:
     designed = metrics.get("designed_age_s")
     if isinstance(designed, int | float) and designed > 0 and loop is not None:
         chart.bounds = [("largest age of a measurement designed for", float(designed))]
+    for name, age in (metrics.get("measurement_ages") or {}).items():
+        bound = age.get("greatest_s")
+        if name in links and isinstance(bound, int | float):
+            chart.bounds.append((f"largest age of {name} designed for", float(bound)))
     return chart
 
 

@@ -1,0 +1,262 @@
+"""Commands for vehicles: list, new, check, show, fly."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from cosim import scenario, vehicle as vehicles
+from cosim.cli.arguments import write
+from cosim.cli.common import FMUS, FmusOption, JsonOption, answer, progress
+from cosim.cli.help_text import HelpTyper
+from cosim.cli.run_view import outcome_view
+from cosim.cli.runs import exit_with, interruptions_reported, make_fmu_cache
+from cosim.cli.terminal import console, titles_table
+from cosim.cli.vehicle_view import findings_view, flight_view, keys_view, overview_view
+from cosim.core import InputError, unreadable
+
+vehicle_app = HelpTyper(
+    help="Create, check, show and fly a vehicle from its parameters: designed, proved, simulated.",
+)
+
+VehicleArgument = Annotated[
+    str,
+    typer.Argument(
+        metavar="VEHICLE",
+        help="Name of a vehicle of the gallery, or FILE.toml.",
+        autocompletion=lambda incomplete: [
+            n for n in vehicles.VEHICLES if n.startswith(incomplete)
+        ],
+    ),
+]
+
+
+@vehicle_app.command("list")
+def list_vehicles(*, as_json: JsonOption = False) -> None:
+    """List the vehicles of the gallery.
+
+    \b
+    cosim vehicle list
+    """
+    found = [vehicles.load_vehicle(name) for name in vehicles.VEHICLES]
+    rows = [
+        {"name": v.name, "title": v.description, "source": " ".join(v.source.split())}
+        for v in found
+    ]
+    answer(
+        as_json,
+        lambda: {"vehicles": rows},
+        lambda: titles_table("vehicle", "what it is", rows),
+    )
+
+
+@vehicle_app.command()
+def new(
+    name: Annotated[str, typer.Argument(help="Name of the vehicle; the file is NAME.toml.")],
+    like: Annotated[
+        str, typer.Option("--like", help="Vehicle of the gallery to begin with.")
+    ] = "bluerov2-heavy",
+    as_json: JsonOption = False,
+) -> None:
+    """Write a new vehicle file, a copy of one of the gallery with a comment for every key.
+
+    \b
+    cosim vehicle new mine
+    cosim vehicle new mine --like remus100
+    """
+    stem = name.removesuffix(".toml")
+    path = Path(f"{stem}.toml")
+    text = vehicles.vehicle_template(path.stem, like)
+    if path.exists():
+        raise InputError("this file already exists", where=str(path), hint="use another name")
+    write(path, text)
+    data = {"file": str(path), "like": like}
+    answer(
+        as_json,
+        lambda: data,
+        lambda: f"{path}\nnext: cosim vehicle check {path}; cosim vehicle fly {path}",
+    )
+
+
+@vehicle_app.command()
+def check(
+    names: Annotated[list[str], typer.Argument(metavar="VEHICLE...", help="Files, or names.")],
+    as_json: JsonOption = False,
+) -> None:
+    """List everything that is wrong with vehicle files, and what is doubtful about the vehicles.
+
+    Keys and units; mass matrix, energy (drag must take it), trim, stability there, what the
+    actuators can hold, whether the sensors show every controlled state, and whether a linear
+    model can be proved over the envelope. Exit code 0: no error; 2: at least one.
+
+    \b
+    cosim vehicle check mine.toml
+    """
+    found = {name: vehicles.diagnose(_text(name), name) for name in names}
+    data = {
+        "vehicles": [
+            {
+                "vehicle": name,
+                "ok": not any(each.level == "error" for each in each_found),
+                "findings": [each.to_json() for each in each_found],
+            }
+            for name, each_found in found.items()
+        ]
+    }
+    answer(as_json, lambda: data, lambda: findings_view(found))
+    if any(each.level == "error" for some in found.values() for each in some):
+        raise typer.Exit(InputError.exit_code)
+
+
+def _text(name: str) -> str:
+    if not name.endswith(".toml"):
+        return vehicles.vehicle_text(name)
+    try:
+        return Path(name).read_text("utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise unreadable(Path(name), error) from error
+
+
+@vehicle_app.command()
+def show(
+    name: Annotated[
+        str | None,
+        typer.Argument(
+            metavar="VEHICLE",
+            help="Name of a vehicle of the gallery, or FILE.toml.",
+            show_default=False,
+        ),
+    ] = None,
+    picture: Annotated[
+        Path | None,
+        typer.Option(help="Draw actuators, poles and drag into this PNG, SVG or PDF."),
+    ] = None,
+    parameters: Annotated[
+        bool, typer.Option("--parameters", help="List every parameter of the plant as well.")
+    ] = False,
+    source: Annotated[bool, typer.Option("--source", help="Print the file instead.")] = False,
+    keys: Annotated[
+        bool, typer.Option("--keys", help="Explain every key of a vehicle file instead.")
+    ] = False,
+    as_json: JsonOption = False,
+) -> None:
+    """Show a vehicle: mass matrix, trim, poles there, drag, actuators, sensors.
+
+    \b
+    cosim vehicle show bluerov2-heavy
+    cosim vehicle show mine.toml --picture mine.png
+    cosim vehicle show --keys
+    """
+    if keys:
+        tables = vehicles.vehicle_tables()
+        answer(
+            as_json,
+            lambda: {
+                heading: {key: each._asdict() for key, each in table.items()}
+                for heading, (_, table) in tables.items()
+            },
+            lambda: keys_view(tables),
+        )
+        return
+    if name is None:
+        raise InputError("no vehicle to show", expected="cosim vehicle show VEHICLE, or --keys")
+    if source:
+        text = _text(name)
+        if as_json:
+            print(json.dumps({"vehicle": name, "text": text}))
+        else:
+            console().print(text, markup=False, soft_wrap=True)
+        return
+    found = vehicles.overview(vehicles.load_vehicle(name))
+    if picture is not None:
+        vehicles.draw_overview(found, picture)
+    drawn = None if picture is None else str(picture)
+    answer(
+        as_json,
+        lambda: found.to_json() | {"picture": drawn},
+        lambda: overview_view(found, drawn, parameters=parameters),
+    )
+
+
+@vehicle_app.command()
+def fly(
+    name: VehicleArgument,
+    link: Annotated[
+        str,
+        typer.Option(help="Time that a message over the link takes at most: '2s', '800 ms'."),
+    ] = "2s",
+    loss: Annotated[
+        float, typer.Option(help="Share of the link's messages that are lost, in runs.")
+    ] = 0.1,
+    losses: Annotated[
+        int, typer.Option(help="Messages that may be lost in a row within the age designed for.")
+    ] = vehicles.LOSSES_IN_A_ROW,
+    duration: Annotated[str, typer.Option(help="Of the flight: '3min', 180.")] = "3min",
+    step: Annotated[str, typer.Option(help="Communication step.")] = "50 ms",
+    seed: Annotated[int, typer.Option(help="Of the sea, the losses and the noise.")] = 7,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", "-o", help="Folder for everything made (default: flights/NAME)."),
+    ] = None,
+    fmus: FmusOption = FMUS,
+    as_json: JsonOption = False,
+) -> None:
+    """Design for a vehicle over a slow link, prove the design, and fly it.
+
+    From one file: a linear model at the trim, with an uncertainty that is proved over the envelope;
+    an observer and a gain, certified for the age of each measurement; plant, sensors and controller
+    as FMUs; a scenario that can be changed and run again. Fixes and set-points come over the link,
+    late and with losses in runs; the loop is closed on board. The summary lists every assumption of
+    the guarantee, met or not; the folder keeps the design, the trace and a picture.
+
+    Exit code 0: the flight is done; 2: the vehicle or an option is not valid; 4: a component
+    failed; 5: nothing could be certified.
+
+    \b
+    cosim vehicle fly bluerov2-heavy --link 2s
+    cosim vehicle fly mine.toml --link 800ms --loss 0.2 --duration 5min --out flight
+    cosim run flights/bluerov2-heavy/scenario.toml
+    """
+    settings = vehicles.FlightSettings(
+        link=_seconds("--link", link),
+        loss=loss,
+        losses=losses,
+        duration=_seconds("--duration", duration),
+        step=_seconds("--step", step),
+        seed=seed,
+    )
+    craft = vehicles.load_vehicle(name)
+    folder = out or Path("flights") / craft.name
+    lines = console(error=True)
+    with progress() as report_progress, interruptions_reported():
+        flight = vehicles.fly(
+            craft,
+            folder,
+            settings,
+            fmu_cache=make_fmu_cache(fmus, folder),
+            say=lambda line: lines.print(line, markup=False),
+            progress=report_progress,
+        )
+    answer(
+        as_json,
+        flight.to_json,
+        lambda: flight_view(flight, outcome_view(flight.outcome)),
+    )
+    exit_with(flight.outcome)
+
+
+def _seconds(option: str, text: str) -> float:
+    """Return a time of the command line in seconds: 2, 2s, '800 ms', 3min."""
+    try:
+        return float(text)
+    except ValueError:
+        pass
+    try:
+        return scenario.seconds_in(text)
+    except ValueError as error:
+        raise InputError(
+            "not a time", where=option, expected="seconds, or with a unit: 2s", got=repr(text)
+        ) from error

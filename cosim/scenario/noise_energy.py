@@ -1,0 +1,143 @@
+"""Energy of the noise of measurements, as an observer receives it.
+
+What a measurement in use says, y, is C x(s) + v, v = diag(noise) w_v, of the time s of its stamp.
+The observer holds it until the next one, and so is v: the integral of w_v' w_v is the sum of
+|w_v|^2 times how long each was in use.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cosim.master import ComponentInstance, Run
+from cosim.models import product, total
+from cosim.scenario.designed_plant import DesignedPlant
+from cosim.scenario.measure import Measure, own_points_in
+from cosim.scenario.measurement_ages import PacketsInUse
+from cosim.scenario.performance import Binding, binding_for, reader_of, vector_of
+from cosim.scenario.signal_reader import SignalReader
+
+if TYPE_CHECKING:
+    from cosim.hinf import OutputFeedback
+
+Reals = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+_CLOSE = 1e-9
+"""Relative size of a noise that is rounding."""
+
+
+class NoiseEnergy(Measure[float | None]):
+    """The integral of w_v' w_v over a run.
+
+    None where a measurement has noise that the design has not, its instant lies between
+    communication points, or the plant is not known.
+
+    Parameters
+    ----------
+    controller, plant : names of the components.
+    design : with the measurements.
+    seen_as : how the plant is seen as the system, where the design knows.
+    """
+
+    def __init__(
+        self,
+        controller: str,
+        plant: str,
+        design: OutputFeedback,
+        seen_as: DesignedPlant | None = None,
+    ) -> None:
+        self._controller, self._plant = controller, plant
+        self._design, self._seen_as = design, seen_as
+        self._packets = PacketsInUse([each.name for each in design.measurements])
+        self._binding: Binding | None = None
+        self._energy, self._known = 0.0, True
+        self._times = np.zeros(0, np.int64)
+        self._past: Reals = np.zeros((0, len(design.system.A)))
+        self._rate = [0.0] * len(design.measurements)
+        self.reads_inputs = True
+
+    def begin(self, instances: Sequence[ComponentInstance]) -> None:
+        """Find the measurements and the state."""
+        by_name = {s.name: s for s in instances}
+        plant, self._instance = by_name[self._plant], by_name[self._controller]
+        self._binding = binding_for(plant, self._design.system, self._seen_as)
+        if self._binding is None:
+            self._known = False
+            return
+        self._packets.begin(self._instance)
+        self._state = reader_of(plant, self._binding.state.names)
+        parameters = self._instance.component.parameters
+        ports = self._instance.component.description.ports
+        names, trims = [], []
+        for each in self._design.measurements:
+            own = [f"{each.name}[{i + 1}]" for i in range(len(each.C))]
+            names += own
+            for trim in (f"trim.{name}" for name in own):
+                start = ports[trim].start if trim in ports else 0.0
+                trims.append(float(parameters.get(trim, start or 0.0)))
+        self._values, self._trims = SignalReader(self._instance, names), np.array(trims)
+        self._last: Reals | None = None
+
+    def add(self, first: int, last: int) -> None:
+        """Add the intervals that end at the points."""
+        if not self._known or self._binding is None:
+            return
+        x = vector_of(self._binding.state, self._state.read(first, last))
+        self._times = np.concatenate(
+            (self._times, self._instance.comm_points.points_ns[first:last])
+        )
+        self._past = np.vstack((self._past, x))
+        values = self._values.read(first, last) - self._trims
+        own = own_points_in(self._instance, first, last)
+        found = self._packets.add(first, last)
+        rows = values[own - first]
+        if self._last is not None:
+            rows = np.vstack((self._last, rows))
+        self._last = rows[-1:].copy() if len(rows) else self._last
+        if found is None:
+            return
+        self._add(*found, rows)
+        oldest = int(found[2][-1].min())
+        kept = max(0, int(np.searchsorted(self._times, oldest)))
+        self._times, self._past = self._times[kept:], self._past[kept:]
+
+    def _add(self, starts: Integers, ends: Integers, used: Integers, rows: Reals) -> None:
+        column = 0
+        for j, each in enumerate(self._design.measurements):
+            mine = slice(column, column + len(each.C))
+            column = mine.stop
+            comes = np.flatnonzero(used[1:, j] > used[:-1, j])
+            rates = np.full(len(starts), self._rate[j])
+            for k, until in zip(comes, [*comes[1:], len(starts)], strict=True):
+                rates[k:until] = self._rate_of(j, int(used[k + 1, j]), rows[k, mine])
+            self._rate[j] = float(rates[-1])
+            lasted = (ends - starts) / 1e9
+            self._energy = float(np.cumsum(np.append(self._energy, lasted * rates))[-1])
+
+    def _rate_of(self, j: int, stamp: int, value: Reals) -> float:
+        """Return |w_v|^2 of a measurement that was taken at a stamp [ns]."""
+        each = self._design.measurements[j]
+        place = int(np.searchsorted(self._times, stamp))
+        if place >= self._times.size or self._times[place] != stamp:
+            self._known = False
+            return 0.0
+        # not by a BLAS, whose sums vary by processor
+        true = np.array(product(each.C.tolist(), self._past[place].tolist()))
+        noise, sizes = value - true, np.array(each.noise)
+        silent = sizes == 0.0
+        rounding = _CLOSE * (1.0 + np.abs(true))
+        if (np.abs(noise) > rounding)[silent].any():
+            self._known = False
+            return 0.0
+        shares = (noise[~silent] / sizes[~silent]).tolist()
+        return float(total(x * x for x in shares))
+
+    def result(self, run: Run) -> float | None:
+        """Return the energy."""
+        del run
+        return self._energy if self._known else None

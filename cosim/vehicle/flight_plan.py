@@ -1,0 +1,196 @@
+"""Plan a flight over a slow link: how old each measurement may be, and what the link is like.
+
+The age of a measurement where it acts is made of the sampling, the transit over the link, the wait
+for a communication point, and the hold until the next one comes; a lost message adds an interval.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+from cosim.core import InputError
+from cosim.vehicle.vehicle import Sensor
+
+LOSSES_IN_A_ROW = 3
+"""Messages over the link that may be lost one after the other within the age designed for."""
+
+ONBOARD = "onboard"
+"""Name of the packet of all that is measured on board."""
+
+_JITTER = 0.1  # of the time that a message takes
+_RUN = 1.25  # mean length of a run of losses, in messages
+
+
+@dataclass(frozen=True)
+class FlightSettings:
+    """What is asked of a flight.
+
+    Attributes
+    ----------
+    link : greatest time that a message over the link takes [s].
+    losses : messages that may be lost in a row within the age designed for.
+    loss : share of its messages that are lost, in runs.
+    duration : of the flight [s].
+    step : communication step [s].
+    seed : of the sea, the losses and the noise.
+    use : share of envelope and limits that set-points and sea may take of the linear model.
+    """
+
+    link: float = 2.0
+    loss: float = 0.1
+    losses: int = LOSSES_IN_A_ROW
+    duration: float = 180.0
+    step: float = 0.05
+    seed: int = 7
+    use: float = 0.7
+
+    def __post_init__(self) -> None:
+        for name, good, expected in (
+            ("link", self.link >= self.step, f"at least a step of {self.step:g} s"),
+            ("loss", 0 <= self.loss < 1, "a share from 0 to less than 1"),
+            (
+                "duration",
+                self.duration >= 10 * self.link,
+                "at least ten times the time that a message takes",
+            ),
+            ("use", 0 < self.use <= 1, "a share from 0 to 1"),
+        ):
+            value = getattr(self, name)
+            if not (good and math.isfinite(value)):
+                raise InputError(
+                    f"this {name} does not go with a flight",
+                    where=f"--{name}",
+                    expected=expected,
+                    got=repr(value),
+                )
+
+
+@dataclass(frozen=True)
+class PlannedSensor:
+    """A sensor of a flight.
+
+    Attributes
+    ----------
+    name, measures, noise : as in the vehicle file; `noise` per value.
+    interval : between measurements [s].
+    transit : greatest time that a message takes [s]; 0: a wire.
+    jitter : by how much less it may be [s].
+    age : greatest age where it acts, which is designed for [s].
+    loss : share of messages that are lost.
+    remark : what differs from the vehicle file; "" where nothing does.
+    """
+
+    name: str
+    measures: tuple[str, ...]
+    noise: tuple[float, ...]
+    interval: float
+    transit: float
+    jitter: float
+    age: float
+    loss: float
+    remark: str = ""
+
+    @property
+    def over_link(self) -> bool:
+        """Whether its values come in messages."""
+        return self.transit > 0
+
+
+def planned_sensors(
+    sensors: Sequence[Sensor], states: Sequence[str], settings: FlightSettings
+) -> tuple[PlannedSensor, ...]:
+    """Return the sensors that measure controlled states, with intervals and ages that go together.
+
+    What is measured on board goes to the observer in one packet with one stamp, as a navigation
+    computer hands it on: at the longest interval and for the greatest age of its sensors. A design
+    then has one age on board, and one for each sensor over the link.
+
+    Raises
+    ------
+    InputError : no sensor measures any of these states.
+    """
+    used = []
+    for sensor in sensors:
+        pairs = zip(sensor.measures, sensor.noise, strict=True)
+        own = {name: noise for name, noise in pairs if name in states}
+        if own:
+            used.append(replace(sensor, measures=tuple(own), noise=tuple(own.values())))
+    found = [_over_link(sensor, settings) for sensor in used if sensor.over == "link"]
+    aboard = [sensor for sensor in used if sensor.over == "onboard"]
+    if aboard:
+        found.insert(0, _on_board(aboard, settings))
+    if not found:
+        raise InputError(
+            "no sensor measures a controlled state",
+            where="sensors",
+            expected=f"one that measures some of {', '.join(states)}",
+            got=", ".join(name for sensor in sensors for name in sensor.measures) or "no sensors",
+        )
+    return tuple(found)
+
+
+def _on_board(sensors: Sequence[Sensor], settings: FlightSettings) -> PlannedSensor:
+    """Return one sensor for all on board; of two that measure the same, the less noisy counts."""
+    step = settings.step
+    best: dict[str, float] = {}
+    for sensor in sensors:
+        for name, noise in zip(sensor.measures, sensor.noise, strict=True):
+            best[name] = min(noise, best.get(name, noise))
+    interval = _whole(max(step, *(sensor.interval for sensor in sensors)), step)
+    # measured at the beginning of a step, there at its end, held until the next one is there
+    least, given = round(interval + step, 9), max(sensor.age for sensor in sensors)
+    age = max(given, least)
+    names = ", ".join(sensor.name for sensor in sensors)
+    remark = "" if names == ONBOARD else f"{names} in one packet"
+    if given < least:
+        remark += f"; an interval and a step make it so old, not {given:g} s"
+    transit = _whole(age - least, step, math.floor)
+    return PlannedSensor(
+        *(ONBOARD, tuple(best), tuple(best.values()), interval, transit, 0.0, age, 0.0, remark)
+    )
+
+
+def _over_link(sensor: Sensor, settings: FlightSettings) -> PlannedSensor:
+    step = settings.step
+    interval = _whole(max(sensor.interval, step), step)
+    transit, jitter = link_times(settings)
+    age = round(transit + interval * (1 + settings.losses) + 2 * step, 9)
+    remark = f"{settings.losses} in a row may be lost" if settings.losses else ""
+    name = sensor.name if sensor.name != ONBOARD else f"{ONBOARD}_link"
+    return PlannedSensor(
+        *(name, sensor.measures, sensor.noise, interval, transit, jitter, age, settings.loss),
+        remark,
+    )
+
+
+def link_times(settings: FlightSettings) -> tuple[float, float]:
+    """Return the greatest time that a message takes, and by how much less it may be [s]."""
+    transit = _whole(settings.link, settings.step, math.floor)
+    return transit, _whole(_JITTER * transit, settings.step, math.floor)
+
+
+def _whole(seconds: float, step: float, rounded: Any = math.ceil) -> float:
+    """Return a time as a multiple of a step; what is one but for rounding is that one."""
+    number = seconds / step
+    whole = round(number) if abs(number - round(number)) < 1e-6 else rounded(number)
+    return round(whole * step, 9)
+
+
+def loss_in_runs(loss: float) -> dict[str, float] | float:
+    """Return the Gilbert-Elliott chain of a share of lost messages, 1.25 in a row on average."""
+    if loss == 0.0:
+        return 0.0
+    leave = 1.0 / _RUN
+    return {"p_enter": loss * leave / (1.0 - loss), "p_exit": leave}
+
+
+def sensor_line(sensor: PlannedSensor) -> str:
+    """Return in a line what a sensor measures, how often, and how old that may be."""
+    way = f"up to {sensor.transit:g} s under way, " if sensor.over_link else ""
+    return (
+        f"{sensor.name}: {', '.join(sensor.measures)} every {sensor.interval:g} s, {way}designed "
+        f"for any age up to {sensor.age:g} s" + (f" ({sensor.remark})" if sensor.remark else "")
+    )

@@ -1,0 +1,247 @@
+"""Write the scenario of a flight: a file to be read, changed and run again."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from cosim.vehicle.flight_plan import (
+    FlightSettings,
+    PlannedSensor,
+    link_times,
+    loss_in_runs,
+)
+
+PLANT, CONTROLLER, SHIP, SEA = "plant", "controller", "ship", "sea"
+SET_POINTS = "set_points"
+"""Names in the scenario."""
+
+_RESERVED = {PLANT, CONTROLLER, SHIP, SEA, SET_POINTS}
+
+
+@dataclass(frozen=True)
+class Mission:
+    """What happens to the vehicle of a flight.
+
+    Attributes
+    ----------
+    set_points : number of the state from 1 -> its deviation from the trim at the start; the
+        set-point goes back to the trim along a slow path.
+    errors : number of the state -> error of the first estimate.
+    wave_height : significant height of the sea [m]; 0: no sea.
+    wave_period, wave_depth : peak period [s], and how far below the surface the vehicle is [m].
+    """
+
+    set_points: Mapping[int, float]
+    errors: Mapping[int, float]
+    wave_height: float
+    wave_period: float = 8.0
+    wave_depth: float = 30.0
+
+
+def component_of(sensor: str) -> str:
+    """Return the name of the component of a sensor."""
+    return f"{sensor}_sensor" if sensor in _RESERVED else sensor
+
+
+def scenario_text(
+    vehicle: str,
+    states: Sequence[str],
+    disturbances: Sequence[str],
+    commands: Sequence[str],
+    initial: Mapping[str, float],
+    sensors: Sequence[PlannedSensor],
+    mission: Mission,
+    settings: FlightSettings,
+) -> str:
+    """Return the scenario as TOML.
+
+    Parameters
+    ----------
+    states : names of the state of the design.
+    disturbances : inputs of the plant that the sea acts on.
+    commands : inputs of the plant that the controller drives.
+    initial : parameters `initial.*` of the plant at the trim.
+    """
+    start = dict(initial)
+    for i, offset in mission.set_points.items():
+        name = f"initial.{states[i - 1]}"
+        start[name] = start.get(name, 0.0) + offset
+    estimate = {
+        f"initial.estimate[{i}]": mission.set_points.get(i, 0.0) + mission.errors.get(i, 0.0)
+        for i in sorted({*mission.set_points, *mission.errors})
+    }
+    reference = {f"reference[{i}]": value for i, value in mission.set_points.items()}
+    parts = [
+        _head(vehicle, sensors, settings),
+        f'[components.{PLANT}]\nfmu = "plant.fmu"\n' + _parameters(PLANT, start),
+        f'[components.{CONTROLLER}]\nfmu = "controller.fmu"\n'
+        + _parameters(
+            CONTROLLER,
+            estimate | reference,
+            "# the first estimate, and the set-points until the first message arrives",
+        ),
+        *(_sensor(sensor, settings.seed + k) for k, sensor in enumerate(sensors)),
+        _sea(disturbances, mission, settings),
+        _set_points(mission, sensors, settings),
+        *(_of_sensor(sensor) for sensor in sensors),
+        *(_wire(f"{CONTROLLER}.{name}", f"{PLANT}.{name}") for name in commands),
+        *(_link(sensor, settings) for sensor in sensors if sensor.over_link),
+        _DESIGN,
+        _MORE.format(limit=f"{2 * settings.link:g}", state=_position(states)),
+    ]
+    return "\n".join(part for part in parts if part)
+
+
+def _head(vehicle: str, sensors: Sequence[PlannedSensor], settings: FlightSettings) -> str:
+    aged = "\n".join(
+        f"  {s.name}: {', '.join(s.measures)}, at most {s.age:g} s old" for s in sensors
+    )
+    return f'''\
+# Made by `cosim vehicle fly`; change it as you like, and run it again: cosim run scenario.toml
+#   cosim scenario check scenario.toml     list its errors
+#   cosim vehicle show vehicle.toml        the vehicle
+title = "{vehicle}: set-points and fixes over a slow link, loop closed on board"
+description = """
+The vehicle follows set-points that a ship sends over the link. An observer on board estimates its
+state from measurements that carry the time at which they were taken:
+{aged}
+The gain and the injections of the observer are certified for these ages, whatever they are and
+however they vary, and for the envelope of the vehicle.
+"""
+
+[run]
+end = {settings.duration:g}
+step = {settings.step:g}
+seed = {settings.seed}
+events = "align"
+'''
+
+
+def _parameters(component: str, values: Mapping[str, Any], remark: str = "") -> str:
+    if not values:
+        return ""
+    lines = [f"[components.{component}.parameters]", *([remark] if remark else [])]
+    lines += [f'"{name}" = {value!r}' for name, value in values.items()]
+    return "\n".join(lines) + "\n"
+
+
+def _sensor(sensor: PlannedSensor, seed: int) -> str:
+    name = component_of(sensor.name)
+    values: dict[str, Any] = {"sample_time": sensor.interval, "seed": seed}
+    values |= {f"noise[{i}]": noise for i, noise in enumerate(sensor.noise, 1) if noise}
+    return f'[components.{name}]\nfmu = "{sensor.name}.fmu"\n' + _parameters(name, values)
+
+
+def _sea(disturbances: Sequence[str], mission: Mission, settings: FlightSettings) -> str:
+    acting = [name for name in ("u", "v", "w", "r") if f"disturbance.{name}" in disturbances]
+    if not mission.wave_height or not acting:
+        return ""
+    values = {
+        "Hs": mission.wave_height,
+        "Tp": mission.wave_period,
+        "depth": mission.wave_depth,
+        "seed": settings.seed,
+    }
+    wires = "\n".join(
+        _wire(f"{SEA}.disturbance.{name}", f"{PLANT}.disturbance.{name}") for name in acting
+    )
+    return f'[components.{SEA}]\nfmu = "WaveField"\n{_parameters(SEA, values)}\n{wires}'
+
+
+def _set_points(
+    mission: Mission, sensors: Sequence[PlannedSensor], settings: FlightSettings
+) -> str:
+    if not mission.set_points:
+        return ""
+    interval = max((s.interval for s in sensors if s.loss or s.jitter), default=1.0)
+    transit, jitter = link_times(settings)
+    axes = ", ".join(f'"[{k}]"' for k in range(1, 1 + len(mission.set_points)))
+    values = [*mission.set_points.values()]
+    half = round(0.45 * settings.duration, 3)
+    link = _packet(SET_POINTS, interval, transit, jitter, settings.loss, settings)
+    wires = "\n".join(
+        _wire(f"{SHIP}.y[{k}]", f"{CONTROLLER}.reference[{i}]", SET_POINTS)
+        for k, i in enumerate(mission.set_points, 1)
+    )
+    return f"""\
+[components.{SHIP}] # sends the set-points
+fmu = "ship.fmu"
+{_parameters(SHIP, {"sample_time": interval})}
+[reference] # of the set-points: from where the vehicle starts back to its trim
+target = "{SHIP}.u"
+axes = [{axes}]
+points = [{[0.0, *values]}, {[half, *[0.0] * len(values)]}]
+
+{wires}
+{link}"""
+
+
+def _of_sensor(sensor: PlannedSensor) -> str:
+    name = component_of(sensor.name)
+    link = sensor.name if sensor.over_link else None
+    wires = [
+        _wire(f"{PLANT}.{measured}", f"{name}.u[{i}]")
+        for i, measured in enumerate(sensor.measures, 1)
+    ]
+    wires.append(_wire(f"{name}.y", f"{CONTROLLER}.{sensor.name}", link))
+    wires.append(_wire(f"{name}.stamp", f"{CONTROLLER}.stamp.{sensor.name}", link))
+    return "\n".join(wires)
+
+
+def _wire(source: str, target: str, link: str | None = None) -> str:
+    over = f'link = "{link}"\n' if link else ""
+    return f'[[connections]]\nfrom = "{source}"\nto = "{target}"\n{over}'
+
+
+def _link(sensor: PlannedSensor, settings: FlightSettings) -> str:
+    own = sensor.interval, sensor.transit, sensor.jitter, sensor.loss
+    return _packet(sensor.name, *own, settings)
+
+
+def _packet(
+    name: str,
+    interval: float,
+    transit: float,
+    jitter: float,
+    loss: float,
+    settings: FlightSettings,
+) -> str:
+    chain = loss_in_runs(loss)
+    lost = str(chain)
+    if isinstance(chain, dict):
+        entries = ", ".join(f"{key} = {value:.6g}" for key, value in chain.items())
+        lost = f"{{ {entries} }} # in runs: {100 * loss:g} % in all"
+    spread = f'jitter = {{ kind = "uniform", width = {jitter:g} }}\n' if jitter else ""
+    # what is measured at the beginning of a step is there, and sent, at its end
+    return f"""\
+[links.{name}]
+kind = "packet"
+sample_time = {interval:g}
+offset = {settings.step:g}
+delay = {round(transit - jitter, 9):g}
+{spread}loss = {lost}
+"""
+
+
+_DESIGN = """\
+[design] # the certificate, and the plant that it is about
+file = "design.json"
+
+"""
+
+_MORE = """\
+# [[assertions]]
+# name = "the station is held in the end"
+# always = "t < 120 s or abs(plant.{state}) < 0.5"
+
+# [[events]]
+# at = "60 s"
+# for = "{limit} s"
+# outage = ["{{link}}"]              # the assumption about the age is then not met
+"""
+
+
+def _position(states: Sequence[str]) -> str:
+    return next((name for name in states if name.startswith("eta.")), states[0])

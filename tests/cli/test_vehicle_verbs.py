@@ -1,0 +1,102 @@
+"""The verbs of vehicles: a file is written, checked, figures and flown."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from cosim.vehicle import VEHICLES
+from tests.cli.shell import cosim
+from tests.shared import fmu_store
+
+
+@pytest.mark.parametrize("like", VEHICLES)
+def test_a_new_vehicle_file_explains_its_keys_and_can_be_read(like: str, tmp_path: Path) -> None:
+    """A copy of each of the gallery, under another name; never over a file."""
+    made = cosim("vehicle", "new", "mine", "--like", like, "--json", cwd=tmp_path)
+    assert made.json == {"file": "mine.toml", "like": like}
+    text = tmp_path.joinpath("mine.toml").read_text("utf-8")
+    assert "# Dry mass m" in text
+    assert '\nname = "mine"\n' in text
+    figures = cosim("vehicle", "show", "mine.toml", "--json", cwd=tmp_path).json
+    own = cosim("vehicle", "show", like, "--json", cwd=tmp_path).json
+    assert figures["name"] == "mine"
+    assert figures["mass_matrix"] == own["mass_matrix"]
+    assert figures["trim"] == own["trim"]
+    again = cosim("vehicle", "new", "mine", "--json", cwd=tmp_path)
+    assert again.code == 2
+    assert again.error["what"] == "this file already exists"
+
+
+def test_every_fault_of_a_file_is_named_with_its_place(tmp_path: Path) -> None:
+    """Keys of the schema first; then what the numbers cannot be, one line each."""
+    cosim("vehicle", "new", "mine", "--like", "bluerov2-heavy", cwd=tmp_path)
+    file = tmp_path / "mine.toml"
+    text = file.read_text("utf-8")
+    file.write_text(text.replace("mass = 13.5", "mass = -13.5\nlenght = 1.0"), "utf-8")
+    found = cosim("vehicle", "check", "mine.toml", "--json", cwd=tmp_path)
+    assert found.code == 2
+    faults = [each["what"] for each in found.json["vehicles"][0]["findings"]]
+    assert len(faults) == 2
+    assert any("lenght" in fault for fault in faults)
+    wrong = text.replace("X_u = -13.7", "X_u = 13.7").replace(
+        "limit = 30.4\nlag", "limit = 30.4\n\nlag"
+    )
+    wrong = wrong.replace("direction = [0.0, 0.0, -1.0]", "direction = [0.0, 0.0, -2.0]", 1)
+    file.write_text(wrong.replace('"X_|u|u" = -141.0', ""), "utf-8")
+    found = cosim("vehicle", "check", "mine.toml", "--json", cwd=tmp_path)
+    faults = [each["what"] for each in found.json["vehicles"][0]["findings"]]
+    assert faults == ["X_u is positive: it drives the motion", "not a unit vector"]
+    places = [each["where"] for each in found.json["vehicles"][0]["findings"]]
+    assert all(place.startswith("mine.toml:") for place in places)
+
+
+def test_what_is_doubtful_is_a_warning_not_an_error(tmp_path: Path) -> None:
+    """The paper's vehicle leaves terms out, so that the water drives it; it can be designed for."""
+    found = cosim("vehicle", "check", "nps-auv2", "--json", cwd=tmp_path)
+    assert found.code == 0
+    (finding,) = found.json["vehicles"][0]["findings"]
+    assert finding["level"] == "warning"
+    assert "drag is not dissipative" in finding["what"]
+
+
+def test_a_vehicle_has_figures_and_a_picture(tmp_path: Path) -> None:
+    """Mass with added mass, and poles without control: four of a hovering vehicle at zero."""
+    picture = tmp_path / "rov.png"
+    found = cosim(
+        "vehicle", "show", "bluerov2-heavy", "--picture", picture, "--json", cwd=tmp_path
+    ).json
+    assert found["mass_matrix"][0][0] == pytest.approx(13.5 + 6.36)
+    assert sum(abs(complex(*pole)) < 1e-4 for pole in found["poles"]) >= 4
+    assert found["greatest_power_W"] == 0.0
+    assert picture.stat().st_size > 10_000
+    assert "[[thrusters]]" in cosim("vehicle", "show", "--keys", cwd=tmp_path).out
+
+
+@pytest.mark.slow
+def test_a_flight_keeps_everything_it_made_and_can_be_run_again(tmp_path: Path) -> None:
+    """From a name: certified, every assumption listed and met, with scenario, trace and picture."""
+    store = fmu_store()
+    made = cosim(
+        *("vehicle", "fly", "nps-auv2", "--link", "2s", "--duration", "60", "--json"),
+        *("--out", "flight", "--fmus", store),
+        cwd=tmp_path,
+    )
+    assert made.code == 0, made.err
+    answer = made.json
+    assumptions = answer["run"]["metrics"]["assumptions"]
+    assert {"age_of_onboard_within_design", "age_of_usbl_within_design"} <= set(assumptions)
+    assert all(assumptions.values())
+    assert answer["run"]["metrics"]["gain"] <= answer["gamma"] < 2.6
+    kept = {path.name for path in (tmp_path / "flight").iterdir()}
+    assert kept >= {"vehicle.toml", "design.json", "scenario.toml", "flight.mcap", "flight.png"}
+    checked = cosim("certificate", "check", "flight/design.json", "--json", cwd=tmp_path)
+    assert json.loads(checked.out)["valid"]
+    again = cosim(
+        *("run", "flight/scenario.toml", "--set", "links.usbl.delay=5.0", "--json"),
+        *("--fmus", store),
+        cwd=tmp_path,
+    ).json
+    assert again["metrics"]["assumptions"]["age_of_usbl_within_design"] is False
