@@ -190,7 +190,7 @@ def fly(
     ] = "2s",
     loss: Annotated[
         float, typer.Option(help="Share of the link's messages that are lost, in runs.")
-    ] = 0.1,
+    ] = 0.05,
     losses: Annotated[
         int, typer.Option(help="Messages that may be lost in a row within the age designed for.")
     ] = vehicles.LOSSES_IN_A_ROW,

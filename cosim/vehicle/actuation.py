@@ -1,10 +1,10 @@
 """From what a design commands to what the actuators of a vehicle are told.
 
-Where the actuators can give the controlled velocities any acceleration, the design commands
-accelerations, and the thrust map is the least-squares one, actuators counted in share of their
-limits; accelerations of the other velocities are kept at zero where the actuators can do that too.
-Otherwise the design commands those actuators that move a controlled velocity, in share of their
-limits.
+An actuator that mainly drives an uncontrolled surge stays at the trim. Where the others can give
+the controlled velocities any acceleration, the design commands accelerations, and the thrust map is
+the least-squares one, actuators counted in share of their limits; accelerations of the other
+velocities are kept at zero where the actuators can do that too. Otherwise the design commands the
+actuators, in share of their limits.
 """
 
 from __future__ import annotations
@@ -23,6 +23,9 @@ from cosim.vehicle.vehicle import Vehicle
 Matrix = NDArray[np.float64]
 
 _RANK = 1e-8
+_MAINLY = 0.3
+"""Least effect of an actuator on a controlled velocity, as a share of that on surge, each in shares
+of the envelope: a propeller that also pitches the vehicle a little is not for pitching."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,6 +82,11 @@ def actuation_of(vehicle: Vehicle, trim: Trim, velocities: Sequence[str]) -> Act
     every = [name for name in vehicle.states if name.startswith("nu.")]
     own = [every.index(name) for name in velocities]
     scaled = effects * limits
+    bounds = np.array([vehicle.envelope.get(name, 1.0) for name in every])
+    shares = np.abs(scaled) / bounds[:, None]
+    controlled, ahead = shares[own].max(axis=0, initial=0.0), shares[every.index("nu.u")]
+    moving = controlled > np.maximum(_RANK, _MAINLY * ahead)
+    scaled = scaled * moving
     k = len(limits)
     accelerations = _rank(scaled[own]) == len(own) > 0
     if accelerations:
@@ -89,15 +97,14 @@ def actuation_of(vehicle: Vehicle, trim: Trim, velocities: Sequence[str]) -> Act
         found = np.where(np.abs(found) > 1e-10 * np.abs(found).max(), found, 0.0)
         commands = tuple(velocities)
     else:
-        moving = np.flatnonzero(np.abs(scaled[own]).max(axis=0, initial=0.0) > _RANK)
-        if not moving.size:
+        if not moving.any():
             raise InputError(
                 "no actuator moves a controlled velocity",
                 where="control.states",
                 got=", ".join(velocities) or "no velocity",
             )
         found = (np.eye(k) * limits)[:, moving]
-        commands = tuple(vehicle.actuators[i].command for i in moving)
+        commands = tuple(a.command for a, own in zip(vehicle.actuators, moving, strict=True) if own)
     return Actuation(
         tuple(a.command for a in vehicle.actuators),
         np.array([trim.commands[a.command] for a in vehicle.actuators]),

@@ -16,7 +16,6 @@ from cosim import fmu as fmus, hinf, scenario
 from cosim.core import DESIGN_FILE, InputError, NotAchievableError, Progress, silent
 from cosim.models import DelaySystem, Measurement
 from cosim.trace import pyplot
-from cosim.vehicle.first_gains import observed_design
 from cosim.vehicle.flight_picture import PictureSubject, draw_flight
 from cosim.vehicle.flight_plan import FlightSettings, PlannedSensor, planned_sensors, sensor_line
 from cosim.vehicle.flight_scenario import Mission, scenario_text
@@ -202,7 +201,10 @@ def _designed(
         measured = measurements_of(model, sensors)
         try:
             design = made_before(model, measured, folder, steps)
-            design = design or observed_design(known_delays(model.system), measured)
+            known = known_delays(model.system)
+            design = design or hinf.design_output_feedback(
+                known, measured, estimated=estimated_states(known)
+            )
         except NotAchievableError as error:
             refused = error if share == 1.0 else refused
             continue
@@ -261,6 +263,14 @@ def known_delays(system: DelaySystem) -> DelaySystem:
     """Return a system with the delays inside the plant constant: an observer must know them."""
     delays = [replace(d, any_age=False) if not d.feedback else d for d in system.delays]
     return replace(system, delays=tuple(delays))
+
+
+def estimated_states(system: DelaySystem) -> list[bool]:
+    """Return which states must be estimated: not what a lag makes of the commands alone."""
+    A = np.abs(system.A) + sum((np.abs(d.A) for d in system.delays), np.zeros_like(system.A))
+    driven = np.asarray(np.hstack([system.C, system.E]).any(axis=1))
+    commanded = np.asarray(system.B.any(axis=1))
+    return [bool(driven[i] or not commanded[i] or np.delete(A[i], i).any()) for i in range(len(A))]
 
 
 def plant_note(model: LinearModel) -> scenario.DesignedPlant:

@@ -40,7 +40,7 @@ class FlightSettings:
     """
 
     link: float = 2.0
-    loss: float = 0.1
+    loss: float = 0.05
     losses: int = LOSSES_IN_A_ROW
     duration: float = 180.0
     step: float = 0.05

@@ -48,7 +48,7 @@ norm), and of an entry that is at least a thousandth of its vector. "Corrected":
 tables below change; "as published": with a vehicle file that has the published errors, in those
 cases where a file can express the model. This page is made by `python -m
 tests.benchmarks.right_hand_sides --page`; the numbers and their sources are in
-`tests/vehicle/published`, and `tests/vehicle/test_gallery.py` holds them below 1e-9.
+`tests/vehicle/published`, and `tests/vehicle/test_vehicle_gallery.py` holds them below 1e-9.
 """
 _CONTRADICTIONS = """
 The guard `eps_prop` of a division in `npsauv.m` is what is left of 1e-9 there.

@@ -47,6 +47,12 @@ FACTORS: Mapping[str, tuple[list[str], list[str]]] = MappingProxyType(
         "kg.m": ([KG, M], []),
         "kg.m2": ([KG, M, M], []),
         "kg/m3": ([KG], [M, M, M]),
+        "kg/m": ([KG], [M]),
+        "kg/s": ([KG], [S]),
+        "kg.m/s": ([KG, M], [S]),
+        "kg.m2/s": ([KG, M, M], [S]),
+        "m2": ([M, M], []),
+        "s/m": ([S], [M]),
         "N": ([KG, M], [S, S]),
         "N.m": ([KG, M, M], [S, S]),
     }

@@ -37,7 +37,6 @@ from dataclasses import dataclass, replace
 from fractions import Fraction
 
 import numpy as np
-import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from cosim.core import InputError
@@ -184,7 +183,7 @@ def _assembled(
         delays.append(x.delay(N, acting(rows)))
         first = rows.stop
     pair = DelaySystem(
-        A=scipy.linalg.block_diag(system.A, system.A[np.ix_(chosen, chosen)]),
+        A=_diagonal(system.A, system.A[np.ix_(chosen, chosen)]),
         B=B,
         C=C if C.size else None,
         D=wide(system.D) if p else None,
@@ -206,7 +205,7 @@ def _of_both(delay: Delay, chosen: NDArray[np.bool_]) -> Iterator[Delay]:
     error = A[np.ix_(chosen, chosen)]
     H = np.hstack([delay.H, np.zeros((len(delay.H), n_e))])
     if not (delay.any_age and A.any()):
-        yield replace(delay, A=scipy.linalg.block_diag(A, error), H=H)
+        yield replace(delay, A=_diagonal(A, error), H=H)
         return
     nothing = np.zeros((n, n_e))
     yield replace(delay, A=np.block([[A, nothing], [A[chosen], nothing[chosen]]]), H=H)
@@ -317,3 +316,9 @@ def _matrix(name: str, value: ArrayLike, shape: tuple[int, int]) -> Matrix:
             got=str(matrix.shape),
         )
     return matrix
+
+
+def _diagonal(first: Matrix, second: Matrix) -> Matrix:
+    """Return the block-diagonal matrix of two."""
+    (a, b), (c, d) = first.shape, second.shape
+    return np.block([[first, np.zeros((a, d))], [np.zeros((c, b)), second]])

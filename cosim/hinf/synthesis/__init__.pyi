@@ -14,6 +14,10 @@ from .certified_delays import (
     certified_delay as certified_delay,
 )
 from .certified_design import Design as Design
+from .certified_pair import (
+    OutputFeedback as OutputFeedback,
+    output_feedback_from_json as output_feedback_from_json,
+)
 from .cvxpy_lmi import (
     CvxpyLmi as CvxpyLmi,
     as_cvxpy as as_cvxpy,
@@ -33,8 +37,4 @@ from .gain_size import gain_remark as gain_remark
 from .greatest_delays import (
     GreatestDelay as GreatestDelay,
 )
-from .output_feedback import (
-    OutputFeedback as OutputFeedback,
-    design_output_feedback as design_output_feedback,
-    output_feedback_from_json as output_feedback_from_json,
-)
+from .output_feedback import design_output_feedback as design_output_feedback

@@ -20,7 +20,7 @@ from cosim.hinf.certificate import (
     system_from_json,
 )
 from cosim.hinf.synthesis.certified_design import Design
-from cosim.hinf.synthesis.output_feedback import OutputFeedback, output_feedback_from_json
+from cosim.hinf.synthesis.certified_pair import OutputFeedback, output_feedback_from_json
 
 # computed, not part of the claim
 _FIGURES = ("least_gamma", "abscissa", "exact_norm", "norm_frequency")

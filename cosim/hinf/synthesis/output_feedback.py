@@ -12,31 +12,26 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
 
-from cosim.core import InputError, NotAchievableError, html_table, matrix_text, report
+from cosim.core import InputError, NotAchievableError, report
 from cosim.hinf.certificate import (
     MAX_OFFSETS,
-    Certificate,
     Guarantees,
     ObserverPair,
-    StatePeaks,
     check_peaks_asked,
-    guarantees_from_json,
     output_feedback_to_json,
-    pair_from_json,
     pair_of,
     too_many_offsets,
 )
 from cosim.hinf.lmi import InjectionLmi, Scaling, proved_state_peaks, solver_words, units_of
 from cosim.hinf.nominal import (
     NominalFigures,
-    WorstCase,
     checked_system,
     nominal_figures_of,
     one_thread,
@@ -50,16 +45,18 @@ from cosim.hinf.synthesis.analysis import (
     check_gamma,
     check_order_of_analysis,
 )
+from cosim.hinf.synthesis.certified_pair import OutputFeedback
 from cosim.hinf.synthesis.descent import Descent
 from cosim.hinf.synthesis.designs import rounded_gain
 from cosim.hinf.synthesis.pair_gain import PairGain
-from cosim.hinf.synthesis.result_text import proved_words, result_rows
 from cosim.models import DelaySystem, Matrix, Measurement
 
 _LONGER = (1.0, 1.1, 1.2)
 """Ages for which K and L are proposed, as multiples of those that vary."""
 _MULTIPLIERS = (0.3, 1.0, 3.0)
 """b of `InjectionLmi`, as multiples of the greatest age."""
+_NEAR = 1.3
+"""Share of the pair's norm: with a gamma below it longer ages are not tried, which cost as much."""
 _BITS = 20  # of the entries of L, relative to the largest of its column
 _EVALUATIONS = 250
 _SMALL = 1e-3  # weight of states and controls that are not in z, in own units
@@ -67,92 +64,6 @@ _CHEAPER = (1.0, 0.1, 0.01)
 """Weights of u of the regulators, as shares of that in z."""
 _RATE = 0.5  # of an injection into what is measured, times its age
 _AGELESS = 1e-2  # s per unit of time: the age that stands for none
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class OutputFeedback:
-    """An observer and its gain, certified together, with the figures of their nominal pair.
-
-    Attributes
-    ----------
-    pair : plant and observer as one system; what is analysed.
-    gamma : certified bound of the gain from (w, w_1 .. w_p) to z, uncertainty included; None where
-        the plant has no z or nothing acts on it, and stability alone is certified.
-    certificate : the proof as JSON values, for `check_certificate`, of kind "output-feedback".
-    order : Bessel-Legendre order of the proof.
-    least_gamma : the solver's least gamma; not proved.
-    abscissa, exact_norm, exact_norm_upper, norm_frequency, delay_margin : of the nominal pair
-        (`cosim.hinf.nominal.nominal_figures`).
-    worst_case : the sinusoid that the nominal pair amplifies most; None without one.
-    state_peaks : bounds of every |u_i(t)|, then of every |x_i(t)|, where they were asked for.
-    """
-
-    pair: ObserverPair
-    gamma: float | None
-    certificate: dict[str, Any]
-    order: int
-    least_gamma: float | None
-    abscissa: float
-    exact_norm: float | None
-    exact_norm_upper: float | None
-    norm_frequency: float | None
-    delay_margin: tuple[float | None, ...] | None
-    worst_case: WorstCase | None
-    state_peaks: StatePeaks | None = None
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "certificate", Certificate(self.certificate))
-
-    def __repr__(self) -> str:
-        name = f" {self.system.name!r}" if self.system.name else ""
-        names = ", ".join(x.name for x in self.measurements)
-        return f"<OutputFeedback{name}: observer of {names}, {proved_words(self)}>"
-
-    def _repr_html_(self) -> str:
-        """Return the gains, what is proved and the figures of the pair, for notebooks."""
-        rows = {"system": repr(self.system)[1:-1], "K": matrix_text(self.K)}
-        rows |= {
-            f"L of {x.name}": matrix_text(own)
-            for x, own in zip(self.measurements, self.L, strict=True)
-        }
-        return html_table(repr(self), rows | result_rows(self))
-
-    @property
-    def system(self) -> DelaySystem:
-        """The plant."""
-        return self.pair.plant
-
-    @property
-    def measurements(self) -> tuple[Measurement, ...]:
-        """What the observer receives, with the noise that is proved."""
-        return self.pair.measurements
-
-    @property
-    def K(self) -> Matrix:
-        """The gain (m, n): u = K xh."""
-        return self.pair.K
-
-    @property
-    def L(self) -> tuple[Matrix, ...]:
-        """The injection (n, k_i) of every measurement."""
-        return self.pair.L
-
-    @property
-    def certified(self) -> bool:
-        """Always true: an `OutputFeedback` is only made with a proof."""
-        return True
-
-    @property
-    def covers_smaller_delays(self) -> bool:
-        """Whether the proof covers every delay up to the system's, not exactly these alone."""
-        from cosim.hinf.certificate import covers_smaller  # noqa: PLC0415 - as `Design`
-
-        return covers_smaller(self.certificate["claim"])
-
-    def to_json(self) -> dict[str, Any]:
-        """Return the certificate, and the figures of the nominal pair beside it."""
-        names = ("least_gamma", "abscissa", "exact_norm", "exact_norm_upper", "norm_frequency")
-        return {**self.certificate, "figures": {name: getattr(self, name) for name in names}}
 
 
 @one_thread
@@ -296,7 +207,8 @@ def _best(
                 continue
             worse = bool(made) and (quick.gamma or 0.0) >= (made[-1][1].gamma or 0.0)
             made.append((pair, quick))
-            if worse or quick.gamma is None or gamma is not None:
+            near = quick.gamma is not None and quick.gamma <= _NEAR * (quick.exact_norm or 0.0)
+            if worse or near or quick.gamma is None or gamma is not None:
                 break
     if not made:
         raise NotAchievableError(
@@ -448,37 +360,3 @@ def _injections(given: ObserverPair, units: Scaling) -> list[list[Matrix]]:
     best = min((x for x in found if x is not None), key=lambda x: x[0], default=None)
     alone = [x.C.T * (_RATE / (x.d or _AGELESS * units.T)) for x in given.measurements]
     return ([] if best is None else [best[1]]) + [alone]
-
-
-def output_feedback_from_json(data: Any, *, where: str) -> OutputFeedback:
-    """Read an output feedback from its certificate, and check its proof again.
-
-    The figures of the nominal pair, which no claim depends on, are computed.
-
-    Raises
-    ------
-    InputError : not an output feedback, or one whose proof does not hold.
-    """
-    from cosim.hinf.certificate import check_certificate  # noqa: PLC0415
-
-    kind = data.get("kind") if isinstance(data, dict) else None
-    if kind != "output-feedback":
-        raise InputError(
-            "not an output feedback", where=where, expected="kind output-feedback", got=str(kind)
-        )
-    proof = check_certificate(data)
-    if not proof.valid:
-        raise InputError("the proof does not hold", where=where, got=proof.reason)
-    pair, variables = pair_from_json(data), data["pair"]["variables"]
-    figures = nominal_figures_of(pair.system, pair.gain)
-    top, _, bottom = str(variables["gamma"]).partition("/")
-    return OutputFeedback(
-        pair=pair,
-        gamma=None if variables["gamma"] is None else int(top) / int(bottom or 1),
-        certificate={key: x for key, x in data.items() if key not in ("figures", "schema")},
-        order=variables["order"],
-        least_gamma=None,
-        worst_case=worst_case_at(pair.system, pair.gain, figures.norm_frequency),
-        state_peaks=guarantees_from_json(data["pair"], pair.system).state_peaks,
-        **figures._asdict(),
-    )

@@ -1,0 +1,136 @@
+"""A certified observer with its gain, as a result and as JSON: what designs of pairs return."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from cosim.core import InputError, html_table, matrix_text
+from cosim.hinf import nominal
+from cosim.hinf.certificate import (
+    Certificate,
+    ObserverPair,
+    StatePeaks,
+    check_certificate,
+    covers_smaller,
+    guarantees_from_json,
+    pair_from_json,
+)
+from cosim.hinf.synthesis.result_text import proved_words, result_rows
+from cosim.models import DelaySystem, Matrix, Measurement
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class OutputFeedback:
+    """An observer and its gain, certified together, with the figures of their nominal pair.
+
+    Attributes
+    ----------
+    pair : plant and observer as one system; what is analysed.
+    gamma : certified bound of the gain from (w, w_1 .. w_p) to z, uncertainty included; None where
+        the plant has no z or nothing acts on it, and stability alone is certified.
+    certificate : the proof as JSON values, for `check_certificate`, of kind "output-feedback".
+    order : Bessel-Legendre order of the proof.
+    least_gamma : the solver's least gamma; not proved.
+    abscissa, exact_norm, exact_norm_upper, norm_frequency, delay_margin : of the nominal pair
+        (`cosim.hinf.nominal.nominal_figures`).
+    worst_case : the sinusoid that the nominal pair amplifies most; None without one.
+    state_peaks : bounds of every |u_i(t)|, then of every |x_i(t)|, where they were asked for.
+    """
+
+    pair: ObserverPair
+    gamma: float | None
+    certificate: dict[str, Any]
+    order: int
+    least_gamma: float | None
+    abscissa: float
+    exact_norm: float | None
+    exact_norm_upper: float | None
+    norm_frequency: float | None
+    delay_margin: tuple[float | None, ...] | None
+    worst_case: nominal.WorstCase | None
+    state_peaks: StatePeaks | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "certificate", Certificate(self.certificate))
+
+    def __repr__(self) -> str:
+        name = f" {self.system.name!r}" if self.system.name else ""
+        names = ", ".join(x.name for x in self.measurements)
+        return f"<OutputFeedback{name}: observer of {names}, {proved_words(self)}>"
+
+    def _repr_html_(self) -> str:
+        """Return the gains, what is proved and the figures of the pair, for notebooks."""
+        rows = {"system": repr(self.system)[1:-1], "K": matrix_text(self.K)}
+        rows |= {
+            f"L of {x.name}": matrix_text(own)
+            for x, own in zip(self.measurements, self.L, strict=True)
+        }
+        return html_table(repr(self), rows | result_rows(self))
+
+    @property
+    def system(self) -> DelaySystem:
+        """The plant."""
+        return self.pair.plant
+
+    @property
+    def measurements(self) -> tuple[Measurement, ...]:
+        """What the observer receives, with the noise that is proved."""
+        return self.pair.measurements
+
+    @property
+    def K(self) -> Matrix:
+        """The gain (m, n): u = K xh."""
+        return self.pair.K
+
+    @property
+    def L(self) -> tuple[Matrix, ...]:
+        """The injection (n, k_i) of every measurement."""
+        return self.pair.L
+
+    @property
+    def certified(self) -> bool:
+        """Always true: an `OutputFeedback` is only made with a proof."""
+        return True
+
+    @property
+    def covers_smaller_delays(self) -> bool:
+        """Whether the proof covers every delay up to the system's, not exactly these alone."""
+        return covers_smaller(self.certificate["claim"])
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the certificate, and the figures of the nominal pair beside it."""
+        names = ("least_gamma", "abscissa", "exact_norm", "exact_norm_upper", "norm_frequency")
+        return {**self.certificate, "figures": {name: getattr(self, name) for name in names}}
+
+
+def output_feedback_from_json(data: Any, *, where: str) -> OutputFeedback:
+    """Read an output feedback from its certificate, and check its proof again.
+
+    The figures of the nominal pair, which no claim depends on, are computed.
+
+    Raises
+    ------
+    InputError : not an output feedback, or one whose proof does not hold.
+    """
+    kind = data.get("kind") if isinstance(data, dict) else None
+    if kind != "output-feedback":
+        raise InputError(
+            "not an output feedback", where=where, expected="kind output-feedback", got=str(kind)
+        )
+    proof = check_certificate(data)
+    if not proof.valid:
+        raise InputError("the proof does not hold", where=where, got=proof.reason)
+    pair, variables = pair_from_json(data), data["pair"]["variables"]
+    figures = nominal.nominal_figures_of(pair.system, pair.gain)
+    top, _, bottom = str(variables["gamma"]).partition("/")
+    return OutputFeedback(
+        pair=pair,
+        gamma=None if variables["gamma"] is None else int(top) / int(bottom or 1),
+        certificate={key: x for key, x in data.items() if key not in ("figures", "schema")},
+        order=variables["order"],
+        least_gamma=None,
+        worst_case=nominal.worst_case_at(pair.system, pair.gain, figures.norm_frequency),
+        state_peaks=guarantees_from_json(data["pair"], pair.system).state_peaks,
+        **figures._asdict(),
+    )
