@@ -44,6 +44,7 @@ import scipy
 
 from cosim.hinf.certificate import AnalysisVariables
 from cosim.hinf.lmi.conic import Constraint
+from cosim.hinf.lmi.interior_point import solve_dense
 from cosim.hinf.lmi.loop_lmi import Constraints, Labelled, LoopLmi
 from cosim.hinf.lmi.svec import Array, product, svec, symmetric
 
@@ -54,6 +55,10 @@ if TYPE_CHECKING:
 def couplings(k: int) -> list[int]:
     """Return the factors of the means W_0 .. W_(k-1) in v_k: (2i+1) (1 - (-1)^(k+i))."""
     return [(2 * i + 1) * (1 - (-1) ** (k + i)) for i in range(k)]
+
+
+_MANY_BLOCKS = 8
+"""Blocks of F above which there are few unknowns beside the rows that the blocks add."""
 
 
 class AnalysisLmi(LoopLmi[AnalysisVariables]):
@@ -73,8 +78,12 @@ class AnalysisLmi(LoopLmi[AnalysisVariables]):
         super().__init__(system, K, performance=performance)
         self.order = order
         self._any_age = [delay.any_age for delay in system.delays]
+        if len(system.blocks) > _MANY_BLOCKS:
+            self._solver = solve_dense
 
-    def _labels(self, delays: Sequence[float]) -> Labelled:
+    def _labels(self, delays: Sequence[float]) -> Labelled | None:
+        if self._solver is solve_dense:
+            return None
         x, times = self._part["x"], self._times(delays)
         rows = [x] * (1 + len(times) + sum(self._orders()[i] for i, _, _ in times))
         rows += [self._part["w"]] * self._performance + [self._part["p"]]
