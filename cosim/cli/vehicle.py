@@ -196,7 +196,7 @@ def fly(
     ] = vehicles.LOSSES_IN_A_ROW,
     duration: Annotated[str, typer.Option(help="Of the flight: '3min', 180.")] = "3min",
     step: Annotated[str, typer.Option(help="Communication step.")] = "50 ms",
-    seed: Annotated[int, typer.Option(help="Of the sea, the losses and the noise.")] = 7,
+    seed: Annotated[int, typer.Option(help="Of the sea, the losses and the noise.")] = 2,
     out: Annotated[
         Path | None,
         typer.Option("--out", "-o", help="Folder for everything made (default: flights/NAME)."),
