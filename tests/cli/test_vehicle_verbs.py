@@ -6,10 +6,10 @@ import json
 from pathlib import Path
 
 import pytest
+from cli.shell import cosim
+from shared import fmu_store
 
 from cosim.vehicle import VEHICLES
-from tests.cli.shell import cosim
-from tests.shared import fmu_store
 
 
 @pytest.mark.parametrize("like", VEHICLES)

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from vehicle import axis_flight as axis
+from vehicle.monolithic import Loop, Packet, simulate
 
 from cosim.scenario import FmuCache, execute_unrecorded, parse, prepare
-from tests.vehicle import axis_flight as axis
-from tests.vehicle.monolithic import Loop, Packet, simulate
 
 STEP, END = 0.05, axis.USUAL["end"]
 

@@ -7,13 +7,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from cli.shell import cosim
+from vehicle import axis_flight as axis
 
 from cosim.core import InputError
 from cosim.hinf import check_certificate
 from cosim.scenario import FmuCache, Outcome, execute_run, execute_unrecorded, parse, prepare
 from cosim.trace import Trace, assumptions_of, outcome_of
-from tests.cli.shell import cosim
-from tests.vehicle import axis_flight as axis
 
 MET = {
     "certificate_verified": True,
