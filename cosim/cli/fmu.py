@@ -163,7 +163,7 @@ def build(
     \b
     cosim fmu build my-system.toml -o my-plant.fmu
     cosim fmu build paper --initial 1,0
-    cosim fmu build my-vehicle.toml -o my-vehicle.fmu
+    cosim fmu build remus100 -o remus100.fmu
     """
     file = Path(system)
     target = _target(file, out)

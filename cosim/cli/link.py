@@ -66,7 +66,7 @@ def show(
     """Show what a recorded link was like: losses, their runs, delays, ages and outages.
 
     \b
-    cosim link show modem.csv
+    cosim link show uplink.csv
     cosim link show traces/auv-acoustic.mcap --node uplink --picture uplink.png
     """
     found = chosen(file, node, picture)
@@ -107,8 +107,8 @@ def fit(
     Exit code 1: no model fits, and the statistics that refuse it are named.
 
     \b
-    cosim link fit modem.csv
-    cosim link fit modem.csv --node buoy2 --states 4 -o link.toml
+    cosim link fit uplink.csv
+    cosim link fit traces/auv-acoustic.mcap --node uplink --states 3 -o link.toml
     """
     read, found = chosen(file, node, None), {}
     with progress() as report_progress:

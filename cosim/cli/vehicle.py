@@ -65,7 +65,7 @@ def new(
 
     \b
     cosim vehicle new mine
-    cosim vehicle new mine --like remus100
+    cosim vehicle new my-remus --like remus100
     """
     stem = name.removesuffix(".toml")
     path = Path(f"{stem}.toml")

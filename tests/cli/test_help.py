@@ -32,7 +32,10 @@ NOT_RUN = (
 OTHER_CODES = {"trace diff": 1, "trace recover": 3, "migrate --check": 1}
 """Of examples that compare different runs, read a trace that was cut, and find old files."""
 
-BEFORE = ("scenario", "design", "fmu build", "fmu controller", "ssp", "study run", "trace rerun")
+BEFORE = (
+    *("scenario", "design", "fmu build", "fmu controller", "ssp", "study run", "trace rerun"),
+    *("vehicle new", "link record"),
+)
 """What writes the files that others read."""
 
 SYSTEM = """[system]
