@@ -64,7 +64,7 @@ def new(
     """Write a new vehicle file, a copy of one of the gallery with a comment for every key.
 
     \b
-    cosim vehicle new mine
+    cosim vehicle new my-vehicle
     cosim vehicle new my-remus --like remus100
     """
     stem = name.removesuffix(".toml")
@@ -93,7 +93,7 @@ def check(
     model can be proved over the envelope. Exit code 0: no error; 2: at least one.
 
     \b
-    cosim vehicle check mine.toml
+    cosim vehicle check my-vehicle.toml
     """
     found = {name: vehicles.diagnose(_text(name), name) for name in names}
     data = {
@@ -147,7 +147,7 @@ def show(
 
     \b
     cosim vehicle show bluerov2-heavy
-    cosim vehicle show mine.toml --picture mine.png
+    cosim vehicle show my-vehicle.toml --picture my-vehicle.png
     cosim vehicle show --keys
     """
     if keys:
@@ -217,7 +217,7 @@ def fly(
 
     \b
     cosim vehicle fly bluerov2-heavy --link 2s
-    cosim vehicle fly mine.toml --link 800ms --loss 0.2 --duration 5min --out flight
+    cosim vehicle fly my-vehicle.toml --link 800ms --loss 0.2 --duration 5min --out flight
     cosim run flights/bluerov2-heavy/scenario.toml
     """
     settings = vehicles.FlightSettings(
