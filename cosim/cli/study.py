@@ -349,7 +349,7 @@ def show(
     \b
     cosim study show studies/delay-margin --picture margin.png
     cosim study show studies/delay-margin --by delay --quantiles 0.05,0.95
-    cosim study show studies/delay-margin --picture p.png --kind scatter --metric growth --over delay
+    cosim study show studies/delay-margin --picture g.png --kind scatter --metric age --over delay
     """
     whole, manifest = studies.read_table(path)
     stopped = studies.stopping_of(whole, manifest)
