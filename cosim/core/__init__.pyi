@@ -32,7 +32,7 @@ from .files import (
     write_whole as write_whole,
     written_beside as written_beside,
 )
-from .locks import lock_file as lock_file
+from .locks import has_locks as has_locks, lock_file as lock_file
 from .migration import (
     migrate as migrate,
     write_migrated as write_migrated,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from importlib.util import find_spec
 from typing import Any
 
 _BEYOND = 1 << 40
@@ -26,6 +27,11 @@ def lock_file(file: int | Any) -> bool:
     except OSError:
         return False
     return True
+
+
+def has_locks() -> bool:
+    """Return whether the system has locks of files; where not, `lock_file` finds all free."""
+    return any(find_spec(name) is not None for name in ("fcntl", "msvcrt"))
 
 
 def _lock_byte(descriptor: int) -> bool:

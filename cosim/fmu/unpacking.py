@@ -2,6 +2,7 @@
 
 Every process has its own temporary folder, named by process number and time and locked as long as
 the process lives. It is removed at exit; the folder of a killed process is removed by the next one.
+Where the system has no locks nobody can tell who lives: no folder is removed but one's own.
 """
 
 from __future__ import annotations
@@ -15,11 +16,12 @@ import threading
 import time
 from pathlib import Path
 
-from cosim.core import InputError, lock_file
+from cosim.core import InputError, has_locks, lock_file
 from cosim.fmu.description import FmuDescription
 from cosim.fmu.inspect.archive import open_archive
 
 PREFIX = "cosim-fmus-"
+_WITHOUT_LOCK = "cosim-kept-"
 _LOCK = "in-use"
 
 
@@ -34,7 +36,9 @@ class _ProcessFolder:
         draft = Path(tempfile.mkdtemp(prefix="cosim-new-", dir=self.parent))
         self._lock = (draft / _LOCK).open("w")
         lock_file(self._lock)
-        self.folder = self.parent / f"{PREFIX}{self.process}-{time.time_ns()}"
+        self.folder = self.parent / (
+            f"{PREFIX if has_locks() else _WITHOUT_LOCK}{self.process}-{time.time_ns()}"
+        )
         draft.rename(self.folder)
 
     @property
@@ -122,6 +126,8 @@ def unpack_fmu(description: FmuDescription) -> Path:
 
 def _remove_stale(parent: Path) -> None:
     """Remove the folders of processes that have ended."""
+    if not has_locks():
+        return
     for folder in parent.glob(f"{PREFIX}*"):
         with contextlib.suppress(OSError):  # another user's, or being removed by another process
             with (folder / _LOCK).open("r+") as lock:

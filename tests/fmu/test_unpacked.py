@@ -88,10 +88,12 @@ sys.stdin.read() if sys.argv[2] == "ends" else time.sleep(600)
 """
 
 
-def other_process(described: FmuDescription, scratch: Path, what: str) -> subprocess.Popen[bytes]:
+def other_process(
+    described: FmuDescription, scratch: Path, what: str, before: str = ""
+) -> subprocess.Popen[bytes]:
     """A process that has instantiated the FMU, and ends or waits."""
     process = subprocess.Popen(  # noqa: S603 - ourselves
-        [sys.executable, "-c", _CODE, str(described.path), what],
+        [sys.executable, "-c", before + _CODE, str(described.path), what],
         env={**os.environ, "TMPDIR": str(scratch)},
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
@@ -121,6 +123,17 @@ def test_unpacked_files_are_removed_with_their_process(
     assert room.name.startswith(f"{PREFIX}{living.pid}-")
     unpack_fmu(described)  # sweeps, and leaves alone what is in use
     assert {p.name.split("-")[2] for p in scratch.iterdir()} == {str(living.pid), str(os.getpid())}
+    living.communicate(b"")
+    remove_unpacked()
+    assert list(scratch.iterdir()) == []
+
+
+def test_who_has_no_locks_keeps_his_files(described: FmuDescription, scratch: Path) -> None:
+    """Nobody can tell whether such a process lives: the next one leaves its folder alone."""
+    living = other_process(described, scratch, "ends", 'import sys; sys.modules["fcntl"] = None\n')
+    (folder,) = scratch.iterdir()
+    unpack_fmu(described)  # sweeps
+    assert (folder / described.sha256 / "modelDescription.xml").is_file()
     living.communicate(b"")
     remove_unpacked()
     assert list(scratch.iterdir()) == []
