@@ -111,7 +111,7 @@ def test_the_random_links_are_of_every_kind() -> None:
         seen |= {getattr(delay, "interpolation", None), case.link.jitter.kind}
         seen |= {getattr(case.link.recording, "replay", None)}
         seen |= {"substituted"} if s.statistics()["substitutions"] else set()
-    assert fates == set(REASONS)
+    assert fates == set(REASONS) - set(link_model.ON_MEDIUM)
     assert seen >= {"newest-wins", "fifo", "as-arrived", "hold", "zero", 2.5, "substituted"}
     assert seen >= {float, GilbertElliott, LossChain, type(None), "once", "loop", "blocks"}
     assert seen >= {DelayProfile, DelaySignal}
