@@ -326,4 +326,3 @@ def blocks(system: Parts) -> Iterator[tuple[CommunicationPoints, int, int]]:
         first = points.ready
         points.give_back(first - 1)
         points.extend()
-
