@@ -176,13 +176,18 @@ def _gain_measured(metrics: Mapping[str, Any]) -> str:
     return f"measured: {at}, {100 * norm_share:.2f} % of the exact norm"
 
 
+_ON_MEDIUM = ("collided", "receiver_sending", "out_of_range")
+
+
 def _links(links: Mapping[str, Mapping[str, Any]]) -> list[RenderableType]:
     if not links:
         return []
     table = Table(box=None, pad_edge=False)
     buffered = any(s.get("late") is not None for s in links.values())
     late = ("late",) if buffered else ()
-    columns = ("link", "sent", "delivered", "dropped", *late, "mean delay", "max delay", "max age")
+    fates = [fate for fate in _ON_MEDIUM if any(s.get(fate) for s in links.values())]
+    named = [fate.replace("_", " ") for fate in (*late, *fates)]
+    columns = ("link", "sent", "delivered", "dropped", *named, "mean delay", "max delay", "max age")
     for column in columns:
         table.add_column(column, justify="left" if column == "link" else "right")
     for name, s in links.items():
@@ -191,7 +196,7 @@ def _links(links: Mapping[str, Mapping[str, Any]]) -> list[RenderableType]:
             str(s["sent"]),
             str(s["delivered"]),
             str(s["dropped"]),
-            *(number(s.get(key), 12) for key in late),
+            *(number(s.get(key), 12) for key in (*late, *fates)),
             *(number(s[key], 4, "s") for key in ("mean_delay_s", "max_delay_s", "max_age_s")),
         )
     return [table]

@@ -285,7 +285,16 @@ class Medium:
         ------
         InputError : a value that is no finite number.
         """
-        given, places = iter(values), []
+        places = []
+        missing = sum(at is None for node in self.nodes for at in node.place)
+        if len(values) != missing:
+            raise InputError(
+                "other coordinates follow signals than there are values",
+                where=f"medium {self.name!r}",
+                expected=f"{missing} values",
+                got=str(len(values)),
+            )
+        given = iter(values)
         for node in self.nodes:
             place = tuple(float(next(given) if at is None else at) for at in node.place)
             if not all(map(math.isfinite, place)):

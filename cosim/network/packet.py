@@ -192,6 +192,11 @@ class PacketLink:
         return isinstance(self.delay, DelaySignal)
 
     @property
+    def resolved_with(self) -> str:
+        """Name of what makes its delays known: the link itself, or its medium, medium.NAME."""
+        return self.name if self.hop is None else f"medium.{self.hop.medium.name}"
+
+    @property
     def frame_ns(self) -> int:
         """Return the time to send one message [ns], rounded up: its airtime on a medium; or 0."""
         if self.hop is not None:
