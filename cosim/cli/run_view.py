@@ -277,6 +277,7 @@ def _advice(outcome: Outcome) -> list[RenderableType]:
         'run; a delay is in seconds, or has a unit: "400 ms"'
         for name, s in outcome.links.items()
         if s["sent"] and not s["delivered"] and s["dropped"] < s["sent"]
+        and not any(s.get(fate) for fate in _ON_MEDIUM)
     ]
     age, designed = outcome.metrics["message_age_s"], outcome.metrics["designed_age_s"]
     if age is not None and designed is not None and age > designed * (1 + 1e-12):

@@ -21,7 +21,6 @@ from cosim.master.parts import (
     Endpoint,
     Parts,
     Policy,
-    PositionSource,
     UnknownFeedthrough,
 )
 from cosim.network import PacketLink, TransportLink
@@ -71,7 +70,12 @@ def _check_delay(system: Parts, name: str) -> None:
     if isinstance(source, DelaySource):
         _check_number(source, where)
     for end in source.read:
-        port = system.port(end)
+        try:
+            port = system.port(end)
+        except InputError as error:
+            error.where = f"{where}, {end}"
+            error.args = (error.text(),)
+            raise
         if port.causality != "output" or port.kind != "float" or port.shape or port.feedthrough:
             raise InputError(
                 "this signal cannot decide a delay",

@@ -13,7 +13,7 @@ from fractions import Fraction
 from typing import Annotated, Any, Literal, get_args
 
 from cosim.core import InputError
-from cosim.network.checks import check_duration, check_name, is_finite
+from cosim.network.checks import MAX_NS, check_duration, check_name, is_finite
 from cosim.network.delay_signal import DelaySignal
 from cosim.network.keys import ChoiceKey, CountKey, DurationKey, NumberKey, check_keys
 from cosim.network.single_draws import single_log
@@ -151,7 +151,9 @@ class Medium:
     nodes: tuple[Node, ...]
     data_rate: Annotated[int, CountKey("bits per second of every packet, whole", unit="bit/s")]
     preamble_ns: Annotated[int, DurationKey("time that a packet takes beside its bits")] = 0
-    speed: Annotated[float, NumberKey("speed at which packets travel")] = SPEED_OF_SOUND
+    speed: Annotated[float, NumberKey("speed at which packets travel", positive=True)] = (
+        SPEED_OF_SOUND
+    )
     access: Annotated[Access, ChoiceKey("when a node begins to send", get_args(Access))] = "aloha"
     slot_ns: Annotated[int, DurationKey("packets begin at multiples of it; 0: at any instant")] = 0
     slots: tuple[str, ...] = ()
@@ -159,9 +161,11 @@ class Medium:
         int, DurationKey("greatest random time before a packet, or before listening again")
     ] = 0
     turnaround_ns: Annotated[int, DurationKey("so long a node hears nothing after it sent")] = 0
-    max_range: Annotated[float | None, NumberKey("greatest range of reception")] = None
+    max_range: Annotated[float | None, NumberKey("greatest range of reception", positive=True)] = (
+        None
+    )
     interference_range: Annotated[
-        float | None, NumberKey("greatest range at which a packet disturbs others")
+        float | None, NumberKey("greatest range at which a packet disturbs others", positive=True)
     ] = None
     loss: RangeTable | RangeLogit | None = None
 
@@ -171,16 +175,13 @@ class Medium:
         check_keys(where, self)
         self._check_nodes(where)
         self._check_access(where)
-        ranges = {"max_range": self.max_range, "interference_range": self.interference_range}
-        positive = {"speed": self.speed, "data_rate": self.data_rate, **ranges}
-        for key, value in positive.items():
-            if value is not None and value <= 0:
-                raise InputError(
-                    f"{key} out of range",
-                    where=where + key,
-                    expected="a number greater than 0",
-                    got=repr(value),
-                )
+        if self.data_rate < 1:
+            raise InputError(
+                "data_rate out of range",
+                where=f"{where}data_rate",
+                expected="at least 1 bit/s",
+                got=repr(self.data_rate),
+            )
         if self.interference_range is not None and self.interference_range < (
             math.inf if self.max_range is None else self.max_range
         ):
@@ -276,6 +277,13 @@ class Medium:
         ------
         InputError : a range that is not finite, or makes a delay out of range.
         """
+        if not range_m <= self.speed * MAX_NS / 1e9:
+            raise InputError(
+                "the way takes too long",
+                where=where,
+                expected="at most 2**53 ns",
+                got=f"{range_m:g} m at {self.speed:g} m/s",
+            )
         return DelaySignal(1.0 / self.speed).delay_ns(range_m, where=where)
 
     def at(self, values: Sequence[float]) -> tuple[tuple[float, ...], ...]:

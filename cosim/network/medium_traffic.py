@@ -84,7 +84,10 @@ class MediumTraffic:
         self._stations = [_Station() for _ in medium.nodes]
         self._events: list[tuple[int, int, int, Any]] = []
         self._sent = 0
-        self._places = None if medium.moves else medium.at(())
+        self._fixed: list[list[tuple[int, float, int]]] | None = None
+        if not medium.moves:
+            places = medium.at(())
+            self._fixed = [self._ways(node, places) for node in range(len(places))]
         self._horizon_ns = 0
         for number, one in enumerate(schedules):
             one.traffic = self
@@ -95,7 +98,7 @@ class MediumTraffic:
     @property
     def is_live(self) -> bool:
         """Whether nodes move, so that packets are resolved one by one."""
-        return self._places is None
+        return self._fixed is None
 
     @property
     def message(self) -> int:
@@ -136,7 +139,7 @@ class MediumTraffic:
                 got=f"packet {message}",
             )
         at, _, node, _ = heappop(self._events)
-        self._send(at, node, self.medium.at(values))
+        self._send(at, node, self._ways(node, self.medium.at(values)))
         self._run(self._end_ns)
 
     def _run(self, until: int) -> None:
@@ -145,11 +148,11 @@ class MediumTraffic:
         while events and events[0][0] <= until:
             at, what, number, over = events[0]
             if what == _BEGIN and not self._is_heard(at, number):
-                if self._places is None:
+                if self._fixed is None:
                     horizon = self._schedules[0].point_before(at)
                     break
                 heappop(events)
-                self._send(at, number, self._places)
+                self._send(at, number, self._fixed[number])
                 continue
             heappop(events)
             if what == _BEGIN:
@@ -222,7 +225,18 @@ class MediumTraffic:
             return False
         return any(one.begin < at < one.end for one in self._stations[node].heard)
 
-    def _send(self, begin: int, node: int, places: Sequence[Sequence[float]]) -> None:
+    def _ways(self, node: int, places: Sequence[Sequence[float]]) -> list[tuple[int, float, int]]:
+        """Return each other node with its range [m], and the time that a packet travels [ns]."""
+        medium, found = self.medium, []
+        for other, place in enumerate(places):
+            if other != node:
+                names = f"{medium.nodes[node].name} to {medium.nodes[other].name}"
+                range_m = distance(places[node], place)
+                travel = medium.delay_ns(range_m, where=f"medium {medium.name!r}, {names}")
+                found.append((other, range_m, travel))
+        return found
+
+    def _send(self, begin: int, node: int, ways: Sequence[tuple[int, float, int]]) -> None:
         """Let a node send the first message that waits, heard by all the others in reach."""
         medium, station = self.medium, self._stations[node]
         one, message = station.waiting.popleft()
@@ -231,17 +245,10 @@ class MediumTraffic:
         station.free, station.deaf_until = end, end + int(medium.turnaround_ns)
         for heard in station.heard:
             heard.deaf |= heard.begin < station.deaf_until and heard.end > begin
-        for other, place in enumerate(places):
-            if other == node:
-                continue
-            range_m = distance(places[node], place)
+        for other, range_m, travel in ways:
             is_receiver = other == one.receiver
             if not is_receiver and not range_m <= medium.reach:
                 continue
-            where = (
-                f"medium {medium.name!r}, {medium.nodes[node].name} to {medium.nodes[other].name}"
-            )
-            travel = medium.delay_ns(range_m, where=where)
             heard = _Heard(begin + travel, end + travel)
             if range_m <= medium.reach:
                 self._hear(begin, self._stations[other], heard)

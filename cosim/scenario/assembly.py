@@ -386,6 +386,12 @@ def _blamed(error: InputError, wires: Wires, scenario: Scenario) -> Path:
             or str(connection.target) == where
         ):
             return path
+    for name in scenario.links:
+        if where.startswith(f"link {name!r}: delay"):
+            return ("links", name, "delay")
+    for name in scenario.medium:
+        if where.startswith(f"medium.{name}: nodes"):
+            return ("medium", name, "nodes")
     for name in scenario.components:
         if where.startswith(f"component {name!r}"):
             return ("components", name)

@@ -135,6 +135,6 @@ def test_a_way_that_takes_too_long_ends_the_run(fmu: Path) -> None:
     system = shared(fmu, medium={"speed": 1e-9})
     run = simulate(system)
     assert run.status == "failed"
-    assert "medium 'bay': the value makes a delay out of range" in str(run.reason)
+    assert "medium 'bay', a to b: the way takes too long" in str(run.reason)
     with pytest.raises(InputError, match=r"medium\.bay: nodes"):
         replace(system, delays={})
