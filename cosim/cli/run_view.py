@@ -276,7 +276,9 @@ def _advice(outcome: Outcome) -> list[RenderableType]:
         f"try: {name} delivered none of its {s['sent']} messages: its delay may be longer than the "
         'run; a delay is in seconds, or has a unit: "400 ms"'
         for name, s in outcome.links.items()
-        if s["sent"] and not s["delivered"] and s["dropped"] < s["sent"]
+        if s["sent"]
+        and not s["delivered"]
+        and s["dropped"] < s["sent"]
         and not any(s.get(fate) for fate in _ON_MEDIUM)
     ]
     age, designed = outcome.metrics["message_age_s"], outcome.metrics["designed_age_s"]

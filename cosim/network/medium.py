@@ -261,7 +261,7 @@ class Medium:
         return any(at is None for node in self.nodes for at in node.place)
 
     @property
-    def reach(self) -> float:
+    def hearing_range(self) -> float:
         """Greatest range at which a packet is heard [m]."""
         limits = (self.interference_range, self.max_range)
         return next((limit for limit in limits if limit is not None), math.inf)

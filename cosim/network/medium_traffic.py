@@ -59,7 +59,7 @@ class _Heard:
         self.collided = self.deaf = False
 
 
-class _Station:
+class _Modem:
     """What a node does: until when it sends, and is deaf; what waits; what it hears."""
 
     def __init__(self) -> None:
@@ -81,7 +81,7 @@ class MediumTraffic:
 
     def __init__(self, medium: Medium, schedules: Sequence[MediumSchedule], end_ns: int) -> None:
         self.medium, self._schedules, self._end_ns = medium, schedules, end_ns
-        self._stations = [_Station() for _ in medium.nodes]
+        self._modems = [_Modem() for _ in medium.nodes]
         self._events: list[tuple[int, int, int, Any]] = []
         self._sent = 0
         self._fixed: list[list[tuple[int, float, int]]] | None = None
@@ -181,7 +181,7 @@ class MediumTraffic:
         if one.link.playout_ns:
             heappush(self._events, (at + one.link.playout_ns, _RELEASE, number, message))
         node = one.sender
-        waiting = self._stations[node].waiting
+        waiting = self._modems[node].waiting
         # what can begin at this instant does not wait: the event of its node comes first
         begins = not waiting and self._begin_of(node, one, message, at) == at
         begins = begins and not self._is_heard(at, node)
@@ -194,18 +194,18 @@ class MediumTraffic:
 
     def _wait(self, node: int, at: int) -> None:
         """Let a node begin, or look, for the first that waits, from an instant on."""
-        one, message = self._stations[node].waiting[0]
+        one, message = self._modems[node].waiting[0]
         begin = self._begin_of(node, one, message, at)
-        self._stations[node].tries += 1
+        self._modems[node].tries += 1
         heappush(self._events, (begin, _BEGIN, node, None))
 
     def _begin_of(self, node: int, one: MediumSchedule, message: int, at: int) -> int:
         """Return when a node may begin to send a message, from an instant on."""
-        medium, station = self.medium, self._stations[node]
-        begin = max(at, station.free)
-        if medium.backoff_ns and (medium.access == "aloha" or station.tries):
+        medium, modem = self.medium, self._modems[node]
+        begin = max(at, modem.free)
+        if medium.backoff_ns and (medium.access == "aloha" or modem.tries):
             link = one.link
-            u = single_uniform(link.seed, link.name, "backoff", message, station.tries)
+            u = single_uniform(link.seed, link.name, "backoff", message, modem.tries)
             begin += int(u * medium.backoff_ns)
         slot = medium.slot_ns
         if not slot:
@@ -223,7 +223,7 @@ class MediumTraffic:
         """Whether a node that listens hears a packet; not one that begins at this instant."""
         if self.medium.access != "csma":
             return False
-        return any(one.begin < at < one.end for one in self._stations[node].heard)
+        return any(one.begin < at < one.end for one in self._modems[node].heard)
 
     def _ways(self, node: int, places: Sequence[Sequence[float]]) -> list[tuple[int, float, int]]:
         """Return each other node with its range [m], and the time that a packet travels [ns]."""
@@ -238,35 +238,35 @@ class MediumTraffic:
 
     def _send(self, begin: int, node: int, ways: Sequence[tuple[int, float, int]]) -> None:
         """Let a node send the first message that waits, heard by all the others in reach."""
-        medium, station = self.medium, self._stations[node]
-        one, message = station.waiting.popleft()
+        medium, modem = self.medium, self._modems[node]
+        one, message = modem.waiting.popleft()
         self._sent += 1
         end = begin + one.link.frame_ns
-        station.free, station.deaf_until = end, end + int(medium.turnaround_ns)
-        for heard in station.heard:
-            heard.deaf |= heard.begin < station.deaf_until and heard.end > begin
+        modem.free, modem.deaf_until = end, end + int(medium.turnaround_ns)
+        for heard in modem.heard:
+            heard.deaf |= heard.begin < modem.deaf_until and heard.end > begin
         for other, range_m, travel in ways:
             is_receiver = other == one.receiver
-            if not is_receiver and not range_m <= medium.reach:
+            if not is_receiver and not range_m <= medium.hearing_range:
                 continue
             heard = _Heard(begin + travel, end + travel)
-            if range_m <= medium.reach:
-                self._hear(begin, self._stations[other], heard)
+            if range_m <= medium.hearing_range:
+                self._hear(begin, self._modems[other], heard)
             if is_receiver and heard.end <= self._end_ns:
                 over = (one, message, heard, travel, range_m)
                 heappush(self._events, (heard.end, _OVER, self._sent, over))
-        station.tries = 0
-        if station.waiting:
+        modem.tries = 0
+        if modem.waiting:
             self._wait(node, end)
 
     @staticmethod
-    def _hear(now: int, station: _Station, new: _Heard) -> None:
-        station.heard = [old for old in station.heard if old.end > now]
-        for old in station.heard:
+    def _hear(now: int, modem: _Modem, new: _Heard) -> None:
+        modem.heard = [old for old in modem.heard if old.end > now]
+        for old in modem.heard:
             if old.begin < new.end and new.begin < old.end:
                 old.collided = new.collided = True
-        new.deaf = new.begin < station.deaf_until
-        station.heard.append(new)
+        new.deaf = new.begin < modem.deaf_until
+        modem.heard.append(new)
 
     def _end(
         self, at: int, one: MediumSchedule, message: int, heard: _Heard, travel: int, range_m: float

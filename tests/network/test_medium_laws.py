@@ -288,7 +288,7 @@ class Bay:
         self, node: int, away: float, one: PacketLink, to: tuple[int, int] | None
     ) -> Generator[Any, Any, None]:
         m, env = self.case.medium, self.env
-        reach = m.interference_range or m.max_range
+        heard_within = m.interference_range or m.max_range
         far = DelaySignal(1.0 / m.speed).delay_ns(away)
         packet = {
             "since": env.now + far,
@@ -297,7 +297,7 @@ class Bay:
             "met": False,
         }
         yield env.timeout(far)
-        if reach is None or away <= reach:
+        if heard_within is None or away <= heard_within:
             packet["deaf"] = packet["since"] < self.deaf[node]
             for other in self.present[node]:
                 if other["until"] > env.now:
@@ -349,6 +349,21 @@ def test_packets_against_processes_in_simpy(part: int) -> None:
                     taken = how in ("delivered", "overtaken")
                     found[i, k] = "received" if taken else how, at
         assert found == bay.fates
+
+
+def test_a_message_that_waits_is_awaited() -> None:
+    """The oldest message that may still come is that which waits for its slot."""
+    over = medium(access="tdma", slot_ns=20 * S, slots=("ship", "auv1"))
+    found = growing_schedules([link("up", "auv1", "ship", over, offset_ns=S)], 100 * S)["up"]
+    found.advance(30 * S)  # what was sent at 1 s came at 22 s, that at 11 s and 21 s waits
+    assert found.sent_in_use([30 * S]).tolist() == [S]
+    found.advance(63 * S)
+    assert found.sent_in_use([62 * S]).tolist() == [11 * S]
+    assert found.oldest_awaited_ns(21 * S) == S
+    assert found.oldest_awaited_ns(62 * S) == 11 * S
+    late = growing_schedules([link("up", "auv1", "ship", over, offset_ns=21 * S)], 100 * S)["up"]
+    late.advance(59 * S)
+    assert late.oldest_awaited_ns(59 * S) == 21 * S  # nothing came, though one waits since then
 
 
 def test_what_a_medium_refuses() -> None:
