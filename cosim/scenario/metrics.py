@@ -27,6 +27,7 @@ from cosim.scenario.assertions import AssertionsMeasure
 from cosim.scenario.coupling import CouplingMeasure
 from cosim.scenario.cut_delays import CutMeasure
 from cosim.scenario.design_events import DesignEvents
+from cosim.scenario.designed_plant import differences_from
 from cosim.scenario.envelope import ENVELOPE, LargestMagnitudes, envelope_bounds
 from cosim.scenario.feedback_age import FeedbackAge, feedback_age
 from cosim.scenario.final_values import LastOutputs
@@ -43,7 +44,6 @@ from cosim.scenario.noise_energy import NoiseEnergy
 from cosim.scenario.origin import Findings
 from cosim.scenario.performance import GainMeasure
 from cosim.scenario.plant import (
-    Difference,
     differences_json,
     plant_differences,
     thrust_map_differences,
@@ -282,7 +282,7 @@ class RunContext:
             return None
         plant = self._parameters(part.plant)
         if problem.plant is not None:
-            different = [Difference(*each) for each in problem.plant.differences(plant)]
+            different = differences_from(problem.plant.parameters, plant)
             return differences_json(part.plant, different)
         exact = (
             self.design is not None

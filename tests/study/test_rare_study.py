@@ -55,6 +55,7 @@ def event(probability: float, **more: Any) -> Any:
     )
 
 
+@pytest.mark.slow
 def test_subset_simulation_through_the_master(tmp_path: Path) -> None:
     """Its interval contains the closed form; interrupted anywhere, the table has the same bytes."""
     made = event(1e-2, seed=4)
