@@ -16,7 +16,7 @@ from cosim.master.communication_schedule import Link
 from cosim.master.component_points import own_instants
 from cosim.master.event_systems import check_events
 from cosim.master.parts import Connection, Endpoint, Parts, Policy, UnknownFeedthrough
-from cosim.network import PacketLink, TransportLink
+from cosim.network import DelaySignal, PacketLink, TransportLink
 
 LINK_STATE: Mapping[str, SignalKind] = MappingProxyType(
     {"age": "float", "sequence": "int", "dropped": "int", "delivered": "int"}
@@ -40,15 +40,15 @@ def check_links(system: Parts) -> None:
                 got=f"link {link.name!r}, schedules of {list(system.comm_schedule.links)}",
                 hint="pass the same links to make_schedule and to System",
             )
-    for name in system.comm_schedule.live:
+    following = [n for n, link in system.links.items() if isinstance(link.delay, DelaySignal)]
+    for name in following:
         _check_delay(system, name)
     for name in system.delays:
-        if name not in system.comm_schedule.live:
+        if name not in following:
             raise InputError(
                 "this link's delay follows no signal",
                 where=f"link {name!r}",
-                expected="a link with a DelaySignal: "
-                + (", ".join(system.comm_schedule.live) or "none"),
+                expected="a link with a DelaySignal: " + (", ".join(following) or "none"),
             )
 
 
@@ -97,7 +97,8 @@ def check_parts(system: Parts) -> None:
             raise InputError(
                 "a component cannot have its own step where points are added during the run",
                 where=f"component {name!r}",
-                got=f"link {next(iter(system.comm_schedule.live))!r}, whose delay follows a signal",
+                got=f"link {next(iter(system.comm_schedule.live))!r}, whose delay follows a signal "
+                "or a condition",
                 hint='events = "grid"',
             )
         _check_own_step(system, component.every_ns)

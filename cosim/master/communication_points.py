@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from cosim.core import InputError, distinct
 from cosim.master.communication_schedule import CommunicationSchedule
 from cosim.master.component_points import ComponentPoints
+from cosim.master.held_values import HeldValues
 from cosim.master.parts import Parts
 from cosim.master.reserved import Reserved
 from cosim.network import Arrivals, GrowingSchedule, LinkState
@@ -53,7 +54,8 @@ class CommunicationPoints:
     end_ns : the end of the run [ns].
     own_points : by component.
     links : the packet links, by name.
-    values : by live link, the values of its delay signal so far.
+    values : by live link, the values of its delay signal so far; 0 if it follows none.
+    held : what events have set; of adjustable links `NAME.delay` [ns] and `NAME.loss`.
     live : the links whose delays follow a signal of the run.
     grows : whether points depend on signals of the run.
     has_events : whether points are added one at a time, as events occur (`add`).
@@ -66,6 +68,7 @@ class CommunicationPoints:
         self.most, self.end_ns = self._schedule.most, self._schedule.end_ns
         self.grows, self.has_events = self._schedule.grows, live and system.has_events
         self.on_new: Callable[[int, float], None] | None = None
+        self.held = HeldValues()
         if self.has_events:
             self.most = _EVENTS * self.most + _MORE_EVENTS
         kinds = (np.int64, float, float)
@@ -82,6 +85,7 @@ class CommunicationPoints:
         Nothing may have been given back.
         """
         self._schedule = schedule
+        self.held.restore({})
         if self.links or self.final == self.most:
             self._begin()
 
@@ -226,18 +230,31 @@ class CommunicationPoints:
         now = int(self.points_ns[k])
         for name, link in self.live.items():
             while link.horizon_ns == now:
-                value = self._delays[name].value([float(row[c]) for c in columns[name]])
-                link.resolve(link.message, value)
+                value = 0.0
+                if name in self._delays:
+                    value = self._delays[name].value([float(row[c]) for c in columns[name]])
+                self._resolve(name, link, value, now)
                 self.values[name].append(value)
         self._set_ready()
         if self.ready <= k and not self.crossing:
             self.extend()
 
-    def go_back(self, values: Mapping[str, Sequence[float]], complete: int) -> None:
-        """Return to the state in which `values` were the values so far, and `complete` rows were.
+    def _resolve(self, name: str, link: GrowingSchedule, value: float, now: int) -> None:
+        """Resolve a message of a live link, sent now [ns]."""
+        delay, loss = self.held.at(f"{name}.delay", now), self.held.at(f"{name}.loss", now)
+        link.resolve(link.message, value, delay_ns=None if delay is None else int(delay), loss=loss)
+
+    def go_back(
+        self,
+        values: Mapping[str, Sequence[float]],
+        held: Mapping[str, Sequence[Sequence[float]]],
+        complete: int,
+    ) -> None:
+        """Return to the state in which these were the values so far, and `complete` rows were.
 
         Nothing may have been given back.
         """
+        self.held.restore(held)
         if not self.live:
             return
         self._begin()
@@ -256,7 +273,7 @@ class CommunicationPoints:
             while link.horizon_ns == now:
                 if numbers[name] >= len(self.values[name]):
                     return False
-                link.resolve(link.message, self.values[name][numbers[name]])
+                self._resolve(name, link, self.values[name][numbers[name]], now)
                 numbers[name] += 1
         self._set_ready()
         return True

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from cosim.core import InputError, distinct
 from cosim.master.component_points import own_instants
-from cosim.network import DelaySignal, GrowingSchedule, PacketLink, PacketSchedule, TransportLink
+from cosim.network import GrowingSchedule, PacketLink, PacketSchedule, TransportLink
 
 Link = PacketLink | TransportLink
 """A link of either kind."""
@@ -56,8 +56,8 @@ class CommunicationSchedule:
 
     @cached_property
     def live(self) -> Mapping[str, PacketLink]:
-        """The links whose delays follow a signal of the run."""
-        return {n: link for n, link in self._packets.items() if isinstance(link.delay, DelaySignal)}
+        """The links whose delays follow a signal of the run, or may be changed during it."""
+        return {n: link for n, link in self._packets.items() if link.is_live}
 
     @property
     def grows(self) -> bool:

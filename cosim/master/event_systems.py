@@ -29,7 +29,10 @@ def check_events(system: Parts) -> None:
             raise _refusal(name, where, expected, got)
     for link in schedule.live:
         raise _refusal(
-            name, f"link {link!r}", "a delay that follows no signal of the run", "one that does"
+            name,
+            f"link {link!r}",
+            "a delay that follows no signal or condition of the run",
+            "one that does",
         )
     for other, component in system.components.items():
         if component.every_ns is not None:

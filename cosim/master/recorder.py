@@ -19,6 +19,7 @@ from cosim.trace import (
     COMPUTED,
     LINK_STATE_SCHEMA,
     LINK_STATE_SIGNALS,
+    MODE_SIGNALS,
     VEHICLE,
     Lines,
     Poses,
@@ -30,6 +31,7 @@ from cosim.trace import (
     input_topic,
     link_state_topic,
     link_topic,
+    modes_topic,
     output_topic,
 )
 
@@ -108,6 +110,16 @@ class TraceRecorder(Observer):
                 if all(name in places for name in signals):
                     where = [places.index(name) for name in signals]
                     posed.append(_Posed(instance, where, component, reference=reference))
+        self._modes = {
+            name: self._writer.add_topic(
+                modes_topic(name),
+                MODE_SIGNALS,
+                schema_name=f"cosim.modes.{identifier(name)}",
+                metadata={"machine": name, "states": ", ".join(states)},
+            )
+            for name, states in self._system.modes.items()
+        }
+        self._modes_until = -1
         self._within = {
             instance.name: self._topic_within_steps(instance)
             for instance in instances
@@ -178,8 +190,20 @@ class TraceRecorder(Observer):
             parts.append(Rows(topic_id, times, values, rank=rank))
         parts += [traffic.state(self._points[first:last]) for traffic in self._traffic]
         until_ns = int(self._points[last - 1])
+        parts += self._changes_of_mode(until_ns)
         self._writer.write_rows([*parts, *self._event_lines(until_ns)])
         self._latest_ns = max(self._latest_ns, until_ns)
+
+    def _changes_of_mode(self, until_ns: int) -> Iterator[Rows]:
+        """Yield the states that machines came into up to an instant [ns], not yielded before."""
+        for name, topic_id in self._modes.items():
+            times, numbers = self._comm_points.held.changes(name)
+            which = np.flatnonzero((times > self._modes_until) & (times <= until_ns))
+            states = self._system.modes[name]
+            values = [[states[k], k] for k in numbers[which].astype(np.int64).tolist()]
+            if values:
+                yield Rows(topic_id, times[which], values, rank=(_SCENE,))
+        self._modes_until = until_ns
 
     def _rank(
         self, own: slice | NDArray[np.int64], times: NDArray[np.int64], rank: int

@@ -81,6 +81,8 @@ class PacketLink:
     windows : times with another loss; where windows overlap the last one counts. Jitter, and
         the losses outside, are as without them.
     quantization : step of the quantizer applied to the values sent; 0: none.
+    adjustable : whether delay and loss may be changed while the run goes on: each message is then
+        resolved when it is sent (`GrowingSchedule.resolve`).
     seed : seed of the run (0 to 2**63 - 1); links with different names draw independently.
 
     Raises
@@ -120,6 +122,7 @@ class PacketLink:
     delay: DelayProfile | DelaySignal | None = None
     windows: tuple[LossWindow, ...] = ()
     recording: Recording | None = None
+    adjustable: bool = False
 
     def __post_init__(self) -> None:
         check_name("link", self.name)
@@ -157,6 +160,11 @@ class PacketLink:
                 got=f"{self.playout_ns} ns",
                 hint="delay + jitter + frame_size / data_rate + the wait in the queue must fit",
             )
+
+    @property
+    def is_live(self) -> bool:
+        """Return whether what becomes of a message is known only when it is sent."""
+        return self.adjustable or isinstance(self.delay, DelaySignal)
 
     @property
     def frame_ns(self) -> int:

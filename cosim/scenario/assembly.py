@@ -30,7 +30,7 @@ from cosim.scenario.link_keys import nanoseconds
 from cosim.scenario.matching import endpoint, matched
 from cosim.scenario.origin import NOWHERE, Findings, Origin, Path
 from cosim.scenario.schema import ComponentLogPart, RunPart, Scenario
-from cosim.scenario.script import changes_of, instants_ns
+from cosim.scenario.script import adjusted_links, changes_of, instants_ns
 from cosim.scenario.signals import Signals, along_path, reference_inputs, worst_case_inputs
 from cosim.scenario.units import numbers_of
 
@@ -92,7 +92,8 @@ class Assembled:
         """Whether a link is the same in another scenario."""
         mine, run = self.scenario, scenario.run
         same = mine.run is run or (mine.run.seed, mine.run.end) == (run.seed, run.end)
-        return same and mine.events is scenario.events and mine.links[name] is scenario.links[name]
+        same &= mine.events is scenario.events and mine.modes is scenario.modes
+        return same and mine.links[name] is scenario.links[name]
 
     def has_points(self, scenario: Scenario) -> bool:
         """Whether another scenario has the same communication points but for those of messages."""
@@ -250,13 +251,16 @@ def _wanted_log(scenario: Scenario, component: str) -> tuple[LogLevel, list[str]
 
 def _links(scenario: Scenario, findings: Findings, like: Assembled | None) -> dict[str, Link]:
     links: dict[str, Link] = {}
-    changes = changes_of(scenario, findings)
+    changes, adjusted = changes_of(scenario, findings), adjusted_links(scenario)
     for name, part in scenario.links.items():
         if like is not None and name in like.parts.links and like.has_link(name, scenario):
             links[name] = like.parts.links[name]
             continue
         with findings.at("links", name):
-            links[name] = link_of(name, part, scenario.run.seed, changes.get(name, ()))
+            links[name] = link_of(
+                *(name, part, scenario.run.seed, changes.get(name, ())),
+                adjustable=name in adjusted,
+            )
     return links
 
 
@@ -353,6 +357,7 @@ def system_of(
             run.solve,
             run.solve_tolerance,
             run.solve_limit,
+            modes={name: tuple(part.states) for name, part in scenario.modes.items()},
             like=None if like is None else like.system,
         )
         same = like is not None and like.parts.wires is parts.wires and like.has_run(run)

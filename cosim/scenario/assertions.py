@@ -12,13 +12,12 @@ from numpy.typing import NDArray
 from cosim.master import ComponentInstance, Run, System
 from cosim.scenario.binding import BoundCondition
 from cosim.scenario.events import AssertionPart
-from cosim.scenario.matching import endpoint
 from cosim.scenario.measure import Measure
 from cosim.scenario.origin import Findings
 from cosim.scenario.run_events import EventCollector
 from cosim.scenario.schema import Scenario
 from cosim.scenario.scope import RunScope, ValueReader
-from cosim.scenario.script import bind_condition
+from cosim.scenario.script import bind_condition, changed_by
 from cosim.trace import AssertionResult, Result, RunEvent
 
 _Truths = NDArray[np.bool_]
@@ -46,8 +45,7 @@ def bind_assertions(
     ------
     InputError : an unknown name, or incompatible units.
     """
-    changed = [endpoint(target) for event in scenario.events for target in event.set]
-    scope = RunScope(system, changed)
+    scope = RunScope(system, changed_by(scenario))
     found = []
     for i, part in enumerate(scenario.assertions):
         bound = partial(bind_condition, scope, findings)

@@ -57,8 +57,17 @@ class Change(NamedTuple):
         return self.delay_ns is None and self.loss is None
 
 
-def link_of(name: str, part: LinkPart, seed: int, changes: Sequence[Change] = ()) -> Link:
+def link_of(
+    name: str,
+    part: LinkPart,
+    seed: int,
+    changes: Sequence[Change] = (),
+    *,
+    adjustable: bool = False,
+) -> Link:
     """Make the link that [links.NAME] describes; `seed` is that of the run.
+
+    adjustable : conditions of the scenario change its delay or loss.
 
     Raises
     ------
@@ -66,7 +75,7 @@ def link_of(name: str, part: LinkPart, seed: int, changes: Sequence[Change] = ()
         is a key of [links.NAME].
     """
     try:
-        return _link_of(name, part, seed, changes)
+        return _link_of(name, part, seed, changes, adjustable=adjustable)
     except InputError as error:
         place = (error.where or "").removeprefix(f"link {name!r}: ")
         first = re.match(r"[\w.]*", place)
@@ -79,7 +88,9 @@ def link_of(name: str, part: LinkPart, seed: int, changes: Sequence[Change] = ()
         raise
 
 
-def _link_of(name: str, part: LinkPart, seed: int, changes: Sequence[Change]) -> Link:
+def _link_of(
+    name: str, part: LinkPart, seed: int, changes: Sequence[Change], *, adjustable: bool
+) -> Link:
     constant, varying = _delay(part)
     if not isinstance(part, PacketPart):
         if isinstance(varying, DelaySignal):
@@ -102,6 +113,7 @@ def _link_of(name: str, part: LinkPart, seed: int, changes: Sequence[Change]) ->
         loss=_loss(part.loss),
         seed=seed if part.seed is None else part.seed,
         recording=_recording(part.recording),
+        adjustable=adjustable,
         windows=tuple(
             LossWindow(c.from_ns, c.until_ns, 1.0 if c.loss is None else c.loss)
             for c in changes

@@ -20,7 +20,6 @@ from typing import NamedTuple
 from cosim.master import Component, Connection, Link, System, receiving_order
 from cosim.network import (
     DelayProfile,
-    DelaySignal,
     GilbertElliott,
     LossChain,
     PacketLink,
@@ -231,14 +230,14 @@ def _may_lose(link: PacketLink) -> bool:
     recording = link.recording
     if recording is not None and not recording.arrived.all():
         return True
-    if chance > 0 or any(window.loss > 0 for window in link.windows):
+    if chance > 0 or link.adjustable or any(window.loss > 0 for window in link.windows):
         return True
     return 0 < link.playout_ns < _latest_ns(link)
 
 
 def _latest_ns(link: PacketLink) -> float:
     """Return the greatest time from sending to arrival [ns]; infinity where it is not bounded."""
-    if isinstance(link.delay, DelaySignal) or link.frame_ns > link.sample_time_ns:
+    if link.is_live or link.frame_ns > link.sample_time_ns:
         return math.inf
     jitter = link.jitter
     extra = {"none": 0, "uniform": max(jitter.width_ns - 1, 0)}.get(jitter.kind, jitter.max_ns)

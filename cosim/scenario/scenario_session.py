@@ -10,7 +10,7 @@ from cosim.core import CosimError
 from cosim.master import EngineName, Observer, Pace, Run, Session, Snapshot, System
 from cosim.scenario.event_driver import EventDriver, LatestValues, ended_by_event
 from cosim.scenario.scope import RunScope
-from cosim.scenario.script import Event
+from cosim.scenario.script import Event, Machine
 
 
 class ScenarioSession(Session):
@@ -24,7 +24,7 @@ class ScenarioSession(Session):
     def __init__(
         self,
         system: System,
-        events: Sequence[Event] = (),
+        events: Sequence[Event | Machine] = (),
         observers: Sequence[Observer] = (),
         *,
         engine: EngineName = "auto",

@@ -44,6 +44,7 @@ from cosim.scenario.fields import (
     Text,
 )
 from cosim.scenario.links import LinkPart
+from cosim.scenario.modes import ModesPart
 from cosim.scenario.quantity import TIME, quantity_in
 from cosim.scenario.run_limits import LimitsPart
 
@@ -371,6 +372,8 @@ class Scenario(Part):
     """The worst-case disturbance of the design."""
     design: DesignPart | None = None
     """The gain of the controller, and the system it is proved for."""
+    modes: dict[Name, ModesPart] = Field(default_factory=dict)
+    """Mode machines: phases of a mission, what leads from one to another, and what is done then."""
     events: list[EventPart] = Field(default_factory=list)
     """What happens during the run."""
     assertions: list[AssertionPart] = Field(default_factory=list)

@@ -246,7 +246,7 @@ class FollowedRun:
             return None, False
         return None, True
 
-    def _take(self, kind: str, content: Sequence[Any]) -> None:
+    def _take(self, kind: str, content: Sequence[Any]) -> None:  # noqa: C901 - one per kind
         match kind:
             case messages.LINE:
                 self._dispatch.add(content[0])
@@ -259,6 +259,8 @@ class FollowedRun:
             case messages.POINT:
                 self._points.add(*content)
                 self._wiring.fill_routes(self._points.ready, self._points.count)
+            case messages.HELD:
+                self._points.held.set(*content)
             case messages.WITHIN:
                 self._dispatch.within_steps(*content)
             case messages.PROCESS:
