@@ -89,6 +89,15 @@ class Component:
         """Whether its events and Clocks are handled in event mode."""
         return self.description.has_event_mode if self.event_mode is None else self.event_mode
 
+    def start_of(self, name: str, otherwise: Any = None) -> Any:
+        """Return the start value of a variable: its parameter, or else what the FMU declares.
+
+        otherwise : where there is no such variable, or nothing is declared.
+        """
+        port = self.description.ports.get(name)
+        declared = otherwise if port is None or port.start is None else port.start
+        return self.parameters.get(name, declared)
+
 
 class RouteKey(NamedTuple):
     """What connections of one route have in common."""

@@ -412,7 +412,7 @@ def _same_signal(one: System, other: System, end: Endpoint) -> bool:
 
 
 def _start(component: Component, port: Port) -> Any:
-    value = component.parameters.get(port.name, port.start)
+    value = component.start_of(port.name)
     return np.ravel(value).tolist() if port.shape and value is not None else value
 
 
