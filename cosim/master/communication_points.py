@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from cosim.core import InputError, distinct
 from cosim.master.communication_schedule import CommunicationSchedule
 from cosim.master.component_points import ComponentPoints
-from cosim.master.held_values import HeldValues
+from cosim.master.event_values import EventValues
 from cosim.master.parts import Parts
 from cosim.master.reserved import Reserved
 from cosim.network import Arrivals, GrowingSchedule, LinkState
@@ -55,7 +55,7 @@ class CommunicationPoints:
     own_points : by component.
     links : the packet links, by name.
     values : by live link, the values of its delay signal so far; 0 if it follows none.
-    held : what events have set; of adjustable links `NAME.delay` [ns] and `NAME.loss`.
+    event_values : what events have set; of adjustable links `NAME.delay` [ns] and `NAME.loss`.
     live : the links whose delays follow a signal of the run.
     grows : whether points depend on signals of the run.
     has_events : whether points are added one at a time, as events occur (`add`).
@@ -68,7 +68,7 @@ class CommunicationPoints:
         self.most, self.end_ns = self._schedule.most, self._schedule.end_ns
         self.grows, self.has_events = self._schedule.grows, live and system.has_events
         self.on_new: Callable[[int, float], None] | None = None
-        self.held = HeldValues()
+        self.event_values = EventValues()
         if self.has_events:
             self.most = _EVENTS * self.most + _MORE_EVENTS
         kinds = (np.int64, float, float)
@@ -85,7 +85,7 @@ class CommunicationPoints:
         Nothing may have been given back.
         """
         self._schedule = schedule
-        self.held.restore({})
+        self.event_values.restore({})
         if self.links or self.final == self.most:
             self._begin()
 
@@ -241,20 +241,23 @@ class CommunicationPoints:
 
     def _resolve(self, name: str, link: GrowingSchedule, value: float, now: int) -> None:
         """Resolve a message of a live link, sent now [ns]."""
-        delay, loss = self.held.at(f"{name}.delay", now), self.held.at(f"{name}.loss", now)
+        delay, loss = (
+            self.event_values.at(f"{name}.delay", now),
+            self.event_values.at(f"{name}.loss", now),
+        )
         link.resolve(link.message, value, delay_ns=None if delay is None else int(delay), loss=loss)
 
     def go_back(
         self,
         values: Mapping[str, Sequence[float]],
-        held: Mapping[str, Sequence[Sequence[float]]],
+        event_values: Mapping[str, Sequence[Sequence[float]]],
         complete: int,
     ) -> None:
         """Return to the state in which these were the values so far, and `complete` rows were.
 
         Nothing may have been given back.
         """
-        self.held.restore(held)
+        self.event_values.restore(event_values)
         if not self.live:
             return
         self._begin()

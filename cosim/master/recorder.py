@@ -197,7 +197,7 @@ class TraceRecorder(Observer):
     def _changes_of_mode(self, until_ns: int) -> Iterator[Rows]:
         """Yield the states that machines came into up to an instant [ns], not yielded before."""
         for name, topic_id in self._modes.items():
-            times, numbers = self._comm_points.held.changes(name)
+            times, numbers = self._comm_points.event_values.changes(name)
             which = np.flatnonzero((times > self._modes_until) & (times <= until_ns))
             states = self._system.modes[name]
             values = [[states[k], k] for k in numbers[which].astype(np.int64).tolist()]

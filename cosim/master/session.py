@@ -353,13 +353,13 @@ class Session:
         """End the override or bias of an output or connected input."""
         self._adjust(component, variable, None)
 
-    def hold(self, name: str, value: float) -> None:
+    def set_event_value(self, name: str, value: float) -> None:
         """Set a value that holds from now on: `LINK.delay` [ns], `LINK.loss`, a machine's mode.
 
         NaN ends it. The link must be adjustable (`PacketLink.adjustable`).
         """
         self._opened()
-        self._comm_points.held.set(name, self.time_ns, value)
+        self._comm_points.event_values.set(name, self.time_ns, value)
 
     def reset(self, component: str) -> None:
         """Reset one component to its start values and parameters, at the present time.

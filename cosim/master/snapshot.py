@@ -57,7 +57,7 @@ class Snapshot:
     states : by component: a state of this session's slave, or, portable, bytes.
     adjustments : overrides and biases, by column.
     values : by live link, the values of its delay signal so far.
-    held : what events have set (`HeldValues.all`).
+    event_values : what events have set (`EventValues.all`).
     events : state of what executes events in the session; JSON-safe.
     """
 
@@ -68,7 +68,7 @@ class Snapshot:
     states: Mapping[str, FmuState | bytes]
     adjustments: Mapping[int, Adjustment]
     values: Mapping[str, Sequence[float]]
-    held: Mapping[str, Sequence[Sequence[float]]] = field(default_factory=dict)
+    event_values: Mapping[str, Sequence[Sequence[float]]] = field(default_factory=dict)
     events: Mapping[str, Any] = field(default_factory=dict)
 
     @classmethod
@@ -92,8 +92,10 @@ class Snapshot:
                 instance.slave.free(state)
         rows = wiring.rows[: complete + 1].copy()
         values = {name: tuple(given) for name, given in wiring.comm_points.values.items()}
-        held = wiring.comm_points.held.all()
-        return cls(system, complete, rows, wiring.texts.all(), states, adjustments, values, held)
+        set_values = wiring.comm_points.event_values.all()
+        return cls(
+            system, complete, rows, wiring.texts.all(), states, adjustments, values, set_values
+        )
 
     def check(self, system: str) -> None:
         """Refuse a snapshot of another system."""
@@ -115,7 +117,7 @@ class Snapshot:
                 instance.slave.free(state)
             else:
                 instance.slave.restore(saved)
-        wiring.comm_points.go_back(self.values, self.held, self.complete)
+        wiring.comm_points.go_back(self.values, self.event_values, self.complete)
         wiring.begin()
         wiring.rows[: self.rows.shape[0], : wiring.outputs] = self.rows[:, : wiring.outputs]
         wiring.rows[: self.complete] = self.rows[: self.complete]
@@ -140,7 +142,7 @@ class Snapshot:
             "texts": list(self.texts),
             "components": list(self.states),
             "values": {name: list(given) for name, given in self.values.items()},
-            "held": dict(self.held),
+            "event_values": dict(self.event_values),
             "adjustments": {str(c): list(a) for c, a in self.adjustments.items()},
             "events": self.events,
         }
@@ -175,7 +177,7 @@ class Snapshot:
                 states,
                 adjustments,
                 about["values"],
-                about.get("held", {}),
+                about.get("event_values", {}),
                 about.get("events", {}),
             )
         except (OSError, ValueError, KeyError, TypeError, zipfile.BadZipFile) as error:

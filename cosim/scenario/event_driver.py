@@ -73,10 +73,10 @@ class LatestValues:
 
     def _of_machine(self, machine: str, what: str, session: Session) -> float:
         """Return whether a machine is in a state, or its time in the present one [s]."""
-        held, now = self._instances[0].comm_points.held, session.row_time_ns
+        values, now = self._instances[0].comm_points.event_values, session.row_time_ns
         if what == TIME_IN_STATE:
-            return (now - int(held.since(machine, np.array([now]))[0])) / 1e9
-        return float(held.at(machine, now) == self._scope.state_number(machine, what))
+            return (now - int(values.since(machine, np.array([now]))[0])) / 1e9
+        return float(values.at(machine, now) == self._scope.state_number(machine, what))
 
     def inputs_of(self, connection: Connection) -> list[str]:
         """Return the names of the elements of a connection's target."""
@@ -279,7 +279,7 @@ class EventDriver:
                 self._begin(left.exit, session)
             if left.during is not None:
                 self._over(left.during, session)
-        session.hold(name, float(target))
+        session.set_event_value(name, float(target))
         session.note("info", name, words)
         for event in (machine.events[target].during, machine.events[target].enter):
             if event is not None and self.stopped is None:
@@ -351,11 +351,11 @@ class EventDriver:
                 self._hold(link, session, hold=False)
                 _note_outage(link, event, session, begins=False)
                 for setting in LINK_SETTINGS:
-                    session.hold(f"{link}.{setting}", math.nan)
+                    session.set_event_value(f"{link}.{setting}", math.nan)
             case "delay":
-                session.hold(f"{link}.delay", float(nanoseconds(action.value)))
+                session.set_event_value(f"{link}.delay", float(nanoseconds(action.value)))
             case "loss":
-                session.hold(f"{link}.loss", action.value)
+                session.set_event_value(f"{link}.loss", action.value)
 
     def _hold(self, link: str, session: Session, *, hold: bool) -> None:
         """Hold the inputs behind a link at their present values, or release them."""
@@ -377,7 +377,7 @@ class EventDriver:
             case "outage":
                 self._hold(component, session, hold=False)
             case "delay" | "loss":
-                session.hold(f"{component}.{action.kind}", math.nan)
+                session.set_event_value(f"{component}.{action.kind}", math.nan)
 
 
 def ended_by_event(run: Run, stopped: str | None) -> Run:

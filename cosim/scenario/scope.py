@@ -181,13 +181,13 @@ class ValueReader:
 
     def _is_in_state(self, machine: str, number: int, first: int, last: int) -> NDArray[np.float64]:
         points = self._instance.comm_points
-        found: NDArray[np.float64] = points.held.read(machine, points.points_ns[first:last])
+        found: NDArray[np.float64] = points.event_values.read(machine, points.points_ns[first:last])
         return np.asarray(found == number, dtype=np.float64)
 
     def _time_in_state(self, machine: str, first: int, last: int) -> NDArray[np.float64]:
         points = self._instance.comm_points
         instants = points.points_ns[first:last]
-        spent: NDArray[np.float64] = (instants - points.held.since(machine, instants)) / 1e9
+        spent: NDArray[np.float64] = (instants - points.event_values.since(machine, instants)) / 1e9
         return spent
 
     def _state(self, link: str, what: str, first: int, last: int) -> NDArray[np.float64]:

@@ -97,7 +97,7 @@ def run(text: str, fmus: Path, folder: Path, *more: str, code: int = 0) -> tuple
     return result.json, Trace(folder / "t.mcap")
 
 
-def held(trace: Trace, t: np.ndarray) -> np.ndarray:
+def mode_at(trace: Trace, t: np.ndarray) -> np.ndarray:
     """The state of the machine at each time."""
     rows = trace.read("/modes/mission")
     place = np.searchsorted(rows.log_time_ns / 1e9, t, side="right") - 1
@@ -122,7 +122,7 @@ def test_machine_goes_through_its_states_as_the_rows_say(fmus: Path, tmp_path: P
         elif state == "abort" and over >= 1_000_000_000:
             state, since = "transit", t[k]
         expected.append(state)
-    found = held(trace, t)
+    found = mode_at(trace, t)
     assert found.tolist() == expected
     assert {"transit", "survey", "abort"} <= set(expected[len(expected) // 2 :])
     # actions: an override on entry that the exit releases; what lasts as long as the state
@@ -131,7 +131,7 @@ def test_machine_goes_through_its_states_as_the_rows_say(fmus: Path, tmp_path: P
     lateral = np.where(newest < 0, 0.0, output["eta.y"][np.searchsorted(t, sent)])
     assert taken["eta.y"] == pytest.approx(lateral + 2.0 * (found == "survey"), abs=1e-12)
     lost = set(trace.read("/link/up/dropped").publish_time_ns.tolist())
-    in_survey = [s for s in np.arange(0, 12.1, 0.5) if held(trace, np.array([s]))[0] == "survey"]
+    in_survey = [s for s in np.arange(0, 12.1, 0.5) if mode_at(trace, np.array([s]))[0] == "survey"]
     assert in_survey
     assert {round(1e9 * s) for s in in_survey if s < 11.5} <= lost
     verdict = {a["name"]: a["result"] for a in outcome["assertions"]}
@@ -159,17 +159,17 @@ def test_restored_session_goes_on_in_its_mode(fmus: Path, tmp_path: Path) -> Non
         session.run_until()
         rows, modes = (
             session.result().signal("plant", "eta.x").copy(),
-            session.instances[0].comm_points.held.all(),
+            session.instances[0].comm_points.event_values.all(),
         )
         session.restore(before)
         session.run_until()
         assert np.array_equal(session.result().signal("plant", "eta.x"), rows)
-        assert session.instances[0].comm_points.held.all() == modes
+        assert session.instances[0].comm_points.event_values.all() == modes
     with open_session(path, fmus=fmus.parent) as other:
         other.restore(type(before).load(tmp_path / "s.npz"))
         other.run_until()
         assert np.array_equal(other.result().signal("plant", "eta.x"), rows)
-        assert other.instances[0].comm_points.held.all() == modes
+        assert other.instances[0].comm_points.event_values.all() == modes
         with pytest.raises(InputError, match="other events"):
             other.restore(replace(before, events={**before.events, "events": []}))
 

@@ -157,7 +157,7 @@ class _Executor:
             report = _Report(self, number, shared, ahead)
             wiring.texts.on_new = report.text
             wiring.comm_points.on_new = report.point
-            wiring.comm_points.held.on_set = report.held
+            wiring.comm_points.event_values.on_set = report.event_value
             session = Session(
                 job.system,
                 [begun := _Begun(self, number)],
@@ -280,9 +280,9 @@ class _Report(ObserverDispatch):
         """Tell a point that was added."""
         self._tell(messages.POINT, instant_ns, seconds)
 
-    def held(self, name: str, time_ns: int, value: float) -> None:
+    def event_value(self, name: str, time_ns: int, value: float) -> None:
         """Tell what an event has set."""
-        self._tell(messages.HELD, name, time_ns, value)
+        self._tell(messages.SET, name, time_ns, value)
 
     def close(self) -> None:
         """Do nothing: the parent closes its own."""

@@ -259,8 +259,8 @@ class FollowedRun:
             case messages.POINT:
                 self._points.add(*content)
                 self._wiring.fill_routes(self._points.ready, self._points.count)
-            case messages.HELD:
-                self._points.held.set(*content)
+            case messages.SET:
+                self._points.event_values.set(*content)
             case messages.WITHIN:
                 self._dispatch.within_steps(*content)
             case messages.PROCESS:

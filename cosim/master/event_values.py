@@ -17,7 +17,7 @@ History = list[tuple[int, float]]
 """Instants [ns], increasing, and the values that hold from there on."""
 
 
-class HeldValues:
+class EventValues:
     """The values by their names, and since when each holds.
 
     Attributes
