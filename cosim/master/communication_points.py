@@ -46,7 +46,8 @@ class CommunicationPoints:
     ----------
     most : room for points; the index of the spare row.
     points_ns : the points [ns], int64 (most,); `count` of them are known.
-    seconds, sizes : the points [s], and the step from each to the next [s], (most,).
+    seconds, sizes : the points by the clock of the components [s], which is later than the run by
+        the schedule's `start_ns`, and the step from each to the next [s], (most,).
     final : index of the last point of the run; `most` as long as it is not known.
     ready : number of points at which it is known what is read and where each step ends.
     crossing : whether a message of unknown delay is sent at point `ready`.
@@ -108,6 +109,15 @@ class CommunicationPoints:
             self.add(0, 0.0)
         else:
             self.extend()
+
+    def at_s(self, time_ns: int) -> float:
+        """Return an instant of the run by the clock of the components [s]."""
+        return self._schedule.at_s(time_ns)
+
+    @property
+    def start_ns(self) -> int:
+        """The time of the components at the beginning of the run [ns]."""
+        return self._schedule.start_ns
 
     def planned(self) -> int:
         """Return the next instant that is a point, whatever events come before it [ns].
@@ -183,7 +193,9 @@ class CommunicationPoints:
         new = self._instants(after, until)
         first, self.count = self.count, self.count + new.size
         self.points_ns[first : self.count] = new
-        np.divide(new, 1e9, out=self.seconds[first : self.count])
+        start_ns = self._schedule.start_ns
+        later = new + start_ns if start_ns else new
+        np.divide(later, 1e9, out=self.seconds[first : self.count])
         begin = max(first - 1, 0)
         steps_ns = np.diff(self.points_ns[begin : self.count])
         np.divide(steps_ns, 1e9, out=self.sizes[begin : self.count - 1])

@@ -19,6 +19,7 @@ def check_events(system: Parts) -> None:
         return
     schedule = system.comm_schedule
     refused = {
+        "run.start": (schedule.start_ns != 0, "0", f"{schedule.at_s(0):g} s"),
         "algorithm": (system.algorithm != "jacobi", "the algorithm jacobi", system.algorithm),
         "run.threads": (system.threads > 1, "1", str(system.threads)),
         "run.events": (schedule.events != "align", 'events = "align"', schedule.events),

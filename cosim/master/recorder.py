@@ -71,7 +71,7 @@ class TraceRecorder(Observer):
         self._writer = writer
         self._system = system
         self._events = events
-        self._latest_ns = 0
+        self._latest_ns = self._start_ns = 0
         self._traffic: list[_Traffic] = []
         self.run_ended = False
         self.log_after_end: list[dict[str, str]] = []
@@ -128,12 +128,13 @@ class TraceRecorder(Observer):
         self._posed = _named(posed)
         known = comm_points.final < comm_points.most and not comm_points.grows
         points = str(comm_points.count) if known else "as they come about"
+        self._start_ns = comm_points.start_ns
         self._writer.log(
-            int(self._points[0]),
+            int(self._points[0]) + self._start_ns,
             "info",
             "master",
             f"{len(instances)} components, {points} communication points to "
-            f"t = {comm_points.end_ns / 1e9:g} s",
+            f"t = {comm_points.at_s(comm_points.end_ns):g} s",
         )
 
     def _topic_within_steps(self, instance: ComponentInstance) -> tuple[int, list[_Within]]:
@@ -191,7 +192,7 @@ class TraceRecorder(Observer):
         parts += [traffic.state(self._points[first:last]) for traffic in self._traffic]
         until_ns = int(self._points[last - 1])
         parts += self._changes_of_mode(until_ns)
-        self._writer.write_rows([*parts, *self._event_lines(until_ns)])
+        self._write_rows([*parts, *self._event_lines(until_ns)])
         self._latest_ns = max(self._latest_ns, until_ns)
 
     def _changes_of_mode(self, until_ns: int) -> Iterator[Rows]:
@@ -246,9 +247,17 @@ class TraceRecorder(Observer):
                 for number, traffic in enumerate(self._traffic)
                 for rows in traffic.until(time_ns - 1, _DELIVERED + number)
             ]
-            self._writer.write_rows(drops)
+            self._write_rows(drops)
             self._latest_ns = time_ns
-        self._writer.log(time_ns, level, name, message)
+        self._writer.log(time_ns + self._start_ns, level, name, message)
+
+    def _write_rows(self, parts: Sequence[Rows | Poses | Lines]) -> None:
+        """Write rows; the times of a trace are those of the components."""
+        for part in parts if self._start_ns else ():
+            part.log_ns = part.log_ns + self._start_ns
+            if isinstance(part, Rows):
+                part.publish_ns = part.publish_ns + self._start_ns
+        self._writer.write_rows(parts)
 
     def conclude(self, end_ns: int, lines: Sequence[tuple[str, str, str]]) -> None:
         """Write the last events, then lines that conclude the run: level, name, message."""
@@ -256,7 +265,7 @@ class TraceRecorder(Observer):
         found = self._events(now) if self._events is not None else ()
         last = [(event.level, event.subject, event.message) for event in found]
         for level, name, message in [*last, *lines]:
-            self._writer.log(now, level, name, message)
+            self._writer.log(now + self._start_ns, level, name, message)
 
 
 _Cast = Callable[[Any], Any]

@@ -25,6 +25,8 @@ def fingerprint(system: System, wiring: Wiring) -> str:
     """Hash what two sessions must have in common to share a snapshot."""
     schedule = system.comm_schedule
     digest = hashlib.sha256(f"{schedule.step_ns}\0{schedule.end_ns}\0{schedule.events}\0".encode())
+    if schedule.start_ns:
+        digest.update(f"from {schedule.start_ns}\0".encode())
     for instants in (schedule.instants_ns, schedule.given_ns, np.array(schedule.every_ns)):
         digest.update(b"\0" if instants is None else instants.tobytes() + b"\0")
     digest.update(system.algorithm.encode())

@@ -91,7 +91,8 @@ class Assembled:
     def has_link(self, name: str, scenario: Scenario) -> bool:
         """Whether a link is the same in another scenario."""
         mine, run = self.scenario, scenario.run
-        same = mine.run is run or (mine.run.seed, mine.run.end) == (run.seed, run.end)
+        of_links = (run.seed, run.end, run.start)
+        same = mine.run is run or (mine.run.seed, mine.run.end, mine.run.start) == of_links
         same &= mine.events is scenario.events and mine.modes is scenario.modes
         return same and mine.links[name] is scenario.links[name]
 
@@ -260,6 +261,7 @@ def _links(scenario: Scenario, findings: Findings, like: Assembled | None) -> di
             links[name] = link_of(
                 *(name, part, scenario.run.seed, changes.get(name, ())),
                 adjustable=name in adjusted,
+                start_ns=scenario.run.start_ns,
             )
     return links
 
@@ -271,10 +273,11 @@ def _comm_schedule(
     transport = all(isinstance(link, TransportLink) for link in links.values())
     if like is not None and transport and like.has_points(scenario):
         return replace(like.parts.comm_schedule, links=links)
-    step, end = nanoseconds(run.step), nanoseconds(run.end)
+    step, end = nanoseconds(run.step), run.lasts_ns
     every = [nanoseconds(p.step) for p in scenario.components.values() if p.step is not None]
     with findings.at("run"):
-        return make_schedule(links, step, end, run.events, every, instants_ns(scenario))
+        instants = instants_ns(scenario)
+        return make_schedule(links, step, end, run.events, every, instants, run.start_ns)
     # a check goes on after this error: two points are enough for the other parts
     return CommunicationSchedule(1_000_000_000, 1_000_000_000, "grid")
 
@@ -405,7 +408,8 @@ def _same_signal(one: System, other: System, end: Endpoint) -> bool:
         return a is b or (not callable(a) and not callable(b) and np.array_equal(a, b))
     schedule = one.comm_schedule
     for after in range(-1, schedule.end_ns, _AT_ONCE * schedule.step_ns):
-        seconds = schedule.known(after, after + _AT_ONCE * schedule.step_ns) / 1e9
+        known = schedule.known(after, after + _AT_ONCE * schedule.step_ns)
+        seconds = (known + schedule.start_ns) / 1e9
         if not np.array_equal(a(seconds), b(seconds)):
             return False
     return True

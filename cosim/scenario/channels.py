@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -64,10 +65,12 @@ def link_of(
     changes: Sequence[Change] = (),
     *,
     adjustable: bool = False,
+    start_ns: int = 0,
 ) -> Link:
     """Make the link that [links.NAME] describes; `seed` is that of the run.
 
     adjustable : conditions of the scenario change its delay or loss.
+    start_ns : time at the beginning of the run [ns]; that of a recorded delay is as late.
 
     Raises
     ------
@@ -75,7 +78,7 @@ def link_of(
         is a key of [links.NAME].
     """
     try:
-        return _link_of(name, part, seed, changes, adjustable=adjustable)
+        return _link_of(name, part, seed, changes, adjustable=adjustable, start_ns=start_ns)
     except InputError as error:
         place = (error.where or "").removeprefix(f"link {name!r}: ")
         first = re.match(r"[\w.]*", place)
@@ -89,9 +92,15 @@ def link_of(
 
 
 def _link_of(
-    name: str, part: LinkPart, seed: int, changes: Sequence[Change], *, adjustable: bool
+    name: str,
+    part: LinkPart,
+    seed: int,
+    changes: Sequence[Change],
+    *,
+    adjustable: bool,
+    start_ns: int,
 ) -> Link:
-    constant, varying = _delay(part)
+    constant, varying = _delay(part, start_ns)
     if not isinstance(part, PacketPart):
         if isinstance(varying, DelaySignal):
             raise InputError(
@@ -170,7 +179,7 @@ def delay_source(part: LinkPart) -> DelaySource | None:
     return None
 
 
-def _delay(part: LinkPart) -> tuple[int, DelayProfile | DelaySignal | None]:
+def _delay(part: LinkPart, start_ns: int) -> tuple[int, DelayProfile | DelaySignal | None]:
     """Return the constant delay [ns], and the varying delay or None."""
     match part.delay:
         case SignalDelayPart():
@@ -179,9 +188,10 @@ def _delay(part: LinkPart) -> tuple[int, DelayProfile | DelaySignal | None]:
             return 0, DelaySignal(1.0 / part.delay.speed, nanoseconds(part.delay.offset))
         case ProfilePart():
             recorded = part.delay
-            return 0, DelayProfile.from_seconds(
+            found = DelayProfile.from_seconds(
                 recorded.times, recorded.delays, recorded.interpolation
             )
+            return 0, replace(found, times_ns=found.times_ns - start_ns) if start_ns else found
         case ProfileFilePart():
             raise InputError("the file of a delay is read with the scenario", where="delay.file")
     return nanoseconds(part.delay), None

@@ -56,7 +56,7 @@ class LatestValues:
         """Return the value of a name in the last complete row."""
         k = session.rows - 1
         if name == "t":
-            return session.row_time_ns / 1e9
+            return session.row_time_s
         if name in self._places:
             instance, j, is_input = self._places[name]
             if is_input:
@@ -154,7 +154,7 @@ class EventDriver:
             until = min((each for each in instants if each is not None), default=None)
             Session.run_until(
                 session,
-                None if until is None else until / 1e9,
+                None if until is None else session.system.comm_schedule.at_s(until),
                 stop=look if looks else None,
                 pace=pace,
             )
@@ -318,7 +318,7 @@ class EventDriver:
         if event.stop is not None:
             if event.condition is None:
                 Session.step(session)  # the point of its time is the last one
-            self.stopped = f"stopped at t = {session.row_time_ns / 1e9:g} s by {event.words}" + (
+            self.stopped = f"stopped at t = {session.row_time_s:g} s by {event.words}" + (
                 f": {event.stop}" if event.stop else ""
             )
             session.note("info", "scenario", self.stopped, time_ns=session.row_time_ns)
@@ -385,7 +385,7 @@ def ended_by_event(run: Run, stopped: str | None) -> Run:
     interrupted = run.cause is not None and run.cause.kind == "interrupted"
     if stopped is None or interrupted or run.status not in ("finished", "stopped"):
         return run
-    at = run.end_ns / 1e9 if run.count else None
+    at = run.instances[0].comm_points.at_s(run.end_ns) if run.count else None
     cause = Cause("event", time_s=at, detail=stopped)
     return replace(run, status="stopped", reason=stopped, cause=cause)
 

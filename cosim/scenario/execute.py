@@ -129,7 +129,7 @@ def execute_recorded(
             trace, run=entries, attachments=attachments, fsync=fsync, content_hash=True
         ) as writer,
     ):
-        events_found = EventCollector()
+        events_found = EventCollector(system.comm_schedule.start_ns)
         recorder = TraceRecorder(writer, system, events_found.take)
         made = _Runs(
             *(prepared, system, events, living, supervisor, progress or silent, engine, pace),

@@ -154,7 +154,9 @@ class RunMeasures(Measures):
     ) -> None:
         scenario = prepared.loaded.scenario
         part = scenario.design
-        self._events = DesignEvents(prepared, collector or EventCollector())
+        self._events = DesignEvents(
+            prepared, collector or EventCollector(system.comm_schedule.start_ns)
+        )
         self._collector, self._links = self._events.collector, frozenset(system.links)
         self._modes = frozenset(system.modes)
         commands = {

@@ -43,7 +43,7 @@ def run_metadata_of(
         "title": loaded.scenario.title,
         "scenario.sha256": hashlib.sha256(text).hexdigest(),
         "step_ns": str(system.comm_schedule.step_ns),
-        "end_ns": str(system.comm_schedule.end_ns),
+        "end_ns": str(system.comm_schedule.end_ns + system.comm_schedule.start_ns),
         "events": loaded.scenario.run.events,
         "seed": str(loaded.scenario.run.seed),
         "time_base": "simulated nanoseconds from the start of the run",
@@ -52,6 +52,9 @@ def run_metadata_of(
         "host.started": datetime.now(UTC).isoformat(timespec="seconds"),
         "host.command": " ".join(Path(a).name if i == 0 else a for i, a in enumerate(sys.argv)),
     }
+    if system.comm_schedule.start_ns:
+        entries["start_ns"] = str(system.comm_schedule.start_ns)
+        entries["time_base"] = "simulated nanoseconds of the components, which begin at start_ns"
     if loaded.source_sha256 is not None:
         entries["host.scenario.source.sha256"] = loaded.source_sha256
     for package in ("fmpy", "pythonfmu", "numpy", "mcap"):
@@ -86,6 +89,7 @@ _LATER = {
     "duplicate": 0.0,
     "queue_limit": None,
     "windows": (),
+    "adjustable": False,
     "playout_ns": 0,
     "recording": None,
 }

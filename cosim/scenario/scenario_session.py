@@ -58,8 +58,7 @@ class ScenarioSession(Session):
         pace: Pace | None = None,
     ) -> bool:
         """Continue as `Session.run_until`, through the events on the way."""
-        until = None if seconds is None else round(seconds * 1e9)
-        return self._driver.advance(self, until, stop=stop, pace=pace)
+        return self._driver.advance(self, self.instant_ns(seconds), stop=stop, pace=pace)
 
     def result(self, *, complete: bool = False, whole: bool = True) -> Run:
         """Return the run so far, as `Session.result`; an event that ended it is the reason."""

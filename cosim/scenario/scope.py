@@ -177,7 +177,8 @@ class ValueReader:
         return [read(first, last) for read in self._read]
 
     def _seconds(self, first: int, last: int) -> NDArray[np.float64]:
-        return self._instance.comm_points.points_ns[first:last] / 1e9
+        points = self._instance.comm_points
+        return (points.points_ns[first:last] + points.start_ns) / 1e9
 
     def _is_in_state(self, machine: str, number: int, first: int, last: int) -> NDArray[np.float64]:
         points = self._instance.comm_points

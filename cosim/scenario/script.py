@@ -49,7 +49,7 @@ class Event:
     number : its place among the events, those of modes behind those of the scenario.
     at_ns, condition : one of them; neither where a mode machine has it.
     ends : the condition that ends it.
-    title : what it is called, where a mode machine has it.
+    title : what it is called, where it has no condition.
     undone : whether what it does is undone when it is over.
     lasts_ns : time after which it is undone; None: never.
     stop : the reason if it ends the run.
@@ -71,11 +71,9 @@ class Event:
     @property
     def words(self) -> str:
         """Describe the event and when it happens."""
-        if self.title:
-            return self.title
         if self.condition is not None:
             return f"event {self.number + 1} (when {self.condition.expression.text})"
-        return f"event {self.number + 1} (at {(self.at_ns or 0) / 1e9:g} s)"
+        return self.title
 
 
 class Transition(NamedTuple):
@@ -131,11 +129,11 @@ def adjusted_links(scenario: Scenario) -> set[str]:
 def changes_of(scenario: Scenario, findings: Findings) -> dict[str, list[Change]]:
     """Return the changes of each link by events at a time; they are known before the run."""
     found: dict[str, list[Change]] = {}
-    end = nanoseconds(scenario.run.end)
+    end, begin = scenario.run.lasts_ns, scenario.run.start_ns
     for i, event in enumerate(scenario.events):
         if event.at is None:
             continue
-        start, lasts = nanoseconds(event.at), _lasts_ns(event)
+        start, lasts = nanoseconds(event.at) - begin, _lasts_ns(event)
         until = end + 1 if lasts is None else start + lasts
         for key, names in (("outage", event.outage), ("delay", event.delay), ("loss", event.loss)):
             for name in names:
@@ -153,9 +151,9 @@ def instants_ns(scenario: Scenario) -> list[int]:
     found = set()
     for event in scenario.events:
         if event.at is not None:
-            start = nanoseconds(event.at)
+            start = nanoseconds(event.at) - scenario.run.start_ns
             found |= {start, start + (_lasts_ns(event) or 0)}
-    return sorted(t for t in found if 0 <= t <= nanoseconds(scenario.run.end))
+    return sorted(t for t in found if 0 <= t <= scenario.run.lasts_ns)
 
 
 def _lasts_ns(event: EventPart) -> int | None:
@@ -182,7 +180,7 @@ def script_of(scenario: Scenario, system: System, findings: Findings) -> Script:
         events.append(
             Event(
                 number=i,
-                at_ns=None if part.at is None else nanoseconds(part.at),
+                at_ns=None if part.at is None else nanoseconds(part.at) - scenario.run.start_ns,
                 condition=condition,
                 every_time=part.trigger == "every-time",
                 lasts_ns=_lasts_ns(part),
@@ -194,6 +192,7 @@ def script_of(scenario: Scenario, system: System, findings: Findings) -> Script:
                 stop=None if part.stop is None else "" if part.stop is True else part.stop,
                 outages=tuple(part.outage),
                 ends=ends,
+                title="" if part.at is None else f"event {i + 1} (at {part.at:g} s)",
                 undone=part.ends is not None or _lasts_ns(part) is not None,
             )
         )
@@ -271,6 +270,13 @@ def bind_condition(
 
 
 def _check_time(part: EventPart, scenario: Scenario) -> None:
+    if part.at is not None and part.at < scenario.run.start:
+        raise InputError(
+            "this event is before the start of the run",
+            where="at",
+            expected=f"at least {scenario.run.start:g} s (run.start)",
+            got=f"{part.at:g} s",
+        )
     if part.at is not None and part.at > scenario.run.end:
         raise InputError(
             "this event is after the end of the run",
