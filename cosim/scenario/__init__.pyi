@@ -1,3 +1,7 @@
+from .binding import (
+    BoundExpression as BoundExpression,
+    formula as formula,
+)
 from .channels import link_of as link_of
 from .check import problems_of as problems_of
 from .demo import (
@@ -20,6 +24,7 @@ from .execute import (
     execute_run as execute_run,
     execute_unrecorded as execute_unrecorded,
 )
+from .expression import ExpressionError as ExpressionError
 from .extend import (
     give_way as give_way,
     open_source as open_source,

@@ -13,7 +13,7 @@ import numpy as np
 
 from cosim.core import InputError
 from cosim.master import ComponentInstance, Connection, Pace, Run, Session, System
-from cosim.scenario.binding import BoundCondition
+from cosim.scenario.binding import BoundExpression
 from cosim.scenario.link_keys import nanoseconds
 from cosim.scenario.modes import TIME_IN_STATE
 from cosim.scenario.scope import RunScope
@@ -250,7 +250,7 @@ class EventDriver:
                 self._plan(session.time_ns, event.number, begins=True)
         return found
 
-    def _holds(self, condition: BoundCondition, session: Session) -> bool:
+    def _holds(self, condition: BoundExpression, session: Session) -> bool:
         """Whether a condition holds in the last row."""
         return bool(condition([self._rows.value(n, session) for n in condition.names]))
 

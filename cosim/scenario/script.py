@@ -11,7 +11,7 @@ from cosim.core import InputError
 from cosim.fmu import checked_scalars, describe_settable, may_be_set
 from cosim.master import Endpoint, System
 from cosim.network import PacketLink
-from cosim.scenario.binding import BoundCondition, bind
+from cosim.scenario.binding import BoundExpression, bind
 from cosim.scenario.channels import Change
 from cosim.scenario.events import ActionsPart, EventPart
 from cosim.scenario.expression import Expression
@@ -58,13 +58,13 @@ class Event:
 
     number: int
     at_ns: int | None
-    condition: BoundCondition | None
+    condition: BoundExpression | None
     every_time: bool
     lasts_ns: int | None
     actions: tuple[Action, ...]
     stop: str | None
     outages: tuple[str, ...] = ()
-    ends: BoundCondition | None = None
+    ends: BoundExpression | None = None
     title: str = ""
     undone: bool = False
 
@@ -84,7 +84,7 @@ class Transition(NamedTuple):
 
     sources: tuple[int, ...]
     target: int
-    condition: BoundCondition | None
+    condition: BoundExpression | None
     after_ns: int
 
 
@@ -262,7 +262,7 @@ def _machine(
 
 def bind_condition(
     scope: RunScope, findings: Findings, text: str, *path: str | int
-) -> BoundCondition | None:
+) -> BoundExpression | None:
     """Bind the condition at some path of the scenario; None if it is refused."""
     with findings.at(*path):
         return bind(Expression(text), scope)
