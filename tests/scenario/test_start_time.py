@@ -110,7 +110,7 @@ def test_everything_is_later_by_the_start_and_nothing_else_differs(
     assert "event 1 (at 102.05 s)" in str(later)
 
 
-def test_components_are_told_the_time(fmus: Path, tmp_path: Path) -> None:
+def test_components_have_the_time_of_the_run(fmus: Path, tmp_path: Path) -> None:
     """The sea is that of a run from 0 to there, but for the rounding of t + step."""
     _, trace = run(100.0, fmus, tmp_path / "a")
     (tmp_path / "b.toml").write_text(
