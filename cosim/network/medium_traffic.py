@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cosim.core import InputError
+from cosim.network import draws
 from cosim.network.arrivals import (
     COLLIDED,
     DELIVERED,
@@ -37,7 +38,6 @@ from cosim.network.arrivals import (
 from cosim.network.block_stepping import Entries, Sent
 from cosim.network.growing_schedule import GrowingSchedule
 from cosim.network.medium import Hop, Medium, distance
-from cosim.network.messages import known_delays
 from cosim.network.packet import PacketLink
 from cosim.network.packet_schedule import PacketSchedule
 from cosim.network.scheduling import received_schedule
@@ -83,7 +83,8 @@ class MediumTraffic:
         self.medium, self._schedules, self._end_ns = medium, schedules, end_ns
         self._modems = [_Modem() for _ in medium.nodes]
         self._events: list[tuple[int, int, int, Any]] = []
-        self._sent = 0
+        self._sent = self._resolved = 0
+        self._adjusts = any(one.link.adjustable for one in schedules)
         self._fixed: list[list[tuple[int, float, int]]] | None = None
         if not medium.moves:
             places = medium.at(())
@@ -97,20 +98,28 @@ class MediumTraffic:
 
     @property
     def is_live(self) -> bool:
-        """Whether nodes move, so that packets are resolved one by one."""
-        return self._fixed is None
+        """Whether packets are resolved one by one, or messages before they wait (`resolve`)."""
+        return self._fixed is None or self._adjusts
 
     @property
     def message(self) -> int:
-        """Number of the packet to be sent next, over all links."""
-        return self._sent
+        """How many packets and messages were resolved so far."""
+        return self._resolved
+
+    @property
+    def sending_link(self) -> str:
+        """Name of the link whose message is to be resolved next; "" for a packet, or nothing."""
+        awaited = self._events[0] if self._events else None
+        offered = self._adjusts and awaited is not None and awaited[1] == _OFFER
+        return self._schedules[awaited[2]].link.name if offered and awaited is not None else ""
 
     @property
     def horizon_ns(self) -> int:
         """The instant before which everything is final [ns]; 2**63 - 1 when all is.
 
         Of a medium whose nodes move it is that at which the next packet begins to be sent, on a
-        grid the last point up to it: there the places of the nodes decide.
+        grid the last point up to it: there the places of the nodes decide. Of adjustable links it
+        is that at which the next message is offered.
         """
         return self._horizon_ns
 
@@ -119,31 +128,43 @@ class MediumTraffic:
         if until_ns >= self._horizon_ns and not self.is_live:
             self._run(min(until_ns, self._end_ns))
 
-    def resolve(self, message: int, values: Sequence[float]) -> None:
-        """Send the next packet of a medium whose nodes move.
+    def resolve(
+        self,
+        message: int,
+        values: Sequence[float],
+        *,
+        delay_ns: int | None = None,
+        loss: float | None = None,
+    ) -> None:
+        """Send the next packet of a medium whose nodes move, or offer that of an adjustable link.
 
         Parameters
         ----------
-        message : its number; packets come in order.
+        message : how many were resolved before; they come in order.
         values : of the coordinates that follow signals, in the order of the nodes, at the horizon.
+        delay_ns, loss : in place of those of `sending_link`, if there is one.
 
         Raises
         ------
-        InputError : a packet out of order, coordinates that are not finite or too far away.
+        InputError : one out of order, coordinates that are not finite or too far away.
         """
-        if not self.is_live or message != self._sent or self._horizon_ns == _NEVER:
+        if not self.is_live or message != self._resolved or self._horizon_ns == _NEVER:
             raise InputError(
                 "the packets on a medium must be resolved in order",
                 where=f"medium {self.medium.name!r}",
-                expected=f"packet {self._sent}, of nodes that move",
+                expected=f"packet {self._resolved}, of nodes that move or links that change",
                 got=f"packet {message}",
             )
-        at, _, node, _ = heappop(self._events)
-        self._send(at, node, self._ways(node, self.medium.at(values)))
+        at, what, number, _ = heappop(self._events)
+        self._resolved += 1
+        if what == _OFFER:
+            self._offer(at, number, delay_ns, loss)
+        else:
+            self._send(at, number, self._ways(number, self.medium.at(values)))
         self._run(self._end_ns)
 
     def _run(self, until: int) -> None:
-        """Go through the events up to an instant; where nodes move, until a packet is sent."""
+        """Go through the events up to an instant, or to what is to be resolved."""
         events, horizon = self._events, until + 1
         while events and events[0][0] <= until:
             at, what, number, over = events[0]
@@ -154,6 +175,9 @@ class MediumTraffic:
                 heappop(events)
                 self._send(at, number, self._fixed[number])
                 continue
+            if what == _OFFER and self._adjusts:
+                horizon = at
+                break
             heappop(events)
             if what == _BEGIN:
                 self._wait(number, at + 1)
@@ -173,10 +197,12 @@ class MediumTraffic:
         if at <= self._end_ns:
             heappush(self._events, (at, _OFFER, number, None))
 
-    def _offer(self, at: int, number: int) -> None:
+    def _offer(
+        self, at: int, number: int, delay_ns: int | None = None, loss: float | None = None
+    ) -> None:
         """Take the next message of a link into the queue of its node, unless too many wait."""
         one = self._schedules[number]
-        message, limit = one.offer(), one.link.queue_limit
+        message, limit = one.offer(delay_ns, loss), one.link.queue_limit
         self._offer_next(number)
         if one.link.playout_ns:
             heappush(self._events, (at + one.link.playout_ns, _RELEASE, number, message))
@@ -335,10 +361,14 @@ class MediumSchedule(GrowingSchedule):
         """Return the last point at or before an instant [ns]."""
         return self._sendings.grid.down(time_ns)
 
-    def offer(self) -> int:
-        """Take the next message; return its number."""
+    def offer(self, delay_ns: int | None = None, loss: float | None = None) -> int:
+        """Take the next message, with another delay or loss than the link's; return its number."""
         number = self._messages.next
         column = self._messages.take(1)
+        if delay_ns is not None:
+            column.delay_ns[0] = delay_ns
+        if loss is not None:  # the same number decides as with the link's own loss
+            column.lost[:] = draws.lost(loss, self._link.seed, self._link.name, 1, number)
         self._awaited[number] = Message._make(int(values[0]) for values in column)
         return number
 
@@ -407,8 +437,8 @@ class MediumSchedule(GrowingSchedule):
         end = self._end_ns if end_ns is None else int(end_ns)
         count = self._sent_by(end, broken_off=broken_off)
         messages = self._messages.first(count)
-        known = known_delays(self._link, messages.sent_ns) + messages.jitter_ns
-        arrival, transit = np.full(count, _UNKNOWN, np.int64), known
+        arrival = np.full(count, _UNKNOWN, np.int64)
+        transit = messages.delay_ns + messages.jitter_ns
         fate = np.where(messages.lost, np.int8(LOST), np.int8(DELIVERED))
         for number, found in (self._outcomes or {}).items():
             if number < count and found[0] <= end:
@@ -449,12 +479,19 @@ def growing_schedules(
         found[link.name] = one = MediumSchedule(link, link.hop, end_ns, points_ns)
         others = media.setdefault(link.hop.medium.name, [])
         others.append(one)
-        first = others[0].link.hop
-        if first is not None and first.medium != link.hop.medium:
+        first = others[0].link
+        if first.adjustable != link.adjustable:
+            raise InputError(
+                "the links over a medium are adjustable together",
+                where=f"link {link.name!r}: adjustable",
+                expected=f"{first.adjustable}, as of link {first.name!r}",
+                got=repr(link.adjustable),
+            )
+        if first.hop is not None and first.hop.medium != link.hop.medium:
             raise InputError(
                 "two media have one name",
                 where=f"link {link.name!r}: hop",
-                expected=f"the medium of link {others[0].link.name!r}",
+                expected=f"the medium of link {first.name!r}",
                 got=repr(link.hop.medium),
             )
     for over in media.values():

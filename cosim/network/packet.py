@@ -86,6 +86,8 @@ class PacketLink:
     windows : times with another loss; where windows overlap the last one counts. Jitter, and
         the losses outside, are as without them.
     quantization : step of the quantizer applied to the values sent; 0: none.
+    adjustable : whether delay and loss may be changed while the run goes on: each message is then
+        resolved when it is sent (`GrowingSchedule.resolve`).
     seed : seed of the run (0 to 2**63 - 1); links with different names draw independently.
 
     Raises
@@ -125,6 +127,7 @@ class PacketLink:
     delay: DelayProfile | DelaySignal | None = None
     windows: tuple[LossWindow, ...] = ()
     recording: Recording | None = None
+    adjustable: bool = False
     hop: Hop | None = None
 
     def __post_init__(self) -> None:
@@ -185,16 +188,15 @@ class PacketLink:
                 )
 
     @property
-    def is_live(self) -> bool:
-        """Whether delays become known only during a run: they follow signals of it."""
-        if self.hop is not None:
-            return self.hop.medium.moves
-        return isinstance(self.delay, DelaySignal)
-
-    @property
     def resolved_with(self) -> str:
         """Name of what makes its delays known: the link itself, or its medium, medium.NAME."""
         return self.name if self.hop is None else f"medium.{self.hop.medium.name}"
+
+    @property
+    def is_live(self) -> bool:
+        """Return whether what becomes of a message is known only when it is sent."""
+        moves = self.hop is not None and self.hop.medium.moves
+        return self.adjustable or moves or isinstance(self.delay, DelaySignal)
 
     @property
     def frame_ns(self) -> int:

@@ -19,7 +19,6 @@ the trace, is the scenario written out.
 from __future__ import annotations
 
 import copy
-import math
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
@@ -174,13 +173,11 @@ class _Copier:
             return known[name]
         try:
             found = bind(Expression(text), _Known(known), "number")
+            number = found.number(**{name: known[name] for name in found.names})
         except ExpressionError as error:
             raise self.wrong(
                 error.what, at, label, expected=error.expected, got=error.got, hint=error.hint
             ) from error
-        number = float(found([float(known[name]) for name in found.names]))
-        if not math.isfinite(number):
-            raise self.wrong(f"{{{text}}} is not a finite number", at, label, got=f"{number}")
         return int(number) if number == int(number) else number
 
 

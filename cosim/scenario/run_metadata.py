@@ -43,7 +43,7 @@ def run_metadata_of(
         "title": loaded.scenario.title,
         "scenario.sha256": hashlib.sha256(text).hexdigest(),
         "step_ns": str(system.comm_schedule.step_ns),
-        "end_ns": str(system.comm_schedule.end_ns),
+        "end_ns": str(system.comm_schedule.end_ns + system.comm_schedule.start_ns),
         "events": loaded.scenario.run.events,
         "seed": str(loaded.scenario.run.seed),
         "time_base": "simulated nanoseconds from the start of the run",
@@ -52,6 +52,9 @@ def run_metadata_of(
         "host.started": datetime.now(UTC).isoformat(timespec="seconds"),
         "host.command": " ".join(Path(a).name if i == 0 else a for i, a in enumerate(sys.argv)),
     }
+    if system.comm_schedule.start_ns:
+        entries["start_ns"] = str(system.comm_schedule.start_ns)
+        entries["time_base"] = "simulated nanoseconds of the components, which begin at start_ns"
     if loaded.source_sha256 is not None:
         entries["host.scenario.source.sha256"] = loaded.source_sha256
     for package in ("fmpy", "pythonfmu", "numpy", "mcap"):
@@ -67,9 +70,7 @@ def run_metadata_of(
         entries["disturbance"] = json.dumps(asdict(prepared.worst_case), sort_keys=True)
     for name, link in system.links.items():
         entries[f"link.{name}"] = json.dumps(_link_entry(link), sort_keys=True)
-        if isinstance(link, PacketLink) and link.hop is not None:
-            medium = link.hop.medium
-            entries[f"medium.{medium.name}"] = json.dumps(asdict(medium), sort_keys=True)
+        entries |= _medium_entry(link)
     for name, fmu in prepared.fmus.items():
         entries[f"fmu.{name}"] = loaded.scenario.components[name].fmu
         entries[f"fmu.{name}.sha256"] = fmu.sha256
@@ -89,11 +90,20 @@ _LATER = {
     "duplicate": 0.0,
     "queue_limit": None,
     "windows": (),
+    "adjustable": False,
     "playout_ns": 0,
     "recording": None,
     "hop": None,
 }
 """Later fields of links and their unused values, which are left out: old traces lack them."""
+
+
+def _medium_entry(link: Link) -> dict[str, str]:
+    """Return the entry of the medium that a link shares, if it does."""
+    if not isinstance(link, PacketLink) or link.hop is None:
+        return {}
+    medium = link.hop.medium
+    return {f"medium.{medium.name}": json.dumps(asdict(medium), sort_keys=True)}
 
 
 def _link_entry(link: Link) -> dict[str, Any]:

@@ -186,6 +186,7 @@ class MediumModel:
         self,
         link: int,
         raw: link_model.Raw,
+        delays: Sequence[int],
         points: Sequence[int] | None = None,
     ) -> link_model.Outcome:
         """What becomes of the messages of a link, with its own losses and behind the medium."""
@@ -204,7 +205,7 @@ class MediumModel:
 
         def crossing(k: int, sent: int) -> int:
             over = mine[k].over if k in mine and mine[k].over <= self.end else UNKNOWN
-            return over - sent + own.delay_ns
+            return over - sent + delays[k]
 
         found = Behind(behind, self.end, points).run(
             list(self.offers[link]), raw._replace(lost=lost), crossing
@@ -218,7 +219,7 @@ class MediumModel:
             elif entry.fate == "lost" and fate is not None and fate.name != "received":
                 entry.fate = fate.name
             on_way = fate is not None and entry.fate != "in flight" and not late
-            entry.transit = own.delay_ns + raw.jitter[k] + (fate.travel if on_way and fate else 0)
+            entry.transit = delays[k] + raw.jitter[k] + (fate.travel if on_way and fate else 0)
             entry.lost = raw.lost[k]
             if entry.fate == "in flight":
                 entry.arrival = UNKNOWN

@@ -118,7 +118,7 @@ def test_loops_inside_loops_and_braces() -> None:
         ({"for": [{"each": ["b"], "title": "{each}"}]}, "'title' is not repeated"),
         ({"for": {"each": ["b"]}}, "a list of tables"),
         ({"for": [{"count": 2, "links": {"up": {}}}]}, "two copies are links.up"),
-        ({"for": [{"count": 1, "connect": ["{1 / 0}"]}]}, "not a finite number"),
+        ({"for": [{"count": 1, "connect": ["{1 / 0}"]}]}, "there is no value here"),
         ({"for": [{"each": ["b"], "connect": ["{each + 1}"]}]}, "each is not a number"),
         ({"for": [{"each": [{"v": [1]}], "connect": ["x{v}"]}]}, "is not a word or a number"),
     ],

@@ -58,7 +58,7 @@ PARTS = {
     Medium: MediumPart,
     RangeLogit: RangeLogitPart,
 }
-NOT_KEYS = {"name", "delay", "windows", "recording", "hop", "nodes", "slots", "loss"}
+NOT_KEYS = {"name", "delay", "windows", "recording", "hop", "adjustable", "nodes", "slots", "loss"}
 ROWS = {"sent_ns", "lost", "delay_ns", "range_m", "size", "start_ns"}
 RATE = {"data_rate": 1000, "frame_size": 10}
 
