@@ -5,7 +5,6 @@ from .demo import (
     demonstrate as demonstrate,
 )
 from .designed_plant import (
-    PLANT_NOTE as PLANT_NOTE,
     DesignedPlant as DesignedPlant,
     LinearSignals as LinearSignals,
 )
