@@ -100,14 +100,15 @@ class OutputFeedback:
 
     def to_json(self) -> dict[str, Any]:
         """Return the certificate, and the figures of the nominal pair beside it."""
-        names = ("least_gamma", "abscissa", "exact_norm", "exact_norm_upper", "norm_frequency")
-        return {**self.certificate, "figures": {name: getattr(self, name) for name in names}}
+        figures = nominal.NominalFigures.of(self)._asdict()
+        return {**self.certificate, "figures": {"least_gamma": self.least_gamma, **figures}}
 
 
 def output_feedback_from_json(data: Any, *, where: str) -> OutputFeedback:
     """Read an output feedback from its certificate, and check its proof again.
 
-    The figures of the nominal pair, which no claim depends on, are computed.
+    The figures of the nominal pair, which no claim depends on, are those that the file has; a
+    certificate alone has none, and they are computed.
 
     Raises
     ------
@@ -122,7 +123,7 @@ def output_feedback_from_json(data: Any, *, where: str) -> OutputFeedback:
     if not proof.valid:
         raise InputError("the proof does not hold", where=where, got=proof.reason)
     pair, variables = pair_from_json(data), data["pair"]["variables"]
-    figures = nominal.nominal_figures_of(pair.system, pair.gain)
+    figures = _figures_in(data) or nominal.nominal_figures_of(pair.system, pair.gain)
     top, _, bottom = str(variables["gamma"]).partition("/")
     return OutputFeedback(
         pair=pair,
@@ -134,3 +135,14 @@ def output_feedback_from_json(data: Any, *, where: str) -> OutputFeedback:
         state_peaks=guarantees_from_json(data["pair"], pair.system).state_peaks,
         **figures._asdict(),
     )
+
+
+def _figures_in(data: Any) -> nominal.NominalFigures | None:
+    """Return the figures in a file; None where it has not all of them."""
+    kept = data.get("figures")
+    if not (isinstance(kept, dict) and set(nominal.NominalFigures._fields) <= set(kept)):
+        return None
+    margin = kept["delay_margin"]
+    return nominal.NominalFigures(
+        **{name: kept[name] for name in nominal.NominalFigures._fields}
+    )._replace(delay_margin=None if margin is None else tuple(margin))
