@@ -57,7 +57,9 @@ def compare_runs(runs: Sequence[LabelledTrace], target: Path) -> Path:
         figure = plt.figure(figsize=(13, 8.2), layout="constrained")
         left, middle, right = figure.add_gridspec(1, 3, width_ratios=(1.15, 1, 1))
         heights = (2.2, 1, 1) if observed else (3, 1)
-        own = [figure.add_subplot(g) for g in left.subgridspec(len(heights), 1, height_ratios=heights)]
+        own = [
+            figure.add_subplot(g) for g in left.subgridspec(len(heights), 1, height_ratios=heights)
+        ]
         panels = _Panels(
             path=own[0],
             error=own[1] if observed else None,
@@ -166,9 +168,7 @@ class _RunRows:
         """Return the distance of the estimated position from the true one [m]."""
         if self.estimated is None:
             return None
-        true = (
-            np.interp(self.controlled, self.seconds, self.plant[n]) for n in ("eta.x", "eta.y")
-        )
+        true = (np.interp(self.controlled, self.seconds, self.plant[n]) for n in ("eta.x", "eta.y"))
         found: NDArray[np.float64] = np.hypot(
             *(own - other for own, other in zip(self.estimated, true, strict=True))
         )

@@ -176,7 +176,6 @@ def _up_to_date(path: Path, name: str, flavour: str, platforms: Sequence[Platfor
 @functools.cache
 def _guid(name: str, flavour: str) -> str:
     """Return the GUID of a build by the present code."""
-
     return kept_guid(f"{flavour}/{name}", cache_folder(), lambda: guid_of(CATALOGUE[name], flavour))
 
 

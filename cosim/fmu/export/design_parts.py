@@ -37,9 +37,7 @@ def design_parts(data: Any) -> list[str]:
     return [PLANT, CONTROLLER, *(one["name"] for one in data["measurements"])]
 
 
-def design_part_spec(
-    data: Any, part: str, *, name: str, where: str | None = None
-) -> ComponentSpec:
+def design_part_spec(data: Any, part: str, *, name: str, where: str | None = None) -> ComponentSpec:
     """Specify the FMU of a part of a design.
 
     Parameters

@@ -16,6 +16,7 @@ from cosim.hinf.certificate import (
     guarantees_from_json,
     pair_from_json,
 )
+from cosim.hinf.synthesis.kept_figures import figures_from_json, figures_to_json, has_figures
 from cosim.hinf.synthesis.result_text import proved_words, result_rows
 from cosim.models import DelaySystem, Matrix, Measurement
 
@@ -100,8 +101,7 @@ class OutputFeedback:
 
     def to_json(self) -> dict[str, Any]:
         """Return the certificate, and the figures of the nominal pair beside it."""
-        figures = nominal.NominalFigures.of(self)._asdict()
-        return {**self.certificate, "figures": {"least_gamma": self.least_gamma, **figures}}
+        return {**self.certificate, "figures": figures_to_json(self)}
 
 
 def output_feedback_from_json(data: Any, *, where: str) -> OutputFeedback:
@@ -123,26 +123,19 @@ def output_feedback_from_json(data: Any, *, where: str) -> OutputFeedback:
     if not proof.valid:
         raise InputError("the proof does not hold", where=where, got=proof.reason)
     pair, variables = pair_from_json(data), data["pair"]["variables"]
-    figures = _figures_in(data) or nominal.nominal_figures_of(pair.system, pair.gain)
+    kept = data.get("figures")
+    if has_figures(kept) and "delay_margin" in kept:  # older files have not all of them
+        figures = figures_from_json(kept, where, pair.system)
+    else:
+        computed = nominal.nominal_figures_of(pair.system, pair.gain)
+        worst = nominal.worst_case_at(pair.system, pair.gain, computed.norm_frequency)
+        figures = {**computed._asdict(), "least_gamma": None, "worst_case": worst}
     top, _, bottom = str(variables["gamma"]).partition("/")
     return OutputFeedback(
         pair=pair,
         gamma=None if variables["gamma"] is None else int(top) / int(bottom or 1),
         certificate={key: x for key, x in data.items() if key not in ("figures", "schema")},
         order=variables["order"],
-        least_gamma=None,
-        worst_case=nominal.worst_case_at(pair.system, pair.gain, figures.norm_frequency),
         state_peaks=guarantees_from_json(data["pair"], pair.system).state_peaks,
-        **figures._asdict(),
+        **figures,
     )
-
-
-def _figures_in(data: Any) -> nominal.NominalFigures | None:
-    """Return the figures in a file; None where it has not all of them."""
-    kept = data.get("figures")
-    if not (isinstance(kept, dict) and set(nominal.NominalFigures._fields) <= set(kept)):
-        return None
-    margin = kept["delay_margin"]
-    return nominal.NominalFigures(
-        **{name: kept[name] for name in nominal.NominalFigures._fields}
-    )._replace(delay_margin=None if margin is None else tuple(margin))
