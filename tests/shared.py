@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import os
 import shutil
+import zlib
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
@@ -21,12 +22,22 @@ _WHOLE, _SLASH = ".whole", "~"
 _session: list[Path] = []
 
 
+_EACH = 4
+"""One slow test of so many is run per commit; a family of them has been cut to its share before."""
+
+
 def share_of(members: Iterable[Any]) -> list[Any]:
     """All of them, or with SHARE=K/N in the environment the K-th of every N, at least one."""
     first, number = map(int, os.environ.get("SHARE", "0/1").split("/"))
     found = [*members]
     number = min(number, len(found)) or 1
     return found[first % number :: number]
+
+
+def is_in_share(name: str) -> bool:
+    """Whether SHARE=K/N has the slow test of this name run; all of them without it."""
+    share = os.environ.get("SHARE")
+    return share is None or (zlib.crc32(name.encode()) - int(share.split("/")[0])) % _EACH == 0
 
 
 def slow_share_of(members: Iterable[Any]) -> list[Any]:

@@ -302,10 +302,15 @@ def _driven(
     at_rest: bool,
 ) -> Signals:
     driven: Signals = {}
-    if scenario.reference is not None:
-        with findings.at("reference"):
-            path = reference_inputs(scenario.reference, fmus)
-            driven |= along_path(path, at_rest=at_rest)
+    for place, part in scenario.paths():
+        with findings.at(*place):
+            found = along_path(reference_inputs(part, fmus), at_rest=at_rest)
+            for end in found:
+                if end in driven:
+                    raise InputError(
+                        "an input has two sources", where=str(end), got="two paths lead to it"
+                    )
+            driven |= found
     if scenario.disturbance is not None and worst_case is not None:
         with findings.at("disturbance"):
             signals = worst_case_inputs(scenario.disturbance, worst_case, fmus, comm_schedule)
@@ -402,7 +407,7 @@ def _same_signal(one: System, other: System, end: Endpoint) -> bool:
 
 
 def _start(component: Component, port: Port) -> Any:
-    value = component.parameters.get(port.name, port.start)
+    value = component.start_of(port.name)
     return np.ravel(value).tolist() if port.shape and value is not None else value
 
 

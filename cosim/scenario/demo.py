@@ -69,4 +69,5 @@ def demonstrate(fmu_cache: FmuCache, folder: Path, progress: Progress | None = N
 def _designed_age_s(outcome: Outcome) -> float | None:
     """Return the greatest age of a measurement that a design is for [s]."""
     ages = (outcome.metrics.get("measurement_ages") or {}).values()
-    return max((age["greatest_s"] for age in ages), default=outcome.metrics["designed_age_s"])
+    age: float | None = max((age["greatest_s"] for age in ages), default=None)
+    return outcome.metrics["designed_age_s"] if age is None else age

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -72,6 +72,33 @@ class LinearSignals:
             ) from error
 
 
+class Difference(NamedTuple):
+    """A parameter of a component with another value than it was designed for.
+
+    value : None where the component does not have it.
+    """
+
+    parameter: str
+    value: float | None
+    designed: float
+
+
+def differences_from(
+    designed: Mapping[str, float], parameters: Mapping[str, float | None], *, exact: bool = False
+) -> list[Difference]:
+    """Return the parameters that are not as designed.
+
+    A delay (`delay.*`) may be shorter, unless the proof is about `exact` ones.
+    """
+    found = []
+    for name, value in designed.items():
+        own = parameters.get(name)
+        shorter = name.startswith("delay.") and not exact
+        if own is None or not (own <= value if shorter else own == value):
+            found.append(Difference(name, own, value))
+    return found
+
+
 @dataclass(frozen=True, eq=False)
 class DesignedPlant:
     """How the FMU of a plant is seen as the linear system of a design.
@@ -99,17 +126,6 @@ class DesignedPlant:
     source: str = ""
     model: Mapping[str, Any] = field(default_factory=dict)
     thrust_map: tuple[tuple[float, ...], ...] = ()
-
-    def differences(
-        self, parameters: Mapping[str, float | None]
-    ) -> list[tuple[str, float | None, float]]:
-        """Return parameters of a run's plant that are not those designed for, with both values."""
-        found = []
-        for name, value in self.parameters.items():
-            own = parameters.get(name)
-            if own is None or (own > value if name == "delay.d" else own != value):
-                found.append((name, own, value))
-        return found
 
     @property
     def at_rest(self) -> dict[str, float]:

@@ -213,9 +213,7 @@ def _stage(link: Link | None, system: System, step: int) -> _Stage:
 def _controller_stage(controller: Component, name: str, step: int) -> _Stage:
     """The controller samples at the multiples of its period, and answers a step later."""
     ports = controller.description.ports
-    port = ports.get("sample_time")
-    default = 0.0 if port is None else port.start or 0.0
-    period = round(float(controller.parameters.get("sample_time", default)) * 1e9)
+    period = round(float(controller.start_of("sample_time", 0.0)) * 1e9)
     if any(p.causality == "output" and p.feedthrough for p in ports.values()):
         raise _NotSampledError(f"{name}: its commands follow its inputs at once")
     if step > 1 and period and step % period and period % step:

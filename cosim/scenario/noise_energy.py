@@ -72,16 +72,13 @@ class NoiseEnergy(Measure[float | None]):
             return
         self._packets.begin(self._instance)
         self._state = reader_of(plant, self._binding.state.names)
-        parameters = self._instance.component.parameters
-        ports = self._instance.component.description.ports
-        names, trims = [], []
+        start_of = self._instance.component.start_of
+        names: list[str] = []
         for each in self._design.measurements:
             own = [f"{each.name}[{i + 1}]" for i in range(len(each.C))]
             names += own
-            for trim in (f"trim.{name}" for name in own):
-                start = ports[trim].start if trim in ports else 0.0
-                trims.append(float(parameters.get(trim, start or 0.0)))
-        self._values, self._trims = SignalReader(self._instance, names), np.array(trims)
+        self._values = SignalReader(self._instance, names)
+        self._trims = np.array([start_of(f"trim.{name}", 0.0) for name in names], float)
         self._last: Reals | None = None
 
     def add(self, first: int, last: int) -> None:

@@ -104,12 +104,13 @@ def fly(
     where.mkdir(parents=True, exist_ok=True)
     (where / "vehicle.toml").write_text(craft.text, "utf-8")
     with steps("linear model at the trim, uncertainty proved over the envelope"):
-        steps.add(_model_line(linear_model(craft)))
+        model = linear_model(craft)
+        steps.add(_model_line(model))
         if craft.default_bounds:
             bounds = ", ".join(f"{n} {craft.envelope[n]:g}" for n in craft.default_bounds)
             steps.add(f"bounds that the file does not give: {bounds}")
     with steps("observer and gain, certified as a pair"):
-        model, sensors, design = _designed(craft, chosen, where, steps)
+        model, sensors, design = _designed(model, chosen, where, steps)
         steps.add(f"gamma {design.gamma:.4g} certified, exact norm {design.exact_norm or 0:.4g}")
         mission = _mission(model, design, chosen)
         _save(design, where / DESIGN)
@@ -141,7 +142,7 @@ def silent_line(line: str) -> None:
 
 
 class _Steps:
-    """Says each step of a flight as it begins, with what it found and how long it took."""
+    """Says each step of a flight when it is done, with what it found and how long it took."""
 
     def __init__(self, say: Callable[[str], None], progress: Progress) -> None:
         self._say, self._progress = say, progress
@@ -190,13 +191,15 @@ def measurements_of(
 
 
 def _designed(
-    craft: Vehicle, settings: FlightSettings, folder: Path, steps: _Steps
+    whole: LinearModel, settings: FlightSettings, folder: Path, steps: _Steps
 ) -> tuple[LinearModel, tuple[PlannedSensor, ...], hinf.OutputFeedback]:
     """Return model, sensors and design; where nothing is certified, for a smaller envelope."""
     refused = NotAchievableError("no design was tried")
     for share in _ENVELOPES:
-        envelope = {name: share * bound for name, bound in craft.envelope.items()}
-        model = linear_model(craft, envelope=envelope)
+        craft, model = whole.vehicle, whole
+        if share < 1.0:
+            envelope = {name: share * bound for name, bound in craft.envelope.items()}
+            model = linear_model(craft, envelope=envelope)
         sensors = planned_sensors(craft.sensors, model.states, settings)
         measured = measurements_of(model, sensors)
         try:
@@ -208,8 +211,8 @@ def _designed(
         except NotAchievableError as error:
             refused = error if share == 1.0 else refused
             continue
-        steps.add(_model_line(model))
         if share < 1.0:
+            steps.add(_model_line(model))
             steps.add(f"nothing was certified for the whole envelope: for {share:g} times of it")
         for sensor in sensors:
             steps.add(sensor_line(sensor))

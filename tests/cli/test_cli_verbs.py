@@ -64,6 +64,7 @@ def test_design_of_the_paper(tmp_path: Path) -> None:
     assert check_certificate(saved).valid
 
 
+@pytest.mark.slow
 def test_design_with_bessel_legendre_order(tmp_path: Path) -> None:
     """`--order`: below Theorem 2's gamma, no k1, k2 in the proof, and a file that is checked."""
     arguments = ("design", "paper", "--k1", "0.6", "--k2", "0.2", "--order", "1")

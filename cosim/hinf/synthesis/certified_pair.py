@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from fractions import Fraction
 from typing import Any
 
 from cosim.core import InputError, html_table, matrix_text
@@ -130,10 +131,10 @@ def output_feedback_from_json(data: Any, *, where: str) -> OutputFeedback:
         computed = nominal.nominal_figures_of(pair.system, pair.gain)
         worst = nominal.worst_case_at(pair.system, pair.gain, computed.norm_frequency)
         figures = {**computed._asdict(), "least_gamma": None, "worst_case": worst}
-    top, _, bottom = str(variables["gamma"]).partition("/")
+    gamma = variables["gamma"]
     return OutputFeedback(
         pair=pair,
-        gamma=None if variables["gamma"] is None else int(top) / int(bottom or 1),
+        gamma=None if gamma is None else float(Fraction(gamma)),
         certificate={key: x for key, x in data.items() if key not in ("figures", "schema")},
         order=variables["order"],
         state_peaks=guarantees_from_json(data["pair"], pair.system).state_peaks,

@@ -305,7 +305,7 @@ def _link_fmu(
                 got=f"{sender.getter_type} to {receiver.getter_type}"
                 + (", an array" if sender.shape or receiver.shape else ""),
             )
-        start = component.parameters.get(target.variable, receiver.start)
+        start = component.start_of(target.variable)
         first = firsts.get(source, 0.0 if start is None else float(start))
         signals.append(_LINK.LinkSignal(sender.unit, first, f"{source} to {target}"))
         built.wires.append(Wire(source, (element, f"u[{i}]")))
