@@ -9,15 +9,10 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from cosim import trace
 from cosim.cli.terminal import NONE, facts_table, number, plain
 from cosim.core import at_most
-from cosim.trace import (
-    age_lines,
-    assumptions_of,
-    guarantee_of,
-    measurement_age_lines,
-    plant_line,
-)
+from cosim.trace import age_lines, measurement_age_lines, plant_line
 
 if TYPE_CHECKING:
     from cosim.scenario import Demo, Outcome
@@ -124,8 +119,8 @@ def _compared(outcome: Outcome) -> list[tuple[str, str]]:
 
 def _covered(label: str, outcome: Outcome) -> list[RenderableType]:
     """Say whether the guarantee of a run holds, and for each assumption what it rests on."""
-    checks = assumptions_of(outcome)
-    verdict = guarantee_of(outcome, checks)
+    checks = trace.assumptions_of(outcome)
+    verdict = trace.guarantee_of(outcome, checks)
     lines = [] if verdict is None else [Text(f"{label}: {verdict.what}; {verdict.why}", "bold")]
     table = Table(box=None, pad_edge=False, show_header=False)
     for check in checks:
