@@ -121,10 +121,13 @@ class RunPart(Part):
 
 
 class ComponentPart(Part):
-    """[components.NAME]: an FMU, one of those here by name, or any `.fmu` path."""
+    """[components.NAME]: an FMU, one of those here by name, of a design, or any `.fmu` path."""
 
     fmu: Text
-    """A built-in FMU by name, or the path of any `.fmu`, from the folder of the scenario."""
+    """A built-in FMU by name, or the path of any `.fmu`, from the folder of the scenario. Of the
+    design of a vehicle with an observer, a built-in one or a file, "DESIGN:plant",
+    "DESIGN:controller" and "DESIGN:NAME", the sensor of the measurement NAME.
+    """
     step: Duration | None = None
     """Communication step of this component; without one it communicates at every point."""
     feedthrough: Literal["none"] | list[Text] | None = None
