@@ -16,36 +16,27 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterable, Sequence
-from copy import deepcopy
 from heapq import heappop, heappush
 from typing import Any
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from cosim.core import InputError
-from cosim.network import draws
 from cosim.network.arrivals import (
     COLLIDED,
     DELIVERED,
-    LATE,
     LOST,
-    ON_MEDIUM,
     OUT_OF_RANGE,
     QUEUE_FULL,
     RECEIVER_SENDING,
 )
-from cosim.network.block_stepping import Entries, Sent
 from cosim.network.growing_schedule import GrowingSchedule
-from cosim.network.medium import Hop, Medium, distance
+from cosim.network.medium import Medium, distance
+from cosim.network.medium_schedule import MediumSchedule
 from cosim.network.packet import PacketLink
-from cosim.network.packet_schedule import PacketSchedule
-from cosim.network.scheduling import received_schedule
 from cosim.network.single_draws import single_uniform
-from cosim.network.stepping import NO_LIMIT, Arrival, Message, Sender, rules_of, send
 
 _NEVER = 2**63 - 1
-_UNKNOWN = 2**62  # arrival of a message that is not received in the run
 _OVER, _RELEASE, _BEGIN, _OFFER = range(4)  # events of one instant, in order
 
 
@@ -84,6 +75,12 @@ class MediumTraffic:
         self._modems = [_Modem() for _ in medium.nodes]
         self._events: list[tuple[int, int, int, Any]] = []
         self._sent = self._resolved = 0
+        self._leaders = [self._leader(number) for number in range(len(schedules))]
+        self._sharing = {
+            one: [s for s, of in zip(schedules, self._leaders, strict=True) if of == number]
+            for number, one in enumerate(schedules)
+        }
+        self._refused: set[tuple[int, int]] = set()  # messages of links that others share
         self._adjusts = any(one.link.adjustable for one in schedules)
         self._fixed: list[list[tuple[int, float, int]]] | None = None
         if not medium.moves:
@@ -95,6 +92,28 @@ class MediumTraffic:
             self._offer_next(number)
         if self.is_live:
             self._run(end_ns)
+
+    def _leader(self, number: int) -> int:
+        """Return the first link whose packets are those of a link: itself, or one before it.
+
+        Raises
+        ------
+        InputError : they are not of one size, rhythm and queue.
+        """
+        link = self._schedules[number].link
+        for other, one in enumerate(self._schedules[:number]):
+            if _packet_of(one.link) == _packet_of(link) is not None:
+                for key in ("sample_time_ns", "offset_ns", "frame_size", "queue_limit"):
+                    mine, its = getattr(link, key), getattr(one.link, key)
+                    if mine != its:
+                        raise InputError(
+                            "links that share their packets have other packets",
+                            where=f"link {link.name!r}: {key}",
+                            expected=f"{its}, as of link {one.link.name!r}",
+                            got=repr(mine),
+                        )
+                return other
+        return number
 
     @property
     def is_live(self) -> bool:
@@ -206,13 +225,19 @@ class MediumTraffic:
         self._offer_next(number)
         if one.link.playout_ns:
             heappush(self._events, (at + one.link.playout_ns, _RELEASE, number, message))
-        node = one.sender
+        node, leader = one.sender, self._leaders[number]
+        if leader != number:  # its packet is that of another link, which was offered before
+            if (leader, message) in self._refused:
+                one.outcome(message, at, 0, QUEUE_FULL)
+            return
         waiting = self._modems[node].waiting
         # what can begin at this instant does not wait: the event of its node comes first
         begins = not waiting and self._begin_of(node, one, message, at) == at
         begins = begins and not self._is_heard(at, node)
         if limit is not None and not begins and sum(w is one for w, _ in waiting) >= limit:
             one.outcome(message, at, 0, QUEUE_FULL)
+            if len(self._sharing[one]) > 1:
+                self._refused.add((number, message))
             return
         waiting.append((one, message))
         if len(waiting) == 1:
@@ -266,21 +291,19 @@ class MediumTraffic:
         """Let a node send the first message that waits, heard by all the others in reach."""
         medium, modem = self.medium, self._modems[node]
         one, message = modem.waiting.popleft()
-        self._sent += 1
         end = begin + one.link.frame_ns
         modem.free, modem.deaf_until = end, end + int(medium.turnaround_ns)
         for heard in modem.heard:
             heard.deaf |= heard.begin < modem.deaf_until and heard.end > begin
         for other, range_m, travel in ways:
-            is_receiver = other == one.receiver
-            if not is_receiver and not range_m <= medium.hearing_range:
-                continue
             heard = _Heard(begin + travel, end + travel)
             if range_m <= medium.hearing_range:
                 self._hear(begin, self._modems[other], heard)
-            if is_receiver and heard.end <= self._end_ns:
-                over = (one, message, heard, travel, range_m)
-                heappush(self._events, (heard.end, _OVER, self._sent, over))
+            for link in self._sharing[one] if heard.end <= self._end_ns else ():
+                if other == link.receiver:
+                    self._sent += 1
+                    over = (link, message, heard, travel, range_m)
+                    heappush(self._events, (heard.end, _OVER, self._sent, over))
         modem.tries = 0
         if modem.waiting:
             self._wait(node, end)
@@ -311,152 +334,10 @@ class MediumTraffic:
         one.outcome(message, at, travel, fate)
 
 
-class MediumSchedule(GrowingSchedule):
-    """The schedule of a link over a medium, as far as it is known and remembered.
-
-    Made by `growing_schedules`. Its messages become known with those of the other links.
-
-    Attributes
-    ----------
-    traffic : the packets of all links over the medium.
-    sender, receiver : numbers of its nodes.
-    """
-
-    traffic: MediumTraffic
-
-    def __init__(
-        self, link: PacketLink, hop: Hop, end_ns: int, points_ns: int | ArrayLike | None = None
-    ) -> None:
-        super().__init__(link, end_ns, points_ns)
-        self.sender = hop.medium.number(hop.sender, "from")
-        self.receiver = hop.medium.number(hop.receiver, "to")
-        self._rules = rules_of(link)._replace(frame_ns=0, longest_wait_ns=NO_LIMIT)
-        self._behind_ns, self._latest = 0, -1
-        self._awaited: dict[int, Message] = {}  # offered, and on the medium or before it
-        self._missed: set[int] = set()  # of those, what the play-out buffer does not await
-        self._outcomes: dict[int, tuple[int, int, int]] | None = {}  # arrival, transit, fate
-
-    @property
-    def horizon_ns(self) -> int:
-        """The instant before which everything is final [ns]; 2**63 - 1 when all is."""
-        return self.traffic.horizon_ns
-
-    def advance(self, until_ns: int) -> None:
-        """Make everything up to and including an instant final, for all links over the medium.
-
-        Raises
-        ------
-        InputError : nodes move, and a packet that was sent by then is not resolved.
-        """
-        until = min(int(until_ns), self._end_ns)
-        if self.is_live:
-            self._check_final(until)
-        self.traffic.advance(until)
-
-    def next_sending(self) -> int:
-        """Return when the next message is offered [ns]; 2**63 - 1 when none is left."""
-        return self._next_sending()
-
-    def point_before(self, time_ns: int) -> int:
-        """Return the last point at or before an instant [ns]."""
-        return self._sendings.grid.down(time_ns)
-
-    def offer(self, delay_ns: int | None = None, loss: float | None = None) -> int:
-        """Take the next message, with another delay or loss than the link's; return its number."""
-        number = self._messages.next
-        column = self._messages.take(1)
-        if delay_ns is not None:
-            column.delay_ns[0] = delay_ns
-        if loss is not None:  # the same number decides as with the link's own loss
-            column.lost[:] = draws.lost(loss, self._link.seed, self._link.name, 1, number)
-        self._awaited[number] = Message._make(int(values[0]) for values in column)
-        return number
-
-    def outcome(self, number: int, over_ns: int, travel_ns: int, fate: int) -> None:
-        """Take what became of a message on the medium, when its packet was over [ns].
-
-        Raises
-        ------
-        InputError : a packet of a link with order = "fifo" overtook another one.
-        """
-        message = self._awaited.pop(number)
-        if self._rules.fifo and number < self._latest:
-            raise InputError(
-                "a packet was overtaken by a later one of the same link",
-                where=f"link {self._link.name!r}, message {number}",
-                expected='order = "newest-wins" or "as-arrived", or nodes slower than the packets',
-                got=f"message {self._latest} came first",
-            )
-        arrival, transit = over_ns, travel_ns + message.delay_ns + message.jitter_ns
-        if fate != QUEUE_FULL:
-            self._latest = max(self._latest, number)
-            late = over_ns - message.sent_ns + message.delay_ns
-            lost = int(message.lost or fate != DELIVERED)
-            crossed = message._replace(delay_ns=late, lost=lost)
-            found = send(self._rules, Sender(0, self._behind_ns), crossed)
-            self._behind_ns, arrival = found.behind_ns, found.arrival_ns
-            fate = fate if fate in ON_MEDIUM else found.fate
-        if number in self._missed:
-            self._missed.remove(number)
-        else:
-            self._take(number, message, arrival, transit, fate)
-
-    def release(self, number: int) -> None:
-        """Miss a message whose packet is not over at its play-out: it is late, whatever comes."""
-        message = self._awaited.get(number)
-        if message is not None:
-            self._missed.add(number)
-            at, transit = message.sent_ns + self._rules.playout_ns, message.delay_ns
-            self._take(number, message, at, transit + message.jitter_ns, LATE)
-
-    def _take(self, number: int, message: Message, at: int, transit: int, fate: int) -> None:
-        if self._outcomes is not None:
-            self._outcomes[number] = at, transit, fate
-        self._due_at(at, number, Arrival(number, message.sent_ns, fate))
-
-    def settle(self, horizon_ns: int) -> None:
-        """Receive what is due before an instant, which is the horizon from now on."""
-        self._settle(horizon_ns)
-
-    def oldest_awaited_ns(self, time_ns: int) -> int:
-        """When the oldest message was sent that is in use at an instant, or arrives later [ns]."""
-        waiting = (message.sent_ns for message in self._awaited.values())
-        return min(super().oldest_awaited_ns(time_ns), *waiting, time_ns)
-
-    def forget(self, before_ns: int) -> None:
-        """Drop what concerns only instants before this one."""
-        super().forget(before_ns)
-        self._outcomes = None
-
-    def finish(self, end_ns: int | None = None, *, broken_off: bool = False) -> PacketSchedule:
-        """Return the schedule of the run, or of one that ended at `end_ns` [ns].
-
-        Of a message in flight by then nothing is known: it arrives at 2**62, after its delay and
-        jitter alone.
-        """
-        end = self._end_ns if end_ns is None else int(end_ns)
-        count = self._sent_by(end, broken_off=broken_off)
-        messages = self._messages.first(count)
-        arrival = np.full(count, _UNKNOWN, np.int64)
-        transit = messages.delay_ns + messages.jitter_ns
-        fate = np.where(messages.lost, np.int8(LOST), np.int8(DELIVERED))
-        for number, found in (self._outcomes or {}).items():
-            if number < count and found[0] <= end:
-                arrival[number], transit[number], fate[number] = found
-        entries = Entries(arrival, messages.sent_ns, np.arange(count, dtype=np.int64), fate)
-        sent = Sent(Sender(), entries, transit, np.zeros(count, np.bool_))
-        grid = self._sendings.grid.cut(end)
-        return received_schedule(self._link, end, messages, sent, grid)
-
-    def copy(self) -> MediumSchedule:
-        """Return a copy that goes on independently, with copies of the other links."""
-        return deepcopy(self)
-
-    def _sent_by(self, end: int, *, broken_off: bool) -> int:
-        self._check_end(end)
-        if not broken_off:
-            self._check_final(end)
-        return min(self._sendings.until(end), self._messages.next)
+def _packet_of(link: PacketLink) -> tuple[str, str] | None:
+    """Return sender and name of the packets that a link shares; None if they are its own."""
+    hop = link.hop
+    return None if hop is None or not hop.packet else (hop.sender, hop.packet)
 
 
 def growing_schedules(

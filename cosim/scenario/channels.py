@@ -150,7 +150,7 @@ def _hop(part: PacketPart, media: Mapping[str, Medium] | None) -> Hop | None:
         )
     if part.medium not in media:
         raise InputError.unknown("medium", part.medium, media, where="medium")
-    return Hop(media[part.medium], part.sender, part.receiver)
+    return Hop(media[part.medium], part.sender, part.receiver, part.packet or "")
 
 
 def _loss(part: float | BurstPart | ChainPart) -> float | GilbertElliott | LossChain:

@@ -123,7 +123,7 @@ def _link_entry(link: Link) -> dict[str, Any]:
                 **{key.field: getattr(value, key.field) for key in keys_of(Recording).values()},
             }
         elif isinstance(value, Hop):
-            found[each.name] = [value.medium.name, value.sender, value.receiver]
+            found[each.name] = [value.medium.name, value.sender, value.receiver, value.packet]
         elif isinstance(value, tuple):
             found[each.name] = [asdict(item) for item in value]
         elif is_dataclass(value) and not isinstance(value, type):

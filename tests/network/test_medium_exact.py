@@ -65,6 +65,8 @@ class Case:
         self.medium = draw_medium(r, nodes, self.unit, spread)
         self.end = r.randint(0, 250) * self.unit
         self.links = [draw_link(r, self, i) for i in range(r.randint(1, 5))]
+        if r.random() < 0.4:
+            self.links = share_packets(r, self.links)
         self.points = draw_points(r, self.end, self.unit)
         self.changes: dict[tuple[str, int], tuple[int | None, float | None]] = {}
         if r.random() < 0.3:
@@ -163,6 +165,27 @@ def draw_link(r: random.Random, case: Case, number: int) -> PacketLink:
         late = link.least_transit_ns + r.randint(0, 40) * unit
         link = replace(link, playout_ns=late)
     return link
+
+
+def share_packets(r: random.Random, links: list[PacketLink]) -> list[PacketLink]:
+    """Let some links share their packets with the first one that is of the same sender then."""
+    first = links[0]
+    found = [replace(first, hop=replace(first.hop, packet="p"))]
+    for link in links[1:]:
+        assert first.hop is not None
+        receiver = r.choice([n.name for n in first.hop.medium.nodes if n.name != first.hop.sender])
+        mine = {key: getattr(first, key) for key in ("sample_time_ns", "offset_ns", "frame_size")}
+        hop = replace(first.hop, receiver=receiver, packet="p")
+        late = max(link.playout_ns, first.least_transit_ns + link.delay_ns)
+        other = replace(
+            link,
+            **mine,
+            queue_limit=first.queue_limit,
+            hop=hop,
+            playout_ns=late if link.playout_ns else 0,
+        )
+        found.append(r.choice([link, other]))
+    return found
 
 
 JITTER = PacketLink("none", 1).jitter
