@@ -177,8 +177,10 @@ class PacketLink:
     def least_transit_ns(self) -> int:
         """Return the least time from sending to arrival [ns], without the play-out buffer.
 
-        Of a delay that follows a signal nothing is known beside its sign.
+        Of a delay that follows a signal, or may be changed, nothing is known beside its sign.
         """
+        if self.adjustable:
+            return self.frame_ns
         least = self.delay_ns
         if isinstance(self.delay, DelayProfile):
             least = int(self.delay.delays_ns.min())
