@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +22,7 @@ from cosim.master.component_points import ComponentPoints
 from cosim.master.event_values import EventValues
 from cosim.master.parts import Parts
 from cosim.master.reserved import Reserved
-from cosim.network import Arrivals, GrowingSchedule, LinkState
+from cosim.network import Arrivals, GrowingSchedule, LinkState, MediumSchedule, MediumTraffic
 
 Integers = NDArray[np.int64]
 Rows = NDArray[np.float64]
@@ -55,9 +55,11 @@ class CommunicationPoints:
     end_ns : the end of the run [ns].
     own_points : by component.
     links : the packet links, by name.
-    values : by live link, the values of its delay signal so far; 0 if it follows none.
+    values : by live link, the values of its delay signal so far, 0 if it follows none; by live
+        medium, the places.
     event_values : what events have set; of adjustable links `NAME.delay` [ns] and `NAME.loss`.
-    live : the links whose delays follow a signal of the run.
+    live : the links whose delays follow a signal of the run or are changed during it, and the media
+        whose nodes do.
     grows : whether points depend on signals of the run.
     has_events : whether points are added one at a time, as events occur (`add`).
     on_new : called with the instant of each added point, [ns] and [s].
@@ -100,8 +102,12 @@ class CommunicationPoints:
             for name, link in self._schedule.begin().items()
             if self._with_live or not link.is_live
         }
-        self.live = {name: link for name, link in self.links.items() if link.is_live}
-        self.values: dict[str, list[float]] = {name: [] for name in self.live}
+        self.live = {
+            link.link.resolved_with: link.traffic if isinstance(link, MediumSchedule) else link
+            for link in self.links.values()
+            if link.is_live
+        }
+        self.values: dict[str, list[Any]] = {name: [] for name in self.live}
         for points in self._steps.values():
             points.latest = -1
         if self.has_events:
@@ -216,6 +222,9 @@ class CommunicationPoints:
                 found.append(link.sendings(after, until))
                 # what a live link brings at its horizon is known when the loop is there
                 found.append(link.changes(after, min(until, link.horizon_ns - 1))[0])
+        if self._schedule.events == "align":  # where a packet begins to be sent
+            horizons = (one.horizon_ns for one in self.live.values())
+            found += [np.array([at], np.int64) for at in horizons if after < at <= until]
         return found[0] if len(found) == 1 else distinct(np.concatenate(found))
 
     def _set_ready(self) -> None:
@@ -242,7 +251,7 @@ class CommunicationPoints:
         now = int(self.points_ns[k])
         for name, link in self.live.items():
             while link.horizon_ns == now:
-                value = 0.0
+                value: Any = 0.0
                 if name in self._delays:
                     value = self._delays[name].value([float(row[c]) for c in columns[name]])
                 self._resolve(name, link, value, now)
@@ -251,17 +260,21 @@ class CommunicationPoints:
         if self.ready <= k and not self.crossing:
             self.extend()
 
-    def _resolve(self, name: str, link: GrowingSchedule, value: float, now: int) -> None:
-        """Resolve a message of a live link, sent now [ns]."""
-        delay, loss = (
-            self.event_values.at(f"{name}.delay", now),
-            self.event_values.at(f"{name}.loss", now),
-        )
-        link.resolve(link.message, value, delay_ns=None if delay is None else int(delay), loss=loss)
+    def _resolve(
+        self, name: str, link: GrowingSchedule | MediumTraffic, value: Any, now: int
+    ) -> None:
+        """Resolve a message of a live link, or of a medium, sent now [ns]."""
+        delay = self.event_values.at(f"{name}.delay", now)
+        loss = self.event_values.at(f"{name}.loss", now)
+        if delay is None and loss is None:
+            link.resolve(link.message, value)
+        elif isinstance(link, GrowingSchedule):
+            delay_ns = None if delay is None else int(delay)
+            link.resolve(link.message, value, delay_ns=delay_ns, loss=loss)
 
     def go_back(
         self,
-        values: Mapping[str, Sequence[float]],
+        values: Mapping[str, Sequence[Any]],
         event_values: Mapping[str, Sequence[Sequence[float]]],
         complete: int,
     ) -> None:
