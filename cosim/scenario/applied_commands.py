@@ -2,7 +2,8 @@
 
 A controller with an observer has outputs `applied[j]`: the control that it takes to act, after its
 limits and, over a command link, after the play-out. Here they are compared, point by point, with
-what the plant received; before the first command that is the trim. A command that was lost, late for its play-out, or overridden differs.
+what the plant received; before the first command that is the trim. A command that was lost, late
+for its play-out, or overridden differs.
 """
 
 from __future__ import annotations
