@@ -196,13 +196,18 @@ def _gain_measured(metrics: Mapping[str, Any]) -> str:
     return f"measured: {at}, {100 * norm_share:.2f} % of the exact norm"
 
 
+_ON_MEDIUM = ("collided", "receiver_sending", "out_of_range")
+
+
 def _links(links: Mapping[str, Mapping[str, Any]]) -> list[RenderableType]:
     if not links:
         return []
     table = Table(box=None, pad_edge=False)
     buffered = any(s.get("late") is not None for s in links.values())
     late = ("late",) if buffered else ()
-    columns = ("link", "sent", "delivered", "dropped", *late, "mean delay", "max delay", "max age")
+    fates = [fate for fate in _ON_MEDIUM if any(s.get(fate) for s in links.values())]
+    named = [fate.replace("_", " ") for fate in (*late, *fates)]
+    columns = ("link", "sent", "delivered", "dropped", *named, "mean delay", "max delay", "max age")
     for column in columns:
         table.add_column(column, justify="left" if column == "link" else "right")
     for name, s in links.items():
@@ -211,7 +216,7 @@ def _links(links: Mapping[str, Mapping[str, Any]]) -> list[RenderableType]:
             str(s["sent"]),
             str(s["delivered"]),
             str(s["dropped"]),
-            *(number(s.get(key), 12) for key in late),
+            *(number(s.get(key), 12) for key in (*late, *fates)),
             *(number(s[key], 4, "s") for key in ("mean_delay_s", "max_delay_s", "max_age_s")),
         )
     return [table]
@@ -291,7 +296,10 @@ def _advice(outcome: Outcome) -> list[RenderableType]:
         f"try: {name} delivered none of its {s['sent']} messages: its delay may be longer than the "
         'run; a delay is in seconds, or has a unit: "400 ms"'
         for name, s in outcome.links.items()
-        if s["sent"] and not s["delivered"] and s["dropped"] < s["sent"]
+        if s["sent"]
+        and not s["delivered"]
+        and s["dropped"] < s["sent"]
+        and not any(s.get(fate) for fate in _ON_MEDIUM)
     ]
     age, designed = outcome.metrics["message_age_s"], outcome.metrics["designed_age_s"]
     if age is not None and designed is not None and age > designed * (1 + 1e-12):

@@ -44,6 +44,7 @@ from cosim.scenario.fields import (
     Text,
 )
 from cosim.scenario.links import LinkPart
+from cosim.scenario.media import MediumPart
 from cosim.scenario.quantity import TIME, quantity_in
 from cosim.scenario.run_limits import LimitsPart
 
@@ -368,6 +369,8 @@ class Scenario(Part):
     """Connections in their short form: "plant.eta -> controller.eta : uplink"."""
     links: dict[Name, LinkPart] = Field(default_factory=dict)
     """Links that connections name: delay, jitter, loss."""
+    medium: dict[Name, MediumPart] = Field(default_factory=dict)
+    """Media that links share: nodes, sound, collisions, slots."""
     reference: PathOrPaths | None = None
     """A path for inputs that follow it; several as [[reference]]."""
     disturbance: DisturbancePart | None = None

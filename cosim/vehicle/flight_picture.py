@@ -159,8 +159,8 @@ def _actuators(axis: Any, rows: _Rows, subject: PictureSubject) -> None:
         axis.step(rows.controlled, share, where="post", lw=0.8, color=_COLOURS[k % 8], label=label)
     for side in (-1, 1):
         axis.axhline(side, color=_SET, lw=1.0, ls=":")
-    rows = -(-len(subject.limits) // 4)  # of the legend, above the lines
-    axis.set(ylim=(-1.15, 1.2 + 0.25 * rows), xlabel="time [s]")
+    lines = -(-len(subject.limits) // 4)  # of the legend, above the lines
+    axis.set(ylim=(-1.15, 1.2 + 0.25 * lines), xlabel="time [s]")
     axis.set_title("Commands, as shares of their limits")
     axis.legend(loc="upper right", frameon=False, ncols=4, fontsize=7)
 
