@@ -177,6 +177,7 @@ class PacketLink:
             "recording": self.recording is not None,
             "duplicate": self.duplicate != 0.0,
             "delay": isinstance(self.delay, DelaySignal),
+            "adjustable": self.adjustable,
         }
         for key, is_given in given.items():
             if is_given:
@@ -211,8 +212,11 @@ class PacketLink:
     def least_transit_ns(self) -> int:
         """Return the least time from sending to arrival [ns], without the play-out buffer.
 
-        Of a delay that follows a signal, and of ranges, nothing is known beside their sign.
+        Of a delay that follows a signal, of ranges, and of what may be changed, nothing is known
+        beside their sign.
         """
+        if self.adjustable:
+            return self.frame_ns
         least = self.delay_ns
         if isinstance(self.delay, DelayProfile):
             least = int(self.delay.delays_ns.min())

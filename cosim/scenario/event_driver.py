@@ -336,6 +336,9 @@ class EventDriver:
                 session.override(component, variable, action.value)
             case "bias":
                 session.bias(component, variable, action.value, action.factor)
+            case "freeze":
+                value = self._rows.value(f"{component}.{variable}", session)
+                session.override(component, variable, value)
             case "release":
                 session.release(component, variable)
             case "reset":
@@ -372,7 +375,7 @@ class EventDriver:
         match action.kind:
             case "set":
                 session.set(component, variable, self._saved.pop((event.number, _key(action))))
-            case "override" | "bias":
+            case "override" | "bias" | "freeze":
                 session.release(component, variable)
             case "outage":
                 self._hold(component, session, hold=False)

@@ -68,8 +68,10 @@ class ActionsPart(Part):
     """Values that outputs and connected inputs have instead of their own."""
     bias: dict[Reference, BiasPart] = Field(default_factory=dict)
     """Errors of outputs and connected inputs: factor and offset."""
+    freeze: list[Reference] = Field(default_factory=list)
+    """Outputs and connected inputs that keep the value that they have: a sensor that hangs."""
     release: list[Reference] = Field(default_factory=list)
-    """Overrides and biases that end."""
+    """Overrides, biases and freezes that end."""
     reset: list[Name] = Field(default_factory=list)
     """Components whose FMU returns to its start (FMI's reset; its time goes on)."""
     stop: Literal[True] | Text | None = None
@@ -91,7 +93,7 @@ class ActionsPart(Part):
     def acts(self) -> bool:
         """Whether anything is done."""
         acts = self.set or self.override or self.bias or self.outage or self.delay or self.loss
-        acts = acts or self.release or self.reset or self.restore
+        acts = acts or self.freeze or self.release or self.reset or self.restore
         return bool(acts) or self.stop is not None
 
 
@@ -105,8 +107,8 @@ class OccasionPart(Part):
     trigger: Literal["once", "every-time"] = "once"
     """Whether `when` counts the first time only, or every time it becomes true."""
     duration: Annotated[Duration | None, Field(alias="for")] = None
-    """How long the event lasts; then `set` restores the old values, `override` and `bias` are
-    released, and links are as before.
+    """How long the event lasts; then `set` restores the old values, `override`, `bias` and `freeze`
+    are released, and links are as before.
     """
     until: Instant | None = None
     """Time at which it ends, in place of `for`; with `at` only."""
@@ -142,8 +144,8 @@ class EventPart(ActionsPart, OccasionPart):
             raise ValueError("restore ends what a condition began; by time an outage has until")
         if not self.acts:
             raise ValueError(
-                "something that happens: set, override, bias, release, reset, stop, outage, "
-                "restore, delay or loss"
+                "something that happens: set, override, bias, freeze, release, reset, stop, "
+                "outage, restore, delay or loss"
             )
         return self
 

@@ -430,7 +430,7 @@ def _assumptions(context: RunContext) -> dict[str, bool]:
         result["limits_not_reached"] = used.fraction == 0.0 and (
             beside is None or beside.fraction == 0.0
         )
-    if context.scenario.events:
+    if context.scenario.events or context.scenario.modes:
         result["nothing_set_or_overridden"] = not context.altered_by_events
     result["plant_as_designed"] = context.plant_differences == []
     return result

@@ -307,9 +307,10 @@ def _actions(
         with findings.at(*path, "bias", reference):
             end = _signal(scope, reference)
             yield Action("bias", end, _offset(system, scope, end, bias.offset), bias.factor)
-    for k, reference in enumerate(part.release):
-        with findings.at(*path, "release", k):
-            yield Action("release", _signal(scope, reference))
+    for key, references in (("freeze", part.freeze), ("release", part.release)):
+        for k, reference in enumerate(references):
+            with findings.at(*path, key, k):
+                yield Action(key, _signal(scope, reference))
     for k, name in enumerate(part.reset):
         with findings.at(*path, "reset", k):
             yield _reset(system, name)
