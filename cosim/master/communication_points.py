@@ -22,7 +22,7 @@ from cosim.master.component_points import ComponentPoints
 from cosim.master.event_values import EventValues
 from cosim.master.parts import Parts
 from cosim.master.reserved import Reserved
-from cosim.network import Arrivals, GrowingSchedule, LinkState, MediumSchedule, MediumTraffic
+from cosim.network import Arrivals, GrowingSchedule, LinkState, MediumSchedule, Traffic
 
 Integers = NDArray[np.int64]
 Rows = NDArray[np.float64]
@@ -260,7 +260,7 @@ class CommunicationPoints:
         if self.ready <= k and not self.crossing:
             self.extend()
 
-    def _resolve(self, link: GrowingSchedule | MediumTraffic, value: Any, now: int) -> None:
+    def _resolve(self, link: GrowingSchedule | Traffic, value: Any, now: int) -> None:
         """Resolve a message of a live link that is sent now [ns], or what a live medium awaits."""
         delay, loss = (
             self.event_values.at(f"{link.sending_link}.{what}", now) for what in ("delay", "loss")

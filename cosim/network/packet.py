@@ -127,8 +127,8 @@ class PacketLink:
     delay: DelayProfile | DelaySignal | None = None
     windows: tuple[LossWindow, ...] = ()
     recording: Recording | None = None
-    adjustable: bool = False
     hop: Hop | None = None
+    adjustable: bool = False
 
     def __post_init__(self) -> None:
         check_name("link", self.name)
@@ -177,7 +177,6 @@ class PacketLink:
             "recording": self.recording is not None,
             "duplicate": self.duplicate != 0.0,
             "delay": isinstance(self.delay, DelaySignal),
-            "adjustable": self.adjustable,
         }
         for key, is_given in given.items():
             if is_given:
