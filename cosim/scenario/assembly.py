@@ -26,11 +26,13 @@ from cosim.master import (
 from cosim.network import TransportLink
 from cosim.scenario.channels import delay_source, link_of
 from cosim.scenario.fmu_cache import FmuCache
+from cosim.scenario.input_files import series_inputs
 from cosim.scenario.link_keys import nanoseconds
 from cosim.scenario.matching import endpoint, matched
 from cosim.scenario.origin import NOWHERE, Findings, Origin, Path
 from cosim.scenario.schema import ComponentLogPart, RunPart, Scenario
 from cosim.scenario.script import changes_of, instants_ns
+from cosim.scenario.signal_parts import InputsPart
 from cosim.scenario.signals import Signals, along_path, reference_inputs, worst_case_inputs
 from cosim.scenario.units import numbers_of
 
@@ -306,6 +308,9 @@ def _driven(
         with findings.at("reference"):
             path = reference_inputs(scenario.reference, fmus)
             driven |= along_path(path, at_rest=at_rest)
+    for i, part in enumerate(scenario.inputs):
+        with findings.at("inputs", i):
+            driven |= _series(part, fmus, comm_schedule, driven, at_rest=at_rest)
     if scenario.disturbance is not None and worst_case is not None:
         with findings.at("disturbance"):
             signals = worst_case_inputs(scenario.disturbance, worst_case, fmus, comm_schedule)
@@ -318,6 +323,26 @@ def _driven(
                     )
             driven |= signals
     return driven
+
+
+def _series(
+    part: InputsPart,
+    fmus: Mapping[str, FmuDescription],
+    comm_schedule: CommunicationSchedule,
+    driven: Signals,
+    *,
+    at_rest: bool,
+) -> Signals:
+    """Return the inputs that follow a time series, none of which is driven already."""
+    found = series_inputs(part, fmus, comm_schedule, at_rest=at_rest)
+    for end in found:
+        if end in driven:
+            raise InputError(
+                "an input has two sources",
+                where=str(end),
+                got="a time series, and the reference or another series",
+            )
+    return found
 
 
 def system_of(

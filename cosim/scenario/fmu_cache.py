@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import errno
 import hashlib
+import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from cosim.core import InputError, say_once
 from cosim.fmu import (
     CATALOGUE,
     DEFAULT_FLAVOUR,
+    ComponentSpec,
     FmuDescription,
     describe_fmu,
     ensure_fmu,
+    ensure_made,
     own_folder,
 )
 
@@ -53,6 +56,26 @@ class FmuCache:
             raise self._unknown(fmu)
         path = Path(fmu)
         return describe_fmu(path if path.is_absolute() else self.folder / path)
+
+    def made(self, spec: ComponentSpec, what: str) -> FmuDescription:
+        """Return the FMU of a component that a scenario describes in `what`; build it if missing.
+
+        Raises
+        ------
+        InputError : names that would be one in C, or an FMU that cannot be built.
+        """
+        name = re.sub(r"[^A-Za-z0-9]+", "_", spec.name)
+        try:
+            return describe_fmu(ensure_made(replace(spec, name=name), self.root, self.flavour))
+        except ValueError as error:
+            if isinstance(error, InputError):
+                raise
+            raise InputError("its variables cannot be told apart", got=str(error)) from error
+        except OSError as error:
+            if error.errno not in _READ_ONLY:
+                raise _not_built(what, self.root, error) from error
+        folder = own_folder() / "built"
+        return describe_fmu(ensure_made(replace(spec, name=name), folder, self.flavour))
 
     def _of_catalogue(self, fmu: str) -> Path:
         """Return an FMU of the catalogue, built if missing.

@@ -22,6 +22,7 @@ from cosim.scenario.gain import (
     observes,
     problem_of,
 )
+from cosim.scenario.lowering import lowered
 from cosim.scenario.origin import Findings
 from cosim.scenario.pinned import DesignSource, kept_or_made, named_design
 from cosim.scenario.plant import (
@@ -111,7 +112,8 @@ def prepare(
     if loaded.scenario.design is None:
         loaded, saved, source = with_design_of_controller(loaded, fmus)
     loaded = with_numbers(loaded, fmus, findings)
-    scenario = loaded.scenario
+    scenario, fmus = lowered(loaded.scenario, fmus, fmu_cache, findings)
+    loaded = loaded if scenario is loaded.scenario else replace(loaded, scenario=scenario)
     part, disturbance = scenario.design, scenario.disturbance
     if part is None:
         with findings.at("disturbance"):
