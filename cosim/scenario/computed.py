@@ -95,7 +95,7 @@ class _OfTape:
 
 
 class ComputedTable:
-    """The expressions of one [computed.NAME], bound; they may name each other.
+    """The expressions of one [computed.NAME], bound one by one; they may name each other.
 
     Parameters
     ----------
@@ -125,8 +125,6 @@ class ComputedTable:
         self._bound: dict[str, BoundExpression] = {}
         self._open: list[str] = []
         self.signals: list[str] = []
-        for output in texts:
-            self._bind(output)
 
     def meaning(self, reference: str) -> Meaning:
         """Return the meaning of a name: of another output of the table, or of the scope."""
@@ -138,20 +136,23 @@ class ComputedTable:
             return found
         if output not in self._texts:
             raise InputError.unknown("value", reference, [f"{self.name}.{o}" for o in self._texts])
-        node = self._bind(output).node
+        node = self.bind(output).node
         return Meaning(node.kind, node.dimension)
 
-    def _bind(self, output: str) -> BoundExpression:
+    def bind(self, output: str) -> BoundExpression:
+        """Bind one output, and those that it names."""
         if output in self._open:
             way = [*self._open[self._open.index(output) :], output]
             raise InputError(
-                f"{self.name}.{output} is computed from itself",
-                got=" -> ".join(f"{self.name}.{one}" for one in way),
+                f"{self.name}.{output} is computed from itself: "
+                + " -> ".join(f"{self.name}.{one}" for one in way)
             )
         if output not in self._bound:
             self._open.append(output)
-            self._bound[output] = bind(Expression(self._texts[output]), self, None)
-            self._open.remove(output)
+            try:
+                self._bound[output] = bind(Expression(self._texts[output]), self, None)
+            finally:
+                self._open.remove(output)
         return self._bound[output]
 
     def spec(self, units: Mapping[str, str | None], step: float) -> ComponentSpec:

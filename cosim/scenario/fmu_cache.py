@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from cosim.core import InputError, say_once
+from cosim.core import InputError, cache_folder, say_once
 from cosim.fmu import (
     CATALOGUE,
     DEFAULT_FLAVOUR,
@@ -60,22 +60,23 @@ class FmuCache:
     def made(self, spec: ComponentSpec, what: str) -> FmuDescription:
         """Return the FMU of a component that a scenario describes in `what`; build it if missing.
 
+        It is kept in the user's cache: it is no FMU that anybody chose, and is made again alike.
+
         Raises
         ------
         InputError : names that would be one in C, or an FMU that cannot be built.
         """
-        name = re.sub(r"[^A-Za-z0-9]+", "_", spec.name)
-        try:
-            return describe_fmu(ensure_made(replace(spec, name=name), self.root, self.flavour))
-        except ValueError as error:
-            if isinstance(error, InputError):
-                raise
-            raise InputError("its variables cannot be told apart", got=str(error)) from error
-        except OSError as error:
-            if error.errno not in _READ_ONLY:
-                raise _not_built(what, self.root, error) from error
-        folder = own_folder() / "built"
-        return describe_fmu(ensure_made(replace(spec, name=name), folder, self.flavour))
+        named = replace(spec, name=re.sub(r"[^A-Za-z0-9]+", "_", spec.name))
+        for folder in (cache_folder(), own_folder()):
+            try:
+                return describe_fmu(ensure_made(named, folder / "made", self.flavour))
+            except ValueError as error:
+                if isinstance(error, InputError):
+                    raise
+                raise InputError("its variables cannot be told apart", got=str(error)) from error
+            except OSError as error:
+                failed = error
+        raise _not_built(what, folder, failed) from failed
 
     def _of_catalogue(self, fmu: str) -> Path:
         """Return an FMU of the catalogue, built if missing.

@@ -100,6 +100,10 @@ class _Lowering:
                         raise InputError(f"there are two parts named {name!r}", got=f"{kind}.{name}")
                     if kind == "sensors" and name in scenario.computed:
                         raise InputError(f"there are two parts named {name!r}", got=f"{kind}.{name}")
+        for i, part in enumerate(scenario.connections):
+            if part.sensor is not None and part.sensor not in scenario.sensors:
+                with self._findings.at("connections", i, "sensor"):
+                    raise InputError.unknown("sensor", part.sensor, scenario.sensors)
         if self._findings.errors:
             return self._done()
         for name in (*scenario.computed, *scenario.sensors):
@@ -143,6 +147,12 @@ class _Lowering:
     def _make_computed(self, name: str) -> None:
         texts = self._scenario.computed[name]
         table = ComputedTable(name, texts, self, self.constant)
+        whole = len(self._findings.errors)
+        for output in texts:
+            with self._findings.at("computed", name, output):
+                table.bind(output)
+        if len(self._findings.errors) > whole:
+            return
         units = {signal: self._port_unit(signal) for signal in table.signals}
         self._make(name, "computed", table.spec(units, self._scenario.run.step), {})
         for signal in table.signals:
@@ -361,8 +371,6 @@ class _Lowering:
         if not _has_map(part):
             self._kept.append(part)
             return
-        if part.sensor is not None and part.sensor not in self._scenario.sensors:
-            raise InputError.unknown("sensor", part.sensor, self._scenario.sensors, where="sensor")
         if part.matrix is not None:
             self._matrix(part, path)
             return

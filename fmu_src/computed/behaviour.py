@@ -64,6 +64,11 @@ class _Floats:
         return _OPERATIONS[operation](*operands)
 
 
+def _whole(t: float) -> float:
+    """Return a time in whole nanoseconds, as masters count: sums of steps are rounded."""
+    return float(round(t * 1e9)) / 1e9
+
+
 class Computed:
     """Outputs that are expressions of the inputs and the time, at the same instant.
 
@@ -92,7 +97,7 @@ class Computed:
 
     def initialise(self, v: dict[str, float], start: float) -> None:
         """Begin; the outputs are zero where the start values of the inputs give them no value."""
-        self._time = start
+        self._time = start = _whole(start)
         for name, value in zip(self.outputs, self.law(v, _Floats, start), strict=True):
             v[name] = value if math.isfinite(value) else 0.0
 
@@ -103,6 +108,7 @@ class Computed:
         ------
         ArithmeticError : an output of no input, which has no finite value.
         """
+        end = _whole(end)
         values = self.law(v, _Floats, end)
         if not self.inputs:
             self._check(values, end)

@@ -14,6 +14,11 @@ from cosim.network import single_uniform, standard_normal
 _MOST_SAMPLES = 2.0**53
 
 
+def _whole(t: float) -> float:
+    """Return a time in whole nanoseconds, as masters count: sums of steps are rounded."""
+    return float(round(t * 1e9)) / 1e9
+
+
 class PlainSensor:
     """Each value is that of its input, sampled, with bias, drift and noise, in steps, in a range.
 
@@ -32,7 +37,7 @@ class PlainSensor:
 
     def initialise(self, v: dict[str, float], start: float) -> None:
         """Take the first sample."""
-        self._start = self._time = start
+        self._start = self._time = _whole(start)
         self._samples = self._steps = 0
         self._held = [0.0] * len(self.values)
         self._publish(v)
@@ -47,7 +52,7 @@ class PlainSensor:
         held = self._values(v, self._time)
         saved = self.snapshot()
         self._samples = self._taken(v, self._time)
-        self._held, self._time, self._steps = held, end, self._steps + 1
+        self._held, self._time, self._steps = held, _whole(end), self._steps + 1
         try:
             self._publish(v)
         except ArithmeticError:

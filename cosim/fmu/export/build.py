@@ -68,7 +68,7 @@ def ensure_made(spec: ComponentSpec, root: Path, flavour: str = DEFAULT_FLAVOUR)
     InputError : as `build_fmu`.
     """
     digest = hashlib.sha256(f"{source_digest()} {spec.guid({})}".encode()).hexdigest()[:16]
-    path = root / flavour / "made" / digest / f"{spec.name}.fmu"
+    path = root / flavour / digest / f"{spec.name}.fmu"
     if not path.is_file():
         build_fmu(spec, path.parent, flavour)
     return path

@@ -10,6 +10,9 @@
 
 #define OUTPUTS ((size_t)MODEL_OUTPUTS)
 
+/* In whole nanoseconds, as masters count: not what rounding made of a sum of steps. */
+static double whole(double t) { return rint(t * 1e9) / 1e9; }
+
 struct Behaviour {
     double constants[MOST_CONSTANTS > 0 ? MOST_CONSTANTS : 1];
     double time;
@@ -31,7 +34,7 @@ int behaviour_initialise(Behaviour *b, double *v, double start, Message *why) {
     double out[MOST_OUTPUTS];
     (void)why;
     model_constants(v, b->constants);
-    b->time = start;
+    b->time = start = whole(start);
     model_law(start, v, b->constants, out);
     for (size_t i = 0; i < OUTPUTS; i++) v[model_outputs[i]] = isfinite(out[i]) ? out[i] : 0.0;
     return 1;
@@ -39,6 +42,7 @@ int behaviour_initialise(Behaviour *b, double *v, double start, Message *why) {
 
 int behaviour_advance(Behaviour *b, double *v, double end, Message *why) {
     double out[MOST_OUTPUTS];
+    end = whole(end);
     model_law(end, v, b->constants, out);
     if (MODEL_INPUTS == 0 && !all_finite(out, end, why)) return 0;
     b->time = end;

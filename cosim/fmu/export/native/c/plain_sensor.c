@@ -21,6 +21,9 @@ struct Behaviour {
 
 #define SAVED (4 + LANES)
 
+/* In whole nanoseconds, as masters count: not what rounding made of a sum of steps. */
+static double whole(double t) { return rint(t * 1e9) / 1e9; }
+
 Behaviour *behaviour_new(void) { return calloc(1, sizeof(Behaviour)); }
 
 void behaviour_free(Behaviour *b) { free(b); }
@@ -76,7 +79,7 @@ static int publish(const Behaviour *b, double *v, Message *why) {
 }
 
 int behaviour_initialise(Behaviour *b, double *v, double start, Message *why) {
-    b->start = b->time = start;
+    b->start = b->time = whole(start);
     b->samples = b->steps = 0.0;
     return publish(b, v, why);
 }
@@ -86,7 +89,7 @@ int behaviour_advance(Behaviour *b, double *v, double end, Message *why) {
     if (!values(b, v, next.held, why)) return 0;
     next.samples = samples_at(b, v, b->time);
     next.steps += 1.0;
-    next.time = end;
+    next.time = whole(end);
     if (!publish(&next, v, why)) return 0;
     *b = next;
     return 1;
