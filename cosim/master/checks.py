@@ -66,7 +66,7 @@ def _check_delay(system: Parts, name: str) -> None:
             expected="one signal, or one per coordinate of the origin",
             got=f"{len(source.signals)} signals, {number} coordinates",
         )
-    for end in source.signals:
+    for end in source.read:
         port = system.port(end)
         if port.causality != "output" or port.kind != "float" or port.shape or port.feedthrough:
             raise InputError(

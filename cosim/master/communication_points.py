@@ -9,7 +9,6 @@ whole run, in arrays that are reserved for all of them.
 
 from __future__ import annotations
 
-import math
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Final
@@ -20,7 +19,7 @@ from numpy.typing import NDArray
 from cosim.core import InputError, distinct
 from cosim.master.communication_schedule import CommunicationSchedule
 from cosim.master.component_points import ComponentPoints
-from cosim.master.parts import DelaySource, Parts
+from cosim.master.parts import Parts
 from cosim.master.reserved import Reserved
 from cosim.network import Arrivals, GrowingSchedule, LinkState
 
@@ -227,7 +226,7 @@ class CommunicationPoints:
         now = int(self.points_ns[k])
         for name, link in self.live.items():
             while link.horizon_ns == now:
-                value = _value(self._delays[name], row, columns[name])
+                value = self._delays[name].value([float(row[c]) for c in columns[name]])
                 link.resolve(link.message, value)
                 self.values[name].append(value)
         self._set_ready()
@@ -327,14 +326,3 @@ def blocks(system: Parts) -> Iterator[tuple[CommunicationPoints, int, int]]:
         first = points.ready
         points.give_back(first - 1)
         points.extend()
-
-
-def _value(source: DelaySource, row: Rows, columns: tuple[int, ...]) -> float:
-    """Return the value that decides a delay: a signal, or the distance from the origin."""
-    values = [float(row[column]) for column in columns]
-    if source.origin is None:
-        return values[0]
-    total = 0.0
-    for value, place in zip(values, source.origin, strict=True):
-        total += (value - place) * (value - place)
-    return math.sqrt(total)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal, NamedTuple
@@ -114,11 +115,26 @@ class DelaySource(NamedTuple):
 
     signals : outputs of components without direct feedthrough.
     origin : None: the value is that of the one signal. Else it is the distance of the signals
-        from this place.
+        from this place, each coordinate of which is a number or such an output too.
     """
 
     signals: tuple[Endpoint, ...]
-    origin: tuple[float, ...] | None = None
+    origin: tuple[float | Endpoint, ...] | None = None
+
+    @property
+    def read(self) -> tuple[Endpoint, ...]:
+        """All signals that are read: those of the position, then those of the origin."""
+        return (*self.signals, *(x for x in self.origin or () if isinstance(x, Endpoint)))
+
+    def value(self, values: Sequence[float]) -> float:
+        """Return the value that decides the delay, of the values of `read`: or the distance."""
+        if self.origin is None:
+            return values[0]
+        moving, total = iter(values[len(self.signals) :]), 0.0
+        for value, place in zip(values, self.origin, strict=False):
+            away = value - (next(moving) if isinstance(place, Endpoint) else place)
+            total += away * away
+        return math.sqrt(total)
 
 
 Signal = NDArray[np.float64] | Callable[[NDArray[np.float64]], NDArray[np.float64]]

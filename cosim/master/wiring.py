@@ -272,7 +272,7 @@ class Wiring:
         return {
             name: tuple(
                 self.instance(end.component).place(end.variable)[0]
-                for end in system.delays[name].signals
+                for end in system.delays[name].read
             )
             for name in self.comm_points.live
         }

@@ -88,8 +88,9 @@ def read_rows(
     """Read a CSV file: a header line, then a row for each line; `optional` may be absent.
 
     UTF-8, separated by commas. Empty lines, and lines that begin with #, are skipped. Each `Row`
-    has a cell for each wanted column that the file has. `whole` : each line has as many cells as the
-    header.
+    has a cell for each wanted column that the file has.
+
+    whole : each line has to have as many cells as the header.
 
     Raises
     ------

@@ -32,7 +32,6 @@ from cosim.scenario.matching import endpoint, matched
 from cosim.scenario.origin import NOWHERE, Findings, Origin, Path
 from cosim.scenario.schema import ComponentLogPart, RunPart, Scenario
 from cosim.scenario.script import changes_of, instants_ns
-from cosim.scenario.signal_parts import InputsPart
 from cosim.scenario.signals import Signals, along_path, reference_inputs, worst_case_inputs
 from cosim.scenario.units import numbers_of
 
@@ -304,45 +303,29 @@ def _driven(
     at_rest: bool,
 ) -> Signals:
     driven: Signals = {}
-    if scenario.reference is not None:
-        with findings.at("reference"):
-            path = reference_inputs(scenario.reference, fmus)
-            driven |= along_path(path, at_rest=at_rest)
-    for i, part in enumerate(scenario.inputs):
+    for place, part in scenario.paths():
+        with findings.at(*place):
+            _add(driven, along_path(reference_inputs(part, fmus), at_rest=at_rest))
+    for i, series in enumerate(scenario.inputs):
         with findings.at("inputs", i):
-            driven |= _series(part, fmus, comm_schedule, driven, at_rest=at_rest)
+            _add(driven, series_inputs(series, fmus, comm_schedule, at_rest=at_rest))
     if scenario.disturbance is not None and worst_case is not None:
         with findings.at("disturbance"):
             signals = worst_case_inputs(scenario.disturbance, worst_case, fmus, comm_schedule)
-            for end in signals:
-                if end in driven:
-                    raise InputError(
-                        "an input has two sources",
-                        where=str(end),
-                        got="the disturbance, and the reference",
-                    )
-            driven |= signals
+            _add(driven, signals)
     return driven
 
 
-def _series(
-    part: InputsPart,
-    fmus: Mapping[str, FmuDescription],
-    comm_schedule: CommunicationSchedule,
-    driven: Signals,
-    *,
-    at_rest: bool,
-) -> Signals:
-    """Return the inputs that follow a time series, none of which is driven already."""
-    found = series_inputs(part, fmus, comm_schedule, at_rest=at_rest)
+def _add(driven: Signals, found: Signals) -> None:
+    """Add inputs that follow signals, none of which is driven already."""
     for end in found:
         if end in driven:
             raise InputError(
                 "an input has two sources",
                 where=str(end),
-                got="a time series, and the reference or another series",
+                got="two of the reference, the time series and the disturbance",
             )
-    return found
+    driven |= found
 
 
 def system_of(

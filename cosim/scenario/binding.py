@@ -153,7 +153,11 @@ def bind(expression: Expression, scope: Scope, wanted: Kind | None = "truth") ->
         node = binder.visit(expression.tree)
     except RecursionError as error:
         raise ExpressionError("the expression is nested too deep", expression.text, 1) from error
-    if wanted is not None and node.kind != wanted and not (wanted == "truth" and isinstance(scope, AnyName)):
+    if (
+        wanted is not None
+        and node.kind != wanted
+        and not (wanted == "truth" and isinstance(scope, AnyName))
+    ):
         was = "a number" if node.kind == "number" else "a condition"
         raise expression.wrong(
             expression.tree,

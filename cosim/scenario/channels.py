@@ -153,7 +153,8 @@ def delay_source(part: LinkPart) -> DelaySource | None:
     if isinstance(delay, SignalDelayPart):
         return DelaySource((endpoint(delay.signal),))
     if isinstance(delay, RangeDelayPart):
-        return DelaySource(tuple(endpoint(s) for s in delay.range), tuple(delay.place))
+        origin = [endpoint(x) if isinstance(x, str) else x for x in delay.place]
+        return DelaySource(tuple(endpoint(s) for s in delay.range), tuple(origin))
     return None
 
 

@@ -23,7 +23,7 @@ from cosim.scenario.extend import Source
 from cosim.scenario.fmu_cache import FmuCache
 from cosim.scenario.gain import controller_parameters, gain_parameters, observes, problem_of
 from cosim.scenario.lowering import lowered
-from cosim.scenario.origin import Findings, Origin
+from cosim.scenario.origin import Findings
 from cosim.scenario.pinned import named_design
 from cosim.scenario.plant import parameters_of_plant, require_vehicle_of
 from cosim.scenario.preparation import check_disturbance, check_roles
@@ -42,12 +42,11 @@ def problems_of(source: Source, fmu_cache: FmuCache) -> list[CosimError]:
     broken = schema_problems(source)
     if broken:
         return [*broken]
-    origin = Origin(source.layers)
     try:
         loaded = loaded_of(source)
     except CosimError as error:
         return [error]
-    findings = Findings(origin, collect=True)
+    findings = Findings(loaded.origin, collect=True)
     _look(loaded, fmu_cache, findings)
     return list(findings.errors)
 
@@ -55,9 +54,13 @@ def problems_of(source: Source, fmu_cache: FmuCache) -> list[CosimError]:
 def schema_problems(source: Source) -> list[InputError]:
     """Return an error for every key that breaks the schema."""
     try:
-        Scenario.model_validate(source.data)
+        data, origin = source.written_out()
+    except InputError as error:
+        return [error]
+    try:
+        Scenario.model_validate(data)
     except ValidationError as error:
-        return refusals(Scenario, error, source.data, Origin(source.layers))
+        return refusals(Scenario, error, data, origin)
     return []
 
 

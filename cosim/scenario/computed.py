@@ -17,7 +17,7 @@ from cosim.scenario.functions import OF_SIGNALS, is_product, products
 from cosim.scenario.quantity import Dimension, dimension
 
 _SPECS = component_module("computed.variables")
-_UNIT_OF = {dimension(**exponents): name for name, exponents in reversed(UNITS.items())}
+_UNIT_OF = {dimension(**exponents): name for name, exponents in reversed([*UNITS.items()])}
 
 
 def unit_named(of: Dimension | None) -> str | None:

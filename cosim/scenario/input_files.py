@@ -164,8 +164,10 @@ def _in_unit_of(fmu: FmuDescription, port: Port, values: Reals, unit: str, where
             "this is not a unit", where=where, expected=str(error), got=unit
         ) from error
     wanted = None if declared is None else declared.dimension
-    if declared is None or wanted is None or one.dimension.without_angle() != (
-        wanted.without_angle()
+    if (
+        declared is None
+        or wanted is None
+        or one.dimension.without_angle() != (wanted.without_angle())
     ):
         raise InputError(
             f"{port.name} is measured in {port.unit or 'no unit'}",
@@ -179,9 +181,7 @@ def _in_unit_of(fmu: FmuDescription, port: Port, values: Reals, unit: str, where
     return moved if offset == 0.0 else moved + offset
 
 
-def _along(
-    times: Reals, values: Reals, interpolation: str, beyond: str, seconds: Reals
-) -> Reals:
+def _along(times: Reals, values: Reals, interpolation: str, beyond: str, seconds: Reals) -> Reals:
     outside = (seconds < times[0]) | (seconds > times[-1])
     if beyond == "repeat":
         length = times[-1] - times[0]

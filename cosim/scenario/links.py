@@ -17,9 +17,9 @@ from cosim.network import (
     TransportLink,
 )
 from cosim.scenario.fields import (
-    Length,
     LinkTime,
     Part,
+    Place,
     Probability,
     Reference,
     Seconds,
@@ -92,12 +92,12 @@ class SignalDelayPart(_SignalDelay):  # type: ignore[misc]
 
 
 class RangeDelayPart(Part):
-    """Delay of sound: offset + distance / speed, from `from` to the position signals `range`."""
+    """Delay of sound: offset + distance / speed, between the positions `range` and `from`."""
 
     range: Annotated[list[Reference], Field(min_length=1, max_length=3)]
-    """Signals that are the position of the sender or receiver that moves, one to three."""
-    place: Annotated[list[Length], Field(alias="from", min_length=1, max_length=3)]
-    """Position of the other end, one coordinate per signal."""
+    """Signals that are the position of one end, which moves, one to three."""
+    place: Annotated[Place, Field(alias="from")]
+    """Position of the other end, one coordinate per signal: a length, or a signal of what moves."""
     speed: Speed = SPEED_OF_SOUND
     """Speed of the signal; that of sound in sea water without it."""
     offset: LinkTime = 0.0

@@ -89,21 +89,11 @@ class _Lowering:
         self._kept: list[ConnectionPart] = []
         self._more: list[ConnectionPart] = []
         self._maps: dict[Endpoint, _Mapped] = {}
-        self._targets: set[Endpoint] = set()
 
     def result(self) -> tuple[Scenario, dict[str, FmuDescription]]:
+        """Return the scenario and the FMUs, as `lowered`."""
         scenario = self._scenario
-        for kind, names in (("computed", scenario.computed), ("sensors", scenario.sensors)):
-            for name in names:
-                with self._findings.at(kind, name):
-                    if name in scenario.components or name in scenario.links:
-                        raise InputError(f"there are two parts named {name!r}", got=f"{kind}.{name}")
-                    if kind == "sensors" and name in scenario.computed:
-                        raise InputError(f"there are two parts named {name!r}", got=f"{kind}.{name}")
-        for i, part in enumerate(scenario.connections):
-            if part.sensor is not None and part.sensor not in scenario.sensors:
-                with self._findings.at("connections", i, "sensor"):
-                    raise InputError.unknown("sensor", part.sensor, scenario.sensors)
+        self._check_names()
         if self._findings.errors:
             return self._done()
         for name in (*scenario.computed, *scenario.sensors):
@@ -115,6 +105,21 @@ class _Lowering:
             with self._findings.at(*one.path):
                 self._map(one)
         return self._done()
+
+    def _check_names(self) -> None:
+        """Refuse two parts of one name, and sensors that do not exist."""
+        scenario = self._scenario
+        taken = {*scenario.components, *scenario.links}
+        for kind, parts in (("computed", scenario.computed), ("sensors", scenario.sensors)):
+            for name in parts:
+                with self._findings.at(kind, name):
+                    if name in taken:
+                        raise InputError(f"there are two parts named {name!r}", got=kind)
+            taken |= parts.keys()
+        for i, part in enumerate(scenario.connections):
+            if part.sensor is not None and part.sensor not in scenario.sensors:
+                with self._findings.at("connections", i, "sensor"):
+                    raise InputError.unknown("sensor", part.sensor, scenario.sensors)
 
     def _done(self) -> tuple[Scenario, dict[str, FmuDescription]]:
         connections = [*self._kept, *self._more]
@@ -322,7 +327,8 @@ class _Lowering:
         """Whether an input has its start value for the whole run."""
         scenario = self._scenario
         driven = [name for part in scenario.inputs for name in (part.values or part.columns or ())]
-        groups = [part.target for part in (scenario.reference, scenario.disturbance) if part]
+        groups = [path.target for _, path in scenario.paths()]
+        groups += [] if scenario.disturbance is None else [scenario.disturbance.target]
         return str(end) not in driven and not any(
             str(end).startswith((f"{group}.", f"{group}[")) or str(end) == group for group in groups
         )
@@ -493,5 +499,3 @@ def _wire(
     if link is not None:
         given["link"] = link
     return ConnectionPart.model_validate(given)
-
-

@@ -11,9 +11,18 @@ from itertools import pairwise
 from typing import Annotated, Any, Literal, Self
 
 import tomli_w
-from pydantic import AfterValidator, ConfigDict, Field, field_validator, model_validator
+from pydantic import (
+    AfterValidator,
+    ConfigDict,
+    Discriminator,
+    Field,
+    Tag,
+    field_validator,
+    model_validator,
+)
 
 from cosim.master import Algorithm, Policy, UnknownFeedthrough
+from cosim.scenario.copies import written_out
 from cosim.scenario.events import AssertionPart, EventPart
 from cosim.scenario.fields import (
     Angle,
@@ -150,7 +159,6 @@ class ConnectionPart(Part):
     communication point before ("previous"), which cuts an algebraic loop.
     """
 
-
     @model_validator(mode="after")
     def _one_map(self) -> Self:
         if self.matrix is not None:
@@ -227,6 +235,13 @@ class PathPart(Part):
         if any(b <= a for a, b in pairwise(times)):
             raise ValueError("the times of the points must increase")
         return self
+
+
+PathOrPaths = Annotated[
+    Annotated[PathPart, Tag("one")]
+    | Annotated[list[PathPart], Field(min_length=1), Tag("several")],
+    Discriminator(lambda value: "several" if isinstance(value, list) else "one"),
+]
 
 
 class DisturbancePart(Part):
@@ -382,8 +397,8 @@ class Scenario(Part):
     """Sensors that connections name: noise, bias, drift, steps, range, freezing, sample time."""
     inputs: list[InputsPart] = Field(default_factory=list)
     """Time series that inputs follow."""
-    reference: PathPart | None = None
-    """A path for inputs that follow it."""
+    reference: PathOrPaths | None = None
+    """A path for inputs that follow it; several as [[reference]]."""
     disturbance: DisturbancePart | None = None
     """The worst-case disturbance of the design."""
     design: DesignPart | None = None
@@ -397,6 +412,11 @@ class Scenario(Part):
     limits: LimitsPart | None = None
     """Time and memory that a supervised run may use."""
 
+    @model_validator(mode="before")
+    @classmethod
+    def _written_out(cls, data: Any) -> Any:
+        return written_out(data)[0] if isinstance(data, dict) else data
+
     def to_data(self) -> dict[str, Any]:
         """Return the tables of the scenario, without defaults."""
         return self.model_dump(by_alias=True, exclude_unset=True, exclude_none=True)
@@ -404,6 +424,12 @@ class Scenario(Part):
     def to_toml(self) -> str:
         """Return TOML text that reads back as this scenario."""
         return tomli_w.dumps(self.to_data(), multiline_strings="\r" not in self.description)
+
+    def paths(self) -> list[tuple[tuple[str | int, ...], PathPart]]:
+        """Return the paths that inputs follow, each with its path in the scenario."""
+        if isinstance(self.reference, list):
+            return [(("reference", i), part) for i, part in enumerate(self.reference)]
+        return [] if self.reference is None else [(("reference",), self.reference)]
 
     def wires(self) -> list[tuple[tuple[str, int], ConnectionPart]]:
         """Return the connections of both forms, each with its path."""

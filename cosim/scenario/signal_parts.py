@@ -62,7 +62,7 @@ class SensorPart(Part):
     """
 
     noise: Setting = 0.0
-    """Size of the noise: the standard deviation of a normal one, half the width of a uniform one."""
+    """Size of the noise: standard deviation of a normal one, half the width of a uniform one."""
     distribution: Literal["normal", "uniform"] = "normal"
     """Distribution of the noise."""
     bias: Setting = 0.0
@@ -140,5 +140,3 @@ class InputsPart(Part):
         if self.beyond == "repeat" and len(self.times or (0, 1)) < 2:
             raise ValueError("two times at least to repeat")
         return self
-
-

@@ -9,7 +9,7 @@ from typing import Any
 
 
 def _divide(a: float, b: float) -> float:
-    if b != 0.0 or a != a:
+    if b != 0.0 or math.isnan(a):
         return a / b
     return math.nan if a == 0.0 else math.copysign(math.inf, a) * math.copysign(1.0, b)
 
@@ -113,9 +113,8 @@ class Computed:
         if not self.inputs:
             self._check(values, end)
         self._time = end
-        for name, value in zip(self.outputs, values, strict=True):
-            if math.isfinite(value):
-                v[name] = value
+        found = zip(self.outputs, values, strict=True)
+        v.update({name: value for name, value in found if math.isfinite(value)})
 
     def refresh(self, v: dict[str, float]) -> None:
         """Compute the outputs from the inputs as they are now.

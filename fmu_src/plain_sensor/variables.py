@@ -53,14 +53,17 @@ def plain_sensor_spec(
     known = [(n, unit if unit in UNITS else None) for n, unit in values]
     drifts = {unit: f"{unit}/s" if f"{unit}/s" in UNITS else None for _, unit in known}
     drifts |= {"m/s": "m/s2", "rad/s": "rad/s2"}
-    words = {"noise": "size of the noise of {}", "bias": "error of {}", "drift": "its growth per s"}
+    words = {
+        "noise": "size of the noise of {}, which 0 or less has not",
+        "bias": "error of {}",
+        "drift": "its growth per s",
+    }
     table += [Variable(f"true.{n}", "input", f"{n}, as it is", unit) for n, unit in known]
     for fault in FAULTS:
         for n, unit in known:
             own = drifts[unit] if fault == "drift" else unit
             text, start = words[fault].format(n), settings.get(fault, 0.0)
-            least = 0.0 if fault == "noise" else None
-            table.append(Variable(f"{fault}.{n}", "input", text, own, start, minimum=least))
+            table.append(Variable(f"{fault}.{n}", "input", text, own, start))
     table.append(Variable("frozen", "input", "1: it keeps its values", None, 0.0))
     for n, unit in known:
         reads = (f"true.{n}", *(f"{fault}.{n}" for fault in FAULTS), "frozen")

@@ -84,7 +84,8 @@ def test_a_computed_value_has_the_bits_of_a_condition() -> None:
     text = (
         "min(p.a, 2) * max(p.b, p.a, 0.1) - hypot(p.a, p.b) / abs(p.b) + atan2(p.a, p.b)"
         " / 1 rad + sqrt(abs(p.a)) * floor(p.b) - ceil(p.a) + round(7 * p.b) + exp(-abs(p.a))"
-        " * log(2 + p.b ** 2) + log(8 + abs(p.a), 2) + tan(p.a) + p.a ** 3 + abs(p.b) ** 1.5 + pi * e"
+        " * log(2 + p.b ** 2) + log(8 + abs(p.a), 2) + tan(p.a) + p.a ** 3 + abs(p.b) ** 1.5"
+        " + pi * e"
         " + (asin(sin(p.b)) + acos(cos(p.a)) + atan(p.b)) / 1 rad"
     )
     truth = "p.a < p.b or not p.a >= 0.5 and p.b != p.a or p.a <= -1 or p.a == p.b"
@@ -97,7 +98,7 @@ def test_a_computed_value_has_the_bits_of_a_condition() -> None:
     for output in ("y", "b"):
         table.bind(output)
     constants = table.spec(dict.fromkeys(table.signals), 1.0).constants
-    from cosim.components.computed.behaviour import Computed, _Floats  # noqa: PLC0415, PLC2701
+    from cosim.components.computed.behaviour import Computed, _Floats  # noqa: PLC0415
 
     recorded = Computed(dict(constants))
     draw = np.random.default_rng(1)
@@ -143,7 +144,7 @@ def test_a_sensor_does_what_is_said_of_it(fmus: Path, tmp_path: Path) -> None:
 EVERYTHING = (Path(__file__).parent / "valid" / "signals-of-every-kind.toml").read_text("utf-8")
 
 
-def test_engines_and_flavours_give_the_same_bits(fmus: Path, tmp_path: Path) -> None:
+def test_engines_and_flavours_give_the_same_bits(fmus: Path) -> None:
     """The kernel in C with native FMUs, the loop in Python with Python's: every value."""
     here = Path(__file__).parent / "valid"
     runs = []
@@ -188,9 +189,7 @@ def test_parquet_is_read_as_csv_is(tmp_path: Path) -> None:
     parquet = pytest.importorskip("pyarrow.parquet")
 
     def read(suffix: str) -> Any:
-        text = (
-            f'[[inputs]]\nfile = "waves.{suffix}"\ncolumns = {{ "plant.disturbance.u" = "w" }}\n'
-        )
+        text = f'[[inputs]]\nfile = "waves.{suffix}"\ncolumns = {{ "plant.disturbance.u" = "w" }}\n'
         return parse(HEAD + text, name="s", where="s.toml", folder=tmp_path).scenario.inputs
 
     table = {"time": [0.0, 0.1, 0.2], "w": [1.0, 2.5, 1e-3], "word": ["a", "b", "c"]}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, get_args
 
 from cosim.fmu.export.components import component_module
@@ -80,19 +80,8 @@ def recorded_model(spec: ComponentSpec) -> tuple[ModelWriter, tuple[str, ...]]:
         record_sampled(writer, behaviour)
         watches = isinstance(behaviour, WatchedFeedback)
         sources = ("sampled_watched.c" if watches else "sampled.c",)
-    elif isinstance(behaviour, WaveField):
-        record_waves(writer, behaviour)
-        sources = ("waves.c",)
-    elif isinstance(behaviour, LinkChannel):
-        sources = record_link(writer, behaviour)
-    elif isinstance(behaviour, Sensor):
-        sources = record_sensor(writer, behaviour)
-    elif isinstance(behaviour, PlainSensor):
-        sources = record_plain_sensor(writer, behaviour)
-    elif isinstance(behaviour, Computed):
-        sources = record_computed(writer, behaviour)
-    elif isinstance(behaviour, SignalTable):
-        sources = record_table(writer, behaviour)
+    elif type(behaviour) in _RECORDS:
+        sources = _RECORDS[type(behaviour)](writer, behaviour)
     else:
         raise TypeError(f"{spec.name}: the native shell has no C for {type(behaviour).__name__}")
     if spec.clocks:
@@ -333,3 +322,18 @@ def record_table(writer: ModelWriter, behaviour: Any) -> tuple[str, ...]:
     writer.body.append(f"const double model_table[MODEL_ROWS * {width}] = {{\n{rows}\n}};\n")
     writer.header.insert(0, "#include <stdint.h>\n")
     return ("table.c",)
+
+
+def _waves(writer: ModelWriter, behaviour: Any) -> tuple[str, ...]:
+    record_waves(writer, behaviour)
+    return ("waves.c",)
+
+
+_RECORDS: dict[Any, Callable[[ModelWriter, Any], tuple[str, ...]]] = {
+    WaveField: _waves,
+    LinkChannel: record_link,
+    Sensor: record_sensor,
+    PlainSensor: record_plain_sensor,
+    Computed: record_computed,
+    SignalTable: record_table,
+}
