@@ -67,7 +67,7 @@ def schema_problems(source: Source) -> list[InputError]:
 def _look(loaded: LoadedScenario, fmu_cache: FmuCache, findings: Findings) -> None:
     scenario = loaded.scenario
     fmus = find_fmus(scenario, fmu_cache, findings)
-    scenario, fmus = lowered(scenario, fmus, fmu_cache, findings)
+    scenario, fmus, _ = lowered(scenario, fmus, fmu_cache, findings)
     with findings.at("disturbance"):
         check_disturbance(loaded)
     parameters: dict[str, dict[str, float]] = {}

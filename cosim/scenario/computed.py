@@ -123,7 +123,7 @@ class ComputedTable:
     ) -> None:
         self.name, self._texts, self._scope, self._constant = name, texts, scope, constant
         self._bound: dict[str, BoundExpression] = {}
-        self._open: list[str] = []
+        self._pending: list[str] = []
         self.signals: list[str] = []
 
     def meaning(self, reference: str) -> Meaning:
@@ -141,18 +141,18 @@ class ComputedTable:
 
     def bind(self, output: str) -> BoundExpression:
         """Bind one output, and those that it names."""
-        if output in self._open:
-            way = [*self._open[self._open.index(output) :], output]
+        if output in self._pending:
+            way = [*self._pending[self._pending.index(output) :], output]
             raise InputError(
                 f"{self.name}.{output} is computed from itself: "
                 + " -> ".join(f"{self.name}.{one}" for one in way)
             )
         if output not in self._bound:
-            self._open.append(output)
+            self._pending.append(output)
             try:
                 self._bound[output] = bind(Expression(self._texts[output]), self, None)
             finally:
-                self._open.remove(output)
+                self._pending.remove(output)
         return self._bound[output]
 
     def spec(self, units: Mapping[str, str | None], step: float) -> ComponentSpec:

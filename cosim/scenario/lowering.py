@@ -16,7 +16,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 from cosim.core import InputError
 from cosim.fmu import ComponentSpec, FmuDescription, Port, component_module
@@ -36,6 +36,18 @@ _SETTINGS = ("noise", "bias", "drift", "resolution", "least", "greatest")
 _STATE = {"age": TIME, "sequence": NUMBER_ONLY, "dropped": NUMBER_ONLY, "delivered": NUMBER_ONLY}
 
 
+class Lowered(NamedTuple):
+    """A scenario in components and connections alone.
+
+    fmus : of all its components.
+    maps : gain and offset of the components that are nothing else, by name.
+    """
+
+    scenario: Scenario
+    fmus: dict[str, FmuDescription]
+    maps: dict[str, tuple[float, float]]
+
+
 def has_signal_parts(scenario: Scenario) -> bool:
     """Whether a scenario has parts that become components here."""
     return bool(scenario.computed or scenario.sensors) or any(map(_has_map, scenario.connections))
@@ -46,7 +58,7 @@ def lowered(
     fmus: Mapping[str, FmuDescription],
     fmu_cache: FmuCache,
     findings: Findings,
-) -> tuple[Scenario, dict[str, FmuDescription]]:
+) -> Lowered:
     """Return the scenario in components and connections alone, and the FMUs of all of them.
 
     Raises
@@ -54,7 +66,7 @@ def lowered(
     InputError : names, units or groups that do not fit; errors go to `findings`.
     """
     if not has_signal_parts(scenario):
-        return scenario, dict(fmus)
+        return Lowered(scenario, dict(fmus), {})
     return _Lowering(scenario, dict(fmus), fmu_cache, findings).result()
 
 
@@ -84,13 +96,13 @@ class _Lowering:
     ) -> None:
         self._scenario, self._fmus, self._cache, self._findings = scenario, fmus, cache, findings
         self._parts = dict(scenario.components)
-        self._open: list[str] = []
+        self._pending: list[str] = []
         self._wires = scenario.wires()
         self._kept: list[ConnectionPart] = []
         self._more: list[ConnectionPart] = []
         self._maps: dict[Endpoint, _Mapped] = {}
 
-    def result(self) -> tuple[Scenario, dict[str, FmuDescription]]:
+    def result(self) -> Lowered:
         """Return the scenario and the FMUs, as `lowered`."""
         scenario = self._scenario
         self._check_names()
@@ -121,11 +133,17 @@ class _Lowering:
                 with self._findings.at("connections", i, "sensor"):
                     raise InputError.unknown("sensor", part.sensor, scenario.sensors)
 
-    def _done(self) -> tuple[Scenario, dict[str, FmuDescription]]:
+    def _done(self) -> Lowered:
         connections = [*self._kept, *self._more]
         update = {"components": self._parts, "connections": connections}
         plain: dict[str, Any] = {"computed": {}, "sensors": {}}
-        return self._scenario.model_copy(update=update | plain), self._fmus
+        scenario = self._scenario.model_copy(update=update | plain)
+        linear = {
+            _map_name(one.target): (one.terms[0][1], one.offset)
+            for one in self._maps.values()
+            if len(one.terms) == 1
+        }
+        return Lowered(scenario, self._fmus, linear)
 
     # ---- components
 
@@ -134,10 +152,10 @@ class _Lowering:
         scenario = self._scenario
         if name in self._fmus or (name not in scenario.computed and name not in scenario.sensors):
             return self._fmus.get(name)
-        if name in self._open:
-            way = " -> ".join([*self._open[self._open.index(name) :], name])
+        if name in self._pending:
+            way = " -> ".join([*self._pending[self._pending.index(name) :], name])
             raise InputError("signals are computed from each other in a circle", got=way)
-        self._open.append(name)
+        self._pending.append(name)
         try:
             if name in scenario.computed:
                 with self._findings.at("computed", name):
@@ -146,7 +164,7 @@ class _Lowering:
                 with self._findings.at("sensors", name):
                     self._make_sensor(name, scenario.sensors[name])
         finally:
-            self._open.remove(name)
+            self._pending.remove(name)
         return self._fmus.get(name)
 
     def _make_computed(self, name: str) -> None:

@@ -39,7 +39,7 @@ class PlainSensor:
         """Take the first sample."""
         self._start = self._time = _whole(start)
         self._samples = self._steps = 0
-        self._held = [0.0] * len(self.values)
+        self._kept = [0.0] * len(self.values)
         self._publish(v)
 
     def advance(self, v: dict[str, float], end: float) -> None:
@@ -49,10 +49,10 @@ class PlainSensor:
         ------
         ArithmeticError : a value that is not finite, more samples than can be counted.
         """
-        held = self._values(v, self._time)
+        kept = self._values(v, self._time)
         saved = self.snapshot()
         self._samples = self._taken(v, self._time)
-        self._held, self._time, self._steps = held, _whole(end), self._steps + 1
+        self._kept, self._time, self._steps = kept, _whole(end), self._steps + 1
         try:
             self._publish(v)
         except ArithmeticError:
@@ -86,10 +86,10 @@ class PlainSensor:
     def _values(self, v: dict[str, float], t: float) -> list[float]:
         taken = self._taken(v, t)
         if taken == self._samples:
-            return self._held
+            return self._kept
         frozen = v["frozen"] >= 0.5 or v["freeze.from"] <= t < v["freeze.until"]
         if frozen and self._samples > 0:
-            return self._held
+            return self._kept
         found = []
         for i, name in enumerate(self.values, 1):
             value = v[f"true.{name}"] + v[f"bias.{name}"] + v[f"drift.{name}"] * (t - self._start)
@@ -115,11 +115,11 @@ class PlainSensor:
             "time": self._time,
             "samples": self._samples,
             "steps": self._steps,
-            "held": [*self._held],
+            "kept": [*self._kept],
         }
 
     def restore(self, saved: dict[str, Any]) -> None:
         """Return to a `snapshot`."""
         self._start, self._time = saved["start"], saved["time"]
         self._samples, self._steps = saved["samples"], saved["steps"]
-        self._held = [*saved["held"]]
+        self._kept = [*saved["kept"]]

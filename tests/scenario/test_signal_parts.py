@@ -116,7 +116,7 @@ def noisy(count: int, sigma: float, lane: int) -> Reals:
     return sigma * np.array(draws)
 
 
-def test_a_sensor_does_what_is_said_of_it(fmus: Path, tmp_path: Path) -> None:
+def test_a_sensor_does_what_its_table_says(fmus: Path, tmp_path: Path) -> None:
     """Sampled, with bias, drift and noise, in steps, in a range, frozen, and set by an event."""
     text = SOURCE + (
         '[sensors.fix]\nsample_time = 0.1\nnoise = { x = "0.5 m" }\nbias = { y = 2.0 }\n'

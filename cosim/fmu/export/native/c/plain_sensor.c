@@ -16,7 +16,7 @@
 struct Behaviour {
     double start, time;
     double samples, steps; /* samples of the instants before, communication points so far */
-    double held[MOST_LANES]; /* the values of the instant before */
+    double kept[MOST_LANES]; /* the values of the instant before */
 };
 
 #define SAVED (4 + LANES)
@@ -48,7 +48,7 @@ static int values(const Behaviour *b, const double *v, double *out, Message *why
         return say(why, "samples %s s apart cannot be counted up to t = %s s",
                    shortest(v[V_sample_time]).text, shortest(t).text);
     if (taken == b->samples || is_frozen(b, v)) {
-        memcpy(out, b->held, sizeof(double) * LANES);
+        memcpy(out, b->kept, sizeof(double) * LANES);
         return 1;
     }
     Source source = {(uint64_t)v[V_seed], model_link_name};
@@ -86,7 +86,7 @@ int behaviour_initialise(Behaviour *b, double *v, double start, Message *why) {
 
 int behaviour_advance(Behaviour *b, double *v, double end, Message *why) {
     Behaviour next = *b;
-    if (!values(b, v, next.held, why)) return 0;
+    if (!values(b, v, next.kept, why)) return 0;
     next.samples = samples_at(b, v, b->time);
     next.steps += 1.0;
     next.time = whole(end);
@@ -115,7 +115,7 @@ void behaviour_save(const Behaviour *b, double *to) {
     to[1] = b->time;
     to[2] = b->samples;
     to[3] = b->steps;
-    memcpy(to + 4, b->held, sizeof(double) * LANES);
+    memcpy(to + 4, b->kept, sizeof(double) * LANES);
 }
 
 int behaviour_restore(Behaviour *b, const double *v, const double *from, size_t count,
@@ -129,6 +129,6 @@ int behaviour_restore(Behaviour *b, const double *v, const double *from, size_t 
     b->time = from[1];
     b->samples = from[2];
     b->steps = from[3];
-    memcpy(b->held, from + 4, sizeof(double) * LANES);
+    memcpy(b->kept, from + 4, sizeof(double) * LANES);
     return 1;
 }
