@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +21,7 @@ from cosim.master.communication_schedule import CommunicationSchedule
 from cosim.master.component_points import ComponentPoints
 from cosim.master.parts import Parts
 from cosim.master.reserved import Reserved
-from cosim.network import Arrivals, GrowingSchedule, LinkState
+from cosim.network import Arrivals, GrowingSchedule, LinkState, MediumSchedule
 
 Integers = NDArray[np.int64]
 Rows = NDArray[np.float64]
@@ -53,8 +53,8 @@ class CommunicationPoints:
     end_ns : the end of the run [ns].
     own_points : by component.
     links : the packet links, by name.
-    values : by live link, the values of its delay signal so far.
-    live : the links whose delays follow a signal of the run.
+    values : by live link, the values of its delay signal so far; by live medium, the places.
+    live : the links whose delays follow a signal of the run, and the media whose nodes do.
     grows : whether points depend on signals of the run.
     has_events : whether points are added one at a time, as events occur (`add`).
     on_new : called with the instant of each added point, [ns] and [s].
@@ -95,8 +95,12 @@ class CommunicationPoints:
             for name, link in self._schedule.begin().items()
             if self._with_live or not link.is_live
         }
-        self.live = {name: link for name, link in self.links.items() if link.is_live}
-        self.values: dict[str, list[float]] = {name: [] for name in self.live}
+        self.live = {
+            link.link.resolved_with: link.traffic if isinstance(link, MediumSchedule) else link
+            for link in self.links.values()
+            if link.is_live
+        }
+        self.values: dict[str, list[Any]] = {name: [] for name in self.live}
         for points in self._steps.values():
             points.latest = -1
         if self.has_events:
@@ -200,6 +204,9 @@ class CommunicationPoints:
                 found.append(link.sendings(after, until))
                 # what a live link brings at its horizon is known when the loop is there
                 found.append(link.changes(after, min(until, link.horizon_ns - 1))[0])
+        if self._schedule.events == "align":  # where a packet begins to be sent
+            horizons = (one.horizon_ns for one in self.live.values())
+            found += [np.array([at], np.int64) for at in horizons if after < at <= until]
         return found[0] if len(found) == 1 else distinct(np.concatenate(found))
 
     def _set_ready(self) -> None:
@@ -226,14 +233,14 @@ class CommunicationPoints:
         now = int(self.points_ns[k])
         for name, link in self.live.items():
             while link.horizon_ns == now:
-                value = self._delays[name].value([float(row[c]) for c in columns[name]])
+                value: Any = self._delays[name].value([float(row[c]) for c in columns[name]])
                 link.resolve(link.message, value)
                 self.values[name].append(value)
         self._set_ready()
         if self.ready <= k and not self.crossing:
             self.extend()
 
-    def go_back(self, values: Mapping[str, Sequence[float]], complete: int) -> None:
+    def go_back(self, values: Mapping[str, Sequence[Any]], complete: int) -> None:
         """Return to the state in which `values` were the values so far, and `complete` rows were.
 
         Nothing may have been given back.

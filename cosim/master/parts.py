@@ -137,6 +137,24 @@ class DelaySource(NamedTuple):
         return math.sqrt(total)
 
 
+class PositionSource(NamedTuple):
+    """The signals that the places of a medium's nodes follow, in the order of its coordinates.
+
+    signals : outputs of components without direct feedthrough.
+    """
+
+    signals: tuple[Endpoint, ...]
+
+    @property
+    def read(self) -> tuple[Endpoint, ...]:
+        """All signals that are read."""
+        return self.signals
+
+    def value(self, values: Sequence[float]) -> tuple[float, ...]:
+        """Return the coordinates, of the values of `read`."""
+        return tuple(values)
+
+
 Signal = NDArray[np.float64] | Callable[[NDArray[np.float64]], NDArray[np.float64]]
 """Values at the points, or a function of the points [s]."""
 
@@ -153,7 +171,7 @@ class Parts:
     divergence: float | None = None
     algorithm: Algorithm = "jacobi"
     order: Sequence[str] | None = None
-    delays: Mapping[str, DelaySource] = field(default_factory=dict)
+    delays: Mapping[str, DelaySource | PositionSource] = field(default_factory=dict)
     threads: int = 1
     unknown_feedthrough: UnknownFeedthrough = "refuse"
     solve: bool = False

@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.core import InputError
-from cosim.network import IN_FLIGHT_NS, Recording
+from cosim.network import IN_FLIGHT_NS, NOT_RECEIVED, REASONS, Recording
 from cosim.recordings.lost_messages import with_due
 from cosim.trace import Trace, link_names, link_topic
 
 _MAGIC = b"\x89MCAP"
-_MISSED = ("lost", "late", "queue full")
+_MISSED = tuple(REASONS[status] for status in NOT_RECEIVED)
 _INTEGERS = NDArray[np.int64]
 
 

@@ -8,8 +8,8 @@ from .demo import (
     Demo as Demo,
     demonstrate as demonstrate,
 )
+from .design_files import design_content as design_content
 from .designed_plant import (
-    PLANT_NOTE as PLANT_NOTE,
     DesignedPlant as DesignedPlant,
     LinearSignals as LinearSignals,
 )
@@ -58,10 +58,7 @@ from .link_keys import nanoseconds as nanoseconds
 from .locate import line_of as line_of
 from .lowering import has_signal_parts as has_signal_parts
 from .outcome import Outcome as Outcome
-from .pinned import (
-    design_content as design_content,
-    named_design as named_design,
-)
+from .pinned import named_design as named_design
 from .plant import parameters_of_plant as parameters_of_plant
 from .preparation import (
     MADE_BEFORE as MADE_BEFORE,

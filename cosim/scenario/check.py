@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -96,6 +97,8 @@ def _look(loaded: LoadedScenario, fmu_cache: FmuCache, findings: Findings) -> No
     parts = parts_of(scenario, fmus, findings, parameters=parameters, worst_case=worst_case)
     if set(fmus) != set(scenario.components):
         return
+    if _has_wrong_delays(scenario, parts, findings):
+        return
     good = _good_wires(scenario, parts, findings)
     if len(good) < len(parts.wires) and not findings.errors:
         good = parts.wires
@@ -107,6 +110,17 @@ def _look(loaded: LoadedScenario, fmu_cache: FmuCache, findings: Findings) -> No
         return
     script_of(scenario, system, findings)
     bind_assertions(scenario, system, findings)
+
+
+def _has_wrong_delays(scenario: Scenario, parts: SystemParts, findings: Findings) -> bool:
+    """Find a signal that decides a delay and cannot; each connection would repeat the error."""
+    try:
+        system_of(scenario, replace(parts, wires=[], driven={}), findings)
+    except InputError as error:
+        if re.search(r"\b(links|medium)\.[\w-]+\.(delay|nodes)\b", error.where or ""):
+            findings.errors.append(error)
+            return True
+    return False
 
 
 def _good_wires(scenario: Scenario, parts: SystemParts, findings: Findings) -> Wires:

@@ -82,6 +82,8 @@ def link_words(link: Link) -> str:
         return f"transport, {late}"
     if link.recording is not None:
         late = "as recorded"
+    if link.medium is not None:
+        late = f"over {link.medium} from {link.sender} to {link.receiver}"
     words = [f"packet each {link.sample_time:g} s", late]
     if link.jitter is not None:
         words.append(f"{link.jitter.kind} jitter")

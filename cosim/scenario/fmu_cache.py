@@ -5,7 +5,7 @@ from __future__ import annotations
 import errno
 import hashlib
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -16,10 +16,12 @@ from cosim.fmu import (
     ComponentSpec,
     FmuDescription,
     describe_fmu,
+    ensure_design_fmu,
     ensure_fmu,
     ensure_made,
     own_folder,
 )
+from cosim.scenario.design_files import design_content
 
 _READ_ONLY = (errno.EACCES, errno.EPERM, errno.EROFS)
 
@@ -43,7 +45,7 @@ class FmuCache:
     flavour: str = DEFAULT_FLAVOUR
 
     def find(self, fmu: str) -> FmuDescription:
-        """Find an FMU by its hash if one is wanted, else by catalogue name or path."""
+        """Find an FMU by its hash if one is wanted, else by catalogue name, design or path."""
         if fmu in self.wanted:
             for path in sorted(self.root.rglob("*.fmu")):
                 if hashlib.sha256(path.read_bytes()).hexdigest() == self.wanted[fmu]:
@@ -51,9 +53,12 @@ class FmuCache:
                     if found.sha256 == self.wanted[fmu]:  # it may have changed meanwhile
                         return found
         if fmu in CATALOGUE:
-            return describe_fmu(self._of_catalogue(fmu))
+            return describe_fmu(self._built(fmu, lambda root: self._of_catalogue(fmu, root)))
         if not fmu.endswith(".fmu"):
-            raise self._unknown(fmu)
+            design, apart, part = fmu.rpartition(":")
+            if not apart:
+                raise self._unknown(fmu)
+            return describe_fmu(self._built(fmu, lambda root: self._of_design(design, part, root)))
         path = Path(fmu)
         return describe_fmu(path if path.is_absolute() else self.folder / path)
 
@@ -78,13 +83,23 @@ class FmuCache:
                 failed = error
         raise _not_built(what, folder, failed) from failed
 
-    def _of_catalogue(self, fmu: str) -> Path:
-        """Return an FMU of the catalogue, built if missing.
+    def _of_catalogue(self, fmu: str, root: Path) -> Path:
+        return ensure_fmu(fmu, root, flavour=self.flavour).path
+
+    def _of_design(self, design: str, part: str, root: Path) -> Path:
+        """Return the FMU of a part of a design: a name of the package, or a file."""
+        where, content = design_content(design, self.folder)
+        name = Path(design).stem
+        built = ensure_design_fmu(content, name, part, root, flavour=self.flavour, where=where)
+        return built.path
+
+    def _built(self, fmu: str, ensure: Callable[[Path], Path]) -> Path:
+        """Return an FMU that is built if it is missing.
 
         Where `root` cannot be written, in a temporary folder that lives as long as the process.
         """
         try:
-            return ensure_fmu(fmu, self.root, flavour=self.flavour).path
+            return ensure(self.root)
         except OSError as error:
             if error.errno not in _READ_ONLY:  # such as a file in place of the folder
                 raise _not_built(fmu, self.root, error) from error
@@ -94,7 +109,7 @@ class FmuCache:
             )
         folder = own_folder() / "built"
         try:
-            return ensure_fmu(fmu, folder, flavour=self.flavour).path
+            return ensure(folder)
         except OSError as error:
             raise _not_built(fmu, folder, error) from error
 
@@ -102,7 +117,7 @@ class FmuCache:
         """Return the error for a name that is no FMU of the catalogue."""
         hint = "the path of an FMU ends in .fmu"
         wrong = InputError.unknown(
-            "FMU", fmu, [*CATALOGUE, "FILE.fmu"], where="components", hint=hint
+            "FMU", fmu, [*CATALOGUE, "FILE.fmu", "DESIGN:PART"], where="components", hint=hint
         )
         if (self.folder / f"{fmu}.fmu").is_file():
             wrong.hint = f"did you mean {fmu}.fmu?"

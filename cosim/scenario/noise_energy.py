@@ -8,6 +8,7 @@ The observer holds it until the next one, and so is v: the integral of w_v' w_v 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -110,7 +111,7 @@ class NoiseEnergy(Measure[float | None]):
             column = mine.stop
             comes = np.flatnonzero(used[1:, j] > used[:-1, j])
             rates = np.full(len(starts), self._rate[j])
-            for k, until in zip(comes, [*comes[1:], len(starts)], strict=True):
+            for k, until in pairwise((*comes, len(starts))):  # a block may have no packet
                 rates[k:until] = self._rate_of(j, int(used[k + 1, j]), rows[k, mine])
             self._rate[j] = float(rates[-1])
             lasted = (ends - starts) / 1e9

@@ -44,6 +44,7 @@ from cosim.scenario.fields import (
     Text,
 )
 from cosim.scenario.links import LinkPart
+from cosim.scenario.media import MediumPart
 from cosim.scenario.quantity import TIME, quantity_in
 from cosim.scenario.run_limits import LimitsPart
 from cosim.scenario.signal_parts import ComputedPart, InputsPart, SensorPart
@@ -97,10 +98,13 @@ class RunPart(Part):
 
 
 class ComponentPart(Part):
-    """[components.NAME]: an FMU, one of those here by name, or any `.fmu` path."""
+    """[components.NAME]: an FMU, one of those here by name, of a design, or any `.fmu` path."""
 
     fmu: Text
-    """A built-in FMU by name, or the path of any `.fmu`, from the folder of the scenario."""
+    """A built-in FMU by name, or the path of any `.fmu`, from the folder of the scenario. Of the
+    design of a vehicle with an observer, a built-in one or a file, "DESIGN:plant",
+    "DESIGN:controller" and "DESIGN:NAME", the sensor of the measurement NAME.
+    """
     step: Duration | None = None
     """Communication step of this component; without one it communicates at every point."""
     feedthrough: Literal["none"] | list[Text] | None = None
@@ -389,6 +393,8 @@ class Scenario(Part):
     """Connections in their short form: "plant.eta -> controller.eta : uplink"."""
     links: dict[Name, LinkPart] = Field(default_factory=dict)
     """Links that connections name: delay, jitter, loss."""
+    medium: dict[Name, MediumPart] = Field(default_factory=dict)
+    """Media that links share: nodes, sound, collisions, slots."""
     computed: dict[Name, ComputedPart] = Field(default_factory=dict)
     """Values computed from signals, by name: [computed.error] with depth = "..." is a component
     `error` with the output `error.depth`.

@@ -233,7 +233,9 @@ def _annotations(system: System, built: ArchiveElements, tomls: Mapping[str, str
                 hint="--links fmu",
             )
         built.wires.append(Wire(connection.source, connection.target, connection.link))
-    used = sorted({c.link for c in system.connections if c.link is not None})
+    # what shares a medium with others is heard, whether anything is connected over it or not
+    shared = {n for n, x in system.links.items() if isinstance(x, PacketLink) and x.hop is not None}
+    used = sorted({c.link for c in system.connections if c.link is not None} | shared)
     built.annotated = {name: tomls[name] for name in used}
     if used:
         built.warnings.append(
