@@ -128,12 +128,12 @@ def series_inputs(
         a series whose ends refuse that.
     """
     times = np.array(part.times, np.float64)
-    end = schedule.end_ns / 1e9
-    if part.beyond == "refuse" and (times[0] > 0.0 or times[-1] < end):
+    first, last = schedule.start_ns / 1e9, (schedule.start_ns + schedule.end_ns) / 1e9
+    if part.beyond == "refuse" and (times[0] > first or times[-1] < last):
         raise InputError(
             "the run goes beyond the time series",
             where="beyond",
-            expected=f"times from 0 to the end of the run, {end:g} s",
+            expected=f"times from {first:g} s to the end of the run, {last:g} s",
             got=f"{times[0]:g} to {times[-1]:g} s",
             hint='beyond = "hold", "zero" or "repeat"',
         )

@@ -28,6 +28,7 @@ from cosim.scenario.matching import endpoint, matched
 from cosim.scenario.origin import Findings, Path
 from cosim.scenario.quantity import NUMBER_ONLY, TIME, QuantityError, parse_quantity
 from cosim.scenario.schema import ComponentPart, ConnectionPart, Scenario
+from cosim.scenario.script import changed_by
 from cosim.scenario.signal_parts import SensorPart, Setting
 from cosim.scenario.units import in_own_unit, in_unit_of, unit_of
 
@@ -322,6 +323,8 @@ class _Lowering:
                 f"{reference} follows a given series or path",
                 expected="an output, or an input that a connection leads to",
             )
+        if end in changed_by(self._scenario) and self.constant(reference) is not None:
+            raise InputError(f"{reference} is set by an event", expected="a signal or a constant")
         unit = unit_of(self._fmus[end.component], port)
         if unit is None:
             return Meaning("number", None)

@@ -210,6 +210,21 @@ def test_parquet_is_read_as_csv_is(tmp_path: Path) -> None:
         read("parquet")
 
 
+def test_a_constant_is_one_for_the_whole_run(fmus: Path, tmp_path: Path) -> None:
+    """A parameter has its value in the scenario; what an event sets is refused."""
+    given = 'parameters = { "delay.d" = "250 ms" }\n'
+    text = '[computed.c]\ny = "plant.delay.d + 0 * t"\n'
+    head = HEAD.replace('fmu = "AuvPlant"\n', f'fmu = "AuvPlant"\n{given}')
+    loaded = parse(head + text, name="c", where="c.toml", folder=tmp_path)
+    cache = FmuCache(fmus.parent, tmp_path, flavour="native")
+    run = execute_unrecorded(prepare(loaded, cache))[1]
+    assert set(run.signal("c", "y").tolist()) == {0.25}
+    text = '[computed.c]\ny = "plant.disturbance.u"\n\n[[events]]\nat = 1.0\n'
+    text += 'set = { "plant.disturbance.u" = 1.0 }\n'
+    with pytest.raises(InputError, match="set by an event"):
+        ran(text, fmus, tmp_path)
+
+
 def test_a_value_that_does_not_exist_ends_the_run_by_name(fmus: Path, tmp_path: Path) -> None:
     """Division by zero at t = 1 s: the run fails there, and says which value."""
     run = ran('[computed.c]\nbad = "1 s / (t - 1 s)"\n', fmus, tmp_path)
