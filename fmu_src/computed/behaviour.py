@@ -75,11 +75,13 @@ class Computed:
     Attributes
     ----------
     inputs, outputs : their names.
+    texts : the expressions that the outputs were made of.
     """
 
     def __init__(self, constants: dict[str, Any]) -> None:
         self.inputs: list[str] = constants["inputs"]
         self.outputs: list[str] = constants["outputs"]
+        self.texts: list[str] = constants["texts"]
         self._nodes: list[list[Any]] = constants["nodes"]
         self._results: list[int] = constants["results"]
 
@@ -128,9 +130,11 @@ class Computed:
         v.update(zip(self.outputs, values, strict=True))
 
     def _check(self, values: list[float], time: float) -> None:
-        for name, value in zip(self.outputs, values, strict=True):
+        for name, value, text in zip(self.outputs, values, self.texts, strict=True):
             if not math.isfinite(value):
-                raise ArithmeticError(f"{name} has no finite value at t = {time!r} s")
+                raise ArithmeticError(
+                    f"{name} has no finite value at t = {time!r} s: {text[:200]}"
+                )
 
     def snapshot(self) -> dict[str, Any]:
         """Return the time; the outputs are variables."""

@@ -49,6 +49,7 @@ def computed_spec(
         constants={
             "inputs": [n for n, _, _ in inputs],
             "outputs": [n for n, _, _ in outputs],
+            "texts": [" ".join(text.split()) for _, _, text in outputs],
             "nodes": [list(node) for node in nodes],
             "results": list(results),
         },

@@ -229,5 +229,5 @@ def test_a_value_that_does_not_exist_ends_the_run_by_name(fmus: Path, tmp_path: 
     """Division by zero at t = 1 s: the run fails there, and says which value."""
     run = ran('[computed.c]\nbad = "1 s / (t - 1 s)"\n', fmus, tmp_path)
     assert run.status == "failed"
-    assert "bad has no finite value at t = 1.0 s" in (run.reason or "")
+    assert "bad has no finite value at t = 1.0 s: 1 s / (t - 1 s)" in (run.reason or "")
     assert run.points_ns[-1] == 1_000_000_000 or run.count <= 21

@@ -304,6 +304,9 @@ def record_computed(writer: ModelWriter, behaviour: Any) -> tuple[str, ...]:
     targets = _results(writer, results)
     writer.hoist([value for _, value in targets])
     writer.header.append(_COMPARED)
+    writer.header.append("extern const char model_link_name[];")
+    texts = c_string("\n".join(behaviour.texts))
+    writer.body.append(f"const char model_link_name[] = {texts};")
     signature = "void model_law(double elapsed, const double *v, const double *c, double *out)"
     writer.function(signature, targets, hoisted=True)
     return ("computed.c",)

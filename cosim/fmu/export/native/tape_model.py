@@ -45,7 +45,8 @@ def model_data(writer: ModelWriter, identity: str) -> bytes:
     """
     spec = writer.spec
     place = {enumerator(v.name): i for i, v in enumerate(spec.variables)}
-    named = spec.constants.get("link", spec.constants.get("sensor", ""))
+    texts = "\n".join(spec.constants.get("texts", ()))
+    named = spec.constants.get("link", spec.constants.get("sensor", texts))
     words = [b"AUVMODEL", _integers(1), _text(identity), _text(str(named))]
     _refuse_beyond(_MOST_VARIABLES, len(spec.variables), "variables", spec.name)
     words.append(_integers(len(spec.variables)))

@@ -2,6 +2,7 @@
    instant. As fmu_src/computed/behaviour.py. */
 
 #include <stdlib.h>
+#include <string.h>
 
 #include "arithmetic.h"
 #include "behaviour.h"
@@ -23,10 +24,15 @@ Behaviour *behaviour_new(void) { return calloc(1, sizeof(Behaviour)); }
 void behaviour_free(Behaviour *b) { free(b); }
 
 static int all_finite(const double *out, double t, Message *why) {
-    for (size_t i = 0; i < OUTPUTS; i++)
+    const char *text = model_link_name; /* of the expressions, a line for each output */
+    for (size_t i = 0; i < OUTPUTS; i++) {
+        size_t length = strcspn(text, "\n");
         if (!isfinite(out[i]))
-            return say(why, "%s has no finite value at t = %s s",
-                       model_variables[model_outputs[i]].name, shortest(t).text);
+            return say(why, "%s has no finite value at t = %s s: %.*s",
+                       model_variables[model_outputs[i]].name, shortest(t).text,
+                       length < 200 ? (int)length : 200, text);
+        text += length + (text[length] != 0);
+    }
     return 1;
 }
 
