@@ -177,7 +177,6 @@ class PacketLink:
             "recording": self.recording is not None,
             "duplicate": self.duplicate != 0.0,
             "delay": isinstance(self.delay, DelaySignal),
-            "adjustable": self.adjustable,
         }
         for key, is_given in given.items():
             if is_given:

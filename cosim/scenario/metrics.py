@@ -337,6 +337,8 @@ def metrics_of(context: RunContext, wanted: Wanted = ALL_FIGURES) -> dict[str, A
     }
     if wanted.has(*_OF_COUPLING):
         found |= _coupling(context)
+    if context.system.modes and wanted.has("metrics.modes"):
+        found["modes"] = _modes(context)
     if observes(context.design) and wanted.has("metrics.measurement_ages"):
         found["measurement_ages"] = measurement_age_figures(
             context.design, context.figures.stamped_ages or {}, context.figures.command_age_ns
@@ -345,6 +347,21 @@ def metrics_of(context: RunContext, wanted: Wanted = ALL_FIGURES) -> dict[str, A
         found["assumptions"] = _assumptions(context)
         if found["assumptions"] and (different := context.plant_differences):
             found["plant_differences"] = different
+    return found
+
+
+def _modes(context: RunContext) -> dict[str, Any]:
+    """Return by mode machine the state at the end, how often it changed, and the time in each."""
+    run, found = context.run, {}
+    for machine, states in context.system.modes.items():
+        times, numbers = run.instances[0].comm_points.event_values.changes(machine)
+        times, numbers = times[times <= run.end_ns], numbers[times <= run.end_ns]
+        spent = np.diff(times, append=run.end_ns) / 1e9
+        found[machine] = {
+            "state": states[int(numbers[-1])] if numbers.size else None,
+            "changes": max(int(times.size) - 1, 0),
+            "time_s": {s: float(total(spent[numbers == k])) for k, s in enumerate(states)},
+        }
     return found
 
 
