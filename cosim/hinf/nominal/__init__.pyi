@@ -12,6 +12,11 @@ from .instability import (
     Verdict as Verdict,
     verdict_of as verdict_of,
 )
+from .mean_square import (
+    MeanSquare as MeanSquare,
+    jump_mean_square as jump_mean_square,
+    rates_mean_square as rates_mean_square,
+)
 from .nominal_figures import (
     NominalFigures as NominalFigures,
     nominal_figures_of as nominal_figures_of,
@@ -27,6 +32,10 @@ from .norm import (
 from .norm_proof import (
     norm_certificate as norm_certificate,
     norm_proved as norm_proved,
+)
+from .outage_bound import (
+    OutageBound as OutageBound,
+    outage_bound as outage_bound,
 )
 from .roots import (
     Roots as Roots,
