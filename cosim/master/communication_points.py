@@ -22,7 +22,7 @@ from cosim.master.communication_schedule import CommunicationSchedule
 from cosim.master.component_points import ComponentPoints
 from cosim.master.parts import DelaySource, Parts
 from cosim.master.reserved import Reserved
-from cosim.network import Arrivals, GrowingSchedule, LinkState
+from cosim.network import SUBSTITUTE, Arrivals, GrowingSchedule, LinkState, PacketLink
 
 Integers = NDArray[np.int64]
 Rows = NDArray[np.float64]
@@ -97,6 +97,11 @@ class CommunicationPoints:
             if self._with_live or not link.is_live
         }
         self.live = {name: link for name, link in self.links.items() if link.is_live}
+        self._greatest_ages = {
+            name: link.greatest_age_ns
+            for name, link in self._schedule.links.items()
+            if isinstance(link, PacketLink) and link.greatest_age_ns
+        }
         self.values: dict[str, list[float]] = {name: [] for name in self.live}
         for points in self._steps.values():
             points.latest = -1
@@ -288,10 +293,14 @@ class CommunicationPoints:
 
     def rows_of_messages(self, name: str, first: int, last: int) -> Integers:
         """Return the row in use over a packet link at points first to last - 1, as `RowsInUse`."""
-        used, repeats = self.links[name].runs_in_use(self.points_ns[first:last])
-        real = used >= 0
+        points = self.points_ns[first:last]
+        used, repeats = self.links[name].runs_in_use(points)
+        real, sent = used >= 0, used.copy()
         used[real] = self.rows_sent_at(used[real])
         found = np.repeat(used, repeats)
+        oldest = self._greatest_ages.get(name)
+        if oldest is not None:
+            found[(found >= 0) & (points - np.repeat(sent, repeats) >= oldest)] = SUBSTITUTE
         # what is sent and delivered at one instant is what the sender has by then
         return np.minimum(found, np.arange(first, last)) if self.has_events else found
 

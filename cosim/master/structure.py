@@ -62,5 +62,5 @@ def _form(link: Link) -> tuple[Any, ...]:
     """Return what the table of a run contains of a link."""
     if isinstance(link, PacketLink):
         live = isinstance(link.delay, DelaySignal)
-        return True, live, link.quantization, link.on_loss
+        return True, live, link.quantization, link.on_loss, link.substitute
     return False, link.delay is None

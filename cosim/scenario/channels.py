@@ -102,6 +102,8 @@ def _link_of(name: str, part: LinkPart, seed: int, changes: Sequence[Change]) ->
         loss=_loss(part.loss),
         seed=seed if part.seed is None else part.seed,
         recording=_recording(part.recording),
+        greatest_age_ns=nanoseconds(part.greatest_age),
+        on_age=part.on_age,
         windows=tuple(
             LossWindow(c.from_ns, c.until_ns, 1.0 if c.loss is None else c.loss)
             for c in changes

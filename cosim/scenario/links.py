@@ -19,6 +19,7 @@ from cosim.network import (
 from cosim.scenario.fields import (
     Length,
     LinkTime,
+    Number,
     Part,
     Probability,
     Reference,
@@ -224,6 +225,12 @@ class PacketPart(_Packet):  # type: ignore[misc]
 
     recording: RecordedMessages | None = None
     """What became of each message of a recorded link: a file, or a table."""
+    greatest_age: LinkTime = 0.0
+    """Age from which on `on_age` comes out in place of the message in use; 0: no watchdog."""
+    on_age: Literal["zero", "hold"] | Number = "zero"
+    """What comes out in place of a message that is too old; a value that is held is refused, since
+    no proof covers it.
+    """
 
 
 class TransportPart(_Transport):  # type: ignore[misc]

@@ -88,6 +88,8 @@ _LATER = {
     "windows": (),
     "playout_ns": 0,
     "recording": None,
+    "greatest_age_ns": 0,
+    "on_age": "zero",
 }
 """Later fields of links and their unused values, which are left out: old traces lack them."""
 
