@@ -5,6 +5,10 @@ from .fit import (
 )
 from .hidden_chain import HiddenChain as HiddenChain
 from .loss_fit import LossModel as LossModel
+from .outage_verdict import (
+    OutageVerdict as OutageVerdict,
+    outage_verdict as outage_verdict,
+)
 from .picture import draw_recordings as draw_recordings
 from .range_fit import RangeDependence as RangeDependence
 from .reading import (

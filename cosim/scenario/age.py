@@ -112,13 +112,18 @@ class AgeMeasure(Measure[MeasuredAges | None]):
             in_use_ns=(min(comes), max(comes)) if comes else None,
             first_ns=known.first_ns if known else int(points[:-1][there][0]),
             alike=bool((oldest == newest)[there].all()) and (known is None or known.alike),
-            interrupted=not there[there.argmax() :].all() if known is None else known.interrupted,
+            interrupted=known.interrupted if known else _is_interrupted(there),
         )
 
     def result(self, run: Run) -> MeasuredAges | None:
         """Return the ages."""
         del run
         return self._found
+
+
+def _is_interrupted(there: NDArray[np.bool_]) -> bool:
+    """Whether there is a time without a measurement after the first one."""
+    return bool(np.count_nonzero(there) < there.size - int(np.argmax(there)))
 
 
 def _feedthrough(controller: ComponentInstance, back: Route) -> bool:

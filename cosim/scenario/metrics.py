@@ -186,7 +186,7 @@ class RunMeasures(Measures):
             )
         elif part is not None and aged:
             self._outages = _outage_measure(prepared, self._collector)
-            watch = both(self._events.age, self._outages and self._outages.age)
+            watch = both(self._events.age, None if self._outages is None else self._outages.age)
             self._age = AgeMeasure(part.plant, part.controller, scenario.run.algorithm, watch)
         if wanted.has("final", "metrics.position_error_m"):
             self._last_outputs = LastOutputs()
@@ -368,7 +368,7 @@ def metrics_of(context: RunContext, wanted: Wanted = ALL_FIGURES) -> dict[str, A
         found["measurement_ages"] = measurement_age_figures(
             context.design, context.figures.stamped_ages or {}, context.figures.command_age_ns
         )
-    proved = None if observes(context.design) else _outages_proved(context)
+    proved = _outages_proved(context)
     if proved is not None and wanted.has("metrics.outages"):
         at_rest = None if context.zero_state is None else context.zero_state.outages
         found["outages"] = outage_figures(proved, context.figures.outages, at_rest)
@@ -381,7 +381,9 @@ def metrics_of(context: RunContext, wanted: Wanted = ALL_FIGURES) -> dict[str, A
 
 def _outages_proved(context: RunContext) -> hinf.Outages | None:
     """Return what the design proves across outages."""
-    return None if context.design is None else context.design.guarantees.outages
+    if context.design is None or observes(context.design):
+        return None
+    return context.design.guarantees.outages
 
 
 def _of_design(name: str) -> Callable[[RunContext], Any]:

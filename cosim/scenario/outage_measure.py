@@ -166,8 +166,7 @@ class OutageMeasure(Measure[OutageFigures | None]):
             same = np.abs(u - self._first_control) <= _CLOSE * size
             touch |= early & same.all(axis=1)
             self._measured = bool(used.any())
-        fallback = not self._proved.fallback.any() & True
-        zero = (u == 0.0).all(axis=1) & fallback
+        zero = (u == 0.0).all(axis=1) & (not self._proved.fallback.any())
         return touch, touch | zero
 
     def _note(self, points: Integers, touch: NDArray[np.bool_], covered: NDArray[np.bool_]) -> None:
@@ -236,8 +235,8 @@ class _Value:
 
     Attributes
     ----------
-    ratio : the largest V over its bound so far; None where w acts and has no bound, or V(0) = 0
-        and nothing drives it.
+    ratio : the largest V over its bound so far, after the beginning; None where w acts and has no
+        bound, or V(0) = 0 and nothing drives it.
     """
 
     def __init__(
@@ -260,7 +259,8 @@ class _Value:
         self._t = np.linspace(t - longest, t, _EARLIER)
         self._x = np.tile(start, (_EARLIER, 1))
         self._bound = self._at(self._t.size - 1)
-        self._known, self.ratio = True, 1.0 if self._bound > 0 else None
+        self._known = True
+        self.ratio: float | None = None
 
     def add(self, points: Integers, x: Reals, rates: Reals, noise: Reals) -> None:
         """Take intervals between points [ns]: x at all of them, the rate of B and |w|^2 in each."""

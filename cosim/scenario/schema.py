@@ -282,7 +282,7 @@ class DesignPart(Part):
     """Bound on the rate at which the age of the feedback changes; the age is then continuous."""
     sampled: bool | None = None
     """The age of the feedback is `least_age`, growing at rate one until the next sample is used."""
-    outages: bool = False
+    outages: bool | None = None
     """Also prove what holds across outages of the link, for a design that is made here; the proof
     of a `file` has it, or not.
     """

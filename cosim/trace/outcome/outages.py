@@ -28,7 +28,8 @@ def outage_rows(found: Mapping[str, Any]) -> Iterator[tuple[str, str, str]]:
     growth = (
         f"at most {_power(found['greatest_exponent'])} times, {_power(found['exponent'])} at end"
     )
-    yield "V from any time to any later one", growth, "certified for w = 0, over this run's outages"
+    how = "certified for w = 0, over this run's outages"
+    yield "V from any time to any later one", growth, how
     ratio = found["value_ratio"]
     if ratio is not None:
         yield "largest V / its bound", f"{ratio:.4g}", "computed along the run"
@@ -43,12 +44,9 @@ def outage_rows(found: Mapping[str, Any]) -> Iterator[tuple[str, str, str]]:
 def outage_verdict(found: Mapping[str, Any]) -> tuple[str, str, str]:
     """Return the tone, the words, and the numbers of what holds in place of gamma."""
     if found["uncovered_at_s"] is not None:
-        return (
-            BAD,
-            "The guarantee is not claimed",
-            f"from {found['uncovered_at_s']:.6g} s on the plant held a value older than designed "
-            "for, which no proof covers",
-        )
+        since = f"from {found['uncovered_at_s']:.6g} s on"
+        held = "the plant held a value older than designed for, which no proof covers"
+        return BAD, "The guarantee is not claimed", f"{since} {held}"
     if found["value_within_bound"] is False or found["weighted_gain_within_gamma"] is False:
         return (
             BAD,
