@@ -93,7 +93,7 @@ def test_no_flight_over_a_recording_beats_its_bound(copy: int) -> None:
     outages = proved().guarantees.outages
     assert outages is not None
     assert found.delay_ns is not None
-    times, touch = in_touch(found, D - other)
+    times, _ = in_touch(found, D - other)
     count = round(times[-1] / step)
     moved = scipy.linalg.expm(np.block([[AXIS.A, AXIS.B], [np.zeros((1, 3))]]) * step)[:2]
     x, seen = np.array([1.0, 0.5]), {}
