@@ -15,7 +15,14 @@ from cosim.master.communication_points import blocks
 from cosim.master.communication_schedule import Link
 from cosim.master.component_points import own_instants
 from cosim.master.event_systems import check_events
-from cosim.master.parts import Connection, Endpoint, Parts, Policy, UnknownFeedthrough
+from cosim.master.parts import (
+    Connection,
+    DelaySource,
+    Endpoint,
+    Parts,
+    Policy,
+    UnknownFeedthrough,
+)
 from cosim.network import PacketLink, TransportLink
 
 LINK_STATE: Mapping[str, SignalKind] = MappingProxyType(
@@ -47,7 +54,7 @@ def check_links(system: Parts) -> None:
             raise InputError(
                 "this link's delay follows no signal",
                 where=f"link {name!r}",
-                expected="a link with a DelaySignal: "
+                expected="a link with a DelaySignal, or a medium whose nodes move: "
                 + (", ".join(system.comm_schedule.live) or "none"),
             )
 
@@ -56,18 +63,19 @@ def _check_delay(system: Parts, name: str) -> None:
     """Check that the signals of a delay exist, are numbers, and are known at each sending."""
     source = system.delays.get(name)
     where = f"link {name!r}: delay"
+    if name not in system.links:
+        where = f"{name}: nodes"
     if source is None or not source.signals:
         raise InputError("the delay of this link has no signal", where=where)
-    number = 1 if source.origin is None else len(source.origin)
-    if len(source.signals) != number:
-        raise InputError(
-            "the number of signals of this delay is wrong",
-            where=where,
-            expected="one signal, or one per coordinate of the origin",
-            got=f"{len(source.signals)} signals, {number} coordinates",
-        )
-    for end in source.signals:
-        port = system.port(end)
+    if isinstance(source, DelaySource):
+        _check_number(source, where)
+    for end in source.read:
+        try:
+            port = system.port(end)
+        except InputError as error:
+            error.where = f"{where}, {end}"
+            error.args = (error.text(),)
+            raise
         if port.causality != "output" or port.kind != "float" or port.shape or port.feedthrough:
             raise InputError(
                 "this signal cannot decide a delay",
@@ -81,6 +89,17 @@ def _check_delay(system: Parts, name: str) -> None:
                 else f'components.{end.component}.feedthrough = "none" or the list of outputs '
                 "that depend on inputs at once, where this one does not",
             )
+
+
+def _check_number(source: DelaySource, where: str) -> None:
+    number = 1 if source.origin is None else len(source.origin)
+    if len(source.signals) != number:
+        raise InputError(
+            "the number of signals of this delay is wrong",
+            where=where,
+            expected="one signal, or one per coordinate of the origin",
+            got=f"{len(source.signals)} signals, {number} coordinates",
+        )
 
 
 def check_parts(system: Parts) -> None:

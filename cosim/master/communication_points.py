@@ -9,10 +9,9 @@ whole run, in arrays that are reserved for all of them.
 
 from __future__ import annotations
 
-import math
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,9 +19,16 @@ from numpy.typing import NDArray
 from cosim.core import InputError, distinct
 from cosim.master.communication_schedule import CommunicationSchedule
 from cosim.master.component_points import ComponentPoints
-from cosim.master.parts import DelaySource, Parts
+from cosim.master.parts import Parts
 from cosim.master.reserved import Reserved
-from cosim.network import SUBSTITUTE, Arrivals, GrowingSchedule, LinkState, PacketLink
+from cosim.network import (
+    SUBSTITUTE,
+    Arrivals,
+    GrowingSchedule,
+    LinkState,
+    MediumSchedule,
+    PacketLink,
+)
 
 Integers = NDArray[np.int64]
 Rows = NDArray[np.float64]
@@ -54,8 +60,8 @@ class CommunicationPoints:
     end_ns : the end of the run [ns].
     own_points : by component.
     links : the packet links, by name.
-    values : by live link, the values of its delay signal so far.
-    live : the links whose delays follow a signal of the run.
+    values : by live link, the values of its delay signal so far; by live medium, the places.
+    live : the links whose delays follow a signal of the run, and the media whose nodes do.
     grows : whether points depend on signals of the run.
     has_events : whether points are added one at a time, as events occur (`add`).
     on_new : called with the instant of each added point, [ns] and [s].
@@ -96,13 +102,17 @@ class CommunicationPoints:
             for name, link in self._schedule.begin().items()
             if self._with_live or not link.is_live
         }
-        self.live = {name: link for name, link in self.links.items() if link.is_live}
+        self.live = {
+            link.link.resolved_with: link.traffic if isinstance(link, MediumSchedule) else link
+            for link in self.links.values()
+            if link.is_live
+        }
         self._greatest_ages = {
             name: link.greatest_age_ns
             for name, link in self._schedule.links.items()
             if isinstance(link, PacketLink) and link.greatest_age_ns
         }
-        self.values: dict[str, list[float]] = {name: [] for name in self.live}
+        self.values: dict[str, list[Any]] = {name: [] for name in self.live}
         for points in self._steps.values():
             points.latest = -1
         if self.has_events:
@@ -206,6 +216,9 @@ class CommunicationPoints:
                 found.append(link.sendings(after, until))
                 # what a live link brings at its horizon is known when the loop is there
                 found.append(link.changes(after, min(until, link.horizon_ns - 1))[0])
+        if self._schedule.events == "align":  # where a packet begins to be sent
+            horizons = (one.horizon_ns for one in self.live.values())
+            found += [np.array([at], np.int64) for at in horizons if after < at <= until]
         return found[0] if len(found) == 1 else distinct(np.concatenate(found))
 
     def _set_ready(self) -> None:
@@ -232,14 +245,14 @@ class CommunicationPoints:
         now = int(self.points_ns[k])
         for name, link in self.live.items():
             while link.horizon_ns == now:
-                value = _value(self._delays[name], row, columns[name])
+                value: Any = self._delays[name].value([float(row[c]) for c in columns[name]])
                 link.resolve(link.message, value)
                 self.values[name].append(value)
         self._set_ready()
         if self.ready <= k and not self.crossing:
             self.extend()
 
-    def go_back(self, values: Mapping[str, Sequence[float]], complete: int) -> None:
+    def go_back(self, values: Mapping[str, Sequence[Any]], complete: int) -> None:
         """Return to the state in which `values` were the values so far, and `complete` rows were.
 
         Nothing may have been given back.
@@ -336,14 +349,3 @@ def blocks(system: Parts) -> Iterator[tuple[CommunicationPoints, int, int]]:
         first = points.ready
         points.give_back(first - 1)
         points.extend()
-
-
-def _value(source: DelaySource, row: Rows, columns: tuple[int, ...]) -> float:
-    """Return the value that decides a delay: a signal, or the distance from the origin."""
-    values = [float(row[column]) for column in columns]
-    if source.origin is None:
-        return values[0]
-    total = 0.0
-    for value, place in zip(values, source.origin, strict=True):
-        total += (value - place) * (value - place)
-    return math.sqrt(total)

@@ -12,7 +12,13 @@ from numpy.typing import NDArray
 
 from cosim.core import InputError, distinct
 from cosim.master.component_points import own_instants
-from cosim.network import DelaySignal, GrowingSchedule, PacketLink, PacketSchedule, TransportLink
+from cosim.network import (
+    GrowingSchedule,
+    PacketLink,
+    PacketSchedule,
+    TransportLink,
+    growing_schedules,
+)
 
 Link = PacketLink | TransportLink
 """A link of either kind."""
@@ -55,9 +61,10 @@ class CommunicationSchedule:
         return cls(step, int(points_ns[-1]), given_ns=points_ns)
 
     @cached_property
-    def live(self) -> Mapping[str, PacketLink]:
-        """The links whose delays follow a signal of the run."""
-        return {n: link for n, link in self._packets.items() if isinstance(link.delay, DelaySignal)}
+    def live(self) -> tuple[str, ...]:
+        """What follows signals of the run: links by their delays, media (medium.NAME) by places."""
+        live = (link for link in self._packets.values() if link.is_live)
+        return tuple(dict.fromkeys(link.resolved_with for link in live))
 
     @property
     def grows(self) -> bool:
@@ -76,9 +83,7 @@ class CommunicationSchedule:
         InputError : far too many messages, a recorded delay that does not last as long as the run.
         """
         step = self.step_ns if self.events == "grid" else None
-        return {
-            name: GrowingSchedule(link, self.end_ns, step) for name, link in self._packets.items()
-        }
+        return growing_schedules(self._packets.values(), self.end_ns, step)
 
     def known(self, after_ns: int, until_ns: int) -> Integers:
         """Return the points in (after, until] [ns] that depend on no link, int64 (n,)."""
@@ -119,7 +124,7 @@ class CommunicationSchedule:
     @cached_property
     def schedules(self) -> Mapping[str, PacketSchedule]:
         """The schedule of each packet link of known delay, for a run that is not long."""
-        found = {n: link for n, link in self.begin().items() if n not in self.live}
+        found = {n: link for n, link in self.begin().items() if not link.is_live}
         for link in found.values():
             link.advance(self.end_ns)
         return {name: link.finish(self.end_ns) for name, link in found.items()}

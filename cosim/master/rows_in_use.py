@@ -105,7 +105,7 @@ class RowsInUse:
         wired = self._stepped_before and self.link is not None and is_wire(system, self.link)
         self._at_once = self.link is None or wired
         # a message of unknown delay may be sent at the first point: only this one is known yet
-        if name in self._points.live:
+        if self.link is not None and isinstance(self.link, PacketLink) and self.link.is_live:
             self.row[0] = NONE_YET
         elif self._settled or not self._points.ready:
             self.row[0] = self._sample(0, 1).row[0]

@@ -41,6 +41,8 @@ def fingerprint(system: System, wiring: Wiring) -> str:
             digest.update(link.delay.times_ns.tobytes() + link.delay.delays_ns.tobytes())
         if name in system.delays:  # its points and delays depend on the run
             digest.update(f"{system.delays[name]!r}\0".encode())
+    media = {name: found for name, found in system.delays.items() if name not in system.links}
+    digest.update(f"{media!r}".encode() * bool(media))
     return digest.hexdigest()
 
 
@@ -56,7 +58,7 @@ class Snapshot:
     texts : the strings of the run, by the numbers in the rows.
     states : by component: a state of this session's slave, or, portable, bytes.
     adjustments : overrides and biases, by column.
-    values : by live link, the values of its delay signal so far.
+    values : as in `CommunicationPoints`.
     events : state of what executes events in the session; JSON-safe.
     """
 
@@ -66,7 +68,7 @@ class Snapshot:
     texts: Sequence[str]
     states: Mapping[str, FmuState | bytes]
     adjustments: Mapping[int, Adjustment]
-    values: Mapping[str, Sequence[float]]
+    values: Mapping[str, Sequence[Any]]
     events: Mapping[str, Any] = field(default_factory=dict)
 
     @classmethod

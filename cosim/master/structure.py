@@ -10,7 +10,7 @@ from typing import Any
 
 from cosim.master.communication_schedule import Link
 from cosim.master.parts import Parts
-from cosim.network import DelaySignal, PacketLink
+from cosim.network import PacketLink
 
 _OWN_TOOL = "auv-cosim"
 """The generation tool of FMUs whose reset is tested to be a new instance, bit for bit."""
@@ -61,6 +61,5 @@ def _structure(system: Parts) -> tuple[Any, ...]:
 def _form(link: Link) -> tuple[Any, ...]:
     """Return what the table of a run contains of a link."""
     if isinstance(link, PacketLink):
-        live = isinstance(link.delay, DelaySignal)
-        return True, live, link.quantization, link.on_loss, link.substitute
+        return True, link.is_live, link.quantization, link.on_loss, link.substitute
     return False, link.delay is None

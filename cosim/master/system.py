@@ -24,7 +24,8 @@ class System(Parts):
     comm_schedule : communication points and schedules, from `make_schedule`.
     threads : under Jacobi, on so many the components step side by side; worth it where steps take
         far more than 10 microseconds. The rows are the same, bit for bit.
-    delays : by link with a `DelaySignal`, the signals that decide its delay.
+    delays : by link with a `DelaySignal`, the signals that decide its delay; by medium whose nodes
+        move, as medium.NAME, the signals that are their places.
     divergence : the run counts as diverged when the magnitude of an output exceeds this; None:
         when it exceeds a million times the nominal value that its FMU declares, if it declares one.
     algorithm : "jacobi": all components step on the values of the same point; "gauss-seidel":

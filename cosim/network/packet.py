@@ -27,6 +27,7 @@ from cosim.network.keys import (
     WordOrNumberKey,
     check_keys,
 )
+from cosim.network.medium import Hop
 from cosim.network.profile import DelayProfile
 from cosim.network.recording import Recording, check_recording
 
@@ -82,6 +83,10 @@ class PacketLink:
         long ago as this, or longer, `on_age` is used in its place. Between points the message ages
         on: an age that must not be passed has to contain the receiver's step. 0: none.
     on_age : what the receiver uses in place of a message that is too old: "zero" or a number.
+    hop : the way over a medium that the link shares with others: its packets take the airtime and
+        travel as the medium says, wait for its access in the queue of their node, and `delay` and
+        jitter come after that. `data_rate` is the medium's; there is neither a recording, nor
+        `duplicate`, nor a `DelaySignal`. None: a channel of its own.
     windows : times with another loss; where windows overlap the last one counts. Jitter, and
         the losses outside, are as without them.
     quantization : step of the quantizer applied to the values sent; 0: none.
@@ -126,6 +131,7 @@ class PacketLink:
     on_age: Literal["zero"] | float = "zero"
     windows: tuple[LossWindow, ...] = ()
     recording: Recording | None = None
+    hop: Hop | None = None
 
     def __post_init__(self) -> None:
         check_name("link", self.name)
@@ -139,7 +145,9 @@ class PacketLink:
             "loss": self.loss != 0.0,
         }
         check_recording(where, self.recording, given)
-        if (self.data_rate == 0) != (self.frame_size == 0):
+        if self.hop is not None:
+            self._check_hop(where, self.hop)
+        elif (self.data_rate == 0) != (self.frame_size == 0):
             raise InputError(
                 "a data rate and a frame size go together",
                 where=f"{where}: data_rate, frame_size",
@@ -147,7 +155,7 @@ class PacketLink:
                 got=f"{self.data_rate} bit/s, {self.frame_size} bit",
             )
         check_duration(f"{where}: frame_size / data_rate", self.frame_ns)
-        if self.queue_limit is not None and self.data_rate == 0:
+        if self.queue_limit is not None and self.data_rate == 0 and self.hop is None:
             raise InputError(
                 "without a data rate there is no queue",
                 where=f"{where}: queue_limit",
@@ -194,9 +202,41 @@ class PacketLink:
                 got=f"{self.greatest_age_ns} ns",
             )
 
+    def _check_hop(self, where: str, hop: Hop) -> None:
+        """Check the size of messages, and that nothing is given that the medium says."""
+        hop.check(where, self.frame_size)
+        given: dict[str, bool] = {
+            "data_rate": self.data_rate != 0,
+            "recording": self.recording is not None,
+            "duplicate": self.duplicate != 0.0,
+            "delay": isinstance(self.delay, DelaySignal),
+        }
+        for key, is_given in given.items():
+            if is_given:
+                raise InputError(
+                    f"a link over a medium has no {key} of this kind",
+                    where=f"{where}: {key}",
+                    expected="what the medium says of it, for all its links",
+                    got=repr(getattr(self, key)),
+                )
+
+    @property
+    def is_live(self) -> bool:
+        """Whether delays become known only during a run: they follow signals of it."""
+        if self.hop is not None:
+            return self.hop.medium.moves
+        return isinstance(self.delay, DelaySignal)
+
+    @property
+    def resolved_with(self) -> str:
+        """Name of what makes its delays known: the link itself, or its medium, medium.NAME."""
+        return self.name if self.hop is None else f"medium.{self.hop.medium.name}"
+
     @property
     def frame_ns(self) -> int:
-        """Return the time to send one message [ns]: frame_size / data_rate, rounded up; or 0."""
+        """Return the time to send one message [ns], rounded up: its airtime on a medium; or 0."""
+        if self.hop is not None:
+            return self.hop.medium.airtime_ns(self.frame_size)
         if self.data_rate == 0:
             return 0
         return -(-int(self.frame_size) * 10**9 // int(self.data_rate))
@@ -205,7 +245,7 @@ class PacketLink:
     def least_transit_ns(self) -> int:
         """Return the least time from sending to arrival [ns], without the play-out buffer.
 
-        Of a delay that follows a signal nothing is known beside its sign.
+        Of a delay that follows a signal, and of ranges, nothing is known beside their sign.
         """
         least = self.delay_ns
         if isinstance(self.delay, DelayProfile):

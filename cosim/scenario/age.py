@@ -112,7 +112,7 @@ class AgeMeasure(Measure[MeasuredAges | None]):
             in_use_ns=(min(comes), max(comes)) if comes else None,
             first_ns=known.first_ns if known else int(points[:-1][there][0]),
             alike=bool((oldest == newest)[there].all()) and (known is None or known.alike),
-            interrupted=known.interrupted if known else _is_interrupted(there),
+            interrupted=known.interrupted if known else _is_interrupted(np.asarray(there)),
         )
 
     def result(self, run: Run) -> MeasuredAges | None:
@@ -193,10 +193,7 @@ class _Computed:
 
     def __init__(self, controller: ComponentInstance) -> None:
         self._controller = controller
-        parameters = controller.component.parameters
-        port = controller.component.description.ports.get("sample_time")
-        default = port.start if port is not None else 0.0
-        self._period = round(float(parameters.get("sample_time", default or 0.0)) * 1e9)
+        self._period = round(float(controller.component.start_of("sample_time", 0.0)) * 1e9)
         self._own = -1
         self._begun: Integers | None = None
         self._received: Integers | None = None

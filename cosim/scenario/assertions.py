@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.master import ComponentInstance, Run, System
-from cosim.scenario.binding import BoundCondition
+from cosim.scenario.binding import BoundExpression
 from cosim.scenario.events import AssertionPart
 from cosim.scenario.matching import endpoint
 from cosim.scenario.measure import Measure
@@ -33,8 +33,8 @@ class BoundAssertion(NamedTuple):
     """
 
     part: AssertionPart
-    condition: BoundCondition
-    since: BoundCondition | None
+    condition: BoundExpression
+    since: BoundExpression | None
 
 
 def bind_assertions(
@@ -157,7 +157,7 @@ class _Watched:
         self._collector.begun(RunEvent(time_ns, level, "assertion", subject, words))
 
 
-def _judged(condition: BoundCondition, reader: ValueReader, first: int, last: int) -> _Truths:
+def _judged(condition: BoundExpression, reader: ValueReader, first: int, last: int) -> _Truths:
     truths = np.asarray(condition(reader.read(first, last)), dtype=bool)
     return np.broadcast_to(truths, (last - first,))
 

@@ -8,7 +8,7 @@ transport link has no messages: in an outage its receiver keeps its value, so th
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -20,9 +20,11 @@ from cosim.network import (
     DelayProfile,
     DelaySignal,
     GilbertElliott,
+    Hop,
     Jitter,
     LossChain,
     LossWindow,
+    Medium,
     PacketLink,
     Recording,
     TransportLink,
@@ -57,8 +59,16 @@ class Change(NamedTuple):
         return self.delay_ns is None and self.loss is None
 
 
-def link_of(name: str, part: LinkPart, seed: int, changes: Sequence[Change] = ()) -> Link:
+def link_of(
+    name: str,
+    part: LinkPart,
+    seed: int,
+    changes: Sequence[Change] = (),
+    media: Mapping[str, Medium] | None = None,
+) -> Link:
     """Make the link that [links.NAME] describes; `seed` is that of the run.
+
+    `media` : by name; None: it is wanted alone, without the others that share its medium.
 
     Raises
     ------
@@ -66,12 +76,12 @@ def link_of(name: str, part: LinkPart, seed: int, changes: Sequence[Change] = ()
         is a key of [links.NAME].
     """
     try:
-        return _link_of(name, part, seed, changes)
+        return _link_of(name, part, seed, changes, media)
     except InputError as error:
         place = (error.where or "").removeprefix(f"link {name!r}: ")
         first = re.match(r"[\w.]*", place)
         path = first[0].removesuffix("_ns").split(".") if first else [""]
-        if path[0] not in type(part).model_fields:
+        if path[0] not in {f.alias or key for key, f in type(part).model_fields.items()}:
             raise
         rest = f": {place}" if ":" in place else ""
         error.where = f"links.{name}.{'.'.join(path)}{rest}"
@@ -79,7 +89,13 @@ def link_of(name: str, part: LinkPart, seed: int, changes: Sequence[Change] = ()
         raise
 
 
-def _link_of(name: str, part: LinkPart, seed: int, changes: Sequence[Change]) -> Link:
+def _link_of(
+    name: str,
+    part: LinkPart,
+    seed: int,
+    changes: Sequence[Change],
+    media: Mapping[str, Medium] | None,
+) -> Link:
     constant, varying = _delay(part)
     if not isinstance(part, PacketPart):
         if isinstance(varying, DelaySignal):
@@ -104,12 +120,29 @@ def _link_of(name: str, part: LinkPart, seed: int, changes: Sequence[Change]) ->
         recording=_recording(part.recording),
         greatest_age_ns=nanoseconds(part.greatest_age),
         on_age=part.on_age,
+        hop=_hop(part, media),
         windows=tuple(
             LossWindow(c.from_ns, c.until_ns, 1.0 if c.loss is None else c.loss)
             for c in changes
             if c.delay_ns is None
         ),
     )
+
+
+def _hop(part: PacketPart, media: Mapping[str, Medium] | None) -> Hop | None:
+    """Return the way of a link over its medium, or None."""
+    if part.medium is None or part.sender is None or part.receiver is None:
+        return None
+    if media is None:
+        raise InputError(
+            "what a link over a medium does depends on the other links over it",
+            where="medium",
+            expected="a link with a channel of its own",
+            got=f"medium {part.medium!r}",
+        )
+    if part.medium not in media:
+        raise InputError.unknown("medium", part.medium, media, where="medium")
+    return Hop(media[part.medium], part.sender, part.receiver)
 
 
 def _loss(part: float | BurstPart | ChainPart) -> float | GilbertElliott | LossChain:
@@ -155,7 +188,8 @@ def delay_source(part: LinkPart) -> DelaySource | None:
     if isinstance(delay, SignalDelayPart):
         return DelaySource((endpoint(delay.signal),))
     if isinstance(delay, RangeDelayPart):
-        return DelaySource(tuple(endpoint(s) for s in delay.range), tuple(delay.place))
+        origin = [endpoint(x) if isinstance(x, str) else x for x in delay.place]
+        return DelaySource(tuple(endpoint(s) for s in delay.range), tuple(origin))
     return None
 
 

@@ -10,15 +10,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cosim.core import InputError
-
-PLANT_NOTE = "plant_note"
-"""Key of the note in a design file."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,6 +72,33 @@ class LinearSignals:
             ) from error
 
 
+class Difference(NamedTuple):
+    """A parameter of a component with another value than it was designed for.
+
+    value : None where the component does not have it.
+    """
+
+    parameter: str
+    value: float | None
+    designed: float
+
+
+def differences_from(
+    designed: Mapping[str, float], parameters: Mapping[str, float | None], *, exact: bool = False
+) -> list[Difference]:
+    """Return the parameters that are not as designed.
+
+    A delay (`delay.*`) may be shorter, unless the proof is about `exact` ones.
+    """
+    found = []
+    for name, value in designed.items():
+        own = parameters.get(name)
+        shorter = name.startswith("delay.") and not exact
+        if own is None or not (own <= value if shorter else own == value):
+            found.append(Difference(name, own, value))
+    return found
+
+
 @dataclass(frozen=True, eq=False)
 class DesignedPlant:
     """How the FMU of a plant is seen as the linear system of a design.
@@ -88,6 +112,8 @@ class DesignedPlant:
         uncertainty covers the plant.
     neglected : what the linear model leaves out, a sentence each.
     source : the text of the file that the plant comes from.
+    model : what its FMU is made from, as `plant_record` returns it; empty in older files.
+    thrust_map : (k, m) commands for a control, of which `control.map` is the inverse.
     """
 
     state: LinearSignals
@@ -98,17 +124,8 @@ class DesignedPlant:
     envelope: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     neglected: tuple[str, ...] = ()
     source: str = ""
-
-    def differences(
-        self, parameters: Mapping[str, float | None]
-    ) -> list[tuple[str, float | None, float]]:
-        """Return parameters of a run's plant that are not those designed for, with both values."""
-        found = []
-        for name, value in self.parameters.items():
-            own = parameters.get(name)
-            if own is None or (own > value if name == "delay.d" else own != value):
-                found.append((name, own, value))
-        return found
+    model: Mapping[str, Any] = field(default_factory=dict)
+    thrust_map: tuple[tuple[float, ...], ...] = ()
 
     @property
     def at_rest(self) -> dict[str, float]:
@@ -126,6 +143,8 @@ class DesignedPlant:
             "envelope": {name: list(pair) for name, pair in self.envelope.items()},
             "neglected": list(self.neglected),
             "source": self.source,
+            "model": dict(self.model),
+            "thrust_map": [list(row) for row in self.thrust_map],
         }
 
     @classmethod
@@ -145,6 +164,8 @@ class DesignedPlant:
                 envelope={k: (float(c), float(b)) for k, (c, b) in data["envelope"].items()},
                 neglected=tuple(map(str, data["neglected"])),
                 source=str(data["source"]),
+                model=dict(data.get("model", {})),
+                thrust_map=tuple(tuple(map(float, row)) for row in data.get("thrust_map", [])),
             )
         except (AttributeError, KeyError, TypeError, ValueError) as error:
             raise InputError(

@@ -27,8 +27,7 @@ def as_text(scenario: Scenario) -> str:
         lines.append(f"  ({link})  {link_words(of)}")
     lines.append("connections")
     ends = [(part.source, part.target, part.link) for _, part in scenario.wires()]
-    if scenario.reference is not None:
-        ends.append(("path", scenario.reference.target, None))
+    ends += [("path", path.target, None) for _, path in scenario.paths()]
     if scenario.disturbance is not None:
         ends.append((scenario.disturbance.kind, scenario.disturbance.target, None))
     wide = max((len(source) for source, _, _ in ends), default=0)
@@ -58,9 +57,10 @@ def as_mermaid(scenario: Scenario) -> str:
         lines.append(
             f'  {number.get(a, a)} -->|"{", ".join(dict.fromkeys(whats))}"| {number.get(b, b)}'
         )
-    if scenario.reference is not None:
-        target = scenario.reference.target.partition(".")[0]
-        lines.append(f'  path(["reference path"]) --> {number.get(target, target)}')
+    for i, (_, path) in enumerate(scenario.paths()):
+        target = path.target.partition(".")[0]
+        name = f"path{i or ''}"
+        lines.append(f'  {name}(["reference path"]) --> {number.get(target, target)}')
     return "\n".join(lines)
 
 
@@ -82,6 +82,8 @@ def link_words(link: Link) -> str:
         return f"transport, {late}"
     if link.recording is not None:
         late = "as recorded"
+    if link.medium is not None:
+        late = f"over {link.medium} from {link.sender} to {link.receiver}"
     words = [f"packet each {link.sample_time:g} s", late]
     if link.jitter is not None:
         words.append(f"{link.jitter.kind} jitter")

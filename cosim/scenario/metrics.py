@@ -27,12 +27,14 @@ from cosim.scenario.assertions import AssertionsMeasure
 from cosim.scenario.coupling import CouplingMeasure
 from cosim.scenario.cut_delays import CutMeasure
 from cosim.scenario.design_events import DesignEvents
+from cosim.scenario.designed_plant import differences_from
 from cosim.scenario.envelope import ENVELOPE, LargestMagnitudes, envelope_bounds
 from cosim.scenario.feedback_age import FeedbackAge, feedback_age
 from cosim.scenario.final_values import LastOutputs
 from cosim.scenario.gain import Problem, observes, proves_exact_delays
 from cosim.scenario.limits import Saturation, SaturationMeasure
 from cosim.scenario.loss_bursts import LossBursts
+from cosim.scenario.matching import endpoint
 from cosim.scenario.measure import Measure, Measures
 from cosim.scenario.measurement_ages import CommandAge, StampedAges
 from cosim.scenario.measurement_claim import (
@@ -44,7 +46,6 @@ from cosim.scenario.origin import Findings
 from cosim.scenario.outage_measure import OutageFigures, OutageMeasure, both, outage_figures
 from cosim.scenario.performance import GainMeasure
 from cosim.scenario.plant import (
-    Difference,
     differences_json,
     plant_differences,
     thrust_map_differences,
@@ -52,7 +53,7 @@ from cosim.scenario.plant import (
 )
 from cosim.scenario.preparation import PreparedScenario
 from cosim.scenario.run_events import EventCollector
-from cosim.scenario.schema import Scenario
+from cosim.scenario.schema import PathPart, Scenario
 from cosim.scenario.wanted import ALL_FIGURES, Wanted
 from cosim.trace import SERIOUS, AssertionResult, EventCount, EventKind, RunEvent
 
@@ -314,7 +315,7 @@ class RunContext:
             return None
         plant = self._parameters(part.plant)
         if problem.plant is not None:
-            different = [Difference(*each) for each in problem.plant.differences(plant)]
+            different = differences_from(problem.plant.parameters, plant)
             return differences_json(part.plant, different)
         exact = (
             self.design is not None
@@ -492,7 +493,7 @@ def _position_error(context: RunContext) -> float | None:
         return None
     values = context.figures.last_outputs.get(part.plant, {})
     plant = None if context.problem is None else context.problem.plant
-    path = context.scenario.reference
+    path = _path_to(part.controller, context.scenario)
     if plant is not None:  # of the positions that are controlled, from the trim
         trim = dict(zip(plant.state.names, plant.state.trim, strict=True))
         controlled = [name for name in _POSITION if name in trim and name in values]
@@ -506,6 +507,13 @@ def _position_error(context: RunContext) -> float | None:
         error = [values[name] - target.get(name.removeprefix("eta."), 0.0) for name in _POSITION]
     size = math.sqrt(total(part * part for part in error))
     return size if np.isfinite(size) else None
+
+
+def _path_to(component: str, scenario: Scenario) -> PathPart | None:
+    """Return the path that a component follows; where there is one path only, that one."""
+    paths = [path for _, path in scenario.paths()]
+    mine = [path for path in paths if endpoint(path.target).component == component]
+    return next(iter(mine), paths[0] if len(paths) == 1 else None)
 
 
 def final_values(figures: RunFigures) -> dict[str, float | None]:

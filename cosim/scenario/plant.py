@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from cosim import hinf
 from cosim.core import InputError
 from cosim.fmu import FmuDescription, component_module
 from cosim.models import TABLE_1, DelaySystem, inertia, thrust_map
+from cosim.scenario.designed_plant import Difference, differences_from
 from cosim.scenario.quantity import parse_quantity
 from cosim.scenario.schema import DesignPart, Scenario
 
@@ -26,17 +27,6 @@ _LARGEST_FACTOR = 2.0
 
 NO_PARAMETERS: Mapping[str, float] = MappingProxyType({})
 """Of a plant that has none of its own: it is the vehicle of Table 1."""
-
-
-class Difference(NamedTuple):
-    """A parameter of a component with another value than it was designed for.
-
-    value : None where the component does not have it.
-    """
-
-    parameter: str
-    value: float | None
-    designed: float
 
 
 def parameters_of_plant(scenario: Scenario, part: DesignPart | None = None) -> dict[str, float]:
@@ -154,15 +144,15 @@ def vehicle_differences(
     """
     wanted = {name: design.parameters[name] for name in TABLE_1}
     wanted |= dict(zip(_DAMPING, design.damping, strict=True))
-    delay = {_DELAY: design.state_delay}
-    return [*_unlike(wanted, parameters), *_uncovered(delay, parameters, exact=exact)]
+    return differences_from({**wanted, _DELAY: design.state_delay}, parameters, exact=exact)
 
 
 def thrust_map_differences(
     design: hinf.AuvDesignSettings, parameters: Mapping[str, float | None]
 ) -> list[Difference]:
     """Return where the thrust map of a controller, if it has one, is not that of the design."""
-    return list(_unlike(_thrust_map(design), parameters)) if "thrust_map[1,1]" in parameters else []
+    own = _thrust_map(design) if "thrust_map[1,1]" in parameters else {}
+    return differences_from(own, parameters)
 
 
 def plant_differences(
@@ -182,25 +172,7 @@ def plant_differences(
     entries = {name: wanted.get(name, 0.0) for name in (*wanted, *others)}
     delays = _PLANT.plant_delays(system)
     named = dict(zip(_PLANT.delay_names(len(delays)), (delay.d for delay in delays), strict=True))
-    return [*_unlike(entries, parameters), *_uncovered(named, parameters, exact=exact)]
-
-
-def _unlike(
-    wanted: Mapping[str, float], parameters: Mapping[str, float | None]
-) -> Iterator[Difference]:
-    for name, value in wanted.items():
-        if parameters.get(name) != value:
-            yield Difference(name, parameters.get(name), value)
-
-
-def _uncovered(
-    delays: Mapping[str, float], parameters: Mapping[str, float | None], *, exact: bool
-) -> Iterator[Difference]:
-    """Yield delays that the proof does not cover: longer ones, or, if `exact`, all others."""
-    for name, d in delays.items():
-        found = parameters.get(name)
-        if found is None or (found != d if exact else not found <= d):
-            yield Difference(name, found, d)
+    return differences_from({**entries, **named}, parameters, exact=exact)
 
 
 def differences_json(component: str, found: Sequence[Difference]) -> list[dict[str, Any]]:

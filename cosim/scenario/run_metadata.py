@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from cosim import hinf
 from cosim.master import Link, System, receiving_order
-from cosim.network import DelayProfile, Recording, keys_of
+from cosim.network import DelayProfile, Hop, PacketLink, Recording, keys_of
 from cosim.scenario.gain import starts_with
 from cosim.scenario.preparation import PreparedScenario
 from cosim.trace import (
@@ -67,6 +67,9 @@ def run_metadata_of(
         entries["disturbance"] = json.dumps(asdict(prepared.worst_case), sort_keys=True)
     for name, link in system.links.items():
         entries[f"link.{name}"] = json.dumps(_link_entry(link), sort_keys=True)
+        if isinstance(link, PacketLink) and link.hop is not None:
+            medium = link.hop.medium
+            entries[f"medium.{medium.name}"] = json.dumps(asdict(medium), sort_keys=True)
     for name, fmu in prepared.fmus.items():
         entries[f"fmu.{name}"] = loaded.scenario.components[name].fmu
         entries[f"fmu.{name}.sha256"] = fmu.sha256
@@ -90,6 +93,7 @@ _LATER = {
     "recording": None,
     "greatest_age_ns": 0,
     "on_age": "zero",
+    "hop": None,
 }
 """Later fields of links and their unused values, which are left out: old traces lack them."""
 
@@ -110,6 +114,8 @@ def _link_entry(link: Link) -> dict[str, Any]:
                 "sha256": value.sha256,
                 **{key.field: getattr(value, key.field) for key in keys_of(Recording).values()},
             }
+        elif isinstance(value, Hop):
+            found[each.name] = [value.medium.name, value.sender, value.receiver]
         elif isinstance(value, tuple):
             found[each.name] = [asdict(item) for item in value]
         elif is_dataclass(value) and not isinstance(value, type):

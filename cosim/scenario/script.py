@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 from cosim.core import InputError
 from cosim.fmu import checked_scalars, describe_settable, may_be_set
 from cosim.master import Endpoint, System
-from cosim.scenario.binding import BoundCondition, bind
+from cosim.scenario.binding import BoundExpression, bind
 from cosim.scenario.channels import Change
 from cosim.scenario.events import EventPart
 from cosim.scenario.expression import Expression
@@ -52,7 +52,7 @@ class Event:
 
     number: int
     at_ns: int | None
-    condition: BoundCondition | None
+    condition: BoundExpression | None
     every_time: bool
     lasts_ns: int | None
     actions: tuple[Action, ...]
@@ -133,7 +133,7 @@ def script_of(scenario: Scenario, system: System, findings: Findings) -> tuple[E
 
 def bind_condition(
     scope: RunScope, findings: Findings, text: str, *path: str | int
-) -> BoundCondition | None:
+) -> BoundExpression | None:
     """Bind the condition at some path of the scenario; None if it is refused."""
     with findings.at(*path):
         return bind(Expression(text), scope)

@@ -66,7 +66,10 @@ from .outcome.run_outcome import (
     RunOutcome as RunOutcome,
     outcome_of as outcome_of,
 )
-from .outcome.verdict import assumptions_of as assumptions_of
+from .outcome.verdict import (
+    assumptions_of as assumptions_of,
+    guarantee_of as guarantee_of,
+)
 from .picture import (
     LabelledTrace as LabelledTrace,
     compare_runs as compare_runs,

@@ -77,9 +77,9 @@ def actuation_of(vehicle: Vehicle, trim: Trim, velocities: Sequence[str]) -> Act
     ------
     InputError : no actuator moves any of them.
     """
-    effects = _effects(vehicle, trim)
+    effects = command_effect(vehicle, trim)
     limits = np.array([a.limit for a in vehicle.actuators])
-    every = [name for name in vehicle.states if name.startswith("nu.")]
+    every = vehicle.velocities
     own = [every.index(name) for name in velocities]
     scaled = effects * limits
     bounds = np.array([vehicle.envelope.get(name, 1.0) for name in every])
@@ -122,14 +122,14 @@ def _rank(matrix: Matrix) -> int:
     )
 
 
-def _effects(vehicle: Vehicle, trim: Trim) -> Matrix:
-    """Return the acceleration of each velocity per actuator at the trim, (velocities, k).
+def command_effect(vehicle: Vehicle, trim: Trim) -> Matrix:
+    """Return the acceleration of each velocity per thrust or angle at the trim, (velocities, k).
 
     Forces are at most quadratic in what an actuator does: a central difference is exact.
     """
     x = [trim.state[name] for name in vehicle.states]
     u = [trim.commands.get(name, 0.0) for name in vehicle.inputs]
-    rows = [i for i, name in enumerate(vehicle.states) if name.startswith("nu.")]
+    rows = [vehicle.states.index(name) for name in vehicle.velocities]
     columns = []
     for actuator in vehicle.actuators:
         ends = []

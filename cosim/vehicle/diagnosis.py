@@ -6,19 +6,20 @@ comes from nowhere, or an actuator is too weak. Notes: what is good to know.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.core import VEHICLE_FILE, CosimError, InputError, NotAchievableError
+from cosim.core import CosimError, InputError, NotAchievableError
 from cosim.models import VELOCITIES
 from cosim.scenario import all_refusals
+from cosim.vehicle.actuation import command_effect
 from cosim.vehicle.check import Faults
 from cosim.vehicle.linearisation import linear_model
-from cosim.vehicle.read import flattened, vehicle_from_toml
+from cosim.vehicle.read import vehicle_data, vehicle_from_toml
 from cosim.vehicle.schema import VehicleFile
 from cosim.vehicle.trim import Trim, find_trim
 from cosim.vehicle.vehicle import Vehicle
@@ -58,12 +59,10 @@ def diagnose(text: str, where: str) -> list[Finding]:
 
 def _file_errors(text: str, where: str) -> Iterator[InputError]:
     try:
-        data = VEHICLE_FILE.from_toml(text, where)
+        data = vehicle_data(text, where)
     except InputError as error:
         yield error
         return
-    if isinstance(data.get("envelope"), dict):
-        data = {**data, "envelope": flattened(data["envelope"])}
     refused = all_refusals(VehicleFile, text, data, where)
     if refused:
         yield from refused
@@ -125,7 +124,7 @@ def greatest_power(vehicle: Vehicle) -> tuple[float, dict[str, float]]:
     At velocities drawn within twice the envelope about the trim; the power of M nu' without
     actuators, less that at rest, is that of drag, lift and Coriolis forces.
     """
-    names = [name for name in vehicle.states if name.startswith("nu.")]
+    names = vehicle.velocities
     at = [vehicle.states.index(name) for name in names]
     mass = mass_matrix(vehicle)
     bound = np.array([2 * vehicle.envelope.get(name, 0.5) for name in names])
@@ -157,7 +156,7 @@ def _accelerations(vehicle: Vehicle, nu: Matrix, at: list[int]) -> Matrix:
 def mass_matrix(vehicle: Vehicle) -> Matrix:
     """Return M with added mass, in the order of the velocities of the vehicle."""
     sparse = vehicle.equations.mass_matrix(vehicle.parameters)
-    axes = [VELOCITIES.index(n[3:]) for n in vehicle.states if n.startswith("nu.")]
+    axes = [VELOCITIES.index(name[3:]) for name in vehicle.velocities]
     return np.array([[float(sparse.get((i, j), 0.0)) for j in axes] for i in axes])
 
 
@@ -190,7 +189,7 @@ def drag_shares(vehicle: Vehicle, trim: Trim) -> dict[str, float]:
 
     Empty where the actuators cannot hold each velocity apart from the others.
     """
-    at = [i for i, name in enumerate(vehicle.states) if name.startswith("nu.")]
+    at = [vehicle.states.index(name) for name in vehicle.velocities]
     effect = command_effect(vehicle, trim)
     limits = np.array([a.limit for a in vehicle.actuators])
     found: dict[str, float] = {}
@@ -210,33 +209,15 @@ def drag_shares(vehicle: Vehicle, trim: Trim) -> dict[str, float]:
     return found
 
 
-def command_effect(vehicle: Vehicle, trim: Trim) -> Matrix:
-    """Return the accelerations per actual thrust or angle at the trim (velocities, actuators)."""
-    at = [i for i, name in enumerate(vehicle.states) if name.startswith("nu.")]
-    columns = []
-    for actuator in vehicle.actuators:
-        step = 1e-4 * actuator.limit
-        ends = [_rates_at(vehicle, dict(trim.state), trim, actuator, s * step) for s in (1, -1)]
-        columns.append((ends[0] - ends[1])[at] / (2 * step))
-    return np.array(columns).T.reshape(len(at), len(vehicle.actuators))
-
-
 def _driven(vehicle: Vehicle, effect: Matrix, at: list[int]) -> set[str]:
     size = np.abs(effect).max(axis=1, initial=0.0)
     return {vehicle.states[i][3:] for i, s in zip(at, size, strict=True) if s > 1e-9}
 
 
-def _rates_at(
-    vehicle: Vehicle, state: Mapping[str, float], trim: Trim, moved: Any = None, by: float = 0.0
-) -> Matrix:
-    """Return x' at a state, commands those of the trim, one actuator moved."""
+def _rates_at(vehicle: Vehicle, state: Mapping[str, float], trim: Trim) -> Matrix:
+    """Return x' at a state, commands those of the trim."""
     x = [state[name] for name in vehicle.states]
-    u = [0.0] * len(vehicle.inputs)
-    for k, actuator in enumerate(vehicle.actuators):
-        change = by if actuator is moved else 0.0
-        u[k] = trim.commands[actuator.command] + change
-        if actuator.lag and change:
-            x[vehicle.states.index(f"actual.{actuator.name}")] += change
+    u = [trim.commands.get(name, 0.0) for name in vehicle.inputs]
     return np.array(vehicle.rates(x, x if vehicle.damping else (), u))
 
 
@@ -312,6 +293,3 @@ def _not_observed(vehicle: Vehicle, measured: set[str]) -> list[str]:
 
 def _finding(level: Level, what: str, **parts: Any) -> Finding:
     return Finding(level, InputError(what, **parts))
-
-
-Check = Callable[[Vehicle], Iterator[Finding]]

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cosim import fmu as fmus, hinf, scenario
-from cosim.core import DESIGN_FILE, InputError, NotAchievableError, Progress, silent
+from cosim.core import DESIGN_FILE, PLANT_NOTE, InputError, NotAchievableError, Progress, silent
 from cosim.models import DelaySystem, Measurement
 from cosim.trace import pyplot
 from cosim.vehicle.flight_picture import PictureSubject, draw_flight
@@ -104,17 +104,18 @@ def fly(
     where.mkdir(parents=True, exist_ok=True)
     (where / "vehicle.toml").write_text(craft.text, "utf-8")
     with steps("linear model at the trim, uncertainty proved over the envelope"):
-        steps.add(_model_line(linear_model(craft)))
+        model = linear_model(craft)
+        steps.add(_model_line(model))
         if craft.default_bounds:
             bounds = ", ".join(f"{n} {craft.envelope[n]:g}" for n in craft.default_bounds)
             steps.add(f"bounds that the file does not give: {bounds}")
     with steps("observer and gain, certified as a pair"):
-        model, sensors, design = _designed(craft, chosen, where, steps)
+        model, sensors, design = _designed(model, chosen, where, steps)
         steps.add(f"gamma {design.gamma:.4g} certified, exact norm {design.exact_norm or 0:.4g}")
         mission = _mission(model, design, chosen)
         _save(design, where / DESIGN)
     with steps("plant, sensors and controller as FMUs"):
-        names = _write_fmus(model, sensors, mission, design, where)
+        names = _write_fmus(model, mission, design, where)
         steps.add(", ".join(names))
     with steps(f"scenario: {where / SCENARIO}"):
         _write_scenario(model, sensors, mission, chosen, where / SCENARIO, steps)
@@ -141,7 +142,7 @@ def silent_line(line: str) -> None:
 
 
 class _Steps:
-    """Says each step of a flight as it begins, with what it found and how long it took."""
+    """Says each step of a flight when it is done, with what it found and how long it took."""
 
     def __init__(self, say: Callable[[str], None], progress: Progress) -> None:
         self._say, self._progress = say, progress
@@ -190,13 +191,15 @@ def measurements_of(
 
 
 def _designed(
-    craft: Vehicle, settings: FlightSettings, folder: Path, steps: _Steps
+    whole: LinearModel, settings: FlightSettings, folder: Path, steps: _Steps
 ) -> tuple[LinearModel, tuple[PlannedSensor, ...], hinf.OutputFeedback]:
     """Return model, sensors and design; where nothing is certified, for a smaller envelope."""
     refused = NotAchievableError("no design was tried")
     for share in _ENVELOPES:
-        envelope = {name: share * bound for name, bound in craft.envelope.items()}
-        model = linear_model(craft, envelope=envelope)
+        craft, model = whole.vehicle, whole
+        if share < 1.0:
+            envelope = {name: share * bound for name, bound in craft.envelope.items()}
+            model = linear_model(craft, envelope=envelope)
         sensors = planned_sensors(craft.sensors, model.states, settings)
         measured = measurements_of(model, sensors)
         try:
@@ -208,12 +211,12 @@ def _designed(
         except NotAchievableError as error:
             refused = error if share == 1.0 else refused
             continue
-        steps.add(_model_line(model))
         if share < 1.0:
+            steps.add(_model_line(model))
             steps.add(f"nothing was certified for the whole envelope: for {share:g} times of it")
         for sensor in sensors:
             steps.add(sensor_line(sensor))
-        note = {scenario.PLANT_NOTE: plant_note(model).to_json()}
+        note = {PLANT_NOTE: plant_note(model).to_json()}
         return model, sensors, replace(design, certificate={**design.certificate, **note})
     refused.hint = "a faster link (--link), a smaller envelope, sensors that are faster on board"
     raise refused
@@ -314,6 +317,8 @@ def plant_note(model: LinearModel) -> scenario.DesignedPlant:
             for name, bound in model.disturbance.items()
         ),
         source=vehicle.text,
+        model=fmus.component_module("vehicle_plant.variables").plant_record(vehicle),
+        thrust_map=tuple(map(tuple, actuation.thrust_map.tolist())),
     )
 
 
@@ -340,44 +345,16 @@ def _save(design: hinf.OutputFeedback, path: Path) -> None:
 
 
 def _write_fmus(
-    model: LinearModel,
-    sensors: Sequence[PlannedSensor],
-    mission: Mission,
-    design: hinf.OutputFeedback,
-    folder: Path,
+    model: LinearModel, mission: Mission, design: hinf.OutputFeedback, folder: Path
 ) -> list[str]:
     """Write the FMUs of a flight; return their names."""
     kind = fmus.target_named(fmus.DEFAULT_FLAVOUR, "prebuilt")
-    plant = fmus.component_module("vehicle_plant.variables")
-    observer = fmus.component_module("observer.variables")
-    sensor_fmu = fmus.component_module("sensor.variables")
-    vehicle, actuation = model.vehicle, model.actuation
-    numbers = {name: i for i, name in enumerate(model.states, 1)}
-    outputs = {p.name: p.unit for p in vehicle.parameter_table if p.name.startswith("initial.")}
-    specs = {
-        "plant": plant.vehicle_plant_spec(vehicle, name="plant"),
-        "controller": observer.output_feedback_spec(
-            "controller",
-            hinf.certificate_bytes(design.certificate),
-            sample_time=0.0,
-            limits=actuation.limits.tolist(),
-            safe=actuation.at_trim.tolist(),
-            envelope={numbers[n]: b for n, b in model.envelope.items() if n in numbers},
-            outputs=[(a.command, a.unit) for a in vehicle.actuators],
-            thrust_map=actuation.thrust_map.tolist(),
-            trim=actuation.at_trim.tolist(),
-            trim_measured={
-                s.name: [model.trim.state[name] for name in s.measures] for s in sensors
-            },
-        ),
-    }
-    for sensor in sensors:
-        values = [(name, outputs.get(f"initial.{name}")) for name in sensor.measures]
-        specs[sensor.name] = sensor_fmu.sensor_spec(
-            sensor.name, values, noise=sensor.noise, sample_time=sensor.interval
-        )
+    data = design.to_json()
+    parts = fmus.design_parts(data)
+    specs = {part: fmus.design_part_spec(data, part, name=part) for part in parts}
     if mission.set_points:
         points = [(f"set-point of {model.states[i - 1]}", None) for i in mission.set_points]
+        sensor_fmu = fmus.component_module("sensor.variables")
         specs["ship"] = sensor_fmu.sensor_spec("ship", points)
     for name, spec in specs.items():
         fmus.write_fmu(spec, folder / f"{name}.fmu", kind)

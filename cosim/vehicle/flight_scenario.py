@@ -17,6 +17,9 @@ PLANT, CONTROLLER, SHIP, SEA = "plant", "controller", "ship", "sea"
 SET_POINTS = "set_points"
 """Names in the scenario."""
 
+PATH_ENDS = 0.45
+"""Share of the flight after which the set-points are at the trim."""
+
 _RESERVED = {PLANT, CONTROLLER, SHIP, SEA, SET_POINTS}
 
 
@@ -159,7 +162,7 @@ def _set_points(
     transit, jitter = link_times(settings)
     axes = ", ".join(f'"[{k}]"' for k in range(1, 1 + len(mission.set_points)))
     values = [*mission.set_points.values()]
-    half = round(0.45 * settings.duration, 3)
+    half = round(PATH_ENDS * settings.duration, 3)
     link = _packet(SET_POINTS, interval, transit, jitter, settings.loss, settings)
     wires = "\n".join(
         _wire(f"{SHIP}.y[{k}]", f"{CONTROLLER}.reference[{i}]", SET_POINTS)

@@ -66,20 +66,6 @@ class LinearModel:
     disturbance: Mapping[str, float]
     actuation: Actuation = field(repr=False)
 
-    def differences(self, parameters: Mapping[str, float | None]) -> list[str]:
-        """Return in words the parameters of a plant that are not those of the model.
-
-        A delay may be shorter: the model is for every age up to it.
-        """
-        found = []
-        for name, value in self.vehicle.parameters.items():
-            if name.startswith(("initial.", "solver.")):
-                continue
-            own = parameters.get(name)
-            if own is None or (own > value if name == "delay.d" else own != value):
-                found.append(f"{name} is {own}, designed for {value}")
-        return found
-
 
 def linear_model(
     vehicle: Vehicle,

@@ -18,18 +18,14 @@ from numpy.typing import NDArray
 
 from cosim.hinf import close
 from cosim.vehicle.flight_plan import FlightSettings
-from cosim.vehicle.flight_scenario import Mission
+from cosim.vehicle.flight_scenario import PATH_ENDS, Mission
 
 if TYPE_CHECKING:
     from cosim.hinf import OutputFeedback
 
 Reals = NDArray[np.float64]
 
-PATH_ENDS = 0.45
-"""Share of the flight after which the set-points are at the trim."""
-
 _MOST_METRES, _MOST_RADIANS = 5.0, 0.3
-_WAVE_PERIOD, _DEPTH = 8.0, 30.0
 _ERROR = 0.1  # of the first estimate, as a share of the offset
 
 
@@ -69,7 +65,7 @@ def plan_mission(
         }
     height = _wave_height(design, disturbances, bounds, limits, settings)
     errors = {i: _rounded(_ERROR * value) for i, value in offsets.items() if abs(value) > 0}
-    return Mission(offsets, errors, height, _WAVE_PERIOD, _DEPTH)
+    return Mission(offsets, errors, height)
 
 
 def _is_angle(name: str) -> bool:
@@ -141,14 +137,7 @@ class _Loop:
 
     def at(self, omega: float) -> Reals:
         """Return the magnitudes of the response to sinusoids, (outputs, inputs)."""
-        loop, s = self._loop, 1j * omega
-        late = [np.exp(-s * d) for d in loop.delays]
-        A = sum(e * A for e, A in zip(late, loop.A, strict=True))
-        D = sum(e * D for e, D in zip(late, loop.D, strict=True))
-        found: Reals = np.abs(
-            D @ np.linalg.solve(s * np.eye(len(A)) - A, np.asarray(loop.C)) + loop.D1
-        )
-        return found
+        return np.asarray(np.abs(self._loop.transfer(omega)))
 
 
 def _loop(design: OutputFeedback, free: Sequence[int]) -> _Loop:
@@ -189,12 +178,12 @@ def _wave_height(
         return 0.0
     C = design.pair.system.C[:, : len(disturbances)]
     direct = np.zeros((design.system.B.shape[1], C.shape[1]))
-    most = _Loop(design, C, direct).at(2 * np.pi / _WAVE_PERIOD)[:, acting].sum(axis=1)
+    omega = 2 * np.pi / Mission.wave_period
+    most = _Loop(design, C, direct).at(omega)[:, acting].sum(axis=1)
     n = len(design.system.A)
     shares = [*(most[:n] / bounds), *(most[n:] / np.array(limits))]
     per_acceleration = max(shares)
     # irregular: the greatest of some twenty waves is twice the significant amplitude Hs/2
-    omega = 2 * np.pi / _WAVE_PERIOD
-    per_height = omega**2 * np.exp(-(omega**2) * _DEPTH / 9.81)
+    per_height = omega**2 * np.exp(-(omega**2) * Mission.wave_depth / 9.81)
     height = 0.4 * settings.use / (per_acceleration * per_height) if per_acceleration else 0.0
     return _rounded(min(height, 2.0))

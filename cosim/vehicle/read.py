@@ -65,20 +65,30 @@ def vehicle_from_toml(text: str, *, where: str) -> Vehicle:
     InputError : malformed TOML, a key that does not exist or is missing, a value of the wrong kind,
         a term that the degrees of freedom do not have, or numbers that no vehicle has.
     """
-    data = VEHICLE_FILE.from_toml(text, where)
-    if isinstance(data.get("envelope"), dict):
-        data = {**data, "envelope": flattened(data["envelope"])}
+    data = vehicle_data(text, where)
     file = validated(VehicleFile, text, data, where)
     Faults(file, text, where).check()
     return _vehicle(file, text)
 
 
-def flattened(table: Mapping[str, Any], before: str = "") -> dict[str, Any]:
+def vehicle_data(text: str, where: str) -> dict[str, Any]:
+    """Return the TOML text of a vehicle file as data.
+
+    Raises
+    ------
+    InputError : malformed TOML, or a schema that is not known.
+    """
+    data = VEHICLE_FILE.from_toml(text, where)
+    bounds = data.get("envelope")
+    return {**data, "envelope": _flattened(bounds)} if isinstance(bounds, dict) else data
+
+
+def _flattened(table: Mapping[str, Any], before: str = "") -> dict[str, Any]:
     """Return a table whose names with dots may be written without quotes: nu.u = 0.3."""
     found: dict[str, Any] = {}
     for key, value in table.items():
         name = f"{before}{key}"
-        found |= flattened(value, f"{name}.") if isinstance(value, dict) else {name: value}
+        found |= _flattened(value, f"{name}.") if isinstance(value, dict) else {name: value}
     return found
 
 

@@ -6,7 +6,7 @@ import re
 import textwrap
 
 from cosim.core import InputError
-from cosim.vehicle.keys import VehicleKey, vehicle_tables
+from cosim.vehicle.keys import vehicle_tables
 from cosim.vehicle.read import vehicle_text
 
 _HEAD = """\
@@ -50,17 +50,13 @@ def vehicle_template(name: str, like: str) -> str:
             key = found["key"].strip('"')
             known = tables[heading][1].get(key) if heading in tables else None
             if known is not None and (heading, key) not in explained:
-                lines += _comment(_meaning(known))
+                lines += _comment(known.text)
             explained.add((heading, key))
             if heading == _TOP and key == "name":
                 line = f'name = "{name}"'  # noqa: PLW2901 - the copy has a name of its own
         lines.append(line)
         inside ^= line.count('"""') % 2 == 1
     return "\n".join(lines) + "\n"
-
-
-def _meaning(key: VehicleKey) -> str:
-    return key.text
 
 
 def _comment(text: str) -> list[str]:

@@ -99,8 +99,7 @@ class _Motion:
 
     def __init__(self, vehicle: Vehicle) -> None:
         self._vehicle, self._places = vehicle, {name: i for i, name in enumerate(vehicle.states)}
-        names = [name for name in vehicle.states if name.startswith("nu.") or name == "eta.z"]
-        self.rows = [self._places[name] for name in names]
+        self.rows = [self._places[name] for name in ("eta.z", *vehicle.velocities)]
         across = ("nu.v", "nu.w") if any(vehicle.trim.values()) else ()
         free = [name for name in ("eta.phi", "eta.theta", *across) if name not in vehicle.trim]
         self._free = [self._places[name] for name in free if name in self._places]

@@ -124,6 +124,11 @@ class Vehicle:
         return self.equations.states
 
     @property
+    def velocities(self) -> tuple[str, ...]:
+        """FMI names of nu."""
+        return tuple(name for name in self.states if name.startswith("nu."))
+
+    @property
     def inputs(self) -> tuple[str, ...]:
         """FMI names of the inputs: commands, current.x/.y/.z, disturbance.u ... .r."""
         return self.equations.inputs
@@ -156,9 +161,13 @@ class Vehicle:
         ns : sin, cos, sqrt, exp, atan2, asin, min and max of two, for the scalars given.
         parameters : in place of the vehicle's own, of the same names.
         """
-        p = self.parameters if parameters is None else parameters
-        constants = self.equations.constants(p, FloatFunctions if parameters is None else ns)
-        return self.equations.rates(x, late, u, constants, ns)
+        own = self._constants if parameters is None else self.equations.constants(parameters, ns)
+        return self.equations.rates(x, late, u, own, ns)
+
+    @cached_property
+    def _constants(self) -> Mapping[str, Any]:
+        """What the equations make of the vehicle's own parameters, such as the mass's inverse."""
+        return self.equations.constants(self.parameters, FloatFunctions)
 
 
 def output_names(states: Sequence[str], attitude: str) -> tuple[str, ...]:

@@ -100,7 +100,7 @@ def overview(vehicle: Vehicle) -> Overview:
         why = error.text()
     return Overview(
         vehicle,
-        tuple(name for name in vehicle.states if name.startswith("nu.")),
+        vehicle.velocities,
         mass_matrix(vehicle),
         trim,
         why,

@@ -25,15 +25,13 @@ def drag_across(
 
 FLOATS = SimpleNamespace(
     coupled_drag=drag_across,
-    **{n: getattr(math, n) for n in ("sin", "cos", "tan", "asin", "atan", "atan2", "sqrt", "exp")},
+    **{n: getattr(math, n) for n in ("sin", "cos", "asin", "atan2", "sqrt", "exp")},
     min=min,
     max=max,
-    abs=abs,
 )
 EXPRESSIONS = {
     "sin": lambda x, n: [n.sin(x[0] * x[1]), n.sin(3 * x[0])],
     "cos": lambda x, n: [n.cos(4 * x[0]) * x[1]],
-    "tan": lambda x, n: [n.tan(x[0]) / (2 + x[1])],
     "asin": lambda x, n: [n.asin(x[0] / 2)],
     "atan2": lambda x, n: [n.atan2(x[0], 1.5 + x[1])],
     "sqrt": lambda x, n: [n.sqrt(1.5 + x[0] * x[0]) * x[1]],
@@ -65,14 +63,14 @@ def test_the_change_is_enclosed_for_both_orders(name: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "name", ["sin", "cos", "tan", "asin", "atan2", "sqrt", "exp", "powers", "coupled drag"]
+    "name", ["sin", "cos", "asin", "atan2", "sqrt", "exp", "powers", "coupled drag"]
 )
 def test_derivatives_are_those_of_complex_steps(name: str) -> None:
     """At a point the enclosure is the derivative, to rounding."""
     import cmath  # noqa: PLC0415
 
     point = [0.3, -0.4]
-    names = ("sin", "cos", "tan", "asin", "atan", "sqrt", "exp")
+    names = ("sin", "cos", "asin", "sqrt", "exp")
     ns = SimpleNamespace(**{n: getattr(cmath, n) for n in names})
     ns.atan2 = lambda y, x: cmath.atan(y / x)
     ns.coupled_drag = functools.partial(drag_across, root=cmath.sqrt)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from cosim import hinf
 from cosim.core import InputError, NotAchievableError
 from cosim.models import TABLE_1, DelaySystem, inertia
+from cosim.scenario.designed_plant import differences_from
 from cosim.vehicle import (
     LinearModel,
     find_trim,
@@ -20,6 +21,7 @@ from cosim.vehicle import (
     vehicle_from_toml,
     vehicle_text,
 )
+from cosim.vehicle.flight import plant_note
 
 Matrix = NDArray[np.float64]
 NAMES = ("nps-auv2", "bluerov2-heavy", "remus100")
@@ -193,11 +195,12 @@ def test_the_thrust_map_gives_what_is_commanded() -> None:
 
 def test_a_plant_with_other_parameters_is_named() -> None:
     found = model("nps-auv2")
-    own = dict(found.vehicle.parameters)
-    assert found.differences(own) == []
-    assert found.differences(own | {"delay.d": 0.3}) == []
-    other = found.differences(own | {"mass": 13.5, "delay.d": 0.9})
-    assert other == ["mass is 13.5, designed for 5454.0", "delay.d is 0.9, designed for 0.5"]
+    own, designed = dict(found.vehicle.parameters), plant_note(found).parameters
+    assert differences_from(designed, own) == []
+    assert differences_from(designed, own | {"delay.d": 0.3}) == []
+    assert differences_from(designed, own | {"delay.d": 0.3}, exact=True) == [("delay.d", 0.3, 0.5)]
+    other = differences_from(designed, own | {"mass": 13.5, "delay.d": 0.9})
+    assert sorted(other) == [("delay.d", 0.9, 0.5), ("mass", 13.5, 5454.0)]
 
 
 def test_what_holds_no_trim_is_refused() -> None:

@@ -161,20 +161,14 @@ def _larger(a: Any, b: Any) -> AffineDual:
     return AffineDual(value, chosen(x, y, least, np.maximum(ends[0][1], ends[1][1])))
 
 
-def _sign(x: Any) -> AffineDual:
-    """Return the sign; its derivative is not a number where it jumps."""
-    x = dual(x)
-    sign = x.value.magnitude()[1]
-    jumps = np.where(sign.radius > 0, math.nan, 0.0)
-    return AffineDual(sign, None if x.slope is None else AffineForm(jumps))
+_atan = _function(rising("atan"), lambda x, _: (_ONE + x.square()).through(reciprocal))
 
 
 def _atan2(y: Any, x: Any) -> AffineDual:
     """Return the angle of (x, y) where x > 0; not a number elsewhere."""
     x = dual(x)
     right = np.where(x.value.bounds[0] > 0, 1.0, math.nan)
-    found: AffineDual = AFFINE.atan(dual(y) / x * right)
-    return found
+    return _atan(dual(y) / x * right)
 
 
 def _coupled_drag(
@@ -190,23 +184,16 @@ def _coupled_drag(
     return along, down
 
 
-_HALF_TURN = math.nextafter(math.pi / 2, 0)
-
 AFFINE = SimpleNamespace(
     sin=_function(_sine, lambda x, _: x.through(cosine)),
     cos=_function(cosine, lambda x, _: -x.through(_sine)),
-    tan=_function(rising("tan", -_HALF_TURN, _HALF_TURN), lambda _, y: _ONE + y.square()),
     asin=_function(
         rising("asin", -1.0, 1.0),
         lambda x, _: (_ONE + -x.square()).through(rising("sqrt", 0.0)).through(reciprocal),
     ),
-    atan=_function(rising("atan"), lambda x, _: (_ONE + x.square()).through(reciprocal)),
     atan2=_atan2,
     sqrt=_function(rising("sqrt", 0.0), lambda _, y: (y + y).through(reciprocal)),
     exp=_function(rising("exp"), lambda _, y: y),
-    abs=abs,
-    fabs=abs,
-    sign=_sign,
     max=_larger,
     min=lambda a, b: -_larger(-dual(a), -dual(b)),
     coupled_drag=_coupled_drag,

@@ -57,10 +57,8 @@ def function_of(*values: Any) -> Dependence:
     return Dependence(used, used)
 
 
-_FUNCTIONS = ("sin", "cos", "tan", "asin", "atan", "atan2", "sqrt", "exp", "sign", "min", "max")
+_FUNCTIONS = ("sin", "cos", "asin", "atan2", "sqrt", "exp", "min", "max")
 DEPENDENCE = SimpleNamespace(
-    abs=abs,
-    fabs=abs,
     coupled_drag=lambda v, w, *_: (function_of(v, w),) * 2,
     **dict.fromkeys(_FUNCTIONS, function_of),
 )

@@ -156,6 +156,9 @@ DROPPED_SIGNALS = (
 )
 """Signals of `/link/<name>/dropped`."""
 
+NOTICED_REASONS = ("lost", "late", "collided", "receiver sending", "out of range")
+"""Those of its reasons after which the receiver uses the substitute of a link that has one."""
+
 
 def output_topic(component: str) -> str:
     """Return the topic of a component's outputs: `/plant/output`."""
