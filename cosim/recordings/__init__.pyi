@@ -4,11 +4,11 @@ from .fit import (
     fit_link as fit_link,
 )
 from .hidden_chain import HiddenChain as HiddenChain
-from .loss_fit import LossModel as LossModel
-from .outage_verdict import (
+from .link_verdict import (
     OutageVerdict as OutageVerdict,
     outage_verdict as outage_verdict,
 )
+from .loss_fit import LossModel as LossModel
 from .picture import draw_recordings as draw_recordings
 from .range_fit import RangeDependence as RangeDependence
 from .reading import (

@@ -178,9 +178,9 @@ class Flight:
             if quiet == 0 and rng.random() < 0.1:
                 stamp = max(stamp, k - int(rng.integers(0, most // 2)), 0)
             there = k + 1 - stamp <= most
-            held = max(k - int(rng.integers(0, back_age)), 0) if back_age else k
+            age = max(k - int(rng.integers(0, back_age)), 0) if back_age else k
             # what acts at once is, over a step, the mean of its ends: here that of the beginning
-            u = self.K @ x[stamp] if there else self.back @ x[held]
+            u = self.K @ x[stamp] if there else self.back @ x[age]
             now = w * rng.standard_normal(self.C.shape[1]) if self.C.size else np.zeros(0)
             inputs = np.concatenate([u, now])
             x.append(self.moved @ np.concatenate([x[-1], inputs]))
@@ -217,7 +217,7 @@ class Flight:
 
 @pytest.mark.parametrize("fallback", ["zero", "on board"])
 @pytest.mark.parametrize("seed", range(4))
-def test_no_run_beats_the_bound_on_V(fallback: str, seed: int) -> None:
+def test_no_run_exceeds_the_bound_on_V(fallback: str, seed: int) -> None:
     """Random outages, ages and uncertainty, on the exact integrator; from x0 and constant past."""
     found = proved(fallback).guarantees.outages
     rng = np.random.default_rng(seed)
@@ -236,7 +236,7 @@ def test_no_run_beats_the_bound_on_V(fallback: str, seed: int) -> None:
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_no_run_beats_the_weighted_gain(seed: int) -> None:
+def test_no_run_exceeds_the_weighted_gain(seed: int) -> None:
     found, system = proved("zero").guarantees.outages, ncs(0.5, **UNCERTAIN)
     rng = np.random.default_rng(100 + seed)
     flight = Flight(system, NCS_GAIN, found, delta=1.0)
@@ -283,20 +283,20 @@ def test_an_outage_that_is_never_made_up_is_open_at_the_end() -> None:
 
 
 @pytest.mark.parametrize(
-    ("after_loss", "after_arrival", "zero", "hold"),
+    ("after_loss", "after_arrival", "zero", "greater"),
     [(0.87, 0.09, 0.917, 1.26), (0.90, 0.17, 0.953, 1.34)],
 )
 def test_zero_and_hold_differ_in_mean_square(
-    after_loss: float, after_arrival: float, zero: float, hold: float
+    after_loss: float, after_arrival: float, zero: float, greater: float
 ) -> None:
     """The vehicle's axis, pings each 2 s used .65 s later, losses as three buoys had them."""
     chain = [[1 - after_arrival, after_arrival], [1 - after_loss, after_loss]], [0.0, 1.0]
     found = hinf.jump_mean_square(axis(1.25), AXIS_GAIN, *chain, 2.0, 0.65)
     assert found.radius == pytest.approx(zero, abs=6e-4)
     assert found.proved
-    held = hinf.jump_mean_square(axis(1.25), AXIS_GAIN, *chain, 2.0, 0.65, lost="hold")
-    assert held.radius == pytest.approx(hold, abs=6e-3)
-    assert (held.stable, held.proved) == (False, False)
+    hold = hinf.jump_mean_square(axis(1.25), AXIS_GAIN, *chain, 2.0, 0.65, lost="hold")
+    assert hold.radius == pytest.approx(greater, abs=6e-3)
+    assert (hold.stable, hold.proved) == (False, False)
 
 
 @pytest.mark.parametrize("playout", [0.0, 0.65, 2.0, 3.1])

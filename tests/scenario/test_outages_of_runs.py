@@ -112,7 +112,7 @@ def test_with_a_watchdog_every_interval_is_covered_and_V_stays_below_its_bound(
     assert found["suspensions"] >= 1
 
 
-def test_what_is_held_is_not_covered(folder: Path) -> None:
+def test_a_hold_is_not_covered(folder: Path) -> None:
     metrics = outages(folder, "")
     found = metrics["outages"]
     assert metrics["message_age_s"] > 1.25
@@ -133,7 +133,7 @@ def test_another_value_than_zero_is_no_fallback_of_the_proof(folder: Path) -> No
     assert found["uncovered_s"] > 1
 
 
-def test_a_value_that_is_held_is_refused_with_the_reason(folder: Path) -> None:
+def test_a_hold_on_age_is_refused_with_the_reason(folder: Path) -> None:
     text = SCENARIO.replace("WATCHDOG", 'greatest_age = 1.1\non_age = "hold"')
     (folder / "s.toml").write_text(text, "utf-8")
     done = cosim("scenario", "check", "s.toml", "--fmus", fmu_store("native"), cwd=folder)
@@ -155,9 +155,9 @@ def test_a_design_without_the_proof_is_refused_where_outages_are_asked_for(folde
 def test_the_summary_says_what_was_suspended(folder: Path) -> None:
     (folder / "s.toml").write_text(SCENARIO.replace("WATCHDOG", "greatest_age = 1.1"), "utf-8")
     words = ("run", "s.toml", "--fmus", fmu_store("native"), "--out", "t.mcap")
-    said = " ".join(cosim(*words, cwd=folder).out.split())
-    assert "time in touch, needed" in said
-    assert "suspended from" in said
+    text = " ".join(cosim(*words, cwd=folder).out.split())
+    assert "time in touch, needed" in text
+    assert "suspended from" in text
     info = " ".join(cosim("trace", "info", "t.mcap", cwd=folder).out.split())
     assert "gamma was suspended" in info
     assert cosim("trace", "report", "t.mcap", cwd=folder).code == 0

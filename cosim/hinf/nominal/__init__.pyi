@@ -3,6 +3,10 @@ from .closed_loop import (
     close as close,
 )
 from .delay_margins import delay_margin as delay_margin
+from .divided_time import (
+    OutageBound as OutageBound,
+    outage_bound as outage_bound,
+)
 from .from_control import (
     checked_system as checked_system,
     frequency_response as frequency_response,
@@ -32,10 +36,6 @@ from .norm import (
 from .norm_proof import (
     norm_certificate as norm_certificate,
     norm_proved as norm_proved,
-)
-from .outage_bound import (
-    OutageBound as OutageBound,
-    outage_bound as outage_bound,
 )
 from .roots import (
     Roots as Roots,

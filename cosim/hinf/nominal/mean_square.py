@@ -148,7 +148,7 @@ def jump_mean_square(
             ]
         )
         radius = _radius(whole)
-        proved = radius < 1 and _is_shown(modes, moves, chance, whole, n)
+        proved = radius < 1 and _has_lyapunov_function(modes, moves, chance, whole, n)
     return MeanSquare(
         radius,
         radius < 1,
@@ -198,7 +198,7 @@ def _lifted(
     back = int((late / T).floor())
     rest = late - back * T
     # held over the first `rest` of the period: u_{k-back-1}; then u_{k-back}
-    first, second = (_held(system, flint.fmpq(h)) for h in (rest, T - rest))
+    first, second = (_constant_input(system, flint.fmpq(h)) for h in (rest, T - rest))
     past = m * (back + 1)
 
     def select(j: int) -> Any:
@@ -221,7 +221,7 @@ def _lifted(
     return steps[0], steps[1]
 
 
-def _held(system: DelaySystem, h: Any) -> tuple[Any, Any]:
+def _constant_input(system: DelaySystem, h: Any) -> tuple[Any, Any]:
     """Enclose e^{A h} and the integral of e^{A s} B over [0, h]."""
     n, m = system.B.shape
     A, B = exact_matrix(system.A), exact_matrix(system.B)
@@ -239,7 +239,7 @@ def _floats(matrix: Any) -> NDArray[np.float64]:
                      for i in range(matrix.nrows())])  # fmt: skip
 
 
-def _is_shown(
+def _has_lyapunov_function(
     modes: tuple[Any, Any],
     moves: NDArray[np.float64],
     chance: NDArray[np.float64],

@@ -45,8 +45,8 @@ def outage_verdict(found: Mapping[str, Any]) -> tuple[str, str, str]:
     """Return the tone, the words, and the numbers of what holds in place of gamma."""
     if found["uncovered_at_s"] is not None:
         since = f"from {found['uncovered_at_s']:.6g} s on"
-        held = "the plant held a value older than designed for, which no proof covers"
-        return BAD, "The guarantee is not claimed", f"{since} {held}"
+        why = "the plant held a value older than designed for, which no proof covers"
+        return BAD, "The guarantee is not claimed", f"{since} {why}"
     if found["value_within_bound"] is False or found["weighted_gain_within_gamma"] is False:
         return (
             BAD,
@@ -72,12 +72,12 @@ def _suspensions(found: Mapping[str, Any]) -> str:
     times, count = found["suspensions_s"], found["suspensions"]
     if not count:
         return "never suspended"
-    shown = [
+    texts = [
         f"{begin:.6g} s to {'the end' if end is None else f'{end:.6g} s'}"
         for begin, end in times[:_MOST_TIMES]
     ]
-    more = f" and {count - len(shown)} more" if count > len(shown) else ""
-    return f"suspended from {', '.join(shown)}{more}"
+    more = f" and {count - len(texts)} more" if count > len(texts) else ""
+    return f"suspended from {', '.join(texts)}{more}"
 
 
 def _percent(value: float) -> str:

@@ -17,7 +17,7 @@ from cosim.core import InputError
 from cosim.models import Delay, DelaySystem
 from cosim.network import Recording
 from cosim.recordings import HiddenChain, outage_verdict, write_recordings
-from cosim.recordings.outage_verdict import in_touch
+from cosim.recordings.link_verdict import in_touch
 
 S = 10**9
 D = 2.4
@@ -48,12 +48,12 @@ def recording(chain: HiddenChain, count: int = 900, copy: int = 0) -> Recording:
 def test_touch_is_what_its_definition_says_at_any_instant(copy: int) -> None:
     found = recording(BAD, 200, copy)
     assert found.delay_ns is not None
-    times, touch = in_touch(found, 1.7)
+    times, touch = in_touch(found, 1.9, 0.2)
     at = np.random.default_rng(copy).uniform(0, times[-1], 2000)
-    came = (found.sent_ns + found.delay_ns)[found.arrived] / 1e9
+    came = (found.sent_ns + found.delay_ns)[found.arrived] / 1e9 + 0.2
     sent = found.sent_ns[found.arrived] / 1e9
     newest = np.array([sent[came <= t].max(initial=-np.inf) for t in at])
-    expected = at - newest < 1.7
+    expected = at - newest < 1.9
     assert np.array_equal(touch[np.searchsorted(times, at, side="right") - 1], expected)
 
 
@@ -69,7 +69,7 @@ def test_a_link_that_is_mostly_there_holds_and_one_that_is_mostly_gone_does_not(
     assert not bad.rates.stable
 
 
-def test_the_share_of_a_run_and_the_mean_square_are_told_apart() -> None:
+def test_the_share_of_a_run_and_the_mean_square_are_two_things() -> None:
     """By its share the run is bounded; the chain is not shown stable by the rates."""
     chain = HiddenChain(np.array([[0.98, 0.02], [0.05, 0.95]]), np.array([0.0, 1.0]))
     found = outage_verdict(recording(chain, 2000, 1), proved(), 0.1)
@@ -82,7 +82,7 @@ def test_the_share_of_a_run_and_the_mean_square_are_told_apart() -> None:
 
 
 @pytest.mark.parametrize("copy", sampled(range(12), 3))
-def test_no_flight_over_a_recording_beats_its_bound(copy: int) -> None:
+def test_no_flight_over_a_recording_exceeds_its_bound(copy: int) -> None:
     """The loop itself, flown exactly over the recording: |x|_P^2 <= V(0) e^exponent at the end.
 
     And where the verdict holds, it comes to rest.
@@ -93,7 +93,7 @@ def test_no_flight_over_a_recording_beats_its_bound(copy: int) -> None:
     outages = proved().guarantees.outages
     assert outages is not None
     assert found.delay_ns is not None
-    times, _ = in_touch(found, D - other)
+    times, _ = in_touch(found, D, other)
     count = round(times[-1] / step)
     moved = scipy.linalg.expm(np.block([[AXIS.A, AXIS.B], [np.zeros((1, 3))]]) * step)[:2]
     x, seen = np.array([1.0, 0.5]), {}
@@ -119,7 +119,7 @@ def test_no_flight_over_a_recording_beats_its_bound(copy: int) -> None:
         assert np.abs(x).max() < 1.0
 
 
-def test_what_cannot_be_judged_is_refused_or_said() -> None:
+def test_what_cannot_be_judged_is_refused_or_remarked() -> None:
     with pytest.raises(InputError, match="proves nothing across outages"):
         outage_verdict(recording(MILD), hinf.analyse(AXIS, K, order=0))
     with pytest.raises(InputError, match="nothing is left of the age"):
@@ -144,6 +144,6 @@ def test_the_verb_says_it_link_by_link(tmp_path: Path) -> None:
     assert (links["good"]["holds"], links["bad"]["holds"]) == (True, False)
     own = outage_verdict(recording(MILD), proved(), 0.1)
     assert links["good"]["outages"]["share_had"] == pytest.approx(own.bound.share_had)
-    said = " ".join(cosim(*words, "--node", "good", cwd=tmp_path).out.split())
-    assert "holds" in said
-    assert "gamma suspended from" in said
+    text = " ".join(cosim(*words, "--node", "good", cwd=tmp_path).out.split())
+    assert "holds" in text
+    assert "gamma suspended from" in text

@@ -86,7 +86,7 @@ def outage_verdict(
             expected=f"0 s or more, and less than {oldest:g} s",
             got=f"{other:g} s",
         )
-    times, touch = in_touch(recording, oldest - other)
+    times, touch = in_touch(recording, oldest, other)
     remarks: list[str] = []
     if recording.delay_ns is None:
         remarks.append("no times of arrival were recorded: messages count as arriving when sent")
@@ -121,10 +121,13 @@ def outage_verdict(
     )
 
 
-def in_touch(recording: Recording, oldest: float) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+def in_touch(
+    recording: Recording, oldest: float, other: float = 0.0
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """Return instants [s] and, between each two, whether the newest message is young enough.
 
-    From the first sending to the last; shapes (n + 1,) and (n,).
+    From the first sending to the last; shapes (n + 1,) and (n,). A message is in use from `other`
+    after its arrival on, until it is `oldest` seconds old or the next one is in use.
 
     Raises
     ------
@@ -137,19 +140,14 @@ def in_touch(recording: Recording, oldest: float) -> tuple[NDArray[np.float64], 
     sent = recording.sent_ns[came]
     at = sent if recording.delay_ns is None else sent + recording.delay_ns[came]
     order = np.argsort(at, kind="stable")
-    at, newest = at[order], np.maximum.accumulate(sent[order])
-    over = newest + round(oldest * 1e9)
-    begins, ends = at, np.minimum(over, np.append(at[1:], end))
+    begins, newest = at[order] + round(other * 1e9), np.maximum.accumulate(sent[order])
+    ends = np.minimum(newest + round(oldest * 1e9), np.append(begins[1:], end))
     some = (ends > begins) & (begins < end)
     begins, ends = begins[some], np.minimum(ends[some], end)
     times = np.unique(np.concatenate([[0, end], begins, ends]))
     place = np.searchsorted(begins, times[:-1], side="right") - 1
-    touch = (
-        (place >= 0) & (times[:-1] < ends[np.maximum(place, 0)])
-        if begins.size
-        else (np.zeros(times.size - 1, np.bool_))
-    )
-    return times / 1e9, np.asarray(touch)
+    last = np.append(ends, 0)[place]
+    return times / 1e9, (place >= 0) & (times[:-1] < last)
 
 
 def _period(recording: Recording) -> float | None:

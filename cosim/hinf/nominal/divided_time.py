@@ -101,7 +101,7 @@ def outage_bound(outages: Outages, times: ArrayLike, touch: ArrayLike) -> Outage
     length = np.diff(t)
     rise = np.where(there, -2 * alpha, 2 * beta) * length
     deficits, suspensions, since = 0.0, [], None
-    greatest = held = 0.0
+    greatest = guaranteed = 0.0
     for begin, span, own, change in zip(t.tolist(), length.tolist(), there.tolist(), rise.tolist(),
                                         strict=False):  # fmt: skip
         if not own and since is None:
@@ -109,7 +109,7 @@ def outage_bound(outages: Outages, times: ArrayLike, touch: ArrayLike) -> Outage
         after = deficits + change
         if own and after <= 0:
             made_up = deficits / (2 * alpha)
-            held += span - made_up
+            guaranteed += span - made_up
             if since is not None:
                 suspensions.append((since, begin + made_up))
                 since = None
@@ -127,7 +127,7 @@ def outage_bound(outages: Outages, times: ArrayLike, touch: ArrayLike) -> Outage
         longest_outage_s=float(lost.max()) if lost.size else 0.0,
         exponent=float(rise.sum()),
         greatest_exponent=greatest,
-        guaranteed_share=held / total if total else 1.0,
+        guaranteed_share=guaranteed / total if total else 1.0,
         suspensions_s=tuple(suspensions),
         gain_factor=_gain_factor(alpha, length, rise),
     )
