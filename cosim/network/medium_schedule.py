@@ -55,7 +55,7 @@ class Traffic(Protocol):
         delay_ns: int | None = None,
         loss: float | None = None,
     ) -> None:
-        """Send the next packet of a medium whose nodes move, or offer that of an adjustable link."""
+        """Send the next packet of moving nodes, or offer the next message of an adjustable link."""
         ...
 
 
