@@ -26,11 +26,12 @@ from cosim.scenario.computed import ComputedTable, unit_named
 from cosim.scenario.fmu_cache import FmuCache
 from cosim.scenario.matching import endpoint, matched
 from cosim.scenario.origin import Findings, Path
-from cosim.scenario.quantity import NUMBER_ONLY, TIME, QuantityError, parse_quantity
+from cosim.scenario.quantity import NUMBER_ONLY, TIME, QuantityError
 from cosim.scenario.schema import ComponentPart, ConnectionPart, Scenario
 from cosim.scenario.script import changed_by
 from cosim.scenario.signal_parts import SensorPart, Setting
 from cosim.scenario.units import in_own_unit, in_unit_of, unit_of
+from cosim.scenario.values import parse_value
 
 _SENSOR = component_module("plain_sensor.variables")
 _SETTINGS = ("noise", "bias", "drift", "resolution", "least", "greatest")
@@ -241,7 +242,7 @@ class _Lowering:
         unit = unit_of(fmu, port)
         wanted = None if unit is None else unit.dimension
         try:
-            found = parse_quantity(value)
+            found = parse_value(value)
         except QuantityError as error:
             raise InputError("this is no quantity", expected=str(error), got=repr(value)) from error
         if wanted is not None and key == "drift":
