@@ -53,12 +53,10 @@ from .medium import (
     Hop as Hop,
     Medium as Medium,
     Node as Node,
-    RangeLogit as RangeLogit,
-    RangeTable as RangeTable,
     distance as distance,
 )
+from .medium_schedule import MediumSchedule as MediumSchedule
 from .medium_traffic import (
-    MediumSchedule as MediumSchedule,
     MediumTraffic as MediumTraffic,
     growing_schedules as growing_schedules,
 )
@@ -71,6 +69,10 @@ from .packet_schedule import PacketSchedule as PacketSchedule
 from .profile import (
     DelayProfile as DelayProfile,
     Interpolation as Interpolation,
+)
+from .range_loss import (
+    RangeLogit as RangeLogit,
+    RangeTable as RangeTable,
 )
 from .recording import (
     IN_FLIGHT_NS as IN_FLIGHT_NS,

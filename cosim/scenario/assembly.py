@@ -259,6 +259,9 @@ def _links(scenario: Scenario, findings: Findings, like: Assembled | None) -> di
     links: dict[str, Link] = {}
     changes, adjusted = changes_of(scenario, findings), adjusted_links(scenario)
     media = media_of(scenario.medium, findings)
+    packets = {n: part for n, part in scenario.links.items() if isinstance(part, PacketPart)}
+    shared = {packets[name].medium for name in adjusted & packets.keys()} - {None}
+    adjusted |= {name for name, part in packets.items() if part.medium in shared}
     for name, part in scenario.links.items():
         if like is not None and name in like.parts.links and like.has_link(name, scenario):
             links[name] = like.parts.links[name]

@@ -351,6 +351,10 @@ class DesignPart(Part):
     """Bound on the rate at which the age of the feedback changes; the age is then continuous."""
     sampled: bool | None = None
     """The age of the feedback is `least_age`, growing at rate one until the next sample is used."""
+    outages: bool | None = None
+    """Also prove what holds across outages of the link, for a design that is made here; the proof
+    of a `file` has it, or not.
+    """
     damping: Annotated[list[PerSecond], Field(min_length=4, max_length=4)] | None = None
     """Linear damping of the vehicle along u, v, w and r that the design is made for [1/s], in place
     of the plant's; of `auv` only.
