@@ -55,6 +55,28 @@ def has_signal_parts(scenario: Scenario) -> bool:
     return bool(scenario.computed or scenario.sensors) or any(map(_has_map, scenario.connections))
 
 
+def passes_signal_parts(scenario: Scenario, *ends: str) -> bool:
+    """Whether a signal between two of the components `ends` passes what was made here.
+
+    A sensor, a map or a computed value in a loop is in no design of the loop.
+    """
+    made = {name for name, part in scenario.components.items() if part.fmu.startswith("[")}
+    after: dict[str, set[str]] = {}
+    for _, wire in scenario.wires() if made else ():
+        source, target = wire.source.partition(".")[0], wire.target.partition(".")[0]
+        after.setdefault(source, set()).add(target)
+    for end in ends:
+        seen: set[str] = set()
+        ahead = after.get(end, set()) & made
+        while ahead:
+            seen |= ahead
+            reached = {target for name in ahead for target in after.get(name, ())}
+            if reached & set(ends):
+                return True
+            ahead = (reached & made) - seen
+    return False
+
+
 def lowered(
     scenario: Scenario,
     fmus: Mapping[str, FmuDescription],

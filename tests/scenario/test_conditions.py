@@ -198,7 +198,11 @@ def test_quantity_is_what_the_tables_say(text: str, si: float) -> None:
 def test_a_value_may_be_an_expression(text: str, wanted: Dimension, si: float) -> None:
     """Of numbers with units; no name is one, and a plain text is none."""
     assert value_in(text, wanted) == si
-    for wrong, words in ((f"{text} * 1 kg", "a value in"), (f"{text} + x", "column"), ("soon", "as in")):
+    for wrong, words in (
+        (f"{text} * 1 kg", "a value in"),
+        (f"{text} + x", "column"),
+        ("soon", "as in"),
+    ):
         with pytest.raises(QuantityError, match=words):
             value_in(wrong, wanted)
 
