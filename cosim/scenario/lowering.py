@@ -26,11 +26,12 @@ from cosim.scenario.computed import ComputedTable, unit_named
 from cosim.scenario.fmu_cache import FmuCache
 from cosim.scenario.matching import endpoint, matched
 from cosim.scenario.origin import Findings, Path
-from cosim.scenario.quantity import NUMBER_ONLY, TIME, QuantityError, parse_quantity
+from cosim.scenario.quantity import NUMBER_ONLY, TIME, QuantityError
 from cosim.scenario.schema import ComponentPart, ConnectionPart, Scenario
 from cosim.scenario.script import changed_by
 from cosim.scenario.signal_parts import SensorPart, Setting
 from cosim.scenario.units import in_own_unit, in_unit_of, unit_of
+from cosim.scenario.values import parse_value
 
 _SENSOR = component_module("plain_sensor.variables")
 _SETTINGS = ("noise", "bias", "drift", "resolution", "least", "greatest")
@@ -52,6 +53,28 @@ class Lowered(NamedTuple):
 def has_signal_parts(scenario: Scenario) -> bool:
     """Whether a scenario has parts that become components here."""
     return bool(scenario.computed or scenario.sensors) or any(map(_has_map, scenario.connections))
+
+
+def passes_signal_parts(scenario: Scenario, *ends: str) -> bool:
+    """Whether a signal between two of the components `ends` passes what was made here.
+
+    A sensor, a map or a computed value in a loop is in no design of the loop.
+    """
+    made = {name for name, part in scenario.components.items() if part.fmu.startswith("[")}
+    after: dict[str, set[str]] = {}
+    for _, wire in scenario.wires() if made else ():
+        source, target = wire.source.partition(".")[0], wire.target.partition(".")[0]
+        after.setdefault(source, set()).add(target)
+    for end in ends:
+        seen: set[str] = set()
+        ahead = after.get(end, set()) & made
+        while ahead:
+            seen |= ahead
+            reached = {target for name in ahead for target in after.get(name, ())}
+            if reached & set(ends):
+                return True
+            ahead = (reached & made) - seen
+    return False
 
 
 def lowered(
@@ -241,7 +264,7 @@ class _Lowering:
         unit = unit_of(fmu, port)
         wanted = None if unit is None else unit.dimension
         try:
-            found = parse_quantity(value)
+            found = parse_value(value)
         except QuantityError as error:
             raise InputError("this is no quantity", expected=str(error), got=repr(value)) from error
         if wanted is not None and key == "drift":

@@ -34,6 +34,7 @@ from cosim.scenario.final_values import LastOutputs
 from cosim.scenario.gain import Problem, observes, proves_exact_delays
 from cosim.scenario.limits import Saturation, SaturationMeasure
 from cosim.scenario.loss_bursts import LossBursts
+from cosim.scenario.lowering import passes_signal_parts
 from cosim.scenario.matching import endpoint
 from cosim.scenario.measure import Measure, Measures
 from cosim.scenario.measurement_ages import CommandAge, StampedAges
@@ -494,7 +495,14 @@ def _assumptions(context: RunContext) -> dict[str, bool]:
         )
     if context.scenario.events or context.scenario.modes:
         result["nothing_set_or_overridden"] = not context.altered_by_events
-    result["plant_as_designed"] = context.plant_differences == []
+    return result | _as_designed(context)
+
+
+def _as_designed(context: RunContext) -> dict[str, bool]:
+    """Return whether the plant is as designed, and False for a loop that is not."""
+    result, part = {"plant_as_designed": context.plant_differences == []}, context.scenario.design
+    if part is not None and passes_signal_parts(context.scenario, part.plant, part.controller):
+        result["loop_as_designed"] = False
     return result
 
 

@@ -47,9 +47,10 @@ from cosim.scenario.fields import (
 from cosim.scenario.links import LinkPart
 from cosim.scenario.media import MediumPart
 from cosim.scenario.modes import ModesPart
-from cosim.scenario.quantity import TIME, quantity_in
+from cosim.scenario.quantity import TIME
 from cosim.scenario.run_limits import LimitsPart
 from cosim.scenario.signal_parts import ComputedPart, InputsPart, SensorPart
+from cosim.scenario.values import value_in
 
 
 class RunPart(Part):
@@ -225,7 +226,7 @@ Connect = Annotated[str, AfterValidator(_connect)]
 
 def _seconds(value: Any) -> Any:
     """Return a time as a number; a QuantityError is a ValueError, which pydantic reports."""
-    return quantity_in(value, TIME) if isinstance(value, str) else value
+    return value_in(value, TIME) if isinstance(value, str) else value
 
 
 class PathPart(Part):

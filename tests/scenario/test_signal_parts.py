@@ -225,6 +225,28 @@ def test_a_constant_is_one_for_the_whole_run(fmus: Path, tmp_path: Path) -> None
         ran(text, fmus, tmp_path)
 
 
+@pytest.mark.parametrize(
+    ("more", "as_designed"),
+    [
+        ("", None),
+        ('sensor = "fix"\n\n[sensors.fix]\nsample_time = 10.0\n', False),
+        ('\n[computed.seen]\ndepth = "plant.eta.z"\n', None),
+    ],
+)
+def test_what_stands_in_a_loop_is_in_no_design(
+    more: str, *, as_designed: bool | None, fmus: Path, tmp_path: Path
+) -> None:
+    """A sensor that shows a fix every 10 s: no guarantee of the gain; a value that is only seen."""
+    text = 'design = { file = "auv-1.25s" }\n' + HEAD
+    text += "".join(connected(f"controller.{x}", f"plant.{x}") for x in ("force", "moment"))
+    text += connected("plant.nu", "controller.nu") + connected("plant.eta", "controller.eta", more)
+    loaded = parse(text, name="loop", where="loop.toml", folder=tmp_path)
+    cache = FmuCache(fmus.parent, tmp_path, flavour="native")
+    outcome, _ = execute_unrecorded(prepare(loaded, cache))
+    assert outcome.metrics["assumptions"].get("loop_as_designed") is as_designed
+    assert outcome.metrics["assumptions"]["certificate_verified"]
+
+
 def test_a_value_that_does_not_exist_ends_the_run_by_name(fmus: Path, tmp_path: Path) -> None:
     """Division by zero at t = 1 s: the run fails there, and says which value."""
     run = ran('[computed.c]\nbad = "1 s / (t - 1 s)"\n', fmus, tmp_path)
