@@ -362,13 +362,14 @@ def _check_mode(system: Parts, connection: Connection, where: str) -> None:
 def _check_link_kind(link: Link, port: Port, where: str) -> None:
     """Refuse a link that would interpolate, quantize or substitute what is not a real number."""
     text_replaced = port.kind in ("string", "binary") and not (
-        isinstance(link, PacketLink) and link.on_loss == "hold"
+        isinstance(link, PacketLink) and link.substitute is None
     )
     if isinstance(link, TransportLink) or link.quantization or text_replaced:
         raise InputError(
             f"link {link.name!r} transmits real numbers only",
             where=where,
-            expected="a packet link without quantization" + ", on_loss hold" * text_replaced,
+            expected="a packet link without quantization"
+            + ", on_loss hold, greatest_age 0" * text_replaced,
             got=f"{port.name} of kind {port.kind}",
         )
 

@@ -22,7 +22,15 @@ from cosim.master.component_points import ComponentPoints
 from cosim.master.event_values import EventValues
 from cosim.master.parts import Parts
 from cosim.master.reserved import Reserved
-from cosim.network import Arrivals, GrowingSchedule, LinkState, MediumSchedule, MediumTraffic
+from cosim.network import (
+    SUBSTITUTE,
+    Arrivals,
+    GrowingSchedule,
+    LinkState,
+    MediumSchedule,
+    PacketLink,
+    Traffic,
+)
 
 Integers = NDArray[np.int64]
 Rows = NDArray[np.float64]
@@ -107,6 +115,11 @@ class CommunicationPoints:
             link.link.resolved_with: link.traffic if isinstance(link, MediumSchedule) else link
             for link in self.links.values()
             if link.is_live
+        }
+        self._greatest_ages = {
+            name: link.greatest_age_ns
+            for name, link in self._schedule.links.items()
+            if isinstance(link, PacketLink) and link.greatest_age_ns
         }
         self.values: dict[str, list[Any]] = {name: [] for name in self.live}
         for points in self._steps.values():
@@ -267,7 +280,7 @@ class CommunicationPoints:
         if self.ready <= k and not self.crossing:
             self.extend()
 
-    def _resolve(self, link: GrowingSchedule | MediumTraffic, value: Any, now: int) -> None:
+    def _resolve(self, link: GrowingSchedule | Traffic, value: Any, now: int) -> None:
         """Resolve a message of a live link that is sent now [ns], or what a live medium awaits."""
         delay, loss = (
             self.event_values.at(f"{link.sending_link}.{what}", now) for what in ("delay", "loss")
@@ -334,10 +347,14 @@ class CommunicationPoints:
 
     def rows_of_messages(self, name: str, first: int, last: int) -> Integers:
         """Return the row in use over a packet link at points first to last - 1, as `RowsInUse`."""
-        used, repeats = self.links[name].runs_in_use(self.points_ns[first:last])
-        real = used >= 0
+        points = self.points_ns[first:last]
+        used, repeats = self.links[name].runs_in_use(points)
+        real, sent = used >= 0, used.copy()
         used[real] = self.rows_sent_at(used[real])
         found = np.repeat(used, repeats)
+        oldest = self._greatest_ages.get(name)
+        if oldest is not None:
+            found[(found >= 0) & (points - np.repeat(sent, repeats) >= oldest)] = SUBSTITUTE
         # what is sent and delivered at one instant is what the sender has by then
         return np.minimum(found, np.arange(first, last)) if self.has_events else found
 

@@ -127,6 +127,8 @@ def _link_of(
         loss=_loss(part.loss),
         seed=seed if part.seed is None else part.seed,
         recording=_recording(part.recording),
+        greatest_age_ns=nanoseconds(part.greatest_age),
+        on_age=part.on_age,
         hop=_hop(part, media),
         adjustable=adjustable,
         windows=tuple(

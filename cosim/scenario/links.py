@@ -20,6 +20,7 @@ from cosim.network import (
 from cosim.scenario.fields import (
     LinkTime,
     Name,
+    Number,
     Part,
     Place,
     Probability,
@@ -222,6 +223,12 @@ class PacketPart(_Packet):  # type: ignore[misc]
 
     recording: RecordedMessages | None = None
     """What became of each message of a recorded link: a file, or a table."""
+    greatest_age: LinkTime = 0.0
+    """Age from which on `on_age` comes out in place of the message in use; 0: no watchdog."""
+    on_age: Literal["zero", "hold"] | Number = "zero"
+    """What comes out in place of a message that is too old; a value that is held is refused, since
+    no proof covers it.
+    """
     medium: Name | None = None
     """Medium that the link shares with others; without it the link has a channel of its own."""
     sender: Name | None = Field(default=None, alias="from")

@@ -101,6 +101,8 @@ _LATER = {
     "adjustable": False,
     "playout_ns": 0,
     "recording": None,
+    "greatest_age_ns": 0,
+    "on_age": "zero",
     "hop": None,
 }
 """Later fields of links and their unused values, which are left out: old traces lack them."""
