@@ -132,9 +132,7 @@ class Computed:
     def _check(self, values: list[float], time: float) -> None:
         for name, value, text in zip(self.outputs, values, self.texts, strict=True):
             if not math.isfinite(value):
-                raise ArithmeticError(
-                    f"{name} has no finite value at t = {time!r} s: {text[:200]}"
-                )
+                raise ArithmeticError(f"{name} has no finite value at t = {time!r} s: {text[:200]}")
 
     def snapshot(self) -> dict[str, Any]:
         """Return the time; the outputs are variables."""
