@@ -28,8 +28,8 @@ from cosim.network import (
     GrowingSchedule,
     LinkState,
     MediumSchedule,
-    MediumTraffic,
     PacketLink,
+    Traffic,
 )
 
 Integers = NDArray[np.int64]
@@ -273,7 +273,7 @@ class CommunicationPoints:
         if self.ready <= k and not self.crossing:
             self.extend()
 
-    def _resolve(self, link: GrowingSchedule | MediumTraffic, value: Any, now: int) -> None:
+    def _resolve(self, link: GrowingSchedule | Traffic, value: Any, now: int) -> None:
         """Resolve a message of a live link that is sent now [ns], or what a live medium awaits."""
         delay, loss = (
             self.event_values.at(f"{link.sending_link}.{what}", now) for what in ("delay", "loss")

@@ -55,7 +55,10 @@ from .medium import (
     Node as Node,
     distance as distance,
 )
-from .medium_schedule import MediumSchedule as MediumSchedule
+from .medium_schedule import (
+    MediumSchedule as MediumSchedule,
+    Traffic as Traffic,
+)
 from .medium_traffic import (
     MediumTraffic as MediumTraffic,
     growing_schedules as growing_schedules,

@@ -6,7 +6,7 @@ What happens in between is `cosim.network.medium_traffic`, for all links over th
 from __future__ import annotations
 
 from copy import deepcopy
-from typing import TYPE_CHECKING
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -22,10 +22,41 @@ from cosim.network.packet_schedule import PacketSchedule
 from cosim.network.scheduling import received_schedule
 from cosim.network.stepping import NO_LIMIT, Arrival, Message, Sender, rules_of, send
 
-if TYPE_CHECKING:
-    from cosim.network.medium_traffic import MediumTraffic
-
 _UNKNOWN = 2**62  # arrival of a message that is not received in the run
+
+
+class Traffic(Protocol):
+    """The packets of all links over a medium: `MediumTraffic`."""
+
+    @property
+    def horizon_ns(self) -> int:
+        """The instant before which everything is final [ns]."""
+        ...
+
+    @property
+    def message(self) -> int:
+        """How many packets and messages were resolved so far."""
+        ...
+
+    @property
+    def sending_link(self) -> str:
+        """Name of the link whose message is to be resolved next; "" for a packet, or nothing."""
+        ...
+
+    def advance(self, until_ns: int) -> None:
+        """Make everything up to and including an instant final, where nothing is resolved."""
+        ...
+
+    def resolve(
+        self,
+        message: int,
+        values: Any,
+        *,
+        delay_ns: int | None = None,
+        loss: float | None = None,
+    ) -> None:
+        """Send the next packet of moving nodes, or offer the next message of an adjustable link."""
+        ...
 
 
 class MediumSchedule(GrowingSchedule):
@@ -39,7 +70,7 @@ class MediumSchedule(GrowingSchedule):
     sender, receiver : numbers of its nodes.
     """
 
-    traffic: MediumTraffic
+    traffic: Traffic
 
     def __init__(
         self, link: PacketLink, hop: Hop, end_ns: int, points_ns: int | ArrayLike | None = None

@@ -133,8 +133,8 @@ class PacketLink:
     on_age: Literal["zero"] | float = "zero"
     windows: tuple[LossWindow, ...] = ()
     recording: Recording | None = None
-    adjustable: bool = False
     hop: Hop | None = None
+    adjustable: bool = False
 
     def __post_init__(self) -> None:
         check_name("link", self.name)
