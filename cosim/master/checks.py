@@ -23,7 +23,7 @@ from cosim.master.parts import (
     Policy,
     UnknownFeedthrough,
 )
-from cosim.network import PacketLink, TransportLink
+from cosim.network import DelaySignal, PacketLink, TransportLink
 
 LINK_STATE: Mapping[str, SignalKind] = MappingProxyType(
     {"age": "float", "sequence": "int", "dropped": "int", "delivered": "int"}
@@ -47,15 +47,20 @@ def check_links(system: Parts) -> None:
                 got=f"link {link.name!r}, schedules of {list(system.comm_schedule.links)}",
                 hint="pass the same links to make_schedule and to System",
             )
-    for name in system.comm_schedule.live:
+    following = [
+        name
+        for name in system.comm_schedule.live
+        if name not in system.links or isinstance(system.links[name].delay, DelaySignal)
+    ]
+    for name in following:
         _check_delay(system, name)
     for name in system.delays:
-        if name not in system.comm_schedule.live:
+        if name not in following:
             raise InputError(
                 "this link's delay follows no signal",
                 where=f"link {name!r}",
                 expected="a link with a DelaySignal, or a medium whose nodes move: "
-                + (", ".join(system.comm_schedule.live) or "none"),
+                + (", ".join(following) or "none"),
             )
 
 
@@ -116,7 +121,8 @@ def check_parts(system: Parts) -> None:
             raise InputError(
                 "a component cannot have its own step where points are added during the run",
                 where=f"component {name!r}",
-                got=f"link {next(iter(system.comm_schedule.live))!r}, whose delay follows a signal",
+                got=f"link {next(iter(system.comm_schedule.live))!r}, whose delay follows a signal "
+                "or a condition",
                 hint='events = "grid"',
             )
         _check_own_step(system, component.every_ns)

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from cosim.core import InputError, distinct
 from cosim.master.communication_schedule import CommunicationSchedule
 from cosim.master.component_points import ComponentPoints
+from cosim.master.event_values import EventValues
 from cosim.master.parts import Parts
 from cosim.master.reserved import Reserved
 from cosim.network import (
@@ -27,6 +28,7 @@ from cosim.network import (
     GrowingSchedule,
     LinkState,
     MediumSchedule,
+    MediumTraffic,
     PacketLink,
 )
 
@@ -52,7 +54,8 @@ class CommunicationPoints:
     ----------
     most : room for points; the index of the spare row.
     points_ns : the points [ns], int64 (most,); `count` of them are known.
-    seconds, sizes : the points [s], and the step from each to the next [s], (most,).
+    seconds, sizes : the points by the clock of the components [s], which is later than the run by
+        the schedule's `start_ns`, and the step from each to the next [s], (most,).
     final : index of the last point of the run; `most` as long as it is not known.
     ready : number of points at which it is known what is read and where each step ends.
     crossing : whether a message of unknown delay is sent at point `ready`.
@@ -60,8 +63,11 @@ class CommunicationPoints:
     end_ns : the end of the run [ns].
     own_points : by component.
     links : the packet links, by name.
-    values : by live link, the values of its delay signal so far; by live medium, the places.
-    live : the links whose delays follow a signal of the run, and the media whose nodes do.
+    values : by live link, the values of its delay signal so far, 0 if it follows none; by live
+        medium, the places.
+    event_values : what events have set; of adjustable links `NAME.delay` [ns] and `NAME.loss`.
+    live : the links whose delays follow a signal of the run or are changed during it, and the media
+        whose nodes do.
     grows : whether points depend on signals of the run.
     has_events : whether points are added one at a time, as events occur (`add`).
     on_new : called with the instant of each added point, [ns] and [s].
@@ -73,6 +79,7 @@ class CommunicationPoints:
         self.most, self.end_ns = self._schedule.most, self._schedule.end_ns
         self.grows, self.has_events = self._schedule.grows, live and system.has_events
         self.on_new: Callable[[int, float], None] | None = None
+        self.event_values = EventValues()
         if self.has_events:
             self.most = _EVENTS * self.most + _MORE_EVENTS
         kinds = (np.int64, float, float)
@@ -89,6 +96,7 @@ class CommunicationPoints:
         Nothing may have been given back.
         """
         self._schedule = schedule
+        self.event_values.restore({})
         if self.links or self.final == self.most:
             self._begin()
 
@@ -120,6 +128,15 @@ class CommunicationPoints:
             self.add(0, 0.0)
         else:
             self.extend()
+
+    def at_s(self, time_ns: int) -> float:
+        """Return an instant of the run by the clock of the components [s]."""
+        return self._schedule.at_s(time_ns)
+
+    @property
+    def start_ns(self) -> int:
+        """The time of the components at the beginning of the run [ns]."""
+        return self._schedule.start_ns
 
     def planned(self) -> int:
         """Return the next instant that is a point, whatever events come before it [ns].
@@ -195,7 +212,9 @@ class CommunicationPoints:
         new = self._instants(after, until)
         first, self.count = self.count, self.count + new.size
         self.points_ns[first : self.count] = new
-        np.divide(new, 1e9, out=self.seconds[first : self.count])
+        start_ns = self._schedule.start_ns
+        later = new + start_ns if start_ns else new
+        np.divide(later, 1e9, out=self.seconds[first : self.count])
         begin = max(first - 1, 0)
         steps_ns = np.diff(self.points_ns[begin : self.count])
         np.divide(steps_ns, 1e9, out=self.sizes[begin : self.count - 1])
@@ -245,18 +264,38 @@ class CommunicationPoints:
         now = int(self.points_ns[k])
         for name, link in self.live.items():
             while link.horizon_ns == now:
-                value: Any = self._delays[name].value([float(row[c]) for c in columns[name]])
-                link.resolve(link.message, value)
+                value: Any = 0.0
+                if name in self._delays:
+                    value = self._delays[name].value([float(row[c]) for c in columns[name]])
+                self._resolve(name, link, value, now)
                 self.values[name].append(value)
         self._set_ready()
         if self.ready <= k and not self.crossing:
             self.extend()
 
-    def go_back(self, values: Mapping[str, Sequence[Any]], complete: int) -> None:
-        """Return to the state in which `values` were the values so far, and `complete` rows were.
+    def _resolve(
+        self, name: str, link: GrowingSchedule | MediumTraffic, value: Any, now: int
+    ) -> None:
+        """Resolve a message of a live link, or of a medium, sent now [ns]."""
+        delay = self.event_values.at(f"{name}.delay", now)
+        loss = self.event_values.at(f"{name}.loss", now)
+        if delay is None and loss is None:
+            link.resolve(link.message, value)
+        elif isinstance(link, GrowingSchedule):
+            delay_ns = None if delay is None else int(delay)
+            link.resolve(link.message, value, delay_ns=delay_ns, loss=loss)
+
+    def go_back(
+        self,
+        values: Mapping[str, Sequence[Any]],
+        event_values: Mapping[str, Sequence[Sequence[float]]],
+        complete: int,
+    ) -> None:
+        """Return to the state in which these were the values so far, and `complete` rows were.
 
         Nothing may have been given back.
         """
+        self.event_values.restore(event_values)
         if not self.live:
             return
         self._begin()
@@ -275,7 +314,7 @@ class CommunicationPoints:
             while link.horizon_ns == now:
                 if numbers[name] >= len(self.values[name]):
                     return False
-                link.resolve(link.message, self.values[name][numbers[name]])
+                self._resolve(name, link, self.values[name][numbers[name]], now)
                 numbers[name] += 1
         self._set_ready()
         return True

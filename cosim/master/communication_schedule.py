@@ -44,6 +44,8 @@ class CommunicationSchedule:
     instants_ns : more points, strictly increasing, int64 (m,).
     given_ns : all points, in place of the rule, strictly increasing from 0 to the end [ns], int64
         (n,); None: by the rule.
+    start_ns : time of the components at the beginning of the run [ns]. The run itself, its points,
+        links and events, counts from 0; what people and components are told is later by this.
     """
 
     step_ns: int
@@ -53,6 +55,11 @@ class CommunicationSchedule:
     every_ns: tuple[int, ...] = ()
     instants_ns: Integers = field(default_factory=lambda: np.zeros(0, np.int64))
     given_ns: Integers | None = None
+    start_ns: int = 0
+
+    def at_s(self, time_ns: int) -> float:
+        """Return an instant of the run by the clock of the components [s]."""
+        return (int(time_ns) + self.start_ns) / 1e9
 
     @classmethod
     def of_points(cls, points_ns: Integers) -> CommunicationSchedule:
@@ -62,7 +69,7 @@ class CommunicationSchedule:
 
     @cached_property
     def live(self) -> tuple[str, ...]:
-        """What follows signals of the run: links by their delays, media (medium.NAME) by places."""
+        """What becomes known in the run: links by their delays, media (medium.NAME) by places."""
         live = (link for link in self._packets.values() if link.is_live)
         return tuple(dict.fromkeys(link.resolved_with for link in live))
 
@@ -143,8 +150,9 @@ def make_schedule(
     events: Events,
     every_ns: Iterable[int] = (),
     instants_ns: Iterable[int] = (),
+    start_ns: int = 0,
 ) -> CommunicationSchedule:
-    """Make the schedule of a run from 0 to `end_ns`.
+    """Make the schedule of a run from 0 to `end_ns`; `start_ns` as in `CommunicationSchedule`.
 
     `every_ns` : own steps of components [ns]; under "align" their multiples become points, on
     the grid they must be multiples of the step. `instants_ns` : more instants in [0, end] that
@@ -178,6 +186,9 @@ def make_schedule(
                 got=f"{every / 1e9:g} s, step {step_ns / 1e9:g} s, end {end_ns / 1e9:g} s",
             )
     instants = distinct(np.array([*instants_ns], np.int64))
-    made = CommunicationSchedule(step_ns, end_ns, events, dict(links), tuple(every_ns), instants)
+    own = tuple(every_ns)
+    made = CommunicationSchedule(
+        step_ns, end_ns, events, dict(links), own, instants, start_ns=start_ns
+    )
     made.begin()
     return made

@@ -177,6 +177,7 @@ class Parts:
     solve: bool = False
     solve_tolerance: float = 1e-10
     solve_limit: int = 100
+    modes: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
 
     @property
     def has_events(self) -> bool:

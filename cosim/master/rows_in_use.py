@@ -20,7 +20,6 @@ from cosim.master.reserved import Reserved
 from cosim.network import (
     DELIVERED,
     NONE_YET,
-    DelaySignal,
     PacketLink,
     TransportLink,
 )
@@ -291,7 +290,7 @@ def check_midpoint(system: Parts, route_key: RouteKey, receiver: str) -> None:
 
 def is_wire(system: Parts, link: PacketLink | TransportLink) -> bool:
     """Whether a packet link brings every value at once: messages without delay, at every point."""
-    if not isinstance(link, PacketLink) or isinstance(link.delay, DelaySignal) or system.grows:
+    if not isinstance(link, PacketLink) or link.is_live or system.grows:
         return False
     if link.least_transit_ns > 0:
         return False
@@ -303,7 +302,7 @@ def is_wire(system: Parts, link: PacketLink | TransportLink) -> bool:
 
 def delivers_at_once(system: Parts, link: PacketLink) -> bool:
     """Whether a message of a packet link may be delivered at the point at which it is sent."""
-    if isinstance(link.delay, DelaySignal):
+    if link.is_live:
         return True
     if link.least_transit_ns > 0:
         return False

@@ -50,11 +50,12 @@ def _structure(system: Parts) -> tuple[Any, ...]:
         list(system.connections),
         {name: _form(link) for name, link in system.links.items()},
         list(system.driven),
-        (schedule.step_ns, schedule.end_ns, schedule.events, schedule.every_ns),
+        (schedule.step_ns, schedule.end_ns, schedule.events, schedule.every_ns, schedule.start_ns),
         schedule.instants_ns.tolist(),
         None if schedule.given_ns is None else schedule.given_ns.tolist(),
         (system.divergence, system.algorithm, system.order, system.delays, system.threads),
         (system.unknown_feedthrough, system.solve, system.solve_tolerance, system.solve_limit),
+        system.modes,
     )
 
 

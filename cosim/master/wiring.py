@@ -275,6 +275,7 @@ class Wiring:
                 for end in system.delays[name].read
             )
             for name in self.comm_points.live
+            if name in system.delays
         }
 
     def signal(self, column: int) -> Endpoint:

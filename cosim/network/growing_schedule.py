@@ -1,7 +1,8 @@
 """The schedule of a packet link during a run, in blocks, with as much memory as a block needs.
 
 Known delays are computed for all messages of a block at once (`advance`); a delay that follows a
-signal becomes known at the instant of sending, message by message (`resolve`). Everything before
+signal, or may be changed by a condition, becomes known at the instant of sending, message by
+message (`resolve`). Everything before
 `horizon_ns` is final, since no later message can arrive before it is sent. What lies behind the
 run can be forgotten; the statistics count it on.
 
@@ -30,6 +31,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cosim.core import InputError, distinct
+from cosim.network import draws
 from cosim.network.arrivals import Arrivals
 from cosim.network.block_stepping import NONE_SENT, receive_block, send_block
 from cosim.network.delay_signal import DelaySignal
@@ -92,7 +94,7 @@ class GrowingSchedule:
 
     @property
     def is_live(self) -> bool:
-        """Whether the delay follows a signal, so that messages are resolved one by one."""
+        """Whether messages are resolved one by one (`PacketLink.is_live`)."""
         return self._link.is_live
 
     @property
@@ -138,13 +140,22 @@ class GrowingSchedule:
         self._pending = entries.select(later)
         self._horizon_ns = until + 1 if until < self._end_ns else _NEVER
 
-    def resolve(self, message: int, value: float) -> int:
+    def resolve(
+        self,
+        message: int,
+        value: float | None = None,
+        *,
+        delay_ns: int | None = None,
+        loss: float | None = None,
+    ) -> int:
         """Resolve the next message of a live link.
 
         Parameters
         ----------
         message : its number; messages come in order.
-        value : of the signal that the link's `DelaySignal` follows, at the instant of sending.
+        value : of the signal that the link's `DelaySignal` follows, at the instant of sending;
+            None if it has none.
+        delay_ns, loss : in place of those of the link, if it is adjustable.
 
         Returns
         -------
@@ -158,7 +169,7 @@ class GrowingSchedule:
         """
         k, last = self._messages.next, self._sendings.count
         where = f"link {self._link.name!r}, message {message}"
-        if not isinstance(self._link.delay, DelaySignal):
+        if not self.is_live:
             raise InputError(
                 "the delay of this link follows no signal",
                 where=where,
@@ -172,9 +183,13 @@ class GrowingSchedule:
                 expected=f"message {k}" if k < last else "no more messages",
                 got=f"message {message}",
             )
-        delay_ns = self._link.delay.delay_ns(value, where=where)
+        if delay_ns is None and isinstance(self._link.delay, DelaySignal):
+            delay_ns = self._link.delay.delay_ns(value, where=where)
         drawn = self._messages.take(1)
-        drawn.delay_ns[0] = delay_ns
+        if delay_ns is not None:
+            drawn.delay_ns[0] = delay_ns
+        if loss is not None:  # the same number decides as with the link's own loss
+            drawn.lost[:] = draws.lost(loss, self._link.seed, self._link.name, 1, k)
         self._sender = found = send(
             self._rules, self._sender, Message._make(int(column[0]) for column in drawn)
         )

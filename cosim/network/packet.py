@@ -90,6 +90,8 @@ class PacketLink:
     windows : times with another loss; where windows overlap the last one counts. Jitter, and
         the losses outside, are as without them.
     quantization : step of the quantizer applied to the values sent; 0: none.
+    adjustable : whether delay and loss may be changed while the run goes on: each message is then
+        resolved when it is sent (`GrowingSchedule.resolve`).
     seed : seed of the run (0 to 2**63 - 1); links with different names draw independently.
 
     Raises
@@ -132,6 +134,7 @@ class PacketLink:
     windows: tuple[LossWindow, ...] = ()
     recording: Recording | None = None
     hop: Hop | None = None
+    adjustable: bool = False
 
     def __post_init__(self) -> None:
         check_name("link", self.name)
@@ -210,6 +213,7 @@ class PacketLink:
             "recording": self.recording is not None,
             "duplicate": self.duplicate != 0.0,
             "delay": isinstance(self.delay, DelaySignal),
+            "adjustable": self.adjustable,
         }
         for key, is_given in given.items():
             if is_given:
@@ -222,10 +226,10 @@ class PacketLink:
 
     @property
     def is_live(self) -> bool:
-        """Whether delays become known only during a run: they follow signals of it."""
+        """Whether delays become known only during a run: they follow signals or conditions."""
         if self.hop is not None:
             return self.hop.medium.moves
-        return isinstance(self.delay, DelaySignal)
+        return self.adjustable or isinstance(self.delay, DelaySignal)
 
     @property
     def resolved_with(self) -> str:
@@ -245,8 +249,11 @@ class PacketLink:
     def least_transit_ns(self) -> int:
         """Return the least time from sending to arrival [ns], without the play-out buffer.
 
-        Of a delay that follows a signal, and of ranges, nothing is known beside their sign.
+        Of a delay that follows a signal, of ranges, and of what may be changed, nothing is known
+        beside their sign.
         """
+        if self.adjustable:
+            return self.frame_ns
         least = self.delay_ns
         if isinstance(self.delay, DelayProfile):
             least = int(self.delay.delays_ns.min())

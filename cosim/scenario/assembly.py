@@ -33,7 +33,7 @@ from cosim.scenario.matching import endpoint, matched
 from cosim.scenario.media import media_of, position_sources
 from cosim.scenario.origin import NOWHERE, Findings, Origin, Path
 from cosim.scenario.schema import ComponentLogPart, RunPart, Scenario
-from cosim.scenario.script import changes_of, instants_ns
+from cosim.scenario.script import adjusted_links, changes_of, instants_ns
 from cosim.scenario.signals import Signals, along_path, reference_inputs, worst_case_inputs
 from cosim.scenario.units import numbers_of
 
@@ -94,8 +94,10 @@ class Assembled:
     def has_link(self, name: str, scenario: Scenario) -> bool:
         """Whether a link is the same in another scenario."""
         mine, run = self.scenario, scenario.run
-        same = mine.run is run or (mine.run.seed, mine.run.end) == (run.seed, run.end)
-        same &= mine.events is scenario.events and mine.medium is scenario.medium
+        of_links = (run.seed, run.end, run.start)
+        same = mine.run is run or (mine.run.seed, mine.run.end, mine.run.start) == of_links
+        same &= mine.events is scenario.events and mine.modes is scenario.modes
+        same &= mine.medium is scenario.medium
         return same and mine.links[name] is scenario.links[name]
 
     def has_points(self, scenario: Scenario) -> bool:
@@ -254,14 +256,18 @@ def _wanted_log(scenario: Scenario, component: str) -> tuple[LogLevel, list[str]
 
 def _links(scenario: Scenario, findings: Findings, like: Assembled | None) -> dict[str, Link]:
     links: dict[str, Link] = {}
-    changes = changes_of(scenario, findings)
+    changes, adjusted = changes_of(scenario, findings), adjusted_links(scenario)
     media = media_of(scenario.medium, findings)
     for name, part in scenario.links.items():
         if like is not None and name in like.parts.links and like.has_link(name, scenario):
             links[name] = like.parts.links[name]
             continue
         with findings.at("links", name):
-            links[name] = link_of(name, part, scenario.run.seed, changes.get(name, ()), media)
+            links[name] = link_of(
+                *(name, part, scenario.run.seed, changes.get(name, ()), media),
+                adjustable=name in adjusted,
+                start_ns=scenario.run.start_ns,
+            )
     return links
 
 
@@ -272,10 +278,11 @@ def _comm_schedule(
     transport = all(isinstance(link, TransportLink) for link in links.values())
     if like is not None and transport and like.has_points(scenario):
         return replace(like.parts.comm_schedule, links=links)
-    step, end = nanoseconds(run.step), nanoseconds(run.end)
+    step, end = nanoseconds(run.step), run.lasts_ns
     every = [nanoseconds(p.step) for p in scenario.components.values() if p.step is not None]
     with findings.at("run"):
-        return make_schedule(links, step, end, run.events, every, instants_ns(scenario))
+        instants = instants_ns(scenario)
+        return make_schedule(links, step, end, run.events, every, instants, run.start_ns)
     # a check goes on after this error: two points are enough for the other parts
     return CommunicationSchedule(1_000_000_000, 1_000_000_000, "grid")
 
@@ -358,6 +365,7 @@ def system_of(
             run.solve,
             run.solve_tolerance,
             run.solve_limit,
+            modes={name: tuple(part.states) for name, part in scenario.modes.items()},
             like=None if like is None else like.system,
         )
         same = like is not None and like.parts.wires is parts.wires and like.has_run(run)
@@ -414,7 +422,8 @@ def _same_signal(one: System, other: System, end: Endpoint) -> bool:
         return a is b or (not callable(a) and not callable(b) and np.array_equal(a, b))
     schedule = one.comm_schedule
     for after in range(-1, schedule.end_ns, _AT_ONCE * schedule.step_ns):
-        seconds = schedule.known(after, after + _AT_ONCE * schedule.step_ns) / 1e9
+        known = schedule.known(after, after + _AT_ONCE * schedule.step_ns)
+        seconds = (known + schedule.start_ns) / 1e9
         if not np.array_equal(a(seconds), b(seconds)):
             return False
     return True

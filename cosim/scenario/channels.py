@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -65,10 +66,15 @@ def link_of(
     seed: int,
     changes: Sequence[Change] = (),
     media: Mapping[str, Medium] | None = None,
+    *,
+    adjustable: bool = False,
+    start_ns: int = 0,
 ) -> Link:
     """Make the link that [links.NAME] describes; `seed` is that of the run.
 
-    `media` : by name; None: it is wanted alone, without the others that share its medium.
+    media : by name; None: it is wanted alone, without the others that share its medium.
+    adjustable : conditions of the scenario change its delay or loss.
+    start_ns : time at the beginning of the run [ns]; that of a recorded delay is as late.
 
     Raises
     ------
@@ -76,7 +82,7 @@ def link_of(
         is a key of [links.NAME].
     """
     try:
-        return _link_of(name, part, seed, changes, media)
+        return _link_of(name, part, seed, changes, media, adjustable=adjustable, start_ns=start_ns)
     except InputError as error:
         place = (error.where or "").removeprefix(f"link {name!r}: ")
         first = re.match(r"[\w.]*", place)
@@ -95,8 +101,11 @@ def _link_of(
     seed: int,
     changes: Sequence[Change],
     media: Mapping[str, Medium] | None,
+    *,
+    adjustable: bool,
+    start_ns: int,
 ) -> Link:
-    constant, varying = _delay(part)
+    constant, varying = _delay(part, start_ns)
     if not isinstance(part, PacketPart):
         if isinstance(varying, DelaySignal):
             raise InputError(
@@ -106,6 +115,13 @@ def _link_of(
             )
         profile = _changed(name, constant, varying, changes, outages=True) or varying
         return TransportLink(name, 0 if profile else constant, profile)
+    if adjustable and part.medium is not None:
+        raise InputError(
+            "conditions and modes do not change a link that shares a medium",
+            where="medium",
+            expected="a link of its own, without medium",
+            got=part.medium,
+        )
     packet = [change for change in changes if change.delay_ns is not None]
     changed = _changed(name, constant, varying, packet, outages=False) or varying
     return of_part(
@@ -121,6 +137,7 @@ def _link_of(
         greatest_age_ns=nanoseconds(part.greatest_age),
         on_age=part.on_age,
         hop=_hop(part, media),
+        adjustable=adjustable,
         windows=tuple(
             LossWindow(c.from_ns, c.until_ns, 1.0 if c.loss is None else c.loss)
             for c in changes
@@ -193,7 +210,7 @@ def delay_source(part: LinkPart) -> DelaySource | None:
     return None
 
 
-def _delay(part: LinkPart) -> tuple[int, DelayProfile | DelaySignal | None]:
+def _delay(part: LinkPart, start_ns: int) -> tuple[int, DelayProfile | DelaySignal | None]:
     """Return the constant delay [ns], and the varying delay or None."""
     match part.delay:
         case SignalDelayPart():
@@ -202,9 +219,10 @@ def _delay(part: LinkPart) -> tuple[int, DelayProfile | DelaySignal | None]:
             return 0, DelaySignal(1.0 / part.delay.speed, nanoseconds(part.delay.offset))
         case ProfilePart():
             recorded = part.delay
-            return 0, DelayProfile.from_seconds(
+            found = DelayProfile.from_seconds(
                 recorded.times, recorded.delays, recorded.interpolation
             )
+            return 0, replace(found, times_ns=found.times_ns - start_ns) if start_ns else found
         case ProfileFilePart():
             raise InputError("the file of a delay is read with the scenario", where="delay.file")
     return nanoseconds(part.delay), None

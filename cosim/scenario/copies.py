@@ -19,7 +19,6 @@ the trace, is the scenario written out.
 from __future__ import annotations
 
 import copy
-import math
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
@@ -117,13 +116,16 @@ class _Copier:
                 for name, entry in part.items():
                     at = (*source, name) if (table,) in sources else source
                     made = self.filled(name, at, label, known)
-                    if not isinstance(here, dict) or (table, made) in self.made:
-                        hint = "name each copy by a placeholder, as in [for.components.{each}]"
-                        raise self.wrong(f"two copies are {table}.{made}", at, label, hint=hint)
-                    self.made[(table, made)] = Copied(at, label)
-                    own = self.table(entry, at, (table, made), label, known)
-                    there = here.pop(made, None)  # in the order of the copies
-                    here[made] = _merged(own, there) if isinstance(there, dict) else own
+                    if not isinstance(here, dict):
+                        raise self.wrong(f"{table!r} is no table", at, label)
+                    to = (table, made)
+                    again = to in self.made
+                    self.made.setdefault(to, Copied(at, label))
+                    own = self.table(entry, at, to, label, known)
+                    there = here.get(made) if again else here.pop(made, None)
+                    if isinstance(there, dict) and isinstance(own, dict):
+                        own = self.joined(there, own, to, at, label, again=again)
+                    here[made] = own
                 continue
             if not isinstance(part, dict | list):
                 raise self.wrong(f"{table!r} is not repeated", source, expected="tables and lists")
@@ -135,6 +137,31 @@ class _Copier:
                 to = (table, len(before))
                 self.made[to] = Copied(at, label)
                 before.append(self.table(entry, at, to, label, known))
+
+    def joined(
+        self, there: Any, own: Mapping[str, Any], to: Path, at: Path, label: str, *, again: bool
+    ) -> dict[str, Any]:
+        """Add a copy to what is there: of this name in the file, or, `again`, of another copy.
+
+        What the file says of a copy counts; what two copies say must be in different places.
+        """
+        for name, value in own.items():
+            here, source = (*to, name), (*at, name)
+            before = there.get(name)
+            if name not in there:
+                there[name] = value
+                self.made.setdefault(here, Copied(source, label))
+            elif isinstance(before, dict) and isinstance(value, dict):
+                self.joined(before, value, here, source, label, again=again)
+            elif isinstance(before, list) and any(isinstance(one, dict) for one in before):
+                for k, one in enumerate(value):
+                    self.made[(*here, len(before))] = Copied((*source, k), label)
+                    before.append(one)
+            elif again:
+                hint = "name each copy by a placeholder, as in [for.components.{each}]"
+                raise self.wrong(f"two copies give {key(here)}", source, label, hint=hint)
+        found: dict[str, Any] = there
+        return found
 
     def table(self, value: Any, at: Path, to: Path, label: str, known: Mapping[str, Any]) -> Any:
         """Return a value of a copy, at `to`; that with the placeholders is at `at`."""
@@ -174,13 +201,11 @@ class _Copier:
             return known[name]
         try:
             found = bind(Expression(text), _Known(known), "number")
+            number = found.number(**{name: known[name] for name in found.names})
         except ExpressionError as error:
             raise self.wrong(
                 error.what, at, label, expected=error.expected, got=error.got, hint=error.hint
             ) from error
-        number = float(found([float(known[name]) for name in found.names]))
-        if not math.isfinite(number):
-            raise self.wrong(f"{{{text}}} is not a finite number", at, label, got=f"{number}")
         return int(number) if number == int(number) else number
 
 
@@ -207,15 +232,6 @@ def _placeholder(part: Mapping[str, Any]) -> Any:
 def _label(known: Mapping[str, Any]) -> str:
     own = [v for k, v in known.items() if k != "i" and isinstance(v, str | int | float)]
     return repr(own[0]) if own else str(known["i"])
-
-
-def _merged(copied: Any, own: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a copy with what the scenario itself says of it."""
-    found = dict(copied) if isinstance(copied, dict) else {}
-    for name, value in own.items():
-        both = isinstance(value, dict) and isinstance(found.get(name), dict)
-        found[name] = _merged(found[name], value) if both else value
-    return found
 
 
 def written_out(data: Mapping[str, Any], origin: Origin = NOWHERE) -> tuple[dict[str, Any], Origin]:

@@ -34,6 +34,11 @@ def as_text(scenario: Scenario) -> str:
     for source, target, over in ends:
         arrow = f"--({over})-->" if over else "-->"
         lines.append(f"  {source.ljust(wide)} {arrow} {target}")
+    for name, machine in scenario.modes.items():
+        lines.append(f"modes of {name}: {', '.join(machine.states)}")
+        for each in machine.transitions:
+            sources = ", ".join(each.sources(machine.states))
+            lines.append(f"  {sources} --> {each.target}  {each.words}")
     return "\n".join(lines)
 
 
@@ -61,6 +66,15 @@ def as_mermaid(scenario: Scenario) -> str:
         target = path.target.partition(".")[0]
         name = f"path{i or ''}"
         lines.append(f'  {name}(["reference path"]) --> {number.get(target, target)}')
+    for m, (name, machine) in enumerate(scenario.modes.items()):
+        lines.append(f"  subgraph m{m} [{name}]")
+        place = {state: f"m{m}s{i}" for i, state in enumerate(machine.states)}
+        lines += [f'    {place[state]}(("{state}"))' for state in machine.states]
+        for each in machine.transitions:
+            for source in each.sources(machine.states):
+                words = each.words.replace('"', "'")
+                lines.append(f'    {place[source]} -->|"{words}"| {place[each.target]}')
+        lines.append("  end")
     return "\n".join(lines)
 
 

@@ -230,7 +230,9 @@ def _may_lose(link: PacketLink) -> bool:
     recording = link.recording
     if recording is not None and not recording.arrived.all():
         return True
-    if link.hop is not None or chance > 0 or any(window.loss > 0 for window in link.windows):
+    if link.hop is not None or link.adjustable or chance > 0:
+        return True
+    if any(window.loss > 0 for window in link.windows):
         return True
     return 0 < link.playout_ns < _latest_ns(link)
 

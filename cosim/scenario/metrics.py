@@ -164,8 +164,11 @@ class RunMeasures(Measures):
     ) -> None:
         scenario = prepared.loaded.scenario
         part = scenario.design
-        self._events = DesignEvents(prepared, collector or EventCollector())
+        self._events = DesignEvents(
+            prepared, collector or EventCollector(system.comm_schedule.start_ns)
+        )
         self._collector, self._links = self._events.collector, frozenset(system.links)
+        self._modes = frozenset(system.modes)
         commands = {
             name: SaturationMeasure(name, self._collector)
             for name in system.components
@@ -208,6 +211,7 @@ class RunMeasures(Measures):
     def log(self, time_ns: int, level: str, name: str, message: str) -> None:
         """Count warnings of components, failures, outages, and events of the scenario."""
         kinds: dict[str, EventKind] = {"scenario": "scenario", "master": "failure"}
+        kinds |= dict.fromkeys(self._modes, "scenario")
         kind = kinds.get(name, "outage" if name in self._links else "warning")
         if level in SERIOUS or kind == "scenario":
             self._collector.count(RunEvent(time_ns, level, kind, name, message))
@@ -471,7 +475,7 @@ def _assumptions(context: RunContext) -> dict[str, bool]:
         result["limits_not_reached"] = used.fraction == 0.0 and (
             beside is None or beside.fraction == 0.0
         )
-    if context.scenario.events:
+    if context.scenario.events or context.scenario.modes:
         result["nothing_set_or_overridden"] = not context.altered_by_events
     result["plant_as_designed"] = context.plant_differences == []
     return result

@@ -177,7 +177,7 @@ class OutageMeasure(Measure[OutageFigures | None]):
         if wrong.size:
             self._uncovered_ns += int(np.diff(points)[wrong].sum())
             if self._covered_until is None:
-                self._covered_until = float(points[wrong[0]]) / 1e9
+                self._covered_until = self._instance.comm_points.at_s(int(points[wrong[0]]))
         if self._episodes is None or self._bad is None:
             return
         self._bad.add(points[:-1], ~covered)
@@ -216,7 +216,9 @@ class OutageMeasure(Measure[OutageFigures | None]):
         close_all([e for e in (self._episodes, self._bad) if e is not None], run.end_ns)
         if not self._readers or not self._touch or self._value is None:
             return None
-        times, touch = np.concatenate(self._points) / 1e9, np.concatenate(self._touch)
+        begin_ns = self._instance.comm_points.start_ns  # times are those of the components
+        times = (np.concatenate(self._points) + begin_ns) / 1e9
+        touch = np.concatenate(self._touch)
         bounded = self._covered_until is None and not self._set_points
         weighted = None
         if self._proved.gamma is not None and self._in > 0 and self._covered_until is None:

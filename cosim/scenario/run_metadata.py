@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cosim import hinf
-from cosim.master import Link, System, receiving_order
+from cosim.master import CommunicationSchedule, Link, System, receiving_order
 from cosim.network import DelayProfile, Hop, PacketLink, Recording, keys_of
 from cosim.scenario.gain import starts_with
 from cosim.scenario.preparation import PreparedScenario
@@ -43,10 +43,9 @@ def run_metadata_of(
         "title": loaded.scenario.title,
         "scenario.sha256": hashlib.sha256(text).hexdigest(),
         "step_ns": str(system.comm_schedule.step_ns),
-        "end_ns": str(system.comm_schedule.end_ns),
+        **_times(system.comm_schedule),
         "events": loaded.scenario.run.events,
         "seed": str(loaded.scenario.run.seed),
-        "time_base": "simulated nanoseconds from the start of the run",
         "host.python": platform.python_version(),
         "host.platform": platform.platform(),
         "host.started": datetime.now(UTC).isoformat(timespec="seconds"),
@@ -84,11 +83,24 @@ def run_metadata_of(
     return entries, attachments
 
 
+def _times(schedule: CommunicationSchedule) -> dict[str, str]:
+    """Return when the run begins, if not at 0, and ends, and what its times are."""
+    if not schedule.start_ns:
+        base = "simulated nanoseconds from the start of the run"
+        return {"end_ns": str(schedule.end_ns), "time_base": base}
+    return {
+        "start_ns": str(schedule.start_ns),
+        "end_ns": str(schedule.end_ns + schedule.start_ns),
+        "time_base": "simulated nanoseconds of the components, which begin at start_ns",
+    }
+
+
 _LATER = {
     "delay": None,
     "duplicate": 0.0,
     "queue_limit": None,
     "windows": (),
+    "adjustable": False,
     "playout_ns": 0,
     "recording": None,
     "greatest_age_ns": 0,

@@ -31,6 +31,7 @@ from cosim.scenario.fields import (
     FmiValue,
     Frequency,
     Instant,
+    LinkTime,
     Name,
     NotNegative,
     Number,
@@ -45,6 +46,7 @@ from cosim.scenario.fields import (
 )
 from cosim.scenario.links import LinkPart
 from cosim.scenario.media import MediumPart
+from cosim.scenario.modes import ModesPart
 from cosim.scenario.quantity import TIME, quantity_in
 from cosim.scenario.run_limits import LimitsPart
 
@@ -54,8 +56,13 @@ class RunPart(Part):
 
     end: Duration
     """Time at which the run ends."""
+    start: LinkTime = 0.0
+    """Time at which it begins, of the components and of everything else that has a time: `end`,
+    events, windows, paths, recorded delays, t. Links send their first message then, and `offset`
+    later.
+    """
     step: Duration
-    """Communication step: the components exchange values at its multiples."""
+    """Communication step: the components exchange values at its multiples, from the start on."""
     algorithm: Algorithm = "jacobi"
     """How components step. "jacobi": all with the values exchanged at the same point;
     "gauss-seidel": one after the other in `order`, each with the new outputs of those before it.
@@ -94,6 +101,23 @@ class RunPart(Part):
     """Run the components in a child process, so that a component that crashes or hangs ends the
     run and not the command.
     """
+
+    @model_validator(mode="after")
+    def _ends_later(self) -> Self:
+        if self.end <= self.start:
+            times = f"{self.end:g} s is not after {self.start:g} s"
+            raise ValueError(f"an end after the start: {times}")
+        return self
+
+    @property
+    def start_ns(self) -> int:
+        """Time of the components at the beginning of the run [ns]."""
+        return round(self.start * 1e9)
+
+    @property
+    def lasts_ns(self) -> int:
+        """How long the run lasts [ns]."""
+        return round(self.end * 1e9) - self.start_ns
 
 
 class ComponentPart(Part):
@@ -381,6 +405,8 @@ class Scenario(Part):
     """The worst-case disturbance of the design."""
     design: DesignPart | None = None
     """The gain of the controller, and the system it is proved for."""
+    modes: dict[Name, ModesPart] = Field(default_factory=dict)
+    """Mode machines: phases of a mission, what leads from one to another, and what is done then."""
     events: list[EventPart] = Field(default_factory=list)
     """What happens during the run."""
     assertions: list[AssertionPart] = Field(default_factory=list)

@@ -104,6 +104,7 @@ from .rows.layout import (
     GREATEST_AGE as GREATEST_AGE,
     LINK_STATE_SCHEMA as LINK_STATE_SCHEMA,
     LINK_STATE_SIGNALS as LINK_STATE_SIGNALS,
+    MODE_SIGNALS as MODE_SIGNALS,
     RESULT as RESULT,
     SCENARIO_ATTACHMENT as SCENARIO_ATTACHMENT,
     VEHICLE as VEHICLE,
@@ -114,6 +115,7 @@ from .rows.layout import (
     input_topic as input_topic,
     link_state_topic as link_state_topic,
     link_topic as link_topic,
+    modes_topic as modes_topic,
     output_topic as output_topic,
     result_of_link as result_of_link,
 )

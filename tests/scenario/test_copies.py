@@ -106,6 +106,33 @@ def test_loops_inside_loops_and_braces() -> None:
     }
 
 
+def test_copies_add_to_one_table() -> None:
+    """Of a table whose name is the same in each copy they are parts, behind those of the file."""
+    tries = {
+        "count": 2,
+        "modes": {
+            "grab": {
+                "states": {"try_{i}": {"enter": {"stop": "{i}"}}},
+                "transitions": [{"from": "try_{i}", "to": "try_{i + 1}"}],
+            }
+        },
+    }
+    data, origin = written_out(
+        {"modes": {"grab": {"states": {"try_3": {}}, "transitions": [{"to": "try_1"}]}}}
+        | {"for": [tries]}
+    )
+    assert data["modes"]["grab"] == {
+        "states": {"try_3": {}, "try_1": {"enter": {"stop": 1}}, "try_2": {"enter": {"stop": 2}}},
+        "transitions": [
+            {"to": "try_1"},
+            {"from": "try_1", "to": "try_2"},
+            {"from": "try_2", "to": "try_3"},
+        ],
+    }
+    place = origin.copies["modes", "grab", "transitions", 2]
+    assert place == (("for", 0, "modes", "grab", "transitions", 0), " (copy 2)")
+
+
 @pytest.mark.parametrize(
     ("data", "words"),
     [
@@ -117,8 +144,8 @@ def test_loops_inside_loops_and_braces() -> None:
         ({"for": [{"each": ["b"]}]}, "repeats nothing"),
         ({"for": [{"each": ["b"], "title": "{each}"}]}, "'title' is not repeated"),
         ({"for": {"each": ["b"]}}, "a list of tables"),
-        ({"for": [{"count": 2, "links": {"up": {}}}]}, "two copies are links.up"),
-        ({"for": [{"count": 1, "connect": ["{1 / 0}"]}]}, "not a finite number"),
+        ({"for": [{"count": 2, "links": {"up": {"delay": 1}}}]}, "two copies give links.up.delay"),
+        ({"for": [{"count": 1, "connect": ["{1 / 0}"]}]}, "there is no value here"),
         ({"for": [{"each": ["b"], "connect": ["{each + 1}"]}]}, "each is not a number"),
         ({"for": [{"each": [{"v": [1]}], "connect": ["x{v}"]}]}, "is not a word or a number"),
     ],
