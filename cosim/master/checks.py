@@ -47,11 +47,10 @@ def check_links(system: Parts) -> None:
                 got=f"link {link.name!r}, schedules of {list(system.comm_schedule.links)}",
                 hint="pass the same links to make_schedule and to System",
             )
-    following = [
-        name
-        for name in system.comm_schedule.live
-        if name not in system.links or isinstance(system.links[name].delay, DelaySignal)
-    ]
+    packets = [link for link in system.links.values() if isinstance(link, PacketLink)]
+    following = [link.name for link in packets if isinstance(link.delay, DelaySignal)]
+    moving = [x.resolved_with for x in packets if x.hop is not None and x.hop.medium.moves]
+    following += dict.fromkeys(moving)
     for name in following:
         _check_delay(system, name)
     for name in system.delays:

@@ -213,7 +213,6 @@ class PacketLink:
             "recording": self.recording is not None,
             "duplicate": self.duplicate != 0.0,
             "delay": isinstance(self.delay, DelaySignal),
-            "adjustable": self.adjustable,
         }
         for key, is_given in given.items():
             if is_given:
@@ -225,16 +224,15 @@ class PacketLink:
                 )
 
     @property
-    def is_live(self) -> bool:
-        """Whether delays become known only during a run: they follow signals or conditions."""
-        if self.hop is not None:
-            return self.hop.medium.moves
-        return self.adjustable or isinstance(self.delay, DelaySignal)
-
-    @property
     def resolved_with(self) -> str:
         """Name of what makes its delays known: the link itself, or its medium, medium.NAME."""
         return self.name if self.hop is None else f"medium.{self.hop.medium.name}"
+
+    @property
+    def is_live(self) -> bool:
+        """Return whether what becomes of a message is known only when it is sent."""
+        moves = self.hop is not None and self.hop.medium.moves
+        return self.adjustable or moves or isinstance(self.delay, DelaySignal)
 
     @property
     def frame_ns(self) -> int:

@@ -235,11 +235,15 @@ class PacketPart(_Packet):  # type: ignore[misc]
     """Node of the medium that sends."""
     receiver: Name | None = Field(default=None, alias="to")
     """Node of the medium that receives."""
+    packet: Name | None = None
+    """Packets that links of one sender share: sent once, and heard by the receiver of each."""
 
     @model_validator(mode="after")
     def _hop(self) -> Self:
         if len({key is None for key in (self.medium, self.sender, self.receiver)}) > 1:
             raise ValueError("medium, from and to go together: a link from one node to another")
+        if self.packet is not None and self.medium is None:
+            raise ValueError("links share their packets on a medium: packet needs medium")
         return self
 
 

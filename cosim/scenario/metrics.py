@@ -34,6 +34,7 @@ from cosim.scenario.final_values import LastOutputs
 from cosim.scenario.gain import Problem, observes, proves_exact_delays
 from cosim.scenario.limits import Saturation, SaturationMeasure
 from cosim.scenario.loss_bursts import LossBursts
+from cosim.scenario.lowering import passes_signal_parts
 from cosim.scenario.matching import endpoint
 from cosim.scenario.measure import Measure, Measures
 from cosim.scenario.measurement_ages import CommandAge, StampedAges
@@ -369,6 +370,8 @@ def metrics_of(context: RunContext, wanted: Wanted = ALL_FIGURES) -> dict[str, A
     }
     if wanted.has(*_OF_COUPLING):
         found |= _coupling(context)
+    if context.system.modes and wanted.has("metrics.modes"):
+        found["modes"] = _modes(context)
     if observes(context.design) and wanted.has("metrics.measurement_ages"):
         found["measurement_ages"] = measurement_age_figures(
             context.design, context.figures.stamped_ages or {}, context.figures.command_age_ns
@@ -381,6 +384,21 @@ def metrics_of(context: RunContext, wanted: Wanted = ALL_FIGURES) -> dict[str, A
         found["assumptions"] = _assumptions(context)
         if found["assumptions"] and (different := context.plant_differences):
             found["plant_differences"] = different
+    return found
+
+
+def _modes(context: RunContext) -> dict[str, Any]:
+    """Return by mode machine the state at the end, how often it changed, and the time in each."""
+    run, found = context.run, {}
+    for machine, states in context.system.modes.items():
+        times, numbers = run.instances[0].comm_points.event_values.changes(machine)
+        times, numbers = times[times <= run.end_ns], numbers[times <= run.end_ns]
+        spent = np.diff(times, append=run.end_ns) / 1e9
+        found[machine] = {
+            "state": states[int(numbers[-1])] if numbers.size else None,
+            "changes": max(int(times.size) - 1, 0),
+            "time_s": {s: float(total(spent[numbers == k])) for k, s in enumerate(states)},
+        }
     return found
 
 
@@ -477,7 +495,14 @@ def _assumptions(context: RunContext) -> dict[str, bool]:
         )
     if context.scenario.events or context.scenario.modes:
         result["nothing_set_or_overridden"] = not context.altered_by_events
-    result["plant_as_designed"] = context.plant_differences == []
+    return result | _as_designed(context)
+
+
+def _as_designed(context: RunContext) -> dict[str, bool]:
+    """Return whether the plant is as designed, and False for a loop that is not."""
+    result, part = {"plant_as_designed": context.plant_differences == []}, context.scenario.design
+    if part is not None and passes_signal_parts(context.scenario, part.plant, part.controller):
+        result["loop_as_designed"] = False
     return result
 
 

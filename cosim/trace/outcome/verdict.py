@@ -150,6 +150,11 @@ _COMPARED = {
         "what the plant received is what the observer took to act, at every point",
         "what the plant received was not always what the observer took to act",
     ),
+    "loop_as_designed": (
+        "The loop is the one designed for",
+        "plant and controller are connected by links alone",
+        "a sensor, a map or a computed value stands between plant and controller",
+    ),
     "plant_as_designed": (
         "The plant is the one designed for",
         "every parameter of the plant is that of the design's model",
