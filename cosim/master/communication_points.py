@@ -28,7 +28,6 @@ from cosim.network import (
     GrowingSchedule,
     LinkState,
     MediumSchedule,
-    MediumTraffic,
     PacketLink,
     Traffic,
 )
