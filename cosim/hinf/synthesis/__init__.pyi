@@ -37,4 +37,7 @@ from .gain_size import gain_remark as gain_remark
 from .greatest_delays import (
     GreatestDelay as GreatestDelay,
 )
-from .output_feedback import design_output_feedback as design_output_feedback
+from .output_feedback import (
+    TooUncertainError as TooUncertainError,
+    design_output_feedback as design_output_feedback,
+)
