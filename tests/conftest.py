@@ -11,6 +11,7 @@ import gc
 import os
 import signal
 import threading
+from contextlib import chdir
 from typing import TYPE_CHECKING
 
 import pytest
@@ -51,6 +52,17 @@ def pytest_collection() -> Iterator[None]:
     return result
 
 
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Of the slow tests leave those of the commit's share; what is `always` run stays."""
+
+    def stays(item: pytest.Item) -> bool:
+        slow = item.get_closest_marker("slow")
+        return not slow or "always" in slow.kwargs or shared.is_in_share(item.nodeid)
+
+    config.hook.pytest_deselected(items=[item for item in items if not stays(item)])
+    items[:] = [item for item in items if stays(item)]
+
+
 @pytest.fixture(scope="session", autouse=True)
 def the_disk_is_not_waited_for() -> Iterator[None]:
     """No test cuts the power, and thousands of files that are replaced wait 7 ms each."""
@@ -73,6 +85,13 @@ def nothing_shared_is_written() -> Iterator[None]:
     yield
     written = shared.what_was_written()
     assert not written, f"changed by a test; write to tmp_path instead: {', '.join(written)}"
+
+
+@pytest.fixture(scope="module", autouse=True)
+def the_folder_is_as_before() -> Iterator[None]:
+    """No test leaves the process elsewhere, as FMPy does when a library does not load."""
+    with chdir("."):
+        yield
 
 
 @pytest.fixture(scope="module", autouse=True)

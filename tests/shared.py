@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import os
 import shutil
+import zlib
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
@@ -21,12 +22,22 @@ _WHOLE, _SLASH = ".whole", "~"
 _session: list[Path] = []
 
 
+_EACH = 4
+"""One slow test of so many is run per commit; a family of them has been cut to its share before."""
+
+
 def share_of(members: Iterable[Any]) -> list[Any]:
     """All of them, or with SHARE=K/N in the environment the K-th of every N, at least one."""
     first, number = map(int, os.environ.get("SHARE", "0/1").split("/"))
     found = [*members]
     number = min(number, len(found)) or 1
     return found[first % number :: number]
+
+
+def is_in_share(name: str) -> bool:
+    """Whether SHARE=K/N has the slow test of this name run; all of them without it."""
+    share = os.environ.get("SHARE")
+    return share is None or (zlib.crc32(name.encode()) - int(share.split("/")[0])) % _EACH == 0
 
 
 def slow_share_of(members: Iterable[Any]) -> list[Any]:
@@ -58,19 +69,29 @@ def fmu_store(*flavours: str) -> Path:
     """The shared FMUs of the catalogue: FLAVOUR/NAME.fmu, what `--fmus` takes.
 
     The flavours named are there and native, the default of every command, each built once per
-    session.
+    session; native ones also of the designs that built-in scenarios name.
     """
     from cosim.fmu.export.build import build_fmu  # noqa: PLC0415 - most tests need no FMU
     from cosim.fmu.export.catalogue import CATALOGUE  # noqa: PLC0415
 
+    def build(folder: Path, flavour: str) -> None:
+        for spec in CATALOGUE.values():
+            build_fmu(spec, folder, flavour)
+        if flavour == "native":
+            _build_of_designs(folder.parent)
+
     for flavour in dict.fromkeys(("native", *flavours)):
-        made_once(
-            f"fmus/{flavour}",
-            lambda folder, flavour=flavour: [
-                build_fmu(spec, folder, flavour) for spec in CATALOGUE.values()
-            ],
-        )
+        made_once(f"fmus/{flavour}", lambda folder, flavour=flavour: build(folder, flavour))
     return home() / "fmus"
+
+
+def _build_of_designs(root: Path) -> None:
+    from cosim.scenario.fmu_cache import FmuCache  # noqa: PLC0415 - most tests need no FMU
+    from cosim.scenario.read import builtin_names, load  # noqa: PLC0415
+
+    parts = (part.fmu for n in builtin_names() for part in load(n).scenario.components.values())
+    for fmu in {fmu for fmu in parts if ":" in fmu}:
+        FmuCache(root, root).find(fmu)
 
 
 def fmu_folder(flavour: str) -> Path:

@@ -35,8 +35,10 @@ def test_the_demo_flies_without_matplotlib(monkeypatch: pytest.MonkeyPatch, tmp_
     def finished(*_: Any, **__: Any) -> Any:
         return SimpleNamespace(metrics={"designed_age_s": 1.0})
 
+    prepared = SimpleNamespace(problem=None)
+
     monkeypatch.setattr(demo, "pyplot", missing)
-    monkeypatch.setattr(demo, "prepare", lambda *_, **__: None)
+    monkeypatch.setattr(demo, "prepare", lambda *_, **__: prepared)
     monkeypatch.setattr(demo, "execute_run", finished)
     found = demo.demonstrate(FmuCache(tmp_path, tmp_path), tmp_path)
     assert list(found.outcomes) == ["delay-aware", "naive"]

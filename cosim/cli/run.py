@@ -34,10 +34,12 @@ def demo(
     fmus: FmusOption = FMUS,
     as_json: JsonOption = False,
 ) -> None:
-    """Run two gains over the same acoustic link and compare them in one picture.
+    """Fly two designs with the same late position fixes and compare them in one picture.
 
-    The same vehicle runs twice in the same sea: with a gain designed for old measurements, and
-    with one designed without a delay. Traces and picture are written to the folder --out.
+    The same vehicle flies twice in the same sea, by fixes that come over an acoustic link seconds
+    old and with losses in runs: with observer and gain designed for that, and with a design for
+    fresh fixes. The summary says which assumption covers what. Traces and picture are written to
+    the folder --out.
 
     \b
     cosim demo

@@ -9,6 +9,7 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from cosim import trace
 from cosim.cli.terminal import NONE, facts_table, number, plain
 from cosim.core import at_most
 from cosim.trace import age_lines, measurement_age_lines, plant_line
@@ -71,43 +72,62 @@ def late_view(log_after_end: Iterable[Mapping[str, str]]) -> list[RenderableType
 
 
 def demo_view(demo: Demo) -> RenderableType:
-    """Show both runs of the demo side by side."""
+    """Show both runs of the demo side by side, and what the guarantee of each rests on."""
     outcomes = list(demo.outcomes.values())
-    table = Table(title="One vehicle, one sea, one acoustic link; two gains", title_justify="left")
-    table.add_column("")
-    table.add_column("", style="dim")
-    for label in demo.outcomes:
-        table.add_column(label, justify="right")
-    table.add_row("status", "judged", *(_status(outcome) for outcome in outcomes))
-    for rows in zip(*map(_figures, outcomes), strict=True):
-        label, _, how = rows[0]
-        table.add_row(label, how, *(value for _, value, _ in rows))
+    table = Table(
+        title="One vehicle, one sea, one late link; two designs", title_justify="left", box=None
+    )
+    for column in ("", *demo.outcomes):
+        table.add_column(column, justify="left" if not column else "right")
+    table.add_row("status", *(_status(outcome) for outcome in outcomes))
+    for rows in zip(*map(_compared, outcomes), strict=True):
+        if any(value != NONE for _, value in rows):
+            table.add_row(rows[0][0], *(value for _, value in rows))
     for name in outcomes[0].links:
         links = [outcome.links[name] for outcome in outcomes]
-        table.add_section()
-        table.add_row(
-            f"{name} messages",
-            "sent, delivered, dropped",
-            *(f"{s['sent']}, {s['delivered']}, {s['dropped']}" for s in links),
+        counts = (f"{s['delivered']} of {s['sent']}" for s in links)
+        table.add_row(f"{name}: messages that arrived", *counts)
+    parts: list[RenderableType] = [table]
+    for label, outcome in demo.outcomes.items():
+        parts += [Text(), *_covered(label, outcome)]
+    parts.append(
+        Text.assemble(
+            "\npicture: ",
+            (f"none; {demo.no_picture}", "")
+            if demo.picture is None
+            else (str(demo.picture), "bold"),
+            *(f"\ntrace:   {outcome.trace}" for outcome in outcomes),
+            "\nlook closer: ",
+            (f"cosim trace report {outcomes[-1].trace}", "bold"),
+            f"\n             cosim trace diff {' '.join(str(o.trace) for o in outcomes)}",
         )
-        for label, key in (("mean delay", "mean_delay_s"), ("largest age", "max_age_s")):
-            table.add_row(f"{name} {label}", "measured", *(number(s[key], 3, "s") for s in links))
-    table.add_section()
-    for name in outcomes[0].metrics["assumptions"]:
-        table.add_row(
-            name.replace("_", " "),
-            "assumption",
-            *(_tick(outcome.metrics["assumptions"].get(name)) for outcome in outcomes),
-        )
-    files = Text.assemble(
-        "picture: ",
-        (f"none; {demo.no_picture}", "") if demo.picture is None else (str(demo.picture), "bold"),
-        *(f"\ntrace:   {outcome.trace}" for outcome in outcomes),
-        "\nlook closer: ",
-        (f"cosim trace report {outcomes[-1].trace}", "bold"),
-        f"\n             cosim trace diff {' '.join(str(outcome.trace) for outcome in outcomes)}",
     )
-    return Group(table, files)
+    return Group(*parts)
+
+
+def _compared(outcome: Outcome) -> list[tuple[str, str]]:
+    """Return rows of (figure and how it was obtained, value) that runs are compared by."""
+    ages = outcome.metrics.get("measurement_ages") or {}
+    own = {f"oldest {name} used" for name in ages}
+    rows = [(f"{what}, {how}", value) for what, value, how in _figures(outcome) if what not in own]
+    for name, age in ages.items():
+        most = None if age["measured"] is None else age["measured"]["greatest_s"]
+        rows.append((f"oldest {name} used, measured", number(most, 4, "s")))
+        rows.append((f"  certified up to, {name}", number(age["greatest_s"] or None, 4, "s")))
+    return rows
+
+
+def _covered(label: str, outcome: Outcome) -> list[RenderableType]:
+    """Say whether the guarantee of a run holds, and for each assumption what it rests on."""
+    checks = trace.assumptions_of(outcome)
+    verdict = trace.guarantee_of(outcome, checks)
+    lines = [] if verdict is None else [Text(f"{label}: {verdict.what}; {verdict.why}", "bold")]
+    table = Table(box=None, pad_edge=False, show_header=False)
+    for check in checks:
+        good = check.tone == "good"
+        words = Text.assemble(check.what, "\n", (check.why, "dim"))
+        table.add_row(Text("met" if good else "not met", "green" if good else "red"), words)
+    return [*lines, table]
 
 
 def _figures(outcome: Outcome) -> list[tuple[str, str, str]]:
@@ -176,13 +196,18 @@ def _gain_measured(metrics: Mapping[str, Any]) -> str:
     return f"measured: {at}, {100 * norm_share:.2f} % of the exact norm"
 
 
+_ON_MEDIUM = ("collided", "receiver_sending", "out_of_range")
+
+
 def _links(links: Mapping[str, Mapping[str, Any]]) -> list[RenderableType]:
     if not links:
         return []
     table = Table(box=None, pad_edge=False)
     buffered = any(s.get("late") is not None for s in links.values())
     late = ("late",) if buffered else ()
-    columns = ("link", "sent", "delivered", "dropped", *late, "mean delay", "max delay", "max age")
+    fates = [fate for fate in _ON_MEDIUM if any(s.get(fate) for s in links.values())]
+    named = [fate.replace("_", " ") for fate in (*late, *fates)]
+    columns = ("link", "sent", "delivered", "dropped", *named, "mean delay", "max delay", "max age")
     for column in columns:
         table.add_column(column, justify="left" if column == "link" else "right")
     for name, s in links.items():
@@ -191,7 +216,7 @@ def _links(links: Mapping[str, Mapping[str, Any]]) -> list[RenderableType]:
             str(s["sent"]),
             str(s["delivered"]),
             str(s["dropped"]),
-            *(number(s.get(key), 12) for key in late),
+            *(number(s.get(key), 12) for key in (*late, *fates)),
             *(number(s[key], 4, "s") for key in ("mean_delay_s", "max_delay_s", "max_age_s")),
         )
     return [table]
@@ -271,7 +296,10 @@ def _advice(outcome: Outcome) -> list[RenderableType]:
         f"try: {name} delivered none of its {s['sent']} messages: its delay may be longer than the "
         'run; a delay is in seconds, or has a unit: "400 ms"'
         for name, s in outcome.links.items()
-        if s["sent"] and not s["delivered"] and s["dropped"] < s["sent"]
+        if s["sent"]
+        and not s["delivered"]
+        and s["dropped"] < s["sent"]
+        and not any(s.get(fate) for fate in _ON_MEDIUM)
     ]
     age, designed = outcome.metrics["message_age_s"], outcome.metrics["designed_age_s"]
     if age is not None and designed is not None and age > designed * (1 + 1e-12):

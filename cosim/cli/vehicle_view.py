@@ -11,7 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from cosim.cli.terminal import facts_table, number
-from cosim.scenario import PLANT_NOTE
+from cosim.core import PLANT_NOTE
 
 if TYPE_CHECKING:
     from cosim.vehicle import Finding, Flight, Overview, VehicleKey

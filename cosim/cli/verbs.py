@@ -21,7 +21,9 @@ class Verb(NamedTuple):
 
 VERBS = {
     "demo": Verb(
-        "run", "demo", "Run two gains over the same acoustic link and compare them in one picture."
+        "run",
+        "demo",
+        "Fly two designs with the same late position fixes and compare them in one picture.",
     ),
     "design": Verb(
         "design",

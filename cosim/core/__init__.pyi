@@ -16,6 +16,7 @@ from .errors import (
 from .extras import optional as optional
 from .file_kinds import (
     DESIGN_FILE as DESIGN_FILE,
+    PLANT_NOTE as PLANT_NOTE,
     SCENARIO_FILE as SCENARIO_FILE,
     SCHEMA as SCHEMA,
     STUDY_FILE as STUDY_FILE,

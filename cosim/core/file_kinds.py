@@ -140,6 +140,9 @@ DESIGN_FILE: Final = FileKind(
 )
 """A design with its certificate, JSON."""
 
+PLANT_NOTE: Final = "plant_note"
+"""Key of the note in a design file on how the FMU of its plant is seen as its linear system."""
+
 _OF_SCENARIOS = ("run", "components", "connections", "connect", "extends")
 
 

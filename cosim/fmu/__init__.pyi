@@ -35,6 +35,11 @@ from .export.controller import (
     ControllerFmu as ControllerFmu,
     export_controller as export_controller,
 )
+from .export.design_parts import (
+    design_part_spec as design_part_spec,
+    design_parts as design_parts,
+    ensure_design_fmu as ensure_design_fmu,
+)
 from .export.flavours import (
     DEFAULT_FLAVOUR as DEFAULT_FLAVOUR,
     FMI_VERSION as FMI_VERSION,

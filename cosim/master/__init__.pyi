@@ -27,6 +27,7 @@ from .parts import (
     Endpoint as Endpoint,
     LogLevel as LogLevel,
     Policy as Policy,
+    PositionSource as PositionSource,
     UnknownFeedthrough as UnknownFeedthrough,
 )
 from .recorder import (

@@ -15,8 +15,15 @@ from cosim.master.communication_points import blocks
 from cosim.master.communication_schedule import Link
 from cosim.master.component_points import own_instants
 from cosim.master.event_systems import check_events
-from cosim.master.parts import Connection, Endpoint, Parts, Policy, UnknownFeedthrough
-from cosim.network import PacketLink, TransportLink
+from cosim.master.parts import (
+    Connection,
+    DelaySource,
+    Endpoint,
+    Parts,
+    Policy,
+    UnknownFeedthrough,
+)
+from cosim.network import DelaySignal, PacketLink, TransportLink
 
 LINK_STATE: Mapping[str, SignalKind] = MappingProxyType(
     {"age": "float", "sequence": "int", "dropped": "int", "delivered": "int"}
@@ -40,15 +47,20 @@ def check_links(system: Parts) -> None:
                 got=f"link {link.name!r}, schedules of {list(system.comm_schedule.links)}",
                 hint="pass the same links to make_schedule and to System",
             )
-    for name in system.comm_schedule.live:
+    following = [
+        name
+        for name in system.comm_schedule.live
+        if name not in system.links or isinstance(system.links[name].delay, DelaySignal)
+    ]
+    for name in following:
         _check_delay(system, name)
     for name in system.delays:
-        if name not in system.comm_schedule.live:
+        if name not in following:
             raise InputError(
                 "this link's delay follows no signal",
                 where=f"link {name!r}",
-                expected="a link with a DelaySignal: "
-                + (", ".join(system.comm_schedule.live) or "none"),
+                expected="a link with a DelaySignal, or a medium whose nodes move: "
+                + (", ".join(following) or "none"),
             )
 
 
@@ -56,18 +68,19 @@ def _check_delay(system: Parts, name: str) -> None:
     """Check that the signals of a delay exist, are numbers, and are known at each sending."""
     source = system.delays.get(name)
     where = f"link {name!r}: delay"
+    if name not in system.links:
+        where = f"{name}: nodes"
     if source is None or not source.signals:
         raise InputError("the delay of this link has no signal", where=where)
-    number = 1 if source.origin is None else len(source.origin)
-    if len(source.signals) != number:
-        raise InputError(
-            "the number of signals of this delay is wrong",
-            where=where,
-            expected="one signal, or one per coordinate of the origin",
-            got=f"{len(source.signals)} signals, {number} coordinates",
-        )
-    for end in source.signals:
-        port = system.port(end)
+    if isinstance(source, DelaySource):
+        _check_number(source, where)
+    for end in source.read:
+        try:
+            port = system.port(end)
+        except InputError as error:
+            error.where = f"{where}, {end}"
+            error.args = (error.text(),)
+            raise
         if port.causality != "output" or port.kind != "float" or port.shape or port.feedthrough:
             raise InputError(
                 "this signal cannot decide a delay",
@@ -81,6 +94,17 @@ def _check_delay(system: Parts, name: str) -> None:
                 else f'components.{end.component}.feedthrough = "none" or the list of outputs '
                 "that depend on inputs at once, where this one does not",
             )
+
+
+def _check_number(source: DelaySource, where: str) -> None:
+    number = 1 if source.origin is None else len(source.origin)
+    if len(source.signals) != number:
+        raise InputError(
+            "the number of signals of this delay is wrong",
+            where=where,
+            expected="one signal, or one per coordinate of the origin",
+            got=f"{len(source.signals)} signals, {number} coordinates",
+        )
 
 
 def check_parts(system: Parts) -> None:
@@ -97,7 +121,8 @@ def check_parts(system: Parts) -> None:
             raise InputError(
                 "a component cannot have its own step where points are added during the run",
                 where=f"component {name!r}",
-                got=f"link {next(iter(system.comm_schedule.live))!r}, whose delay follows a signal",
+                got=f"link {next(iter(system.comm_schedule.live))!r}, whose delay follows a signal "
+                "or a condition",
                 hint='events = "grid"',
             )
         _check_own_step(system, component.every_ns)

@@ -9,10 +9,9 @@ whole run, in arrays that are reserved for all of them.
 
 from __future__ import annotations
 
-import math
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,9 +19,10 @@ from numpy.typing import NDArray
 from cosim.core import InputError, distinct
 from cosim.master.communication_schedule import CommunicationSchedule
 from cosim.master.component_points import ComponentPoints
-from cosim.master.parts import DelaySource, Parts
+from cosim.master.event_values import EventValues
+from cosim.master.parts import Parts
 from cosim.master.reserved import Reserved
-from cosim.network import Arrivals, GrowingSchedule, LinkState
+from cosim.network import Arrivals, GrowingSchedule, LinkState, MediumSchedule, MediumTraffic
 
 Integers = NDArray[np.int64]
 Rows = NDArray[np.float64]
@@ -46,7 +46,8 @@ class CommunicationPoints:
     ----------
     most : room for points; the index of the spare row.
     points_ns : the points [ns], int64 (most,); `count` of them are known.
-    seconds, sizes : the points [s], and the step from each to the next [s], (most,).
+    seconds, sizes : the points by the clock of the components [s], which is later than the run by
+        the schedule's `start_ns`, and the step from each to the next [s], (most,).
     final : index of the last point of the run; `most` as long as it is not known.
     ready : number of points at which it is known what is read and where each step ends.
     crossing : whether a message of unknown delay is sent at point `ready`.
@@ -54,8 +55,11 @@ class CommunicationPoints:
     end_ns : the end of the run [ns].
     own_points : by component.
     links : the packet links, by name.
-    values : by live link, the values of its delay signal so far.
-    live : the links whose delays follow a signal of the run.
+    values : by live link, the values of its delay signal so far, 0 if it follows none; by live
+        medium, the places.
+    event_values : what events have set; of adjustable links `NAME.delay` [ns] and `NAME.loss`.
+    live : the links whose delays follow a signal of the run or are changed during it, and the media
+        whose nodes do.
     grows : whether points depend on signals of the run.
     has_events : whether points are added one at a time, as events occur (`add`).
     on_new : called with the instant of each added point, [ns] and [s].
@@ -67,6 +71,7 @@ class CommunicationPoints:
         self.most, self.end_ns = self._schedule.most, self._schedule.end_ns
         self.grows, self.has_events = self._schedule.grows, live and system.has_events
         self.on_new: Callable[[int, float], None] | None = None
+        self.event_values = EventValues()
         if self.has_events:
             self.most = _EVENTS * self.most + _MORE_EVENTS
         kinds = (np.int64, float, float)
@@ -83,6 +88,7 @@ class CommunicationPoints:
         Nothing may have been given back.
         """
         self._schedule = schedule
+        self.event_values.restore({})
         if self.links or self.final == self.most:
             self._begin()
 
@@ -96,8 +102,12 @@ class CommunicationPoints:
             for name, link in self._schedule.begin().items()
             if self._with_live or not link.is_live
         }
-        self.live = {name: link for name, link in self.links.items() if link.is_live}
-        self.values: dict[str, list[float]] = {name: [] for name in self.live}
+        self.live = {
+            link.link.resolved_with: link.traffic if isinstance(link, MediumSchedule) else link
+            for link in self.links.values()
+            if link.is_live
+        }
+        self.values: dict[str, list[Any]] = {name: [] for name in self.live}
         for points in self._steps.values():
             points.latest = -1
         if self.has_events:
@@ -105,6 +115,15 @@ class CommunicationPoints:
             self.add(0, 0.0)
         else:
             self.extend()
+
+    def at_s(self, time_ns: int) -> float:
+        """Return an instant of the run by the clock of the components [s]."""
+        return self._schedule.at_s(time_ns)
+
+    @property
+    def start_ns(self) -> int:
+        """The time of the components at the beginning of the run [ns]."""
+        return self._schedule.start_ns
 
     def planned(self) -> int:
         """Return the next instant that is a point, whatever events come before it [ns].
@@ -180,7 +199,9 @@ class CommunicationPoints:
         new = self._instants(after, until)
         first, self.count = self.count, self.count + new.size
         self.points_ns[first : self.count] = new
-        np.divide(new, 1e9, out=self.seconds[first : self.count])
+        start_ns = self._schedule.start_ns
+        later = new + start_ns if start_ns else new
+        np.divide(later, 1e9, out=self.seconds[first : self.count])
         begin = max(first - 1, 0)
         steps_ns = np.diff(self.points_ns[begin : self.count])
         np.divide(steps_ns, 1e9, out=self.sizes[begin : self.count - 1])
@@ -201,6 +222,9 @@ class CommunicationPoints:
                 found.append(link.sendings(after, until))
                 # what a live link brings at its horizon is known when the loop is there
                 found.append(link.changes(after, min(until, link.horizon_ns - 1))[0])
+        if self._schedule.events == "align":  # where a packet begins to be sent
+            horizons = (one.horizon_ns for one in self.live.values())
+            found += [np.array([at], np.int64) for at in horizons if after < at <= until]
         return found[0] if len(found) == 1 else distinct(np.concatenate(found))
 
     def _set_ready(self) -> None:
@@ -227,18 +251,38 @@ class CommunicationPoints:
         now = int(self.points_ns[k])
         for name, link in self.live.items():
             while link.horizon_ns == now:
-                value = _value(self._delays[name], row, columns[name])
-                link.resolve(link.message, value)
+                value: Any = 0.0
+                if name in self._delays:
+                    value = self._delays[name].value([float(row[c]) for c in columns[name]])
+                self._resolve(name, link, value, now)
                 self.values[name].append(value)
         self._set_ready()
         if self.ready <= k and not self.crossing:
             self.extend()
 
-    def go_back(self, values: Mapping[str, Sequence[float]], complete: int) -> None:
-        """Return to the state in which `values` were the values so far, and `complete` rows were.
+    def _resolve(
+        self, name: str, link: GrowingSchedule | MediumTraffic, value: Any, now: int
+    ) -> None:
+        """Resolve a message of a live link, or of a medium, sent now [ns]."""
+        delay = self.event_values.at(f"{name}.delay", now)
+        loss = self.event_values.at(f"{name}.loss", now)
+        if delay is None and loss is None:
+            link.resolve(link.message, value)
+        elif isinstance(link, GrowingSchedule):
+            delay_ns = None if delay is None else int(delay)
+            link.resolve(link.message, value, delay_ns=delay_ns, loss=loss)
+
+    def go_back(
+        self,
+        values: Mapping[str, Sequence[Any]],
+        event_values: Mapping[str, Sequence[Sequence[float]]],
+        complete: int,
+    ) -> None:
+        """Return to the state in which these were the values so far, and `complete` rows were.
 
         Nothing may have been given back.
         """
+        self.event_values.restore(event_values)
         if not self.live:
             return
         self._begin()
@@ -257,7 +301,7 @@ class CommunicationPoints:
             while link.horizon_ns == now:
                 if numbers[name] >= len(self.values[name]):
                     return False
-                link.resolve(link.message, self.values[name][numbers[name]])
+                self._resolve(name, link, self.values[name][numbers[name]], now)
                 numbers[name] += 1
         self._set_ready()
         return True
@@ -327,14 +371,3 @@ def blocks(system: Parts) -> Iterator[tuple[CommunicationPoints, int, int]]:
         first = points.ready
         points.give_back(first - 1)
         points.extend()
-
-
-def _value(source: DelaySource, row: Rows, columns: tuple[int, ...]) -> float:
-    """Return the value that decides a delay: a signal, or the distance from the origin."""
-    values = [float(row[column]) for column in columns]
-    if source.origin is None:
-        return values[0]
-    total = 0.0
-    for value, place in zip(values, source.origin, strict=True):
-        total += (value - place) * (value - place)
-    return math.sqrt(total)

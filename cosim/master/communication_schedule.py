@@ -12,7 +12,13 @@ from numpy.typing import NDArray
 
 from cosim.core import InputError, distinct
 from cosim.master.component_points import own_instants
-from cosim.network import DelaySignal, GrowingSchedule, PacketLink, PacketSchedule, TransportLink
+from cosim.network import (
+    GrowingSchedule,
+    PacketLink,
+    PacketSchedule,
+    TransportLink,
+    growing_schedules,
+)
 
 Link = PacketLink | TransportLink
 """A link of either kind."""
@@ -38,6 +44,8 @@ class CommunicationSchedule:
     instants_ns : more points, strictly increasing, int64 (m,).
     given_ns : all points, in place of the rule, strictly increasing from 0 to the end [ns], int64
         (n,); None: by the rule.
+    start_ns : time of the components at the beginning of the run [ns]. The run itself, its points,
+        links and events, counts from 0; what people and components are told is later by this.
     """
 
     step_ns: int
@@ -47,6 +55,11 @@ class CommunicationSchedule:
     every_ns: tuple[int, ...] = ()
     instants_ns: Integers = field(default_factory=lambda: np.zeros(0, np.int64))
     given_ns: Integers | None = None
+    start_ns: int = 0
+
+    def at_s(self, time_ns: int) -> float:
+        """Return an instant of the run by the clock of the components [s]."""
+        return (int(time_ns) + self.start_ns) / 1e9
 
     @classmethod
     def of_points(cls, points_ns: Integers) -> CommunicationSchedule:
@@ -55,9 +68,10 @@ class CommunicationSchedule:
         return cls(step, int(points_ns[-1]), given_ns=points_ns)
 
     @cached_property
-    def live(self) -> Mapping[str, PacketLink]:
-        """The links whose delays follow a signal of the run."""
-        return {n: link for n, link in self._packets.items() if isinstance(link.delay, DelaySignal)}
+    def live(self) -> tuple[str, ...]:
+        """What becomes known in the run: links by their delays, media (medium.NAME) by places."""
+        live = (link for link in self._packets.values() if link.is_live)
+        return tuple(dict.fromkeys(link.resolved_with for link in live))
 
     @property
     def grows(self) -> bool:
@@ -76,9 +90,7 @@ class CommunicationSchedule:
         InputError : far too many messages, a recorded delay that does not last as long as the run.
         """
         step = self.step_ns if self.events == "grid" else None
-        return {
-            name: GrowingSchedule(link, self.end_ns, step) for name, link in self._packets.items()
-        }
+        return growing_schedules(self._packets.values(), self.end_ns, step)
 
     def known(self, after_ns: int, until_ns: int) -> Integers:
         """Return the points in (after, until] [ns] that depend on no link, int64 (n,)."""
@@ -119,7 +131,7 @@ class CommunicationSchedule:
     @cached_property
     def schedules(self) -> Mapping[str, PacketSchedule]:
         """The schedule of each packet link of known delay, for a run that is not long."""
-        found = {n: link for n, link in self.begin().items() if n not in self.live}
+        found = {n: link for n, link in self.begin().items() if not link.is_live}
         for link in found.values():
             link.advance(self.end_ns)
         return {name: link.finish(self.end_ns) for name, link in found.items()}
@@ -138,8 +150,9 @@ def make_schedule(
     events: Events,
     every_ns: Iterable[int] = (),
     instants_ns: Iterable[int] = (),
+    start_ns: int = 0,
 ) -> CommunicationSchedule:
-    """Make the schedule of a run from 0 to `end_ns`.
+    """Make the schedule of a run from 0 to `end_ns`; `start_ns` as in `CommunicationSchedule`.
 
     `every_ns` : own steps of components [ns]; under "align" their multiples become points, on
     the grid they must be multiples of the step. `instants_ns` : more instants in [0, end] that
@@ -173,6 +186,9 @@ def make_schedule(
                 got=f"{every / 1e9:g} s, step {step_ns / 1e9:g} s, end {end_ns / 1e9:g} s",
             )
     instants = distinct(np.array([*instants_ns], np.int64))
-    made = CommunicationSchedule(step_ns, end_ns, events, dict(links), tuple(every_ns), instants)
+    own = tuple(every_ns)
+    made = CommunicationSchedule(
+        step_ns, end_ns, events, dict(links), own, instants, start_ns=start_ns
+    )
     made.begin()
     return made

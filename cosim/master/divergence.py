@@ -47,7 +47,7 @@ def out_of_range(wiring: Wiring, k: int, column: int) -> tuple[bool, str]:
 
     `column` : of the first such output.
     """
-    row, seconds = wiring.rows[k], int(wiring.comm_points.points_ns[k]) / 1e9
+    row, seconds = wiring.rows[k], wiring.comm_points.at_s(wiring.comm_points.points_ns[k])
     if np.isfinite(row[column]):
         bound = wiring.bounds[column]
         name = wiring.signal(column)

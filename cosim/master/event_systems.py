@@ -19,6 +19,7 @@ def check_events(system: Parts) -> None:
         return
     schedule = system.comm_schedule
     refused = {
+        "run.start": (schedule.start_ns != 0, "0", f"{schedule.at_s(0):g} s"),
         "algorithm": (system.algorithm != "jacobi", "the algorithm jacobi", system.algorithm),
         "run.threads": (system.threads > 1, "1", str(system.threads)),
         "run.events": (schedule.events != "align", 'events = "align"', schedule.events),
@@ -29,7 +30,10 @@ def check_events(system: Parts) -> None:
             raise _refusal(name, where, expected, got)
     for link in schedule.live:
         raise _refusal(
-            name, f"link {link!r}", "a delay that follows no signal of the run", "one that does"
+            name,
+            f"link {link!r}",
+            "a delay that follows no signal or condition of the run",
+            "one that does",
         )
     for other, component in system.components.items():
         if component.every_ns is not None:

@@ -44,11 +44,12 @@ class Initialisation:
         InputError : a parameter that does not exist or cannot be set.
         ComponentError : a slave that fails, or values that do not settle, named.
         """
-        wiring, end = self._wiring, system.comm_schedule.end_ns / 1e9
+        wiring, schedule = self._wiring, system.comm_schedule
+        start, end = schedule.at_s(0), schedule.at_s(schedule.end_ns)
         for name in system.components:
             instance = wiring.instance(name)
             instance.slave.set_start(instance.component.parameters)
-            instance.slave.enter_initialisation(0.0, end)
+            instance.slave.enter_initialisation(start, end)
         if not self._ends or any(one.is_stale() for one in self._ends):
             self._ends = [_InitialisedComponent(instance) for instance in wiring.instances]
         most = max(MOST_PASSES, system.solve_limit) if system.solve else MOST_PASSES

@@ -212,7 +212,8 @@ class Loop:
 
     def result(self, count: int, *, whole: bool) -> Run:
         """Return the first `count` rows; "stopped" if the run has not ended by itself."""
-        reason = self.reason if self.status else f"stopped at t = {self.time_ns / 1e9:g} s"
+        now = self._comm_points.at_s(self.time_ns)
+        reason = self.reason if self.status else f"stopped at t = {now:g} s"
         return Run.of(
             self._wiring,
             count,
@@ -287,7 +288,8 @@ class Loop:
             self._wiring.resolve_delays(self._system, k)
         except InputError as error:
             self.status, self.reason = "failed", error.text()
-            self.cause = Cause("delay", time_s=self.time_ns / 1e9, detail=error.what)
+            now = self._comm_points.at_s(self.time_ns)
+            self.cause = Cause("delay", time_s=now, detail=error.what)
             return None
         self._wiring.fill_routes(k, self._comm_points.ready)
         self._wiring.begin_rows(k, self._comm_points.ready)

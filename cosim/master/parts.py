@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal, NamedTuple
@@ -88,6 +89,15 @@ class Component:
         """Whether its events and Clocks are handled in event mode."""
         return self.description.has_event_mode if self.event_mode is None else self.event_mode
 
+    def start_of(self, name: str, otherwise: Any = None) -> Any:
+        """Return the start value of a variable: its parameter, or else what the FMU declares.
+
+        otherwise : where there is no such variable, or nothing is declared.
+        """
+        port = self.description.ports.get(name)
+        declared = otherwise if port is None or port.start is None else port.start
+        return self.parameters.get(name, declared)
+
 
 class RouteKey(NamedTuple):
     """What connections of one route have in common."""
@@ -105,11 +115,44 @@ class DelaySource(NamedTuple):
 
     signals : outputs of components without direct feedthrough.
     origin : None: the value is that of the one signal. Else it is the distance of the signals
-        from this place.
+        from this place, each coordinate of which is a number or such an output too.
     """
 
     signals: tuple[Endpoint, ...]
-    origin: tuple[float, ...] | None = None
+    origin: tuple[float | Endpoint, ...] | None = None
+
+    @property
+    def read(self) -> tuple[Endpoint, ...]:
+        """All signals that are read: those of the position, then those of the origin."""
+        return (*self.signals, *(x for x in self.origin or () if isinstance(x, Endpoint)))
+
+    def value(self, values: Sequence[float]) -> float:
+        """Return the value that decides the delay, of the values of `read`: or the distance."""
+        if self.origin is None:
+            return values[0]
+        moving, total = iter(values[len(self.signals) :]), 0.0
+        for value, place in zip(values, self.origin, strict=False):
+            away = value - (next(moving) if isinstance(place, Endpoint) else place)
+            total += away * away
+        return math.sqrt(total)
+
+
+class PositionSource(NamedTuple):
+    """The signals that the places of a medium's nodes follow, in the order of its coordinates.
+
+    signals : outputs of components without direct feedthrough.
+    """
+
+    signals: tuple[Endpoint, ...]
+
+    @property
+    def read(self) -> tuple[Endpoint, ...]:
+        """All signals that are read."""
+        return self.signals
+
+    def value(self, values: Sequence[float]) -> tuple[float, ...]:
+        """Return the coordinates, of the values of `read`."""
+        return tuple(values)
 
 
 Signal = NDArray[np.float64] | Callable[[NDArray[np.float64]], NDArray[np.float64]]
@@ -128,12 +171,13 @@ class Parts:
     divergence: float | None = None
     algorithm: Algorithm = "jacobi"
     order: Sequence[str] | None = None
-    delays: Mapping[str, DelaySource] = field(default_factory=dict)
+    delays: Mapping[str, DelaySource | PositionSource] = field(default_factory=dict)
     threads: int = 1
     unknown_feedthrough: UnknownFeedthrough = "refuse"
     solve: bool = False
     solve_tolerance: float = 1e-10
     solve_limit: int = 100
+    modes: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
 
     @property
     def has_events(self) -> bool:

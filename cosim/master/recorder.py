@@ -19,6 +19,7 @@ from cosim.trace import (
     COMPUTED,
     LINK_STATE_SCHEMA,
     LINK_STATE_SIGNALS,
+    MODE_SIGNALS,
     VEHICLE,
     Lines,
     Poses,
@@ -30,6 +31,7 @@ from cosim.trace import (
     input_topic,
     link_state_topic,
     link_topic,
+    modes_topic,
     output_topic,
 )
 
@@ -69,7 +71,7 @@ class TraceRecorder(Observer):
         self._writer = writer
         self._system = system
         self._events = events
-        self._latest_ns = 0
+        self._latest_ns = self._start_ns = 0
         self._traffic: list[_Traffic] = []
         self.run_ended = False
         self.log_after_end: list[dict[str, str]] = []
@@ -108,6 +110,16 @@ class TraceRecorder(Observer):
                 if all(name in places for name in signals):
                     where = [places.index(name) for name in signals]
                     posed.append(_Posed(instance, where, component, reference=reference))
+        self._modes = {
+            name: self._writer.add_topic(
+                modes_topic(name),
+                MODE_SIGNALS,
+                schema_name=f"cosim.modes.{identifier(name)}",
+                metadata={"machine": name, "states": ", ".join(states)},
+            )
+            for name, states in self._system.modes.items()
+        }
+        self._modes_until = -1
         self._within = {
             instance.name: self._topic_within_steps(instance)
             for instance in instances
@@ -116,12 +128,13 @@ class TraceRecorder(Observer):
         self._posed = _named(posed)
         known = comm_points.final < comm_points.most and not comm_points.grows
         points = str(comm_points.count) if known else "as they come about"
+        self._start_ns = comm_points.start_ns
         self._writer.log(
-            int(self._points[0]),
+            int(self._points[0]) + self._start_ns,
             "info",
             "master",
             f"{len(instances)} components, {points} communication points to "
-            f"t = {comm_points.end_ns / 1e9:g} s",
+            f"t = {comm_points.at_s(comm_points.end_ns):g} s",
         )
 
     def _topic_within_steps(self, instance: ComponentInstance) -> tuple[int, list[_Within]]:
@@ -178,8 +191,20 @@ class TraceRecorder(Observer):
             parts.append(Rows(topic_id, times, values, rank=rank))
         parts += [traffic.state(self._points[first:last]) for traffic in self._traffic]
         until_ns = int(self._points[last - 1])
-        self._writer.write_rows([*parts, *self._event_lines(until_ns)])
+        parts += self._changes_of_mode(until_ns)
+        self._write_rows([*parts, *self._event_lines(until_ns)])
         self._latest_ns = max(self._latest_ns, until_ns)
+
+    def _changes_of_mode(self, until_ns: int) -> Iterator[Rows]:
+        """Yield the states that machines came into up to an instant [ns], not yielded before."""
+        for name, topic_id in self._modes.items():
+            times, numbers = self._comm_points.event_values.changes(name)
+            which = np.flatnonzero((times > self._modes_until) & (times <= until_ns))
+            states = self._system.modes[name]
+            values = [[states[k], k] for k in numbers[which].astype(np.int64).tolist()]
+            if values:
+                yield Rows(topic_id, times[which], values, rank=(_SCENE,))
+        self._modes_until = until_ns
 
     def _rank(
         self, own: slice | NDArray[np.int64], times: NDArray[np.int64], rank: int
@@ -222,9 +247,17 @@ class TraceRecorder(Observer):
                 for number, traffic in enumerate(self._traffic)
                 for rows in traffic.until(time_ns - 1, _DELIVERED + number)
             ]
-            self._writer.write_rows(drops)
+            self._write_rows(drops)
             self._latest_ns = time_ns
-        self._writer.log(time_ns, level, name, message)
+        self._writer.log(time_ns + self._start_ns, level, name, message)
+
+    def _write_rows(self, parts: Sequence[Rows | Poses | Lines]) -> None:
+        """Write rows; the times of a trace are those of the components."""
+        for part in parts if self._start_ns else ():
+            part.log_ns = part.log_ns + self._start_ns
+            if isinstance(part, Rows):
+                part.publish_ns = part.publish_ns + self._start_ns
+        self._writer.write_rows(parts)
 
     def conclude(self, end_ns: int, lines: Sequence[tuple[str, str, str]]) -> None:
         """Write the last events, then lines that conclude the run: level, name, message."""
@@ -232,7 +265,7 @@ class TraceRecorder(Observer):
         found = self._events(now) if self._events is not None else ()
         last = [(event.level, event.subject, event.message) for event in found]
         for level, name, message in [*last, *lines]:
-            self._writer.log(now, level, name, message)
+            self._writer.log(now + self._start_ns, level, name, message)
 
 
 _Cast = Callable[[Any], Any]

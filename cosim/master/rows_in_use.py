@@ -20,7 +20,6 @@ from cosim.master.reserved import Reserved
 from cosim.network import (
     DELIVERED,
     NONE_YET,
-    DelaySignal,
     PacketLink,
     TransportLink,
 )
@@ -105,7 +104,7 @@ class RowsInUse:
         wired = self._stepped_before and self.link is not None and is_wire(system, self.link)
         self._at_once = self.link is None or wired
         # a message of unknown delay may be sent at the first point: only this one is known yet
-        if name in self._points.live:
+        if self.link is not None and isinstance(self.link, PacketLink) and self.link.is_live:
             self.row[0] = NONE_YET
         elif self._settled or not self._points.ready:
             self.row[0] = self._sample(0, 1).row[0]
@@ -291,7 +290,7 @@ def check_midpoint(system: Parts, route_key: RouteKey, receiver: str) -> None:
 
 def is_wire(system: Parts, link: PacketLink | TransportLink) -> bool:
     """Whether a packet link brings every value at once: messages without delay, at every point."""
-    if not isinstance(link, PacketLink) or isinstance(link.delay, DelaySignal) or system.grows:
+    if not isinstance(link, PacketLink) or link.is_live or system.grows:
         return False
     if link.least_transit_ns > 0:
         return False
@@ -303,7 +302,7 @@ def is_wire(system: Parts, link: PacketLink | TransportLink) -> bool:
 
 def delivers_at_once(system: Parts, link: PacketLink) -> bool:
     """Whether a message of a packet link may be delivered at the point at which it is sent."""
-    if isinstance(link.delay, DelaySignal):
+    if link.is_live:
         return True
     if link.least_transit_ns > 0:
         return False

@@ -144,7 +144,7 @@ class Run:
 
 def run_status_of(wiring: Wiring, early_stop: EarlyStop) -> tuple[RunStatus, str, Cause]:
     """Return status, reason and cause of a run that stopped early."""
-    seconds = int(wiring.comm_points.points_ns[early_stop.k]) / 1e9
+    seconds = wiring.comm_points.at_s(wiring.comm_points.points_ns[early_stop.k])
     if early_stop.what == "range":
         diverged, reason = out_of_range(wiring, early_stop.k, early_stop.instance)
         column, row = early_stop.instance, wiring.rows[early_stop.k]
@@ -164,7 +164,7 @@ def run_status_of(wiring: Wiring, early_stop: EarlyStop) -> tuple[RunStatus, str
     call = f"fmi{slave.description.version[0]}{_CALLS.get(what, '')}"
     if what in ("step", "end"):
         following = int(instance.own_points.following[early_stop.k])
-        end = int(wiring.comm_points.points_ns[following]) / 1e9
+        end = wiring.comm_points.at_s(wiring.comm_points.points_ns[following])
         try:
             reason = slave.early_end(seconds, end, early_stop.status) or ""
             return "stopped", reason, Cause("asked-to-end", instance.name, call, seconds, reason)
@@ -192,7 +192,7 @@ def _unsettled(wiring: Wiring, early_stop: EarlyStop) -> ComponentError:
     """Make the error of an algebraic loop whose values change with every pass."""
     signal = wiring.signal(early_stop.instance)
     loop = next(one for one in wiring.receiving.loops if signal.component in one)
-    seconds = int(wiring.comm_points.points_ns[early_stop.k]) / 1e9
+    seconds = wiring.comm_points.at_s(wiring.comm_points.points_ns[early_stop.k])
     return ComponentError(
         f"an algebraic loop does not settle at t = {seconds:g} s",
         where=" -> ".join([*loop, loop[0]]),

@@ -259,13 +259,13 @@ class Session:
 
     @property
     def time_ns(self) -> int:
-        """The time of the slaves [ns]."""
+        """The time of the run [ns]; it begins at 0, also where the slaves' time does not."""
         return 0 if self._loop is None else self._loop.time_ns
 
     @property
     def time_s(self) -> float:
         """The time of the slaves [s]."""
-        return self.time_ns / 1e9
+        return self._comm_points.at_s(self.time_ns)
 
     @property
     def rows(self) -> int:
@@ -299,9 +299,13 @@ class Session:
         -------
         stopped : whether `stop` ended the call.
         """
-        until = None if seconds is None else round(seconds * 1e9)
+        until = self.instant_ns(seconds)
         look = None if stop is None else functools.partial(stop, self)
         return self._opened().run(until, stop=look, pace=pace)
+
+    def instant_ns(self, seconds: float | None) -> int | None:
+        """Return the instant of the run [ns] at a time of the slaves [s]."""
+        return None if seconds is None else round(seconds * 1e9) - self._comm_points.start_ns
 
     def read(self, component: str, variable: str) -> Any:
         """Return the present value of any variable, read from the slave."""
@@ -353,6 +357,14 @@ class Session:
         """End the override or bias of an output or connected input."""
         self._adjust(component, variable, None)
 
+    def set_event_value(self, name: str, value: float) -> None:
+        """Set a value that holds from now on: `LINK.delay` [ns], `LINK.loss`, a machine's mode.
+
+        NaN ends it. The link must be adjustable (`PacketLink.adjustable`).
+        """
+        self._opened()
+        self._comm_points.event_values.set(name, self.time_ns, value)
+
     def reset(self, component: str) -> None:
         """Reset one component to its start values and parameters, at the present time.
 
@@ -361,7 +373,7 @@ class Session:
         ComponentError : its FMU cannot be reset.
         """
         instance = self._instance(component)
-        end = self.system.comm_schedule.end_ns / 1e9
+        end = self._comm_points.at_s(self.system.comm_schedule.end_ns)
         instance.slave.reset()
         instance.slave.set_start(instance.component.parameters)
         instance.slave.enter_initialisation(self.time_s, end)
@@ -392,8 +404,13 @@ class Session:
         self._wiring.make_whole(self.rows)
 
     @property
+    def row_time_s(self) -> float:
+        """The time of the slaves at the last complete row [s]."""
+        return self._comm_points.at_s(self.row_time_ns)
+
+    @property
     def row_time_ns(self) -> int:
-        """The time of the last complete row [ns]."""
+        """The time of the run at the last complete row [ns]."""
         return int(self._comm_points.points_ns[max(self.rows - 1, 0)])
 
     def snapshot(self, *, portable: bool = False) -> Snapshot:

@@ -25,6 +25,8 @@ def fingerprint(system: System, wiring: Wiring) -> str:
     """Hash what two sessions must have in common to share a snapshot."""
     schedule = system.comm_schedule
     digest = hashlib.sha256(f"{schedule.step_ns}\0{schedule.end_ns}\0{schedule.events}\0".encode())
+    if schedule.start_ns:
+        digest.update(f"from {schedule.start_ns}\0".encode())
     for instants in (schedule.instants_ns, schedule.given_ns, np.array(schedule.every_ns)):
         digest.update(b"\0" if instants is None else instants.tobytes() + b"\0")
     digest.update(system.algorithm.encode())
@@ -41,6 +43,8 @@ def fingerprint(system: System, wiring: Wiring) -> str:
             digest.update(link.delay.times_ns.tobytes() + link.delay.delays_ns.tobytes())
         if name in system.delays:  # its points and delays depend on the run
             digest.update(f"{system.delays[name]!r}\0".encode())
+    media = {name: found for name, found in system.delays.items() if name not in system.links}
+    digest.update(f"{media!r}".encode() * bool(media))
     return digest.hexdigest()
 
 
@@ -56,7 +60,8 @@ class Snapshot:
     texts : the strings of the run, by the numbers in the rows.
     states : by component: a state of this session's slave, or, portable, bytes.
     adjustments : overrides and biases, by column.
-    values : by live link, the values of its delay signal so far.
+    values : as in `CommunicationPoints`.
+    event_values : what events have set (`EventValues.all`).
     events : state of what executes events in the session; JSON-safe.
     """
 
@@ -66,7 +71,8 @@ class Snapshot:
     texts: Sequence[str]
     states: Mapping[str, FmuState | bytes]
     adjustments: Mapping[int, Adjustment]
-    values: Mapping[str, Sequence[float]]
+    values: Mapping[str, Sequence[Any]]
+    event_values: Mapping[str, Sequence[Sequence[float]]] = field(default_factory=dict)
     events: Mapping[str, Any] = field(default_factory=dict)
 
     @classmethod
@@ -90,7 +96,10 @@ class Snapshot:
                 instance.slave.free(state)
         rows = wiring.rows[: complete + 1].copy()
         values = {name: tuple(given) for name, given in wiring.comm_points.values.items()}
-        return cls(system, complete, rows, wiring.texts.all(), states, adjustments, values)
+        set_values = wiring.comm_points.event_values.all()
+        return cls(
+            system, complete, rows, wiring.texts.all(), states, adjustments, values, set_values
+        )
 
     def check(self, system: str) -> None:
         """Refuse a snapshot of another system."""
@@ -112,7 +121,7 @@ class Snapshot:
                 instance.slave.free(state)
             else:
                 instance.slave.restore(saved)
-        wiring.comm_points.go_back(self.values, self.complete)
+        wiring.comm_points.go_back(self.values, self.event_values, self.complete)
         wiring.begin()
         wiring.rows[: self.rows.shape[0], : wiring.outputs] = self.rows[:, : wiring.outputs]
         wiring.rows[: self.complete] = self.rows[: self.complete]
@@ -137,6 +146,7 @@ class Snapshot:
             "texts": list(self.texts),
             "components": list(self.states),
             "values": {name: list(given) for name, given in self.values.items()},
+            "event_values": dict(self.event_values),
             "adjustments": {str(c): list(a) for c, a in self.adjustments.items()},
             "events": self.events,
         }
@@ -171,6 +181,7 @@ class Snapshot:
                 states,
                 adjustments,
                 about["values"],
+                about.get("event_values", {}),
                 about.get("events", {}),
             )
         except (OSError, ValueError, KeyError, TypeError, zipfile.BadZipFile) as error:

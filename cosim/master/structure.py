@@ -10,7 +10,7 @@ from typing import Any
 
 from cosim.master.communication_schedule import Link
 from cosim.master.parts import Parts
-from cosim.network import DelaySignal, PacketLink
+from cosim.network import PacketLink
 
 _OWN_TOOL = "auv-cosim"
 """The generation tool of FMUs whose reset is tested to be a new instance, bit for bit."""
@@ -50,17 +50,17 @@ def _structure(system: Parts) -> tuple[Any, ...]:
         list(system.connections),
         {name: _form(link) for name, link in system.links.items()},
         list(system.driven),
-        (schedule.step_ns, schedule.end_ns, schedule.events, schedule.every_ns),
+        (schedule.step_ns, schedule.end_ns, schedule.events, schedule.every_ns, schedule.start_ns),
         schedule.instants_ns.tolist(),
         None if schedule.given_ns is None else schedule.given_ns.tolist(),
         (system.divergence, system.algorithm, system.order, system.delays, system.threads),
         (system.unknown_feedthrough, system.solve, system.solve_tolerance, system.solve_limit),
+        system.modes,
     )
 
 
 def _form(link: Link) -> tuple[Any, ...]:
     """Return what the table of a run contains of a link."""
     if isinstance(link, PacketLink):
-        live = isinstance(link.delay, DelaySignal)
-        return True, live, link.quantization, link.on_loss
+        return True, link.is_live, link.quantization, link.on_loss
     return False, link.delay is None

@@ -24,7 +24,8 @@ class System(Parts):
     comm_schedule : communication points and schedules, from `make_schedule`.
     threads : under Jacobi, on so many the components step side by side; worth it where steps take
         far more than 10 microseconds. The rows are the same, bit for bit.
-    delays : by link with a `DelaySignal`, the signals that decide its delay.
+    delays : by link with a `DelaySignal`, the signals that decide its delay; by medium whose nodes
+        move, as medium.NAME, the signals that are their places.
     divergence : the run counts as diverged when the magnitude of an output exceeds this; None:
         when it exceeds a million times the nominal value that its FMU declares, if it declares one.
     algorithm : "jacobi": all components step on the values of the same point; "gauss-seidel":
@@ -38,6 +39,8 @@ class System(Parts):
     solve_tolerance : largest change of an input of a solved loop in its last iteration, relative
         to the greater of its magnitude and 1.
     solve_limit : most iterations of a loop at one point.
+    modes : by mode machine the names of its states, the first one first; what conducts the session
+        sets which one it is in (`Session.set_event_value`), by its number from 0.
 
     receiving : what `receiving_order` keeps, once it was asked.
     like : a checked system; what it has in common with this one is not checked again.

@@ -230,7 +230,7 @@ class Wiring:
             for j, column in enumerate(instance.input_columns):
                 port = column.port
                 if column.name in (port.name, element_names(port)[0]):
-                    start_value = instance.component.parameters.get(port.name, port.start)
+                    start_value = instance.component.start_of(port.name)
                     place = first + j
                     row[place : place + port.size] = self.texts.doubles(start_value, port)
         return row
@@ -272,9 +272,10 @@ class Wiring:
         return {
             name: tuple(
                 self.instance(end.component).place(end.variable)[0]
-                for end in system.delays[name].signals
+                for end in system.delays[name].read
             )
             for name in self.comm_points.live
+            if name in system.delays
         }
 
     def signal(self, column: int) -> Endpoint:

@@ -7,15 +7,19 @@ from .alignment import (
     align as align,
 )
 from .arrivals import (
+    COLLIDED as COLLIDED,
     DELIVERED as DELIVERED,
     DUPLICATE as DUPLICATE,
     IN_FLIGHT as IN_FLIGHT,
     LATE as LATE,
     LOST as LOST,
     NOT_RECEIVED as NOT_RECEIVED,
+    ON_MEDIUM as ON_MEDIUM,
+    OUT_OF_RANGE as OUT_OF_RANGE,
     OVERTAKEN as OVERTAKEN,
     QUEUE_FULL as QUEUE_FULL,
     REASONS as REASONS,
+    RECEIVER_SENDING as RECEIVER_SENDING,
     Arrivals as Arrivals,
 )
 from .checks import MAX_NS as MAX_NS
@@ -43,6 +47,20 @@ from .keys import (
     TableKey as TableKey,
     WordOrNumberKey as WordOrNumberKey,
     keys_of as keys_of,
+)
+from .medium import (
+    SPEED_OF_SOUND as SPEED_OF_SOUND,
+    Hop as Hop,
+    Medium as Medium,
+    Node as Node,
+    RangeLogit as RangeLogit,
+    RangeTable as RangeTable,
+    distance as distance,
+)
+from .medium_traffic import (
+    MediumSchedule as MediumSchedule,
+    MediumTraffic as MediumTraffic,
+    growing_schedules as growing_schedules,
 )
 from .messages import sending_instants as sending_instants
 from .packet import (

@@ -16,7 +16,7 @@ from cosim.network.checks import check_choice
 from cosim.network.grid import PointGrid, communication_points
 from cosim.network.messages import resend_at
 from cosim.network.packet_schedule import PacketSchedule
-from cosim.network.scheduling import resolve_messages
+from cosim.network.scheduling import resolve_messages, shares_medium
 
 AlignmentPolicy = Literal["align", "grid"]
 
@@ -48,7 +48,8 @@ def align(
 
     Raises
     ------
-    InputError : unknown policy, schedules of different runs, points out of order.
+    InputError : unknown policy, schedules of different runs, points out of order, a link over a
+        medium on a grid (`growing_schedules`).
     """
     check_choice("align", "policy", policy, get_args(AlignmentPolicy))
     ends = {s.end_ns for s in schedules}
@@ -69,6 +70,8 @@ def align(
 
 
 def _on_grid(s: PacketSchedule, points: NDArray[np.int64]) -> PacketSchedule:
+    if s.link.hop is not None:
+        raise shares_medium(s.link)
     grid = PointGrid(points)
     sent = grid.up(s.messages.sent_ns)
     return resolve_messages(s.link, s.end_ns, resend_at(s.link, s.messages, sent), grid)

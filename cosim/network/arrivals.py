@@ -28,10 +28,25 @@ DUPLICATE = 5
 LATE = 6
 """Status of a message that came after its play-out."""
 
-NOT_RECEIVED = (LOST, QUEUE_FULL, LATE)
+COLLIDED = 7
+"""Status of a message on a medium that overlapped with another one at its receiver."""
+
+RECEIVER_SENDING = 8
+"""Status of a message on a medium whose receiver was sending, or had just sent."""
+
+OUT_OF_RANGE = 9
+"""Status of a message on a medium that was sent too far away from its receiver."""
+
+ON_MEDIUM = (COLLIDED, RECEIVER_SENDING, OUT_OF_RANGE)
+"""What a medium makes of messages beside losing them; to the receiver they are lost."""
+
+NOT_RECEIVED = (LOST, QUEUE_FULL, LATE, *ON_MEDIUM)
 """What became of messages that the receiver missed, though no newer one made them useless."""
 
-REASONS = ("delivered", "lost", "overtaken", "in flight", "queue full", "duplicate", "late")
+REASONS = (
+    *("delivered", "lost", "overtaken", "in flight", "queue full", "duplicate", "late"),
+    *("collided", "receiver sending", "out of range"),
+)
 """Names of the values of `status`."""
 
 

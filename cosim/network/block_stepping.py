@@ -11,7 +11,15 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.network.arrivals import DELIVERED, DUPLICATE, LATE, LOST, OVERTAKEN, QUEUE_FULL
+from cosim.network.arrivals import (
+    DELIVERED,
+    DUPLICATE,
+    LATE,
+    LOST,
+    ON_MEDIUM,
+    OVERTAKEN,
+    QUEUE_FULL,
+)
 from cosim.network.messages import Messages
 from cosim.network.received import Received
 from cosim.network.state import NONE_YET, SUBSTITUTE
@@ -27,7 +35,8 @@ class Entries(NamedTuple):
         play-out buffer, when it is released or missed [ns].
     sent_ns : instant of sending [ns], int64.
     message : number of the message, int64.
-    fate : DELIVERED, LOST, LATE or QUEUE_FULL, as far as known before the receiver, int8.
+    fate : DELIVERED, LOST, LATE, QUEUE_FULL or one of ON_MEDIUM, as far as known before the
+        receiver, int8.
     """
 
     arrival_ns: NDArray[np.int64]
@@ -134,7 +143,8 @@ def receive_block(
         accepted = status == DELIVERED
     changed, used = accepted, message
     if rules.substitutes:
-        noticed = ((fate == LOST) | (fate == LATE)) & (newest[:-1] < message)
+        missed = (fate == LOST) | (fate == LATE) | (fate >= min(ON_MEDIUM))
+        noticed = missed & (newest[:-1] < message)
         changed, used = accepted | noticed, np.where(noticed, SUBSTITUTE, message)
     received = Received(
         before=receiver,

@@ -1,7 +1,8 @@
 """The schedule of a packet link during a run, in blocks, with as much memory as a block needs.
 
 Known delays are computed for all messages of a block at once (`advance`); a delay that follows a
-signal becomes known at the instant of sending, message by message (`resolve`). Everything before
+signal, or may be changed by a condition, becomes known at the instant of sending, message by
+message (`resolve`). Everything before
 `horizon_ns` is final, since no later message can arrive before it is sent. What lies behind the
 run can be forgotten; the statistics count it on.
 
@@ -30,6 +31,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cosim.core import InputError, distinct
+from cosim.network import draws
 from cosim.network.arrivals import Arrivals
 from cosim.network.block_stepping import NONE_SENT, receive_block, send_block
 from cosim.network.delay_signal import DelaySignal
@@ -37,7 +39,7 @@ from cosim.network.messages import MAX_STREAMED, MessageStream, Sendings
 from cosim.network.packet import PacketLink
 from cosim.network.packet_schedule import PacketSchedule
 from cosim.network.received import Received, ReceivedRecord
-from cosim.network.scheduling import resolve_messages
+from cosim.network.scheduling import resolve_messages, shares_medium
 from cosim.network.state import LinkState
 from cosim.network.stepping import Arrival, Message, Sender, Sending, rules_of, send
 from cosim.network.tally import Statistics, Tally
@@ -50,7 +52,7 @@ class GrowingSchedule:
 
     Parameters
     ----------
-    link : any packet link.
+    link : any packet link with a channel of its own (over a medium: `growing_schedules`).
     end_ns : end of the run [ns].
     points_ns : None: instants stay as they are ("align" of `align`). The step of a uniform grid
         [ns], or communication points: sendings and arrivals are rounded up to them ("grid"). Of
@@ -64,6 +66,8 @@ class GrowingSchedule:
     def __init__(
         self, link: PacketLink, end_ns: int, points_ns: int | ArrayLike | None = None
     ) -> None:
+        if link.hop is not None and type(self) is GrowingSchedule:
+            raise shares_medium(link)
         self._sendings = Sendings(link, end_ns, points_ns, MAX_STREAMED)
         self._messages = MessageStream(link, self._sendings)
         self._link, self._end_ns = link, int(end_ns)
@@ -75,7 +79,6 @@ class GrowingSchedule:
         self._copies_forgotten = 0
         self._pending = NONE_SENT  # known delays: in order of sending
         self._due: list[tuple[int, int, Arrival]] = []  # live ones: when, entry, what
-        self._entry = 0
         self._oldest_ns = 0
         self._horizon_ns = self._next_sending() if self.is_live else 0
 
@@ -91,8 +94,8 @@ class GrowingSchedule:
 
     @property
     def is_live(self) -> bool:
-        """Whether the delay follows a signal, so that messages are resolved one by one."""
-        return isinstance(self._link.delay, DelaySignal)
+        """Whether messages are resolved one by one (`PacketLink.is_live`)."""
+        return self._link.is_live
 
     @property
     def message(self) -> int:
@@ -137,13 +140,22 @@ class GrowingSchedule:
         self._pending = entries.select(later)
         self._horizon_ns = until + 1 if until < self._end_ns else _NEVER
 
-    def resolve(self, message: int, value: float) -> int:
+    def resolve(
+        self,
+        message: int,
+        value: float | None = None,
+        *,
+        delay_ns: int | None = None,
+        loss: float | None = None,
+    ) -> int:
         """Resolve the next message of a live link.
 
         Parameters
         ----------
         message : its number; messages come in order.
-        value : of the signal that the link's `DelaySignal` follows, at the instant of sending.
+        value : of the signal that the link's `DelaySignal` follows, at the instant of sending;
+            None if it has none.
+        delay_ns, loss : in place of those of the link, if it is adjustable.
 
         Returns
         -------
@@ -157,7 +169,7 @@ class GrowingSchedule:
         """
         k, last = self._messages.next, self._sendings.count
         where = f"link {self._link.name!r}, message {message}"
-        if not isinstance(self._link.delay, DelaySignal):
+        if not self.is_live:
             raise InputError(
                 "the delay of this link follows no signal",
                 where=where,
@@ -171,22 +183,30 @@ class GrowingSchedule:
                 expected=f"message {k}" if k < last else "no more messages",
                 got=f"message {message}",
             )
-        delay_ns = self._link.delay.delay_ns(value, where=where)
+        if delay_ns is None and isinstance(self._link.delay, DelaySignal):
+            delay_ns = self._link.delay.delay_ns(value, where=where)
         drawn = self._messages.take(1)
-        drawn.delay_ns[0] = delay_ns
+        if delay_ns is not None:
+            drawn.delay_ns[0] = delay_ns
+        if loss is not None:  # the same number decides as with the link's own loss
+            drawn.lost[:] = draws.lost(loss, self._link.seed, self._link.name, 1, k)
         self._sender = found = send(
             self._rules, self._sender, Message._make(int(column[0]) for column in drawn)
         )
         sent = self._horizon_ns
-        arrival = self._due_at(found.arrival_ns, Arrival(k, sent, found.fate))
+        arrival = self._due_at(found.arrival_ns, 2 * k, Arrival(k, sent, found.fate))
         if found.copies:
-            self._due_at(found.copy_arrival_ns, Arrival(k, sent, found.copy_fate))
+            self._due_at(found.copy_arrival_ns, 2 * k + 1, Arrival(k, sent, found.copy_fate))
             self._copies.append(sent)
-        self._horizon_ns = self._next_sending()
-        while self._due and self._due[0][0] < self._horizon_ns:
+        self._settle(self._next_sending())
+        return arrival
+
+    def _settle(self, horizon_ns: int) -> None:
+        """Receive what is due before an instant, which is the horizon from now on."""
+        self._horizon_ns = horizon_ns
+        while self._due and self._due[0][0] < horizon_ns:
             time_ns, _, what = heappop(self._due)
             self._record.receive(time_ns, what)
-        return arrival
 
     def sendings(self, after_ns: int, until_ns: int) -> NDArray[np.int64]:
         """Return the distinct instants of sending in (after, until] [ns], int64 (n,).
@@ -379,18 +399,7 @@ class GrowingSchedule:
 
     def _sent_by(self, end: int, *, broken_off: bool) -> int:
         """Return how many messages a run that ended at `end` sent; check that they are known."""
-        where = f"link {self._link.name!r}: end_ns"
-        if not 0 <= end <= self._end_ns:
-            raise InputError(
-                "the end lies outside the run",
-                where=where,
-                expected=f"0 to {self._end_ns} ns",
-                got=f"{end} ns",
-            )
-        if self._sendings.grid.down(end) != end:
-            raise InputError(
-                "the run ends between two communication points", where=where, got=f"{end} ns"
-            )
+        self._check_end(end)
         if not self.is_live:
             self._check_final(end)
         resolved = self._messages.next
@@ -406,16 +415,32 @@ class GrowingSchedule:
             )
         return count
 
+    def _check_end(self, end: int) -> None:
+        where = f"link {self._link.name!r}: end_ns"
+        if not 0 <= end <= self._end_ns:
+            raise InputError(
+                "the end lies outside the run",
+                where=where,
+                expected=f"0 to {self._end_ns} ns",
+                got=f"{end} ns",
+            )
+        if self._sendings.grid.down(end) != end:
+            raise InputError(
+                "the run ends between two communication points", where=where, got=f"{end} ns"
+            )
+
     def _next_sending(self) -> int:
         k = self._messages.next
         return self._sendings.instant(k) if k < self._sendings.count else _NEVER
 
-    def _due_at(self, time_ns: int, arrival: Arrival) -> int:
-        """Expect an entry at this instant, on a grid at the next point; return which it is."""
+    def _due_at(self, time_ns: int, entry: int, arrival: Arrival) -> int:
+        """Expect an entry at this instant, on a grid at the next point; return which it is.
+
+        `entry` : of those at one instant the least comes first.
+        """
         time_ns = self._sendings.grid.up_one(time_ns)
         if time_ns <= self._end_ns:
-            heappush(self._due, (time_ns, self._entry, arrival))
-        self._entry += 1
+            heappush(self._due, (time_ns, entry, arrival))
         return time_ns
 
     def _received_at(self, points_ns: ArrayLike) -> Received:

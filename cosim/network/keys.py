@@ -100,15 +100,17 @@ class ProbabilitiesKey(Key):
 
 @dataclass(frozen=True)
 class NumberKey(Key):
-    """A finite number; with `least`, zero or from there up."""
+    """A finite number; with `least`, zero or from there up; with `positive`, greater than zero."""
 
     least: float | None = None
+    positive: bool = False
 
     def check(self, where: str, name: str, value: Any) -> None:
         """Check a finite number in the range."""
         small = self.least is not None and value != 0
-        if not is_finite(value) or (small and value < self.least):
-            expected = "a finite number"
+        wrong = not is_finite(value) or (self.positive and value <= 0)
+        if wrong or (small and value < self.least):
+            expected = "a finite number greater than 0" if self.positive else "a finite number"
             if self.least is not None:
                 expected = f"0 (none), or {expected} from {self.least:g} up"
             raise InputError(

@@ -208,8 +208,9 @@ class MessageStream:
     def copy(self) -> MessageStream:
         """Return a copy from which the same messages are taken."""
         twin, last = copy(self), self._blocks[-1]
-        # of the other blocks no delay will be filled in
-        blocks = [*self._blocks[:-1], last._replace(delay_ns=last.delay_ns.copy())]
+        # of the other blocks no delay or loss will be filled in
+        own = last._replace(delay_ns=last.delay_ns.copy(), lost=last.lost.copy())
+        blocks = [*self._blocks[:-1], own]
         vars(twin).update(_blocks=blocks)
         return twin
 
@@ -281,10 +282,10 @@ def known_delays(link: PacketLink, sent_ns: NDArray[np.int64]) -> NDArray[np.int
 def resend_at(link: PacketLink, messages: Messages, sent_ns: NDArray[np.int64]) -> Messages:
     """Return the same messages sent at other instants.
 
-    A delay profile is read at the new instant; a delay that followed a signal, and one from a
-    recording of messages, stay as they were.
+    A delay profile is read at the new instant; a delay that followed a signal or a condition, and
+    one from a recording of messages, stay as they were.
     """
     recorded = link.recording is not None and link.recording.delay_ns is not None
-    if isinstance(link.delay, DelaySignal) or recorded:
+    if link.adjustable or isinstance(link.delay, DelaySignal) or recorded:
         return messages._replace(sent_ns=sent_ns)
     return messages._replace(sent_ns=sent_ns, delay_ns=known_delays(link, sent_ns))

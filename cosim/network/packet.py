@@ -27,6 +27,7 @@ from cosim.network.keys import (
     WordOrNumberKey,
     check_keys,
 )
+from cosim.network.medium import Hop
 from cosim.network.profile import DelayProfile
 from cosim.network.recording import Recording, check_recording
 
@@ -78,9 +79,15 @@ class PacketLink:
         (`on_loss` does not act). None: no limit. Only with a `data_rate`.
     recording : what became of each message of a recorded link; its delays and losses replace
         `delay`, `jitter` and `loss`. What else a link does to messages it does to these, too.
+    hop : the way over a medium that the link shares with others: its packets take the airtime and
+        travel as the medium says, wait for its access in the queue of their node, and `delay` and
+        jitter come after that. `data_rate` is the medium's; there is neither a recording, nor
+        `duplicate`, nor a `DelaySignal`. None: a channel of its own.
     windows : times with another loss; where windows overlap the last one counts. Jitter, and
         the losses outside, are as without them.
     quantization : step of the quantizer applied to the values sent; 0: none.
+    adjustable : whether delay and loss may be changed while the run goes on: each message is then
+        resolved when it is sent (`GrowingSchedule.resolve`).
     seed : seed of the run (0 to 2**63 - 1); links with different names draw independently.
 
     Raises
@@ -120,6 +127,8 @@ class PacketLink:
     delay: DelayProfile | DelaySignal | None = None
     windows: tuple[LossWindow, ...] = ()
     recording: Recording | None = None
+    hop: Hop | None = None
+    adjustable: bool = False
 
     def __post_init__(self) -> None:
         check_name("link", self.name)
@@ -133,7 +142,9 @@ class PacketLink:
             "loss": self.loss != 0.0,
         }
         check_recording(where, self.recording, given)
-        if (self.data_rate == 0) != (self.frame_size == 0):
+        if self.hop is not None:
+            self._check_hop(where, self.hop)
+        elif (self.data_rate == 0) != (self.frame_size == 0):
             raise InputError(
                 "a data rate and a frame size go together",
                 where=f"{where}: data_rate, frame_size",
@@ -141,7 +152,7 @@ class PacketLink:
                 got=f"{self.data_rate} bit/s, {self.frame_size} bit",
             )
         check_duration(f"{where}: frame_size / data_rate", self.frame_ns)
-        if self.queue_limit is not None and self.data_rate == 0:
+        if self.queue_limit is not None and self.data_rate == 0 and self.hop is None:
             raise InputError(
                 "without a data rate there is no queue",
                 where=f"{where}: queue_limit",
@@ -158,9 +169,42 @@ class PacketLink:
                 hint="delay + jitter + frame_size / data_rate + the wait in the queue must fit",
             )
 
+    def _check_hop(self, where: str, hop: Hop) -> None:
+        """Check the size of messages, and that nothing is given that the medium says."""
+        hop.check(where, self.frame_size)
+        given: dict[str, bool] = {
+            "data_rate": self.data_rate != 0,
+            "recording": self.recording is not None,
+            "duplicate": self.duplicate != 0.0,
+            "delay": isinstance(self.delay, DelaySignal),
+            "adjustable": self.adjustable,
+        }
+        for key, is_given in given.items():
+            if is_given:
+                raise InputError(
+                    f"a link over a medium has no {key} of this kind",
+                    where=f"{where}: {key}",
+                    expected="what the medium says of it, for all its links",
+                    got=repr(getattr(self, key)),
+                )
+
+    @property
+    def is_live(self) -> bool:
+        """Whether delays become known only during a run: they follow signals or conditions."""
+        if self.hop is not None:
+            return self.hop.medium.moves
+        return self.adjustable or isinstance(self.delay, DelaySignal)
+
+    @property
+    def resolved_with(self) -> str:
+        """Name of what makes its delays known: the link itself, or its medium, medium.NAME."""
+        return self.name if self.hop is None else f"medium.{self.hop.medium.name}"
+
     @property
     def frame_ns(self) -> int:
-        """Return the time to send one message [ns]: frame_size / data_rate, rounded up; or 0."""
+        """Return the time to send one message [ns], rounded up: its airtime on a medium; or 0."""
+        if self.hop is not None:
+            return self.hop.medium.airtime_ns(self.frame_size)
         if self.data_rate == 0:
             return 0
         return -(-int(self.frame_size) * 10**9 // int(self.data_rate))
@@ -169,8 +213,11 @@ class PacketLink:
     def least_transit_ns(self) -> int:
         """Return the least time from sending to arrival [ns], without the play-out buffer.
 
-        Of a delay that follows a signal nothing is known beside its sign.
+        Of a delay that follows a signal, of ranges, and of what may be changed, nothing is known
+        beside their sign.
         """
+        if self.adjustable:
+            return self.frame_ns
         least = self.delay_ns
         if isinstance(self.delay, DelayProfile):
             least = int(self.delay.delays_ns.min())

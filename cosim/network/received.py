@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cosim.network.arrivals import DELIVERED, Arrivals
+from cosim.network.arrivals import DELIVERED, LOST, ON_MEDIUM, Arrivals
 from cosim.network.state import LinkState
 from cosim.network.stepping import Arrival, Receiver, Reception, Rules, receive
 
@@ -145,9 +145,12 @@ class ReceivedRecord:
 
     def receive(self, time_ns: int, arrival: Arrival) -> None:
         """Receive the next entry in order of time, at one instant in order of sending."""
-        self.receiver = found = receive(self._rules, self.receiver, arrival)
-        changed = found.status == DELIVERED or found.noticed
-        now = (time_ns, arrival.sent_ns, arrival.message, found.status, changed)
+        on_medium = arrival.fate in ON_MEDIUM
+        known = arrival._replace(fate=LOST) if on_medium else arrival
+        self.receiver = found = receive(self._rules, self.receiver, known)
+        status = arrival.fate if on_medium else found.status
+        changed = status == DELIVERED or found.noticed
+        now = (time_ns, arrival.sent_ns, arrival.message, status, changed)
         then = (found.sequence, found.origin_ns, found.delivered)
         for column, value in zip(self._columns.values(), now + then, strict=True):
             column.append(value)

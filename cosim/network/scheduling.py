@@ -6,7 +6,7 @@ import numpy as np
 
 from cosim.core import InputError
 from cosim.network.arrivals import DELIVERED, IN_FLIGHT
-from cosim.network.block_stepping import receive_block, send_block
+from cosim.network.block_stepping import Sent, receive_block, send_block
 from cosim.network.delay_signal import DelaySignal
 from cosim.network.grid import Grid
 from cosim.network.messages import Messages, MessageStream, Sendings
@@ -22,9 +22,12 @@ def schedule(link: PacketLink, end_ns: int) -> PacketSchedule:
 
     Raises
     ------
-    InputError : as `sending_instants`, or a delay that follows a signal (`GrowingSchedule`).
+    InputError : as `sending_instants`, a delay that follows a signal (`GrowingSchedule`), or a link
+        over a medium (`growing_schedules`).
     """
     sendings = Sendings(link, end_ns)
+    if link.hop is not None:
+        raise shares_medium(link)
     if isinstance(link.delay, DelaySignal):
         raise InputError(
             "the delay follows a signal, which is known only during the run",
@@ -41,8 +44,16 @@ def resolve_messages(
     link: PacketLink, end_ns: int, messages: Messages, grid: Grid
 ) -> PacketSchedule:
     """Compute the schedule of messages already drawn; arrivals are rounded up to the grid."""
+    return received_schedule(
+        link, end_ns, messages, send_block(rules_of(link), Sender(), messages, 0), grid
+    )
+
+
+def received_schedule(
+    link: PacketLink, end_ns: int, messages: Messages, sent: Sent, grid: Grid
+) -> PacketSchedule:
+    """Compute the schedule of messages already sent; arrivals are rounded up to the grid."""
     rules = rules_of(link)
-    sent = send_block(rules, Sender(), messages, 0)
     entries = sent.entries._replace(arrival_ns=grid.up(sent.entries.arrival_ns))
     order = entries.by_arrival(end_ns)
     _, received = receive_block(rules, Receiver(), entries.select(order))
@@ -62,4 +73,15 @@ def resolve_messages(
         messages=messages,
         received=received,
         order=order,
+    )
+
+
+def shares_medium(link: PacketLink) -> InputError:
+    """Return the error for a link over a medium that is asked about alone."""
+    return InputError(
+        "what becomes of a message on a medium depends on the other links over it",
+        where=f"link {link.name!r}",
+        expected="a link of its own",
+        got=f"medium {link.hop.medium.name!r}" if link.hop is not None else "",
+        hint="growing_schedules() computes all links over a medium together",
     )

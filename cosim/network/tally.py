@@ -12,6 +12,7 @@ from cosim.network.arrivals import (
     DUPLICATE,
     LATE,
     LOST,
+    ON_MEDIUM,
     OVERTAKEN,
     QUEUE_FULL,
     REASONS,
@@ -70,6 +71,8 @@ class Tally(NamedTuple):
         counts, delivered = self.counts, self.counts[DELIVERED]
         oldest = max(self.oldest_ns, end_ns - receiver.origin_ns if receiver.sequence >= 0 else -1)
         copies, has_queue_limit = link.duplicate > 0, link.queue_limit is not None
+        # links of their own have the keys that they had before there were media
+        fates = () if link.hop is None else ON_MEDIUM
         return {
             "sent": sent,
             "duplicated": duplicated if copies else None,
@@ -79,6 +82,7 @@ class Tally(NamedTuple):
             "overtaken": counts[OVERTAKEN],
             "late": counts[LATE] if link.playout_ns else None,
             "queue_full": counts[QUEUE_FULL] if has_queue_limit else None,
+            **{REASONS[fate].replace(" ", "_"): counts[fate] for fate in fates},
             "discarded_copies": counts[DUPLICATE] if copies else None,
             "in_flight": sent + duplicated - sum(counts),
             "substitutions": self.substitutions,

@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.core import InputError
-from cosim.network import IN_FLIGHT_NS, Recording
+from cosim.network import IN_FLIGHT_NS, NOT_RECEIVED, REASONS, Recording
 from cosim.recordings.lost_messages import with_due
 from cosim.trace import Trace, link_names, link_topic
 
 _MAGIC = b"\x89MCAP"
-_MISSED = ("lost", "late", "queue full")
+_MISSED = tuple(REASONS[status] for status in NOT_RECEIVED)
 _INTEGERS = NDArray[np.int64]
 
 
@@ -113,9 +113,10 @@ def _of_topic(trace: Trace, topic: str) -> Recording | None:
 
     A missing number is a lost message, sent between those beside it at equal distances.
     """
-    found = _seen(trace, topic).first()
+    seen = _seen(trace, topic)
+    found = seen.first()
     numbers = np.array(sorted(found), np.int64)
-    if numbers.size < 2 or numbers.size < len(_seen(trace, topic).sequence):
+    if numbers.size < 2 or numbers.size < len(seen.sequence):
         return None
     sent, at = np.array([found[k] for k in numbers.tolist()], np.int64).T
     if (np.diff(sent) < 0).any() or (at < sent).any():

@@ -244,11 +244,12 @@ def fit_chain(lost: Losses, states: int) -> ChainFit:
         return ChainFit(chain, chain.log_likelihood(lost), error, np.full((1, 1), np.nan))
     found = [_climb(start, lost) for start in _starts(lost, states)]
     best = min(found, key=lambda each: float(each.fun))
-    order = np.argsort(_chain_of(best.x, states).loss, kind="stable")
+    chain = _chain_of(best.x, states)
+    order = np.argsort(chain.loss, kind="stable")
     loss_error, moves_error = _errors(best.x, states, lost)
     return ChainFit(
-        HiddenChain.sorted_by_loss(*_parts(best.x, states)),
-        _chain_of(best.x, states).log_likelihood(lost),
+        HiddenChain.sorted_by_loss(chain.transitions, chain.loss),
+        chain.log_likelihood(lost),
         loss_error[order],
         moves_error[np.ix_(order, order)],
     )

@@ -14,6 +14,8 @@ A CSV file has a line for each message, in order of sending, and these columns i
 
 from __future__ import annotations
 
+import csv
+import io
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -110,10 +112,10 @@ def write_recordings(path: str | PathLike[str], recordings: Mapping[str, Recordi
     InputError : the file cannot be written.
     """
     several = len(recordings) > 1
-    lines = [",".join(["sent", "delivered", "due", *(["node"] if several else [])])]
+    text = io.StringIO()
+    lines = csv.writer(text, lineterminator="\n")
+    lines.writerow(["sent", "delivered", "due", *(["node"] if several else [])])
     for name, each in recordings.items():
-        if several and any(c in name for c in ',"\n'):
-            name = '"' + name.replace('"', '""') + '"'  # noqa: PLW2901 - as CSV writes it
         if each.delay_ns is None:
             raise InputError("without times of arrival there is nothing to write", where=str(path))
         columns = (each.sent_ns + each.start_ns, each.delay_ns, each.lost)
@@ -121,8 +123,8 @@ def write_recordings(path: str | PathLike[str], recordings: Mapping[str, Recordi
             then = _seconds(sent + delay)
             came = "" if lost else "in flight" if delay == IN_FLIGHT_NS else then
             cells = [_seconds(sent), came, then if lost else ""]
-            lines.append(",".join([*cells, name] if several else cells))
-    write_whole(Path(path), ("\n".join(lines) + "\n").encode())
+            lines.writerow([*cells, name] if several else cells)
+    write_whole(Path(path), text.getvalue().encode())
 
 
 def _seconds(time_ns: int) -> str:

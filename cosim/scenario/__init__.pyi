@@ -1,11 +1,15 @@
+from .binding import (
+    BoundExpression as BoundExpression,
+    formula as formula,
+)
 from .channels import link_of as link_of
 from .check import problems_of as problems_of
 from .demo import (
     Demo as Demo,
     demonstrate as demonstrate,
 )
+from .design_files import design_content as design_content
 from .designed_plant import (
-    PLANT_NOTE as PLANT_NOTE,
     DesignedPlant as DesignedPlant,
     LinearSignals as LinearSignals,
 )
@@ -20,6 +24,7 @@ from .execute import (
     execute_run as execute_run,
     execute_unrecorded as execute_unrecorded,
 )
+from .expression import ExpressionError as ExpressionError
 from .extend import (
     give_way as give_way,
     open_source as open_source,
@@ -52,10 +57,7 @@ from .key_paths import (
 from .link_keys import nanoseconds as nanoseconds
 from .locate import line_of as line_of
 from .outcome import Outcome as Outcome
-from .pinned import (
-    design_content as design_content,
-    named_design as named_design,
-)
+from .pinned import named_design as named_design
 from .plant import parameters_of_plant as parameters_of_plant
 from .preparation import (
     MADE_BEFORE as MADE_BEFORE,

@@ -183,10 +183,7 @@ class _Computed:
 
     def __init__(self, controller: ComponentInstance) -> None:
         self._controller = controller
-        parameters = controller.component.parameters
-        port = controller.component.description.ports.get("sample_time")
-        default = port.start if port is not None else 0.0
-        self._period = round(float(parameters.get("sample_time", default or 0.0)) * 1e9)
+        self._period = round(float(controller.component.start_of("sample_time", 0.0)) * 1e9)
         self._own = -1
         self._begun: Integers | None = None
         self._received: Integers | None = None

@@ -2,8 +2,8 @@
 
 A controller with an observer has outputs `applied[j]`: the control that it takes to act, after its
 limits and, over a command link, after the play-out. Here they are compared, point by point, with
-what the plant received, from the first command on: at the start there is none yet. A command that
-was lost, late for its play-out, or overridden differs.
+what the plant received; before the first command that is the trim. A command that was lost, late
+for its play-out, or overridden differs.
 """
 
 from __future__ import annotations
@@ -67,8 +67,6 @@ class AppliedCommands(Measure[bool | None]):
         if self._readers is None:
             return
         received, assumed = (reader.read(first, last) for reader in self._readers)
-        if first == 0:  # no command has been given yet
-            received, assumed = received[1:], assumed[1:]
         acting = vector_of(self._control, received)
         self._greatest = max(self._greatest, float(np.abs(acting).max(initial=0.0)))
         self._apart = max(self._apart, float(np.abs(acting - assumed).max(initial=0.0)))

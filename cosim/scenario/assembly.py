@@ -19,6 +19,7 @@ from cosim.master import (
     Endpoint,
     Link,
     LogLevel,
+    PositionSource,
     System,
     make_schedule,
     receiving_order,
@@ -27,10 +28,12 @@ from cosim.network import TransportLink
 from cosim.scenario.channels import delay_source, link_of
 from cosim.scenario.fmu_cache import FmuCache
 from cosim.scenario.link_keys import nanoseconds
+from cosim.scenario.links import PacketPart
 from cosim.scenario.matching import endpoint, matched
+from cosim.scenario.media import media_of, position_sources
 from cosim.scenario.origin import NOWHERE, Findings, Origin, Path
 from cosim.scenario.schema import ComponentLogPart, RunPart, Scenario
-from cosim.scenario.script import changes_of, instants_ns
+from cosim.scenario.script import adjusted_links, changes_of, instants_ns
 from cosim.scenario.signals import Signals, along_path, reference_inputs, worst_case_inputs
 from cosim.scenario.units import numbers_of
 
@@ -91,8 +94,11 @@ class Assembled:
     def has_link(self, name: str, scenario: Scenario) -> bool:
         """Whether a link is the same in another scenario."""
         mine, run = self.scenario, scenario.run
-        same = mine.run is run or (mine.run.seed, mine.run.end) == (run.seed, run.end)
-        return same and mine.events is scenario.events and mine.links[name] is scenario.links[name]
+        of_links = (run.seed, run.end, run.start)
+        same = mine.run is run or (mine.run.seed, mine.run.end, mine.run.start) == of_links
+        same &= mine.events is scenario.events and mine.modes is scenario.modes
+        same &= mine.medium is scenario.medium
+        return same and mine.links[name] is scenario.links[name]
 
     def has_points(self, scenario: Scenario) -> bool:
         """Whether another scenario has the same communication points but for those of messages."""
@@ -250,13 +256,18 @@ def _wanted_log(scenario: Scenario, component: str) -> tuple[LogLevel, list[str]
 
 def _links(scenario: Scenario, findings: Findings, like: Assembled | None) -> dict[str, Link]:
     links: dict[str, Link] = {}
-    changes = changes_of(scenario, findings)
+    changes, adjusted = changes_of(scenario, findings), adjusted_links(scenario)
+    media = media_of(scenario.medium, findings)
     for name, part in scenario.links.items():
         if like is not None and name in like.parts.links and like.has_link(name, scenario):
             links[name] = like.parts.links[name]
             continue
         with findings.at("links", name):
-            links[name] = link_of(name, part, scenario.run.seed, changes.get(name, ()))
+            links[name] = link_of(
+                *(name, part, scenario.run.seed, changes.get(name, ()), media),
+                adjustable=name in adjusted,
+                start_ns=scenario.run.start_ns,
+            )
     return links
 
 
@@ -267,10 +278,11 @@ def _comm_schedule(
     transport = all(isinstance(link, TransportLink) for link in links.values())
     if like is not None and transport and like.has_points(scenario):
         return replace(like.parts.comm_schedule, links=links)
-    step, end = nanoseconds(run.step), nanoseconds(run.end)
+    step, end = nanoseconds(run.step), run.lasts_ns
     every = [nanoseconds(p.step) for p in scenario.components.values() if p.step is not None]
     with findings.at("run"):
-        return make_schedule(links, step, end, run.events, every, instants_ns(scenario))
+        instants = instants_ns(scenario)
+        return make_schedule(links, step, end, run.events, every, instants, run.start_ns)
     # a check goes on after this error: two points are enough for the other parts
     return CommunicationSchedule(1_000_000_000, 1_000_000_000, "grid")
 
@@ -302,10 +314,15 @@ def _driven(
     at_rest: bool,
 ) -> Signals:
     driven: Signals = {}
-    if scenario.reference is not None:
-        with findings.at("reference"):
-            path = reference_inputs(scenario.reference, fmus)
-            driven |= along_path(path, at_rest=at_rest)
+    for place, part in scenario.paths():
+        with findings.at(*place):
+            found = along_path(reference_inputs(part, fmus), at_rest=at_rest)
+            for end in found:
+                if end in driven:
+                    raise InputError(
+                        "an input has two sources", where=str(end), got="two paths lead to it"
+                    )
+            driven |= found
     if scenario.disturbance is not None and worst_case is not None:
         with findings.at("disturbance"):
             signals = worst_case_inputs(scenario.disturbance, worst_case, fmus, comm_schedule)
@@ -348,6 +365,7 @@ def system_of(
             run.solve,
             run.solve_tolerance,
             run.solve_limit,
+            modes={name: tuple(part.states) for name, part in scenario.modes.items()},
             like=None if like is None else like.system,
         )
         same = like is not None and like.parts.wires is parts.wires and like.has_run(run)
@@ -358,10 +376,13 @@ def system_of(
     return system
 
 
-def delay_sources(scenario: Scenario) -> dict[str, DelaySource]:
-    """Return the delay sources of live links."""
+def delay_sources(scenario: Scenario) -> dict[str, DelaySource | PositionSource]:
+    """Return the delay sources of live links, and the position sources of media that they share."""
     found = {name: delay_source(part) for name, part in scenario.links.items()}
-    return {name: source for name, source in found.items() if source is not None}
+    shared = {part.medium for part in scenario.links.values() if isinstance(part, PacketPart)}
+    media = {name: part for name, part in scenario.medium.items() if name in shared}
+    live = {name: source for name, source in found.items() if source is not None}
+    return {**live, **position_sources(media)}
 
 
 def _blamed(error: InputError, wires: Wires, scenario: Scenario) -> Path:
@@ -373,6 +394,12 @@ def _blamed(error: InputError, wires: Wires, scenario: Scenario) -> Path:
             or str(connection.target) == where
         ):
             return path
+    for name in scenario.links:
+        if where.startswith(f"link {name!r}: delay"):
+            return ("links", name, "delay")
+    for name in scenario.medium:
+        if where.startswith(f"medium.{name}: nodes"):
+            return ("medium", name, "nodes")
     for name in scenario.components:
         if where.startswith(f"component {name!r}"):
             return ("components", name)
@@ -395,14 +422,15 @@ def _same_signal(one: System, other: System, end: Endpoint) -> bool:
         return a is b or (not callable(a) and not callable(b) and np.array_equal(a, b))
     schedule = one.comm_schedule
     for after in range(-1, schedule.end_ns, _AT_ONCE * schedule.step_ns):
-        seconds = schedule.known(after, after + _AT_ONCE * schedule.step_ns) / 1e9
+        known = schedule.known(after, after + _AT_ONCE * schedule.step_ns)
+        seconds = (known + schedule.start_ns) / 1e9
         if not np.array_equal(a(seconds), b(seconds)):
             return False
     return True
 
 
 def _start(component: Component, port: Port) -> Any:
-    value = component.parameters.get(port.name, port.start)
+    value = component.start_of(port.name)
     return np.ravel(value).tolist() if port.shape and value is not None else value
 
 

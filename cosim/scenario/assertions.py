@@ -10,15 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.master import ComponentInstance, Run, System
-from cosim.scenario.binding import BoundCondition
+from cosim.scenario.binding import BoundExpression
 from cosim.scenario.events import AssertionPart
-from cosim.scenario.matching import endpoint
 from cosim.scenario.measure import Measure
 from cosim.scenario.origin import Findings
 from cosim.scenario.run_events import EventCollector
 from cosim.scenario.schema import Scenario
 from cosim.scenario.scope import RunScope, ValueReader
-from cosim.scenario.script import bind_condition
+from cosim.scenario.script import bind_condition, changed_by
 from cosim.trace import AssertionResult, Result, RunEvent
 
 _Truths = NDArray[np.bool_]
@@ -33,8 +32,8 @@ class BoundAssertion(NamedTuple):
     """
 
     part: AssertionPart
-    condition: BoundCondition
-    since: BoundCondition | None
+    condition: BoundExpression
+    since: BoundExpression | None
 
 
 def bind_assertions(
@@ -46,8 +45,7 @@ def bind_assertions(
     ------
     InputError : an unknown name, or incompatible units.
     """
-    changed = [endpoint(target) for event in scenario.events for target in event.set]
-    scope = RunScope(system, changed)
+    scope = RunScope(system, changed_by(scenario))
     found = []
     for i, part in enumerate(scenario.assertions):
         bound = partial(bind_condition, scope, findings)
@@ -79,7 +77,7 @@ class AssertionsMeasure(Measure[tuple[AssertionResult, ...]]):
         collector: EventCollector | None = None,
     ) -> None:
         self._end = scenario.run.end
-        collector = collector or EventCollector()
+        collector = collector or EventCollector(system.comm_schedule.start_ns)
         self._scope, bound = bind_assertions(scenario, system, findings)
         self._watched = [_Watched(each, self._end, collector) for each in bound]
 
@@ -123,7 +121,8 @@ class _Watched:
     def add(self, first: int, last: int) -> None:
         if self._verdict.at is not None:
             return
-        seconds = self._instance.comm_points.points_ns[first:last] / 1e9
+        points = self._instance.comm_points
+        seconds = (points.points_ns[first:last] + points.start_ns) / 1e9
         inside = (seconds >= self._after) & (seconds <= self._before)
         holds = _judged(self._condition, self._readers[0], first, last)
         since = None
@@ -131,10 +130,11 @@ class _Watched:
             since = _judged(self._since, self._readers[1], first, last)
         self._verdict.add(seconds, inside, holds, since)
         if self._verdict.known is not None:
-            self._announce(round(self._verdict.known * 1e9), self._result("fails", 0.0, whole=True))
+            known_ns = round(self._verdict.known * 1e9) - points.start_ns
+            self._announce(known_ns, self._result("fails", 0.0, whole=True))
 
     def result(self, run: Run) -> AssertionResult:
-        last_s = run.end_ns / 1e9 if run.count else -1.0
+        last_s = self._instance.comm_points.at_s(run.end_ns) if run.count else -1.0
         whole = run.status == "finished" or last_s >= self._before
         # what a run did not reach fails if the run broke off, is open if it was stopped on purpose
         rest: Result = "undecided" if run.status == "stopped" else "fails"
@@ -157,7 +157,7 @@ class _Watched:
         self._collector.begun(RunEvent(time_ns, level, "assertion", subject, words))
 
 
-def _judged(condition: BoundCondition, reader: ValueReader, first: int, last: int) -> _Truths:
+def _judged(condition: BoundExpression, reader: ValueReader, first: int, last: int) -> _Truths:
     truths = np.asarray(condition(reader.read(first, last)), dtype=bool)
     return np.broadcast_to(truths, (last - first,))
 

@@ -1,27 +1,40 @@
-"""Bind a parsed condition to a scope: a function of the values of the signals it names.
+"""Bind a parsed expression to a scope: a function of the values of the names in it.
 
 Dimensions are checked: terms that are added or compared must have the same one. A plain number
 takes the SI unit of the other operand; a variable without a unit goes with every dimension.
-Values are floats, or arrays of one length, so one function serves a point and a whole run.
+What is carried out is one tree of operations, by any `Arithmetic`: for signals at a point or over
+a whole run, for numbers that a study sets, for what is recorded as a component.
 """
 
 from __future__ import annotations
 
 import ast
 import math
+import numbers
 import operator
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
+from functools import lru_cache
 from typing import Any, Literal, NamedTuple, Protocol
 
 import numpy as np
 
 from cosim.core import InputError
 from cosim.scenario.expression import Expression, ExpressionError, reference_of
-from cosim.scenario.quantity import NUMBER_ONLY, TIME, Dimension
+from cosim.scenario.functions import (
+    COMPARISONS,
+    CONSTANTS,
+    FUNCTIONS,
+    LARGEST_EXPONENT,
+    OF_NUMBERS,
+    OF_SIGNALS,
+    Arithmetic,
+    folded,
+)
+from cosim.scenario.quantity import ANGLE, NUMBER_ONLY, TIME, Dimension
 
-Function = Callable[[Sequence[Any]], Any]
+Function = Callable[[Sequence[Any], Arithmetic], Any]
 Kind = Literal["truth", "number"]
 
 
@@ -38,17 +51,18 @@ class Meaning(NamedTuple):
 
 
 class Scope(Protocol):
-    """Resolves the names of conditions."""
+    """Resolves the names of expressions."""
 
     def meaning(self, reference: str) -> Meaning:
         """Return the meaning of `component.variable`; an `InputError` if it has none."""
 
 
 class Node(NamedTuple):
-    """A bound part of a condition.
+    """A bound part of an expression.
 
     plain : a number without a unit, which takes the unit of the other operand.
     literal : the value of a number written in the text.
+    scaled : a product with a plain number, which may stand for one with a unit.
     """
 
     kind: Kind
@@ -56,11 +70,12 @@ class Node(NamedTuple):
     run: Function
     plain: bool = False
     literal: float | None = None
+    scaled: bool = False
 
 
 @dataclass(frozen=True)
-class BoundCondition:
-    """A condition that can be evaluated.
+class BoundExpression:
+    """An expression that can be evaluated.
 
     Attributes
     ----------
@@ -73,14 +88,38 @@ class BoundCondition:
     node: Node
     meanings: Mapping[str, Meaning] = field(default_factory=dict)
 
-    def __reduce__(self) -> tuple[Callable[..., BoundCondition], tuple[Any, ...]]:
+    def __reduce__(self) -> tuple[Callable[..., BoundExpression], tuple[Any, ...]]:
         """Pickle the text and the meanings of its names: its functions cannot be pickled."""
         return _bind_again, (self.expression.text, self.meanings, self.node.kind)
 
     def __call__(self, values: Sequence[Any]) -> Any:
         """Evaluate at the values of `names`; true or false where it is a condition."""
         with np.errstate(all="ignore"):
-            return self.node.run([v if np.ndim(v) else np.float64(v) for v in values])
+            taken = [v if np.ndim(v) else np.float64(v) for v in values]
+            return self.node.run(taken, OF_SIGNALS)
+
+    def number(self, **values: Any) -> float:
+        """Return the number that it is at values of its names, given by name.
+
+        Raises
+        ------
+        ExpressionError : it has no finite value there; says the column and the values.
+        """
+        at = ", ".join(f"{name} = {value!r}" for name, value in values.items())
+        tree, wrong = self.expression.tree, self.expression.wrong
+        try:
+            if not all(isinstance(value, numbers.Real) for value in values.values()):
+                raise wrong(tree, "no number", "numbers")
+            found = float(self.node.run([values[name] for name in self.names], OF_NUMBERS))
+            if not math.isfinite(found):
+                raise wrong(tree, f"the value is {found}", "a finite number")
+        except OverflowError as error:
+            raise wrong(tree, f"the value is out of range, {at}") from error
+        except ExpressionError as error:
+            error.what += f", {at}" if at else ""
+            error.args = (error.text(),)
+            raise
+        return found
 
 
 def check_name(reference: str) -> None:
@@ -93,7 +132,7 @@ def check_name(reference: str) -> None:
 
 
 class AnyName:
-    """A scope that accepts every name: only the form of a condition is checked."""
+    """A scope that accepts every name: only the form of an expression is checked."""
 
     def meaning(self, reference: str) -> Meaning:
         """Return a number of unknown dimension."""
@@ -101,8 +140,8 @@ class AnyName:
         return Meaning("number", None)
 
 
-def bind(expression: Expression, scope: Scope, wanted: Kind = "truth") -> BoundCondition:
-    """Bind the names of a condition and check its dimensions.
+def bind(expression: Expression, scope: Scope, wanted: Kind = "truth") -> BoundExpression:
+    """Bind the names of an expression and check its dimensions.
 
     Raises
     ------
@@ -113,7 +152,7 @@ def bind(expression: Expression, scope: Scope, wanted: Kind = "truth") -> BoundC
     try:
         node = binder.visit(expression.tree)
     except RecursionError as error:
-        raise ExpressionError("the condition is nested too deep", expression.text, 1) from error
+        raise ExpressionError("the expression is nested too deep", expression.text, 1) from error
     if node.kind != wanted and not (wanted == "truth" and isinstance(scope, AnyName)):
         was = "a number" if node.kind == "number" else "a condition"
         raise expression.wrong(
@@ -123,7 +162,34 @@ def bind(expression: Expression, scope: Scope, wanted: Kind = "truth") -> BoundC
             if wanted == "truth"
             else "a number",
         )
-    return BoundCondition(expression, tuple(binder.names), node, binder.meanings)
+    return BoundExpression(expression, tuple(binder.names), node, binder.meanings)
+
+
+@dataclass(frozen=True)
+class Given:
+    """A scope of numbers that are given by plain names, without time: the x of a study."""
+
+    given: tuple[str, ...] = ()
+
+    def meaning(self, reference: str) -> Meaning:
+        """Return a number of unknown dimension; an `InputError` for another name."""
+        if reference not in self.given:
+            known = [*self.given, *CONSTANTS]
+            raise InputError(
+                f"there is no name {reference!r}", expected=f"{', '.join(known)}, numbers"
+            )
+        return Meaning("number", None)
+
+
+@lru_cache(1024)
+def formula(text: str, *names: str) -> BoundExpression:
+    """Return the number that a text says, of these names alone; see `BoundExpression.number`.
+
+    Raises
+    ------
+    ExpressionError : as `bind`.
+    """
+    return bind(Expression(text), Given(names), "number")
 
 
 @dataclass(frozen=True)
@@ -136,60 +202,23 @@ class _KnownMeanings:
         return self.meanings[reference]
 
 
-def _bind_again(text: str, meanings: Mapping[str, Meaning], kind: Kind) -> BoundCondition:
+def _bind_again(text: str, meanings: Mapping[str, Meaning], kind: Kind) -> BoundExpression:
     return bind(Expression(text), _KnownMeanings(meanings), kind)
 
 
-_ARITHMETIC: dict[type[ast.operator], Callable[[Any, Any], Any]] = {
+_SUMS: dict[type[ast.operator], Callable[[Any, Any], Any]] = {
     ast.Add: operator.add,
     ast.Sub: operator.sub,
     ast.Mult: operator.mul,
-    ast.Div: np.divide,
 }
-_COMPARISON: dict[type[ast.cmpop], Callable[[Any, Any], Any]] = {
-    ast.Lt: operator.lt,
-    ast.LtE: operator.le,
-    ast.Gt: operator.gt,
-    ast.GtE: operator.ge,
-    ast.Eq: operator.eq,
-    ast.NotEq: operator.ne,
+_SIGNS: dict[type[ast.cmpop], str] = {
+    ast.Lt: "<",
+    ast.LtE: "<=",
+    ast.Gt: ">",
+    ast.GtE: ">=",
+    ast.Eq: "==",
+    ast.NotEq: "!=",
 }
-_CALLS: dict[str, tuple[int, int, Callable[..., Any]]] = {
-    "abs": (1, 1, np.abs),
-    "sqrt": (1, 1, np.sqrt),
-    "min": (2, 9, lambda *a: _folded(np.minimum, a)),
-    "max": (2, 9, lambda *a: _folded(np.maximum, a)),
-    "hypot": (2, 9, lambda *a: _folded(np.hypot, a)),
-}
-
-
-def _power(base: Any, exponent: float) -> Any:
-    """Return base ** exponent with the same rounding on every processor.
-
-    An integer exponent by products, any other by the C library, value by value: the last bit of
-    NumPy's own power varies.
-    """
-    if exponent == int(exponent):
-        result = _folded(operator.mul, [base] * abs(int(exponent)) or [np.ones_like(base)])
-        return result if exponent >= 0 else np.divide(1.0, result)
-    return np.vectorize(_pow, otypes=[float])(base, exponent)
-
-
-def _pow(base: float, exponent: float) -> float:
-    """Return base ** exponent as in IEEE 754, without exceptions."""
-    if base < 0.0 or (base == 0.0 and exponent < 0.0):
-        return math.nan if base < 0.0 else math.inf
-    try:
-        return math.pow(base, exponent)
-    except OverflowError:
-        return math.inf
-
-
-def _folded(function: Callable[[Any, Any], Any], values: Sequence[Any]) -> Any:
-    result = values[0]
-    for value in values[1:]:
-        result = function(result, value)
-    return result
 
 
 class _Binder:
@@ -203,7 +232,7 @@ class _Binder:
         match node:
             case ast.Name() if node.id in self._expression.quantities:
                 found = self._expression.quantities[node.id]
-                return Node("number", found.dimension, lambda _: found.si, literal=found.si)
+                return Node("number", found.dimension, lambda _v, _f: found.si, literal=found.si)
             case ast.Constant() if not isinstance(node.value, str):
                 return self._constant(node)
             case ast.BoolOp():
@@ -222,25 +251,32 @@ class _Binder:
     def _constant(self, node: ast.Constant) -> Node:
         value = node.value
         if isinstance(value, bool) or not isinstance(value, int | float):
-            raise self._expression.wrong(node, "a condition cannot contain this value", "a number")
+            raise self._expression.wrong(
+                node, "an expression cannot contain this value", "a number"
+            )
         try:
             number = float(value)
         except OverflowError:
             number = float("inf")
         if number == float("inf"):
             raise self._expression.wrong(node, "this number is out of range")
-        return Node("number", None, lambda _: number, plain=True, literal=number)
+        return self._plain(number)
+
+    def _plain(self, number: float) -> Node:
+        return Node("number", None, lambda _v, _f: number, plain=True, literal=number)
 
     def _named(self, node: ast.expr) -> Node:
         reference = reference_of(node)
         if reference is None:
             raise self._expression.wrong(
                 node,
-                "a condition cannot contain this form",
+                "an expression cannot contain this form",
                 "names, numbers, + - * / **, comparisons, and, or, not, "
-                + ", ".join(sorted(_CALLS)),
+                + ", ".join(sorted(FUNCTIONS)),
             )
-        if reference == "t":
+        if reference in CONSTANTS and isinstance(node, ast.Name):
+            return self._plain(CONSTANTS[reference])
+        if reference == "t" and not isinstance(self._scope, Given):
             meaning = Meaning("number", TIME)
         else:
             try:
@@ -252,8 +288,8 @@ class _Binder:
             self.names.append(reference)
         place = self.names.index(reference)
         if meaning.kind == "truth":
-            return Node("truth", None, lambda values: values[place] != 0)
-        return Node("number", meaning.dimension, lambda values: meaning.to_si(values[place]))
+            return Node("truth", None, lambda v, f: f.compare("!=", v[place], 0.0))
+        return Node("number", meaning.dimension, lambda v, _f: meaning.to_si(v[place]))
 
     def _located(self, node: ast.expr, error: InputError) -> ExpressionError:
         located = self._expression.wrong(node, error.what, error.expected)
@@ -262,9 +298,10 @@ class _Binder:
         return located
 
     def _logical(self, node: ast.BoolOp) -> Node:
-        parts = [self._truth(value) for value in node.values]
-        together = operator.and_ if isinstance(node.op, ast.And) else operator.or_
-        return Node("truth", None, lambda v: _folded(together, [part.run(v) for part in parts]))
+        parts = [self._truth(value).run for value in node.values]
+        if isinstance(node.op, ast.And):
+            return Node("truth", None, lambda v, f: folded(f.both, [part(v, f) for part in parts]))
+        return Node("truth", None, lambda v, f: folded(f.either, [part(v, f) for part in parts]))
 
     def _truth(self, node: ast.expr) -> Node:
         found = self.visit(node)
@@ -285,28 +322,52 @@ class _Binder:
     def _unary(self, node: ast.UnaryOp) -> Node:
         if isinstance(node.op, ast.Not):
             inner = self._truth(node.operand)
-            return Node("truth", None, lambda v: np.logical_not(inner.run(v)))
+            return Node("truth", None, lambda v, f: f.opposite(inner.run(v, f)))
         if isinstance(node.op, ast.Invert):
-            raise self._expression.wrong(node, "a condition cannot contain this operator", "not")
+            raise self._expression.wrong(node, "an expression cannot contain this operator", "not")
         part = self._number(node.operand)
-        sign = -1.0 if isinstance(node.op, ast.USub) else 1.0
-        literal = None if part.literal is None else sign * part.literal
-        return part._replace(run=lambda v: sign * part.run(v), literal=literal)
+        if isinstance(node.op, ast.UAdd):
+            return part
+        literal = None if part.literal is None else -part.literal
+        return part._replace(run=lambda v, f: -part.run(v, f), literal=literal)
 
     def _arithmetic(self, node: ast.BinOp) -> Node:
         if isinstance(node.op, ast.Pow):
             return self._power(node)
-        function = _ARITHMETIC.get(type(node.op))
-        if function is None:
+        divides = isinstance(node.op, ast.Div)
+        if not divides and type(node.op) not in _SUMS:
             wrong = self._expression.wrong
-            raise wrong(node, "a condition cannot contain this operator", "+ - * / **")
+            raise wrong(node, "an expression cannot contain this operator", "+ - * / **")
         a, b = self._number(node.left), self._number(node.right)
+        plain = a.plain and b.plain
         if isinstance(node.op, ast.Add | ast.Sub):
-            measured, plain = self._same(node, a, b), a.plain and b.plain
+            measured, scaled = self._same(node, a, b), a.scaled and b.scaled
         else:
-            sign = -1 if isinstance(node.op, ast.Div) else 1
-            measured, plain = self._product(a, b, sign), a.plain and b.plain
-        return Node("number", measured, lambda v: function(a.run(v), b.run(v)), plain)
+            measured = self._product(a, b, -1 if divides else 1)
+            scaled = a.plain or b.plain or a.scaled or b.scaled
+        if divides:
+            run = self._guarded(node, lambda f: f.divide, (a, b))
+        else:
+            function = _SUMS[type(node.op)]
+
+            def run(v: Sequence[Any], f: Arithmetic) -> Any:
+                return function(a.run(v, f), b.run(v, f))
+
+        return Node("number", measured, run, plain, scaled=scaled)
+
+    def _guarded(
+        self, node: ast.expr, function: Callable[[Arithmetic], Any], parts: Sequence[Node]
+    ) -> Function:
+        """Return what carries out a function that may have no value, and then says its column."""
+
+        def run(v: Sequence[Any], f: Arithmetic) -> Any:
+            arguments = [part.run(v, f) for part in parts]
+            try:
+                return function(f)(*arguments)
+            except (ArithmeticError, ValueError) as error:
+                raise self._expression.wrong(node, f"there is no value here ({error})") from error
+
+        return run
 
     def _product(self, a: Node, b: Node, sign: int) -> Dimension | None:
         if a.plain and b.plain:
@@ -317,48 +378,84 @@ class _Binder:
 
     def _power(self, node: ast.BinOp) -> Node:
         base, exponent = self._number(node.left), self._number(node.right)
-        power = exponent.literal
-        if power is None or not exponent.plain or abs(power) > 9:
+        power = exponent.literal if exponent.plain else None
+        known = power is not None and abs(power) <= LARGEST_EXPONENT
+        bare = base.plain or base.dimension in (None, NUMBER_ONLY)
+        if not known and not (
+            bare and (exponent.plain or exponent.dimension in (None, NUMBER_ONLY))
+        ):
             raise self._expression.wrong(
-                node.right, "this exponent is not supported", "a number from -9 to 9"
+                node.right,
+                "this exponent is not supported",
+                f"a number from -{LARGEST_EXPONENT} to {LARGEST_EXPONENT} of what has a unit",
             )
-        measured = base.dimension and base.dimension.power(Fraction(power).limit_denominator(64))
-        return Node("number", measured, lambda v: _power(base.run(v), power), base.plain)
+        measured = base.dimension
+        if measured is not None and power is not None:
+            measured = measured.power(Fraction(power).limit_denominator(64))
+        fixed = exponent if power is None else exponent._replace(run=lambda _v, _f: power)
+        run = self._guarded(node, lambda f: f.power, (base, fixed))
+        return Node("number", measured, run, base.plain and exponent.plain, scaled=base.scaled)
 
     def _compared(self, node: ast.Compare) -> Node:
         parts = [self._number(part) for part in (node.left, *node.comparators)]
         checks = []
         for i, op in enumerate(node.ops):
-            function = _COMPARISON.get(type(op))
-            if function is None:
+            sign = _SIGNS.get(type(op))
+            if sign is None:
                 raise self._expression.wrong(
-                    node, "this comparison is not supported", "< <= > >= == !="
+                    node, "this comparison is not supported", " ".join(COMPARISONS)
                 )
             self._same(node.comparators[i], parts[i], parts[i + 1])
-            checks.append((function, parts[i].run, parts[i + 1].run))
+            checks.append((sign, parts[i].run, parts[i + 1].run))
         return Node(
             "truth",
             None,
-            lambda v: _folded(operator.and_, [f(a(v), b(v)) for f, a, b in checks]),
+            lambda v, f: folded(f.both, [f.compare(s, a(v, f), b(v, f)) for s, a, b in checks]),
         )
 
     def _called(self, node: ast.Call) -> Node:
         name = node.func.id if isinstance(node.func, ast.Name) else None
-        if name not in _CALLS or node.keywords:
-            unknown = InputError.unknown("function", name or "?", _CALLS)
+        if name not in FUNCTIONS or node.keywords:
+            unknown = InputError.unknown("function", name or "?", FUNCTIONS)
             raise self._located(node, unknown)
-        least, most, function = _CALLS[name]
+        least, most, rule = FUNCTIONS[name]
         parts = [self._number(argument) for argument in node.args]
         if not least <= len(parts) <= most:
             many = f"{least}" if least == most else f"{least} to {most}"
             raise self._expression.wrong(node, f"{name} takes {many} values")
-        first = parts[0]
-        measured, plain = first.dimension, all(part.plain for part in parts)
-        for argument, part in zip(node.args[1:], parts[1:], strict=True):
-            measured = self._same(argument, first._replace(dimension=measured), part)
-        if name == "sqrt" and measured is not None:
-            measured = measured.power(Fraction(1, 2))
-        return Node("number", measured, lambda v: function(*(p.run(v) for p in parts)), plain)
+        plain = all(part.plain for part in parts)
+        measured = None if plain else NUMBER_ONLY
+        if rule in ("of angle", "plain"):
+            for argument, part in zip(node.args, parts, strict=True):
+                self._number_like(argument, part, name, angle=rule == "of angle")
+        else:
+            common = parts[0].dimension
+            for argument, part in zip(node.args[1:], parts[1:], strict=True):
+                common = self._same(argument, parts[0]._replace(dimension=common), part)
+            if rule == "to angle":
+                if len(parts) == 1:
+                    self._number_like(node.args[0], parts[0], name, angle=False)
+                measured, plain = ANGLE, False
+            else:
+                root = rule == "root" and common is not None
+                measured = common.power(Fraction(1, 2)) if root and common else common
+        run = self._guarded(node, operator.attrgetter(name), parts)
+        return Node("number", measured, run, plain, scaled=any(p.scaled for p in parts))
+
+    def _number_like(self, node: ast.expr, part: Node, name: str, *, angle: bool) -> None:
+        """Refuse an argument with a unit, an angle apart where one is taken.
+
+        A product with a plain number passes, as in sin(0.5 * t): the number may be 0.5 rad/s.
+        """
+        known = part.dimension
+        if known is None or part.plain or part.scaled or known == NUMBER_ONLY:
+            return
+        if not (angle and known == ANGLE):
+            raise self._expression.wrong(
+                node,
+                f"{name} takes {'an angle' if angle else 'a number without unit'}",
+                f"{'an angle or ' if angle else ''}a number; this is in {known}: divide by a unit",
+            )
 
     def _same(self, node: ast.expr, a: Node, b: Node) -> Dimension | None:
         """Return the common dimension of two parts."""

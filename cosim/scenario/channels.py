@@ -8,7 +8,8 @@ transport link has no messages: in an outage its receiver keeps its value, so th
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -20,9 +21,11 @@ from cosim.network import (
     DelayProfile,
     DelaySignal,
     GilbertElliott,
+    Hop,
     Jitter,
     LossChain,
     LossWindow,
+    Medium,
     PacketLink,
     Recording,
     TransportLink,
@@ -57,8 +60,21 @@ class Change(NamedTuple):
         return self.delay_ns is None and self.loss is None
 
 
-def link_of(name: str, part: LinkPart, seed: int, changes: Sequence[Change] = ()) -> Link:
+def link_of(
+    name: str,
+    part: LinkPart,
+    seed: int,
+    changes: Sequence[Change] = (),
+    media: Mapping[str, Medium] | None = None,
+    *,
+    adjustable: bool = False,
+    start_ns: int = 0,
+) -> Link:
     """Make the link that [links.NAME] describes; `seed` is that of the run.
+
+    media : by name; None: it is wanted alone, without the others that share its medium.
+    adjustable : conditions of the scenario change its delay or loss.
+    start_ns : time at the beginning of the run [ns]; that of a recorded delay is as late.
 
     Raises
     ------
@@ -66,12 +82,12 @@ def link_of(name: str, part: LinkPart, seed: int, changes: Sequence[Change] = ()
         is a key of [links.NAME].
     """
     try:
-        return _link_of(name, part, seed, changes)
+        return _link_of(name, part, seed, changes, media, adjustable=adjustable, start_ns=start_ns)
     except InputError as error:
         place = (error.where or "").removeprefix(f"link {name!r}: ")
         first = re.match(r"[\w.]*", place)
         path = first[0].removesuffix("_ns").split(".") if first else [""]
-        if path[0] not in type(part).model_fields:
+        if path[0] not in {f.alias or key for key, f in type(part).model_fields.items()}:
             raise
         rest = f": {place}" if ":" in place else ""
         error.where = f"links.{name}.{'.'.join(path)}{rest}"
@@ -79,8 +95,17 @@ def link_of(name: str, part: LinkPart, seed: int, changes: Sequence[Change] = ()
         raise
 
 
-def _link_of(name: str, part: LinkPart, seed: int, changes: Sequence[Change]) -> Link:
-    constant, varying = _delay(part)
+def _link_of(
+    name: str,
+    part: LinkPart,
+    seed: int,
+    changes: Sequence[Change],
+    media: Mapping[str, Medium] | None,
+    *,
+    adjustable: bool,
+    start_ns: int,
+) -> Link:
+    constant, varying = _delay(part, start_ns)
     if not isinstance(part, PacketPart):
         if isinstance(varying, DelaySignal):
             raise InputError(
@@ -90,6 +115,13 @@ def _link_of(name: str, part: LinkPart, seed: int, changes: Sequence[Change]) ->
             )
         profile = _changed(name, constant, varying, changes, outages=True) or varying
         return TransportLink(name, 0 if profile else constant, profile)
+    if adjustable and part.medium is not None:
+        raise InputError(
+            "conditions and modes do not change a link that shares a medium",
+            where="medium",
+            expected="a link of its own, without medium",
+            got=part.medium,
+        )
     packet = [change for change in changes if change.delay_ns is not None]
     changed = _changed(name, constant, varying, packet, outages=False) or varying
     return of_part(
@@ -102,12 +134,30 @@ def _link_of(name: str, part: LinkPart, seed: int, changes: Sequence[Change]) ->
         loss=_loss(part.loss),
         seed=seed if part.seed is None else part.seed,
         recording=_recording(part.recording),
+        hop=_hop(part, media),
+        adjustable=adjustable,
         windows=tuple(
             LossWindow(c.from_ns, c.until_ns, 1.0 if c.loss is None else c.loss)
             for c in changes
             if c.delay_ns is None
         ),
     )
+
+
+def _hop(part: PacketPart, media: Mapping[str, Medium] | None) -> Hop | None:
+    """Return the way of a link over its medium, or None."""
+    if part.medium is None or part.sender is None or part.receiver is None:
+        return None
+    if media is None:
+        raise InputError(
+            "what a link over a medium does depends on the other links over it",
+            where="medium",
+            expected="a link with a channel of its own",
+            got=f"medium {part.medium!r}",
+        )
+    if part.medium not in media:
+        raise InputError.unknown("medium", part.medium, media, where="medium")
+    return Hop(media[part.medium], part.sender, part.receiver)
 
 
 def _loss(part: float | BurstPart | ChainPart) -> float | GilbertElliott | LossChain:
@@ -153,11 +203,12 @@ def delay_source(part: LinkPart) -> DelaySource | None:
     if isinstance(delay, SignalDelayPart):
         return DelaySource((endpoint(delay.signal),))
     if isinstance(delay, RangeDelayPart):
-        return DelaySource(tuple(endpoint(s) for s in delay.range), tuple(delay.place))
+        origin = [endpoint(x) if isinstance(x, str) else x for x in delay.place]
+        return DelaySource(tuple(endpoint(s) for s in delay.range), tuple(origin))
     return None
 
 
-def _delay(part: LinkPart) -> tuple[int, DelayProfile | DelaySignal | None]:
+def _delay(part: LinkPart, start_ns: int) -> tuple[int, DelayProfile | DelaySignal | None]:
     """Return the constant delay [ns], and the varying delay or None."""
     match part.delay:
         case SignalDelayPart():
@@ -166,9 +217,10 @@ def _delay(part: LinkPart) -> tuple[int, DelayProfile | DelaySignal | None]:
             return 0, DelaySignal(1.0 / part.delay.speed, nanoseconds(part.delay.offset))
         case ProfilePart():
             recorded = part.delay
-            return 0, DelayProfile.from_seconds(
+            found = DelayProfile.from_seconds(
                 recorded.times, recorded.delays, recorded.interpolation
             )
+            return 0, replace(found, times_ns=found.times_ns - start_ns) if start_ns else found
         case ProfileFilePart():
             raise InputError("the file of a delay is read with the scenario", where="delay.file")
     return nanoseconds(part.delay), None

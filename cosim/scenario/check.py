@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -22,7 +23,7 @@ from cosim.scenario.assertions import bind_assertions
 from cosim.scenario.extend import Source
 from cosim.scenario.fmu_cache import FmuCache
 from cosim.scenario.gain import controller_parameters, gain_parameters, observes, problem_of
-from cosim.scenario.origin import Findings, Origin
+from cosim.scenario.origin import Findings
 from cosim.scenario.pinned import named_design
 from cosim.scenario.plant import parameters_of_plant, require_vehicle_of
 from cosim.scenario.preparation import check_disturbance, check_roles
@@ -41,12 +42,11 @@ def problems_of(source: Source, fmu_cache: FmuCache) -> list[CosimError]:
     broken = schema_problems(source)
     if broken:
         return [*broken]
-    origin = Origin(source.layers)
     try:
         loaded = loaded_of(source)
     except CosimError as error:
         return [error]
-    findings = Findings(origin, collect=True)
+    findings = Findings(loaded.origin, collect=True)
     _look(loaded, fmu_cache, findings)
     return list(findings.errors)
 
@@ -54,9 +54,13 @@ def problems_of(source: Source, fmu_cache: FmuCache) -> list[CosimError]:
 def schema_problems(source: Source) -> list[InputError]:
     """Return an error for every key that breaks the schema."""
     try:
-        Scenario.model_validate(source.data)
+        data, origin = source.written_out()
+    except InputError as error:
+        return [error]
+    try:
+        Scenario.model_validate(data)
     except ValidationError as error:
-        return refusals(Scenario, error, source.data, Origin(source.layers))
+        return refusals(Scenario, error, data, origin)
     return []
 
 
@@ -91,6 +95,8 @@ def _look(loaded: LoadedScenario, fmu_cache: FmuCache, findings: Findings) -> No
     parts = parts_of(scenario, fmus, findings, parameters=parameters, worst_case=worst_case)
     if set(fmus) != set(scenario.components):
         return
+    if _has_wrong_delays(scenario, parts, findings):
+        return
     good = _good_wires(scenario, parts, findings)
     if len(good) < len(parts.wires) and not findings.errors:
         good = parts.wires
@@ -102,6 +108,17 @@ def _look(loaded: LoadedScenario, fmu_cache: FmuCache, findings: Findings) -> No
         return
     script_of(scenario, system, findings)
     bind_assertions(scenario, system, findings)
+
+
+def _has_wrong_delays(scenario: Scenario, parts: SystemParts, findings: Findings) -> bool:
+    """Find a signal that decides a delay and cannot; each connection would repeat the error."""
+    try:
+        system_of(scenario, replace(parts, wires=[], driven={}), findings)
+    except InputError as error:
+        if re.search(r"\b(links|medium)\.[\w-]+\.(delay|nodes)\b", error.where or ""):
+            findings.errors.append(error)
+            return True
+    return False
 
 
 def _good_wires(scenario: Scenario, parts: SystemParts, findings: Findings) -> Wires:

@@ -1,4 +1,4 @@
-"""The demo: run the delay-aware and the naive gain over the same link and compare them."""
+"""The demo: fly a delay-aware and a naive design over the same late link and compare them."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from cosim.scenario.preparation import prepare
 from cosim.scenario.read import load
 from cosim.trace import LabelledTrace, compare_runs, pyplot
 
-DEMO_RUNS = (("auv-acoustic", "delay-aware"), ("auv-acoustic-naive", "naive"))
-"""Scenario and label; the gain of the first is designed for the link."""
+DEMO_RUNS = (("auv-survey", "delay-aware"), ("auv-survey-naive", "naive"))
+"""Scenario and label; the first is designed for the link."""
 
 
 @dataclass(frozen=True)
@@ -49,19 +49,25 @@ def demonstrate(fmu_cache: FmuCache, folder: Path, progress: Progress | None = N
         no_picture = error.hint
     check_writable(folder / "demo.png")
     report = progress or silent
-    outcomes = {}
+    outcomes, drawn = {}, []
     for name, label in DEMO_RUNS:
 
         def report_progress(what: str, share: float, label: str = label) -> None:
             report(f"{label}: {what}", share)
 
         prepared = prepare(load(name), fmu_cache, progress=report_progress)
-        outcomes[label] = execute_run(prepared, folder / f"{name}.mcap", progress=report_progress)
+        path = folder / f"{name}.mcap"
+        outcomes[label] = outcome = execute_run(prepared, path, progress=report_progress)
+        plant = None if prepared.problem is None else prepared.problem.plant
+        states = () if plant is None else plant.state.names
+        drawn.append(LabelledTrace(label, path, _designed_age_s(outcome), states))
     if no_picture is not None:
         return Demo(outcomes, None, no_picture)
-    picture = compare_runs(
-        [LabelledTrace(label, folder / f"{name}.mcap") for name, label in DEMO_RUNS],
-        folder / "demo.png",
-        age_limit_s=outcomes[DEMO_RUNS[0][1]].metrics["designed_age_s"],
-    )
-    return Demo(outcomes, picture)
+    return Demo(outcomes, compare_runs(drawn, folder / "demo.png"))
+
+
+def _designed_age_s(outcome: Outcome) -> float | None:
+    """Return the greatest age of a measurement that a design is for [s]."""
+    ages = (outcome.metrics.get("measurement_ages") or {}).values()
+    age: float | None = max((age["greatest_s"] for age in ages), default=None)
+    return outcome.metrics["designed_age_s"] if age is None else age

@@ -17,9 +17,6 @@ from numpy.typing import NDArray
 
 from cosim.core import InputError
 
-PLANT_NOTE = "plant_note"
-"""Key of the note in a design file."""
-
 
 @dataclass(frozen=True, eq=False)
 class LinearSignals:
@@ -115,6 +112,8 @@ class DesignedPlant:
         uncertainty covers the plant.
     neglected : what the linear model leaves out, a sentence each.
     source : the text of the file that the plant comes from.
+    model : what its FMU is made from, as `plant_record` returns it; empty in older files.
+    thrust_map : (k, m) commands for a control, of which `control.map` is the inverse.
     """
 
     state: LinearSignals
@@ -125,6 +124,8 @@ class DesignedPlant:
     envelope: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     neglected: tuple[str, ...] = ()
     source: str = ""
+    model: Mapping[str, Any] = field(default_factory=dict)
+    thrust_map: tuple[tuple[float, ...], ...] = ()
 
     @property
     def at_rest(self) -> dict[str, float]:
@@ -142,6 +143,8 @@ class DesignedPlant:
             "envelope": {name: list(pair) for name, pair in self.envelope.items()},
             "neglected": list(self.neglected),
             "source": self.source,
+            "model": dict(self.model),
+            "thrust_map": [list(row) for row in self.thrust_map],
         }
 
     @classmethod
@@ -161,6 +164,8 @@ class DesignedPlant:
                 envelope={k: (float(c), float(b)) for k, (c, b) in data["envelope"].items()},
                 neglected=tuple(map(str, data["neglected"])),
                 source=str(data["source"]),
+                model=dict(data.get("model", {})),
+                thrust_map=tuple(tuple(map(float, row)) for row in data.get("thrust_map", [])),
             )
         except (AttributeError, KeyError, TypeError, ValueError) as error:
             raise InputError(

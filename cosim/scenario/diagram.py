@@ -27,14 +27,18 @@ def as_text(scenario: Scenario) -> str:
         lines.append(f"  ({link})  {link_words(of)}")
     lines.append("connections")
     ends = [(part.source, part.target, part.link) for _, part in scenario.wires()]
-    if scenario.reference is not None:
-        ends.append(("path", scenario.reference.target, None))
+    ends += [("path", path.target, None) for _, path in scenario.paths()]
     if scenario.disturbance is not None:
         ends.append((scenario.disturbance.kind, scenario.disturbance.target, None))
     wide = max((len(source) for source, _, _ in ends), default=0)
     for source, target, over in ends:
         arrow = f"--({over})-->" if over else "-->"
         lines.append(f"  {source.ljust(wide)} {arrow} {target}")
+    for name, machine in scenario.modes.items():
+        lines.append(f"modes of {name}: {', '.join(machine.states)}")
+        for each in machine.transitions:
+            sources = ", ".join(each.sources(machine.states))
+            lines.append(f"  {sources} --> {each.target}  {each.words}")
     return "\n".join(lines)
 
 
@@ -58,9 +62,19 @@ def as_mermaid(scenario: Scenario) -> str:
         lines.append(
             f'  {number.get(a, a)} -->|"{", ".join(dict.fromkeys(whats))}"| {number.get(b, b)}'
         )
-    if scenario.reference is not None:
-        target = scenario.reference.target.partition(".")[0]
-        lines.append(f'  path(["reference path"]) --> {number.get(target, target)}')
+    for i, (_, path) in enumerate(scenario.paths()):
+        target = path.target.partition(".")[0]
+        name = f"path{i or ''}"
+        lines.append(f'  {name}(["reference path"]) --> {number.get(target, target)}')
+    for m, (name, machine) in enumerate(scenario.modes.items()):
+        lines.append(f"  subgraph m{m} [{name}]")
+        place = {state: f"m{m}s{i}" for i, state in enumerate(machine.states)}
+        lines += [f'    {place[state]}(("{state}"))' for state in machine.states]
+        for each in machine.transitions:
+            for source in each.sources(machine.states):
+                words = each.words.replace('"', "'")
+                lines.append(f'    {place[source]} -->|"{words}"| {place[each.target]}')
+        lines.append("  end")
     return "\n".join(lines)
 
 
@@ -82,6 +96,8 @@ def link_words(link: Link) -> str:
         return f"transport, {late}"
     if link.recording is not None:
         late = "as recorded"
+    if link.medium is not None:
+        late = f"over {link.medium} from {link.sender} to {link.receiver}"
     words = [f"packet each {link.sample_time:g} s", late]
     if link.jitter is not None:
         words.append(f"{link.jitter.kind} jitter")

@@ -3,16 +3,25 @@
 from __future__ import annotations
 
 import heapq
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from cosim.core import InputError
 from cosim.master import ComponentInstance, Connection, Pace, Run, Session, System
+from cosim.scenario.binding import BoundExpression
+from cosim.scenario.link_keys import nanoseconds
+from cosim.scenario.modes import TIME_IN_STATE
 from cosim.scenario.scope import RunScope
-from cosim.scenario.script import Action, Event
+from cosim.scenario.script import Action, Event, Machine
 from cosim.trace import Cause
+
+LINK_SETTINGS = ("delay", "loss")
+"""What conditions change of a link: its traffic, not what components say."""
 
 
 class Due(NamedTuple):
@@ -47,18 +56,27 @@ class LatestValues:
         """Return the value of a name in the last complete row."""
         k = session.rows - 1
         if name == "t":
-            return session.row_time_ns / 1e9
+            return session.row_time_s
         if name in self._places:
             instance, j, is_input = self._places[name]
             if is_input:
                 session.make_rows_whole()
             rows = instance.inputs if is_input else instance.outputs
             return float(rows[instance.own_points.last[k], j])
+        first, _, rest = name.partition(".")
+        if self._scope.is_machine(first):
+            return self._of_machine(first, rest, session)
         constant = self._scope.constant(name)
         if constant is not None:
             return constant
-        link, _, what = name.partition(".")
-        return float(getattr(session.link_state(link), "age_s" if what == "age" else what)[0])
+        return float(getattr(session.link_state(first), "age_s" if rest == "age" else rest)[0])
+
+    def _of_machine(self, machine: str, what: str, session: Session) -> float:
+        """Return whether a machine is in a state, or its time in the present one [s]."""
+        values, now = self._instances[0].comm_points.event_values, session.row_time_ns
+        if what == TIME_IN_STATE:
+            return (now - int(values.since(machine, np.array([now]))[0])) / 1e9
+        return float(values.at(machine, now) == self._scope.state_number(machine, what))
 
     def inputs_of(self, connection: Connection) -> list[str]:
         """Return the names of the elements of a connection's target."""
@@ -73,24 +91,33 @@ class LatestValues:
 
 
 class EventDriver:
-    """Executes the events of a run.
+    """Executes the events of a run, and its mode machines.
 
     Attributes
     ----------
     stopped : why an event ended the run; None if none did.
     altered_by_events : whether an event changed anything but the traffic of links.
-    event_counts : how often each event happened.
+    event_counts : how often each event happened, and each machine changed its state.
     """
 
-    def __init__(self, system: System, events: Sequence[Event], rows: LatestValues) -> None:
-        self._system, self._events, self._rows = system, events, rows
+    def __init__(
+        self, system: System, script: Sequence[Event | Machine], rows: LatestValues
+    ) -> None:
+        self._system, self._script, self._rows = system, script, rows
+        events = self._events = [one for one in script if isinstance(one, Event)]
+        self._machines = [one for one in script if isinstance(one, Machine)]
+        inside = (event for one in self._machines for state in one.events for event in state)
+        self._by_number = {e.number: e for e in (*events, *inside) if e is not None}
+        self._active: set[int] = set()  # events that a condition ends
+        self._modes: dict[str, tuple[int, int]] = {}  # number of the state, since when [ns]
+        self._next = {machine.name: machine.initial for machine in self._machines}
         self._due: list[Due] = []
         self._turn = 0
         self._before = dict.fromkeys((e.number for e in events), False)
         self._saved: dict[tuple[int, Action], Any] = {}
         self.stopped: str | None = None
         self.altered_by_events = False
-        self.event_counts = [0] * len(events)
+        self.event_counts = [0] * len(script)
         for event in events:
             if event.at_ns is not None:
                 self._plan(event.at_ns, event.number, begins=True)
@@ -109,11 +136,12 @@ class EventDriver:
     ) -> bool:
         """Continue as `Session.run_until`, and execute the events on the way."""
         watched = [e for e in self._events if e.condition is not None]
+        looks = bool(watched or self._machines) or stop is not None
         stopped = False
 
         def look(now: Session) -> bool:
             nonlocal stopped
-            found = self._look(now, watched)
+            found = self._look(now, watched) | self._look_at_modes(now)
             stopped = stop is not None and stop(now)
             return found or stopped
 
@@ -126,21 +154,25 @@ class EventDriver:
             until = min((each for each in instants if each is not None), default=None)
             Session.run_until(
                 session,
-                None if until is None else until / 1e9,
-                stop=look if watched or stop is not None else None,
+                None if until is None else session.system.comm_schedule.at_s(until),
+                stop=look if looks else None,
                 pace=pace,
             )
         return stopped
 
     def execute_due(self, session: Session) -> None:
-        """Execute the events that are due at the time of the session."""
+        """Execute the events, and then the transitions, that are due at the time of the session."""
         while self._due and self._due[0].time_ns <= session.time_ns and not self.stopped:
             self._happen(heapq.heappop(self._due), session)
+        for number, machine in enumerate(self._machines, len(self._events)):
+            if machine.name in self._next and not self.stopped:
+                self._enter(machine, self._next.pop(machine.name), session)
+                self.event_counts[number] += 1
 
     def state(self) -> dict[str, Any]:
         """Return what has happened and what is due, JSON-safe, for `restore`."""
         return {
-            "events": [event.words for event in self._events],
+            "events": self._words(),
             "due": [list(due) for due in sorted(self._due)],
             "turn": self._turn,
             "before": [self._before[event.number] for event in self._events],
@@ -151,7 +183,15 @@ class EventDriver:
             "stopped": self.stopped,
             "altered": self.altered_by_events,
             "counts": list(self.event_counts),
+            "active": sorted(self._active),
+            "modes": {name: list(mode) for name, mode in self._modes.items()},
+            "next": dict(self._next),
         }
+
+    def _words(self) -> list[str]:
+        """Return what the script is made of, in words."""
+        machines = (f"{one.name}: {', '.join(one.states)}" for one in self._machines)
+        return [*(event.words for event in self._events), *machines]
 
     def restore(self, state: Mapping[str, Any]) -> None:
         """Return to a state of these events.
@@ -160,7 +200,7 @@ class EventDriver:
         ------
         InputError : a state of other events.
         """
-        words = [event.words for event in self._events]
+        words = self._words()
         if state.get("events", []) != words:
             raise InputError(
                 "the snapshot is of a session with other events",
@@ -174,14 +214,17 @@ class EventDriver:
         self._turn = state["turn"]
         self._before = {e.number: b for e, b in zip(self._events, state["before"], strict=True)}
         self._saved = {
-            (number, _key(self._events[number].actions[place])): value
+            (number, _key(self._by_number[number].actions[place])): value
             for number, place, value in state["saved"]
         }
         self.stopped, self.altered_by_events = state["stopped"], state["altered"]
         self.event_counts = list(state["counts"])
+        self._active = set(state["active"])
+        self._modes = {name: (mode[0], mode[1]) for name, mode in state["modes"].items()}
+        self._next = dict(state["next"])
 
     def _key_place(self, number: int, key: Action) -> int:
-        return [_key(action) for action in self._events[number].actions].index(key)
+        return [_key(action) for action in self._by_number[number].actions].index(key)
 
     def _plan(self, time_ns: int, number: int, *, begins: bool) -> None:
         self._turn += 1
@@ -193,24 +236,75 @@ class EventDriver:
         for event in watched:
             condition = event.condition
             assert condition is not None  # noqa: S101 - those with one are watched
-            now = bool(condition([self._rows.value(n, session) for n in condition.names]))
+            now = self._holds(condition, session)
             rising = now and not self._before[event.number]
             self._before[event.number] = now
-            if rising and (event.every_time or not self.event_counts[event.number]):
+            if event.number in self._active:
+                assert event.ends is not None  # noqa: S101 - those with one are active
+                if self._holds(event.ends, session):
+                    found = True
+                    self._active.remove(event.number)
+                    self._plan(session.time_ns, event.number, begins=False)
+            elif rising and (event.every_time or not self.event_counts[event.number]):
                 found = True
                 self._plan(session.time_ns, event.number, begins=True)
         return found
 
+    def _holds(self, condition: BoundExpression, session: Session) -> bool:
+        """Whether a condition holds in the last row."""
+        return bool(condition([self._rows.value(n, session) for n in condition.names]))
+
+    def _look_at_modes(self, session: Session) -> bool:
+        """Find the transitions that are taken at the next point; whether there are any."""
+        for machine in self._machines:
+            if machine.name in self._next:
+                continue
+            state, since_ns = self._modes[machine.name]
+            for each in machine.transitions:
+                may = state in each.sources and session.time_ns - since_ns >= each.after_ns
+                if may and (each.condition is None or self._holds(each.condition, session)):
+                    self._next[machine.name] = each.target
+                    break
+        return bool(self._next)
+
+    def _enter(self, machine: Machine, target: int, session: Session) -> None:
+        """Leave the state of a machine and enter another one."""
+        name, before = machine.name, self._modes.get(machine.name)
+        self._modes[name] = target, session.time_ns
+        words = machine.states[target]
+        if before is not None:
+            left = machine.events[before[0]]
+            words = f"{machine.states[before[0]]} -> {words}"
+            if left.exit is not None:
+                self._begin(left.exit, session)
+            if left.during is not None:
+                self._over(left.during, session)
+        session.set_event_value(name, float(target))
+        session.note("info", name, words)
+        for event in (machine.events[target].during, machine.events[target].enter):
+            if event is not None and self.stopped is None:
+                self._begin(event, session)
+
     def _happen(self, due: Due, session: Session) -> None:
         event = self._events[due.number]
         if not due.begins:
-            for action in event.actions:
-                self._undo(event, action, session)
-            session.note("info", "scenario", f"{event.words} is over")
-            for link in event.outages:
-                _note_outage(link, event, session, begins=False)
+            self._over(event, session)
             return
         self.event_counts[event.number] += 1
+        if event.ends is not None:
+            self._active.add(event.number)
+        self._begin(event, session)
+
+    def _over(self, event: Event, session: Session) -> None:
+        """Undo what an event has done."""
+        for action in event.actions:
+            self._undo(event, action, session)
+        session.note("info", "scenario", f"{event.words} is over")
+        for link in event.outages:
+            _note_outage(link, event, session, begins=False)
+
+    def _begin(self, event: Event, session: Session) -> None:
+        """Do what an event does."""
         for action in event.actions:
             self._act(event, action, session)
         actions_text = ", ".join(str(action) for action in event.actions)
@@ -224,17 +318,17 @@ class EventDriver:
         if event.stop is not None:
             if event.condition is None:
                 Session.step(session)  # the point of its time is the last one
-            self.stopped = f"stopped at t = {session.row_time_ns / 1e9:g} s by {event.words}" + (
+            self.stopped = f"stopped at t = {session.row_time_s:g} s by {event.words}" + (
                 f": {event.stop}" if event.stop else ""
             )
             session.note("info", "scenario", self.stopped, time_ns=session.row_time_ns)
 
     def _act(self, event: Event, action: Action, session: Session) -> None:
         component, variable = action.target
-        self.altered_by_events = True
+        self.altered_by_events |= action.kind not in LINK_SETTINGS
         match action.kind:
             case "set":
-                if event.lasts_ns is not None:
+                if event.undone:
                     key = event.number, _key(action)
                     self._saved.setdefault(key, session.read(component, variable))
                 session.set(component, variable, action.value)
@@ -242,14 +336,29 @@ class EventDriver:
                 session.override(component, variable, action.value)
             case "bias":
                 session.bias(component, variable, action.value, action.factor)
+            case "freeze":
+                value = self._rows.value(f"{component}.{variable}", session)
+                session.override(component, variable, value)
             case "release":
                 session.release(component, variable)
             case "reset":
                 session.reset(component)
-            case "outage" | "restore":
-                self._hold(component, session, hold=action.kind == "outage")
-                if action.kind == "restore":
-                    _note_outage(component, event, session, begins=False)
+            case _:
+                self._change_link(component, event, action, session)
+
+    def _change_link(self, link: str, event: Event, action: Action, session: Session) -> None:
+        match action.kind:
+            case "outage":
+                self._hold(link, session, hold=True)
+            case "restore":
+                self._hold(link, session, hold=False)
+                _note_outage(link, event, session, begins=False)
+                for setting in LINK_SETTINGS:
+                    session.set_event_value(f"{link}.{setting}", math.nan)
+            case "delay":
+                session.set_event_value(f"{link}.delay", float(nanoseconds(action.value)))
+            case "loss":
+                session.set_event_value(f"{link}.loss", action.value)
 
     def _hold(self, link: str, session: Session, *, hold: bool) -> None:
         """Hold the inputs behind a link at their present values, or release them."""
@@ -266,10 +375,12 @@ class EventDriver:
         match action.kind:
             case "set":
                 session.set(component, variable, self._saved.pop((event.number, _key(action))))
-            case "override" | "bias":
+            case "override" | "bias" | "freeze":
                 session.release(component, variable)
             case "outage":
                 self._hold(component, session, hold=False)
+            case "delay" | "loss":
+                session.set_event_value(f"{component}.{action.kind}", math.nan)
 
 
 def ended_by_event(run: Run, stopped: str | None) -> Run:
@@ -277,7 +388,7 @@ def ended_by_event(run: Run, stopped: str | None) -> Run:
     interrupted = run.cause is not None and run.cause.kind == "interrupted"
     if stopped is None or interrupted or run.status not in ("finished", "stopped"):
         return run
-    at = run.end_ns / 1e9 if run.count else None
+    at = run.instances[0].comm_points.at_s(run.end_ns) if run.count else None
     cause = Cause("event", time_s=at, detail=stopped)
     return replace(run, status="stopped", reason=stopped, cause=cause)
 

@@ -1,7 +1,8 @@
 """[[events]] and [[assertions]]: what happens during a run, and what must hold.
 
 An event happens at a time (`at`) or when a condition becomes true (`when`). Conditions are
-evaluated after every communication point; their events take effect at the next one. An event at
+evaluated after every communication point; their events take effect at the next one, on links for
+the messages that are sent from there on. An event at
 a time takes effect at that time, which becomes a communication point (with events = "grid": at
 the next point). Events due at one point happen in the order in which they are written.
 """
@@ -58,11 +59,46 @@ class BiasPart(Part):
     """The value is multiplied by it first."""
 
 
-class EventPart(Part):
-    """[[events]]: at a time, or when a condition becomes true.
+class ActionsPart(Part):
+    """What is done: by an event, or where a mode is entered or left."""
 
-    Exactly one of `at` and `when`.
+    set: dict[Reference, FmiValue] = Field(default_factory=dict)
+    """New values of tunable parameters and unconnected inputs, by `component.variable`."""
+    override: dict[Reference, SignalValue] = Field(default_factory=dict)
+    """Values that outputs and connected inputs have instead of their own."""
+    bias: dict[Reference, BiasPart] = Field(default_factory=dict)
+    """Errors of outputs and connected inputs: factor and offset."""
+    freeze: list[Reference] = Field(default_factory=list)
+    """Outputs and connected inputs that keep the value that they have: a sensor that hangs."""
+    release: list[Reference] = Field(default_factory=list)
+    """Overrides, biases and freezes that end."""
+    reset: list[Name] = Field(default_factory=list)
+    """Components whose FMU returns to its start (FMI's reset; its time goes on)."""
+    stop: Literal[True] | Text | None = None
+    """The run ends, with this reason."""
+    outage: list[Name] = Field(default_factory=list)
+    """Links that deliver nothing. At a time: what is sent meanwhile is lost. On a condition: their
+    receivers keep their values, whatever arrives; `loss` of 1 loses what is sent.
     """
+    restore: list[Name] = Field(default_factory=list)
+    """Links whose outage, delay or loss, changed by a condition, is as before."""
+    delay: dict[Name, LinkTime] = Field(default_factory=dict)
+    """New constant delays of links. On a condition, of packet links: of what is sent from then
+    on.
+    """
+    loss: dict[Name, Probability] = Field(default_factory=dict)
+    """New probabilities of loss of packet links, of what is sent from then on."""
+
+    @property
+    def acts(self) -> bool:
+        """Whether anything is done."""
+        acts = self.set or self.override or self.bias or self.outage or self.delay or self.loss
+        acts = acts or self.freeze or self.release or self.reset or self.restore
+        return bool(acts) or self.stop is not None
+
+
+class OccasionPart(Part):
+    """When an event happens, and for how long."""
 
     at: Seconds | None = None
     """Time at which the event happens; it becomes a communication point."""
@@ -71,33 +107,22 @@ class EventPart(Part):
     trigger: Literal["once", "every-time"] = "once"
     """Whether `when` counts the first time only, or every time it becomes true."""
     duration: Annotated[Duration | None, Field(alias="for")] = None
-    """How long the event lasts; then `set` restores the old values, `override` and `bias` are
-    released, and links are as before.
+    """How long the event lasts; then `set` restores the old values, `override`, `bias` and `freeze`
+    are released, and links are as before.
     """
     until: Instant | None = None
     """Time at which it ends, in place of `for`; with `at` only."""
-    set: dict[Reference, FmiValue] = Field(default_factory=dict)
-    """New values of tunable parameters and unconnected inputs, by `component.variable`."""
-    override: dict[Reference, SignalValue] = Field(default_factory=dict)
-    """Values that outputs and connected inputs have instead of their own."""
-    bias: dict[Reference, BiasPart] = Field(default_factory=dict)
-    """Errors of outputs and connected inputs: factor and offset."""
-    release: list[Reference] = Field(default_factory=list)
-    """Overrides and biases that end."""
-    reset: list[Name] = Field(default_factory=list)
-    """Components whose FMU returns to its start (FMI's reset; its time goes on)."""
-    stop: Literal[True] | Text | None = None
-    """The run ends, with this reason."""
-    outage: list[Name] = Field(default_factory=list)
-    """Links that deliver nothing. At a time: what is sent meanwhile is lost. On a condition: their
-    receivers keep their values, whatever arrives.
+    ends: Condition | None = None
+    """Condition that ends it, in place of `for`; with `when` only. Two thresholds that lie apart
+    make a switch with hysteresis.
     """
-    restore: list[Name] = Field(default_factory=list)
-    """Links whose outage, begun by a condition, ends."""
-    delay: dict[Name, LinkTime] = Field(default_factory=dict)
-    """New constant delays of links; at a time only."""
-    loss: dict[Name, Probability] = Field(default_factory=dict)
-    """New probabilities of loss of links; at a time only."""
+
+
+class EventPart(ActionsPart, OccasionPart):
+    """[[events]]: at a time, or when a condition becomes true.
+
+    Exactly one of `at` and `when`.
+    """
 
     @model_validator(mode="after")
     def _complete(self) -> Self:
@@ -106,31 +131,23 @@ class EventPart(Part):
         if self.at is not None and self.at < 0:
             raise ValueError(f"a time from 0 on: {self.at:g} s is in the past")
         if self.until is not None and self.at is None:
-            raise ValueError("until goes with at; with when, say how long: for")
+            raise ValueError("until goes with at; with when, say how long: for, or ends")
         if self.until is not None and self.duration is not None:
             raise ValueError("one of for and until")
         if self.until is not None and self.at is not None and self.until <= self.at:
             raise ValueError(f"until after at: {self.until:g} s is in the past at {self.at:g} s")
         if self.trigger == "every-time" and self.when is None:
             raise ValueError('trigger = "every-time" with a condition (when)')
-        if self.when is not None and (self.delay or self.loss):
-            raise ValueError(
-                "delay and loss of a link change by time (at): the traffic is laid out before "
-                "the run; by a condition there is outage"
-            )
+        if self.ends is not None and (self.when is None or self.duration is not None):
+            raise ValueError("ends goes with when, in place of for")
         if self.at is not None and self.restore:
             raise ValueError("restore ends what a condition began; by time an outage has until")
-        if not self._acts():
+        if not self.acts:
             raise ValueError(
-                "something that happens: set, override, bias, release, reset, stop, outage, "
-                "restore, delay or loss"
+                "something that happens: set, override, bias, freeze, release, reset, stop, "
+                "outage, restore, delay or loss"
             )
         return self
-
-    def _acts(self) -> bool:
-        acts = self.set or self.override or self.bias or self.outage or self.delay or self.loss
-        acts = acts or self.release or self.reset or self.restore
-        return bool(acts) or self.stop is not None
 
 
 class WithinPart(Part):

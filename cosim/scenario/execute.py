@@ -37,7 +37,7 @@ from cosim.scenario.preparation import PreparedScenario
 from cosim.scenario.run_events import EventCollector
 from cosim.scenario.run_metadata import run_metadata_of
 from cosim.scenario.run_series import RunSeries
-from cosim.scenario.script import Event, script_of
+from cosim.scenario.script import Event, Machine, script_of
 from cosim.scenario.supervision import Supervision, raise_if_interrupted, supervision_of
 from cosim.scenario.system_run import run_system
 from cosim.scenario.wanted import ALL_FIGURES, Wanted
@@ -129,7 +129,7 @@ def execute_recorded(
             trace, run=entries, attachments=attachments, fsync=fsync, content_hash=True
         ) as writer,
     ):
-        events_found = EventCollector()
+        events_found = EventCollector(system.comm_schedule.start_ns)
         recorder = TraceRecorder(writer, system, events_found.take)
         made = _Runs(
             *(prepared, system, events, living, supervisor, progress or silent, engine, pace),
@@ -226,7 +226,7 @@ def check_writable(trace: Path) -> None:
 
 def assembled_system(
     prepared: PreparedScenario, series: RunSeries | None = None
-) -> tuple[System, Sequence[Event]]:
+) -> tuple[System, Sequence[Event | Machine]]:
     """Assemble the system; return it and its events."""
     loaded = prepared.loaded
     scenario = loaded.scenario
@@ -272,7 +272,7 @@ class _Runs:
         self,
         prepared: PreparedScenario,
         system: System,
-        events: Sequence[Event],
+        events: Sequence[Event | Machine],
         living: ExitStack,
         supervisor: Supervisor | None,
         report_progress: Progress,

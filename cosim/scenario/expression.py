@@ -1,8 +1,10 @@
-"""Parse conditions: `plant.eta.z > 5 m and t > 10 s`.
+"""Parse expressions: `plant.eta.z > 5 m and t > 10 s`, `2 m * sin(0.1 rad/s * t)`.
 
-Names are `component.variable` as in FMI, with indices (`plant.x[1]`, `controller.K[1,3]`),
-quoted where Python could not read them (`'sea-2.der(x)' > 1`); `t` is the time [s]. Numbers may
-have a unit. Arithmetic, comparison, and, or, not, abs, min, max, sqrt, hypot; nothing else.
+One language for all that a scenario or a study computes. Names are `component.variable` as in FMI,
+with indices (`plant.x[1]`, `controller.K[1,3]`), quoted where Python could not read them
+(`'sea-2.der(x)' > 1`); `t` is the time, `x` the value of a study's axis, `pi` and `e` are numbers.
+Numbers may have a unit. Arithmetic, comparison, and, or, not, and the functions of
+`cosim.scenario.functions`; nothing else.
 
 The text is parsed by Python's `ast` and never executed; `cosim.scenario.binding` turns the tree
 into a function.
@@ -13,6 +15,7 @@ from __future__ import annotations
 import ast
 import re
 import warnings
+from typing import Any
 
 from cosim.core import InputError
 from cosim.scenario.quantity import NUMBER, Quantity, QuantityError, parse_quantity
@@ -20,9 +23,10 @@ from cosim.scenario.quantity import NUMBER, Quantity, QuantityError, parse_quant
 MAX_LENGTH = 1000
 _NAME = r"(?:[A-Za-zµμΩ°]+|%)"
 _FACTOR = rf"{_NAME}(?:(?:\^|\*\*)-?\d|\d)?"
-_WORDS = r"(?!(?:and|or|not|in|is|if|else|t)\b)"
+_WORDS = r"(?!(?:and|or|not|in|is|if|else|t|x|pi|e)\b)"
 _TOKENS = re.compile(
     r"(?P<quoted>'[^'\n]*'|\"[^\"\n]*\")"
+    r"|(?P<based>0[xXoObB]\w+)"
     r"|(?P<name>[A-Za-z_]\w*)"
     rf"|(?P<quantity>{NUMBER.removeprefix('[-+]?')}\s*{_WORDS}"
     rf"{_FACTOR}(?:[*/.·]{_WORDS}{_FACTOR})*)(?![\w.(\[])"
@@ -33,16 +37,21 @@ _FIRST = 0x4E00
 
 
 class ExpressionError(InputError):
-    """A text that is not a condition; `column` of the fault, from 1."""
+    """A text that is not an expression, or has no value; `column` of the fault, from 1."""
 
     def __init__(self, what: str, text: str, column: int, expected: str | None = None) -> None:
         self.column = column
+        self._text = text
         marked_text = f"{text}\n       {' ' * (column - 1)}^" if "\n" not in text else text
         super().__init__(what, where=f"column {column}", expected=expected, got=marked_text)
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        again = (type(self), (self.what, self._text, self.column, self.expected))
+        return (*again, {"where": self.where, "hint": self.hint})
+
 
 class Expression:
-    """A parsed condition or number.
+    """A parsed condition or number: its form is right, its names are not known yet.
 
     Attributes
     ----------
@@ -52,7 +61,7 @@ class Expression:
 
     Raises
     ------
-    ExpressionError : not a condition; says the column.
+    ExpressionError : not an expression; says the column.
     """
 
     def __init__(self, text: str) -> None:
@@ -62,7 +71,7 @@ class Expression:
             raise ExpressionError("there is no condition", text, 1, "as in plant.eta.z > 5 m")
         if len(text) > MAX_LENGTH:
             raise ExpressionError(
-                "the condition is too long", text[:60], 1, f"{MAX_LENGTH} letters"
+                "the expression is too long", text[:60], 1, f"{MAX_LENGTH} letters"
             )
         readable = self._plain(text)
         self._readable = readable.lstrip()  # Python takes blanks in front for an indentation
@@ -71,9 +80,10 @@ class Expression:
 
     def column(self, node: ast.AST) -> int:
         """Return the column of a part of the tree in the text, from 1."""
-        offset = getattr(node, "col_offset", 0)
-        before = self._readable.encode()[:offset].decode("utf-8", "ignore")
-        return self._front + len(before) + 1
+        offset, line = getattr(node, "col_offset", 0), getattr(node, "lineno", 1)
+        lines = self._readable.splitlines(keepends=True)
+        before = lines[line - 1].encode()[:offset].decode("utf-8", "ignore") if lines else ""
+        return self._front + sum(map(len, lines[: line - 1])) + len(before) + 1
 
     def wrong(self, node: ast.AST, what: str, expected: str | None = None) -> ExpressionError:
         """Return the error about a part of the tree."""
@@ -96,10 +106,10 @@ class Expression:
 
         without_quotes = re.sub(r"'[^'\n]*'|\"[^\"\n]*\"", "", text)
         odd = next((c for c in without_quotes if not (c.isascii() or c in "µμΩ°·")), None)
-        if odd is not None or "\n" in text or "\0" in text:
+        if odd is not None or "\0" in text:
             at = text.find(odd) + 1 if odd else 1
-            message = "a condition cannot contain this character"
-            raise ExpressionError(message, text, at, "one line of ASCII")
+            message = "an expression cannot contain this character"
+            raise ExpressionError(message, text, at, "ASCII")
         return _TOKENS.sub(plain, text)
 
     def _parsed(self) -> ast.expr:
@@ -110,13 +120,13 @@ class Expression:
         except SyntaxError as error:
             column = min(self._front + max(error.offset or 1, 1), len(self.text))
             raise ExpressionError(
-                f"the condition cannot be understood: {error.msg}",
+                f"the expression cannot be understood: {error.msg}",
                 self.text,
                 column,
                 "as in plant.eta.z > 5 m and t > 10 s",
             ) from error
         except (ValueError, RecursionError, MemoryError) as error:
-            raise ExpressionError("the condition cannot be understood", self.text, 1) from error
+            raise ExpressionError("the expression cannot be understood", self.text, 1) from error
 
 
 def reference_of(node: ast.expr) -> str | None:

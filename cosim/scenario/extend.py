@@ -18,8 +18,9 @@ from pathlib import Path
 from typing import Any
 
 from cosim.core import SCENARIO_FILE, InputError, unreadable
+from cosim.scenario.copies import written_out
 from cosim.scenario.key_paths import remove, split
-from cosim.scenario.origin import Layer
+from cosim.scenario.origin import Layer, Origin
 from cosim.scenario.schema import MADE_WITH
 
 _INSTEAD_OF_FILE = (*MADE_WITH, "state_delay", "loop_delay", "least_age", "rate", "sampled")
@@ -51,6 +52,10 @@ class Source:
     def text(self) -> str:
         """Text of the file itself."""
         return self.layers[-1].text
+
+    def written_out(self) -> tuple[dict[str, Any], Origin]:
+        """Return the data with all copies made, and what locates its parts; see `copies`."""
+        return written_out(self.data, Origin(self.layers))
 
 
 def builtin_names() -> list[str]:
@@ -238,10 +243,12 @@ def _rebased(base: Source, folder: Path) -> dict[str, Any]:
             return path
         return Path(os.path.relpath(base.folder / path, folder)).as_posix()
 
-    components = data.get("components")
-    for part in components.values() if isinstance(components, dict) else ():
-        if isinstance(part, dict) and "fmu" in part:
-            part["fmu"] = seen(part["fmu"], ".fmu")
+    loops = data.get("for")
+    for table in (data, *(loops if isinstance(loops, list) else ())):
+        components = table.get("components") if isinstance(table, dict) else None
+        for part in components.values() if isinstance(components, dict) else ():
+            if isinstance(part, dict) and "fmu" in part:
+                part["fmu"] = seen(part["fmu"], ".fmu")
     design = data.get("design")
     for key, suffixes in (("system", (".toml",)), ("file", (".json", ".fmu"))):
         if isinstance(design, dict) and key in design:

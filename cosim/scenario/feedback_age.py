@@ -20,7 +20,6 @@ from typing import NamedTuple
 from cosim.master import Component, Connection, Link, System, receiving_order
 from cosim.network import (
     DelayProfile,
-    DelaySignal,
     GilbertElliott,
     LossChain,
     PacketLink,
@@ -185,6 +184,8 @@ def _constant_ns(link: PacketLink, name: str) -> int:
     """Return the time from sending to use, which is the same for every message."""
     if link.playout_ns:
         return link.playout_ns
+    if link.hop is not None:
+        raise _NotSampledError(f"{name}: it shares a medium with others, and has no playout")
     if link.jitter.kind != "none":
         raise _NotSampledError(f"{name}: its messages arrive with jitter, and without playout")
     recorded = link.recording is not None and link.recording.delay_ns is not None
@@ -213,9 +214,7 @@ def _stage(link: Link | None, system: System, step: int) -> _Stage:
 def _controller_stage(controller: Component, name: str, step: int) -> _Stage:
     """The controller samples at the multiples of its period, and answers a step later."""
     ports = controller.description.ports
-    port = ports.get("sample_time")
-    default = 0.0 if port is None else port.start or 0.0
-    period = round(float(controller.parameters.get("sample_time", default)) * 1e9)
+    period = round(float(controller.start_of("sample_time", 0.0)) * 1e9)
     if any(p.causality == "output" and p.feedthrough for p in ports.values()):
         raise _NotSampledError(f"{name}: its commands follow its inputs at once")
     if step > 1 and period and step % period and period % step:
@@ -231,14 +230,16 @@ def _may_lose(link: PacketLink) -> bool:
     recording = link.recording
     if recording is not None and not recording.arrived.all():
         return True
-    if chance > 0 or any(window.loss > 0 for window in link.windows):
+    if link.hop is not None or link.adjustable or chance > 0:
+        return True
+    if any(window.loss > 0 for window in link.windows):
         return True
     return 0 < link.playout_ns < _latest_ns(link)
 
 
 def _latest_ns(link: PacketLink) -> float:
     """Return the greatest time from sending to arrival [ns]; infinity where it is not bounded."""
-    if isinstance(link.delay, DelaySignal) or link.frame_ns > link.sample_time_ns:
+    if link.is_live or link.hop is not None or link.frame_ns > link.sample_time_ns:
         return math.inf
     jitter = link.jitter
     extra = {"none": 0, "uniform": max(jitter.width_ns - 1, 0)}.get(jitter.kind, jitter.max_ns)

@@ -6,6 +6,7 @@ A plain number is in SI; a text is a quantity with a unit of the right dimension
 from __future__ import annotations
 
 import math
+import re
 from typing import Annotated, Any
 
 from pydantic import (
@@ -100,6 +101,31 @@ Rate = Annotated[float, Field(gt=0, allow_inf_nan=False), _quantity(dimension(ra
 Frequency = Annotated[float, Field(ge=0, allow_inf_nan=False), _quantity(dimension(rad=1, s=-1))]
 Angle = Annotated[float, Field(gt=0, allow_inf_nan=False), _quantity(dimension(rad=1))]
 PerSecond = Annotated[float, Field(ge=0, allow_inf_nan=False), _quantity(dimension(s=-1))]
+
+
+def _coordinate(value: Any) -> Any:
+    if isinstance(value, str) and re.fullmatch(REFERENCE_PATTERN, value):
+        return value
+    try:
+        found = quantity_in(value, dimension(m=1)) if isinstance(value, str) else value
+    except QuantityError as error:
+        raise ValueError(f"a length, a signal (component.variable), or {error}") from error
+    if isinstance(found, bool) or not isinstance(found, int | float) or not math.isfinite(found):
+        raise ValueError("a length, or a signal: component.variable")
+    return float(found)
+
+
+Place = Annotated[
+    list[
+        Annotated[
+            Any,
+            AfterValidator(_coordinate),
+            WithJsonSchema({"anyOf": [{"type": "number"}, {"type": "string"}]}),
+        ]
+    ],
+    Field(min_length=1, max_length=3),
+]
+"""A position: one to three coordinates, each a length or a signal `component.variable`."""
 
 
 def _whole(wanted: Dimension) -> BeforeValidator:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import errno
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -14,9 +14,11 @@ from cosim.fmu import (
     DEFAULT_FLAVOUR,
     FmuDescription,
     describe_fmu,
+    ensure_design_fmu,
     ensure_fmu,
     own_folder,
 )
+from cosim.scenario.design_files import design_content
 
 _READ_ONLY = (errno.EACCES, errno.EPERM, errno.EROFS)
 
@@ -40,7 +42,7 @@ class FmuCache:
     flavour: str = DEFAULT_FLAVOUR
 
     def find(self, fmu: str) -> FmuDescription:
-        """Find an FMU by its hash if one is wanted, else by catalogue name or path."""
+        """Find an FMU by its hash if one is wanted, else by catalogue name, design or path."""
         if fmu in self.wanted:
             for path in sorted(self.root.rglob("*.fmu")):
                 if hashlib.sha256(path.read_bytes()).hexdigest() == self.wanted[fmu]:
@@ -48,19 +50,32 @@ class FmuCache:
                     if found.sha256 == self.wanted[fmu]:  # it may have changed meanwhile
                         return found
         if fmu in CATALOGUE:
-            return describe_fmu(self._of_catalogue(fmu))
+            return describe_fmu(self._built(fmu, lambda root: self._of_catalogue(fmu, root)))
         if not fmu.endswith(".fmu"):
-            raise self._unknown(fmu)
+            design, apart, part = fmu.rpartition(":")
+            if not apart:
+                raise self._unknown(fmu)
+            return describe_fmu(self._built(fmu, lambda root: self._of_design(design, part, root)))
         path = Path(fmu)
         return describe_fmu(path if path.is_absolute() else self.folder / path)
 
-    def _of_catalogue(self, fmu: str) -> Path:
-        """Return an FMU of the catalogue, built if missing.
+    def _of_catalogue(self, fmu: str, root: Path) -> Path:
+        return ensure_fmu(fmu, root, flavour=self.flavour).path
+
+    def _of_design(self, design: str, part: str, root: Path) -> Path:
+        """Return the FMU of a part of a design: a name of the package, or a file."""
+        where, content = design_content(design, self.folder)
+        name = Path(design).stem
+        built = ensure_design_fmu(content, name, part, root, flavour=self.flavour, where=where)
+        return built.path
+
+    def _built(self, fmu: str, ensure: Callable[[Path], Path]) -> Path:
+        """Return an FMU that is built if it is missing.
 
         Where `root` cannot be written, in a temporary folder that lives as long as the process.
         """
         try:
-            return ensure_fmu(fmu, self.root, flavour=self.flavour).path
+            return ensure(self.root)
         except OSError as error:
             if error.errno not in _READ_ONLY:  # such as a file in place of the folder
                 raise _not_built(fmu, self.root, error) from error
@@ -70,7 +85,7 @@ class FmuCache:
             )
         folder = own_folder() / "built"
         try:
-            return ensure_fmu(fmu, folder, flavour=self.flavour).path
+            return ensure(folder)
         except OSError as error:
             raise _not_built(fmu, folder, error) from error
 
@@ -78,7 +93,7 @@ class FmuCache:
         """Return the error for a name that is no FMU of the catalogue."""
         hint = "the path of an FMU ends in .fmu"
         wrong = InputError.unknown(
-            "FMU", fmu, [*CATALOGUE, "FILE.fmu"], where="components", hint=hint
+            "FMU", fmu, [*CATALOGUE, "FILE.fmu", "DESIGN:PART"], where="components", hint=hint
         )
         if (self.folder / f"{fmu}.fmu").is_file():
             wrong.hint = f"did you mean {fmu}.fmu?"

@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cosim import hinf
-from cosim.core import InputError, NotAchievableError
+from cosim.core import PLANT_NOTE, InputError, NotAchievableError
 from cosim.fmu import FmuDescription, certified_values
 from cosim.models import Delay, DelaySystem
 from cosim.scenario.age_claim import feedback_of
-from cosim.scenario.designed_plant import PLANT_NOTE, DesignedPlant
+from cosim.scenario.designed_plant import DesignedPlant
 from cosim.scenario.feedback_age import FeedbackAge
 from cosim.scenario.plant import NO_PARAMETERS, design_settings_for
 from cosim.scenario.schema import DesignPart

@@ -13,6 +13,7 @@ from cosim.scenario.origin import Path
 _PIECE = re.compile(
     r"""(?P<dot>\.)?(?:"(?P<quoted>[^"]+)"|(?P<bare>[^."\[\]]+)|\[(?P<place>\d+)\])"""
 )
+_COPY = re.compile(r"^(components|links)\.([A-Za-z][A-Za-z0-9_-]*)\[(\d+)\]")
 _PARAMETER = re.compile(r"^components\.(?P<component>[^.\[\]\"]+)\.parameters\.(?P<name>.+)$")
 _BARE = re.compile(r"""[^\s"'\[\]{}=#][^"'\[\]{}=#]*""")
 
@@ -20,12 +21,14 @@ _BARE = re.compile(r"""[^\s"'\[\]{}=#][^"'\[\]{}=#]*""")
 def split(path: str) -> Path:
     """Split a path into its keys; a number in brackets is a place in a list, from 0.
 
-    The parameters of a component are one flat table; their names need no quotes.
+    The parameters of a component are one flat table; their names need no quotes. Copy 3 of a
+    component or link is `components.vehicle[3]`, which is `components.vehicle_3`.
 
     Raises
     ------
     InputError : not a path.
     """
+    path = _COPY.sub(r"\1.\2_\3", path)
     parameter = _PARAMETER.match(path)
     if parameter is not None:
         name = parameter["name"]

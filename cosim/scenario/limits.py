@@ -77,10 +77,8 @@ class SaturationMeasure(Measure[Saturation | None]):
         self._names = [name for name, limit in limit_of.items() if limit in ports]
         if not self._names:
             return
-        parameters = instance.component.parameters
-        self._bounds = np.array(
-            [parameters.get(limit_of[n], ports[limit_of[n]].start or 0.0) for n in self._names]
-        )
+        start_of = instance.component.start_of
+        self._bounds = np.array([start_of(limit_of[n], 0.0) for n in self._names])
         self._reader = SignalReader(instance, self._names)
         self.reads_inputs = self._reader.reads_inputs
         self._largest = np.zeros(len(self._names))

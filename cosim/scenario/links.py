@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 
 from cosim.network import (
+    SPEED_OF_SOUND,
     DelaySignal,
     GilbertElliott,
     Interpolation,
@@ -17,9 +18,10 @@ from cosim.network import (
     TransportLink,
 )
 from cosim.scenario.fields import (
-    Length,
     LinkTime,
+    Name,
     Part,
+    Place,
     Probability,
     Reference,
     Seconds,
@@ -27,10 +29,6 @@ from cosim.scenario.fields import (
     Text,
 )
 from cosim.scenario.link_keys import part_of
-
-SPEED_OF_SOUND = 1500.0
-"""Speed of sound in sea water [m/s], to 4 % anywhere."""
-
 
 _Jitter: Any = part_of(Jitter, kind=(Literal["uniform", "exponential", "normal"], ...))
 _Burst: Any = part_of(GilbertElliott)
@@ -92,12 +90,12 @@ class SignalDelayPart(_SignalDelay):  # type: ignore[misc]
 
 
 class RangeDelayPart(Part):
-    """Delay of sound: offset + distance / speed, from `from` to the position signals `range`."""
+    """Delay of sound: offset + distance / speed, between the positions `range` and `from`."""
 
     range: Annotated[list[Reference], Field(min_length=1, max_length=3)]
-    """Signals that are the position of the sender or receiver that moves, one to three."""
-    place: Annotated[list[Length], Field(alias="from", min_length=1, max_length=3)]
-    """Position of the other end, one coordinate per signal."""
+    """Signals that are the position of one end, which moves, one to three."""
+    place: Annotated[Place, Field(alias="from")]
+    """Position of the other end, one coordinate per signal: a length, or a signal of what moves."""
     speed: Speed = SPEED_OF_SOUND
     """Speed of the signal; that of sound in sea water without it."""
     offset: LinkTime = 0.0
@@ -224,6 +222,18 @@ class PacketPart(_Packet):  # type: ignore[misc]
 
     recording: RecordedMessages | None = None
     """What became of each message of a recorded link: a file, or a table."""
+    medium: Name | None = None
+    """Medium that the link shares with others; without it the link has a channel of its own."""
+    sender: Name | None = Field(default=None, alias="from")
+    """Node of the medium that sends."""
+    receiver: Name | None = Field(default=None, alias="to")
+    """Node of the medium that receives."""
+
+    @model_validator(mode="after")
+    def _hop(self) -> Self:
+        if len({key is None for key in (self.medium, self.sender, self.receiver)}) > 1:
+            raise ValueError("medium, from and to go together: a link from one node to another")
+        return self
 
 
 class TransportPart(_Transport):  # type: ignore[misc]

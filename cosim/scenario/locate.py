@@ -37,13 +37,7 @@ def place_of(text: str, path: Sequence[str | int]) -> Place | None:
     for number, line in _statements(text):
         header = _HEADER.match(line)
         if header:
-            keys: list[str | int] = _split(header["keys"])
-            if header[1] == "[[":
-                place = counts.get(tuple(keys), -1) + 1
-                counts[tuple(keys)] = place
-                keys = [*keys, place]
-            elif (count := counts.get(tuple(keys[:1]))) is not None:
-                keys = [keys[0], count, *keys[1:]]
+            keys = _placed(_split(header["keys"]), counts, begins=header[1] == "[[")
             table, found = keys, keys
         else:
             assignment = _ASSIGNMENT.match(line)
@@ -54,6 +48,21 @@ def place_of(text: str, path: Sequence[str | int]) -> Place | None:
         if depth == len(found) and (best is None or depth > best[0]):
             best = (depth, number)
     return Place(best[1], best[0]) if best else None
+
+
+def _placed(
+    keys: Sequence[str | int], counts: dict[tuple[str | int, ...], int], *, begins: bool
+) -> list[str | int]:
+    """Return the path of a header, with the places in arrays of tables; `begins` : another one."""
+    path: list[str | int] = []
+    for k, name in enumerate(keys):
+        path.append(name)
+        here = tuple(path)
+        if begins and k == len(keys) - 1:
+            counts[here] = counts.get(here, -1) + 1
+        if here in counts:
+            path.append(counts[here])
+    return path
 
 
 def line_of(text: str, path: Sequence[str | int]) -> int | None:

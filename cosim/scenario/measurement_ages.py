@@ -38,8 +38,8 @@ class PacketsInUse:
         """Find the stamps, and the ages beyond which a packet is ignored."""
         self._instance = controller
         self._reader = SignalReader(controller, [f"stamp.{name}" for name in self._names])
-        oldest = [_parameter(controller, f"age.{name}", np.inf) for name in self._names]
-        self._oldest_s = np.array(oldest) * (1 + 1e-12) + 1e-9
+        oldest = [controller.component.start_of(f"age.{name}", np.inf) for name in self._names]
+        self._oldest_s = np.array(oldest, float) * (1 + 1e-12) + 1e-9
 
     def add(self, first: int, last: int) -> tuple[Integers, Integers, Integers] | None:
         """Return the intervals that end at the controller's points among these; None of none.
@@ -138,14 +138,6 @@ class _Ages:
         )
 
 
-def _parameter(instance: ComponentInstance, name: str, otherwise: float) -> float:
-    """Return a parameter of a component, `otherwise` where it has none of this name."""
-    component = instance.component
-    port = component.description.ports.get(name)
-    start = otherwise if port is None or port.start is None else port.start
-    return float(component.parameters.get(name, start))
-
-
 class CommandAge(Measure[int | None]):
     """The greatest time from the estimate behind a command to the end of its use [ns].
 
@@ -167,7 +159,7 @@ class CommandAge(Measure[int | None]):
         self._instance = next(s for s in instances if s.name == self._controller)
         self._routes = [Lookup(r) for r in plant.routes if r.source == self._controller]
         self._recent, self._computed = Recent(), -1
-        self._period = round(_parameter(self._instance, "sample_time", 0.0) * 1e9)
+        self._period = round(float(self._instance.component.start_of("sample_time", 0.0)) * 1e9)
         self._own: Integers | None = None
 
     def add(self, first: int, last: int) -> None:

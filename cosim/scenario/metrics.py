@@ -34,6 +34,7 @@ from cosim.scenario.final_values import LastOutputs
 from cosim.scenario.gain import Problem, observes, proves_exact_delays
 from cosim.scenario.limits import Saturation, SaturationMeasure
 from cosim.scenario.loss_bursts import LossBursts
+from cosim.scenario.matching import endpoint
 from cosim.scenario.measure import Measure, Measures
 from cosim.scenario.measurement_ages import CommandAge, StampedAges
 from cosim.scenario.measurement_claim import (
@@ -51,7 +52,7 @@ from cosim.scenario.plant import (
 )
 from cosim.scenario.preparation import PreparedScenario
 from cosim.scenario.run_events import EventCollector
-from cosim.scenario.schema import Scenario
+from cosim.scenario.schema import PathPart, Scenario
 from cosim.scenario.wanted import ALL_FIGURES, Wanted
 from cosim.trace import SERIOUS, AssertionResult, EventCount, EventKind, RunEvent
 
@@ -153,8 +154,11 @@ class RunMeasures(Measures):
     ) -> None:
         scenario = prepared.loaded.scenario
         part = scenario.design
-        self._events = DesignEvents(prepared, collector or EventCollector())
+        self._events = DesignEvents(
+            prepared, collector or EventCollector(system.comm_schedule.start_ns)
+        )
         self._collector, self._links = self._events.collector, frozenset(system.links)
+        self._modes = frozenset(system.modes)
         commands = {
             name: SaturationMeasure(name, self._collector)
             for name in system.components
@@ -196,6 +200,7 @@ class RunMeasures(Measures):
     def log(self, time_ns: int, level: str, name: str, message: str) -> None:
         """Count warnings of components, failures, outages, and events of the scenario."""
         kinds: dict[str, EventKind] = {"scenario": "scenario", "master": "failure"}
+        kinds |= dict.fromkeys(self._modes, "scenario")
         kind = kinds.get(name, "outage" if name in self._links else "warning")
         if level in SERIOUS or kind == "scenario":
             self._collector.count(RunEvent(time_ns, level, kind, name, message))
@@ -425,7 +430,7 @@ def _assumptions(context: RunContext) -> dict[str, bool]:
         result["limits_not_reached"] = used.fraction == 0.0 and (
             beside is None or beside.fraction == 0.0
         )
-    if context.scenario.events:
+    if context.scenario.events or context.scenario.modes:
         result["nothing_set_or_overridden"] = not context.altered_by_events
     result["plant_as_designed"] = context.plant_differences == []
     return result
@@ -447,7 +452,7 @@ def _position_error(context: RunContext) -> float | None:
         return None
     values = context.figures.last_outputs.get(part.plant, {})
     plant = None if context.problem is None else context.problem.plant
-    path = context.scenario.reference
+    path = _path_to(part.controller, context.scenario)
     if plant is not None:  # of the positions that are controlled, from the trim
         trim = dict(zip(plant.state.names, plant.state.trim, strict=True))
         controlled = [name for name in _POSITION if name in trim and name in values]
@@ -461,6 +466,13 @@ def _position_error(context: RunContext) -> float | None:
         error = [values[name] - target.get(name.removeprefix("eta."), 0.0) for name in _POSITION]
     size = math.sqrt(total(part * part for part in error))
     return size if np.isfinite(size) else None
+
+
+def _path_to(component: str, scenario: Scenario) -> PathPart | None:
+    """Return the path that a component follows; where there is one path only, that one."""
+    paths = [path for _, path in scenario.paths()]
+    mine = [path for path in paths if endpoint(path.target).component == component]
+    return next(iter(mine), paths[0] if len(paths) == 1 else None)
 
 
 def final_values(figures: RunFigures) -> dict[str, float | None]:

@@ -8,6 +8,7 @@ The observer holds it until the next one, and so is v: the integral of w_v' w_v 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -71,16 +72,13 @@ class NoiseEnergy(Measure[float | None]):
             return
         self._packets.begin(self._instance)
         self._state = reader_of(plant, self._binding.state.names)
-        parameters = self._instance.component.parameters
-        ports = self._instance.component.description.ports
-        names, trims = [], []
+        start_of = self._instance.component.start_of
+        names: list[str] = []
         for each in self._design.measurements:
             own = [f"{each.name}[{i + 1}]" for i in range(len(each.C))]
             names += own
-            for trim in (f"trim.{name}" for name in own):
-                start = ports[trim].start if trim in ports else 0.0
-                trims.append(float(parameters.get(trim, start or 0.0)))
-        self._values, self._trims = SignalReader(self._instance, names), np.array(trims)
+        self._values = SignalReader(self._instance, names)
+        self._trims = np.array([start_of(f"trim.{name}", 0.0) for name in names], float)
         self._last: Reals | None = None
 
     def add(self, first: int, last: int) -> None:
@@ -113,7 +111,7 @@ class NoiseEnergy(Measure[float | None]):
             column = mine.stop
             comes = np.flatnonzero(used[1:, j] > used[:-1, j])
             rates = np.full(len(starts), self._rate[j])
-            for k, until in zip(comes, [*comes[1:], len(starts)], strict=True):
+            for k, until in pairwise((*comes, len(starts))):  # a block may have no packet
                 rates[k:until] = self._rate_of(j, int(used[k + 1, j]), rows[k, mine])
             self._rate[j] = float(rates[-1])
             lasted = (ends - starts) / 1e9

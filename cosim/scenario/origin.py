@@ -6,7 +6,7 @@ located in the last layer that contains it.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import NamedTuple
@@ -25,6 +25,13 @@ class Layer(NamedTuple):
     path: Path | None = None
 
 
+class Copied(NamedTuple):
+    """Where in the file a copy is written, and which copy it is, in words."""
+
+    path: Path
+    label: str
+
+
 def key(path: Sequence[str | int]) -> str:
     """Format a path: `links.up.delay`, `connections[0].to`."""
     return "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in path)[1:]
@@ -32,21 +39,36 @@ def key(path: Sequence[str | int]) -> str:
 
 @dataclass(frozen=True)
 class Origin:
-    """The layers of a scenario, the base first."""
+    """The layers of a scenario, the base first.
+
+    copies : by the path of a part of the scenario that was written once for several.
+    """
 
     layers: tuple[Layer, ...] = ()
+    copies: Mapping[Path, Copied] = field(default_factory=dict)
 
     def place(self, path: Sequence[str | int]) -> str | None:
         """Return file and line of a key, or the setting that it comes from; None if unknown.
 
         For a missing key, the place of the table that should contain it.
         """
+        path = tuple(path)
+        depth, own = self._deepest(path)
+        for most in range(len(path), 0, -1) if self.copies and depth < len(path) else ():
+            copied = self.copies.get(path[:most])
+            if copied is not None:
+                _, words = self._deepest((*copied.path, *path[most:]))
+                return own if words is None else words + copied.label
+        return own or (self.layers[-1].where if self.layers else None)
+
+    def _deepest(self, path: Path) -> tuple[int, str | None]:
+        """Return how much of a path stands in the layers, and where."""
         best: tuple[int, str] | None = None
         for layer in self.layers:
             depth, words = _found(layer, path)
             if words is not None and (best is None or depth >= best[0]):
                 best = depth, words
-        return best[1] if best else (self.layers[-1].where if self.layers else None)
+        return best or (0, None)
 
 
 def _found(layer: Layer, path: Sequence[str | int]) -> tuple[int, str | None]:

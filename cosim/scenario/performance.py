@@ -42,10 +42,7 @@ def binding_for(
     if plant is not None:
         return Binding(plant.state, plant.control, plant.disturbance)
     if all(name in ports for name in (*STATE, *_FORCE, *_DISTURBANCE)):
-        values = {
-            name: instance.component.parameters.get(name, ports[name].start or 0.0)
-            for name in TABLE_1
-        }
+        values = {name: instance.component.start_of(name, 0.0) for name in TABLE_1}
         thrust = np.array(thrust_map(values), dtype=float)
         return Binding(_plain(STATE), _plain(_FORCE, thrust), _plain(_DISTURBANCE))
     (n, m), q = system.B.shape, system.C.shape[1]
@@ -171,11 +168,7 @@ def _times(rows: NDArray[np.float64], matrix: NDArray[np.float64]) -> NDArray[np
 
 def reader_of(instance: ComponentInstance, names: Sequence[str]) -> SignalReader:
     """Return a reader of variables of a plant; unconnected inputs are at their start."""
-    parameters, ports = instance.component.parameters, instance.component.description.ports
     recorded = {c.name for c in (*instance.output_columns, *instance.input_columns)}
-    constants = {
-        name: parameters.get(name, ports[name].start or 0.0)
-        for name in names
-        if name not in recorded
-    }
+    start_of = instance.component.start_of
+    constants = {name: start_of(name, 0.0) for name in names if name not in recorded}
     return SignalReader(instance, names, constants)

@@ -13,12 +13,10 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import lru_cache
-from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cosim.core import DESIGN_FILE, InputError, unreadable, write_whole
-from cosim.fmu import certificate_in_fmu
+from cosim.core import DESIGN_FILE, InputError, write_whole
 from cosim.hinf import (
     Design,
     certificate_from_bytes,
@@ -29,6 +27,7 @@ from cosim.hinf import (
     read_certificate,
 )
 from cosim.scenario.age_claim import age_in_words, feedback_of
+from cosim.scenario.design_files import design_content
 from cosim.scenario.feedback_age import FeedbackAge
 from cosim.scenario.gain import (
     Problem,
@@ -87,48 +86,6 @@ def _proved(content: bytes, where: str, *, in_fmu: bool) -> AnyDesign:
     """Return the design in a file, its proof checked: once for the same bytes."""
     read = design_from_certificate if in_fmu else design_from_json
     return read(certificate_from_bytes(content, where), where=where)
-
-
-def design_content(name: str, folder: Path) -> tuple[str, bytes]:
-    """Return the name of a design for messages, and the bytes of its file.
-
-    `name` : a path that ends in .json or .fmu, relative to `folder`, or a design of the package.
-
-    Raises
-    ------
-    InputError : no such design; an FMU that starts with another gain than it is certified for.
-    """
-    if name.endswith(".fmu"):
-        path = folder / name
-        inside = certificate_in_fmu(path)
-        if inside.mismatch is not None:
-            raise InputError(
-                "the certificate in this FMU is not about its gain",
-                where=str(path),
-                got=inside.mismatch,
-                hint="cosim fmu controller packs a design and its gain together",
-            )
-        return str(path), inside.content
-    if name.endswith(".json"):
-        path = folder / name
-        try:
-            return str(path), path.read_bytes()
-        except OSError as error:
-            raise unreadable(
-                path,
-                error,
-                what="the design cannot be read",
-                expected="a file that cosim design --save wrote",
-            ) from error
-    ours = files("cosim.scenario").joinpath("library", "designs")
-    known = {p.name.removesuffix(".json"): p for p in ours.iterdir()}
-    if name not in known:
-        listed = [*known, "FILE.json", "FILE.fmu"]
-        wrong = InputError.unknown("design", name, listed, where="design.file")
-        if name.endswith(".toml"):
-            wrong.hint = f'a system is named by another key: system = "{name}"'
-        raise wrong
-    return f"design {name}", known[name].read_bytes()
 
 
 def kept_or_made(

@@ -151,14 +151,15 @@ def with_numbers(
     loaded: LoadedScenario, fmus: Mapping[str, FmuDescription], findings: Findings
 ) -> LoadedScenario:
     """Convert the reference to the units of the inputs that follow it."""
-    reference = loaded.scenario.reference
-    if reference is None:
+    numbers = []
+    for place, path in loaded.scenario.paths():
+        with findings.at(*place):
+            numbers.append(reference_inputs(path, fmus))
+    if not numbers:
         return loaded
-    with findings.at("reference"):
-        numbers = reference_inputs(reference, fmus)
-        scenario = loaded.scenario.model_copy(update={"reference": numbers})
-        return replace(loaded, scenario=scenario)
-    return loaded
+    several = isinstance(loaded.scenario.reference, list)
+    update = {"reference": numbers if several else numbers[0]}
+    return replace(loaded, scenario=loaded.scenario.model_copy(update=update))
 
 
 def check_disturbance(loaded: LoadedScenario) -> None:

@@ -69,6 +69,7 @@ def dimension(**exponents: int) -> Dimension:
 
 NUMBER_ONLY = dimension()
 TIME = dimension(s=1)
+ANGLE = dimension(rad=1)
 
 
 class Quantity(NamedTuple):

@@ -130,11 +130,11 @@ def loaded_of(source: Source) -> LoadedScenario:
     ------
     InputError : it breaks the schema, or a file cannot be read.
     """
-    origin = Origin(source.layers)
-    found = valid(Scenario, source.data, origin)
+    data, origin = source.written_out()
+    found = valid(Scenario, data, origin)
     scenario = with_files(found, source.folder, Findings(origin))
     text, digest = [layer.text for layer in source.layers if layer.path is None][-1], None
-    if len(source.layers) > 1 or scenario is not found:
+    if len(source.layers) > 1 or scenario is not found or origin.copies:
         digest, text = hashlib.sha256(text.encode()).hexdigest(), scenario.to_toml()
     return LoadedScenario(source.name, scenario, text, source.folder, origin, digest, source.file)
 

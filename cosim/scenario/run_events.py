@@ -17,9 +17,13 @@ MOST_LINES = 400
 
 
 class EventCollector:
-    """Collects events: each for the log, and how often each happened."""
+    """Collects events: each for the log, and how often each happened.
 
-    def __init__(self) -> None:
+    start_ns : time of the components at the beginning of the run [ns].
+    """
+
+    def __init__(self, start_ns: int = 0) -> None:
+        self._start_ns = start_ns
         self._pending: list[RunEvent] = []
         self._counts: dict[tuple[str, str], EventCount] = {}
         self._totals_ns: dict[tuple[str, str], int] = {}
@@ -45,7 +49,7 @@ class EventCollector:
         known = self._counts.get(key)
         if known is None:
             what = event.kind, event.subject, event.level, event.message
-            known = EventCount(*what, count=0, first_s=event.time_ns / 1e9)
+            known = EventCount(*what, count=0, first_s=(event.time_ns + self._start_ns) / 1e9)
         self._counts[key] = replace(known, count=known.count + 1)
         return known.count + 1
 

@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cosim import hinf
-from cosim.master import Link, System, receiving_order
-from cosim.network import DelayProfile, Recording, keys_of
+from cosim.master import CommunicationSchedule, Link, System, receiving_order
+from cosim.network import DelayProfile, Hop, PacketLink, Recording, keys_of
 from cosim.scenario.gain import starts_with
 from cosim.scenario.preparation import PreparedScenario
 from cosim.trace import (
@@ -43,10 +43,9 @@ def run_metadata_of(
         "title": loaded.scenario.title,
         "scenario.sha256": hashlib.sha256(text).hexdigest(),
         "step_ns": str(system.comm_schedule.step_ns),
-        "end_ns": str(system.comm_schedule.end_ns),
+        **_times(system.comm_schedule),
         "events": loaded.scenario.run.events,
         "seed": str(loaded.scenario.run.seed),
-        "time_base": "simulated nanoseconds from the start of the run",
         "host.python": platform.python_version(),
         "host.platform": platform.platform(),
         "host.started": datetime.now(UTC).isoformat(timespec="seconds"),
@@ -67,6 +66,9 @@ def run_metadata_of(
         entries["disturbance"] = json.dumps(asdict(prepared.worst_case), sort_keys=True)
     for name, link in system.links.items():
         entries[f"link.{name}"] = json.dumps(_link_entry(link), sort_keys=True)
+        if isinstance(link, PacketLink) and link.hop is not None:
+            medium = link.hop.medium
+            entries[f"medium.{medium.name}"] = json.dumps(asdict(medium), sort_keys=True)
     for name, fmu in prepared.fmus.items():
         entries[f"fmu.{name}"] = loaded.scenario.components[name].fmu
         entries[f"fmu.{name}.sha256"] = fmu.sha256
@@ -81,13 +83,27 @@ def run_metadata_of(
     return entries, attachments
 
 
+def _times(schedule: CommunicationSchedule) -> dict[str, str]:
+    """Return when the run begins, if not at 0, and ends, and what its times are."""
+    if not schedule.start_ns:
+        base = "simulated nanoseconds from the start of the run"
+        return {"end_ns": str(schedule.end_ns), "time_base": base}
+    return {
+        "start_ns": str(schedule.start_ns),
+        "end_ns": str(schedule.end_ns + schedule.start_ns),
+        "time_base": "simulated nanoseconds of the components, which begin at start_ns",
+    }
+
+
 _LATER = {
     "delay": None,
     "duplicate": 0.0,
     "queue_limit": None,
     "windows": (),
+    "adjustable": False,
     "playout_ns": 0,
     "recording": None,
+    "hop": None,
 }
 """Later fields of links and their unused values, which are left out: old traces lack them."""
 
@@ -108,6 +124,8 @@ def _link_entry(link: Link) -> dict[str, Any]:
                 "sha256": value.sha256,
                 **{key.field: getattr(value, key.field) for key in keys_of(Recording).values()},
             }
+        elif isinstance(value, Hop):
+            found[each.name] = [value.medium.name, value.sender, value.receiver]
         elif isinstance(value, tuple):
             found[each.name] = [asdict(item) for item in value]
         elif is_dataclass(value) and not isinstance(value, type):

@@ -10,7 +10,7 @@ from cosim.core import CosimError
 from cosim.master import EngineName, Observer, Pace, Run, Session, Snapshot, System
 from cosim.scenario.event_driver import EventDriver, LatestValues, ended_by_event
 from cosim.scenario.scope import RunScope
-from cosim.scenario.script import Event
+from cosim.scenario.script import Event, Machine
 
 
 class ScenarioSession(Session):
@@ -24,7 +24,7 @@ class ScenarioSession(Session):
     def __init__(
         self,
         system: System,
-        events: Sequence[Event] = (),
+        events: Sequence[Event | Machine] = (),
         observers: Sequence[Observer] = (),
         *,
         engine: EngineName = "auto",
@@ -58,8 +58,7 @@ class ScenarioSession(Session):
         pace: Pace | None = None,
     ) -> bool:
         """Continue as `Session.run_until`, through the events on the way."""
-        until = None if seconds is None else round(seconds * 1e9)
-        return self._driver.advance(self, until, stop=stop, pace=pace)
+        return self._driver.advance(self, self.instant_ns(seconds), stop=stop, pace=pace)
 
     def result(self, *, complete: bool = False, whole: bool = True) -> Run:
         """Return the run so far, as `Session.result`; an event that ended it is the reason."""

@@ -11,9 +11,18 @@ from itertools import pairwise
 from typing import Annotated, Any, Literal, Self
 
 import tomli_w
-from pydantic import AfterValidator, ConfigDict, Field, field_validator, model_validator
+from pydantic import (
+    AfterValidator,
+    ConfigDict,
+    Discriminator,
+    Field,
+    Tag,
+    field_validator,
+    model_validator,
+)
 
 from cosim.master import Algorithm, Policy, UnknownFeedthrough
+from cosim.scenario.copies import written_out
 from cosim.scenario.events import AssertionPart, EventPart
 from cosim.scenario.fields import (
     Angle,
@@ -22,6 +31,7 @@ from cosim.scenario.fields import (
     FmiValue,
     Frequency,
     Instant,
+    LinkTime,
     Name,
     NotNegative,
     Number,
@@ -35,6 +45,8 @@ from cosim.scenario.fields import (
     Text,
 )
 from cosim.scenario.links import LinkPart
+from cosim.scenario.media import MediumPart
+from cosim.scenario.modes import ModesPart
 from cosim.scenario.quantity import TIME, quantity_in
 from cosim.scenario.run_limits import LimitsPart
 
@@ -44,8 +56,13 @@ class RunPart(Part):
 
     end: Duration
     """Time at which the run ends."""
+    start: LinkTime = 0.0
+    """Time at which it begins, of the components and of everything else that has a time: `end`,
+    events, windows, paths, recorded delays, t. Links send their first message then, and `offset`
+    later.
+    """
     step: Duration
-    """Communication step: the components exchange values at its multiples."""
+    """Communication step: the components exchange values at its multiples, from the start on."""
     algorithm: Algorithm = "jacobi"
     """How components step. "jacobi": all with the values exchanged at the same point;
     "gauss-seidel": one after the other in `order`, each with the new outputs of those before it.
@@ -85,12 +102,32 @@ class RunPart(Part):
     run and not the command.
     """
 
+    @model_validator(mode="after")
+    def _ends_later(self) -> Self:
+        if self.end <= self.start:
+            times = f"{self.end:g} s is not after {self.start:g} s"
+            raise ValueError(f"an end after the start: {times}")
+        return self
+
+    @property
+    def start_ns(self) -> int:
+        """Time of the components at the beginning of the run [ns]."""
+        return round(self.start * 1e9)
+
+    @property
+    def lasts_ns(self) -> int:
+        """How long the run lasts [ns]."""
+        return round(self.end * 1e9) - self.start_ns
+
 
 class ComponentPart(Part):
-    """[components.NAME]: an FMU, one of those here by name, or any `.fmu` path."""
+    """[components.NAME]: an FMU, one of those here by name, of a design, or any `.fmu` path."""
 
     fmu: Text
-    """A built-in FMU by name, or the path of any `.fmu`, from the folder of the scenario."""
+    """A built-in FMU by name, or the path of any `.fmu`, from the folder of the scenario. Of the
+    design of a vehicle with an observer, a built-in one or a file, "DESIGN:plant",
+    "DESIGN:controller" and "DESIGN:NAME", the sensor of the measurement NAME.
+    """
     step: Duration | None = None
     """Communication step of this component; without one it communicates at every point."""
     feedthrough: Literal["none"] | list[Text] | None = None
@@ -202,6 +239,13 @@ class PathPart(Part):
         if any(b <= a for a, b in pairwise(times)):
             raise ValueError("the times of the points must increase")
         return self
+
+
+PathOrPaths = Annotated[
+    Annotated[PathPart, Tag("one")]
+    | Annotated[list[PathPart], Field(min_length=1), Tag("several")],
+    Discriminator(lambda value: "several" if isinstance(value, list) else "one"),
+]
 
 
 class DisturbancePart(Part):
@@ -349,12 +393,16 @@ class Scenario(Part):
     """Connections in their short form: "plant.eta -> controller.eta : uplink"."""
     links: dict[Name, LinkPart] = Field(default_factory=dict)
     """Links that connections name: delay, jitter, loss."""
-    reference: PathPart | None = None
-    """A path for inputs that follow it."""
+    medium: dict[Name, MediumPart] = Field(default_factory=dict)
+    """Media that links share: nodes, sound, collisions, slots."""
+    reference: PathOrPaths | None = None
+    """A path for inputs that follow it; several as [[reference]]."""
     disturbance: DisturbancePart | None = None
     """The worst-case disturbance of the design."""
     design: DesignPart | None = None
     """The gain of the controller, and the system it is proved for."""
+    modes: dict[Name, ModesPart] = Field(default_factory=dict)
+    """Mode machines: phases of a mission, what leads from one to another, and what is done then."""
     events: list[EventPart] = Field(default_factory=list)
     """What happens during the run."""
     assertions: list[AssertionPart] = Field(default_factory=list)
@@ -364,6 +412,11 @@ class Scenario(Part):
     limits: LimitsPart | None = None
     """Time and memory that a supervised run may use."""
 
+    @model_validator(mode="before")
+    @classmethod
+    def _written_out(cls, data: Any) -> Any:
+        return written_out(data)[0] if isinstance(data, dict) else data
+
     def to_data(self) -> dict[str, Any]:
         """Return the tables of the scenario, without defaults."""
         return self.model_dump(by_alias=True, exclude_unset=True, exclude_none=True)
@@ -371,6 +424,12 @@ class Scenario(Part):
     def to_toml(self) -> str:
         """Return TOML text that reads back as this scenario."""
         return tomli_w.dumps(self.to_data(), multiline_strings="\r" not in self.description)
+
+    def paths(self) -> list[tuple[tuple[str | int, ...], PathPart]]:
+        """Return the paths that inputs follow, each with its path in the scenario."""
+        if isinstance(self.reference, list):
+            return [(("reference", i), part) for i, part in enumerate(self.reference)]
+        return [] if self.reference is None else [(("reference",), self.reference)]
 
     def wires(self) -> list[tuple[tuple[str, int], ConnectionPart]]:
         """Return the connections of both forms, each with its path."""

@@ -15,6 +15,7 @@ from cosim.network import PacketLink
 from cosim.scenario.binding import Meaning, check_name
 from cosim.scenario.link_rows import link_state
 from cosim.scenario.matching import endpoint
+from cosim.scenario.modes import TIME_IN_STATE
 from cosim.scenario.quantity import NUMBER_ONLY, TIME
 from cosim.scenario.signal_reader import SignalReader
 from cosim.scenario.units import unit_of
@@ -27,7 +28,8 @@ class RunScope:
 
     Outputs and connected inputs are signals; parameters and unconnected inputs are constants,
     unless an event sets them (`changed`); `LINK.age`, `.sequence`, `.dropped`, `.delivered` are
-    the state of a packet link.
+    the state of a packet link; `MACHINE.STATE` is whether a mode machine is in a state, and
+    `MACHINE.time` since when it is in its present one.
     """
 
     def __init__(self, system: System, changed: Sequence[Endpoint] = ()) -> None:
@@ -67,8 +69,12 @@ class RunScope:
         name, _, variable = reference.partition(".")
         if self.is_link(name):
             return self._state(name, variable)
+        if self.is_machine(name):
+            return self._mode(name, variable)
         if not variable:
             check_name(reference)
+        if name not in self._signals:
+            raise InputError.unknown("component", name, [*self._signals, *self._system.modes])
         port = self.signals(name).get(variable)
         if port is None:
             port = self._constant(name, variable)
@@ -84,6 +90,24 @@ class RunScope:
     def is_link(self, name: str) -> bool:
         """Whether a name is that of a link, and not of a component as well."""
         return name in self._system.links and name not in self._system.components
+
+    def is_machine(self, name: str) -> bool:
+        """Whether a name is that of a mode machine."""
+        return name in self._system.modes
+
+    def state_number(self, machine: str, state: str) -> int:
+        """Return the number of a state of a mode machine."""
+        return self._system.modes[machine].index(state)
+
+    def _mode(self, machine: str, what: str) -> Meaning:
+        if what == TIME_IN_STATE:
+            return Meaning("number", TIME)
+        states = self._system.modes[machine]
+        if what not in states:
+            raise InputError.unknown(
+                f"state of {machine}", what, (*states, TIME_IN_STATE), hint=f"{machine}.{states[0]}"
+            )
+        return Meaning("truth", None)
 
     def _constant(self, name: str, variable: str) -> Port:
         port = self._others[name].get(variable)
@@ -130,9 +154,15 @@ class ValueReader:
         self.reads_inputs = False
         for name in names:
             first, _, rest = name.partition(".")
-            constant = None if name == "t" or scope.is_link(first) else scope.constant(name)
+            of_run = name == "t" or scope.is_link(first) or scope.is_machine(first)
+            constant = None if of_run else scope.constant(name)
             if name == "t":
                 self._read.append(self._seconds)
+            elif scope.is_machine(first) and rest == TIME_IN_STATE:
+                self._read.append(partial(self._time_in_state, first))
+            elif scope.is_machine(first):
+                number = scope.state_number(first, rest)
+                self._read.append(partial(self._is_in_state, first, number))
             elif scope.is_link(first):
                 self._read.append(partial(self._state, first, _STATE.get(rest, rest)))
             elif constant is not None:
@@ -147,7 +177,19 @@ class ValueReader:
         return [read(first, last) for read in self._read]
 
     def _seconds(self, first: int, last: int) -> NDArray[np.float64]:
-        return self._instance.comm_points.points_ns[first:last] / 1e9
+        points = self._instance.comm_points
+        return (points.points_ns[first:last] + points.start_ns) / 1e9
+
+    def _is_in_state(self, machine: str, number: int, first: int, last: int) -> NDArray[np.float64]:
+        points = self._instance.comm_points
+        found: NDArray[np.float64] = points.event_values.read(machine, points.points_ns[first:last])
+        return np.asarray(found == number, dtype=np.float64)
+
+    def _time_in_state(self, machine: str, first: int, last: int) -> NDArray[np.float64]:
+        points = self._instance.comm_points
+        instants = points.points_ns[first:last]
+        spent: NDArray[np.float64] = (instants - points.event_values.since(machine, instants)) / 1e9
+        return spent
 
     def _state(self, link: str, what: str, first: int, last: int) -> NDArray[np.float64]:
         state = link_state(self._instance, link, first, last)

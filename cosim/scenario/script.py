@@ -4,18 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import count
 from typing import Any, NamedTuple
 
 from cosim.core import InputError
 from cosim.fmu import checked_scalars, describe_settable, may_be_set
 from cosim.master import Endpoint, System
-from cosim.scenario.binding import BoundCondition, bind
+from cosim.network import PacketLink
+from cosim.scenario.binding import BoundExpression, bind
 from cosim.scenario.channels import Change
-from cosim.scenario.events import EventPart
+from cosim.scenario.events import ActionsPart, EventPart
 from cosim.scenario.expression import Expression
 from cosim.scenario.link_keys import nanoseconds
 from cosim.scenario.matching import endpoint
-from cosim.scenario.origin import Findings
+from cosim.scenario.modes import ModesPart
+from cosim.scenario.origin import Findings, Path
 from cosim.scenario.quantity import unit_in
 from cosim.scenario.schema import Scenario
 from cosim.scenario.scope import RunScope
@@ -43,8 +46,11 @@ class Event:
 
     Attributes
     ----------
-    number : its place in the scenario.
-    at_ns, condition : one of them.
+    number : its place among the events, those of modes behind those of the scenario.
+    at_ns, condition : one of them; neither where a mode machine has it.
+    ends : the condition that ends it.
+    title : what it is called, where it has no condition.
+    undone : whether what it does is undone when it is over.
     lasts_ns : time after which it is undone; None: never.
     stop : the reason if it ends the run.
     outages : links that deliver nothing while it lasts.
@@ -52,29 +58,82 @@ class Event:
 
     number: int
     at_ns: int | None
-    condition: BoundCondition | None
+    condition: BoundExpression | None
     every_time: bool
     lasts_ns: int | None
     actions: tuple[Action, ...]
     stop: str | None
     outages: tuple[str, ...] = ()
+    ends: BoundExpression | None = None
+    title: str = ""
+    undone: bool = False
 
     @property
     def words(self) -> str:
         """Describe the event and when it happens."""
         if self.condition is not None:
             return f"event {self.number + 1} (when {self.condition.expression.text})"
-        return f"event {self.number + 1} (at {(self.at_ns or 0) / 1e9:g} s)"
+        return self.title
+
+
+class Transition(NamedTuple):
+    """A checked transition of a mode machine; the states by their numbers.
+
+    condition, after_ns : both must be so; None, 0: nothing is asked.
+    """
+
+    sources: tuple[int, ...]
+    target: int
+    condition: BoundExpression | None
+    after_ns: int
+
+
+class StateEvents(NamedTuple):
+    """What is done in a state, each an event: on entry, on exit, and from one to the other."""
+
+    enter: Event | None
+    exit: Event | None
+    during: Event | None
+
+
+@dataclass(frozen=True)
+class Machine:
+    """A checked mode machine.
+
+    Attributes
+    ----------
+    initial : number of the state at the start.
+    events : by state.
+    """
+
+    name: str
+    states: tuple[str, ...]
+    initial: int
+    transitions: tuple[Transition, ...]
+    events: tuple[StateEvents, ...]
+
+
+Script = tuple[Event | Machine, ...]
+"""The events of a scenario, then its mode machines."""
+
+
+def adjusted_links(scenario: Scenario) -> set[str]:
+    """Return the links whose delay or loss is changed by conditions or in modes."""
+    parts: list[ActionsPart | None] = [event for event in scenario.events if event.at is None]
+    for machine in scenario.modes.values():
+        for state in machine.states.values():
+            parts += [state.enter, state.exit, state.during]
+    return {name for part in parts if part is not None for name in (*part.delay, *part.loss)}
 
 
 def changes_of(scenario: Scenario, findings: Findings) -> dict[str, list[Change]]:
     """Return the changes of each link by events at a time; they are known before the run."""
     found: dict[str, list[Change]] = {}
-    end = nanoseconds(scenario.run.end)
+    end, begin = scenario.run.lasts_ns, scenario.run.start_ns
     for i, event in enumerate(scenario.events):
         if event.at is None:
             continue
-        start, lasts = nanoseconds(event.at), _lasts_ns(event)
+        start, lasts = nanoseconds(event.at) - begin, _lasts_ns(event)
         until = end + 1 if lasts is None else start + lasts
         for key, names in (("outage", event.outage), ("delay", event.delay), ("loss", event.loss)):
             for name in names:
@@ -92,9 +151,9 @@ def instants_ns(scenario: Scenario) -> list[int]:
     found = set()
     for event in scenario.events:
         if event.at is not None:
-            start = nanoseconds(event.at)
+            start = nanoseconds(event.at) - scenario.run.start_ns
             found |= {start, start + (_lasts_ns(event) or 0)}
-    return sorted(t for t in found if 0 <= t <= nanoseconds(scenario.run.end))
+    return sorted(t for t in found if 0 <= t <= scenario.run.lasts_ns)
 
 
 def _lasts_ns(event: EventPart) -> int | None:
@@ -105,35 +164,105 @@ def _lasts_ns(event: EventPart) -> int | None:
     return None
 
 
-def script_of(scenario: Scenario, system: System, findings: Findings) -> tuple[Event, ...]:
-    """Check every event of a scenario; errors go to `findings`."""
-    changed = [endpoint(target) for event in scenario.events for target in event.set]
-    scope = RunScope(system, changed)
-    events = []
+def script_of(scenario: Scenario, system: System, findings: Findings) -> Script:
+    """Check every event and mode machine of a scenario; errors go to `findings`."""
+    scope = RunScope(system, changed_by(scenario))
+    events: list[Event | Machine] = []
     for i, part in enumerate(scenario.events):
         with findings.at("events", i):
             _check_time(part, scenario)
         condition = None
         if part.when is not None:
             condition = bind_condition(scope, findings, part.when, "events", i, "when")
+        ends = None
+        if part.ends is not None:
+            ends = bind_condition(scope, findings, part.ends, "events", i, "ends")
         events.append(
             Event(
                 number=i,
-                at_ns=None if part.at is None else nanoseconds(part.at),
+                at_ns=None if part.at is None else nanoseconds(part.at) - scenario.run.start_ns,
                 condition=condition,
                 every_time=part.trigger == "every-time",
                 lasts_ns=_lasts_ns(part),
-                actions=tuple(_actions(part, i, system, scope, findings)),
+                actions=tuple(
+                    _actions(
+                        part, ("events", i), system, scope, findings, timed=part.at is not None
+                    )
+                ),
                 stop=None if part.stop is None else "" if part.stop is True else part.stop,
                 outages=tuple(part.outage),
+                ends=ends,
+                title="" if part.at is None else f"event {i + 1} (at {part.at:g} s)",
+                undone=part.ends is not None or _lasts_ns(part) is not None,
             )
         )
+    numbers = count(len(events))
+    for name, machine in scenario.modes.items():
+        with findings.at("modes", name):
+            if name in system.components or name in system.links or name == "t":
+                raise InputError(
+                    f"{name!r} is the name of something else",
+                    expected="a name that no component and no link has",
+                )
+        events.append(_machine(name, machine, numbers, system, scope, findings))
     return tuple(events)
+
+
+def changed_by(scenario: Scenario) -> list[Endpoint]:
+    """Return the variables that are set during the run."""
+    parts: list[ActionsPart | None] = [*scenario.events]
+    for machine in scenario.modes.values():
+        for state in machine.states.values():
+            parts += [state.enter, state.exit, state.during]
+    return [endpoint(target) for part in parts if part is not None for target in part.set]
+
+
+def _machine(
+    name: str,
+    part: ModesPart,
+    numbers: Iterator[int],
+    system: System,
+    scope: RunScope,
+    findings: Findings,
+) -> Machine:
+    """Check a mode machine; `numbers` : of its events."""
+    states = tuple(part.states)
+    events = []
+    for state, inside in part.states.items():
+        made: list[Event | None] = []
+        for key, word in (("enter", "enters"), ("exit", "leaves"), ("during", "is in")):
+            actions = getattr(inside, key)
+            if actions is None:
+                made.append(None)
+                continue
+            path = "modes", name, "states", state, key
+            done = tuple(_actions(actions, path, system, scope, findings, timed=False))
+            stop = None if actions.stop is None else "" if actions.stop is True else actions.stop
+            title = f"{name} {word} {state}"
+            made.append(
+                Event(
+                    *(next(numbers), None, None, False, None, done, stop, tuple(actions.outage)),
+                    title=title,
+                    undone=key == "during",
+                )
+            )
+        events.append(StateEvents(*made))
+    transitions = []
+    for i, each in enumerate(part.transitions):
+        condition = None
+        if each.when is not None:
+            where = "modes", name, "transitions", i, "when"
+            condition = bind_condition(scope, findings, each.when, *where)
+        sources = tuple(states.index(source) for source in each.sources(states))
+        after_ns = 0 if each.after is None else nanoseconds(each.after)
+        transitions.append(Transition(sources, states.index(each.target), condition, after_ns))
+    first = states.index(part.first)
+    return Machine(name, states, first, tuple(transitions), tuple(events))
 
 
 def bind_condition(
     scope: RunScope, findings: Findings, text: str, *path: str | int
-) -> BoundCondition | None:
+) -> BoundExpression | None:
     """Bind the condition at some path of the scenario; None if it is refused."""
     with findings.at(*path):
         return bind(Expression(text), scope)
@@ -141,6 +270,13 @@ def bind_condition(
 
 
 def _check_time(part: EventPart, scenario: Scenario) -> None:
+    if part.at is not None and part.at < scenario.run.start:
+        raise InputError(
+            "this event is before the start of the run",
+            where="at",
+            expected=f"at least {scenario.run.start:g} s (run.start)",
+            got=f"{part.at:g} s",
+        )
     if part.at is not None and part.at > scenario.run.end:
         raise InputError(
             "this event is after the end of the run",
@@ -151,32 +287,58 @@ def _check_time(part: EventPart, scenario: Scenario) -> None:
 
 
 def _actions(
-    part: EventPart, i: int, system: System, scope: RunScope, findings: Findings
+    part: ActionsPart,
+    path: Path,
+    system: System,
+    scope: RunScope,
+    findings: Findings,
+    *,
+    timed: bool,
 ) -> Iterator[Action]:
+    """Yield the actions at a path of the scenario; `timed` : links are changed before the run."""
     for reference, value in part.set.items():
-        with findings.at("events", i, "set", reference):
+        with findings.at(*path, "set", reference):
             yield _set(system, scope, endpoint(reference), value)
     for reference, value in part.override.items():
-        with findings.at("events", i, "override", reference):
+        with findings.at(*path, "override", reference):
             end = _signal(scope, reference)
             yield Action("override", end, _number(system, scope, end, value))
     for reference, bias in part.bias.items():
-        with findings.at("events", i, "bias", reference):
+        with findings.at(*path, "bias", reference):
             end = _signal(scope, reference)
             yield Action("bias", end, _offset(system, scope, end, bias.offset), bias.factor)
-    for k, reference in enumerate(part.release):
-        with findings.at("events", i, "release", k):
-            yield Action("release", _signal(scope, reference))
+    for key, references in (("freeze", part.freeze), ("release", part.release)):
+        for k, reference in enumerate(references):
+            with findings.at(*path, key, k):
+                yield Action(key, _signal(scope, reference))
     for k, name in enumerate(part.reset):
-        with findings.at("events", i, "reset", k):
+        with findings.at(*path, "reset", k):
             yield _reset(system, name)
+    yield from _link_settings(part, path, system, findings, timed=timed)
+
+
+def _link_settings(
+    part: ActionsPart, path: Path, system: System, findings: Findings, *, timed: bool
+) -> Iterator[Action]:
     for key, names in (("outage", part.outage), ("restore", part.restore)):
         for k, name in enumerate(names):
-            with findings.at("events", i, key, k):
+            with findings.at(*path, key, k):
                 if name not in system.links:
                     raise InputError.unknown("link", name, system.links)
-                if part.when is not None:
+                if not timed:
                     yield _outage(system, key, name)
+    for key, changed in (("delay", part.delay), ("loss", part.loss)):
+        for name, number in {} if timed else changed.items():
+            with findings.at(*path, key, name):
+                if name not in system.links:
+                    raise InputError.unknown("link", name, system.links)
+                if not isinstance(system.links[name], PacketLink):
+                    raise InputError(
+                        "a condition changes packet links only",
+                        expected='kind = "packet", or at (a time) in place of when',
+                        got=f"link {name!r}: a continuous signal has no messages",
+                    )
+                yield Action(key, Endpoint(name, ""), float(number))
 
 
 def _set(system: System, scope: RunScope, end: Endpoint, value: Any) -> Action:

@@ -135,7 +135,7 @@ def worst_case_inputs(
     fmus: Mapping[str, FmuDescription],
     comm_schedule: CommunicationSchedule,
 ) -> Signals:
-    """Return the worst case from 0 to the end T of the run.
+    """Return the worst case from the start to the end of the run, which lasts T.
 
     Its envelope is sin(pi t / T): the measured gain is then short by O(1/T^2), instead of O(1/T)
     with a hard start and end.
@@ -167,10 +167,10 @@ def worst_case_inputs(
             got=f"{longest:g} s",
             hint="a tenth of that, since the disturbance is held between two points",
         )
-    end = comm_schedule.end_ns / 1e9
+    end, start = comm_schedule.end_ns / 1e9, comm_schedule.at_s(0)
     return {
         Endpoint(base.component, name): partial(
-            _swelling, part.amplitude, size, phase, found.omega, end
+            _swelling, part.amplitude, size, phase, found.omega, end, start
         )
         for name, size, phase in zip(names, found.amplitude, found.phase, strict=True)
     }
@@ -182,12 +182,13 @@ def _swelling(
     phase: float,
     omega: float,
     end: float,
+    start: float,
     seconds: NDArray[np.float64],
 ) -> NDArray[np.float64]:
     # the C library's sine: the last bit of NumPy's varies by processor
     return np.array(
         [
             amplitude * math.sin(math.pi * t / end) * size * math.cos(omega * t + phase)
-            for t in seconds.tolist()
+            for t in (seconds - start).tolist()
         ]
     )

@@ -21,7 +21,7 @@ from cosim.scenario.event_driver import EventDriver, LatestValues, ended_by_even
 from cosim.scenario.interrupt import DeferredInterrupt
 from cosim.scenario.run_series import RunSeries
 from cosim.scenario.scope import RunScope
-from cosim.scenario.script import Event
+from cosim.scenario.script import Event, Machine
 
 
 class ProgressObserver(Observer):
@@ -70,7 +70,7 @@ class EventResults:
 class DriveEvents:
     """Runs a session from its start to its end, or to where an event stops it."""
 
-    events: Sequence[Event] = ()
+    events: Sequence[Event | Machine] = ()
     pace: Pace | None = None
 
     def __call__(self, session: Session) -> EventResults:
@@ -98,7 +98,7 @@ def run_system(
     engine: EngineName,
     *observers: Observer,
     living: ExitStack,
-    events: Sequence[Event] = (),
+    events: Sequence[Event | Machine] = (),
     pace: Pace | None = None,
     supervisor: Supervisor | None = None,
     keep: bool = True,

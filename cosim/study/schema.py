@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
-from functools import lru_cache
 from itertools import pairwise
 from typing import Annotated, Any, Literal, Self
 
@@ -18,8 +17,7 @@ from pydantic import (
 )
 
 from cosim.core import SCHEMA, STUDY_FILE, InputError, with_field_docs
-from cosim.scenario import split
-from cosim.study.expression import Expression
+from cosim.scenario import BoundExpression, ExpressionError, formula, split
 
 Text = Annotated[str, StringConstraints(min_length=1)]
 ColumnName = Annotated[str, StringConstraints(pattern=r"^[A-Za-z][A-Za-z0-9_.-]*$")]
@@ -44,6 +42,11 @@ class _Part(BaseModel):
         return with_field_docs(cls, core, handler)
 
 
+def of_x(text: str) -> BoundExpression:
+    """Return the number that a text says of x; an `InputError` where it says none."""
+    return formula(text, "x")
+
+
 class Axis(_Part):
     """The places of the scenario that one axis changes.
 
@@ -65,7 +68,7 @@ class Axis(_Part):
         for place in self.places:
             _check(split, place)
         for expression in (self.apply or {}).values():
-            _check(Expression, expression)
+            _check(of_x, expression)
         return self
 
     @property
@@ -114,7 +117,6 @@ class GridAxis(Axis):
 Parameter = Number | Text
 """A number, or an expression of x."""
 _CONDITIONAL = ("uniform", "loguniform", "normal", "lognormal", "triangular")
-_known = lru_cache(Expression)
 
 
 class SampledAxis(Axis):
@@ -155,7 +157,7 @@ class SampledAxis(Axis):
         _exactly_one(self, (*keys, "integers", "choice"), "gives the distribution")
         texts = [v for key in keys for v in getattr(self, key) or () if isinstance(v, str)]
         for text in texts:
-            _check(Expression, text)
+            _check(of_x, text)
         if bool(texts) != (self.given is not None):
             raise ValueError("expressions of x and given, which names the axis x, need each other")
         if not texts:
@@ -192,7 +194,7 @@ class SampledAxis(Axis):
         InputError : an expression has no value at x, or they are no parameters of the distribution.
         """
         key = next(key for key in _CONDITIONAL if getattr(self, key) is not None)
-        values = [_known(v)(x) if isinstance(v, str) else v for v in getattr(self, key)]
+        values = [of_x(v).number(x=x) if isinstance(v, str) else v for v in getattr(self, key)]
         found = self.model_copy(update={key: values, "given": None})
         try:
             found.check_numbers()
@@ -430,7 +432,10 @@ def _check(parse: Callable[[str], Any], text: str) -> None:
     try:
         parse(text)
     except InputError as error:
-        raise ValueError(f"{error.what}: {error.got}; expected {error.expected}") from error
+        found, what = error.got, error.what
+        if isinstance(error, ExpressionError):
+            found, what = repr(text), f"{error.where}: {error.what}"
+        raise ValueError(f"{what}: {found}; expected {error.expected}") from error
 
 
 def study_schema() -> dict[str, Any]:

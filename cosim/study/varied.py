@@ -14,8 +14,7 @@ from cosim.core import InputError
 from cosim.fmu import FmuDescription
 from cosim.scenario import Scenario, give_way, put, split
 from cosim.study.consistency import Place, nowhere
-from cosim.study.expression import Expression
-from cosim.study.schema import Axis, GridAxis, Study
+from cosim.study.schema import Axis, GridAxis, Study, of_x
 
 
 class Variations:
@@ -34,8 +33,7 @@ class Variations:
     def __init__(self, study: Study, base: Scenario, where: Place = nowhere) -> None:
         self._axes = study.vary
         self._expressions = [
-            {place: Expression(text) for place, text in (axis.apply or {}).items()}
-            for axis in study.vary
+            {place: of_x(text) for place, text in (axis.apply or {}).items()} for axis in study.vary
         ]
         data = base.model_dump(by_alias=True, exclude_unset=True)
         self._known = base.model_dump(by_alias=True)
@@ -117,7 +115,12 @@ class Variations:
                 if tuple(way[: len(within)]) == within:
                     own = value[i] if zipped else value
                     found = expressions.get(place)
-                    put(data, way, copy.deepcopy(own) if found is None else found(own), place)
+                    put(
+                        data,
+                        way,
+                        copy.deepcopy(own) if found is None else found.number(x=own),
+                        place,
+                    )
 
     def _validated(self, values: Sequence[Any]) -> Scenario:
         data = copy.deepcopy(self._data)

@@ -62,7 +62,10 @@ from .outcome.run_outcome import (
     RunOutcome as RunOutcome,
     outcome_of as outcome_of,
 )
-from .outcome.verdict import assumptions_of as assumptions_of
+from .outcome.verdict import (
+    assumptions_of as assumptions_of,
+    guarantee_of as guarantee_of,
+)
 from .picture import (
     LabelledTrace as LabelledTrace,
     compare_runs as compare_runs,
@@ -96,6 +99,7 @@ from .rows.layout import (
     DROPPED_SIGNALS as DROPPED_SIGNALS,
     LINK_STATE_SCHEMA as LINK_STATE_SCHEMA,
     LINK_STATE_SIGNALS as LINK_STATE_SIGNALS,
+    MODE_SIGNALS as MODE_SIGNALS,
     RESULT as RESULT,
     SCENARIO_ATTACHMENT as SCENARIO_ATTACHMENT,
     VEHICLE as VEHICLE,
@@ -106,6 +110,7 @@ from .rows.layout import (
     input_topic as input_topic,
     link_state_topic as link_state_topic,
     link_topic as link_topic,
+    modes_topic as modes_topic,
     output_topic as output_topic,
     result_of_link as result_of_link,
 )

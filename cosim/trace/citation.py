@@ -57,7 +57,8 @@ def _run(run: Mapping[str, Any]) -> str:
     software, title = run.get("software", "auv-cosim"), run.get("title") or run.get("scenario")
     text = f"The run “{title}” was co-simulated with {software}"
     if "end_ns" in run and "step_ns" in run:
-        text += f" for {_seconds(run['end_ns'])} at communication steps of "
+        lasted_ns = int(run["end_ns"]) - int(run.get("start_ns", 0))
+        text += f" for {_seconds(str(lasted_ns))} at communication steps of "
         text += _seconds(run["step_ns"])
     if "seed" in run:
         text += f", seed {run['seed']}"

@@ -27,7 +27,11 @@ _FIGURES = {
     "message_age_s": ("oldest measurement used", " s"),
     "designed_age_s": ("age designed for", " s"),
 }
-_LINK_FIGURES = ("sent", "delivered", "dropped", "late", "mean_delay_s", "max_delay_s", "max_age_s")
+_LINK_FIGURES = (
+    *("sent", "delivered", "dropped", "late", "collided", "receiver_sending", "out_of_range"),
+    *("mean_delay_s", "max_delay_s", "max_age_s"),
+)
+_WHERE_ANY = ("collided", "receiver_sending", "out_of_range")
 _MOST_EVENTS = 20
 _HOST = ("host.command", "host.started", "host.python", "host.platform")
 
@@ -170,7 +174,12 @@ def _topics(topics: list[dict[str, Any]]) -> RichTable:
 
 
 def _links(links: Mapping[str, Mapping[str, str]]) -> RichTable:
-    present = {figure for link in links.values() for figure in link}
+    present = {
+        figure
+        for link in links.values()
+        for figure, value in link.items()
+        if figure not in _WHERE_ANY or value != "0"
+    }
     figures = [figure for figure in _LINK_FIGURES if figure in present] or sorted(present)
     table = RichTable(box=None, padding=(0, 2, 0, 0))
     table.add_column("link")

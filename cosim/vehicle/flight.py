@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cosim import fmu as fmus, hinf, scenario
-from cosim.core import DESIGN_FILE, InputError, Progress, silent
+from cosim.core import DESIGN_FILE, PLANT_NOTE, InputError, Progress, silent
 from cosim.trace import pyplot
 from cosim.vehicle.diagnosis import not_observed
 from cosim.vehicle.flight_design import (
@@ -130,7 +130,7 @@ def fly(  # noqa: PLR0915 - one step after the other
         mission = _mission(model, design, chosen)
         _save(design, where / DESIGN)
     with steps("plant, sensors and controller as FMUs"):
-        names = _write_fmus(model, sensors, mission, design, where)
+        names = _write_fmus(model, mission, design, where)
         steps.add(", ".join(names))
     with steps(f"scenario: {where / SCENARIO}"):
         _write_scenario(model, sensors, mission, chosen, where / SCENARIO, steps)
@@ -157,7 +157,7 @@ def fly(  # noqa: PLR0915 - one step after the other
             steps.add(f"the same gains are certified for a wider one, gamma {design.gamma:.4g}:")
             steps.add(f"{bounds}; flown again")
             _save(design, where / DESIGN)
-            _write_fmus(model, sensors, mission, design, where)
+            _write_fmus(model, mission, design, where)
     picture, why = None, None
     with steps("picture"):
         try:
@@ -187,7 +187,7 @@ def _wider(
 
 def _noted(design: hinf.OutputFeedback, model: LinearModel) -> hinf.OutputFeedback:
     """Return a design that says how the plant's FMU is seen as its plant."""
-    note = {scenario.PLANT_NOTE: plant_note(model).to_json()}
+    note = {PLANT_NOTE: plant_note(model).to_json()}
     return replace(design, certificate={**design.certificate, **note})
 
 
@@ -268,6 +268,8 @@ def plant_note(model: LinearModel) -> scenario.DesignedPlant:
             for name, bound in model.disturbance.items()
         ),
         source=vehicle.text,
+        model=fmus.component_module("vehicle_plant.variables").plant_record(vehicle),
+        thrust_map=tuple(map(tuple, actuation.thrust_map.tolist())),
     )
 
 
@@ -294,44 +296,16 @@ def _save(design: hinf.OutputFeedback, path: Path) -> None:
 
 
 def _write_fmus(
-    model: LinearModel,
-    sensors: Sequence[PlannedSensor],
-    mission: Mission,
-    design: hinf.OutputFeedback,
-    folder: Path,
+    model: LinearModel, mission: Mission, design: hinf.OutputFeedback, folder: Path
 ) -> list[str]:
     """Write the FMUs of a flight; return their names."""
     kind = fmus.target_named(fmus.DEFAULT_FLAVOUR, "prebuilt")
-    plant = fmus.component_module("vehicle_plant.variables")
-    observer = fmus.component_module("observer.variables")
-    sensor_fmu = fmus.component_module("sensor.variables")
-    vehicle, actuation = model.vehicle, model.actuation
-    numbers = {name: i for i, name in enumerate(model.states, 1)}
-    outputs = {p.name: p.unit for p in vehicle.parameter_table if p.name.startswith("initial.")}
-    specs = {
-        "plant": plant.vehicle_plant_spec(vehicle, name="plant"),
-        "controller": observer.output_feedback_spec(
-            "controller",
-            hinf.certificate_bytes(design.certificate),
-            sample_time=0.0,
-            limits=actuation.limits.tolist(),
-            safe=actuation.at_trim.tolist(),
-            envelope={numbers[n]: b for n, b in model.envelope.items() if n in numbers},
-            outputs=[(a.command, a.unit) for a in vehicle.actuators],
-            thrust_map=actuation.thrust_map.tolist(),
-            trim=actuation.at_trim.tolist(),
-            trim_measured={
-                s.name: [model.trim.state[name] for name in s.measures] for s in sensors
-            },
-        ),
-    }
-    for sensor in sensors:
-        values = [(name, outputs.get(f"initial.{name}")) for name in sensor.measures]
-        specs[sensor.name] = sensor_fmu.sensor_spec(
-            sensor.name, values, noise=sensor.noise, sample_time=sensor.interval
-        )
+    data = design.to_json()
+    parts = fmus.design_parts(data)
+    specs = {part: fmus.design_part_spec(data, part, name=part) for part in parts}
     if mission.set_points:
         points = [(f"set-point of {model.states[i - 1]}", None) for i in mission.set_points]
+        sensor_fmu = fmus.component_module("sensor.variables")
         specs["ship"] = sensor_fmu.sensor_spec("ship", points)
     for name, spec in specs.items():
         fmus.write_fmu(spec, folder / f"{name}.fmu", kind)

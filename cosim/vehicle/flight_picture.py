@@ -52,7 +52,13 @@ def draw_flight(trace: Path, subject: PictureSubject, target: Path) -> Path:
     """
     plt = pyplot()
     rows = _Rows(trace)
-    style = {"font.size": 9, "axes.grid": True, "grid.alpha": 0.25, "axes.axisbelow": True}
+    style = {
+        "font.size": 9,
+        "axes.titlesize": 10,
+        "axes.grid": True,
+        "grid.alpha": 0.25,
+        "axes.axisbelow": True,
+    }
     with plt.rc_context(style):
         figure = plt.figure(figsize=(14, 8.4), layout="constrained")
         figure.suptitle(f"{subject.title}\n", fontsize=13, fontweight="bold")
@@ -141,7 +147,7 @@ def _ages(axis: Any, rows: _Rows, subject: PictureSubject) -> None:
         axis.plot(rows.controlled, rows.out[column], lw=0.8, color=colour, label=name)
         axis.axhline(most, color=colour, ls=":", lw=1.2)
     axis.set_yscale("log")
-    axis.set(ylabel="age [s]", title="Age of each measurement (dotted: certified up to)")
+    axis.set_title("Age in use [s] (dotted: certified up to)")
     axis.legend(loc="center right", frameon=False, ncols=2, fontsize=8)
     axis.tick_params(labelbottom=False)
 
@@ -153,7 +159,9 @@ def _actuators(axis: Any, rows: _Rows, subject: PictureSubject) -> None:
         axis.step(rows.controlled, share, where="post", lw=0.8, color=_COLOURS[k % 8], label=label)
     for side in (-1, 1):
         axis.axhline(side, color=_SET, lw=1.0, ls=":")
-    axis.set(ylim=(-1.15, 1.15), xlabel="time [s]", title="Commands, as shares of their limits")
+    lines = -(-len(subject.limits) // 4)  # of the legend, above the lines
+    axis.set(ylim=(-1.15, 1.2 + 0.25 * lines), xlabel="time [s]")
+    axis.set_title("Commands, as shares of their limits")
     axis.legend(loc="upper right", frameon=False, ncols=4, fontsize=7)
 
 

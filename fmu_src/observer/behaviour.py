@@ -60,7 +60,7 @@ class Observer(DelayPlant):
         self._bounded: list[int] = constants["envelope"]
         self._with_limits: bool = constants["with_limits"]
         self._mapped: bool = constants["mapped"]
-        self._trimmed: bool = constants["trimmed"]
+        self.trimmed: bool = constants["trimmed"]
 
     # ---- equations
 
@@ -105,7 +105,7 @@ class Observer(DelayPlant):
         found = []
         for one in self.measured:
             y = [v[name] for name in one.values]
-            if self._trimmed:
+            if self.trimmed:
                 y = [value - v[f"trim.{name}"] for value, name in zip(y, one.values, strict=True)]
             found += innovation(y, c[1][one.name], stored)
         return found
@@ -122,7 +122,7 @@ class Observer(DelayPlant):
             return [envelope]
         K, thrust_map, allocation = c[2:]
         reference = [v[f"reference[{i}]"] for i in range(1, len(x) + 1)]
-        trim = [v[f"trim.{name}"] for name in self.commands] if self._trimmed else []
+        trim = [v[f"trim.{name}"] for name in self.commands] if self.trimmed else []
         free = feedback_command(K, x, reference, thrust_map)
         if trim:
             free = [a + b for a, b in zip(free, trim, strict=True)]
@@ -136,9 +136,11 @@ class Observer(DelayPlant):
     # ---- a run
 
     def initialise(self, v: dict[str, float], start: float) -> None:
-        """Start with the initial estimate, without a measurement, and with commands of zero."""
-        for name in [*self.innovations, *(self.acting if self.commands else ()), *self.commands]:
-            v[name] = 0.0
+        """Start with the initial estimate, without a measurement, and with commands at the trim."""
+        started = [*self.commands, *self.acting] if self.commands else []
+        v.update(dict.fromkeys([*self.innovations, *started], 0.0))
+        if self.trimmed and self.commands:
+            v.update(zip(started, self._at_trim(v), strict=True))
         super().initialise(v, start)
         initial = [v[f"initial.{name}"] for name in self.states]
         memory = max(v[f"age.{one.name}"] for one in self.measured)
@@ -159,6 +161,13 @@ class Observer(DelayPlant):
         watch(v, self.uses)
         if self.commands:
             v["watchdog"] = 0
+
+    def _at_trim(self, v: dict[str, float]) -> list[float]:
+        """Return the commands at the trim, limited as any, and the control that they give."""
+        trim = {f"safe.{name}": v[f"trim.{name}"] for name in self.commands}
+        found = self.decided({**v, **trim}, [0.0] * len(self.states), self.constants(v), builtins)
+        both = len(self.commands) + len(self.acting)
+        return found[both : 2 * both]
 
     def advance(self, v: dict[str, float], end: float) -> None:
         """Use what has arrived, integrate, and command what follows from the estimate at `end`.

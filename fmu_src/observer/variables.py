@@ -113,13 +113,25 @@ def output_feedback_spec(
     maps = maps_between(thrust_map, allocation, len(own.B[0]), len(named))
     for word, values in (("limits", limits), ("safe", safe), ("trim", trim)):
         own.fits(word, values, len(named), "one per output")
+    starts = dict(zip(names, trim, strict=False))
+    beyond = {x: lim for x, lim in zip(names, limits, strict=False) if abs(starts.get(x, 0)) > lim}
+    if beyond:
+        raise InputError(
+            "a trim is beyond the limit of its command",
+            expected=", ".join(f"{x}: at most {limit:g}" for x, limit in beyond.items()),
+            got=", ".join(f"{starts[x]:g}" for x in beyond),
+        )
     references = [
         Variable(f"reference[{i}]", "input", f"set point of state {i}", own.units[i - 1])
         for i in own.numbers
     ]
     results = [
         *(
-            Variable(one, "output", f"command {one}, held between samples", unit, discrete=True)
+            Variable(
+                *(one, "output", f"command {one}, held between samples", unit),
+                starts.get(one, 0.0),
+                discrete=True,
+            )
             for one, unit in named
         ),
         *(

@@ -37,7 +37,7 @@ def vehicle_plant_spec(vehicle: Any, *, name: str) -> ComponentSpec:
 
     Parameters
     ----------
-    vehicle : a `cosim.vehicle.Vehicle`.
+    vehicle : a `cosim.vehicle.Vehicle`, or its `PlantRecord`.
     name : of the model.
     """
     equations = VehicleEquations(vehicle.terms)
@@ -63,6 +63,63 @@ def vehicle_plant_spec(vehicle: Any, *, name: str) -> ComponentSpec:
         constants={"terms": {**vehicle.terms}},
         notes=_notes(vehicle),
     )
+
+
+class _Actuator(NamedTuple):
+    """What the FMU needs of a thruster or a fin."""
+
+    name: str
+    command: str
+    unit: str
+    limit: float
+
+
+class _Parameter(NamedTuple):
+    """A row of the parameter table."""
+
+    name: str
+    value: float
+    unit: str | None
+    text: str
+    least: float | None
+
+
+class PlantRecord(NamedTuple):
+    """What a plant FMU is made from, as JSON values: a design keeps it beside its proof."""
+
+    name: str
+    description: str
+    source: str
+    degrees_of_freedom: int
+    terms: dict[str, Any]
+    trim: dict[str, float]
+    actuators: list[_Actuator]
+    parameter_table: list[_Parameter]
+
+
+def plant_record(vehicle: Any) -> dict[str, Any]:
+    """Return what the plant FMU of a `cosim.vehicle.Vehicle` is made from, as JSON values."""
+    rows = {
+        "actuators": [[a.name, a.command, a.unit, a.limit] for a in vehicle.actuators],
+        "parameter_table": [list(row) for row in vehicle.parameter_table],
+    }
+    tables = {"terms": dict(vehicle.terms), "trim": dict(vehicle.trim)}
+    words = {key: getattr(vehicle, key) for key in PlantRecord._fields[:4]}
+    return {**words, **tables, **rows}
+
+
+def record_from_json(data: Any) -> PlantRecord:
+    """Read what `plant_record` returns; KeyError or TypeError for anything else."""
+    rows = {
+        "actuators": [_Actuator(*row) for row in data["actuators"]],
+        "parameter_table": [_Parameter(*row) for row in data["parameter_table"]],
+    }
+    return PlantRecord(**{**data, **rows})
+
+
+def unit_of_state(name: str) -> str | None:
+    """Return the unit of a state of a vehicle by its FMI name; None where it has none."""
+    return _STATE_TEXT.get(name, (None, ""))[0]
 
 
 def initial_state(vehicle: Any, equations: VehicleEquations) -> dict[str, float]:

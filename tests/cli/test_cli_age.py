@@ -69,6 +69,7 @@ def test_what_it_refuses(folder: Path, words: tuple[str, ...], message: str) -> 
     assert [path.name for path in folder.iterdir()] == ["loop.toml"]
 
 
+@pytest.mark.slow
 def test_an_age_that_no_gain_bears_ends_with_exit_code_5(folder: Path) -> None:
     """And what to do."""
     result = cosim("age", "loop.toml", "--ages", "30", "--gamma", "0.5", cwd=folder)

@@ -59,6 +59,7 @@ def test_all_constraints_together_are_proved_and_checked_from_the_file(tmp_path:
         assert word in people
 
 
+@pytest.mark.slow
 def test_damping_is_proved_by_both_verbs_and_checked_from_the_file(tmp_path: Path) -> None:
     """In the file, the command line last; for people with the roots it is for; not proved: why."""
     text = SYSTEM.replace("decay = 0.3", "damping = 0.5\nwithin = 9.0")

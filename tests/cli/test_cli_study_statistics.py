@@ -46,6 +46,7 @@ def test_what_was_reached_is_printed_with_the_number_of_runs(tmp_path: Path) -> 
     assert f"stopped after {done['runs']} of at most 100 runs" in seen
 
 
+@pytest.mark.slow
 def test_the_probability_is_printed_with_its_levels(tmp_path: Path) -> None:
     """Interval, coefficient of variation, and the column that tells levels apart."""
     written(tmp_path, 'rare = { metric = "x", above = 2.0 }')

@@ -64,6 +64,7 @@ def test_design_of_the_paper(tmp_path: Path) -> None:
     assert check_certificate(saved).valid
 
 
+@pytest.mark.slow
 def test_design_with_bessel_legendre_order(tmp_path: Path) -> None:
     """`--order`: below Theorem 2's gamma, no k1, k2 in the proof, and a file that is checked."""
     arguments = ("design", "paper", "--k1", "0.6", "--k2", "0.2", "--order", "1")
@@ -157,13 +158,17 @@ def test_without_a_command_the_help_is_printed(verb: list[str], tmp_path: Path) 
 
 
 def test_demo_is_two_runs_and_a_picture(tmp_path: Path) -> None:
-    """The demo flies the same runs as `run` does, and draws them."""
+    """The demo flies the same runs as `run` does, draws them, and one of the two is covered."""
     result = cosim("demo", "--json", "--out", "demo", "--fmus", fmu_store(), cwd=tmp_path)
     assert result.code == 0, result.err
     runs = result.json["runs"]
-    hashes = [run["content_hash"] for run in runs.values()]
-    assert hashes == [
-        shared_run(name).json["content_hash"] for name in ("auv-acoustic", "auv-acoustic-naive")
+    alone = cosim("run", "auv-survey", "--json", "--fmus", fmu_store(), cwd=tmp_path)
+    assert runs["delay-aware"]["content_hash"] == alone.json["content_hash"]
+    met = {label: run["metrics"]["assumptions"] for label, run in runs.items()}
+    assert all(met["delay-aware"].values())
+    assert [name for name, kept in met["naive"].items() if not kept] == [
+        "age_of_usbl_within_design",
+        "state_inside_envelope",
     ]
     picture = tmp_path / result.json["picture"]
     assert picture.read_bytes().startswith(b"\x89PNG")

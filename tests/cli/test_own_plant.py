@@ -148,6 +148,7 @@ def test_the_plant_is_the_solution_of_its_equation(folder: Path, flavour: str) -
     np.testing.assert_allclose(result["z[2]"][[1, -1]], [0.25, -0.35], rtol=1e-15)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("flavour", sampled(FLAVOURS, 1))
 def test_plant_and_controller_run_from_their_paths(folder: Path, flavour: str) -> None:
     """A scenario names both files: the flight is u = K x, sampled, late, through the equation."""
@@ -342,6 +343,7 @@ def large(n: int, delays: int) -> str:
     return "\n".join(lines)
 
 
+@pytest.mark.slow
 def test_twelve_states_with_three_delays_build_and_run(tmp_path: Path) -> None:
     """Some 1500 parameters; the generated C grows with the entries and no faster."""
     sizes = []

@@ -38,6 +38,7 @@ def test_the_flight_is_taken_back_and_goes_on(
     assert (tmp_path / "fault.pdf").exists()
 
 
+@pytest.mark.slow
 def test_the_analysis_finds_why_a_run_failed(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -26,11 +26,15 @@ FLAVOURS = ("native", "python")
 
 
 def _parameters() -> list[Any]:
-    """Return every page with blocks; of the slow ones a third, with a SHARE."""
+    """Return every page with blocks; of the slow ones a third, with a SHARE, and the README."""
     found = []
     kept, slow = share_of(range(3)), 0
     for page in pages():
         if page.name in TESTED_BY_ITSELF or not any(b.is_run for b in blocks_of(page)):
+            continue
+        if page == ROOT / "README.md":
+            always = pytest.mark.slow(always=True)
+            found.append(pytest.param(page, id=page.name, marks=always))
             continue
         is_slow = SLOW in page.read_text("utf-8")
         slow += is_slow

@@ -109,6 +109,7 @@ def test_numbers_of_the_description_replaced(
     answered(pack({XML: '"'.join(parts).encode()}, folder / "fuzzed.fmu"))
 
 
+@pytest.mark.slow
 @settings(max_examples=60)
 @given(
     name=st.sampled_from(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 import tempfile
+from contextlib import chdir
 from typing import TYPE_CHECKING, Any, Self
 
 import fmpy
@@ -27,12 +28,13 @@ class RawFmu:
         self._folder = tempfile.mkdtemp() if beside is None else beside._folder
         if beside is None:
             fmpy.extract(str(path), unzipdir=self._folder)
-        self.fmu = fmi2.FMU2Slave(
-            guid=self.model.guid,
-            unzipDirectory=self._folder,
-            modelIdentifier=self.model.coSimulation.modelIdentifier,
-            instanceName=instance,
-        )
+        with chdir("."):  # FMPy stays in the folder of a library that does not load
+            self.fmu = fmi2.FMU2Slave(
+                guid=self.model.guid,
+                unzipDirectory=self._folder,
+                modelIdentifier=self.model.coSimulation.modelIdentifier,
+                instanceName=instance,
+            )
         callbacks = fmi2.fmi2CallbackFunctions()
         callbacks.logger = fmi2.fmi2CallbackLoggerTYPE(self._log)
         callbacks.allocateMemory = fmi2.fmi2CallbackAllocateMemoryTYPE(fmpy.calloc)

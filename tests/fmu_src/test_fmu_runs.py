@@ -15,7 +15,7 @@ import pytest
 from driven import DRIVE, drive, started
 from fmpy import simulate_fmu
 from raw_fmu import RawFmu, matrices
-from shared import sampled
+from shared import slow_share_of
 from truth.dde import Hold, solve
 
 from cosim.fmu.export.catalogue import CATALOGUE
@@ -310,7 +310,7 @@ def in_a_process(script: str, *arguments: str) -> subprocess.CompletedProcess[st
     )
 
 
-@pytest.mark.parametrize("name", sampled(["AuvPlant", "WaveField"], 1))
+@pytest.mark.parametrize("name", slow_share_of(["AuvPlant", "WaveField"]))
 def test_two_hundred_lives_in_one_process(fmus: Path, name: str) -> None:
     """200 instances, one after the other: the same values, no crash, memory that stays."""
     done = in_a_process(CYCLES, str(fmus), name, "200")

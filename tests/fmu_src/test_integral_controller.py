@@ -112,6 +112,7 @@ def test_saturation_does_not_wind_the_integral_up(folder: Path) -> None:
     assert -kept["x"].min() < 0.6 * -free["x"].min()
 
 
+@pytest.mark.slow
 def test_both_flavours_have_the_same_bits(folder: Path) -> None:
     """Native and Python integrate alike, inside the limits and at them, at any sample time."""
     for sample_time in (0.0, 0.05):

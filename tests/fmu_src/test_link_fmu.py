@@ -18,8 +18,11 @@ from cosim.network import (
     QUEUE_FULL,
     DelayProfile,
     GilbertElliott,
+    Hop,
     Jitter,
     LossChain,
+    Medium,
+    Node,
     PacketLink,
     Recording,
     TransportLink,
@@ -353,11 +356,13 @@ def test_far_too_many_messages_discard_the_step(channel: Path) -> None:
 
 def test_link_that_no_fmu_can_be_is_refused_by_name() -> None:
     profile = DelayProfile((0, 10), (1, 2))
+    bay = Medium("bay", (Node("a", (0.0,)), Node("b", (1.0,))), 1000)
     for link in (
         PacketLink("up", MS, delay=profile),
         TransportLink("up", delay=profile),
         PacketLink("up", MS, delay_ns=MS, seed=2**40),
         PacketLink("up", MS, recording=Recording([0], [0], [MS])),
+        PacketLink("up", MS, frame_size=1, hop=Hop(bay, "a", "b")),
     ):
         with pytest.raises(InputError, match="'up'"):
             link_spec("Up", link, [LinkSignal()], MS)

@@ -72,6 +72,7 @@ def test_c_and_python_agree_to_the_last_bit(native: Path, sizes: Any, packets: A
     with RawFmu(native) as raw, RawFmu(native, "other", raw) as other:
         raw.initialise()
         other.initialise()
+        assert pairs.row_of(raw, SPEC) == own.row()
         for k, values in enumerate(inputs):
             if k == half:
                 data = raw.saved()
@@ -202,6 +203,24 @@ def test_what_the_limits_take_off_does_not_act() -> None:
     thrust = np.linalg.pinv([[1.0, 0.7]])[:, 0] * v["applied[1]"] + [0.01, 0.02]
     np.testing.assert_allclose([v["thruster.a"], v["thruster.b"]], thrust, rtol=1e-12)
     assert v["present.saturation"] < 1 < v["assumption.saturation"]
+
+
+def test_commands_start_at_the_trim_within_the_limits(native: Path) -> None:
+    """What holds the trim acts from the start; limits are of the whole command."""
+    own = pairs.Equations(SPEC)
+    assert (own.v["thruster.a"], own.v["thruster.b"], own.v["applied[1]"]) == (0.01, 0.02, 0.0)
+    starts = {v.name: v.start for v in SPEC.variables}
+    assert (starts["thruster.a"], starts["thruster.b"]) == (0.01, 0.02)
+    less = {"limit.thruster.b": 0.015}
+    own = pairs.Equations(SPEC, less)
+    assert (own.v["thruster.a"], own.v["thruster.b"]) == (0.01, 0.015)
+    assert own.v["applied[1]"] == pytest.approx(0.7 * (0.015 - 0.02))
+    with RawFmu(native) as raw:
+        raw.put(less)
+        raw.initialise()
+        assert pairs.row_of(raw, SPEC) == own.row()
+    with pytest.raises(InputError, match=r"thruster.b: at most 0.015"):
+        pairs.spec_of(limits=(0.2, 0.015), trim=(0.01, 0.02))
 
 
 def test_play_out_and_sampling_are_watched() -> None:

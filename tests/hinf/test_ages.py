@@ -244,6 +244,7 @@ def test_a_narrower_age_proves_a_smaller_gamma() -> None:
     assert gamma(sampled=True) < gammas[0]
 
 
+@pytest.mark.slow
 def test_a_sampled_gamma_is_above_what_patterns_attain() -> None:
     """Sinusoids near the peak over regular and irregular samples, from rest."""
     A, G = np.array([[0.0, 1.0], [-1.0, -0.4]]), np.array([[0.0, 0.0], [-0.3, -0.5]])

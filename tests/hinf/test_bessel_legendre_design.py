@@ -38,6 +38,7 @@ LINK = DelaySystem(
 """A mass that is steered over one second."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("order", sampled([2, 0, 1], 1))
 @pytest.mark.parametrize(("late", "any_age"), [(False, False), (True, False), (True, True)])
 def test_multipliers_of_a_gain_do_not_raise_its_gamma(
@@ -90,6 +91,7 @@ def test_scalar_multipliers_are_sound_and_lose_something() -> None:
     assert found is None or found[0] > 3.2
 
 
+@pytest.mark.slow
 def test_gamma_approaches_the_exact_norm_with_the_order() -> None:
     """Over a link Theorem 2 ends at 6.69 with k1, k2 searched; order 1 at less than half."""
     plain = design(LINK, [-0.5], [1.0], search=True, order=None)
@@ -122,6 +124,7 @@ def test_order_1_lowers_the_gamma_of_the_vehicle() -> None:
     assert all(delay["age"].startswith("any") for delay in proof.claim["delays"])
 
 
+@pytest.mark.slow
 def test_a_greatest_delay_beyond_theorem_2() -> None:
     """gamma = 6 of the paper at its printed k1, k2: 1.04 by Theorem 2, no end by order 1."""
     system = paper_example.system()
@@ -135,6 +138,7 @@ def test_a_greatest_delay_beyond_theorem_2() -> None:
     assert proof.claim["delays"][0]["d"] == 20.0
 
 
+@pytest.mark.slow
 def test_a_greatest_delay_is_not_beyond_the_truth() -> None:
     """An unstable state, x' = x - 0.9 x(t-d) + u: more with each order, none past the loss."""
     system = DelaySystem(

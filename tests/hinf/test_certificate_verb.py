@@ -5,34 +5,23 @@ from __future__ import annotations
 import copy
 import json
 import math
-from collections.abc import Callable
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
 import pytest
+from cli.shell import cosim
 from solver_points import solved
 
-from cosim.cli.application import main
 from cosim.hinf import certificate_hash
 from cosim.hinf.certificate.certificate import certificate_to_json
 from cosim.models import paper_example
 
-Run = Callable[..., tuple[int, str, str]]
 
-
-@pytest.fixture
-def cosim(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Run:
-    """The command line: exit code, standard output, standard error."""
-
-    def run(*arguments: str) -> tuple[int, str, str]:
-        monkeypatch.setattr("sys.argv", ["cosim", *arguments])
-        with pytest.raises(SystemExit) as left:
-            main()
-        out, err = capsys.readouterr()
-        return int(left.value.code or 0), out, err
-
-    return run
+def check(*arguments: str) -> tuple[int, str, str]:
+    """Run `cosim certificate check`: exit code, standard output, standard error."""
+    result = cosim("certificate", "check", *arguments, cwd=Path.cwd())
+    return result.code, result.out, result.err
 
 
 @pytest.fixture(scope="module")
@@ -49,12 +38,10 @@ def _file(folder: Path, data: Any) -> str:
     return str(path)
 
 
-def test_a_certificate_is_proved_from_its_file(
-    cosim: Run, certificate: Any, tmp_path: Path
-) -> None:
+def test_a_certificate_is_proved_from_its_file(certificate: Any, tmp_path: Path) -> None:
     """Exit 0, in JSON with the claim of the file, for people with the bound."""
     path = _file(tmp_path, certificate)
-    code, out, err = cosim("certificate", "check", path, "--json")
+    code, out, err = check(path, "--json")
     assert (code, err) == (0, "")
     output = json.loads(out)
     assert output == {
@@ -72,7 +59,7 @@ def test_a_certificate_is_proved_from_its_file(
     assert output["system"]["name"] == "paper"
     assert output["system"]["matrices"].startswith("A, B, C, D, D1, D2, E, H, A1, H1")
     assert Fraction(output["claim"]["gamma"]) == Fraction(5.05)
-    code, out, _ = cosim("certificate", "check", path)
+    code, out, _ = check(path)
     assert code == 0
     assert "proved" in out
     assert "5.05" in out
@@ -80,12 +67,10 @@ def test_a_certificate_is_proved_from_its_file(
     assert "[dA_0 ... dA_N] = E F(t) [H_0 ... H_N]" in " ".join(out.split())
 
 
-def test_a_certificate_is_compared_with_a_system(
-    cosim: Run, certificate: Any, tmp_path: Path
-) -> None:
+def test_a_certificate_is_compared_with_a_system(certificate: Any, tmp_path: Path) -> None:
     """The same system: exit 0. One last bit of one entry, or a delay: exit 1, and where."""
     path = _file(tmp_path, certificate)
-    code, out, _ = cosim("certificate", "check", path, "--system", "paper", "--json")
+    code, out, _ = check(path, "--system", "paper", "--json")
     assert (code, json.loads(out)["differences"]) == (0, [])
     other = tmp_path / "other.toml"
     a = certificate["system"]
@@ -100,7 +85,7 @@ def test_a_certificate_is_compared_with_a_system(
             table[name][1][0] = math.nextafter(table[name][1][0], 9.0)
         lines = (f"{key} = {json.dumps(entry)}" for key, entry in table.items())
         other.write_text("\n".join(["[system]", *lines]), encoding="utf-8")
-        code, out, _ = cosim("certificate", "check", path, "--system", str(other), "--json")
+        code, out, _ = check(path, "--system", str(other), "--json")
         found = json.loads(out)
         assert (code, found["valid"]) == (1, False)
         assert len(found["differences"]) == 1
@@ -126,9 +111,7 @@ def _worse(value: Any) -> Any:
         return f"{value}, more or less"
 
 
-def test_every_entry_that_is_tampered_with_is_noticed(
-    cosim: Run, certificate: Any, tmp_path: Path
-) -> None:
+def test_every_entry_that_is_tampered_with_is_noticed(certificate: Any, tmp_path: Path) -> None:
     """Any number, flag or word of the claim changed for the worse: exit 1, or 2 if malformed."""
     for place in _places(certificate):
         if place == ("system", "name"):
@@ -138,7 +121,7 @@ def test_every_entry_that_is_tampered_with_is_noticed(
         for key in place[:-1]:
             target = target[key]
         target[place[-1]] = _worse(target[place[-1]])
-        code, out, _ = cosim("certificate", "check", _file(tmp_path, data), "--json")
+        code, out, _ = check(_file(tmp_path, data), "--json")
         assert code in {1, 2}, place
         output = json.loads(out)
         assert output["error"]["exit_code"] == 2 if code == 2 else output["valid"] is False
@@ -146,23 +129,23 @@ def test_every_entry_that_is_tampered_with_is_noticed(
             assert output["reason"]
 
 
-def test_a_smaller_gamma_is_not_proved(cosim: Run, certificate: Any, tmp_path: Path) -> None:
+def test_a_smaller_gamma_is_not_proved(certificate: Any, tmp_path: Path) -> None:
     """gamma = 5 = ||D1|| cannot be had: claimed consistently, it is refused with exit 1."""
     data = copy.deepcopy(certificate)
     data["variables"]["gamma"] = data["claim"]["gamma"] = "5"
-    code, out, _ = cosim("certificate", "check", _file(tmp_path, data))
+    code, out, _ = check(_file(tmp_path, data))
     assert code == 1
     assert "not proved" in out
     assert "positive definite" in " ".join(out.split())
 
 
 @pytest.mark.parametrize("text", ["", "{", "[]", '{"claim": {}}', "[" * 100_000])
-def test_malformed_certificate_is_refused(cosim: Run, text: str, tmp_path: Path) -> None:
+def test_malformed_certificate_is_refused(text: str, tmp_path: Path) -> None:
     """Exit 2 with a message, in JSON as well, for files that hold something else."""
     path = tmp_path / "other.json"
     path.write_text(text, encoding="utf-8")
-    code, out, err = cosim("certificate", "check", str(path), "--json")
+    code, out, err = check(str(path), "--json")
     assert code == 2
     assert json.loads(out)["error"]["exit_code"] == 2
     assert err
-    assert cosim("certificate", "check", str(tmp_path / "absent.json"))[0] == 2
+    assert check(str(tmp_path / "absent.json"))[0] == 2

@@ -193,6 +193,7 @@ def test_a_gain_that_is_damped_already_is_kept(plain: Design) -> None:
     assert found.certificate["claim"].keys() - plain.certificate["claim"].keys() == {"guarantees"}
 
 
+@pytest.mark.slow
 def test_damping_stands_beside_the_other_constraints() -> None:
     """Decay and |K| with it: all three proved of one gain."""
     found = design(NETWORKED, damping=0.6, within=3.0, decay=0.2, gain_limit=12.0)
@@ -201,6 +202,7 @@ def test_damping_stands_beside_the_other_constraints() -> None:
     assert _true_ratio(NETWORKED, found.K, 3.0) > 0.6
 
 
+@pytest.mark.slow
 def test_feedback_of_single_states_takes_damping() -> None:
     """Only a position is fed back, late: without damping 0.35, with it the same proof."""
     late = np.zeros((2, 2))

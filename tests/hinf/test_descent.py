@@ -74,6 +74,7 @@ def test_with_uncertainty_the_scaled_gain_bounds_that_of_every_constant_F() -> N
     assert np.max(gains) <= found.gamma < 1.2 * np.max(gains)
 
 
+@pytest.mark.slow
 def test_blocks_of_uncertainty_have_a_scaling_each() -> None:
     """No gain stands every full F, and one that stands both parameters needs unequal scalings.
 

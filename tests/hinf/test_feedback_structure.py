@@ -68,6 +68,7 @@ def norm_at(K: Any, ages: tuple[float, float]) -> float:
     return float(np.sqrt(np.abs(0.1 * y) ** 2 + np.abs(feedback * y) ** 2).max())
 
 
+@pytest.mark.slow
 def test_two_ages_in_one_state_are_designed_for_and_proved_at_all_their_ages() -> None:
     """Gamma is nearly the exact norm; for ages that vary it covers every pair of them."""
     found = design(axis(), order=1)
@@ -223,6 +224,7 @@ def test_files_say_what_is_measured_and_integrated() -> None:
     assert both.delays[1].any_age
 
 
+@pytest.mark.slow
 def test_a_limit_on_the_gain_goes_with_single_states() -> None:
     """Four fifths of the norm of the best one: met and certified; a given gain above is refused."""
     free = design(axis())

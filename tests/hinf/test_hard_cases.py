@@ -111,6 +111,7 @@ def test_the_vehicle_in_millimetres_kilometres_and_degrees() -> None:
     np.testing.assert_allclose(found.K / np.array(units), usual.K, rtol=2e-2, atol=1e-3)
 
 
+@pytest.mark.slow
 def test_rates_twelve_decades_apart() -> None:
     """1e6 1/s beside 1e-6 1/s: the certificate stands, whatever figures can be computed."""
     system = DelaySystem(
@@ -148,6 +149,7 @@ def test_a_delay_of_hours(d: float) -> None:
     assert check_certificate(found.certificate).valid
 
 
+@pytest.mark.slow
 def test_the_greatest_delay_up_to_hours() -> None:
     """--delay-limit 1e4, k1 and k2 searched."""
     found = greatest_delay(paper_example.system(), 6.0, (0.6,), (0.2,), search=True, limit=1e4)
@@ -198,6 +200,7 @@ def test_a_root_that_no_input_moves_is_named(system: DelaySystem, root: complex)
             greatest_delay(system, 100.0, (-1.0,), (1.0,))
 
 
+@pytest.mark.slow
 def test_stabilisable_system_is_not_reported() -> None:
     """An unstable root that the input reaches, and the vehicle."""
     assert unstabilisable_root(DelaySystem([[1.0]], [[1.0]])) is None
@@ -313,7 +316,7 @@ def test_k2_of_zero_is_refused(k2: float) -> None:
             ask(paper_example.system(), *arguments)  # type: ignore[operator]
 
 
-@pytest.mark.parametrize("case", sampled(range(12), 2))
+@pytest.mark.parametrize("case", sampled(range(12), 1))
 def test_random_systems_end_with_a_proof_or_an_error(case: int) -> None:
     """Random systems of odd sizes and scales: a valid certificate, or one of the errors."""
     rng = np.random.default_rng(500 + case)

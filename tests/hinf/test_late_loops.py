@@ -42,6 +42,7 @@ def test_a_loop_that_needs_its_gain_has_a_least_one() -> None:
     assert "gain down to 0.3333" in str(found)
 
 
+@pytest.mark.slow
 def test_of_many_crossings_the_nearest_counts() -> None:
     """A lightly damped mode crosses |L| = 1 twice more, and its delay margin is far less."""
     mode = control.tf([1, 0], [1, 0.02, 100.0])

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from cli.shell import cosim
 
-from cosim.cli.application import main
 from cosim.core import InputError
 from cosim.hinf import DelaySystem, fed_back
 from cosim.hinf.problem.system_toml import system_from_toml
@@ -40,22 +38,6 @@ sampled = true
 least_age = 0.05
 over = "onboard"
 """
-
-
-@pytest.fixture
-def cosim(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> Callable[..., tuple[int, str, str]]:
-    """The command line: exit code, standard output, standard error."""
-
-    def run(*arguments: str) -> tuple[int, str, str]:
-        monkeypatch.setattr("sys.argv", ["cosim", *arguments])
-        with pytest.raises(SystemExit) as left:
-            main()
-        out, err = capsys.readouterr()
-        return int(left.value.code or 0), out, err
-
-    return run
 
 
 def _read(text: str) -> Any:
@@ -163,9 +145,7 @@ def test_only_whole_states_without_noise_are_fed_back() -> None:
         fed_back(system, twice)
 
 
-def test_the_verbs_design_analyse_and_check_an_output_feedback(
-    cosim: Callable[..., tuple[int, str, str]], tmp_path: Path
-) -> None:
+def test_the_verbs_design_analyse_and_check_an_output_feedback(tmp_path: Path) -> None:
     """One file from its design to its proof; options of a state feedback are refused."""
     slow = tmp_path / "slow.toml"
     text = "[system]\nA = [[-0.1]]\nB = [[1.0]]\nC = [[1.0]]\nD = [[1.0], [0.0]]\n"
@@ -173,17 +153,17 @@ def test_the_verbs_design_analyse_and_check_an_output_feedback(
     slow.write_text(text + "[observer]\nK = [[-0.5]]\nL = {depth = [[0.5]]}\n", "utf-8")
     saved = tmp_path / "slow.json"
     for verb in ("design", "analyse"):
-        found = json.loads(cosim(verb, str(slow), "--json", "--save", str(saved))[1])
+        found = cosim(verb, slow, "--json", "--save", saved, cwd=tmp_path).json
         assert found["certified"]
         assert found["exact_norm"] <= found["gamma"] < 1.1 * found["exact_norm"]
         assert found["L"] == {"depth": [[0.5]]}
-    check = ("certificate", "check", str(saved), "--system", str(slow), "--json")
-    assert json.loads(cosim(*check)[1])["valid"]
+    check = ("certificate", "check", saved, "--system", slow, "--json")
+    assert cosim(*check, cwd=tmp_path).json["valid"]
     slow.write_text(text.replace("0.125", "0.25"), "utf-8")
-    code, out, _ = cosim(*check)
-    assert code == 1
-    assert "depth, noise: [0.125] and [0.25]" in json.loads(out)["differences"]
-    code, _, error = cosim("design", str(slow), "--decay", "0.1")
-    assert code == 2
-    assert "--decay" in error
-    assert "K and L in [observer]" in cosim("analyse", str(slow))[2]
+    checked = cosim(*check, cwd=tmp_path)
+    assert checked.code == 1
+    assert "depth, noise: [0.125] and [0.25]" in checked.json["differences"]
+    refused = cosim("design", slow, "--decay", "0.1", cwd=tmp_path)
+    assert refused.code == 2
+    assert "--decay" in refused.err
+    assert "K and L in [observer]" in cosim("analyse", slow, cwd=tmp_path).err

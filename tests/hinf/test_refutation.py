@@ -142,6 +142,7 @@ def test_a_published_benchmark_without_w_and_z() -> None:
     assert proof.claim["gamma"] is None
 
 
+@pytest.mark.slow
 def test_the_vehicle_is_refuted_just_above_its_greatest_delay() -> None:
     """58 rows, 141 equalities: exact all the same."""
     found = greatest_delay(auv_system(), 5.0, DEFAULT_K1, DEFAULT_K2, delay_index=1)

@@ -57,8 +57,8 @@ def status(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> s
 
 
 ROUTES: dict[str, Callable[[], Any]] = {
-    "every route": lambda: design(paper_example.system(), *AT),
     "least gamma": lambda: design(paper_example.system(), *AT, order=None, search=False),
+    "every route": lambda: design(paper_example.system(), *AT),
     "a gamma": lambda: design(paper_example.system(), *AT, gamma=6.0),
     "a gain": lambda: design(paper_example.system(), *AT, gain=PRINTED),
     "searched": lambda: design(paper_example.system()),

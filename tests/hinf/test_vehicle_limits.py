@@ -49,6 +49,7 @@ def _simulate(K: np.ndarray, start: np.ndarray, age: float, end: float = 40.0) -
     return np.hstack([x, u])
 
 
+@pytest.mark.slow
 def test_no_simulated_run_from_the_box_exceeds_the_proved_peak(found: Design) -> None:
     """All corners, three ages: |u| below its bounds, the bounds within 4 times what is flown.
 

@@ -32,6 +32,7 @@ def test_every_third_row_of_the_table(tmp_path: Path, row: Row) -> None:
     assert departures(run_row(row, tmp_path, isolate=True)) == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("call", ["step", pytest.param("instantiate", marks=pytest.mark.slow)])
 def test_ctrl_c_ends_a_hang(tmp_path: Path, call: str) -> None:
     """Within the second of grace, with a finished trace."""

@@ -242,6 +242,7 @@ def test_what_a_call_does_to_arithmetic_ends_with_it(tmp_path: Path, fault: str)
     assert runs[0][-1] > 0.0
 
 
+@pytest.mark.slow
 def test_nobody_spins(tmp_path: Path) -> None:
     """Neither process uses a processor while the other one computes or nothing is asked for."""
     others = children()

@@ -157,6 +157,16 @@ def test_distance_from_the_origin_decides_the_delay(fmu: Path) -> None:
     assert schedule.arrival_ns - schedule.sent_ns == pytest.approx(1e9 * expected, abs=0.51)
 
 
+def test_distance_of_two_that_move_decides_the_delay(fmu: Path) -> None:
+    """A coordinate of the origin may be a signal, between others that are numbers."""
+    source = DelaySource((end("a.x"), end("a.x"), end("b.x")), (0.3, end("b.x"), -0.4))
+    schedule = (run := simulate(ranged(fmu, delays={"there": source}))).schedules["there"]
+    at = np.searchsorted(run.points_ns, schedule.sent_ns)
+    a, b = run.signal("a", "x")[at], run.signal("b", "x")[at]
+    expected = OFFSET + SCALE * np.sqrt((a - 0.3) ** 2 + (a - b) ** 2 + (b + 0.4) ** 2)
+    assert schedule.arrival_ns - schedule.sent_ns == pytest.approx(1e9 * expected, abs=0.51)
+
+
 @pytest.mark.parametrize("events", ["align", "grid"])
 def test_restore_and_continue_with_a_live_link(
     fmu: Path, engine: EngineName, events: str, tmp_path: Path

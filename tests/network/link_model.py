@@ -20,6 +20,7 @@ from cosim.network import DelaySignal, GilbertElliott, PacketLink, draws
 Label = tuple[int, int]
 """A message and which of its two: 0 itself, 1 its copy."""
 
+ON_MEDIUM = ("collided", "receiver sending", "out of range")
 _CODES = {"none": -1, "substitute": -2}
 _SENDER_DONE, _SEND, _ARRIVE, _PLAY, _OUT = 0, 1, 2, 3, 4
 
@@ -62,6 +63,7 @@ class Outcome:
     entries: dict[Label, Entry]
     notes: list[Note] = field(default_factory=lambda: [Note()])
     received: list[tuple[Label, str]] = field(default_factory=list)
+    of_medium: tuple[str, ...] = ()  # fates of a link over a medium alone
 
     @cached_property
     def labels(self) -> list[Label]:
@@ -100,6 +102,7 @@ class Outcome:
             "overtaken": fates.count("overtaken"),
             "late": fates.count("late"),
             "queue_full": fates.count("queue full"),
+            **{name.replace(" ", "_"): fates.count(name) for name in self.of_medium},
             "discarded_copies": fates.count("duplicate"),
             "in_flight": fates.count("in flight"),
             "substitutions": sum(effect == "noticed" for effect in self.changes().values()),
@@ -126,7 +129,7 @@ def raw_draws(link: PacketLink, end: int, points: Sequence[int] | None = None) -
         lost = chain_losses(link, len(nominal))
     else:
         lost = [bool(link.recording.lost[row]) for row in recorded_rows(link, len(nominal))]
-    up = _Model(link, end, points if isinstance(link.delay, DelaySignal) else None).up
+    up = LinkModel(link, end, points if isinstance(link.delay, DelaySignal) else None).up
     for window in link.windows:
         others = draws.lost(window.loss, *source).tolist()
         inside = [window.from_ns <= up(t) < window.until_ns for t in nominal]
@@ -202,12 +205,12 @@ def run(
     `raw` holds the draws of this run or of a longer one; `delay_of(message, sent)` is the
     delay without jitter; all instants are rounded up to `points`, if there are any.
     """
-    model = _Model(link, end, points)
+    model = LinkModel(link, end, points)
     nominal = range(link.offset_ns, end + 1, link.sample_time_ns)
     return model.run([model.up(t) for t in nominal], raw, delay_of)
 
 
-class _Model:
+class LinkModel:
     def __init__(self, link: PacketLink, end: int, points: Sequence[int] | None) -> None:
         self.link, self.points = link, points
         self.frame = (
@@ -236,7 +239,7 @@ class _Model:
             t, what, k, *more = heapq.heappop(self.events)
             if what == _SEND:
                 delay = delay_of(k, t)
-                refused = self.is_full()
+                refused = self.is_full(k)
                 entries[k, 0] = Entry(t, delay + raw.jitter[k], raw.lost[k], refused)
                 self.line.append((k, 0))
                 if raw.copied[k] and not entries[k, 0].gone:
@@ -265,7 +268,8 @@ class _Model:
             together.append(heapq.heappop(self.events)[2:])
         return together
 
-    def is_full(self) -> bool:
+    def is_full(self, k: int) -> bool:
+        del k
         busy = self.busy_until is not None
         limit = self.link.queue_limit
         return busy and limit is not None and len(self.waiting) >= limit

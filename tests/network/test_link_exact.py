@@ -300,6 +300,7 @@ def check_statistics(link: PacketLink, got: dict[str, Any], model: link_model.Ou
         + counts["late"]
         + counts["queue_full"]
         + counts["discarded_copies"]
+        + sum(counts.get(name.replace(" ", "_"), 0) for name in link_model.ON_MEDIUM)
     )
 
 

@@ -129,7 +129,7 @@ def check_core(core: Core, number: int) -> None:
     link, raw = case.link, link_model.raw_draws(case.link, case.end)
     for points in (None, case.points):
         model = link_model.run(link, case.end, raw, case.delay, points)
-        rounded = link_model._Model(link, case.end, points).up
+        rounded = link_model.LinkModel(link, case.end, points).up
         entries = core_entries(core, case, model, raw, rounded)
         for entry in entries:
             label = (entry.arrival.message, entry.copy)

@@ -1,8 +1,9 @@
-"""Conditions: values against Python's own arithmetic, dimensions, and the column of a fault."""
+"""Expressions: values against Python's own arithmetic, dimensions, and the column of a fault."""
 
 from __future__ import annotations
 
 import math
+import pickle
 from typing import ClassVar
 
 import numpy as np
@@ -10,8 +11,9 @@ import pytest
 from hypothesis import given, strategies as st
 
 from cosim.core.errors import InputError
-from cosim.scenario.binding import Meaning, _power, bind
+from cosim.scenario.binding import Meaning, bind, formula
 from cosim.scenario.expression import Expression, ExpressionError
+from cosim.scenario.functions import OF_SIGNALS
 from cosim.scenario.quantity import QuantityError, dimension, parse_quantity
 
 
@@ -71,6 +73,15 @@ def value(text: str, **values: float) -> bool:
         ("2e0 < p.x < 2e-3*1e+4", True),
         ("p.x > 1.5e-3", True),
         ("p.n[1,2] == .7e1", True),
+        ("sin(p.a) ** 2 + cos(p.a) ** 2 - 1 < 1e-15", True),
+        ("sin(0.1 rad/s * t) > 0.84 and sin(0.1 * t) > 0.84", True),
+        ("exp(-t / 10 s) < 0.37 and log(exp(2)) == 2 and log(8, 2) == 3", True),
+        ("atan2(p.x, p.x) == 45 deg and atan2(p.x, 3 m) > 0.78 rad and 2 * asin(1) == pi", True),
+        ("round(p.v * t / 1 m) == 5 and floor(-p.x) == -3 and ceil(0.2) == 1", True),
+        ("p.n[1,2] ** 10 == 282475249 and p.n[1,2] ** p.n[1,2] > 8e5", True),
+        ("exp(1e4) > 1e300 and log(0) < -1e300", True),
+        ("log(-1) < 0 or log(-1) >= 0", False),
+        ("e > 2.7 and (p.x >\n 2 m)", True),
     ],
 )
 def test_condition_has_the_value_of_its_text(text: str, *, true: bool) -> None:
@@ -108,6 +119,13 @@ def test_condition_has_the_value_of_its_text(text: str, *, true: bool) -> None:
         ("", 1, "there is no condition"),
         ("p.x > 1 if p.b else 2", 1, "cannot contain this form"),
         ("p.x < 1e1234", 7, "out of range"),
+        ("sin(p.x) > 0", 5, "sin takes an angle"),
+        ("exp(p.a) > 0", 5, "exp takes a number without unit"),
+        ("sin(t) > 0", 5, "this is in s"),
+        ("p.a > atan2(p.x, p.v)", 18, "both in m; one is in m/s"),
+        ("2 ** p.x > 0", 6, "this exponent is not supported"),
+        ("sin() > 0", 1, "sin takes 1 values"),
+        ("(1 > 0 and\n p.q > 5)", 13, "there is no variable 'p.q'"),
     ],
 )
 def test_fault_is_reported_with_its_column(text: str, column: int, words: str) -> None:
@@ -117,6 +135,8 @@ def test_fault_is_reported_with_its_column(text: str, column: int, words: str) -
     assert found.value.column == column
     assert words in str(found.value)
     assert found.value.got == text or (found.value.got or "").splitlines()[0] == text
+    again = pickle.loads(pickle.dumps(found.value))  # noqa: S301 - written here
+    assert (again.text(), again.column) == (found.value.text(), column)
 
 
 NUMBERS = st.floats(-1e3, 1e3, allow_nan=False)
@@ -182,10 +202,48 @@ def test_a_power_is_the_same_on_every_processor() -> None:
     """A whole one by products, any other by the C library; none of them raises."""
     values = np.array([0.1, -1.7, 3.3, 0.0, math.inf, 1e200])
     with np.errstate(all="ignore"):  # as where a condition is judged
-        assert np.array_equal(_power(values, 3.0), values * values * values)
-        assert np.array_equal(_power(values, -2.0), 1.0 / (values * values))
-        assert np.array_equal(_power(values, 0.0), np.ones(6))
-        roots = [_power(np.float64(value), 1.5) for value in (2.0, 0.0, math.inf, 1e300)]
+        assert np.array_equal(OF_SIGNALS.power(values, 3.0), values * values * values)
+        assert np.array_equal(OF_SIGNALS.power(values, -2.0), 1.0 / (values * values))
+        assert np.array_equal(OF_SIGNALS.power(values, 0.0), np.ones(6))
+        roots = [OF_SIGNALS.power(np.float64(value), 1.5) for value in (2.0, 0.0, math.inf, 1e300)]
         assert roots == [math.pow(2.0, 1.5), 0.0, math.inf, math.inf]
-        assert np.isnan(_power(np.float64(-1.0), 0.5))
-        assert _power(np.float64(0.0), -0.5) == math.inf
+        assert np.isnan(OF_SIGNALS.power(np.float64(-1.0), 0.5))
+        assert OF_SIGNALS.power(np.float64(0.0), -0.5) == math.inf
+
+
+_OF_X = (
+    "0.1 * x + x ** 2",
+    "x ** 0.5 / 3",
+    "0.3 * sin(x) - exp(-x) * cos(x)",
+    "max(x, 2) - round(x) + floor(x / 2) + tan(x)",
+    "1.1 ** 3 * x",
+)
+
+
+@pytest.mark.parametrize("text", _OF_X)
+@given(x=st.floats(0.0, 50.0))
+def test_a_number_of_a_study_has_the_bits_of_python(text: str, x: float) -> None:
+    """A power of x is that of the C library, as Python's, and no product."""
+    known = {name: getattr(math, name) for name in ("sin", "cos", "exp", "tan", "floor")}
+    python = eval(text, known, {"x": x})  # noqa: S307 - one of these
+    assert formula(text, "x").number(x=x).hex() == float(python).hex()
+
+
+@pytest.mark.parametrize(
+    ("text", "column", "words"),
+    [
+        ("2 + 1 / x", 5, "division by zero"),
+        ("1 - log(x - 1)", 5, "math domain error"),
+        ("exp(1e4 + x)", 1, "math range error"),
+        ("(x - 1) ** 0.5", 1, "root of a negative number"),
+        ("1e308 * (10 + x)", 1, "the value is inf"),
+    ],
+)
+def test_a_number_that_does_not_exist_is_an_error_with_its_column(
+    text: str, column: int, words: str
+) -> None:
+    """It names the operation that has no value, and x."""
+    with pytest.raises(ExpressionError, match=r"x = 0\.0") as found:
+        formula(text, "x").number(x=0.0)
+    assert found.value.column == column
+    assert words in str(found.value)

@@ -275,3 +275,18 @@ def test_pace_and_log_level_are_as_asked(fmus: Path, tmp_path: Path) -> None:
     assert data["pace"]["overruns"] >= 0
     assert trace.result is not None
     assert "host.pace" in trace.result
+
+
+def test_frozen_signal_keeps_its_value(fmus: Path, tmp_path: Path) -> None:
+    """From 0.55 s for 0.6 s the vehicle's place is that of the last row before; then it is not."""
+    event = '\n[[events]]\nat = 0.55\nfor = "0.6 s"\nfreeze = ["plant.eta.x"]\n'
+    _, trace = run(LOOP + event, fmus, tmp_path)
+    (tmp_path / "free").mkdir()
+    _, free = run(LOOP + event.replace("freeze", "release"), fmus, tmp_path / "free")
+    table = trace.read("/plant/output")
+    x, t = table["eta.x"], seconds(table)
+    inside = (t >= 0.55) & (t < 1.15)
+    assert (x[inside] == x[np.flatnonzero(inside)[0] - 1]).all()
+    before = t < 0.55
+    assert np.array_equal(x[before], free.read("/plant/output")["eta.x"][before])
+    assert (np.diff(x[t >= 1.1]) > 0.0).all()

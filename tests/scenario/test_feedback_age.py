@@ -24,8 +24,11 @@ from cosim.models import Delay
 from cosim.network import (
     DelayProfile,
     GilbertElliott,
+    Hop,
     Jitter,
     LossWindow,
+    Medium,
+    Node,
     PacketLink,
     Recording,
     TransportLink,
@@ -189,6 +192,8 @@ FIXES = PacketLink(
     "up", 3 * STEP, delay_ns=4 * STEP, jitter=Jitter("uniform", width_ns=3 * STEP), loss=0.3
 )
 BUFFERED = replace(FIXES, playout_ns=7 * STEP)
+BAY = Medium("bay", (Node("a", (0.0,)), Node("b", (1.0,))), 1000)
+ON_MEDIUM = PacketLink("up", 3 * STEP, frame_size=10, hop=Hop(BAY, "a", "b"))
 
 
 @pytest.mark.parametrize(
@@ -207,6 +212,7 @@ BUFFERED = replace(FIXES, playout_ns=7 * STEP)
         ),
         (PacketLink("up", STEP, data_rate=10, frame_size=10), None, "wait in a queue"),
         (PacketLink("up", STEP, recording=Recording([0], [0], [1], "loop")), None, "delay varies"),
+        (ON_MEDIUM, None, "shares a medium with others"),
     ],
 )
 def test_why_an_age_is_not_sampled(
@@ -216,6 +222,18 @@ def test_why_an_age_is_not_sampled(
     known = known_of(system_of(fmus, up, down))
     assert not known.sampled
     assert words in known.why
+
+
+def test_over_a_medium_any_message_may_be_lost_and_none_is_younger_than_its_airtime(
+    fmus: Mapping[str, FmuDescription],
+) -> None:
+    """Another link may collide with it at any time: there is no greatest age, but a least one."""
+    known = known_of(system_of(fmus, ON_MEDIUM, None))
+    assert known.greatest_ns is None
+    assert known.least_ns >= ON_MEDIUM.frame_ns
+    buffered = known_of(system_of(fmus, replace(ON_MEDIUM, playout_ns=STEP), None))
+    assert buffered.sampled
+    assert buffered.greatest_ns is None
 
 
 def test_losses_on_both_ways_are_sampled_only_one_at_a_time(

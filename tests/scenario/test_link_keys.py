@@ -22,10 +22,12 @@ from cosim.network import (
     GilbertElliott,
     Jitter,
     LossChain,
+    Medium,
     NumberKey,
     PacketLink,
     ProbabilitiesKey,
     ProbabilityKey,
+    RangeLogit,
     Recording,
     TransportLink,
     WordOrNumberKey,
@@ -41,6 +43,7 @@ from cosim.scenario.links import (
     SignalDelayPart,
     TransportPart,
 )
+from cosim.scenario.media import MediumPart, RangeLogitPart
 
 VARIABLES = component_module("link_channel.variables")
 DOCS = Path(cosim.__file__).parents[1] / "docs" / "reference" / "links.md"
@@ -52,8 +55,10 @@ PARTS = {
     LossChain: ChainPart,
     Recording: RecordingFilePart,
     DelaySignal: SignalDelayPart,
+    Medium: MediumPart,
+    RangeLogit: RangeLogitPart,
 }
-NOT_KEYS = {"name", "delay", "windows", "recording"}
+NOT_KEYS = {"name", "delay", "windows", "recording", "hop", "nodes", "slots", "loss"}
 ROWS = {"sent_ns", "lost", "delay_ns", "range_m", "size", "start_ns"}
 RATE = {"data_rate": 1000, "frame_size": 10}
 
@@ -72,7 +77,8 @@ def test_a_scenario_has_the_same_keys(declared: type) -> None:
     """Each key once, in order, with its meaning in the JSON schema; nothing else but a few."""
     part = PARTS[declared]
     names = [field.alias or name for name, field in part.model_fields.items()]
-    others = ("kind", "signal", "recording", "file", "node")
+    others = ("kind", "signal", "recording", "file", "node", "medium", "from", "to")
+    others += ("nodes", "slots", "loss")
     assert [n for n in names if n not in others or n in keys_of(declared)] == [*keys_of(declared)]
     properties = part.model_json_schema()["properties"]
     for name, found in keys_of(declared).items():
@@ -182,6 +188,8 @@ def values_in_words(found: DeclaredKey) -> str:
             words = "0 to 1" + (", or a table" if instead else "")
         case ProbabilitiesKey(least=least, most=most, rows=rows):
             words = f"{least} to {most} " + ("rows that add to 1" if rows else "numbers, 0 to 1")
+        case NumberKey(positive=True):
+            words = "greater than 0"
         case NumberKey(least=least):
             words = "any number" if least is None else f"0, or from {least:g} up"
         case CountKey(most=most, unit=unit):

@@ -24,7 +24,7 @@ from cosim.master import Run, System
 from cosim.scenario import Outcome, measure as measures_module
 from cosim.scenario.age import AgeMeasure
 from cosim.scenario.assertions import AssertionsMeasure, bind_assertions
-from cosim.scenario.binding import BoundCondition
+from cosim.scenario.binding import BoundExpression
 from cosim.scenario.coupling import CouplingMeasure
 from cosim.scenario.cut_delays import CutMeasure
 from cosim.scenario.envelope import LargestMagnitudes
@@ -162,7 +162,7 @@ def verdicts(system: System, run: Run, parts: list[AssertionPart]) -> list[Any]:
             return np.asarray(getattr(state, "age_s" if rest == "age" else rest), float)
         return run.points_ns / 1e9 if name == "t" else run.signal(first, rest)
 
-    def judged(condition: BoundCondition | None) -> Any:
+    def judged(condition: BoundExpression | None) -> Any:
         return condition and np.asarray(condition([values(n) for n in condition.names])).tolist()
 
     return [

@@ -62,6 +62,7 @@ def test_vehicle_attains_the_norm_with_every_assumption_met() -> None:
     assert all(metrics["assumptions"].values())
 
 
+@pytest.mark.slow
 def test_vehicle_follows_the_linear_loop() -> None:
     """Heave alone, its feedback 1.225 s old, by another integrator: the same gain to 1e-5."""
     metrics = shared_run("auv-worst-case").json["metrics"]

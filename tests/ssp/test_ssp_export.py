@@ -92,6 +92,51 @@ def test_annotated_links_come_back(native_fmus: Path, tmp_path: Path, events: st
     assert np.abs(before["controller.u[1]"]).max() > 0.1
 
 
+MEDIUM = """
+[medium.bay]
+nodes = {{ base = [0], vehicle = ["plant.x[1]"] }}
+data_rate = 9600
+speed = 100.0
+[links.up-link]
+kind = "packet"
+medium = "bay"
+from = "vehicle"
+to = "base"
+sample_time = 0.03
+frame_size = 80
+[links.noise]
+kind = "packet"
+medium = "bay"
+from = "base"
+to = "vehicle"
+sample_time = 0.07
+frame_size = 40
+[links.downlink]
+"""
+SHARED = (
+    LINKED[: LINKED.index("[links.up-link]")] + MEDIUM + LINKED.partition("[links.downlink]")[2]
+)
+
+
+def test_links_over_a_medium_come_back_as_annotations_and_are_no_fmus(
+    native_fmus: Path, tmp_path: Path
+) -> None:
+    """With the link that is connected to nothing, since it is heard; as FMUs they are refused."""
+    text = SHARED.format(events="align")
+    done = export(text, native_fmus, tmp_path)
+    assert done.links == {"up-link": "annotation", "noise": "annotation", "downlink": "annotation"}
+    again = import_ssp(done.path, tmp_path / "again.toml")
+    one = execute_scenario(loaded(text, tmp_path), native_fmus)
+    other = execute_scenario(load(str(again.path)), native_fmus)
+    assert np.array_equal(one.points_ns, other.points_ns)
+    before, after = signals(one, *NAMES), signals(other, *NAMES)
+    assert all(np.array_equal(before[name], after[name]) for name in NAMES)
+    assert one.statistics == other.statistics
+    assert one.statistics["up-link"]["receiver_sending"]
+    with pytest.raises(InputError, match="shares a medium with others"):
+        export(text, native_fmus, tmp_path, "fmu")
+
+
 def test_link_fmus_come_back_as_links(native_fmus: Path, tmp_path: Path) -> None:
     """On the grid, since that is where the archive's links are."""
     done = export(LINKED.format(events="align"), native_fmus, tmp_path, "fmu")

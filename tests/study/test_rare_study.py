@@ -55,6 +55,7 @@ def event(probability: float, **more: Any) -> Any:
     )
 
 
+@pytest.mark.slow
 def test_subset_simulation_through_the_master(tmp_path: Path) -> None:
     """Its interval contains the closed form; interrupted anywhere, the table has the same bytes."""
     made = event(1e-2, seed=4)
@@ -223,7 +224,7 @@ def test_parameters_that_are_none_at_a_point_are_named() -> None:
         conditional(10, normal=["x", "x - 2"])
     assert "Hs = " in refused.value.text()
     for wrong in ({"given": None}, {"normal": [1.0, 2.0]}, {"normal": ["y", 1.0]}):
-        with pytest.raises(ValueError, match=r"need each other|not an expression"):
+        with pytest.raises(ValueError, match=r"need each other|no name 'y'"):
             conditional(10, **wrong)
     vary = [{**U_AXIS, "given": "x0", "normal": ["x", 1.0]}, X0_AXIS]
     with pytest.raises(InputError, match="no earlier sampled axis 'x0'"):

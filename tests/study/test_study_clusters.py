@@ -60,6 +60,7 @@ def separate(tmp_path: Path, hidden: Path, workers: int = 2, **more: Any) -> Ite
         yield made
 
 
+@pytest.mark.slow
 def test_workers_that_share_no_folder_give_the_same_table_and_traces(tmp_path: Path) -> None:
     """FMU and scenario go there by content, once; the traces of two runs come back.
 
@@ -165,6 +166,7 @@ def _address_in(file: Path) -> str:
     raise TimeoutError
 
 
+@pytest.mark.slow
 def test_a_worker_that_joins_late_with_other_versions_is_named(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -15,7 +15,7 @@ from cosim.study.study_runner import BaseScenario
 
 HERE = Path(__file__).parent
 SAYS = {
-    "bad-expression": (7, "not an expression of x: '2 * y'"),
+    "bad-expression": (7, "column 5: there is no name 'y'"),
     "bad-linspace": (10, "at least 3 items"),
     "bad-logspace": (7, "between positive numbers"),
     "bad-path": (7, "not a path: 'run..step'"),

@@ -42,6 +42,7 @@ def test_a_run_that_hangs_ends_at_its_limit(
     assert [(row.run, row.status) for row in done.incomplete] == [(1, "timed_out")]
 
 
+@pytest.mark.slow
 def test_a_first_run_that_hangs_is_left_to_the_limit_of_the_others(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

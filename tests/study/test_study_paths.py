@@ -8,8 +8,8 @@ import pytest
 
 from cosim.core.errors import InputError
 from cosim.scenario.key_paths import put, split
-from cosim.study.expression import Expression
 from cosim.study.measurement import value_at
+from cosim.study.schema import of_x
 
 
 def test_paths_are_split_at_dots_outside_quotes() -> None:
@@ -61,7 +61,7 @@ def test_figures_are_found_under_names_with_dots() -> None:
 )
 def test_expressions_are_arithmetic(text: str, x: float, value: float) -> None:
     """Compared with the same, written in Python."""
-    assert Expression(text)(x) == pytest.approx(value, rel=1e-15)
+    assert of_x(text).number(x=x) == pytest.approx(value, rel=1e-15)
 
 
 @pytest.mark.parametrize(
@@ -73,14 +73,14 @@ def test_expressions_are_arithmetic(text: str, x: float, value: float) -> None:
 )  # fmt: skip
 def test_other_text_is_refused_as_expression(text: str) -> None:
     """Whatever Python makes of it."""
-    with pytest.raises(InputError, match="not an expression"):
-        Expression(text)
+    with pytest.raises(InputError, match="column"):
+        of_x(text)
 
 
 @pytest.mark.parametrize(("text", "x"), [("1 / x", 0.0), ("log(x)", -1.0), ("x", "a"),
                                          ("exp(x)", 1e4), ("x ** 0.5", -1.0)])  # fmt: skip
 def test_an_expression_without_a_value_says_where(text: str, x: object) -> None:
     """The argument is in the message."""
-    with pytest.raises(InputError, match="not an expression") as refused:
-        Expression(text)(x)
+    with pytest.raises(InputError, match="column 1") as refused:
+        of_x(text).number(x=x)
     assert repr(x) in refused.value.text()

@@ -13,6 +13,7 @@ from cosim.study.picture_kinds import PICTURE_KINDS, draw_study
 from cosim.study.table import read_table
 
 
+@pytest.mark.slow
 def test_the_kind_that_fits_is_drawn(tmp_path: Path) -> None:
     """By the axes and the metric that there are; every other kind by its name, or says why not."""
     fitting = {"mixed": "map", "few": "curve", "indices": "sensitivity", "rare": "distribution"}

@@ -277,6 +277,7 @@ PICK = """((id, value) => { const made = document.getElementById(id); made.value
     made.dispatchEvent(new Event('change')); })"""
 
 
+@pytest.mark.slow
 @needs_chromium
 def test_page_in_a_browser(page: Page, tmp_path: Path) -> None:
     """Drawn in light and dark, wide and narrow; the worst runs and any two columns are chosen."""

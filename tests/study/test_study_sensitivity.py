@@ -38,6 +38,7 @@ def of(samples: int, **more: Any) -> tuple[Any, dict[str, Any]]:
     return make_table(manifest_of(made), rows), manifest_of(made)
 
 
+@pytest.mark.slow
 def test_indices_are_those_of_ishigami() -> None:
     """Each interval contains its index; so does the estimate, within two hundredths."""
     table, manifest = of(4096)

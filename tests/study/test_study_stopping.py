@@ -85,6 +85,7 @@ def stopped(width: float, samples: int = 400, **more: Any) -> Any:
     return plan([], vary=[AXIS], samples=samples, metrics=metrics, stop=stop, **more)
 
 
+@pytest.mark.slow
 def test_the_table_is_the_same_whatever_was_there_before(tmp_path: Path) -> None:
     """Resumed in the middle of a look, extended, or with a width that was smaller before."""
     done = execute_study(stopped(0.6), tmp_path / "a")

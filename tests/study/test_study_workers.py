@@ -100,6 +100,7 @@ def give_up(pool: Any) -> None:
     cluster.sync(cluster.workers[0].close)
 
 
+@pytest.mark.slow
 def test_workers_are_replaced_when_they_are_lost_and_not_given_up_before(tmp_path: Path) -> None:
     """Dask looks once, so long after a death, and closes for good what is not there just then.
 

@@ -198,6 +198,7 @@ def test_messages_on_a_channel_that_is_not_declared_are_counted(tmp_path: Path) 
     assert (result.messages, result.lost_messages, result.lost) == (40, 20, True)
 
 
+@pytest.mark.slow
 def test_overwritten_bytes_lose_no_other_message(tmp_path: Path) -> None:
     """Overwritten bytes, also in lengths: kept messages are unchanged, losses reported."""
     choose = random.Random(3)  # noqa: S311 - to be repeatable

@@ -60,7 +60,9 @@ class Loop:
     start, estimate : at t <= 0.
     A, late, B : of the observer; `late` has pairs of an age and a matrix.
     C, L : of each measurement.
-    K, limits : u = K xh, limited.
+    K, limits : of the commands K (xh - reference), limited.
+    thrust_map, allocation : (r, m) commands for a control, and (m, r) the control that they give.
+    reference, disturbance : of time; constant between the points.
     output : of the plant's state, what the measurements are about, without trim.
     """
 
@@ -74,7 +76,18 @@ class Loop:
     L: Sequence[Reals]
     K: Reals
     limits: Reals
+    thrust_map: Reals | None = None
+    allocation: Reals | None = None
+    reference: Callable[[float], Reals] | None = None
+    disturbance: Callable[[float], Reals] | None = None
     output: Callable[[Reals], Reals] = lambda x: x
+
+    def command(self, estimate: Reals, t: float) -> Reals:
+        """Commands at a point."""
+        off = estimate if self.reference is None else estimate - self.reference(t)
+        control = self.K @ off
+        wanted = control if self.thrust_map is None else self.thrust_map @ control
+        return np.asarray(np.clip(wanted, -self.limits, self.limits))
 
 
 def simulate(
@@ -85,7 +98,7 @@ def simulate(
     past = History(np.concatenate((loop.start, loop.estimate)))
     innovations = [np.zeros(len(C)) for C in loop.C]
     newest = [-1.0] * len(loop.C)
-    now, command = past.first, np.zeros(len(loop.B[0]))
+    now, command = past.first, np.zeros(len(loop.limits))
     rows = [(now[:n], now[n:], command)]
     for begin, end in pairwise(points):
         while waiting and waiting[0].arrival <= begin + 1e-9:
@@ -94,13 +107,22 @@ def simulate(
                 i, then = packet.measurement, past(packet.stamp)
                 newest[i] = packet.stamp
                 innovations[i] = loop.C[i] @ (loop.output(then[:n]) - then[n:])
+        acting = command if loop.allocation is None else loop.allocation @ command
+        known = loop.B @ acting
+        outer = 0.0 if loop.disturbance is None else loop.disturbance(begin)
         inject = np.sum([L @ v for L, v in zip(loop.L, innovations, strict=True)], axis=0)
 
-        def rates(t: float, y: Reals, command: Reals = command, inject: Reals = inject) -> Reals:
-            estimate = loop.A @ y[n:] + loop.B @ command + inject
+        def rates(
+            t: float,
+            y: Reals,
+            command: Reals = command,
+            given: Reals = known + inject,
+            outer: Any = outer,
+        ) -> Reals:
+            estimate = loop.A @ y[n:] + given
             for age, matrix in loop.late:
                 estimate = estimate + matrix @ past(t - age)[n:]
-            moved = loop.plant(y[:n], lambda age: past(t - age)[:n], command)
+            moved = loop.plant(y[:n], lambda age: past(t - age)[:n], command) + outer
             return np.concatenate((moved, estimate))
 
         found = solve_ivp(
@@ -108,7 +130,7 @@ def simulate(
         )
         past.add(end, found.sol)
         now = found.y[:, -1]
-        command = np.clip(loop.K @ now[n:], -loop.limits, loop.limits)
+        command = loop.command(now[n:], begin)  # inputs are those of the step's beginning
         rows.append((now[:n], now[n:], command))
     states, estimates, commands = (np.array(column) for column in zip(*rows, strict=True))
     return states, estimates, commands

@@ -166,7 +166,7 @@ def ensure_all(
 
 
 def _up_to_date(path: Path, name: str, flavour: str, platforms: Sequence[Platform]) -> bool:
-    identity, entries = _inside(path)
+    identity, entries = inside_fmu(path)
     version = FMI_VERSION[flavour]
     machines = [] if flavour == "python" else platforms or [host()]
     wanted = {f"binaries/{p.folder(version)}/{name}{p.suffix}" for p in machines}
@@ -176,21 +176,21 @@ def _up_to_date(path: Path, name: str, flavour: str, platforms: Sequence[Platfor
 @functools.cache
 def _guid(name: str, flavour: str) -> str:
     """Return the GUID of a build by the present code."""
-
-    def compute() -> str:
-        spec = CATALOGUE[name]
-        if flavour == "python":
-            from cosim.fmu.export.python.package import guid as python_guid  # noqa: PLC0415
-
-            return python_guid(spec)
-        from cosim.fmu.export.native.package import guid as native_guid  # noqa: PLC0415
-
-        return native_guid(spec, FMI_VERSION[flavour])
-
-    return kept_guid(f"{flavour}/{name}", cache_folder(), compute)
+    return kept_guid(f"{flavour}/{name}", cache_folder(), lambda: guid_of(CATALOGUE[name], flavour))
 
 
-def _inside(path: Path) -> tuple[str, set[str]]:
+def guid_of(spec: ComponentSpec, flavour: str) -> str:
+    """Return the GUID of a component in a flavour."""
+    if flavour == "python":
+        from cosim.fmu.export.python.package import guid as python_guid  # noqa: PLC0415
+
+        return python_guid(spec)
+    from cosim.fmu.export.native.package import guid as native_guid  # noqa: PLC0415
+
+    return native_guid(spec, FMI_VERSION[flavour])
+
+
+def inside_fmu(path: Path) -> tuple[str, set[str]]:
     """Return the GUID or token and the names of all entries; empty for what is not an FMU."""
     try:
         with zipfile.ZipFile(path) as archive:

@@ -58,6 +58,7 @@ from .control_limits import (
     MAX_OFFSETS as MAX_OFFSETS,
     GainLimit as GainLimit,
     PeakControl as PeakControl,
+    half_of_corners as half_of_corners,
     norm_above as norm_above,
     offset_corners as offset_corners,
     peak_system as peak_system,

@@ -22,6 +22,7 @@ from __future__ import annotations
 import itertools
 import math
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import flint
@@ -36,6 +37,7 @@ from cosim.hinf.certificate.rational import (
     exact_matrix,
     from_text,
     norm_is_below,
+    root_above,
     rounded_up,
     to_text,
 )
@@ -221,12 +223,17 @@ def offset_corners(offset: tuple[Any, ...]) -> list[tuple[Any, ...]]:
     if len(sides) > MAX_OFFSETS:
         raise too_many_offsets(len(sides), "offset")
     corners = []
-    for signs in itertools.product((1, -1), repeat=max(len(sides) - 1, 0)):
+    for signs in half_of_corners(len(sides)):
         corner = list(offset)
-        for i, sign in zip(sides[1:], signs, strict=True):
+        for i, sign in zip(sides, signs, strict=True):
             corner[i] = sign * corner[i]
         corners.append(tuple(corner))
     return corners if sides else []
+
+
+def half_of_corners(count: int) -> list[tuple[int, ...]]:
+    """Return one of each pair of opposite corners of the cube [-1, 1]^count."""
+    return [signs[:count] for signs in itertools.product((1,), *[(1, -1)] * (count - 1))]
 
 
 def too_many_offsets(sides: int, where: str) -> InputError:
@@ -246,14 +253,10 @@ def proved_peaks(
     squares = squared_peaks(system, gain, v, offset, energy)
     if squares is None:
         return None
-    peaks = []
-    for square in squares:
-        root = math.sqrt(max(float(square.upper()), 0.0))
-        value = rounded_up(root) if root > 0 else 0.0
-        while not _square_is_above(exact(value), square):
-            value = value * (1 + 1e-12) or math.ulp(0.0)
-        peaks.append(value)
-    return tuple(peaks)
+    return tuple(
+        root_above(float(square.upper()), partial(_square_is_above, square=square))
+        for square in squares
+    )
 
 
 def _square_is_above(bound: Any, square: Any) -> bool:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 import flint
@@ -200,6 +200,15 @@ def norm_is_below(matrix: Any, bound: Any) -> bool:
     """Prove |matrix| < bound, the 2-norm of a `flint.fmpq_mat` and a `flint.fmpq` >= 0."""
     rest = bound * bound * identity(matrix.nrows()) - matrix * matrix.transpose()
     return first_bad_matrix([("rest", rest)]) is None
+
+
+def root_above(square: float, is_enough: Callable[[Any], bool]) -> float:
+    """Return sqrt(square) rounded up to seven digits, raised until its exact value is enough."""
+    root = math.sqrt(max(square, 0.0))
+    value = rounded_up(root) if root > 0 else 0.0
+    while not is_enough(exact(value)):
+        value = value * (1 + 1e-12) or math.ulp(0.0)
+    return value
 
 
 def rounded_up(value: float) -> float:

@@ -17,9 +17,8 @@ greater.
 
 from __future__ import annotations
 
-import itertools
-import math
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import flint
@@ -28,13 +27,13 @@ import numpy as np
 from cosim.core import InputError
 from cosim.hinf.certificate.analysis_proof import ExactAnalysis, analysis_proved
 from cosim.hinf.certificate.analysis_variables import variables_from_json, variables_to_json
-from cosim.hinf.certificate.control_limits import MAX_OFFSETS, peak_system
+from cosim.hinf.certificate.control_limits import MAX_OFFSETS, half_of_corners, peak_system
 from cosim.hinf.certificate.rational import (
     asymmetric,
     exact,
     exact_matrix,
     from_text,
-    rounded_up,
+    root_above,
     to_text,
 )
 from cosim.hinf.certificate.system_json import known_keys, matrix_from_rows
@@ -103,8 +102,7 @@ def squared_state_peaks(system: DelaySystem, peaks: StatePeaks) -> list[Any]:
     starts = exact_matrix(peaks.starts)
     product = starts.transpose() * late * starts
     k, level = product.nrows(), flint.fmpq(0)
-    for signs in itertools.product((1, -1), repeat=max(k - 1, 0)):
-        a = (1, *signs)[:k]
+    for a in half_of_corners(k):
         level = max(level, sum((a[i] * a[j] * product[i, j] for i in range(k) for j in range(k)),
                                flint.fmpq(0)))  # fmt: skip
     if v.gamma is not None:
@@ -119,14 +117,14 @@ def squared_state_peaks(system: DelaySystem, peaks: StatePeaks) -> list[Any]:
 
 def bounds_above(squares: list[Any]) -> tuple[Any, ...]:
     """Return bounds whose squares are at least these, rounded up to seven digits."""
-    found = []
-    for square in squares:
-        root = math.sqrt(float(square)) if square > 0 else 0.0
-        value = rounded_up(root) if root > 0 else 0.0
-        while exact(value) * exact(value) < square:
-            value = value * (1 + 1e-12) or math.ulp(0.0)
-        found.append(exact(value))
-    return tuple(found)
+    return tuple(
+        exact(root_above(float(square), partial(_has_square_above, square=square)))
+        for square in squares
+    )
+
+
+def _has_square_above(bound: Any, square: Any) -> bool:
+    return bool(bound * bound >= square)
 
 
 def state_peaks_from_json(data: Any, system: DelaySystem, where: str) -> StatePeaks:

@@ -12,7 +12,6 @@ computed exactly.
 
 from __future__ import annotations
 
-import itertools
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -24,6 +23,7 @@ from cosim.hinf.certificate import (
     bounds_above,
     exact,
     exact_analysis,
+    half_of_corners,
     peak_system,
     squared_state_peaks,
 )
@@ -65,8 +65,8 @@ class _PeakLmi(AnalysisLmi):
             places[name] = slice(first, first + own * (own + 1) // 2)
             first = places[name].stop
         k = own_starts.shape[1]
-        for signs in itertools.product((1.0, -1.0), repeat=max(k - 1, 0)):
-            on = _quadratic(own_starts @ np.array((1.0, *signs)[:k]))
+        for signs in half_of_corners(k):
+            on = _quadratic(own_starts @ np.array(signs, float))
             column = np.zeros((1, width + count))
             column[0, places["P"]] -= on
             for i, d, _ in self._times(lengths):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from fractions import Fraction
 from typing import Any
 
 from cosim.core import InputError, html_table, matrix_text
@@ -16,6 +17,7 @@ from cosim.hinf.certificate import (
     guarantees_from_json,
     pair_from_json,
 )
+from cosim.hinf.synthesis.kept_figures import figures_from_json, figures_to_json, has_figures
 from cosim.hinf.synthesis.result_text import proved_words, result_rows
 from cosim.models import DelaySystem, Matrix, Measurement
 
@@ -100,14 +102,14 @@ class OutputFeedback:
 
     def to_json(self) -> dict[str, Any]:
         """Return the certificate, and the figures of the nominal pair beside it."""
-        names = ("least_gamma", "abscissa", "exact_norm", "exact_norm_upper", "norm_frequency")
-        return {**self.certificate, "figures": {name: getattr(self, name) for name in names}}
+        return {**self.certificate, "figures": figures_to_json(self)}
 
 
 def output_feedback_from_json(data: Any, *, where: str) -> OutputFeedback:
     """Read an output feedback from its certificate, and check its proof again.
 
-    The figures of the nominal pair, which no claim depends on, are computed.
+    The figures of the nominal pair, which no claim depends on, are those that the file has; a
+    certificate alone has none, and they are computed.
 
     Raises
     ------
@@ -122,15 +124,19 @@ def output_feedback_from_json(data: Any, *, where: str) -> OutputFeedback:
     if not proof.valid:
         raise InputError("the proof does not hold", where=where, got=proof.reason)
     pair, variables = pair_from_json(data), data["pair"]["variables"]
-    figures = nominal.nominal_figures_of(pair.system, pair.gain)
-    top, _, bottom = str(variables["gamma"]).partition("/")
+    kept = data.get("figures")
+    if has_figures(kept) and "delay_margin" in kept:  # older files have not all of them
+        figures = figures_from_json(kept, where, pair.system)
+    else:
+        computed = nominal.nominal_figures_of(pair.system, pair.gain)
+        worst = nominal.worst_case_at(pair.system, pair.gain, computed.norm_frequency)
+        figures = {**computed._asdict(), "least_gamma": None, "worst_case": worst}
+    gamma = variables["gamma"]
     return OutputFeedback(
         pair=pair,
-        gamma=None if variables["gamma"] is None else int(top) / int(bottom or 1),
+        gamma=None if gamma is None else float(Fraction(gamma)),
         certificate={key: x for key, x in data.items() if key not in ("figures", "schema")},
         order=variables["order"],
-        least_gamma=None,
-        worst_case=nominal.worst_case_at(pair.system, pair.gain, figures.norm_frequency),
         state_peaks=guarantees_from_json(data["pair"], pair.system).state_peaks,
-        **figures._asdict(),
+        **figures,
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from contextlib import suppress
-from dataclasses import asdict, replace
+from dataclasses import replace
 from fractions import Fraction
 from typing import Any
 
@@ -16,31 +16,24 @@ from cosim.hinf.certificate import (
     check_certificate,
     format_value,
     guarantees_from_json,
-    number,
     system_from_json,
 )
 from cosim.hinf.synthesis.certified_design import Design
 from cosim.hinf.synthesis.certified_pair import OutputFeedback, output_feedback_from_json
-
-# computed, not part of the claim
-_FIGURES = ("least_gamma", "abscissa", "exact_norm", "norm_frequency")
-# absent in older files: then None
-_LATER_FIGURES = ("exact_norm_upper", "delay_margin", "worst_case")
+from cosim.hinf.synthesis.kept_figures import (
+    FIGURES,
+    LATER_FIGURES,
+    figures_from_json,
+    figures_to_json,
+    has_figures,
+)
 
 
 def design_to_json(design: Design | OutputFeedback) -> dict[str, Any]:
     """Return JSON values: `claim`, `system`, `variables`, `K` of the proof, and `figures`."""
     if isinstance(design, OutputFeedback):
         return design.to_json()
-    figures = {name: getattr(design, name) for name in (*_FIGURES, "exact_norm_upper")}
-    margin = design.delay_margin
-    figures["delay_margin"] = None if margin is None else list(margin)
-    if design.worst_case is not None:  # else left out: a design that is read is written as it was
-        figures["worst_case"] = {
-            key: list(value) if isinstance(value, tuple) else value
-            for key, value in asdict(design.worst_case).items()
-        }
-    return {**design.certificate, "figures": figures}
+    return {**design.certificate, "figures": figures_to_json(design)}
 
 
 def design_from_json(data: Any, *, where: str) -> Design | OutputFeedback:
@@ -56,14 +49,13 @@ def design_from_json(data: Any, *, where: str) -> Design | OutputFeedback:
         return output_feedback_from_json(data, where=where)
     _require_proof(data, where)
     figures = data.get("figures")
-    known = set(_FIGURES + _LATER_FIGURES)
-    if not isinstance(figures, dict) or not set(_FIGURES) <= set(figures) <= known:
+    if not has_figures(figures):
         if "kind" in data:
             raise InputError("not a design", where=where, got="an analysis, without figures")
         raise InputError(
             "this design has not the figures of a design",
             where=where,
-            expected=f"figures: {', '.join(_FIGURES)}, optionally {', '.join(_LATER_FIGURES)}",
+            expected=f"figures: {', '.join(FIGURES)}, optionally {', '.join(LATER_FIGURES)}",
             got=format_value(sorted(figures) if isinstance(figures, dict) else figures),
         )
     return _design(data, figures, where)
@@ -116,16 +108,6 @@ def _design(data: Any, figures: dict[str, Any], where: str) -> Design:
     # the claimed values are read from the proof, never from a note beside it
     proved = data["variables"]
     system = system_from_json(data["system"])
-    notes: dict[str, Any] = {
-        name: _number_or_none(figures.get(name), f"{where}: {name}")
-        for name in (*_FIGURES, "exact_norm_upper")
-    }
-    margins = figures.get("delay_margin")
-    if margins is not None:
-        margins = _margins(margins, f"{where}: delay_margin", len(system.delays))
-    worst = figures.get("worst_case")
-    if worst is not None:
-        worst = nominal.worst_case_from_json(worst, f"{where}: worst_case", system.C.shape[1])
     order: int | None = proved.get("order")
     own = ("kind", "theorem", "claim", "system", "variables", "K", KEY)
     return Design(
@@ -137,25 +119,8 @@ def _design(data: Any, figures: dict[str, Any], where: str) -> Design:
         certificate={key: data[key] for key in own if key in data},
         order=order,
         guarantees=guarantees_from_json(data, system),
-        delay_margin=margins,
-        worst_case=worst,
-        **notes,
+        **figures_from_json(figures, where, system),
     )
-
-
-def _number_or_none(value: Any, where: str) -> float | None:
-    return None if value is None else number(value, where)
-
-
-def _margins(values: Any, where: str, N: int) -> tuple[float | None, ...]:
-    if not isinstance(values, list) or len(values) != N:
-        raise InputError(
-            "not a delay margin",
-            where=where,
-            expected=f"a list of {N}, one number or null per delay",
-            got=format_value(values),
-        )
-    return tuple(_number_or_none(value, f"{where}[{i}]") for i, value in enumerate(values))
 
 
 def _double(text: str) -> float:

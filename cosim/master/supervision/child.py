@@ -157,6 +157,7 @@ class _Executor:
             report = _Report(self, number, shared, ahead)
             wiring.texts.on_new = report.text
             wiring.comm_points.on_new = report.point
+            wiring.comm_points.event_values.on_set = report.event_value
             session = Session(
                 job.system,
                 [begun := _Begun(self, number)],
@@ -278,6 +279,10 @@ class _Report(ObserverDispatch):
     def point(self, instant_ns: int, seconds: float) -> None:
         """Tell a point that was added."""
         self._tell(messages.POINT, instant_ns, seconds)
+
+    def event_value(self, name: str, time_ns: int, value: float) -> None:
+        """Tell what an event has set."""
+        self._tell(messages.SET, name, time_ns, value)
 
     def close(self) -> None:
         """Do nothing: the parent closes its own."""

@@ -152,7 +152,9 @@ class FollowedRun:
         if self._stop_cause is not None and status == "stopped":
             at = self._points.points_ns[min(complete, self._points.count - 1)]
             cause = Cause(
-                self._stop_cause.kind, time_s=int(at) / 1e9, detail=self._stop_cause.detail
+                self._stop_cause.kind,
+                time_s=self._points.at_s(at),
+                detail=self._stop_cause.detail,
             )
             status = "stopped" if cause.kind == "interrupted" else "failed"
             reason = f"{cause.detail} at t = {cause.time_s:g} s"
@@ -246,7 +248,7 @@ class FollowedRun:
             return None, False
         return None, True
 
-    def _take(self, kind: str, content: Sequence[Any]) -> None:
+    def _take(self, kind: str, content: Sequence[Any]) -> None:  # noqa: C901 - one per kind
         match kind:
             case messages.LINE:
                 self._dispatch.add(content[0])
@@ -259,6 +261,8 @@ class FollowedRun:
             case messages.POINT:
                 self._points.add(*content)
                 self._wiring.fill_routes(self._points.ready, self._points.count)
+            case messages.SET:
+                self._points.event_values.set(*content)
             case messages.WITHIN:
                 self._dispatch.within_steps(*content)
             case messages.PROCESS:
@@ -354,7 +358,7 @@ class FollowedRun:
             component, call, time_ns = outside
         else:
             time_ns = int(points[min(self._shared.complete, self._points.count - 1)])
-        seconds = time_ns / 1e9 if self._begun or time_ns else None
+        seconds = self._points.at_s(time_ns) if self._begun or time_ns else None
         return CallInProgress(component or None, call or None, seconds)
 
     def _broken(self, kind: CauseKind, what: str, limit: str | None = None) -> BrokenOffError:

@@ -210,7 +210,9 @@ def _annotations(system: System, built: ArchiveElements, tomls: Mapping[str, str
                 hint="--links fmu",
             )
         built.wires.append(Wire(connection.source, connection.target, connection.link))
-    used = sorted({c.link for c in system.connections if c.link is not None})
+    # what shares a medium with others is heard, whether anything is connected over it or not
+    shared = {n for n, x in system.links.items() if isinstance(x, PacketLink) and x.hop is not None}
+    used = sorted({c.link for c in system.connections if c.link is not None} | shared)
     built.annotated = {name: tomls[name] for name in used}
     if used:
         built.warnings.append(
@@ -305,7 +307,7 @@ def _link_fmu(
                 got=f"{sender.getter_type} to {receiver.getter_type}"
                 + (", an array" if sender.shape or receiver.shape else ""),
             )
-        start = component.parameters.get(target.variable, receiver.start)
+        start = component.start_of(target.variable)
         first = firsts.get(source, 0.0 if start is None else float(start))
         signals.append(_LINK.LinkSignal(sender.unit, first, f"{source} to {target}"))
         built.wires.append(Wire(source, (element, f"u[{i}]")))

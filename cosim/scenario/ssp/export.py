@@ -109,7 +109,8 @@ def export_ssp(
             {key: x for key, x in scenario.to_data().items() if key in _inexpressible(scenario)}
         ),
         step_s=system.comm_schedule.step_ns / 1e9,
-        end_s=system.comm_schedule.end_ns / 1e9,
+        start_s=system.comm_schedule.at_s(0),
+        end_s=system.comm_schedule.at_s(system.comm_schedule.end_ns),
     )
     content = {SSD: ssd_bytes(structure), **resources.files}
     _write(content, path)

@@ -227,11 +227,10 @@ def _run(
     table = {} if description.run is None else archive.toml("run", description.run)
     notes = archive.notes
     experiments = [fmu.model.defaultExperiment for fmu in fmus.values()]
-    start = description.start_s or 0.0
     if "end" not in table:
-        table["end"] = None if description.stop_s is None else description.stop_s - start
-        if start:
-            notes.append(f"the start time {start:g} s is left out: a run starts at 0")
+        table["end"] = description.stop_s
+        if description.start_s:
+            table["start"] = description.start_s
     if end is None and table["end"] is None:
         stops = [float(e.stopTime) for e in experiments if e is not None and e.stopTime]
         if not stops:

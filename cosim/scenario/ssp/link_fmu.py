@@ -21,7 +21,8 @@ def link_spec(
 
     Raises
     ------
-    InputError : a link whose delay varies, or a seed too large for an Integer of FMI.
+    InputError : a link whose delay varies or that shares a medium, or a seed too large for an
+        Integer of FMI.
     """
     _refuse(link)
     step = step_ns / 1e9
@@ -55,6 +56,14 @@ def _refuse(link: Link) -> None:
             expected="delay, jitter and loss as numbers",
             got=repr(link.recording),
             hint="export what cosim link fit makes of it, or an annotation: --links annotate",
+        )
+    if link.hop is not None:
+        raise InputError(
+            "a link FMU has a channel of its own, and this link shares a medium with others",
+            where=where,
+            expected="a link without a medium",
+            got=f"medium {link.hop.medium.name!r}",
+            hint="export it as an annotation: --links annotate",
         )
     if link.seed > _VARIABLES.MOST_INTEGER:
         raise InputError(

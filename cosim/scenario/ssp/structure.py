@@ -107,7 +107,7 @@ class Structure:
     links : TOML of each annotated link by its name.
     run : TOML of [run].
     rest : TOML of what SSP cannot express; may be empty.
-    step_s, end_s : communication step and end [s].
+    step_s, start_s, end_s : communication step, start and end [s].
     """
 
     version: SspVersion
@@ -121,4 +121,5 @@ class Structure:
     run: str
     rest: str
     step_s: float
+    start_s: float
     end_s: float

@@ -200,7 +200,11 @@ def _openmodelica(annotations: Any, structure: Structure) -> None:
 
 def _experiment(root: Any, structure: Structure) -> None:
     experiment = _sub(
-        root, "ssd", "DefaultExperiment", startTime="0.0", stopTime=repr(structure.end_s)
+        root,
+        "ssd",
+        "DefaultExperiment",
+        startTime=repr(structure.start_s),
+        stopTime=repr(structure.end_s),
     )
     annotations = _sub(experiment, "ssd", "Annotations")
     holder = _sub(annotations, "ssc", "Annotation", type=OSP_ANNOTATION)

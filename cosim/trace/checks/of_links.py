@@ -38,7 +38,9 @@ class Link:
     ) -> None:
         self.name, self._declared, self._figures = name, declared, figures
         self._senders = senders
-        stated = (declared.get(key, 0) for key in ("delay_ns", "playout_ns"))
+        # a delay that conditions change holds for some messages only
+        keys = ("playout_ns",) if declared.get("adjustable") else ("delay_ns", "playout_ns")
+        stated = (declared.get(key, 0) for key in keys)
         self._least = max((each for each in stated if isinstance(each, int)), default=0)
         self._early: list[str] = []
         self._back: list[str] = []

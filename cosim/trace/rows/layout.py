@@ -132,6 +132,12 @@ class Signal:
             )
 
 
+MODE_SIGNALS = (
+    Signal("state", kind="string", description="state that the machine is in from now on"),
+    Signal("number", kind="int", description="its number, from 0"),
+)
+"""Signals of a mode machine, one row per change."""
+
 LINK_STATE_SIGNALS = (
     Signal("age_s", unit="s", description="time since the message in use was sent"),
     Signal("in_flight", kind="int", description="messages sent that are neither here nor dropped"),
@@ -153,6 +159,9 @@ DROPPED_SIGNALS = (
 )
 """Signals of `/link/<name>/dropped`."""
 
+NOTICED_REASONS = ("lost", "late", "collided", "receiver sending", "out of range")
+"""Those of its reasons after which the receiver uses the substitute of a link that has one."""
+
 
 def output_topic(component: str) -> str:
     """Return the topic of a component's outputs: `/plant/output`."""
@@ -167,6 +176,11 @@ def input_topic(component: str) -> str:
 def link_topic(link: str) -> str:
     """Return the topic of a link's delivered messages: `/link/<name>`."""
     return f"/link/{link}"
+
+
+def modes_topic(machine: str) -> str:
+    """Return the topic of the states of a mode machine: `/modes/<name>`."""
+    return f"/modes/{machine}"
 
 
 def dropped_topic(link: str) -> str:

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from cosim.core import InputError
 from cosim.trace.rows.hold import rows_in_force
-from cosim.trace.rows.layout import dropped_topic, link_topic
+from cosim.trace.rows.layout import NOTICED_REASONS, dropped_topic, link_topic
 from cosim.trace.tables.table import Table
 from cosim.trace.tables.topic_info import Readable
 
@@ -109,7 +109,7 @@ def _substituted(
     if holds or topic not in trace.topics or not len(table):
         return substituted
     lost = trace.read(topic)
-    lost = lost.part((lost["reason"] == "lost") | (lost["reason"] == "late"))
+    lost = lost.part(np.isin(lost["reason"], NOTICED_REASONS))
     last = rows_in_force(lost.log_time_ns, at_ns)
     known = (last >= 0) & (rows >= 0)
     due, number = lost.log_time_ns[last[known]], lost.sequence[last[known]]

@@ -148,6 +148,7 @@ def test_a_page_fits_its_screen_and_bars_are_to_scale(
     assert name == "vehicle" or colours[:2] * 3 == colours
 
 
+@pytest.mark.slow
 def test_dark_and_light_change_charts_too(page: Page, reports: Reports) -> None:
     """The system's setting applies until the button is used; the zoom is kept."""
     colours = """(() => { const div = document.querySelector('[data-chart]');
@@ -168,6 +169,7 @@ def test_dark_and_light_change_charts_too(page: Page, reports: Reports) -> None:
     assert page.ask(RANGES)[0] == [2.5, 7.5]
 
 
+@pytest.mark.slow
 def test_all_time_axes_move_together(page: Page, reports: Reports) -> None:
     """Zooming one chart, typing a time, and the buttons: every chart over time follows."""
     page.open(reports["vehicle"])
@@ -228,6 +230,7 @@ def test_a_page_that_cannot_be_drawn_says_why(page: Page, reports: Reports, tmp_
         page.call("Page.removeScriptToEvaluateOnNewDocument", identifier=old["identifier"])
 
 
+@pytest.mark.slow
 def test_path_is_drawn_without_webgl(tmp_path: Path, reports: Reports) -> None:
     """A browser that cannot draw in space shows the path from one side."""
     with browser(tmp_path / "profile", "--disable-3d-apis") as page:

@@ -353,6 +353,7 @@ def light(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("cosim.page.render.plotly_js", lambda: "")
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("light")
 def test_damaged_trace_gives_a_report_or_an_error(tmp_path: Path) -> None:
     """Cut anywhere, a byte changed anywhere: what can be read is shown."""

@@ -171,6 +171,8 @@ def record_observer(
     writer.references("model_acting", behaviour.acting, "MODEL_ACTING")
     _record_watched(writer, behaviour.uses)
     play = ["watchdog", "command.delay", "age.command"] if with_commands else []
+    if play and behaviour.trimmed:
+        play += [f"{word}.{name}" for word in ("trim", "safe") for name in behaviour.commands]
     writer.references("model_play", play, "MODEL_PLAY")
     writer.define("MODEL_SAMPLE_TIME", "V_sample_time" if with_commands else 0)
     compared = behaviour.compared(writer.v, x, constants)

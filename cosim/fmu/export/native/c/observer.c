@@ -41,6 +41,8 @@ enum { STAMP, GREATEST_AGE, AGE, IGNORED, FIRST, FIELDS };
 #define WATCHDOG model_play[0]
 #define COMMAND_DELAY model_play[1]
 #define COMMAND_AGE model_play[2]
+#define TRIM (model_play + 3) /* of each command, where there is one; then the safe values */
+#define TRIMMED (MODEL_PLAY > 3)
 #define MOST_INTEGER 2147483647.0
 
 typedef struct {
@@ -80,11 +82,28 @@ static void remember(Behaviour *b, const double *v) {
         b->line.longest = greater(b->line.longest, v[FIELD(i, GREATEST_AGE)]);
 }
 
+/* Command the trim, limited as any command: it is decided as the safe values are. */
+static void command_trim(double *v) {
+    double c[AT_LEAST_ONE(MOST_CONSTANTS)], x[MOST_STATES] = {0.0}, found[MOST_DECIDED];
+    double safe[AT_LEAST_ONE(MOST_OUTPUTS)];
+    for (int j = 0; j < COMMANDS; j++) {
+        safe[j] = v[TRIM[COMMANDS + j]];
+        v[TRIM[COMMANDS + j]] = v[TRIM[j]];
+    }
+    model_constants(v, c);
+    model_decided(x, v, c, found);
+    const double *chosen = found + COMMANDS + ACTING;
+    for (int j = 0; j < COMMANDS; j++) v[TRIM[COMMANDS + j]] = safe[j];
+    for (int j = 0; j < COMMANDS; j++) v[model_outputs[j]] = chosen[j];
+    for (int j = 0; j < ACTING; j++) v[model_acting[j]] = chosen[COMMANDS + j];
+}
+
 int behaviour_initialise(Behaviour *b, double *v, double start, Message *why) {
     Observer *it = (Observer *)b;
     for (int i = 0; i < INPUTS; i++) /* the control of an observer alone is an input */
         if (model_variables[model_inputs[i]].causality == OUTPUT) v[model_inputs[i]] = 0.0;
     for (int i = 0; i < COMMANDS; i++) v[model_outputs[i]] = 0.0;
+    if (TRIMMED) command_trim(v);
     if (!plant_initialise(b, v, start, why)) return 0;
     remember(b, v);
     it->start = it->behind = start;

@@ -77,6 +77,7 @@ void model_leave(void);
 #define MODEL_MEASURED (model.count[TO_MEASURED])
 #define MODEL_ACTING (model.count[TO_ACTING])
 #define MODEL_WATCHED (model.count[TO_WATCHED])
+#define MODEL_PLAY (model.count[TO_PLAY])
 #define MODEL_CONSTANTS (model.number[RUN_CONSTANTS])
 #define MODEL_ROWS (model.number[ROWS_OF_TABLE])
 #define MODEL_STEP (model.number[STEP])

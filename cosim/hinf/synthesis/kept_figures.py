@@ -1,0 +1,74 @@
+"""The figures of the nominal loop that a design file keeps beside its proof.
+
+They are computed and no part of the claim; what is read is what was computed once, so that no
+solver, and no processor, decides on the digits of a later run.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import Any
+
+from cosim.core import InputError
+from cosim.hinf import nominal
+from cosim.hinf.certificate import format_value, number
+from cosim.models import DelaySystem
+
+FIGURES = ("least_gamma", "abscissa", "exact_norm", "norm_frequency")
+LATER_FIGURES = ("exact_norm_upper", "delay_margin", "worst_case")
+"""Absent in older files: then None."""
+
+
+def figures_to_json(design: Any) -> dict[str, Any]:
+    """Return the figures of a design, or of an observer with its gain, as JSON values."""
+    figures = {name: getattr(design, name) for name in (*FIGURES, "exact_norm_upper")}
+    margin = design.delay_margin
+    figures["delay_margin"] = None if margin is None else list(margin)
+    if design.worst_case is not None:  # else left out: a design that is read is written as it was
+        figures["worst_case"] = {
+            key: list(value) if isinstance(value, tuple) else value
+            for key, value in asdict(design.worst_case).items()
+        }
+    return figures
+
+
+def has_figures(figures: Any) -> bool:
+    """Whether these are the figures of a design, and nothing else."""
+    known = {*FIGURES, *LATER_FIGURES}
+    return isinstance(figures, dict) and set(FIGURES) <= set(figures) <= known
+
+
+def figures_from_json(figures: dict[str, Any], where: str, system: DelaySystem) -> dict[str, Any]:
+    """Return figures by the name of their attribute; None for what is absent.
+
+    system : of the nominal loop.
+
+    Raises
+    ------
+    InputError : values of another kind or number.
+    """
+    found: dict[str, Any] = {
+        name: _number_or_none(figures.get(name), f"{where}: {name}")
+        for name in (*FIGURES, "exact_norm_upper")
+    }
+    margins, worst = figures.get("delay_margin"), figures.get("worst_case")
+    if margins is not None:
+        margins = _margins(margins, f"{where}: delay_margin", len(system.delays))
+    if worst is not None:
+        worst = nominal.worst_case_from_json(worst, f"{where}: worst_case", system.C.shape[1])
+    return {**found, "delay_margin": margins, "worst_case": worst}
+
+
+def _number_or_none(value: Any, where: str) -> float | None:
+    return None if value is None else number(value, where)
+
+
+def _margins(values: Any, where: str, N: int) -> tuple[float | None, ...]:
+    if not isinstance(values, list) or len(values) != N:
+        raise InputError(
+            "not a delay margin",
+            where=where,
+            expected=f"a list of {N}, one number or null per delay",
+            got=format_value(values),
+        )
+    return tuple(_number_or_none(value, f"{where}[{i}]") for i, value in enumerate(values))

@@ -1,0 +1,94 @@
+"""The survey by late fixes: its designs are the vehicle's own, and its FMUs follow from them."""
+
+from __future__ import annotations
+
+import json
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from cli.shell import cosim
+from shared import fmu_store
+
+from cosim.core import InputError
+from cosim.fmu import design_part_spec, design_parts
+from cosim.hinf import first_difference, pair_from_json
+from cosim.scenario import FmuCache
+from cosim.trace import Trace
+from tests.benchmarks.survey_designs import AGES, question
+
+DESIGNS = Path(str(files("cosim.scenario").joinpath("library", "designs")))
+
+
+def stored(name: str) -> Any:
+    """A design of the library, as JSON values."""
+    return json.loads((DESIGNS / f"{name}.json").read_bytes())
+
+
+@pytest.mark.parametrize("name", AGES)
+def test_a_design_is_about_the_vehicle_of_the_gallery_and_its_sensors(name: str) -> None:
+    """Made again from the vehicle's file but for the solver: plant, ages, noise, and the note."""
+    system, measured, note = question(AGES[name])
+    data = stored(name)
+    pair = pair_from_json(data)
+    assert first_difference(system, pair.plant) is None
+    for one, own in zip(measured, pair.measurements, strict=True):
+        assert (one.name, one.C.tolist()) == (own.name, own.C.tolist())
+        assert one.delay(8).d == own.delay(8).d
+        assert np.allclose(one.noise, own.noise, rtol=1e-3)
+    kept = data["plant_note"]
+    assert {key: kept[key] for key in ("model", "trim", "source", "parameters")} == {
+        key: json.loads(json.dumps(note[key])) for key in ("model", "trim", "source", "parameters")
+    }
+    assert np.allclose(kept["thrust_map"], note["thrust_map"])
+
+
+def test_each_part_of_a_design_is_an_fmu_by_name(tmp_path: Path) -> None:
+    """Of a design of the package and of a file alike; others are refused with what there is."""
+    data = stored("auv-survey")
+    assert design_parts(data) == ["plant", "controller", "onboard", "usbl"]
+    (tmp_path / "own.json").write_text(json.dumps(data))
+    cache = FmuCache(tmp_path / "fmus", tmp_path)
+    found = cache.find("own.json:usbl")
+    assert [v for v in found.ports if v.startswith("u[")] == ["u[1]", "u[2]"]
+    assert found.path == cache.find("own.json:usbl").path
+    for wrong, hint in (
+        ("auv-survey:usb", "usbl"),
+        ("auv-1.25s:plant", "cosim vehicle fly"),
+        ("auv-surve:plant", "auv-survey"),
+    ):
+        with pytest.raises(InputError) as refused:
+            cache.find(wrong)
+        assert hint in refused.value.text()
+
+
+def test_the_controller_of_a_design_knows_limits_trim_and_thrust_map() -> None:
+    """What the design file says of its plant, in the plant's own units."""
+    data = stored("auv-survey")
+    start = {v.name: v.start for v in design_part_spec(data, "controller", name="c").variables}
+    note = data["plant_note"]
+    assert start["limit.thruster.surge"] == 2500.0
+    assert start["thrust_map[4,2]"] == note["thrust_map"][3][1] != 0.0
+    assert start["envelope[7]"] == note["envelope"]["nu.w"][1]
+    assert start["age.usbl"] == 13.1
+
+
+def test_a_survey_can_be_repeated_from_its_trace(tmp_path: Path) -> None:
+    """FMUs of a design are found again by what the scenario calls them."""
+    words = ("--until", "20 s", "--fmus", fmu_store(), "--out", "s.mcap")
+    assert cosim("run", "auv-survey", *words, cwd=tmp_path).code == 0
+    again = cosim("trace", "rerun", "s.mcap", "--fmus", fmu_store(), cwd=tmp_path)
+    assert again.code == 0, again.out + again.err
+
+
+def test_the_watchdog_stops_who_designs_for_fresh_fixes(tmp_path: Path) -> None:
+    """Left as it is, the controller for fresh fixes commands safe values from 0.3 s on."""
+    quiet = "components.controller.parameters"
+    words = ("--until", "20 s", "--fmus", fmu_store(), "--out", "s.mcap")
+    setting = ("--set", f'{quiet}={{"age.usbl" = 0.3}}')
+    result = cosim("run", "auv-survey-naive", *setting, *words, cwd=tmp_path)
+    assert "safe values are commanded" in result.out, result.err
+    out = Trace(tmp_path / "s.mcap").read("/controller/output")
+    assert not out["thruster.surge"][out.log_time_ns > 400_000_000].any()
