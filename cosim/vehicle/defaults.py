@@ -1,6 +1,6 @@
 """What a design takes where a vehicle file leaves it open: sensors, speed, controlled states.
 
-Each is chosen from what the vehicle is, and is said (`Vehicle.defaults`): what the actuators move
+Each is chosen from what the vehicle is, and named (`Vehicle.defaults`): what the actuators move
 apart from each other is controlled, roll and pitch are left to the restoring moments where these
 hold them, and a vehicle that only fins steer is not at rest.
 """
@@ -46,7 +46,7 @@ def with_defaults(vehicle: Vehicle, *, speed_given: bool) -> Vehicle:
 
     speed_given : whether the file says at which speed the trim is.
     """
-    said = dict(vehicle.defaults)
+    taken = dict(vehicle.defaults)
     if not vehicle.sensors:
         own = (
             {*vehicle.states, *_ANGLE.values()}
@@ -54,19 +54,19 @@ def with_defaults(vehicle: Vehicle, *, speed_given: bool) -> Vehicle:
             else {*vehicle.states}
         )
         vehicle = replace(vehicle, sensors=tuple(_measuring(DEFAULT_SENSORS, own)))
-        said["sensors"] = "; ".join(f"{s.name}: {', '.join(s.measures)}" for s in vehicle.sensors)
+        taken["sensors"] = "; ".join(f"{s.name}: {', '.join(s.measures)}" for s in vehicle.sensors)
     euler = vehicle.attitude == "euler"
     if not speed_given and euler and any(a.kind == "fin" for a in vehicle.actuators):
         found = _steered(vehicle)
         if found is not vehicle:
-            vehicle, said["trim"] = found, f"u = {found.trim['nu.u']:g} m/s, since fins steer it"
+            vehicle, taken["trim"] = found, f"u = {found.trim['nu.u']:g} m/s, since fins steer it"
     if not vehicle.control.states:
-        states = _controlled(vehicle) if euler else ()
-        if states:
-            said["control.states"] = ", ".join(states)
-        states = states or tuple(n for n in vehicle.outputs if n[:4] == "eta." or n[:3] == "nu.")
+        motion = tuple(n for n in vehicle.outputs if n[:4] == "eta." or n[:3] == "nu.")
+        states = (_controlled(vehicle) if euler else ()) or motion
         vehicle = replace(vehicle, control=replace(vehicle.control, states=states))
-    return replace(vehicle, defaults=MappingProxyType(said))
+        if {*states} != {*motion}:
+            taken["control.states"] = ", ".join(states)
+    return replace(vehicle, defaults=MappingProxyType(taken))
 
 
 def _measuring(sensors: Sequence[Sensor], names: set[str]) -> list[Sensor]:
@@ -148,12 +148,12 @@ def _controlled(vehicle: Vehicle) -> tuple[str, ...]:
     )
     states = places | {f"nu.{x}" for x in chosen}
     follows = {_PLACE[x]: x for x in _PLACE} | {angle: x for x, angle in _ANGLE.items()}
-    shown = {f"nu.{follows[name]}" for name in measured if name in follows}
+    observed = {f"nu.{follows[name]}" for name in measured if name in follows}
     behind = {"eta.theta"} if moving and "eta.z" in measured else set()
     # at speed, sway follows from the turn, and heave and pitch from the depth
-    shown |= {"nu.v"} if moving and "nu.r" in measured | shown else set()
-    shown |= {"nu.w", "nu.q"} if behind else set()
-    states = {name for name in states if name in measured | shown | behind}
+    observed |= {"nu.v"} if moving and "nu.r" in measured | observed else set()
+    observed |= {"nu.w", "nu.q"} if behind else set()
+    states = {name for name in states if name in measured | observed | behind}
     return tuple(name for name in vehicle.states if name in states)
 
 

@@ -276,13 +276,13 @@ def not_observed(vehicle: Vehicle) -> Iterator[InputError]:
     """
     measured = {name for sensor in vehicle.sensors for name in sensor.measures}
     of_rate = {"u": "x", "v": "y", "w": "z", "p": "phi", "q": "theta", "r": "psi"}
-    shown = {f"nu.{rate}" for rate, place in of_rate.items() if f"eta.{place}" in measured}
+    observed = {f"nu.{rate}" for rate, place in of_rate.items() if f"eta.{place}" in measured}
     if vehicle.trim and "eta.z" in measured:
-        shown |= {"eta.theta", "nu.w", "nu.q"}
+        observed |= {"eta.theta", "nu.w", "nu.q"}
     if vehicle.trim and measured & {"eta.psi", "nu.r"}:
-        shown.add("nu.v")
+        observed.add("nu.v")
     for name in vehicle.control.states:
-        if name not in measured | shown:
+        if name not in measured | observed:
             yield InputError(
                 "a controlled state cannot be estimated from what the sensors measure",
                 where=f"sensors: {name}",

@@ -38,7 +38,7 @@ SCENARIO, TRACE, PICTURE = "scenario.toml", "flight.mcap", "flight.png"
 """Files of a flight in its folder."""
 
 _STEPS = 6
-_FLIGHTS = 3
+_TURNS = 3
 _WIDER = 1.25
 """Bound of a state of a wider envelope, for the largest deviation that was flown."""
 _CALMER = 0.7
@@ -136,12 +136,12 @@ def fly(  # noqa: PLR0915 - one step after the other
         _write_scenario(model, sensors, mission, chosen, where / SCENARIO, steps)
     cache = replace(fmu_cache or scenario.FmuCache(Path("fmus"), where), folder=where)
     with steps(f"flight of {chosen.duration:g} s"):
-        for turn in range(1, 1 + _FLIGHTS):
+        for turn in range(1, 1 + _TURNS):
             loaded = scenario.load(str(where / SCENARIO))
             prepared = scenario.prepare(loaded, cache, progress=progress)
             outcome = scenario.execute_run(prepared, where / TRACE, progress=progress)
             used = max((outcome.metrics.get("envelope_use") or {"": 0.0}).values())
-            if outcome.status == "failed" or used <= 1.0 or turn == _FLIGHTS:
+            if outcome.status == "failed" or used <= 1.0 or turn == _TURNS:
                 break
             steps.add(f"it left its envelope: {100 * used:.0f} %")
             wider = _wider(model, sensors, design, outcome)

@@ -65,13 +65,13 @@ def test_a_flight_has_euler_angles_and_lags_of_fins() -> None:
     """The effect of a fin without a lag depends on the speed, which no command may."""
     text = bare("remus100").replace("lag = 0.1\n", "", 1)
     text = text.replace("degrees_of_freedom = 6", 'degrees_of_freedom = 6\nattitude = "quaternion"')
-    said: list[str] = []
-    vehicle = as_designed_for(vehicle_from_toml(text, where="x"), said.append)
+    remarks: list[str] = []
+    vehicle = as_designed_for(vehicle_from_toml(text, where="x"), remarks.append)
     assert vehicle.attitude == "euler"
     assert [a.lag for a in vehicle.actuators] == [1.0, 0.1, 0.1]
-    assert len(said) == 2
+    assert len(remarks) == 2
     own = vehicle_from_toml(vehicle_text("remus100"), where="x")
-    assert as_designed_for(own, said.append) is own
+    assert as_designed_for(own, remarks.append) is own
 
 
 def tried(monkeypatch: pytest.MonkeyPatch, gains: list[float], text: str) -> list[float]:
@@ -110,7 +110,7 @@ def test_a_calmer_mission_has_a_share_of_everything() -> None:
 
 
 @pytest.mark.slow
-def test_body_hull_and_actuators_alone_are_certified_and_flown(tmp_path: Path) -> None:
+def test_body_hull_and_actuators_alone_are_certified_and_run(tmp_path: Path) -> None:
     flight = fly(vehicle_from_toml(bare("bluerov2-heavy"), where="x"), tmp_path)
     assert flight.design.gamma is not None
     assert all(flight.outcome.metrics["assumptions"].values())

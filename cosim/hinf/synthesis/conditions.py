@@ -19,6 +19,7 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
 from numpy.typing import NDArray
 
 from cosim.hinf.certificate import (
@@ -48,6 +49,8 @@ _MOST_UNKNOWNS = 300
 """Unknowns, counted at every corner, up to which an order is affordable: a second per solve."""
 _LARGE = 250
 """Unknowns of the condition about the whole state above which those on supports take its place."""
+_LARGE_BY_ENTRY = 100
+"""So too of a loop whose gain acts through different delays by entry, such as a pair's."""
 _MOST_WITH_AGES = 3500
 """So too where more is known of an age than its bound: half a minute for a vehicle's axes."""
 _MOST_FOR_RANKING = 500
@@ -82,7 +85,9 @@ def conditions_of(
 def is_large(system: DelaySystem, K: NDArray[Any]) -> bool:
     """Whether a condition about the whole state has too many unknowns at every order."""
     plain = AnalysisLmi(system, K, 0, performance=system.has_performance)
-    many = plain.unknowns([x.d for x in system.delays]) > _LARGE
+    by_entry = any(np.ndim(x) > 1 for x in system.selections)
+    most = _LARGE_BY_ENTRY if by_entry else _LARGE
+    many = plain.unknowns([x.d for x in system.delays]) > most
     return many and any(own is not None for own in supports_of(system, K))
 
 

@@ -51,8 +51,10 @@ from cosim.hinf.synthesis.designs import rounded_gain
 from cosim.hinf.synthesis.pair_gain import PairGain, parts_of_plant
 from cosim.models import DelaySystem, Matrix, Measurement
 
-_LONGER = (1.0, 1.1, 1.2)
+_LONGER = (1.0, 1.1, 1.4)
 """Ages for which K and L are proposed, as multiples of those that vary."""
+_ENOUGH = 2
+"""Proposals after which no more are made where one is certified."""
 _MULTIPLIERS = (0.3, 1.0, 3.0)
 """b of `InjectionLmi`, as multiples of the greatest age."""
 _NEAR = 1.3
@@ -230,7 +232,7 @@ def _best(
     made: list[tuple[ObserverPair, Analysis]] = []
     reason = "no gains were found that stabilise it"
     with solver_words():
-        for K, L in proposed:
+        for count, (K, L) in enumerate(proposed, 1):
             pair = pair_of(system, measurements, K, L, **known)
             figures = nominal_figures_of(pair.system, pair.gain, quick=True)
             quick = best_analysis(*(pair.system, pair.gain, gamma, order, figures), ranking=True)
@@ -240,7 +242,7 @@ def _best(
             worse = bool(made) and (quick.gamma or 0.0) >= (made[-1][1].gamma or 0.0)
             made.append((pair, quick))
             near = quick.gamma is not None and quick.gamma <= _NEAR * (quick.exact_norm or 0.0)
-            if worse or near or quick.gamma is None or gamma is not None:
+            if worse or near or quick.gamma is None or gamma is not None or count >= _ENOUGH:
                 break
     if not made:
         raise NotAchievableError(
