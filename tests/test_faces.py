@@ -26,7 +26,7 @@ LOWER = {
     "network": {"core"},
     "page": {"core"},
     "trace": {"core", "page"},
-    "recordings": {"core", "network", "trace"},
+    "recordings": {"core", "network", "trace", "hinf"},
     "hinf": {"core", "models"},
     "fmu": {"core", "models", "hinf", "network"},
     "master": {"core", "fmu", "network", "trace"},

@@ -91,6 +91,15 @@ IntegralAgeOption = Annotated[
     ),
 ]
 
+OutagesOption = Annotated[
+    bool,
+    typer.Option(
+        "--outages",
+        help="Also prove what holds across outages of the link, where zero input takes over by the "
+        "age designed for: rates in touch and out of touch, and the share of time in touch needed.",
+    ),
+]
+
 AUTO: Final = "auto"
 THEOREM_2: Final = "theorem-2"
 
@@ -183,6 +192,7 @@ def design(
     integral: IntegralOption = None,
     integral_weights: IntegralWeightsOption = None,
     integral_age: IntegralAgeOption = None,
+    outages: OutagesOption = False,
     save: Annotated[
         Path | None, typer.Option(help="Write the design and its exact certificate to this file.")
     ] = None,
@@ -213,6 +223,7 @@ def design(
     cosim design my-system.toml --search --json
     cosim design paper --gamma 6 --max-delay --search
     cosim design paper --decay 4 --gain-limit 2
+    cosim design my-system.toml --outages --json
     """
     options = dict(locals())
     named, gain = named_problem(name)
@@ -281,6 +292,8 @@ def design(
                 solver=solver.value,
                 **design_constraints,
             )
+        if outages:
+            found = hinf.with_outages(found)
         nominal = hinf.nominal_gamma(found) if price else None
     if save is not None:
         write_json(save, DESIGN_FILE.stamped(hinf.design_to_json(found)))
@@ -410,6 +423,7 @@ def analyse(
     delay_limit: DelayLimitOption = hinf.DELAY_LIMIT,
     damping: DampingOption = None,
     within: WithinOption = None,
+    outages: OutagesOption = False,
     save: Annotated[
         Path | None, typer.Option(help="Write the exact certificate to this file, if there is one.")
     ] = None,
@@ -463,6 +477,8 @@ def analyse(
             found = greatest.analysis
         else:
             found = hinf.analyse(system, K, gamma, order=condition, damping=damping, within=within)
+        if outages and found.certified:
+            found = hinf.with_outages(found)
     saved = save if found.certified else None
     if saved is not None:
         write_json(saved, found.certificate)

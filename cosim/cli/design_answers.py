@@ -40,6 +40,7 @@ def design_json(
         "certificate": None if save is None else str(save),
         "decay": None if more.decay is None else float(more.decay.rate),
         **_damping(found),
+        "outages": outages_json(found.guarantees.outages),
         "gain_limit": None if more.gain_limit is None else float(more.gain_limit.bound),
         "peak_control": None if peak is None else [float(x) for x in peak.bounds],
         "offset": None if peak is None else [float(x) for x in peak.offset],
@@ -81,6 +82,7 @@ def analysis_json(
         "terms": _terms(found.system),
         "least_gamma": found.least_gamma,
         **_damping(found),
+        "outages": outages_json(found.guarantees.outages),
         "damping_reason": found.damping_reason,
         **_nominal_figures(found),
     }
@@ -117,4 +119,18 @@ def _nominal_figures(found: hinf.Design | hinf.Analysis) -> dict[str, Any]:
         "gamma_over_exact_norm": ratio,
         "abscissa": found.abscissa,
         "delay_margin": None if margins is None else list(margins),
+    }
+
+
+def outages_json(found: hinf.Outages | None) -> dict[str, Any] | None:
+    """Return what is proved across outages; None where nothing is."""
+    if found is None:
+        return None
+    return {
+        "alpha": float(found.alpha),
+        "beta": float(found.beta),
+        "share_needed": float(found.share),
+        "gamma": None if found.gamma is None else float(found.gamma),
+        "fallback": found.fallback.tolist(),
+        "fallback_age": found.fallback_age,
     }

@@ -74,6 +74,16 @@ def _guarantees(more: hinf.Guarantees) -> list[tuple[str, str, str]]:
         rows.append(("damping ratio", at_least(str(more.damping.ratio)), text))
     if more.gain_limit is not None:
         rows.append(("|K|", at_most(str(more.gain_limit.bound)), "certified: at most this"))
+    if more.outages is not None:
+        own = more.outages
+        rates = f"V falls at 2 x {at_least(str(own.alpha))} 1/s in touch"
+        text = f"{rates}, grows at most at 2 x {at_most(str(own.beta))} 1/s out of touch, u = 0"
+        rows.append(
+            ("time in touch needed", f"{at_most(str(100 * own.share), 4)} %", f"certified: {text}")
+        )
+        if own.gamma is not None:
+            text = "certified: weighted with V's rates, across any outages"
+            rows.append(("gain across outages", at_most(str(own.gamma)), text))
     if more.peak_control is not None:
         peak = more.peak_control
         start = ", ".join(at_least(str(x)) for x in peak.offset)

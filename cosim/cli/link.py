@@ -1,4 +1,4 @@
-"""The commands for recorded links: link record, link show, link fit."""
+"""The commands for recorded links: link record, link show, link fit, link verdict."""
 
 from __future__ import annotations
 
@@ -7,16 +7,18 @@ from typing import Annotated
 
 import typer
 
-from cosim import recordings, trace
+from cosim import hinf, recordings, trace
 from cosim.cli.common import JsonOption, answer, progress
 from cosim.cli.help_text import HelpTyper
 from cosim.cli.link_fit_view import fit_json, fit_view
+from cosim.cli.link_verdict_view import verdict_json, verdict_view
 from cosim.cli.link_view import record_json, record_view, show_json, show_view
 from cosim.core import CheckFailedError, InputError, write_whole
 from cosim.network import Recording
 
 link_app = HelpTyper(
-    help="Record links from traces; show what became of their messages; fit models of links."
+    help="Record links from traces; show what became of their messages; fit models of links; judge "
+    "them by a proof."
 )
 
 FileArgument = Annotated[
@@ -121,6 +123,68 @@ def fit(
     answer(as_json, lambda: fit_json(file, found, out), lambda: fit_view(found, out))
     if any(each.refusals for each in found.values()):
         raise typer.Exit(CheckFailedError.exit_code)
+
+
+@link_app.command()
+def verdict(
+    file: FileArgument,
+    design: Annotated[
+        Path, typer.Option("--design", help="A design or an analysis with --outages (JSON).")
+    ],
+    other: Annotated[
+        float,
+        typer.Option(
+            help="What else makes a measurement older than its message [s]: the way of the "
+            "command, the receiver's step."
+        ),
+    ] = 0.0,
+    node: NodeOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Say what a proof across outages guarantees over a recorded link.
+
+    Link by link: losses, the share of the time in touch that the proof needs and that the link
+    had, in which share of the time gamma was held, when it was suspended and regained, and how far
+    V can have grown. Beside it, for a chain of two hidden states fitted to the losses, two tests of
+    mean-square stability, which are about the chain and not about this recording.
+
+    Exit code 1: a link was in touch for less time than needed.
+
+    \b
+    cosim link verdict uplink.csv --design gain.json --other 0.1
+    """
+    read = chosen(file, node, None)
+    proved = certified(design)
+    found = {}
+    with progress() as report_progress:
+        for number, (name, recording) in enumerate(read.items()):
+            report_progress("judging", number / len(read))
+            found[name] = recordings.outage_verdict(recording, proved, other)
+    answer(
+        as_json,
+        lambda: verdict_json(file, design, found),
+        lambda: verdict_view(file, found),
+    )
+    if not all(each.holds for each in found.values()):
+        raise typer.Exit(CheckFailedError.exit_code)
+
+
+def certified(path: Path) -> hinf.Design:
+    """Return the design in a file; of an analysis, its gain and what is proved of it.
+
+    Raises
+    ------
+    InputError : no such file, no proof, or one that does not hold.
+    """
+    found = hinf.design_from_certificate(hinf.read_certificate(path), where=str(path))
+    if isinstance(found, hinf.OutputFeedback):
+        raise InputError(
+            "nothing is proved across outages of a loop with an observer",
+            where=str(path),
+            expected="the design of a state feedback, with --outages",
+            hint="an outage cuts its measurements one by one: no proof covers that",
+        )
+    return found
 
 
 def chosen(file: Path, node: str | None, picture: Path | None) -> dict[str, Recording]:

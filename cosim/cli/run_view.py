@@ -12,7 +12,13 @@ from rich.text import Text
 from cosim import trace
 from cosim.cli.terminal import NONE, facts_table, number, plain
 from cosim.core import at_most
-from cosim.trace import age_lines, measurement_age_lines, plant_line
+from cosim.trace import (
+    age_lines,
+    measurement_age_lines,
+    outage_rows,
+    outage_verdict,
+    plant_line,
+)
 
 if TYPE_CHECKING:
     from cosim.scenario import Demo, Outcome
@@ -42,6 +48,9 @@ def outcome_view(outcome: Outcome) -> RenderableType:
     for label, value, how in _figures(outcome):
         if value != NONE:
             facts.add_row(label, value, how)
+    outages = outcome.metrics.get("outages")
+    for row in () if outages is None else outage_rows(outages):
+        facts.add_row(*row)
     parts += [
         facts,
         *_cut(outcome.metrics.get("cut_connections", ())),
@@ -50,6 +59,7 @@ def outcome_view(outcome: Outcome) -> RenderableType:
         _assumptions(outcome.metrics["assumptions"]),
         *_plant(outcome.metrics),
         *_age(outcome.metrics),
+        *_outages(outages),
         *_assertions(outcome),
         *_events(outcome),
         *_advice(outcome),
@@ -252,6 +262,14 @@ def _age(metrics: Mapping[str, Any]) -> list[RenderableType]:
     if each is not None:
         lines += [f"age of {name}: {line}" for name, line in measurement_age_lines(each).items()]
     return [Text(line) for line in lines]
+
+
+def _outages(outages: Mapping[str, Any] | None) -> list[RenderableType]:
+    """Show what holds across outages in place of gamma."""
+    if outages is None:
+        return []
+    tone, words, numbers = outage_verdict(outages)
+    return [Text(f"{words}: {numbers}", style=_COLOURS[tone])]
 
 
 def _assertions(outcome: Outcome) -> list[RenderableType]:

@@ -57,7 +57,7 @@ VERBS = {
     "link": Verb(
         "link",
         "link_app",
-        "Record links from traces; show what became of their messages; fit models of links.",
+        "Record links from traces; show what became of messages; fit models; judge by a proof.",
     ),
     "certificate": Verb(
         "certificate", "certificate_app", "Check the certificate of a design or an analysis."

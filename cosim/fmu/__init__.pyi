@@ -28,6 +28,7 @@ from .export.build import (
     build_fmu as build_fmu,
     ensure_all as ensure_all,
     ensure_fmu as ensure_fmu,
+    ensure_made as ensure_made,
 )
 from .export.catalogue import CATALOGUE as CATALOGUE
 from .export.components import component_module as component_module
@@ -56,6 +57,10 @@ from .export.native.platforms import (
     PLATFORMS as PLATFORMS,
     Platform as Platform,
     platforms_named as platforms_named,
+)
+from .export.native.tape import (
+    Scalar as Scalar,
+    Tape as Tape,
 )
 from .export.native.tape_package import (
     KINDS as KINDS,

@@ -47,11 +47,10 @@ def check_links(system: Parts) -> None:
                 got=f"link {link.name!r}, schedules of {list(system.comm_schedule.links)}",
                 hint="pass the same links to make_schedule and to System",
             )
-    following = [
-        name
-        for name in system.comm_schedule.live
-        if name not in system.links or isinstance(system.links[name].delay, DelaySignal)
-    ]
+    packets = [link for link in system.links.values() if isinstance(link, PacketLink)]
+    following = [link.name for link in packets if isinstance(link.delay, DelaySignal)]
+    moving = [x.resolved_with for x in packets if x.hop is not None and x.hop.medium.moves]
+    following += dict.fromkeys(moving)
     for name in following:
         _check_delay(system, name)
     for name in system.delays:
@@ -340,13 +339,14 @@ def _check_state(system: Parts, connection: Connection, where: str) -> None:
 def _check_link_kind(link: Link, port: Port, where: str) -> None:
     """Refuse a link that would interpolate, quantize or substitute what is not a real number."""
     text_replaced = port.kind in ("string", "binary") and not (
-        isinstance(link, PacketLink) and link.on_loss == "hold"
+        isinstance(link, PacketLink) and link.substitute is None
     )
     if isinstance(link, TransportLink) or link.quantization or text_replaced:
         raise InputError(
             f"link {link.name!r} transmits real numbers only",
             where=where,
-            expected="a packet link without quantization" + ", on_loss hold" * text_replaced,
+            expected="a packet link without quantization"
+            + ", on_loss hold, greatest_age 0" * text_replaced,
             got=f"{port.name} of kind {port.kind}",
         )
 

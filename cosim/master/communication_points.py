@@ -22,7 +22,15 @@ from cosim.master.component_points import ComponentPoints
 from cosim.master.event_values import EventValues
 from cosim.master.parts import Parts
 from cosim.master.reserved import Reserved
-from cosim.network import Arrivals, GrowingSchedule, LinkState, MediumSchedule, MediumTraffic
+from cosim.network import (
+    SUBSTITUTE,
+    Arrivals,
+    GrowingSchedule,
+    LinkState,
+    MediumSchedule,
+    PacketLink,
+    Traffic,
+)
 
 Integers = NDArray[np.int64]
 Rows = NDArray[np.float64]
@@ -56,10 +64,10 @@ class CommunicationPoints:
     own_points : by component.
     links : the packet links, by name.
     values : by live link, the values of its delay signal so far, 0 if it follows none; by live
-        medium, the places.
+        medium, the places of its nodes.
     event_values : what events have set; of adjustable links `NAME.delay` [ns] and `NAME.loss`.
-    live : the links whose delays follow a signal of the run or are changed during it, and the media
-        whose nodes do.
+    live : the links whose delays follow a signal of the run or may be changed, and the media that
+        such links share or whose nodes move.
     grows : whether points depend on signals of the run.
     has_events : whether points are added one at a time, as events occur (`add`).
     on_new : called with the instant of each added point, [ns] and [s].
@@ -106,6 +114,11 @@ class CommunicationPoints:
             link.link.resolved_with: link.traffic if isinstance(link, MediumSchedule) else link
             for link in self.links.values()
             if link.is_live
+        }
+        self._greatest_ages = {
+            name: link.greatest_age_ns
+            for name, link in self._schedule.links.items()
+            if isinstance(link, PacketLink) and link.greatest_age_ns
         }
         self.values: dict[str, list[Any]] = {name: [] for name in self.live}
         for points in self._steps.values():
@@ -254,23 +267,18 @@ class CommunicationPoints:
                 value: Any = 0.0
                 if name in self._delays:
                     value = self._delays[name].value([float(row[c]) for c in columns[name]])
-                self._resolve(name, link, value, now)
+                self._resolve(link, value, now)
                 self.values[name].append(value)
         self._set_ready()
         if self.ready <= k and not self.crossing:
             self.extend()
 
-    def _resolve(
-        self, name: str, link: GrowingSchedule | MediumTraffic, value: Any, now: int
-    ) -> None:
-        """Resolve a message of a live link, or of a medium, sent now [ns]."""
-        delay = self.event_values.at(f"{name}.delay", now)
-        loss = self.event_values.at(f"{name}.loss", now)
-        if delay is None and loss is None:
-            link.resolve(link.message, value)
-        elif isinstance(link, GrowingSchedule):
-            delay_ns = None if delay is None else int(delay)
-            link.resolve(link.message, value, delay_ns=delay_ns, loss=loss)
+    def _resolve(self, link: GrowingSchedule | Traffic, value: Any, now: int) -> None:
+        """Resolve a message of a live link that is sent now [ns], or what a live medium awaits."""
+        delay, loss = (
+            self.event_values.at(f"{link.sending_link}.{what}", now) for what in ("delay", "loss")
+        )
+        link.resolve(link.message, value, delay_ns=None if delay is None else int(delay), loss=loss)
 
     def go_back(
         self,
@@ -301,7 +309,7 @@ class CommunicationPoints:
             while link.horizon_ns == now:
                 if numbers[name] >= len(self.values[name]):
                     return False
-                self._resolve(name, link, self.values[name][numbers[name]], now)
+                self._resolve(link, self.values[name][numbers[name]], now)
                 numbers[name] += 1
         self._set_ready()
         return True
@@ -332,10 +340,14 @@ class CommunicationPoints:
 
     def rows_of_messages(self, name: str, first: int, last: int) -> Integers:
         """Return the row in use over a packet link at points first to last - 1, as `RowsInUse`."""
-        used, repeats = self.links[name].runs_in_use(self.points_ns[first:last])
-        real = used >= 0
+        points = self.points_ns[first:last]
+        used, repeats = self.links[name].runs_in_use(points)
+        real, sent = used >= 0, used.copy()
         used[real] = self.rows_sent_at(used[real])
         found = np.repeat(used, repeats)
+        oldest = self._greatest_ages.get(name)
+        if oldest is not None:
+            found[(found >= 0) & (points - np.repeat(sent, repeats) >= oldest)] = SUBSTITUTE
         # what is sent and delivered at one instant is what the sender has by then
         return np.minimum(found, np.arange(first, last)) if self.has_events else found
 

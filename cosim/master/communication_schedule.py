@@ -69,7 +69,7 @@ class CommunicationSchedule:
 
     @cached_property
     def live(self) -> tuple[str, ...]:
-        """What becomes known in the run: links by their delays, media (medium.NAME) by places."""
+        """What is resolved during the run: links by their names, media as medium.NAME."""
         live = (link for link in self._packets.values() if link.is_live)
         return tuple(dict.fromkeys(link.resolved_with for link in live))
 

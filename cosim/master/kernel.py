@@ -236,7 +236,8 @@ class KernelLoop:
         pairs = np.column_stack([route.columns, route.targets]).astype(np.int64)
         line["pairs"], line["values"] = self._address(pairs), len(pairs)
         altered = sample.weight is not None or (
-            route.link is not None and (route.link.quantization or route.link.on_loss != "hold")
+            route.link is not None
+            and (route.link.quantization or route.link.substitute is not None)
         )
         line["special"] = bool(altered) or not (np.diff(pairs, axis=0) == 1).all()
         line["source"], line["column"] = pairs[0]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal, NamedTuple
@@ -14,6 +13,7 @@ from cosim.core import InputError
 from cosim.fmu import Feedthrough, FmuDescription, Port
 from cosim.master.communication_schedule import CommunicationSchedule, Link
 from cosim.master.event_checks import Ticks, check_event_keys
+from cosim.network import distance
 
 LogLevel = Literal["debug", "info", "warning", "error", "fatal"]
 """Levels of log messages, the least grave first."""
@@ -130,11 +130,9 @@ class DelaySource(NamedTuple):
         """Return the value that decides the delay, of the values of `read`: or the distance."""
         if self.origin is None:
             return values[0]
-        moving, total = iter(values[len(self.signals) :]), 0.0
-        for value, place in zip(values, self.origin, strict=False):
-            away = value - (next(moving) if isinstance(place, Endpoint) else place)
-            total += away * away
-        return math.sqrt(total)
+        moving = iter(values[len(self.signals) :])
+        origin = [next(moving) if isinstance(x, Endpoint) else x for x in self.origin]
+        return distance(values[: len(self.signals)], origin)
 
 
 class PositionSource(NamedTuple):

@@ -17,6 +17,7 @@ from cosim.master.system import System
 from cosim.network import DELIVERED, LOST, REASONS, Arrivals, PacketLink
 from cosim.trace import (
     COMPUTED,
+    GREATEST_AGE,
     LINK_STATE_SCHEMA,
     LINK_STATE_SIGNALS,
     MODE_SIGNALS,
@@ -377,7 +378,8 @@ class _Traffic:
             link_topic(link.name),
             [signal_of(column.port, column.name) for column in columns],
             schema_name=f"cosim.link.{identifier(link.name)}",
-            metadata={"link": link.name, "order": link.order, "on_loss": str(link.on_loss)},
+            metadata={"link": link.name, "order": link.order, "on_loss": str(link.on_loss)}
+            | ({GREATEST_AGE: str(link.greatest_age_ns)} if link.greatest_age_ns else {}),
         )
         self._cast = _cast(instances[0], columns)
         self._dropped = writer.add_dropped_topic(link.name)

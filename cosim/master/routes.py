@@ -85,6 +85,6 @@ class Route:
     def verbatim(self) -> bool:
         """Whether its values are neighbours, in the sender's row and the receiver's, unaltered."""
         altered = self.in_step.weight is not None or (
-            self.link is not None and (self.link.quantization or self.link.on_loss != "hold")
+            self.link is not None and (self.link.quantization or self.link.substitute is not None)
         )
         return not altered and self.spans is not None

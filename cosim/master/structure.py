@@ -62,5 +62,5 @@ def _structure(system: Parts) -> tuple[Any, ...]:
 def _form(link: Link) -> tuple[Any, ...]:
     """Return what the table of a run contains of a link."""
     if isinstance(link, PacketLink):
-        return True, link.is_live, link.quantization, link.on_loss
+        return True, link.is_live, link.quantization, link.on_loss, link.substitute
     return False, link.delay is None

@@ -53,12 +53,13 @@ from .medium import (
     Hop as Hop,
     Medium as Medium,
     Node as Node,
-    RangeLogit as RangeLogit,
-    RangeTable as RangeTable,
     distance as distance,
 )
-from .medium_traffic import (
+from .medium_schedule import (
     MediumSchedule as MediumSchedule,
+    Traffic as Traffic,
+)
+from .medium_traffic import (
     MediumTraffic as MediumTraffic,
     growing_schedules as growing_schedules,
 )
@@ -71,6 +72,10 @@ from .packet_schedule import PacketSchedule as PacketSchedule
 from .profile import (
     DelayProfile as DelayProfile,
     Interpolation as Interpolation,
+)
+from .range_loss import (
+    RangeLogit as RangeLogit,
+    RangeTable as RangeTable,
 )
 from .recording import (
     IN_FLIGHT_NS as IN_FLIGHT_NS,

@@ -79,12 +79,18 @@ class Row(NamedTuple):
 
 
 def read_rows(
-    path: str | PathLike[str], required: Sequence[str], optional: Sequence[str] = ()
+    path: str | PathLike[str],
+    required: Sequence[str],
+    optional: Sequence[str] = (),
+    *,
+    whole: bool = False,
 ) -> Iterator[Row]:
     """Read a CSV file: a header line, then a row for each line; `optional` may be absent.
 
     UTF-8, separated by commas. Empty lines, and lines that begin with #, are skipped. Each `Row`
     has a cell for each wanted column that the file has.
+
+    whole : each line has to have as many cells as the header.
 
     Raises
     ------
@@ -101,6 +107,13 @@ def read_rows(
             raise _missing(path, number, name, names)
     at = {name: names.index(name) for name in (*required, *optional) if name in names}
     for number, cells in lines:
+        if whole and len(cells) != len(names):
+            raise InputError(
+                "this line has not as many cells as the header",
+                where=f"{path}, line {number}",
+                expected=str(len(names)),
+                got=str(len(cells)),
+            )
         found = {n: cells[i].strip() if i < len(cells) else "" for n, i in at.items()}
         yield Row(path, number, found)
 

@@ -98,6 +98,11 @@ class GrowingSchedule:
         return self._link.is_live
 
     @property
+    def sending_link(self) -> str:
+        """Name of the link whose message is to be resolved next."""
+        return self._link.name
+
+    @property
     def message(self) -> int:
         """Number of the message to be sent next; the number of all messages when none is left."""
         return self._messages.next

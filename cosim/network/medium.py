@@ -6,17 +6,15 @@ The declaration; `cosim.network.medium_traffic` computes what becomes of the mes
 from __future__ import annotations
 
 import math
-from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass
-from fractions import Fraction
 from typing import Annotated, Any, Literal, get_args
 
 from cosim.core import InputError
 from cosim.network.checks import MAX_NS, check_duration, check_name, is_finite
 from cosim.network.delay_signal import DelaySignal
 from cosim.network.keys import ChoiceKey, CountKey, DurationKey, NumberKey, check_keys
-from cosim.network.single_draws import single_log
+from cosim.network.range_loss import RangeLogit, RangeTable
 
 Access = Literal["aloha", "csma", "tdma"]
 """When a node begins to send: at once, when it hears nothing, or in slots of its own."""
@@ -31,75 +29,6 @@ def distance(one: Sequence[float], other: Sequence[float]) -> float:
     for a, b in zip(one, other, strict=True):
         total += (a - b) * (a - b)
     return math.sqrt(total)
-
-
-@dataclass(frozen=True, slots=True)
-class RangeTable:
-    """Probability of a loss by range: on lines between the points of a table, constant outside.
-
-    Parameters
-    ----------
-    ranges : increasing [m], at least one.
-    losses : the probability at each of them.
-
-    Raises
-    ------
-    InputError : ranges that do not increase, other than one probability for each.
-    """
-
-    ranges: tuple[float, ...]
-    losses: tuple[float, ...]
-
-    def __post_init__(self) -> None:
-        rising = all(a < b for a, b in zip(self.ranges, self.ranges[1:], strict=False))
-        if not self.ranges or not rising or not all(is_finite(r) for r in self.ranges):
-            raise InputError(
-                "the ranges of a table of losses do not increase",
-                where="loss.ranges",
-                expected="at least one range [m], each greater than the one before",
-                got=repr(self.ranges),
-            )
-        right = all(is_finite(p) and 0.0 <= p <= 1.0 for p in self.losses)
-        if len(self.losses) != len(self.ranges) or not right:
-            raise InputError(
-                "a table of losses has a probability for each range",
-                where="loss.losses",
-                expected=f"{len(self.ranges)} numbers from 0 to 1",
-                got=repr(self.losses),
-            )
-
-    def loses(self, u: float, range_m: float) -> bool:
-        """Whether a packet is lost at a range, for a draw u from [0, 1); in exact arithmetic."""
-        place = bisect_right(self.ranges, range_m)
-        if place in (0, len(self.ranges)):
-            return u < self.losses[min(place, len(self.losses) - 1)]
-        (r, s), (p, q) = (column[place - 1 : place + 1] for column in (self.ranges, self.losses))
-        share = (Fraction(range_m) - Fraction(r)) / (Fraction(s) - Fraction(r))
-        return Fraction(u) < Fraction(p) + (Fraction(q) - Fraction(p)) * share
-
-
-@dataclass(frozen=True, slots=True)
-class RangeLogit:
-    """Probability p of a loss by range: log(p / (1 - p)) = intercept + slope range.
-
-    The law that `cosim link fit` fits to a recording with ranges.
-    """
-
-    intercept: Annotated[float, NumberKey("logit of the loss at range 0")]
-    slope: Annotated[float, NumberKey("growth of the logit of the loss per metre")]
-
-    def __post_init__(self) -> None:
-        check_keys("loss.", self)
-
-    def loses(self, u: float, range_m: float) -> bool:
-        """Whether a packet is lost at a range, for a draw u from [0, 1).
-
-        u < p as log(u / (1 - u)) < log(p / (1 - p)), by the logarithm of `draws`, which is the same
-        on every machine.
-        """
-        if u == 0.0:
-            return True
-        return single_log(u) - single_log(1.0 - u) < self.intercept + self.slope * range_m
 
 
 @dataclass(frozen=True, slots=True)
@@ -320,6 +249,13 @@ class Medium:
 class Hop:
     """The way of a link over a medium: from one node to another.
 
+    Parameters
+    ----------
+    medium : the medium.
+    sender, receiver : names of two of its nodes.
+    packet : name of the packets that the link shares with others of its sender: sent once, and
+        received or not by each of their receivers; "": it has its own.
+
     Raises
     ------
     InputError : no such node, one node, or a sender without a slot.
@@ -328,6 +264,7 @@ class Hop:
     medium: Medium
     sender: str
     receiver: str
+    packet: str = ""
 
     def __post_init__(self) -> None:
         for key, name in (("from", self.sender), ("to", self.receiver)):

@@ -16,36 +16,27 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterable, Sequence
-from copy import deepcopy
 from heapq import heappop, heappush
 from typing import Any
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from cosim.core import InputError
 from cosim.network.arrivals import (
     COLLIDED,
     DELIVERED,
-    LATE,
     LOST,
-    ON_MEDIUM,
     OUT_OF_RANGE,
     QUEUE_FULL,
     RECEIVER_SENDING,
 )
-from cosim.network.block_stepping import Entries, Sent
 from cosim.network.growing_schedule import GrowingSchedule
-from cosim.network.medium import Hop, Medium, distance
-from cosim.network.messages import known_delays
+from cosim.network.medium import Medium, distance
+from cosim.network.medium_schedule import MediumSchedule
 from cosim.network.packet import PacketLink
-from cosim.network.packet_schedule import PacketSchedule
-from cosim.network.scheduling import received_schedule
 from cosim.network.single_draws import single_uniform
-from cosim.network.stepping import NO_LIMIT, Arrival, Message, Sender, rules_of, send
 
 _NEVER = 2**63 - 1
-_UNKNOWN = 2**62  # arrival of a message that is not received in the run
 _OVER, _RELEASE, _BEGIN, _OFFER = range(4)  # events of one instant, in order
 
 
@@ -83,7 +74,14 @@ class MediumTraffic:
         self.medium, self._schedules, self._end_ns = medium, schedules, end_ns
         self._modems = [_Modem() for _ in medium.nodes]
         self._events: list[tuple[int, int, int, Any]] = []
-        self._sent = 0
+        self._sent = self._resolved = 0
+        self._leaders = [self._leader(number) for number in range(len(schedules))]
+        self._sharing = {
+            one: [s for s, of in zip(schedules, self._leaders, strict=True) if of == number]
+            for number, one in enumerate(schedules)
+        }
+        self._refused: set[tuple[int, int]] = set()  # messages of links that others share
+        self._adjusts = any(one.link.adjustable for one in schedules)
         self._fixed: list[list[tuple[int, float, int]]] | None = None
         if not medium.moves:
             places = medium.at(())
@@ -95,22 +93,52 @@ class MediumTraffic:
         if self.is_live:
             self._run(end_ns)
 
+    def _leader(self, number: int) -> int:
+        """Return the first link whose packets are those of a link: itself, or one before it.
+
+        Raises
+        ------
+        InputError : they are not of one size, rhythm and queue.
+        """
+        link = self._schedules[number].link
+        for other, one in enumerate(self._schedules[:number]):
+            if _packet_of(one.link) == _packet_of(link) is not None:
+                for key in ("sample_time_ns", "offset_ns", "frame_size", "queue_limit"):
+                    mine, its = getattr(link, key), getattr(one.link, key)
+                    if mine != its:
+                        raise InputError(
+                            "links that share their packets have other packets",
+                            where=f"link {link.name!r}: {key}",
+                            expected=f"{its}, as of link {one.link.name!r}",
+                            got=repr(mine),
+                        )
+                return other
+        return number
+
     @property
     def is_live(self) -> bool:
-        """Whether nodes move, so that packets are resolved one by one."""
-        return self._fixed is None
+        """Whether packets are resolved one by one, or messages before they wait (`resolve`)."""
+        return self._fixed is None or self._adjusts
 
     @property
     def message(self) -> int:
-        """Number of the packet to be sent next, over all links."""
-        return self._sent
+        """How many packets and messages were resolved so far."""
+        return self._resolved
+
+    @property
+    def sending_link(self) -> str:
+        """Name of the link whose message is to be resolved next; "" for a packet, or nothing."""
+        awaited = self._events[0] if self._events else None
+        offered = self._adjusts and awaited is not None and awaited[1] == _OFFER
+        return self._schedules[awaited[2]].link.name if offered and awaited is not None else ""
 
     @property
     def horizon_ns(self) -> int:
         """The instant before which everything is final [ns]; 2**63 - 1 when all is.
 
         Of a medium whose nodes move it is that at which the next packet begins to be sent, on a
-        grid the last point up to it: there the places of the nodes decide.
+        grid the last point up to it: there the places of the nodes decide. Of adjustable links it
+        is that at which the next message is offered.
         """
         return self._horizon_ns
 
@@ -119,31 +147,43 @@ class MediumTraffic:
         if until_ns >= self._horizon_ns and not self.is_live:
             self._run(min(until_ns, self._end_ns))
 
-    def resolve(self, message: int, values: Sequence[float]) -> None:
-        """Send the next packet of a medium whose nodes move.
+    def resolve(
+        self,
+        message: int,
+        values: Sequence[float],
+        *,
+        delay_ns: int | None = None,
+        loss: float | None = None,
+    ) -> None:
+        """Send the next packet of a medium whose nodes move, or offer that of an adjustable link.
 
         Parameters
         ----------
-        message : its number; packets come in order.
+        message : how many were resolved before; they come in order.
         values : of the coordinates that follow signals, in the order of the nodes, at the horizon.
+        delay_ns, loss : in place of those of `sending_link`, if there is one.
 
         Raises
         ------
-        InputError : a packet out of order, coordinates that are not finite or too far away.
+        InputError : one out of order, coordinates that are not finite or too far away.
         """
-        if not self.is_live or message != self._sent or self._horizon_ns == _NEVER:
+        if not self.is_live or message != self._resolved or self._horizon_ns == _NEVER:
             raise InputError(
                 "the packets on a medium must be resolved in order",
                 where=f"medium {self.medium.name!r}",
-                expected=f"packet {self._sent}, of nodes that move",
+                expected=f"packet {self._resolved}, of nodes that move or links that change",
                 got=f"packet {message}",
             )
-        at, _, node, _ = heappop(self._events)
-        self._send(at, node, self._ways(node, self.medium.at(values)))
+        at, what, number, _ = heappop(self._events)
+        self._resolved += 1
+        if what == _OFFER:
+            self._offer(at, number, delay_ns, loss)
+        else:
+            self._send(at, number, self._ways(number, self.medium.at(values)))
         self._run(self._end_ns)
 
     def _run(self, until: int) -> None:
-        """Go through the events up to an instant; where nodes move, until a packet is sent."""
+        """Go through the events up to an instant, or to what is to be resolved."""
         events, horizon = self._events, until + 1
         while events and events[0][0] <= until:
             at, what, number, over = events[0]
@@ -154,6 +194,9 @@ class MediumTraffic:
                 heappop(events)
                 self._send(at, number, self._fixed[number])
                 continue
+            if what == _OFFER and self._adjusts:
+                horizon = at
+                break
             heappop(events)
             if what == _BEGIN:
                 self._wait(number, at + 1)
@@ -173,20 +216,28 @@ class MediumTraffic:
         if at <= self._end_ns:
             heappush(self._events, (at, _OFFER, number, None))
 
-    def _offer(self, at: int, number: int) -> None:
+    def _offer(
+        self, at: int, number: int, delay_ns: int | None = None, loss: float | None = None
+    ) -> None:
         """Take the next message of a link into the queue of its node, unless too many wait."""
         one = self._schedules[number]
-        message, limit = one.offer(), one.link.queue_limit
+        message, limit = one.offer(delay_ns, loss), one.link.queue_limit
         self._offer_next(number)
         if one.link.playout_ns:
             heappush(self._events, (at + one.link.playout_ns, _RELEASE, number, message))
-        node = one.sender
+        node, leader = one.sender, self._leaders[number]
+        if leader != number:  # its packet is that of another link, which was offered before
+            if (leader, message) in self._refused:
+                one.outcome(message, at, 0, QUEUE_FULL)
+            return
         waiting = self._modems[node].waiting
         # what can begin at this instant does not wait: the event of its node comes first
         begins = not waiting and self._begin_of(node, one, message, at) == at
         begins = begins and not self._is_heard(at, node)
         if limit is not None and not begins and sum(w is one for w, _ in waiting) >= limit:
             one.outcome(message, at, 0, QUEUE_FULL)
+            if len(self._sharing[one]) > 1:
+                self._refused.add((number, message))
             return
         waiting.append((one, message))
         if len(waiting) == 1:
@@ -240,21 +291,19 @@ class MediumTraffic:
         """Let a node send the first message that waits, heard by all the others in reach."""
         medium, modem = self.medium, self._modems[node]
         one, message = modem.waiting.popleft()
-        self._sent += 1
         end = begin + one.link.frame_ns
         modem.free, modem.deaf_until = end, end + int(medium.turnaround_ns)
         for heard in modem.heard:
             heard.deaf |= heard.begin < modem.deaf_until and heard.end > begin
         for other, range_m, travel in ways:
-            is_receiver = other == one.receiver
-            if not is_receiver and not range_m <= medium.hearing_range:
-                continue
             heard = _Heard(begin + travel, end + travel)
             if range_m <= medium.hearing_range:
                 self._hear(begin, self._modems[other], heard)
-            if is_receiver and heard.end <= self._end_ns:
-                over = (one, message, heard, travel, range_m)
-                heappush(self._events, (heard.end, _OVER, self._sent, over))
+            for link in self._sharing[one] if heard.end <= self._end_ns else ():
+                if other == link.receiver:
+                    self._sent += 1
+                    over = (link, message, heard, travel, range_m)
+                    heappush(self._events, (heard.end, _OVER, self._sent, over))
         modem.tries = 0
         if modem.waiting:
             self._wait(node, end)
@@ -285,148 +334,10 @@ class MediumTraffic:
         one.outcome(message, at, travel, fate)
 
 
-class MediumSchedule(GrowingSchedule):
-    """The schedule of a link over a medium, as far as it is known and remembered.
-
-    Made by `growing_schedules`. Its messages become known with those of the other links.
-
-    Attributes
-    ----------
-    traffic : the packets of all links over the medium.
-    sender, receiver : numbers of its nodes.
-    """
-
-    traffic: MediumTraffic
-
-    def __init__(
-        self, link: PacketLink, hop: Hop, end_ns: int, points_ns: int | ArrayLike | None = None
-    ) -> None:
-        super().__init__(link, end_ns, points_ns)
-        self.sender = hop.medium.number(hop.sender, "from")
-        self.receiver = hop.medium.number(hop.receiver, "to")
-        self._rules = rules_of(link)._replace(frame_ns=0, longest_wait_ns=NO_LIMIT)
-        self._behind_ns, self._latest = 0, -1
-        self._awaited: dict[int, Message] = {}  # offered, and on the medium or before it
-        self._missed: set[int] = set()  # of those, what the play-out buffer does not await
-        self._outcomes: dict[int, tuple[int, int, int]] | None = {}  # arrival, transit, fate
-
-    @property
-    def horizon_ns(self) -> int:
-        """The instant before which everything is final [ns]; 2**63 - 1 when all is."""
-        return self.traffic.horizon_ns
-
-    def advance(self, until_ns: int) -> None:
-        """Make everything up to and including an instant final, for all links over the medium.
-
-        Raises
-        ------
-        InputError : nodes move, and a packet that was sent by then is not resolved.
-        """
-        until = min(int(until_ns), self._end_ns)
-        if self.is_live:
-            self._check_final(until)
-        self.traffic.advance(until)
-
-    def next_sending(self) -> int:
-        """Return when the next message is offered [ns]; 2**63 - 1 when none is left."""
-        return self._next_sending()
-
-    def point_before(self, time_ns: int) -> int:
-        """Return the last point at or before an instant [ns]."""
-        return self._sendings.grid.down(time_ns)
-
-    def offer(self) -> int:
-        """Take the next message; return its number."""
-        number = self._messages.next
-        column = self._messages.take(1)
-        self._awaited[number] = Message._make(int(values[0]) for values in column)
-        return number
-
-    def outcome(self, number: int, over_ns: int, travel_ns: int, fate: int) -> None:
-        """Take what became of a message on the medium, when its packet was over [ns].
-
-        Raises
-        ------
-        InputError : a packet of a link with order = "fifo" overtook another one.
-        """
-        message = self._awaited.pop(number)
-        if self._rules.fifo and number < self._latest:
-            raise InputError(
-                "a packet was overtaken by a later one of the same link",
-                where=f"link {self._link.name!r}, message {number}",
-                expected='order = "newest-wins" or "as-arrived", or nodes slower than the packets',
-                got=f"message {self._latest} came first",
-            )
-        arrival, transit = over_ns, travel_ns + message.delay_ns + message.jitter_ns
-        if fate != QUEUE_FULL:
-            self._latest = max(self._latest, number)
-            late = over_ns - message.sent_ns + message.delay_ns
-            lost = int(message.lost or fate != DELIVERED)
-            crossed = message._replace(delay_ns=late, lost=lost)
-            found = send(self._rules, Sender(0, self._behind_ns), crossed)
-            self._behind_ns, arrival = found.behind_ns, found.arrival_ns
-            fate = fate if fate in ON_MEDIUM else found.fate
-        if number in self._missed:
-            self._missed.remove(number)
-        else:
-            self._take(number, message, arrival, transit, fate)
-
-    def release(self, number: int) -> None:
-        """Miss a message whose packet is not over at its play-out: it is late, whatever comes."""
-        message = self._awaited.get(number)
-        if message is not None:
-            self._missed.add(number)
-            at, transit = message.sent_ns + self._rules.playout_ns, message.delay_ns
-            self._take(number, message, at, transit + message.jitter_ns, LATE)
-
-    def _take(self, number: int, message: Message, at: int, transit: int, fate: int) -> None:
-        if self._outcomes is not None:
-            self._outcomes[number] = at, transit, fate
-        self._due_at(at, number, Arrival(number, message.sent_ns, fate))
-
-    def settle(self, horizon_ns: int) -> None:
-        """Receive what is due before an instant, which is the horizon from now on."""
-        self._settle(horizon_ns)
-
-    def oldest_awaited_ns(self, time_ns: int) -> int:
-        """When the oldest message was sent that is in use at an instant, or arrives later [ns]."""
-        waiting = (message.sent_ns for message in self._awaited.values())
-        return min(super().oldest_awaited_ns(time_ns), *waiting, time_ns)
-
-    def forget(self, before_ns: int) -> None:
-        """Drop what concerns only instants before this one."""
-        super().forget(before_ns)
-        self._outcomes = None
-
-    def finish(self, end_ns: int | None = None, *, broken_off: bool = False) -> PacketSchedule:
-        """Return the schedule of the run, or of one that ended at `end_ns` [ns].
-
-        Of a message in flight by then nothing is known: it arrives at 2**62, after its delay and
-        jitter alone.
-        """
-        end = self._end_ns if end_ns is None else int(end_ns)
-        count = self._sent_by(end, broken_off=broken_off)
-        messages = self._messages.first(count)
-        known = known_delays(self._link, messages.sent_ns) + messages.jitter_ns
-        arrival, transit = np.full(count, _UNKNOWN, np.int64), known
-        fate = np.where(messages.lost, np.int8(LOST), np.int8(DELIVERED))
-        for number, found in (self._outcomes or {}).items():
-            if number < count and found[0] <= end:
-                arrival[number], transit[number], fate[number] = found
-        entries = Entries(arrival, messages.sent_ns, np.arange(count, dtype=np.int64), fate)
-        sent = Sent(Sender(), entries, transit, np.zeros(count, np.bool_))
-        grid = self._sendings.grid.cut(end)
-        return received_schedule(self._link, end, messages, sent, grid)
-
-    def copy(self) -> MediumSchedule:
-        """Return a copy that goes on independently, with copies of the other links."""
-        return deepcopy(self)
-
-    def _sent_by(self, end: int, *, broken_off: bool) -> int:
-        self._check_end(end)
-        if not broken_off:
-            self._check_final(end)
-        return min(self._sendings.until(end), self._messages.next)
+def _packet_of(link: PacketLink) -> tuple[str, str] | None:
+    """Return sender and name of the packets that a link shares; None if they are its own."""
+    hop = link.hop
+    return None if hop is None or not hop.packet else (hop.sender, hop.packet)
 
 
 def growing_schedules(
@@ -449,12 +360,19 @@ def growing_schedules(
         found[link.name] = one = MediumSchedule(link, link.hop, end_ns, points_ns)
         others = media.setdefault(link.hop.medium.name, [])
         others.append(one)
-        first = others[0].link.hop
-        if first is not None and first.medium != link.hop.medium:
+        first = others[0].link
+        if first.adjustable != link.adjustable:
+            raise InputError(
+                "the links over a medium are adjustable together",
+                where=f"link {link.name!r}: adjustable",
+                expected=f"{first.adjustable}, as of link {first.name!r}",
+                got=repr(link.adjustable),
+            )
+        if first.hop is not None and first.hop.medium != link.hop.medium:
             raise InputError(
                 "two media have one name",
                 where=f"link {link.name!r}: hop",
-                expected=f"the medium of link {others[0].link.name!r}",
+                expected=f"the medium of link {first.name!r}",
                 got=repr(link.hop.medium),
             )
     for over in media.values():

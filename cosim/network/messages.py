@@ -248,7 +248,7 @@ def _draw_messages(
     seed, name, count, sent_ns = link.seed, link.name, last - first, sendings.instants(first, last)
     # A window holds for the messages of a live link that are sent in it on the grid; for those
     # of another link that were to be sent in it: `align` moves them when they are drawn.
-    live = isinstance(link.delay, DelaySignal)
+    live = link.is_live
     at_ns = sent_ns if live else sendings.nominal(first, last)
     for window in link.windows:
         inside = (at_ns >= window.from_ns) & (at_ns < window.until_ns)
@@ -282,10 +282,10 @@ def known_delays(link: PacketLink, sent_ns: NDArray[np.int64]) -> NDArray[np.int
 def resend_at(link: PacketLink, messages: Messages, sent_ns: NDArray[np.int64]) -> Messages:
     """Return the same messages sent at other instants.
 
-    A delay profile is read at the new instant; a delay that followed a signal or a condition, and
-    one from a recording of messages, stay as they were.
+    A delay profile is read at the new instant; the delay of a live link, and one from a recording
+    of messages, stay as they were.
     """
     recorded = link.recording is not None and link.recording.delay_ns is not None
-    if link.adjustable or isinstance(link.delay, DelaySignal) or recorded:
+    if link.is_live or recorded:
         return messages._replace(sent_ns=sent_ns)
     return messages._replace(sent_ns=sent_ns, delay_ns=known_delays(link, sent_ns))

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.core import InputError
-from cosim.network.checks import check_delay, check_duration, check_name
+from cosim.network.checks import check_delay, check_duration, check_name, is_finite
 from cosim.network.delay_signal import DelaySignal
 from cosim.network.impairment import GilbertElliott, Jitter, LossChain, LossWindow
 from cosim.network.keys import (
@@ -79,6 +79,10 @@ class PacketLink:
         (`on_loss` does not act). None: no limit. Only with a `data_rate`.
     recording : what became of each message of a recorded link; its delays and losses replace
         `delay`, `jitter` and `loss`. What else a link does to messages it does to these, too.
+    greatest_age_ns : a watchdog at the receiver: at points at which the message in use was sent as
+        long ago as this, or longer, `on_age` is used in its place. Between points the message ages
+        on: an age that must not be passed has to contain the receiver's step. 0: none.
+    on_age : what the receiver uses in place of a message that is too old: "zero" or a number.
     hop : the way over a medium that the link shares with others: its packets take the airtime and
         travel as the medium says, wait for its access in the queue of their node, and `delay` and
         jitter come after that. `data_rate` is the medium's; there is neither a recording, nor
@@ -125,6 +129,8 @@ class PacketLink:
     queue_limit: Annotated[int | None, CountKey("messages that may wait")] = None
     seed: Annotated[int, CountKey("seed of the run", most=2**63 - 1)] = 0
     delay: DelayProfile | DelaySignal | None = None
+    greatest_age_ns: int = 0
+    on_age: Literal["zero"] | float = "zero"
     windows: tuple[LossWindow, ...] = ()
     recording: Recording | None = None
     hop: Hop | None = None
@@ -159,6 +165,7 @@ class PacketLink:
                 expected="a data_rate and a frame_size, or None",
                 got=repr(self.queue_limit),
             )
+        self._check_greatest_age(where)
         if 0 < self.playout_ns < self.least_transit_ns:
             raise InputError(
                 "every message would be late for its play-out",
@@ -169,6 +176,35 @@ class PacketLink:
                 hint="delay + jitter + frame_size / data_rate + the wait in the queue must fit",
             )
 
+    def _check_greatest_age(self, where: str) -> None:
+        """Refuse a greatest age that nothing follows, or that no message keeps."""
+        where = f"{where}: greatest_age_ns"
+        check_duration(where, self.greatest_age_ns)
+        if self.on_age != "zero" and not is_finite(self.on_age):
+            raise InputError(
+                "not what can take the place of a message that is too old",
+                where=where.replace("greatest_age_ns", "on_age"),
+                expected='"zero", or a number',
+                got=repr(self.on_age),
+                hint="a value that is held may be as old as an outage is long: no proof covers it",
+            )
+        instead = 0.0 if self.on_age == "zero" else self.on_age
+        if self.greatest_age_ns and self._after_loss not in (None, instead):
+            raise InputError(
+                "what a loss and an age put in place of a message differ",
+                where=where.replace("greatest_age_ns", "on_age"),
+                expected=f'on_loss = "hold", or {instead:g} as on_age',
+                got=f"on_loss = {self.on_loss!r}",
+            )
+        if 0 < self.greatest_age_ns <= max(self.least_transit_ns, self.playout_ns):
+            raise InputError(
+                "every message would be too old when it arrives",
+                where=where,
+                expected=f"more than the {max(self.least_transit_ns, self.playout_ns)} ns that a "
+                "message takes, or 0 for no watchdog",
+                got=f"{self.greatest_age_ns} ns",
+            )
+
     def _check_hop(self, where: str, hop: Hop) -> None:
         """Check the size of messages, and that nothing is given that the medium says."""
         hop.check(where, self.frame_size)
@@ -177,7 +213,6 @@ class PacketLink:
             "recording": self.recording is not None,
             "duplicate": self.duplicate != 0.0,
             "delay": isinstance(self.delay, DelaySignal),
-            "adjustable": self.adjustable,
         }
         for key, is_given in given.items():
             if is_given:
@@ -189,16 +224,15 @@ class PacketLink:
                 )
 
     @property
-    def is_live(self) -> bool:
-        """Whether delays become known only during a run: they follow signals or conditions."""
-        if self.hop is not None:
-            return self.hop.medium.moves
-        return self.adjustable or isinstance(self.delay, DelaySignal)
-
-    @property
     def resolved_with(self) -> str:
         """Name of what makes its delays known: the link itself, or its medium, medium.NAME."""
         return self.name if self.hop is None else f"medium.{self.hop.medium.name}"
+
+    @property
+    def is_live(self) -> bool:
+        """Return whether what becomes of a message is known only when it is sent."""
+        moves = self.hop is not None and self.hop.medium.moves
+        return self.adjustable or moves or isinstance(self.delay, DelaySignal)
 
     @property
     def frame_ns(self) -> int:
@@ -227,6 +261,13 @@ class PacketLink:
 
     @property
     def substitute(self) -> float | None:
+        """Return the value used after a loss, or beyond the greatest age; None: there is none."""
+        if self.greatest_age_ns:
+            return 0.0 if self.on_age == "zero" else float(self.on_age)
+        return self._after_loss
+
+    @property
+    def _after_loss(self) -> float | None:
         """Return the value used after a loss; None when the last message is held."""
         if self.on_loss == "hold":
             return None

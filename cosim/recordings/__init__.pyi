@@ -4,6 +4,10 @@ from .fit import (
     fit_link as fit_link,
 )
 from .hidden_chain import HiddenChain as HiddenChain
+from .link_verdict import (
+    OutageVerdict as OutageVerdict,
+    outage_verdict as outage_verdict,
+)
 from .loss_fit import LossModel as LossModel
 from .picture import draw_recordings as draw_recordings
 from .range_fit import RangeDependence as RangeDependence

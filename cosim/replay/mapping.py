@@ -8,7 +8,15 @@ from dataclasses import dataclass
 from cosim.core import InputError
 from cosim.fmu import FmuDescription
 from cosim.scenario import Scenario
-from cosim.trace import Trace, component_of, input_topic, link_names, link_topic, output_topic
+from cosim.trace import (
+    GREATEST_AGE,
+    Trace,
+    component_of,
+    input_topic,
+    link_names,
+    link_topic,
+    output_topic,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,11 +176,12 @@ def as_delivered(trace: Trace, source: Source) -> Source:
             expected="one of them",
             got=", ".join(f"{link_topic(name)}:{source.name}" for name in links),
         )
-    if trace.topics[link].metadata.get("on_loss", "hold") != "hold":
+    metadata = trace.topics[link].metadata
+    if metadata.get("on_loss", "hold") != "hold" or GREATEST_AGE in metadata:
         raise InputError(
             f"the receiver of {source.name} used other values than those delivered",
             where="--map",
-            got=f"link {links[0]} substitutes lost values",
+            got=f"link {links[0]} substitutes lost or old values",
             hint="map the receiver's input: COMPONENT.INPUT=...",
         )
     return Source(source.name, link, source.name)

@@ -56,6 +56,7 @@ from .key_paths import (
 )
 from .link_keys import nanoseconds as nanoseconds
 from .locate import line_of as line_of
+from .lowering import has_signal_parts as has_signal_parts
 from .outcome import Outcome as Outcome
 from .pinned import named_design as named_design
 from .plant import parameters_of_plant as parameters_of_plant

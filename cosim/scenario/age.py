@@ -31,6 +31,7 @@ class MeasuredAges(NamedTuple):
         before it, since the state is constant there. None where no other came into use.
     first_ns : the first of these instants [ns].
     alike : of parallel links, the measurements in use were always equally old.
+    interrupted : after the first one, there was a time without a measurement in use.
     """
 
     least_ns: int | None
@@ -38,6 +39,7 @@ class MeasuredAges(NamedTuple):
     in_use_ns: tuple[int, int] | None
     first_ns: int
     alike: bool
+    interrupted: bool = False
 
 
 class AgeMeasure(Measure[MeasuredAges | None]):
@@ -93,9 +95,11 @@ class AgeMeasure(Measure[MeasuredAges | None]):
             self._watch(points[1:], np.where(there, points[1:] - oldest, NONE_IN_USE))
         before = np.concatenate(([self._taken], oldest))[:-1]
         self._taken = int(oldest[-1]) if oldest.size else self._taken
+        known = self._found
+        if known is not None and not there.all():
+            self._found = known = known._replace(interrupted=True)
         if not there.any():
             return
-        known = self._found
         comes = (points[:-1] - oldest)[(oldest > 0) & (oldest != before)].tolist()
         young = (points[:-1] - newest)[oldest > 0].tolist()
         oldest_age = int((points[1:] - oldest)[there].max())
@@ -108,12 +112,18 @@ class AgeMeasure(Measure[MeasuredAges | None]):
             in_use_ns=(min(comes), max(comes)) if comes else None,
             first_ns=known.first_ns if known else int(points[:-1][there][0]),
             alike=bool((oldest == newest)[there].all()) and (known is None or known.alike),
+            interrupted=known.interrupted if known else _is_interrupted(np.asarray(there)),
         )
 
     def result(self, run: Run) -> MeasuredAges | None:
         """Return the ages."""
         del run
         return self._found
+
+
+def _is_interrupted(there: NDArray[np.bool_]) -> bool:
+    """Whether there is a time without a measurement after the first one."""
+    return bool(np.count_nonzero(there) < there.size - int(np.argmax(there)))
 
 
 def _feedthrough(controller: ComponentInstance, back: Route) -> bool:

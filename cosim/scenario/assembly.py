@@ -27,6 +27,7 @@ from cosim.master import (
 from cosim.network import TransportLink
 from cosim.scenario.channels import delay_source, link_of
 from cosim.scenario.fmu_cache import FmuCache
+from cosim.scenario.input_files import series_inputs
 from cosim.scenario.link_keys import nanoseconds
 from cosim.scenario.links import PacketPart
 from cosim.scenario.matching import endpoint, matched
@@ -258,6 +259,9 @@ def _links(scenario: Scenario, findings: Findings, like: Assembled | None) -> di
     links: dict[str, Link] = {}
     changes, adjusted = changes_of(scenario, findings), adjusted_links(scenario)
     media = media_of(scenario.medium, findings)
+    packets = {n: part for n, part in scenario.links.items() if isinstance(part, PacketPart)}
+    shared = {packets[name].medium for name in adjusted & packets.keys()} - {None}
+    adjusted |= {name for name, part in packets.items() if part.medium in shared}
     for name, part in scenario.links.items():
         if like is not None and name in like.parts.links and like.has_link(name, scenario):
             links[name] = like.parts.links[name]
@@ -316,25 +320,27 @@ def _driven(
     driven: Signals = {}
     for place, part in scenario.paths():
         with findings.at(*place):
-            found = along_path(reference_inputs(part, fmus), at_rest=at_rest)
-            for end in found:
-                if end in driven:
-                    raise InputError(
-                        "an input has two sources", where=str(end), got="two paths lead to it"
-                    )
-            driven |= found
+            _add(driven, along_path(reference_inputs(part, fmus), at_rest=at_rest))
+    for i, series in enumerate(scenario.inputs):
+        with findings.at("inputs", i):
+            _add(driven, series_inputs(series, fmus, comm_schedule, at_rest=at_rest))
     if scenario.disturbance is not None and worst_case is not None:
         with findings.at("disturbance"):
             signals = worst_case_inputs(scenario.disturbance, worst_case, fmus, comm_schedule)
-            for end in signals:
-                if end in driven:
-                    raise InputError(
-                        "an input has two sources",
-                        where=str(end),
-                        got="the disturbance, and the reference",
-                    )
-            driven |= signals
+            _add(driven, signals)
     return driven
+
+
+def _add(driven: Signals, found: Signals) -> None:
+    """Add inputs that follow signals, none of which is driven already."""
+    for end in found:
+        if end in driven:
+            raise InputError(
+                "an input has two sources",
+                where=str(end),
+                got="two of the reference, the time series and the disturbance",
+            )
+    driven |= found
 
 
 def system_of(

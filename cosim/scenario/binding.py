@@ -140,8 +140,8 @@ class AnyName:
         return Meaning("number", None)
 
 
-def bind(expression: Expression, scope: Scope, wanted: Kind = "truth") -> BoundExpression:
-    """Bind the names of an expression and check its dimensions.
+def bind(expression: Expression, scope: Scope, wanted: Kind | None = "truth") -> BoundExpression:
+    """Bind the names of an expression and check its dimensions; `wanted` None: of either kind.
 
     Raises
     ------
@@ -153,7 +153,11 @@ def bind(expression: Expression, scope: Scope, wanted: Kind = "truth") -> BoundE
         node = binder.visit(expression.tree)
     except RecursionError as error:
         raise ExpressionError("the expression is nested too deep", expression.text, 1) from error
-    if node.kind != wanted and not (wanted == "truth" and isinstance(scope, AnyName)):
+    if (
+        wanted is not None
+        and node.kind != wanted
+        and not (wanted == "truth" and isinstance(scope, AnyName))
+    ):
         was = "a number" if node.kind == "number" else "a condition"
         raise expression.wrong(
             expression.tree,

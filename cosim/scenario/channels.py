@@ -115,13 +115,6 @@ def _link_of(
             )
         profile = _changed(name, constant, varying, changes, outages=True) or varying
         return TransportLink(name, 0 if profile else constant, profile)
-    if adjustable and part.medium is not None:
-        raise InputError(
-            "conditions and modes do not change a link that shares a medium",
-            where="medium",
-            expected="a link of its own, without medium",
-            got=part.medium,
-        )
     packet = [change for change in changes if change.delay_ns is not None]
     changed = _changed(name, constant, varying, packet, outages=False) or varying
     return of_part(
@@ -134,6 +127,8 @@ def _link_of(
         loss=_loss(part.loss),
         seed=seed if part.seed is None else part.seed,
         recording=_recording(part.recording),
+        greatest_age_ns=nanoseconds(part.greatest_age),
+        on_age=part.on_age,
         hop=_hop(part, media),
         adjustable=adjustable,
         windows=tuple(
@@ -157,7 +152,7 @@ def _hop(part: PacketPart, media: Mapping[str, Medium] | None) -> Hop | None:
         )
     if part.medium not in media:
         raise InputError.unknown("medium", part.medium, media, where="medium")
-    return Hop(media[part.medium], part.sender, part.receiver)
+    return Hop(media[part.medium], part.sender, part.receiver, part.packet or "")
 
 
 def _loss(part: float | BurstPart | ChainPart) -> float | GilbertElliott | LossChain:

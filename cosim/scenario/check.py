@@ -23,6 +23,7 @@ from cosim.scenario.assertions import bind_assertions
 from cosim.scenario.extend import Source
 from cosim.scenario.fmu_cache import FmuCache
 from cosim.scenario.gain import controller_parameters, gain_parameters, observes, problem_of
+from cosim.scenario.lowering import lowered
 from cosim.scenario.origin import Findings
 from cosim.scenario.pinned import named_design
 from cosim.scenario.plant import parameters_of_plant, require_vehicle_of
@@ -67,6 +68,7 @@ def schema_problems(source: Source) -> list[InputError]:
 def _look(loaded: LoadedScenario, fmu_cache: FmuCache, findings: Findings) -> None:
     scenario = loaded.scenario
     fmus = find_fmus(scenario, fmu_cache, findings)
+    scenario, fmus, _ = lowered(scenario, fmus, fmu_cache, findings)
     with findings.at("disturbance"):
         check_disturbance(loaded)
     parameters: dict[str, dict[str, float]] = {}

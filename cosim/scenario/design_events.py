@@ -21,7 +21,12 @@ class DesignEvents:
         designed = None if problem is None else problem.system.feedback_delay
         self._oldest_ns = np.inf if designed is None else designed * 1e9 * (1 + 1e-12)
         controller, plant = ("", "") if part is None else (part.controller, part.plant)
+        links = prepared.loaded.scenario.links.values()
+        self._watched = any(getattr(link, "greatest_age", 0.0) for link in links)
+        self._seen = False
         words = f"the measurement in use is older than the {designed or 0:g} s designed for"
+        if self._watched:
+            words = f"no measurement within the {designed or 0:g} s designed for is in use"
         begins = RunEvent(0, "warning", "age", controller, words)
         self._age = Episodes(collector, begins, "the measurement in use is young enough again")
         self._axes: list[tuple[float, Episodes]] = []
@@ -40,7 +45,11 @@ class DesignEvents:
 
     def age(self, points_ns: NDArray[np.int64], ages_ns: NDArray[np.int64]) -> None:
         """Take the ages of the measurements in use."""
-        self._age.add(points_ns, ages_ns > self._oldest_ns)
+        late = ages_ns > self._oldest_ns
+        if self._watched:  # a watchdog has put something else in its place
+            late |= (ages_ns < 0) & (self._seen | np.logical_or.accumulate(ages_ns >= 0))
+            self._seen |= bool((ages_ns >= 0).any())
+        self._age.add(points_ns, late)
 
     def stamped(self, points_ns: NDArray[np.int64], ages_ns: NDArray[np.int64]) -> None:
         """Take the ages of the measurements that carry stamps, (n, measurements)."""

@@ -11,7 +11,7 @@ from cosim.scenario.links import (
     RangeDelayPart,
     SignalDelayPart,
 )
-from cosim.scenario.schema import Scenario
+from cosim.scenario.schema import ConnectionPart, Scenario
 
 
 def as_text(scenario: Scenario) -> str:
@@ -21,18 +21,21 @@ def as_text(scenario: Scenario) -> str:
     for name, part in scenario.components.items():
         step = f", steps of {part.step:g} s" if part.step is not None else ""
         lines.append(f"  [{name}]{' ' * (wide - len(name))}  {part.fmu}{step}")
+    values = [f"  {n}.{o} = {x}" for n, p in scenario.computed.items() for o, x in p.items()]
+    lines += ["computed", *values] if values else []
     if scenario.links:
         lines.append("links")
     for link, of in scenario.links.items():
         lines.append(f"  ({link})  {link_words(of)}")
     lines.append("connections")
-    ends = [(part.source, part.target, part.link) for _, part in scenario.wires()]
-    ends += [("path", path.target, None) for _, path in scenario.paths()]
+    ends = [(part.source, part.target, _ways(part)) for _, part in scenario.wires()]
+    ends += [("path", path.target, []) for _, path in scenario.paths()]
+    ends += [("series", name, []) for part in scenario.inputs for name in part.values or ()]
     if scenario.disturbance is not None:
-        ends.append((scenario.disturbance.kind, scenario.disturbance.target, None))
+        ends.append((scenario.disturbance.kind, scenario.disturbance.target, []))
     wide = max((len(source) for source, _, _ in ends), default=0)
     for source, target, over in ends:
-        arrow = f"--({over})-->" if over else "-->"
+        arrow = "--".join(["", *over, ">"])
         lines.append(f"  {source.ljust(wide)} {arrow} {target}")
     for name, machine in scenario.modes.items():
         lines.append(f"modes of {name}: {', '.join(machine.states)}")
@@ -42,10 +45,21 @@ def as_text(scenario: Scenario) -> str:
     return "\n".join(lines)
 
 
+def _ways(part: ConnectionPart) -> list[str]:
+    """Return what the values of a connection pass, each as it is drawn."""
+    sensor = [f"[{part.sensor}]"] if part.sensor else []
+    return sensor + ([f"({part.link})"] if part.link else [])
+
+
 def as_mermaid(scenario: Scenario) -> str:
     """Return a Mermaid flowchart."""
     lines = ["flowchart LR"]
-    number = {name: f"c{i}" for i, name in enumerate(scenario.components)}
+    made = {
+        **dict.fromkeys(scenario.computed, "computed"),
+        **dict.fromkeys(scenario.sensors, "sensor"),
+    }
+    number = {name: f"c{i}" for i, name in enumerate([*scenario.components, *made])}
+    lines += [f'  {number[name]}["{name}<br/>{kind}"]' for name, kind in made.items()]
     for name, part in scenario.components.items():
         lines.append(f'  {number[name]}["{name}<br/>{part.fmu}"]')
     for i, (link, of) in enumerate(scenario.links.items()):
@@ -55,7 +69,7 @@ def as_mermaid(scenario: Scenario) -> str:
     for _, wire in scenario.wires():
         source, _, what = wire.source.partition(".")
         target = wire.target.partition(".")[0]
-        way = [source, *([wire.link] if wire.link else []), target]
+        way = [source, *(name for name in (wire.sensor, wire.link) if name), target]
         for a, b in pairwise(way):
             drawn.setdefault((a, b), []).append(what)
     for (a, b), whats in drawn.items():

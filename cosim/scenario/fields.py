@@ -22,16 +22,13 @@ from pydantic import (
 from cosim.core import with_field_docs
 from cosim.network import MAX_NS
 from cosim.scenario.quantity import (
-    NUMBER,
     NUMBER_ONLY,
     TIME,
-    UNIT,
     Dimension,
     QuantityError,
     dimension,
-    parse_quantity,
-    quantity_in,
 )
+from cosim.scenario.values import VALUE_PATTERN, parse_value, value_in
 
 NAME_PATTERN = r"^[A-Za-z][A-Za-z0-9_-]*$"
 """Regular expression of the name of a component or a link."""
@@ -62,7 +59,7 @@ def _quantity(wanted: Dimension) -> BeforeValidator:
         if not isinstance(value, str):
             return value
         try:
-            return quantity_in(value, wanted)
+            return value_in(value, wanted)
         except QuantityError as error:
             raise ValueError(f"a number, or {error}") from error
 
@@ -74,8 +71,8 @@ QuantityText = Annotated[
     WithJsonSchema(
         {
             "type": "string",
-            "pattern": rf"^\s*{NUMBER}\s*{UNIT}\s*$",
-            "description": 'a number and a unit, as in "50 ms"',
+            "pattern": VALUE_PATTERN,
+            "description": 'a number and a unit, as in "50 ms", or an expression of such',
         }
     ),
 ]
@@ -107,7 +104,7 @@ def _coordinate(value: Any) -> Any:
     if isinstance(value, str) and re.fullmatch(REFERENCE_PATTERN, value):
         return value
     try:
-        found = quantity_in(value, dimension(m=1)) if isinstance(value, str) else value
+        found = value_in(value, dimension(m=1)) if isinstance(value, str) else value
     except QuantityError as error:
         raise ValueError(f"a length, a signal (component.variable), or {error}") from error
     if isinstance(found, bool) or not isinstance(found, int | float) or not math.isfinite(found):
@@ -153,7 +150,7 @@ UNITS_OF_COUNTS = {
 def _finite(value: Any) -> Any:
     if isinstance(value, str):
         try:
-            parse_quantity(value)
+            parse_value(value)
         except QuantityError as error:
             raise ValueError(f"a number, or {error}") from error
         return value

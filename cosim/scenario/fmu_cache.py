@@ -4,18 +4,21 @@ from __future__ import annotations
 
 import errno
 import hashlib
+import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from cosim.core import InputError, say_once
+from cosim.core import InputError, cache_folder, say_once
 from cosim.fmu import (
     CATALOGUE,
     DEFAULT_FLAVOUR,
+    ComponentSpec,
     FmuDescription,
     describe_fmu,
     ensure_design_fmu,
     ensure_fmu,
+    ensure_made,
     own_folder,
 )
 from cosim.scenario.design_files import design_content
@@ -58,6 +61,27 @@ class FmuCache:
             return describe_fmu(self._built(fmu, lambda root: self._of_design(design, part, root)))
         path = Path(fmu)
         return describe_fmu(path if path.is_absolute() else self.folder / path)
+
+    def made(self, spec: ComponentSpec, what: str) -> FmuDescription:
+        """Return the FMU of a component that a scenario describes in `what`; build it if missing.
+
+        It is kept in the user's cache: it is no FMU that anybody chose, and is made again alike.
+
+        Raises
+        ------
+        InputError : names that would be one in C, or an FMU that cannot be built.
+        """
+        named = replace(spec, name=re.sub(r"[^A-Za-z0-9]+", "_", spec.name))
+        for folder in (cache_folder(), own_folder()):
+            try:
+                return describe_fmu(ensure_made(named, folder / "made", self.flavour))
+            except ValueError as error:
+                if isinstance(error, InputError):
+                    raise
+                raise InputError("its variables cannot be told apart", got=str(error)) from error
+            except OSError as error:
+                failed = error
+        raise _not_built(what, folder, failed) from failed
 
     def _of_catalogue(self, fmu: str, root: Path) -> Path:
         return ensure_fmu(fmu, root, flavour=self.flavour).path

@@ -20,6 +20,7 @@ from cosim.network import (
 from cosim.scenario.fields import (
     LinkTime,
     Name,
+    Number,
     Part,
     Place,
     Probability,
@@ -222,17 +223,27 @@ class PacketPart(_Packet):  # type: ignore[misc]
 
     recording: RecordedMessages | None = None
     """What became of each message of a recorded link: a file, or a table."""
+    greatest_age: LinkTime = 0.0
+    """Age from which on `on_age` comes out in place of the message in use; 0: no watchdog."""
+    on_age: Literal["zero", "hold"] | Number = "zero"
+    """What comes out in place of a message that is too old; a value that is held is refused, since
+    no proof covers it.
+    """
     medium: Name | None = None
     """Medium that the link shares with others; without it the link has a channel of its own."""
     sender: Name | None = Field(default=None, alias="from")
     """Node of the medium that sends."""
     receiver: Name | None = Field(default=None, alias="to")
     """Node of the medium that receives."""
+    packet: Name | None = None
+    """Packets that links of one sender share: sent once, and heard by the receiver of each."""
 
     @model_validator(mode="after")
     def _hop(self) -> Self:
         if len({key is None for key in (self.medium, self.sender, self.receiver)}) > 1:
             raise ValueError("medium, from and to go together: a link from one node to another")
+        if self.packet is not None and self.medium is None:
+            raise ValueError("links share their packets on a medium: packet needs medium")
         return self
 
 

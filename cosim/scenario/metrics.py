@@ -34,6 +34,7 @@ from cosim.scenario.final_values import LastOutputs
 from cosim.scenario.gain import Problem, observes, proves_exact_delays
 from cosim.scenario.limits import Saturation, SaturationMeasure
 from cosim.scenario.loss_bursts import LossBursts
+from cosim.scenario.lowering import passes_signal_parts
 from cosim.scenario.matching import endpoint
 from cosim.scenario.measure import Measure, Measures
 from cosim.scenario.measurement_ages import CommandAge, StampedAges
@@ -43,6 +44,7 @@ from cosim.scenario.measurement_claim import (
 )
 from cosim.scenario.noise_energy import NoiseEnergy
 from cosim.scenario.origin import Findings
+from cosim.scenario.outage_measure import OutageFigures, OutageMeasure, both, outage_figures
 from cosim.scenario.performance import GainMeasure
 from cosim.scenario.plant import (
     differences_json,
@@ -62,7 +64,7 @@ if TYPE_CHECKING:
 _POSITION = ("eta.x", "eta.y", "eta.z")
 _OF_AGE = tuple(
     f"metrics.{name}"
-    for name in ("message_age_s", "feedback_age", "measurement_ages", "assumptions")
+    for name in ("message_age_s", "feedback_age", "measurement_ages", "outages", "assumptions")
 )
 _OF_COUPLING = tuple(
     f"metrics.{name}" for name in ("coupling_delay_s", "coupling_delays_s", "cut_connections")
@@ -76,11 +78,13 @@ class ZeroStateFigures:
 
     saturation, largest : as in `RunFigures`.
     gain : measured; None if it could not be.
+    outages : as in `RunFigures`.
     """
 
     saturation: Saturation | None
     largest: Mapping[str, float] | None
     gain: float | None
+    outages: OutageFigures | None
 
 
 @dataclass(frozen=True)
@@ -95,6 +99,7 @@ class RunFigures:
     stamped_ages : of the measurements that carry stamps, by name; None without an observer.
     command_age_ns : the greatest age of an observer's command in use; None without one.
     commands_known : whether the observer knew what acted; None without one.
+    outages : what is proved across outages; None without such a proof.
     last_outputs : by component and output.
     coupling_delays_s, cut_delays_s : by connection.
     assertions : the verdicts.
@@ -107,6 +112,7 @@ class RunFigures:
     stamped_ages: Mapping[str, MeasuredAges | None] | None
     command_age_ns: int | None
     commands_known: bool | None
+    outages: OutageFigures | None
     last_outputs: Mapping[str, Mapping[str, float]]
     coupling_delays_s: Mapping[str, float]
     cut_delays_s: Mapping[Connection, float]
@@ -128,7 +134,11 @@ class ZeroStateMeasures(Measures):
             if observes(prepared.design):
                 noise = NoiseEnergy(part.controller, part.plant, prepared.design, problem.plant)
             self._gain = GainMeasure(part.plant, problem.system, problem.plant, noise)
-        super().__init__(_made(self._saturation, self._largest, self._gain))
+        self._outages, aged = _outage_measure(prepared), None
+        if self._outages is not None and part is not None:
+            algorithm = prepared.loaded.scenario.run.algorithm
+            aged = AgeMeasure(part.plant, part.controller, algorithm, self._outages.age)
+        super().__init__(_made(self._saturation, self._largest, self._gain, aged, self._outages))
 
     def figures(self, run: Run) -> ZeroStateFigures:
         """Return them at the end of the run."""
@@ -137,6 +147,7 @@ class ZeroStateMeasures(Measures):
             saturation=None if self._saturation is None else self._saturation.result(run),
             largest=None if self._largest is None else self._largest.result(run),
             gain=None if self._gain is None else self._gain.result(run),
+            outages=None if self._outages is None else self._outages.result(run),
         )
 
 
@@ -166,7 +177,7 @@ class RunMeasures(Measures):
         }
         self._saturation = None if part is None else commands[part.controller]
         self._largest = self._age = self._last_outputs = self._coupling = self._cut = None
-        self._stamped = self._commands = self._applied = None
+        self._stamped = self._commands = self._applied = self._outages = None
         if wanted.has("events", "metrics.envelope_use", "metrics.assumptions"):
             self._largest = _envelope_measure(prepared, self._events.envelope)
         aged = part is not None and wanted.has("events", *_OF_AGE)
@@ -179,9 +190,9 @@ class RunMeasures(Measures):
                 part.controller, part.plant, prepared.design.system, plant
             )
         elif part is not None and aged:
-            self._age = AgeMeasure(
-                part.plant, part.controller, scenario.run.algorithm, self._events.age
-            )
+            self._outages = _outage_measure(prepared, self._collector)
+            watch = both(self._events.age, None if self._outages is None else self._outages.age)
+            self._age = AgeMeasure(part.plant, part.controller, scenario.run.algorithm, watch)
         if wanted.has("final", "metrics.position_error_m"):
             self._last_outputs = LastOutputs()
         if wanted.has(*_OF_COUPLING):
@@ -193,7 +204,8 @@ class RunMeasures(Measures):
         self._others = [m for m in commands.values() if m is not self._saturation]
         found = (self._saturation, self._largest, self._age, self._last_outputs, self._coupling)
         last = _made(
-            self._stamped, self._commands, self._applied, self._cut, self._assertions, self._loss
+            *(self._outages, self._stamped, self._commands, self._applied),
+            *(self._cut, self._assertions, self._loss),
         )
         super().__init__([*_made(*found), *last, *self._others], at_once=at_once)
 
@@ -218,6 +230,7 @@ class RunMeasures(Measures):
             stamped_ages=None if self._stamped is None else self._stamped.result(run),
             command_age_ns=None if self._commands is None else self._commands.result(run),
             commands_known=None if self._applied is None else self._applied.result(run),
+            outages=None if self._outages is None else self._outages.result(run),
             last_outputs={} if self._last_outputs is None else self._last_outputs.result(run),
             coupling_delays_s={} if self._coupling is None else self._coupling.result(run),
             cut_delays_s={} if self._cut is None else self._cut.result(run),
@@ -240,6 +253,26 @@ def _envelope_measure(
     if problem.vehicle is None:
         return None
     return LargestMagnitudes(part.plant, list(ENVELOPE.values()), watch)
+
+
+def _outage_measure(
+    prepared: PreparedScenario, collector: EventCollector | None = None
+) -> OutageMeasure | None:
+    """Return the measure of a run; None without a proof across outages."""
+    scenario, problem, design = prepared.loaded.scenario, prepared.problem, prepared.design
+    part = scenario.design
+    if part is None or problem is None or design is None or observes(design):
+        return None
+    if design.guarantees.outages is None:
+        return None
+    return OutageMeasure(
+        part.plant,
+        design,
+        problem.plant,
+        scenario.run.end,
+        set_points=scenario.reference is not None,
+        collector=collector,
+    )
 
 
 def _made(*measures: Measure[Any] | None) -> list[Measure[Any]]:
@@ -337,15 +370,43 @@ def metrics_of(context: RunContext, wanted: Wanted = ALL_FIGURES) -> dict[str, A
     }
     if wanted.has(*_OF_COUPLING):
         found |= _coupling(context)
+    if context.system.modes and wanted.has("metrics.modes"):
+        found["modes"] = _modes(context)
     if observes(context.design) and wanted.has("metrics.measurement_ages"):
         found["measurement_ages"] = measurement_age_figures(
             context.design, context.figures.stamped_ages or {}, context.figures.command_age_ns
         )
+    proved = _outages_proved(context)
+    if proved is not None and wanted.has("metrics.outages"):
+        at_rest = None if context.zero_state is None else context.zero_state.outages
+        found["outages"] = outage_figures(proved, context.figures.outages, at_rest)
     if wanted.has("metrics.assumptions"):
         found["assumptions"] = _assumptions(context)
         if found["assumptions"] and (different := context.plant_differences):
             found["plant_differences"] = different
     return found
+
+
+def _modes(context: RunContext) -> dict[str, Any]:
+    """Return by mode machine the state at the end, how often it changed, and the time in each."""
+    run, found = context.run, {}
+    for machine, states in context.system.modes.items():
+        times, numbers = run.instances[0].comm_points.event_values.changes(machine)
+        times, numbers = times[times <= run.end_ns], numbers[times <= run.end_ns]
+        spent = np.diff(times, append=run.end_ns) / 1e9
+        found[machine] = {
+            "state": states[int(numbers[-1])] if numbers.size else None,
+            "changes": max(int(times.size) - 1, 0),
+            "time_s": {s: float(total(spent[numbers == k])) for k, s in enumerate(states)},
+        }
+    return found
+
+
+def _outages_proved(context: RunContext) -> hinf.Outages | None:
+    """Return what the design proves across outages."""
+    if context.design is None or observes(context.design):
+        return None
+    return context.design.guarantees.outages
 
 
 def _of_design(name: str) -> Callable[[RunContext], Any]:
@@ -414,11 +475,13 @@ def _assumptions(context: RunContext) -> dict[str, bool]:
             result["observer_knows_commands"] = context.figures.commands_known
     elif designed is not None:
         substituted = any(figures["substitutions"] for figures in context.links.values())
+        ages = context.figures.ages
+        if any(getattr(x, "greatest_age_ns", 0) for x in context.system.links.values()):
+            substituted |= ages is not None and ages.interrupted
         result["message_age_within_design"] = (
             age is not None and age <= designed * (1 + 1e-12) and not substituted
         )
         step_ns = context.system.comm_schedule.step_ns
-        ages = context.figures.ages
         if ages is not None and not ages.alike:
             result["measurements_equally_old"] = False  # u = K x(t - age): one age for all of x
         result |= age_assumptions(_feedback(context), ages, context.known_age, step_ns)
@@ -432,7 +495,14 @@ def _assumptions(context: RunContext) -> dict[str, bool]:
         )
     if context.scenario.events or context.scenario.modes:
         result["nothing_set_or_overridden"] = not context.altered_by_events
-    result["plant_as_designed"] = context.plant_differences == []
+    return result | _as_designed(context)
+
+
+def _as_designed(context: RunContext) -> dict[str, bool]:
+    """Return whether the plant is as designed, and False for a loop that is not."""
+    result, part = {"plant_as_designed": context.plant_differences == []}, context.scenario.design
+    if part is not None and passes_signal_parts(context.scenario, part.plant, part.controller):
+        result["loop_as_designed"] = False
     return result
 
 

@@ -83,6 +83,10 @@ def _found(layer: Layer, path: Sequence[str | int]) -> tuple[int, str | None]:
 NOWHERE = Origin()
 
 
+class _PlacedError(InputError):
+    """An error with the place in the scenario."""
+
+
 @dataclass
 class Findings:
     """Raises the first error, or collects all of them; adds where in the scenario they are.
@@ -99,11 +103,11 @@ class Findings:
 
     @contextmanager
     def at(self, *path: str | int) -> Iterator[None]:
-        """Locate errors raised inside at this path of the scenario."""
+        """Locate errors raised inside at this path of the scenario; one located already stays."""
         try:
             yield
         except InputError as error:
-            placed = self.placed(error, path)
+            placed = error if isinstance(error, _PlacedError) else self.placed(error, path)
             if not self.collect:
                 raise placed from error
             self.errors.append(placed)
@@ -121,7 +125,7 @@ class Findings:
         location = inner if inner and inner.startswith(words) else words
         if inner and inner != location:
             location = f"{location}: {inner}"
-        return InputError(
+        return _PlacedError(
             error.what,
             where=f"{place}: {location}",
             expected=error.expected,

@@ -25,6 +25,7 @@ from cosim.hinf import (
     design_to_json,
     first_difference,
     read_certificate,
+    with_outages,
 )
 from cosim.scenario.age_claim import age_in_words, feedback_of
 from cosim.scenario.design_files import design_content
@@ -77,6 +78,13 @@ def named_design(
     name = str(part.file)
     where, content = design_content(name, folder)
     found = _proved(content, where, in_fmu=name.endswith(".fmu"))
+    if part.outages and (observes(found) or found.guarantees.outages is None):
+        raise InputError(
+            "the proof of this design says nothing of outages",
+            where=where,
+            expected="guarantees.outages in its certificate",
+            hint="cosim design --outages --save makes one; or leave out file, and one is made",
+        )
     about = problem_about(part, found, where, folder, plant)
     return about, found, DesignSource(f"{name}, its proof checked again", name)
 
@@ -110,14 +118,14 @@ def kept_or_made(
     made_for = {"scenario": f"{loaded.name}.toml", "question": _question(part, problem, linked)}
     path = None if loaded.file is None else loaded.file.with_suffix(".design.json")
     if path is None:
-        return solve_sharply(problem, linked, part), _in_trace("the scenario is no file")
+        return _made(problem, linked, part), _in_trace("the scenario is no file")
     try:
         found, why, ours = _kept(path, made_for, (linked, problem))
     except OSError as error:
         found, why, ours = None, f"{path}: {error.strerror}", False
     if found is not None:
         return found, DesignSource(f"{path}, {why}", str(path))
-    made = solve_sharply(problem, linked, part)
+    made = _made(problem, linked, part)
     if ours and any(layer.path and layer.path[0] == "design" for layer in loaded.origin.layers):
         why, ours = "a setting changes [design]", False
     if not ours:
@@ -131,6 +139,12 @@ def kept_or_made(
     return made, DesignSource(f"made for this run ({why}), kept in {path}", str(path), made=True)
 
 
+def _made(problem: Problem, linked: Problem, part: DesignPart) -> Design:
+    """Design, and prove what [design] asks for beside gamma."""
+    found = solve_sharply(problem, linked, part)
+    return with_outages(found) if part.outages else found
+
+
 def _in_trace(why: str) -> DesignSource:
     return DesignSource(f"made for this run, kept in its trace alone: {why}", made=True)
 
@@ -138,6 +152,8 @@ def _in_trace(why: str) -> DesignSource:
 def _question(part: DesignPart, problem: Problem, linked: Problem) -> Any:
     """Return what is asked of a gain beside its system, as JSON values."""
     asked = {key: getattr(part, key) for key in MADE_WITH} | {"k1": problem.k1, "k2": problem.k2}
+    if part.outages:
+        asked["outages"] = True
     age = feedback_of(linked.system)
     if linked is not problem and age is not None:  # only then: older files do not have it
         asked["feedback_age"] = age_in_words(age)

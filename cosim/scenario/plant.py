@@ -16,8 +16,8 @@ from cosim.core import InputError
 from cosim.fmu import FmuDescription, component_module
 from cosim.models import TABLE_1, DelaySystem, inertia, thrust_map
 from cosim.scenario.designed_plant import Difference, differences_from
-from cosim.scenario.quantity import parse_quantity
 from cosim.scenario.schema import DesignPart, Scenario
+from cosim.scenario.values import parse_value
 
 _PLANT = component_module("delayed_plant.variables")
 _ENTRY = re.compile(r"(?:[AH][0-9]*|[BCE]|D[12]?)\[[0-9]+,[0-9]+\]")
@@ -48,7 +48,7 @@ def parameters_of_plant(scenario: Scenario, part: DesignPart | None = None) -> d
 
 def _number(value: Any) -> float | None:
     try:
-        number = parse_quantity(value).si if isinstance(value, str) else float(value)
+        number = parse_value(value).si if isinstance(value, str) else float(value)
     except (TypeError, ValueError):
         return None
     return number if math.isfinite(number) else None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -22,6 +22,7 @@ from cosim.scenario.gain import (
     observes,
     problem_of,
 )
+from cosim.scenario.lowering import lowered
 from cosim.scenario.origin import Findings
 from cosim.scenario.pinned import DesignSource, kept_or_made, named_design
 from cosim.scenario.plant import (
@@ -45,6 +46,7 @@ class PreparedScenario:
 
     worst_case : the worst-case disturbance to apply.
     source : where the design comes from.
+    maps : gain and offset of the components that stand for nothing else, by name.
     """
 
     loaded: LoadedScenario
@@ -53,6 +55,7 @@ class PreparedScenario:
     design: AnyDesign | None
     worst_case: hinf.WorstCase | None = None
     source: DesignSource | None = None
+    maps: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     @property
     def gain(self) -> dict[str, dict[str, float]]:
@@ -110,13 +113,15 @@ def prepare(
     source: DesignSource | None = MADE_BEFORE
     if loaded.scenario.design is None:
         loaded, saved, source = with_design_of_controller(loaded, fmus)
+    plain, fmus, maps = lowered(loaded.scenario, fmus, fmu_cache, findings)
+    loaded = loaded if plain is loaded.scenario else replace(loaded, scenario=plain)
     loaded = with_numbers(loaded, fmus, findings)
     scenario = loaded.scenario
     part, disturbance = scenario.design, scenario.disturbance
     if part is None:
         with findings.at("disturbance"):
             check_disturbance(loaded)
-        return PreparedScenario(loaded, fmus, None, None, source=source)
+        return PreparedScenario(loaded, fmus, None, None, source=source, maps=maps)
     with findings.at("design"):
         check_roles(loaded, fmus)
         own = parameters_of_plant(scenario) if plant is None else plant
@@ -144,7 +149,7 @@ def prepare(
         problem = replace(problem, system=found.system)
     if disturbance is not None and worst_case is None and not observes(found):
         worst_case = worst_case_of(disturbance, found)
-    return PreparedScenario(loaded, fmus, problem, found, worst_case, source)
+    return PreparedScenario(loaded, fmus, problem, found, worst_case, source, maps)
 
 
 def with_numbers(

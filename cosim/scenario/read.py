@@ -22,6 +22,7 @@ from cosim.scenario.extend import (
     read_text,
     source_of,
 )
+from cosim.scenario.input_files import with_values
 from cosim.scenario.key_paths import put, setting
 from cosim.scenario.links import (
     PacketPart,
@@ -140,7 +141,7 @@ def loaded_of(source: Source) -> LoadedScenario:
 
 
 def with_files(scenario: Scenario, folder: Path, findings: Findings) -> Scenario:
-    """Replace delays and recordings in files by their values: the scenario needs no other file."""
+    """Replace what is in files by its values: the scenario then needs no other file."""
     links = dict(scenario.links)
     for name, part in scenario.links.items():
         if isinstance(part, PacketPart) and isinstance(part.recording, RecordingFilePart):
@@ -150,9 +151,13 @@ def with_files(scenario: Scenario, folder: Path, findings: Findings) -> Scenario
         if isinstance(part.delay, ProfileFilePart):
             with findings.at("links", name, "delay"):
                 links[name] = part.model_copy(update={"delay": _recorded(part.delay, folder)})
-    if links == scenario.links:
+    inputs = list(scenario.inputs)
+    for i, series in enumerate(scenario.inputs):
+        with findings.at("inputs", i):
+            inputs[i] = with_values(series, folder)
+    if links == scenario.links and inputs == scenario.inputs:
         return scenario
-    return scenario.model_copy(update={"links": links})
+    return scenario.model_copy(update={"links": links, "inputs": inputs})
 
 
 def _messages(part: RecordingFilePart, folder: Path, link: str) -> RecordingPart:

@@ -66,9 +66,7 @@ def run_metadata_of(
         entries["disturbance"] = json.dumps(asdict(prepared.worst_case), sort_keys=True)
     for name, link in system.links.items():
         entries[f"link.{name}"] = json.dumps(_link_entry(link), sort_keys=True)
-        if isinstance(link, PacketLink) and link.hop is not None:
-            medium = link.hop.medium
-            entries[f"medium.{medium.name}"] = json.dumps(asdict(medium), sort_keys=True)
+        entries |= _medium_entry(link)
     for name, fmu in prepared.fmus.items():
         entries[f"fmu.{name}"] = loaded.scenario.components[name].fmu
         entries[f"fmu.{name}.sha256"] = fmu.sha256
@@ -103,9 +101,19 @@ _LATER = {
     "adjustable": False,
     "playout_ns": 0,
     "recording": None,
+    "greatest_age_ns": 0,
+    "on_age": "zero",
     "hop": None,
 }
 """Later fields of links and their unused values, which are left out: old traces lack them."""
+
+
+def _medium_entry(link: Link) -> dict[str, str]:
+    """Return the entry of the medium that a link shares, if it does."""
+    if not isinstance(link, PacketLink) or link.hop is None:
+        return {}
+    medium = link.hop.medium
+    return {f"medium.{medium.name}": json.dumps(asdict(medium), sort_keys=True)}
 
 
 def _link_entry(link: Link) -> dict[str, Any]:
@@ -125,7 +133,7 @@ def _link_entry(link: Link) -> dict[str, Any]:
                 **{key.field: getattr(value, key.field) for key in keys_of(Recording).values()},
             }
         elif isinstance(value, Hop):
-            found[each.name] = [value.medium.name, value.sender, value.receiver]
+            found[each.name] = [value.medium.name, value.sender, value.receiver, value.packet]
         elif isinstance(value, tuple):
             found[each.name] = [asdict(item) for item in value]
         elif is_dataclass(value) and not isinstance(value, type):

@@ -47,8 +47,10 @@ from cosim.scenario.fields import (
 from cosim.scenario.links import LinkPart
 from cosim.scenario.media import MediumPart
 from cosim.scenario.modes import ModesPart
-from cosim.scenario.quantity import TIME, quantity_in
+from cosim.scenario.quantity import TIME
 from cosim.scenario.run_limits import LimitsPart
+from cosim.scenario.signal_parts import ComputedPart, InputsPart, SensorPart
+from cosim.scenario.values import value_in
 
 
 class RunPart(Part):
@@ -166,11 +168,34 @@ class ConnectionPart(Part):
     """Input that receives, `component.variable`; a group for a group."""
     link: Name | None = None
     """Link that the values take; without one they arrive at once."""
+    sensor: Name | None = None
+    """Sensor of [sensors] that the values come through first."""
+    gain: Number | None = None
+    """The input is gain * value + offset, in the units of the two variables."""
+    offset: SignalValue | None = None
+    """Added after the gain; a text with a unit is converted to that of the input."""
+    matrix: Annotated[list[Annotated[list[Number], Field(min_length=1)]], Field(min_length=1)] | (
+        None
+    ) = None
+    """Linear map from a group to a group: a row for each input, a number for each output, in the
+    order in which their FMUs name them.
+    """
+    add: bool = False
+    """Whether several connections lead to this input, whose value is their sum."""
     policy: Policy = "hold"
     """The value of the input during a step: that at its beginning ("hold"), that at its middle,
     known from a transport delay ("midpoint") or extrapolated ("linear"), or that of one
     communication point before ("previous"), which cuts an algebraic loop.
     """
+
+    @model_validator(mode="after")
+    def _one_map(self) -> Self:
+        if self.matrix is not None:
+            if self.gain is not None or self.offset is not None or self.add:
+                raise ValueError("matrix without gain, offset and add")
+            if len({len(row) for row in self.matrix}) > 1:
+                raise ValueError("the rows of matrix must be of one length")
+        return self
 
 
 _SHORT = re.compile(
@@ -201,7 +226,7 @@ Connect = Annotated[str, AfterValidator(_connect)]
 
 def _seconds(value: Any) -> Any:
     """Return a time as a number; a QuantityError is a ValueError, which pydantic reports."""
-    return quantity_in(value, TIME) if isinstance(value, str) else value
+    return value_in(value, TIME) if isinstance(value, str) else value
 
 
 class PathPart(Part):
@@ -326,6 +351,10 @@ class DesignPart(Part):
     """Bound on the rate at which the age of the feedback changes; the age is then continuous."""
     sampled: bool | None = None
     """The age of the feedback is `least_age`, growing at rate one until the next sample is used."""
+    outages: bool | None = None
+    """Also prove what holds across outages of the link, for a design that is made here; the proof
+    of a `file` has it, or not.
+    """
     damping: Annotated[list[PerSecond], Field(min_length=4, max_length=4)] | None = None
     """Linear damping of the vehicle along u, v, w and r that the design is made for [1/s], in place
     of the plant's; of `auv` only.
@@ -395,6 +424,14 @@ class Scenario(Part):
     """Links that connections name: delay, jitter, loss."""
     medium: dict[Name, MediumPart] = Field(default_factory=dict)
     """Media that links share: nodes, sound, collisions, slots."""
+    computed: dict[Name, ComputedPart] = Field(default_factory=dict)
+    """Values computed from signals, by name: [computed.error] with depth = "..." is a component
+    `error` with the output `error.depth`.
+    """
+    sensors: dict[Name, SensorPart] = Field(default_factory=dict)
+    """Sensors that connections name: noise, bias, drift, steps, range, freezing, sample time."""
+    inputs: list[InputsPart] = Field(default_factory=list)
+    """Time series that inputs follow."""
     reference: PathOrPaths | None = None
     """A path for inputs that follow it; several as [[reference]]."""
     disturbance: DisturbancePart | None = None

@@ -17,6 +17,7 @@ from cosim.scenario.quantity import (
     dimension,
     parse_quantity,
 )
+from cosim.scenario.values import parse_value
 
 _BASES = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
 
@@ -73,7 +74,7 @@ def in_unit_of(fmu: FmuDescription, port: Port, text: str, where: str) -> float:
     """
     declared = unit_of(fmu, port)
     try:
-        found = parse_quantity(text)
+        found = parse_value(text)
         if declared is not None and declared.dimension is not None:
             # many exporters write rad/s as 1/s: to them angles are numbers
             if found.dimension.without_angle() != declared.dimension:

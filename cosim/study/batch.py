@@ -235,15 +235,15 @@ def record_and_measure(
 
 def _measured(study: Study, outcome: Outcome, completed: Run) -> tuple[Value, ...]:
     figures = outcome.to_json()
-    values = []
+    values: dict[str, Value] = {}
     for name, metric in study.metrics.items():
         try:
-            values.append(measure(metric, figures, completed))
+            values[name] = measure(metric, figures, completed, values)
         except InputError as error:
             place = f"metrics.{name}"
             where = f"{place}: {error.where}" if error.where else place
             raise changed_error(error, where=where) from error
-    return tuple(values)
+    return tuple(values.values())
 
 
 def _row(job: Job, runner: StudyRunner, run: int, row: Row | None) -> Row:

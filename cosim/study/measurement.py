@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from cosim.core import InputError
 from cosim.master import Run
-from cosim.scenario import inside, kind_of, split
+from cosim.scenario import ExpressionError, formula, inside, kind_of, split
 from cosim.study.consistency import nowhere
 from cosim.study.schema import Metric
 
@@ -35,10 +35,13 @@ def needs_zero_state_run(metrics: Mapping[str, Metric]) -> bool:
     return any((metric.path or "").startswith(_FROM_ZERO_STATE_RUN) for metric in metrics.values())
 
 
-def measure(metric: Metric, outcome: Mapping[str, Any], run: Run) -> Value:
+def measure(
+    metric: Metric, outcome: Mapping[str, Any], run: Run, before: Mapping[str, Value] | None = None
+) -> Value:
     """Return one figure of a run; None if it does not exist.
 
     outcome : the data of `Outcome.to_json`.
+    before : the metrics before this one, by name.
 
     Raises
     ------
@@ -53,9 +56,25 @@ def measure(metric: Metric, outcome: Mapping[str, Any], run: Run) -> Value:
                 expected="a number, a text, true or false",
                 got=f"a table of {', '.join(map(str, value))}"[:200],
             )
+    elif metric.value is not None:
+        value = _computed(metric.value, before or {})
     else:
         value = _reduced(metric, run)
     return _asked(metric, value) if metric.asks else value
+
+
+def _computed(text: str, before: Mapping[str, Value]) -> float | None:
+    """Return the value of an expression of metrics; None where one is missing, or it has none."""
+    bound = formula(text, *before)
+    known = {name: before[name] for name in bound.names}
+    if any(value is None for value in known.values()):
+        return None
+    try:
+        return bound.number(**known)
+    except ExpressionError:
+        if any(isinstance(value, str) for value in known.values()):
+            raise
+        return None
 
 
 def value_at(data: Any, path: str) -> Any:

@@ -236,7 +236,10 @@ Reduction = Literal[
 
 
 class Metric(_Part):
-    """One figure of a run: a `path` into the output of `cosim run --json`, or a reduced signal."""
+    """One figure of a run: a `path` into the output of `cosim run --json`, or a reduced signal.
+
+    Or a `value` that is computed from figures before it.
+    """
 
     path: Text | None = None
     """Figure of the output of `cosim run --json`: "status", "metrics.gain", "final.plant.eta.x",
@@ -244,6 +247,8 @@ class Metric(_Part):
     """
     signal: Text | Annotated[list[Text], Field(min_length=1)] | None = None
     """`component.variable`, or several, of which the Euclidean norm is taken."""
+    value: Text | None = None
+    """Expression of the names of metrics before this one, as in "error / wander"."""
     reduce: Reduction | None = None
     """How the signal, less `to`, becomes one number; settling_time and growth_rate in s and 1/s."""
     after: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.0
@@ -266,16 +271,16 @@ class Metric(_Part):
 
     @model_validator(mode="after")
     def _one_source(self) -> Self:
-        if (self.path is None) == (self.signal is None):
-            raise ValueError("a metric has either a path or a signal")
+        if [self.path, self.signal, self.value].count(None) != 2:
+            raise ValueError("a metric has either a path or a signal, or else a value")
         if (self.signal is None) != (self.reduce is None):
             raise ValueError("signal and reduce belong together")
         if (self.within is None) != (self.reduce != "settling_time"):
             raise ValueError("within is the band of reduce = 'settling_time' and is required there")
         if self.path is not None:
             _check(split, self.path)
-            if self.after or self.to:
-                raise ValueError("after and to belong to a signal")
+        if self.signal is None and (self.after or self.to):
+            raise ValueError("after and to belong to a signal")
         return self
 
     @property
@@ -406,6 +411,19 @@ class Study(_Part):
         if not _TRACES.match(value):
             raise ValueError("none, all, failed, or worst:N by METRIC (by -METRIC: the smallest)")
         return value
+
+    @field_validator("metrics")
+    @classmethod
+    def _values(cls, metrics: dict[str, Metric]) -> dict[str, Metric]:
+        for i, (name, metric) in enumerate(metrics.items()):
+            if metric.value is not None:
+                try:
+                    formula(metric.value, *[*metrics][:i])
+                except ExpressionError as error:
+                    raise ValueError(
+                        f"metrics before it; {name}, {error.where}: {error.what} ({error.expected})"
+                    ) from error
+        return metrics
 
     @field_validator("set")
     @classmethod

@@ -50,6 +50,10 @@ from .outcome.feedback_age import (
     age_lines as age_lines,
     measurement_age_lines as measurement_age_lines,
 )
+from .outcome.outages import (
+    outage_rows as outage_rows,
+    outage_verdict as outage_verdict,
+)
 from .outcome.plant import plant_line as plant_line
 from .outcome.run_events import (
     CONCLUSION as CONCLUSION,
@@ -97,6 +101,7 @@ from .rows.layout import (
     COMPUTED as COMPUTED,
     DESIGN_ATTACHMENT as DESIGN_ATTACHMENT,
     DROPPED_SIGNALS as DROPPED_SIGNALS,
+    GREATEST_AGE as GREATEST_AGE,
     LINK_STATE_SCHEMA as LINK_STATE_SCHEMA,
     LINK_STATE_SIGNALS as LINK_STATE_SIGNALS,
     MODE_SIGNALS as MODE_SIGNALS,

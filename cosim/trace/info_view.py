@@ -12,6 +12,7 @@ from rich.text import Text
 
 from cosim.core import at_most
 from cosim.trace.outcome.feedback_age import age_lines, measurement_age_lines
+from cosim.trace.outcome.outages import outage_rows, outage_verdict
 from cosim.trace.outcome.plant import plant_line
 from cosim.trace.outcome.run_outcome import RunOutcome
 from cosim.trace.outcome.verdict import Check, status_of
@@ -153,6 +154,12 @@ def _verdict(outcome: RunOutcome) -> Iterator[tuple[str, object]]:
         yield f"age of {name}", words
     for name, met in outcome.assumptions.items():
         yield f"assumption: {name.replace('_', ' ')}", "met" if met else "NOT MET"
+    outages = metrics.get("outages")
+    if isinstance(outages, Mapping):
+        for label, value, how in outage_rows(outages):
+            yield label, f"{value} ({how})"
+        _, words, numbers = outage_verdict(outages)
+        yield "outages", f"{words}: {numbers}"
     if metrics.get("plant_differences"):
         yield "plant", plant_line(metrics)
 

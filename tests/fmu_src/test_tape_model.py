@@ -27,12 +27,14 @@ from cosim.fmu.export.native.tape_model import model_data
 from cosim.fmu.export.native.tape_package import KINDS, MODEL, build_tape_fmu
 from cosim.models import Delay, DelaySystem
 from cosim.network import Jitter, LossChain, PacketLink, TransportLink
+from cosim.scenario.binding import Given
+from cosim.scenario.computed import ComputedTable
 
 LINK = component_module("link_channel.variables")
 PLANT = component_module("delayed_plant.variables").delayed_plant_spec
 
 
-def spec_of(name: str) -> ComponentSpec:
+def spec_of(name: str) -> ComponentSpec:  # noqa: PLR0911 - one per kind
     """A component of each kind, none of them the one that the binary was compiled with."""
     signals = [LINK.LinkSignal(initial=0.5), LINK.LinkSignal()]
     if name == "packet":
@@ -52,9 +54,24 @@ def spec_of(name: str) -> ComponentSpec:
     if name == "sensor":
         sensor_spec = component_module("sensor.variables").sensor_spec
         return sensor_spec("Log", [("a", "m"), ("b", None)], noise=(0.5, 0.0), sample_time=0.15)
+    if name == "plain_sensor":
+        sensor_spec = component_module("plain_sensor.variables").plain_sensor_spec
+        settings = {"noise": 0.5, "resolution": 0.125, "greatest": 1.0}
+        return sensor_spec("gps", [("a", "m"), ("b.x", None)], settings, sample_time=0.15)
+    if name == "computed":
+        bound = ComputedTable("c", {"y": _EXPRESSION}, Given(("u", "w")), lambda _: None)
+        bound.bind("y")
+        return bound.spec({"u": None, "w": None}, 0.1)
     if name == "TwoDelays":
         return two_delays.SPEC
     return CATALOGUE[name]
+
+
+_EXPRESSION = (
+    "min(u, w) * hypot(u, 2) + floor(3 * u) - round(u) + atan2(u, w) / 1 rad + tan(u) * exp(w)"
+    " + (asin(sin(u)) + acos(cos(w)) + atan(u)) / 1 rad + u ** 3 / (1 + w ** 2) + abs(w) ** 0.5"
+    " + log(2 + u)"
+)
 
 
 def tape_fmu(spec: ComponentSpec, folder: Path, version: str = "2.0") -> Path:
@@ -69,6 +86,8 @@ MEMBERS = sampled(
         *(("table", "2.0"), ("AuvPlant", "2.0"), ("DelayedPlant", "3.0"), ("packet", "2.0")),
         *(("PaperController", "3.0"), ("transport", "3.0"), ("table", "3.0"), ("TwoDelays", "3.0")),
         ("sensor", "2.0"),
+        ("plain_sensor", "2.0"),
+        ("computed", "3.0"),
     ],
     2,
 )

@@ -24,7 +24,7 @@ from cosim.hinf.certificate import certificate_to_json, standalone
 from cosim.hinf.certificate.standalone_numbers import M, RefusedError, eye, positive
 from cosim.models import paper_example
 
-PARTS = ("numbers", "analysis", "damping", "pair")
+PARTS = ("numbers", "analysis", "damping", "outages", "pair")
 """The files beside `standalone.py`."""
 
 UNREAD = ("theorem", "hypotheses", "name")
@@ -224,7 +224,7 @@ def test_both_refuse_garbage(made: Any, garbage: Any) -> None:
 
 
 def test_it_runs_away_from_the_package(tmp_path: Path) -> None:
-    """Five files in a folder, no site packages: exit 0 with the claim, 1 with the reason."""
+    """Six files in a folder, no site packages: exit 0 with the claim, 1 with the reason."""
     folder = Path(standalone.__file__).parent
     for name in ["standalone.py", *(f"standalone_{x}.py" for x in PARTS)]:
         shutil.copy(folder / name, tmp_path)

@@ -15,7 +15,7 @@ from fractions import Fraction
 from functools import cached_property
 from typing import Any, NamedTuple
 
-from cosim.network import DelaySignal, GilbertElliott, PacketLink, draws
+from cosim.network import GilbertElliott, PacketLink, draws
 
 Label = tuple[int, int]
 """A message and which of its two: 0 itself, 1 its copy."""
@@ -129,7 +129,7 @@ def raw_draws(link: PacketLink, end: int, points: Sequence[int] | None = None) -
         lost = chain_losses(link, len(nominal))
     else:
         lost = [bool(link.recording.lost[row]) for row in recorded_rows(link, len(nominal))]
-    up = LinkModel(link, end, points if isinstance(link.delay, DelaySignal) else None).up
+    up = LinkModel(link, end, points if link.is_live else None).up
     for window in link.windows:
         others = draws.lost(window.loss, *source).tolist()
         inside = [window.from_ns <= up(t) < window.until_ns for t in nominal]

@@ -60,6 +60,8 @@ class MediumModel:
         self.names = [node.name for node in self.medium.nodes]
         self.sender = [self.names.index(link.hop.sender) for link in self.links]
         self.receiver = [self.names.index(link.hop.receiver) for link in self.links]
+        shared = [(link.hop.sender, link.hop.packet or i) for i, link in enumerate(self.links)]
+        self.leader = [shared.index(of) for of in shared]  # the link whose packets these are
         self.packets: list[Packet] = []
         self.refused: set[tuple[int, int]] = set()
         self._send_all()
@@ -115,7 +117,10 @@ class MediumModel:
         since = [0] * len(self.names)
         free = [0] * len(self.names)
         left = sorted(
-            (t, link, k) for link, all_ in enumerate(self.offers) for k, t in enumerate(all_)
+            (t, link, k)
+            for link, all_ in enumerate(self.offers)
+            for k, t in enumerate(all_)
+            if self.leader[link] == link
         )
         while True:
             begins = [
@@ -148,34 +153,40 @@ class MediumModel:
         """What became of each packet: by link and message."""
         found = {}
         for p in self.packets:
-            to = self.receiver[p.link]
-            away = self.range(p.node, to, p.begin)
-            travel = self.travel(away)
-            first, last = p.begin + travel, p.begin + travel + p.airtime
-            deaf = [
-                (q.begin, q.begin + q.airtime + self.medium.turnaround_ns)
-                for q in self.packets
-                if q.node == to
-            ]
-            others = [self.heard(q, to) for q in self.packets if q is not p and q.node != to]
-            name = "received"
-            if self.medium.max_range is not None and away > self.medium.max_range:
-                name = "out of range"
-            elif any(a < last and first < b for a, b in deaf):
-                name = "receiver sending"
-            elif any(s is not None and s[0] < last and first < s[1] for s in others):
-                name = "collided"
-            elif self.is_lost(p, away):
-                name = "lost"
-            found[p.link, p.message] = Fate(name, last, travel)
+            for link, leader in enumerate(self.leader):
+                if leader == p.link:
+                    found[link, p.message] = self.fate(p, link)
         return found
 
-    def is_lost(self, p: Packet, away: float) -> bool:
+    def fate(self, p: Packet, link: int) -> Fate:
+        """What became of a packet at the receiver of a link."""
+        to = self.receiver[link]
+        away = self.range(p.node, to, p.begin)
+        travel = self.travel(away)
+        first, last = p.begin + travel, p.begin + travel + p.airtime
+        deaf = [
+            (q.begin, q.begin + q.airtime + self.medium.turnaround_ns)
+            for q in self.packets
+            if q.node == to
+        ]
+        others = [self.heard(q, to) for q in self.packets if q is not p and q.node != to]
+        name = "received"
+        if self.medium.max_range is not None and away > self.medium.max_range:
+            name = "out of range"
+        elif any(a < last and first < b for a, b in deaf):
+            name = "receiver sending"
+        elif any(s is not None and s[0] < last and first < s[1] for s in others):
+            name = "collided"
+        elif self.is_lost(link, p.message, away):
+            name = "lost"
+        return Fate(name, last, travel)
+
+    def is_lost(self, link: int, message: int, away: float) -> bool:
         """The draw against the probability: on a line of the table, or by the exponential."""
-        law, link = self.medium.loss, self.links[p.link]
+        law, own = self.medium.loss, self.links[link]
         if law is None:
             return False
-        u = draws.uniform(link.seed, link.name, "range loss", p.message + 1)[p.message]
+        u = draws.uniform(own.seed, own.name, "range loss", message + 1)[message]
         if isinstance(law, RangeLogit):
             c = Context(prec=40)
             z = c.add(Decimal(law.intercept), c.multiply(Decimal(law.slope), Decimal(away)))
@@ -186,12 +197,13 @@ class MediumModel:
         self,
         link: int,
         raw: link_model.Raw,
+        delays: Sequence[int],
         points: Sequence[int] | None = None,
     ) -> link_model.Outcome:
         """What becomes of the messages of a link, with its own losses and behind the medium."""
         own, fates = self.links[link], self.fates()
         mine = {k: fate for (of, k), fate in fates.items() if of == link}
-        refused = {k for of, k in self.refused if of == link}
+        refused = {k for of, k in self.refused if of == self.leader[link]}
         behind = replace(own, hop=None, frame_size=0, queue_limit=None)
         lost = [
             own_loss or (k in mine and mine[k].name != "received")
@@ -204,7 +216,7 @@ class MediumModel:
 
         def crossing(k: int, sent: int) -> int:
             over = mine[k].over if k in mine and mine[k].over <= self.end else UNKNOWN
-            return over - sent + own.delay_ns
+            return over - sent + delays[k]
 
         found = Behind(behind, self.end, points).run(
             list(self.offers[link]), raw._replace(lost=lost), crossing
@@ -218,7 +230,7 @@ class MediumModel:
             elif entry.fate == "lost" and fate is not None and fate.name != "received":
                 entry.fate = fate.name
             on_way = fate is not None and entry.fate != "in flight" and not late
-            entry.transit = own.delay_ns + raw.jitter[k] + (fate.travel if on_way and fate else 0)
+            entry.transit = delays[k] + raw.jitter[k] + (fate.travel if on_way and fate else 0)
             entry.lost = raw.lost[k]
             if entry.fate == "in flight":
                 entry.arrival = UNKNOWN

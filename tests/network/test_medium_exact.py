@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import random
 from collections.abc import Sequence
+from dataclasses import replace
 from fractions import Fraction
 from typing import Any
 
@@ -31,6 +32,7 @@ from cosim.network import (
     PacketLink,
     RangeLogit,
     RangeTable,
+    draws,
     growing_schedules,
 )
 
@@ -63,7 +65,38 @@ class Case:
         self.medium = draw_medium(r, nodes, self.unit, spread)
         self.end = r.randint(0, 250) * self.unit
         self.links = [draw_link(r, self, i) for i in range(r.randint(1, 5))]
+        if r.random() < 0.4:
+            self.links = share_packets(r, self.links)
         self.points = draw_points(r, self.end, self.unit)
+        self.changes: dict[tuple[str, int], tuple[int | None, float | None]] = {}
+        if r.random() < 0.3:
+            self.links = [replace(link, adjustable=True) for link in self.links]
+            self.changes = {
+                (link.name, k): (
+                    r.choice([None, r.randint(0, 9) * self.unit]),
+                    r.choice([None, 0.0, 0.5, 1.0]),
+                )
+                for link in self.links
+                for k in range(200)
+                if r.random() < 0.7
+            }
+
+    def delays(self, link: PacketLink) -> list[int]:
+        """The link's own delay of each message, as conditions change it."""
+        changed = [self.changes.get((link.name, k), (None, None))[0] for k in range(200)]
+        return [link.delay_ns if delay is None else delay for delay in changed]
+
+    def draws(self, link: PacketLink, points: Sequence[int] | None) -> link_model.Raw:
+        """The raw draws, with the losses as conditions change them."""
+        raw = link_model.raw_draws(link, self.end, points)
+        u = draws.uniform(link.seed, link.name, "loss", len(raw.lost))
+        lost = [
+            own
+            if (loss := self.changes.get((link.name, k), (None, None))[1]) is None
+            else u[k] < loss
+            for k, own in enumerate(raw.lost)
+        ]
+        return raw._replace(lost=lost)
 
     def where(self, node: int, t: int) -> list[Fraction]:
         return [a + v * t for a, v in zip(self.start[node], self.speeds[node], strict=True)]
@@ -130,12 +163,29 @@ def draw_link(r: random.Random, case: Case, number: int) -> PacketLink:
     )
     if r.random() < 0.25:
         late = link.least_transit_ns + r.randint(0, 40) * unit
-        link = link.__class__(**{**as_fields(link), "playout_ns": late})
+        link = replace(link, playout_ns=late)
     return link
 
 
-def as_fields(link: PacketLink) -> dict[str, Any]:
-    return {name: getattr(link, name) for name in link.__dataclass_fields__}
+def share_packets(r: random.Random, links: list[PacketLink]) -> list[PacketLink]:
+    """Let some links share their packets with the first one that is of the same sender then."""
+    first = links[0]
+    found = [replace(first, hop=replace(first.hop, packet="p"))]
+    for link in links[1:]:
+        assert first.hop is not None
+        receiver = r.choice([n.name for n in first.hop.medium.nodes if n.name != first.hop.sender])
+        mine = {key: getattr(first, key) for key in ("sample_time_ns", "offset_ns", "frame_size")}
+        hop = replace(first.hop, receiver=receiver, packet="p")
+        late = max(link.playout_ns, first.least_transit_ns + link.delay_ns)
+        other = replace(
+            link,
+            **mine,
+            queue_limit=first.queue_limit,
+            hop=hop,
+            playout_ns=late if link.playout_ns else 0,
+        )
+        found.append(r.choice([link, other]))
+    return found
 
 
 JITTER = PacketLink("none", 1).jitter
@@ -172,7 +222,10 @@ def grow(
         if traffic.is_live:
             at = traffic.horizon_ns
             assert points is None or at in points
-            traffic.resolve(traffic.message, case.values(at))
+            name = traffic.sending_link
+            key = (name, schedules[name].message) if name else ("", 0)
+            delay, loss = case.changes.get(key, (None, None))
+            traffic.resolve(traffic.message, case.values(at), delay_ns=delay, loss=loss)
         else:
             known += r.choice([0, 1, 1, r.randint(0, 1 + case.end // 20), 1 + case.end // 3])
             r.choice(list(schedules.values())).advance(known)
@@ -192,14 +245,14 @@ def check_case(number: int) -> None:
         stop = down(points, stop)
         shorter = model_of(case, stop, None if points is None else [p for p in points if p <= stop])
         for i, (link, schedule) in enumerate(zip(case.links, schedules.values(), strict=True)):
-            raw = link_model.raw_draws(link, case.end)
-            expected = model.outcome(i, raw, points)
+            raw, delays = case.draws(link, points), case.delays(link)
+            expected = model.outcome(i, raw, delays, points)
             instants = [*(r.randint(0, case.end) for _ in range(4)), 0, case.end]
             check_answers(schedule, expected, instants)
             check_arrivals(schedule, expected)
             check_schedule(schedule.finish(), expected, instants)
             cut = None if points is None else [p for p in points if p <= stop]
-            early = shorter.outcome(i, raw, cut)
+            early = shorter.outcome(i, raw, delays, cut)
             check_schedule(schedule.finish(stop), early, [0, stop])
             if number % 10 == 0:  # what a copy forgets is counted, and changes nothing
                 twin = schedule.copy()

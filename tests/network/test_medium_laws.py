@@ -164,6 +164,25 @@ def test_one_link_on_a_medium_is_a_link_with_a_data_rate() -> None:
     assert one.statistics() == {key: other.statistics()[key] for key in one.statistics()}
 
 
+def test_links_that_share_their_packets_send_once() -> None:
+    """The ship calls three at once; each receives or misses it by itself, with its own draws."""
+    over = medium(max_range=4000.0, loss=RangeTable((0.0,), (0.3,)))
+    calls = [
+        link(f"to_{n.name}", "ship", n.name, over, hop=Hop(over, "ship", n.name, "call"), seed=1)
+        for n in AUVS
+    ]
+    found = run(calls, 1000 * S)
+    fates = [words(found[call.name])[:-1] for call in calls]
+    assert all(15 < each.count("lost") < 45 for each in fates[:2])
+    assert fates[0] != fates[1]
+    assert set(fates[2]) == {"out of range"}
+    assert found["to_auv1"].arrival_ns[0] == 2 * S
+    assert found["to_auv2"].arrival_ns[0] == 3 * S
+    other = link("to_auv2", "ship", "auv2", over, hop=Hop(over, "ship", "auv2", "call"))
+    with pytest.raises(InputError, match="frame_size"):
+        run([calls[0], replace(other, name="late", frame_size=7)], S)
+
+
 def test_the_share_of_a_table_is_lost() -> None:
     """Half way between no loss at 1 km and certain loss at 2 km half the packets are lost."""
     over = medium(loss=RangeTable((1000.0, 2000.0), (0.0, 1.0)))
@@ -177,8 +196,8 @@ def test_what_is_sent_is_delivered_once_or_not_and_never_while_sending() -> None
     for number in range(40):
         case = Case(number)
         found = run(case.links, case.end, case)
-        sending: dict[str, list[tuple[int, int]]] = {}
-        taken: dict[str, list[tuple[int, int]]] = {}
+        sending: dict[str, set[tuple[int, int, str, int]]] = {}
+        taken: dict[str, set[tuple[int, int, str, int]]] = {}
         for one in case.links:
             s, hop = found[one.name], one.hop
             assert hop is not None
@@ -197,21 +216,24 @@ def test_what_is_sent_is_delivered_once_or_not_and_never_while_sending() -> None
             )
             if one.playout_ns or one.jitter.kind != "none" or one.order == "fifo":
                 continue  # the arrival is not the end of the packet
-            for arrival, transit, how in zip(
-                s.arrival_ns.tolist(), s.transit_ns.tolist(), words(s), strict=True
+            for k, (arrival, transit, how) in enumerate(
+                zip(s.arrival_ns.tolist(), s.transit_ns.tolist(), words(s), strict=True)
             ):
+                packet = hop.packet or one.name, k  # several links may share it
                 over = arrival - one.delay_ns
                 begin = arrival - transit - one.frame_ns
                 if how not in ("in flight", "queue full"):
-                    sending.setdefault(hop.sender, []).append((begin, begin + one.frame_ns))
+                    sending.setdefault(hop.sender, set()).add(
+                        (begin, begin + one.frame_ns, *packet)
+                    )
                 if how in ("delivered", "overtaken"):
-                    taken.setdefault(hop.receiver, []).append((over - one.frame_ns, over))
+                    taken.setdefault(hop.receiver, set()).add((over - one.frame_ns, over, *packet))
         for spans in (*sending.values(), *taken.values()):
             assert all(a[1] <= b[0] for a, b in pairwise(sorted(spans)))
         for node, spans in taken.items():
-            for a, b in spans:
+            for a, b, _, _ in spans:
                 deaf = case.medium.turnaround_ns
-                assert all(d + deaf <= a or b <= c for c, d in sending.get(node, []))
+                assert all(d + deaf <= a or b <= c for c, d, _, _ in sending.get(node, ()))
 
 
 class Bay:
@@ -327,7 +349,7 @@ def spread(case: Case) -> None:
             64 * one.offset_ns + i,
             frame_size=one.frame_size,
             seed=one.seed,
-            hop=replace(one.hop, medium=over),
+            hop=replace(one.hop, medium=over, packet=""),
         )
         for i, one in enumerate(case.links)
         if one.hop is not None

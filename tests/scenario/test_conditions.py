@@ -14,7 +14,8 @@ from cosim.core.errors import InputError
 from cosim.scenario.binding import Meaning, bind, formula
 from cosim.scenario.expression import Expression, ExpressionError
 from cosim.scenario.functions import OF_SIGNALS
-from cosim.scenario.quantity import QuantityError, dimension, parse_quantity
+from cosim.scenario.quantity import Dimension, QuantityError, dimension, parse_quantity
+from cosim.scenario.values import value_in
 
 
 class Names:
@@ -183,6 +184,27 @@ class Loose:
 def test_quantity_is_what_the_tables_say(text: str, si: float) -> None:
     """Against the definitions: nautical mile 1852 m, minute 60 s, 0 degC 273.15 K."""
     assert parse_quantity(text).si == pytest.approx(si, rel=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("text", "wanted", "si"),
+    [
+        ("1 s / 20", dimension(s=1), 0.05),
+        ("2 * pi / 10 s", dimension(s=-1), 2.0 * math.pi / 10.0),
+        ("sqrt(4) * 50 ms", dimension(s=1), 2.0 * 0.05),
+        ("(1 + 2) ** 2", dimension(), 9.0),
+    ],
+)
+def test_a_value_may_be_an_expression(text: str, wanted: Dimension, si: float) -> None:
+    """Of numbers with units; no name is one, and a plain text is none."""
+    assert value_in(text, wanted) == si
+    for wrong, words in (
+        (f"{text} * 1 kg", "a value in"),
+        (f"{text} + x", "column"),
+        ("soon", "as in"),
+    ):
+        with pytest.raises(QuantityError, match=words):
+            value_in(wrong, wanted)
 
 
 WHOLE_NUMBERS = ("1e6", "1e-3", "2.5E+3", "1e3/s", "51/s", "1e11/s", "1e1234 m")

@@ -13,6 +13,8 @@ from cosim import Scenario
 from cosim.core import InputError
 from cosim.scenario import load, open_source
 from cosim.scenario.copies import written_out
+from cosim.study.schema import Study
+from cosim.study.varied import Variations
 
 TEXT = (SCENARIOS / "valid" / "copies.toml").read_text("utf-8")
 
@@ -154,3 +156,21 @@ def test_loop_without_a_meaning_is_refused(data: dict[str, Any], words: str) -> 
     with pytest.raises(InputError) as refused:
         out(**data)
     assert words in str(refused.value)
+
+
+def test_study_varies_one_copy() -> None:
+    """By its number in brackets or by its name."""
+    base = load(str(SCENARIOS / "valid" / "copies.toml")).scenario
+    place = "components.drone[2].parameters.initial.eta.z"
+    vary = [{"kind": "grid", "path": place, "values": [7.0, 9.0]}]
+    study = Study.model_validate(
+        {
+            "title": "one copy",
+            "scenario": "copies.toml",
+            "vary": vary,
+            "metrics": {"z": {"signal": "drone_2.eta.z", "reduce": "final"}},
+        }
+    )
+    varied = Variations(study, base).scenario([9.0])
+    assert varied.components["drone_2"].parameters["initial.eta.z"] == 9.0
+    assert varied.components["drone_1"] == base.components["drone_1"]

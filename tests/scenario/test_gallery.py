@@ -66,13 +66,44 @@ def test_views_of_the_gallery_have_one_headline(name: str) -> None:
     assert verify(trace.path).verdict == "ok"
 
 
-def test_gallery_has_eleven_situations() -> None:
-    """Eleven situations, by name."""
+def test_gallery_has_twelve_situations() -> None:
+    """Twelve situations, by name."""
     assert set(builtin_names()) >= {
         *("station-keeping", "heading-step", "set-point-path", "acoustic-range", "burst-loss"),
         *("link-outage", "current-gust", "thruster-saturation", "auv-worst-case", "wrong-delay"),
-        "paper-example",
+        *("paper-example", "survey-outages"),
     }
+
+
+def test_an_outage_suspends_gamma_and_is_made_up_for() -> None:
+    """Recomputed from the trace: the mode of each step, the deficit, and when it is zero again."""
+    data, trace = executed("survey-outages")
+    metrics = data["metrics"]
+    assert isinstance(metrics, dict)
+    found = metrics["outages"]
+    assert metrics["assumptions"]["message_age_within_design"] is False
+    assert found["uncovered_at_s"] is None
+    assert found["share_had"] > found["share_needed"] == pytest.approx(0.88244, abs=1e-4)
+    commands, plant = trace.read("/link/commands"), trace.read("/plant/output")
+    points = plant.log_time_ns[:-1]
+    last = np.searchsorted(commands.log_time_ns, points, side="right") - 1
+    young = points - commands.publish_time_ns[np.maximum(last, 0)] < 900_000_000
+    touch = (last < 0) | young  # at first nothing is commanded, at the station: K x = 0
+    h = np.diff(plant.log_time_ns) / 1e9
+    assert found["share_had"] == pytest.approx(h[touch].sum() / h.sum(), abs=1e-9)
+    deficit, at = 0.0, []
+    for own, step in zip(touch, h, strict=True):
+        deficit = max(deficit + step * 2 * (found["beta"], -found["alpha"])[int(own)], 0.0)
+        at.append(deficit)
+    assert found["greatest_exponent"] == pytest.approx(max(at))
+    suspended = np.array(at) > 0
+    assert 0.05 < suspended.mean() < 0.5
+    assert found["guaranteed_share"] == pytest.approx(1 - suspended.mean(), abs=1e-3)
+    begin, end = found["suspensions_s"][0]
+    assert begin == pytest.approx(points[suspended][0] / 1e9, abs=1e-9)
+    assert end == pytest.approx(points[suspended][-1] / 1e9, abs=0.1)
+    assert found["weighted_gain"] < found["gamma"]
+    assert found["plain_gain_bound"] > found["gamma"]
 
 
 def test_delay_of_the_acoustic_link_is_range_over_speed_of_sound() -> None:

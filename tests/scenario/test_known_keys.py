@@ -13,7 +13,7 @@ from cosim.scenario.read import load
 @pytest.mark.parametrize(
     ("text", "hint"),
     [
-        ("seed = 3", "did you mean run.seed or links.NAME.seed?"),
+        ("seed = 3", "did you mean run.seed or links.NAME.seed or sensors.NAME.seed?"),
         ("[desing]\nsystem = 'auv'", "did you mean design?"),
         ("system = 'auv'", "did you mean design.system?"),
         ("[design]\nsystme = 'auv'", "did you mean system?"),

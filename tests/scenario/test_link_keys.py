@@ -58,7 +58,8 @@ PARTS = {
     Medium: MediumPart,
     RangeLogit: RangeLogitPart,
 }
-NOT_KEYS = {"name", "delay", "windows", "recording", "hop", "nodes", "slots", "loss"}
+NOT_KEYS = {"name", "delay", "windows", "recording", "hop", "adjustable", "nodes", "slots", "loss"}
+NOT_KEYS |= {"greatest_age_ns", "on_age"}
 ROWS = {"sent_ns", "lost", "delay_ns", "range_m", "size", "start_ns"}
 RATE = {"data_rate": 1000, "frame_size": 10}
 
@@ -77,8 +78,8 @@ def test_a_scenario_has_the_same_keys(declared: type) -> None:
     """Each key once, in order, with its meaning in the JSON schema; nothing else but a few."""
     part = PARTS[declared]
     names = [field.alias or name for name, field in part.model_fields.items()]
-    others = ("kind", "signal", "recording", "file", "node", "medium", "from", "to")
-    others += ("nodes", "slots", "loss")
+    others = ("kind", "signal", "recording", "file", "node", "medium", "from", "to", "packet")
+    others += ("nodes", "slots", "loss", "greatest_age", "on_age")
     assert [n for n in names if n not in others or n in keys_of(declared)] == [*keys_of(declared)]
     properties = part.model_json_schema()["properties"]
     for name, found in keys_of(declared).items():

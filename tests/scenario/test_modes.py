@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from contextlib import closing
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -134,6 +135,13 @@ def test_machine_goes_through_its_states_as_the_rows_say(fmus: Path, tmp_path: P
     in_survey = [s for s in np.arange(0, 12.1, 0.5) if mode_at(trace, np.array([s]))[0] == "survey"]
     assert in_survey
     assert {round(1e9 * s) for s in in_survey if s < 11.5} <= lost
+    spent = dict.fromkeys(("survey", "transit", "abort"), 0.0)
+    for k in range(1, t.size):
+        spent[expected[k - 1]] += t[k] - t[k - 1]
+    modes = outcome["metrics"]["modes"]["mission"]
+    assert modes["time_s"] == pytest.approx(spent, abs=1e-9)
+    changes = sum(a != b for a, b in pairwise(expected))
+    assert (modes["state"], modes["changes"]) == (expected[-1], changes)
     verdict = {a["name"]: a["result"] for a in outcome["assertions"]}
     assert verdict == {"reached": "holds", "never": "fails", "in time": "holds"}
 

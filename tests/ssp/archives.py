@@ -89,7 +89,7 @@ def export(
 
 def execute_scenario(scenario: LoadedScenario, fmus: Path) -> Run:
     prepared = prepare(scenario, FmuCache(fmus.parent, scenario.folder, flavour="native"))
-    run = simulate(system_of(prepared, scenario.scenario))
+    run = simulate(system_of(prepared, prepared.loaded.scenario))
     assert run.status == "finished", run.reason
     return run
 

@@ -228,3 +228,65 @@ def test_archive_that_cannot_be_written_is_refused(native_fmus: Path, tmp_path: 
     (tmp_path / "test.ssp").mkdir()
     with pytest.raises(InputError, match="cannot be written"):
         export(LINKED.format(events="grid"), native_fmus, tmp_path)
+
+
+SIGNALS = """\
+title = "Section 5 with signals of its own"
+
+[run]
+end = 2.0
+step = 0.05
+
+[components.plant]
+fmu = "DelayedPlant"
+
+[components.controller]
+fmu = "PaperController"
+
+[computed.seen]
+first = "2 * plant.x[1] - 1 / (3 + t / 1 s)"
+
+[sensors.gyro]
+noise = 0.25
+resolution = 0.125
+
+[[connections]]
+from = "seen.first"
+to = "controller.x[1]"
+gain = 0.5
+offset = 0.1
+link = "up"
+
+[[connections]]
+from = "plant.x[2]"
+to = "controller.x[2]"
+sensor = "gyro"
+
+[[connections]]
+from = "controller.u[1]"
+to = "plant.u[1]"
+gain = -0.75
+
+[links.up]
+kind = "packet"
+sample_time = 0.1
+delay = 0.15
+"""
+
+
+@pytest.mark.parametrize("links", ["annotate", "fmu"])
+def test_signals_of_a_scenario_come_back(native_fmus: Path, tmp_path: Path, links: str) -> None:
+    """A gain and an offset as a transformation, the others as FMUs: the same rows, bit for bit."""
+    done = export(SIGNALS, native_fmus, tmp_path, links)  # type: ignore[arg-type]
+    found = [
+        (e.get("factor"), e.get("offset"))
+        for e in description(done.path).iter(f"{{{NAMESPACES['ssc']}}}LinearTransformation")
+    ]
+    assert sorted(found) == [("-0.75", "0.0"), ("0.5", "0.1")]
+    assert not any("to_" in name for name in done.components)
+    again = import_ssp(done.path, tmp_path / "again.toml")
+    one = execute_scenario(loaded(SIGNALS, tmp_path), native_fmus)
+    other = execute_scenario(load(str(again.path)), native_fmus)
+    before, after = signals(one, *NAMES), signals(other, *NAMES)
+    assert all(np.array_equal(before[name], after[name]) for name in NAMES)
+    assert np.ptp(before["controller.u[1]"]) > 0.1

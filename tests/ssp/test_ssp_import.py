@@ -202,7 +202,7 @@ BAD = {
         TWO.format(
             PLANT,
             PILOT,
-            connection("p:x[1]", "q:x[1]", '<ssc:LinearTransformation factor="2"/>'),
+            connection("p:x[1]", "q:x[1]", "<ssc:BooleanMappingTransformation/>"),
         ),
         "transforms its values",
     ),

@@ -23,6 +23,7 @@ SAYS = {
     "empty-values": (10, "'vary[0].values' is not allowed"),
     "fractional-count": (7, "a whole count"),
     "malformed": (4, "malformed TOML"),
+    "metric-value-unknown": (4, "twice, column 5: there is no name 'gin'"),
     "metric-of-both": (10, "either a path or a signal"),
     "metric-without-reduce": (10, "signal and reduce belong together"),
     "misspelt-key": (10, "did you mean values"),

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING, cast
 
 import pytest
 
 from cosim.core.errors import InputError
 from cosim.scenario.key_paths import put, split
-from cosim.study.measurement import value_at
-from cosim.study.schema import of_x
+from cosim.study.measurement import measure, value_at
+from cosim.study.schema import Metric, of_x
+
+if TYPE_CHECKING:
+    from cosim.master import Run
 
 
 def test_paths_are_split_at_dots_outside_quotes() -> None:
@@ -49,6 +53,19 @@ def test_figures_are_found_under_names_with_dots() -> None:
     assert value_at(data, "metrics.gain") is None
     with pytest.raises(InputError, match=r"did you mean plant\.eta\.x"):
         value_at(data, "final.plant.eta.y")
+
+
+def test_a_metric_is_computed_from_those_before() -> None:
+    """A missing one, or a division by zero, gives none; a text is refused."""
+    ratio = Metric(value="2 * error / 'a-b'", above=0.5)
+    for a, b, found in ((1.0, 2.0, True), (1.0, 8.0, False), (None, 1.0, False), (1.0, 0.0, False)):
+        assert measure(ratio, {}, cast("Run", None), {"error": a, "a-b": b}) is found
+    plain = Metric(value="error ** 2 + e - e")
+    assert measure(plain, {}, cast("Run", None), {"error": 3.0}) == 9.0
+    with pytest.raises(InputError, match="no number"):
+        measure(plain, {}, cast("Run", None), {"error": "diverged"})
+    with pytest.raises(ValueError, match="either a path or a signal"):
+        Metric(value="error", path="metrics.gain")
 
 
 @pytest.mark.parametrize(

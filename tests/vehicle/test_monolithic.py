@@ -161,7 +161,7 @@ def survey_alone(trace: Trace) -> np.ndarray:
     reference = np.column_stack([into[c] if c else 0.0 * into.log_time_ns for c in columns])
     waves = np.column_stack([outer[f"disturbance.{axis}"] for axis in "uvwr"])
 
-    def held(table: Any, rows: np.ndarray, t: float) -> np.ndarray:
+    def row_at(table: Any, rows: np.ndarray, t: float) -> np.ndarray:
         place = int(np.searchsorted(table.log_time_ns, round(t * 1e9), side="right")) - 1
         return np.asarray(rows[place])
 
@@ -173,8 +173,8 @@ def survey_alone(trace: Trace) -> np.ndarray:
         *(np.array(plant["A"]), [(late["d"], np.array(late["A"]))], B),
         *([np.array(m["C"]) for m in design["measurements"]], [np.array(L) for L in design["L"]]),
         *(K, np.full(4, 2500.0), np.array(note["thrust_map"]), np.array(note["control"]["map"])),
-        reference=lambda t: held(into, reference, t),
-        disturbance=lambda t: np.concatenate((np.zeros(4), held(outer, waves, t))),
+        reference=lambda t: row_at(into, reference, t),
+        disturbance=lambda t: np.concatenate((np.zeros(4), row_at(outer, waves, t))),
     )
     states, estimates, _ = simulate(loop, points.tolist(), packets)
     return np.hstack([states, estimates])
@@ -190,7 +190,7 @@ def test_a_flight_of_a_nonlinear_vehicle_agrees_with_one_simulation_of_everythin
         trace = flight_of_survey(step, tmp_path)
         truth = survey_alone(trace) if truth is None else truth
         plant, out = trace.read("/plant/output"), trace.read("/controller/output")
-        flown = [plant[name] for name in STATES] + [out[f"estimate[{i}]"] for i in range(1, 9)]
-        errors.append(np.abs(np.column_stack(flown) - truth).max(axis=0))
+        signals = [plant[name] for name in STATES] + [out[f"estimate[{i}]"] for i in range(1, 9)]
+        errors.append(np.abs(np.column_stack(signals) - truth).max(axis=0))
     assert 1e-10 < errors[0].max() < 1e-6
     assert 13 < errors[0].max() / errors[1].max() < 20

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import hashlib
 import re
 import zipfile
 from collections.abc import Iterable, Sequence
@@ -15,7 +16,7 @@ from cosim.fmu.export.flavours import DEFAULT_FLAVOUR, FMI_VERSION
 from cosim.fmu.export.identity import kept_guid
 from cosim.fmu.export.native.platforms import Platform, host
 from cosim.fmu.export.spec import ClockVariable, ComponentSpec
-from cosim.fmu.prebuilt import prebuilt_file
+from cosim.fmu.prebuilt import prebuilt_file, source_digest
 
 
 @dataclass(frozen=True)
@@ -55,6 +56,22 @@ def ensure_fmu(
         return Built(name, ready, new=False)
     build_fmu(CATALOGUE[name], path.parent, flavour, platforms, prebuilt=False)
     return Built(name, path, new=True)
+
+
+def ensure_made(spec: ComponentSpec, root: Path, flavour: str = DEFAULT_FLAVOUR) -> Path:
+    """Return the FMU of a specification below `root`/`flavour`; build it if there is none.
+
+    It lies in a folder of its own, named by what it is made of.
+
+    Raises
+    ------
+    InputError : as `build_fmu`.
+    """
+    digest = hashlib.sha256(f"{source_digest()} {spec.guid({})}".encode()).hexdigest()[:16]
+    path = root / flavour / digest / f"{spec.name}.fmu"
+    if not path.is_file():
+        build_fmu(spec, path.parent, flavour)
+    return path
 
 
 def build_fmu(

@@ -42,6 +42,7 @@ from .ball_matrices import (
     size as size,
 )
 from .block_multipliers import (
+    exact_eps as exact_eps,
     joined as joined,
     separated as separated,
 )
@@ -74,6 +75,7 @@ from .decay import (
     acting_delays as acting_delays,
     corners as corners,
     growth_of as growth_of,
+    is_above_exponential as is_above_exponential,
 )
 from .document import (
     Certificate as Certificate,
@@ -102,6 +104,11 @@ from .observer_pair import (
     checked_measurements as checked_measurements,
     exact_noise as exact_noise,
     pair_of as pair_of,
+)
+from .outages import (
+    Outages as Outages,
+    outage_delay as outage_delay,
+    varies as varies,
 )
 from .output_feedback_certificate import (
     measurement_differences as measurement_differences,

@@ -58,13 +58,12 @@ from cosim.hinf.certificate.ages_terms import (
 from cosim.hinf.certificate.analysis_proof import EXACTLY, ExactLoop, exact_loop, orders_of
 from cosim.hinf.certificate.block_multipliers import scalings
 from cosim.hinf.certificate.proof import MAX_ROWS, CertificateCheck, claim_of
+from cosim.hinf.certificate.quadratic_form import Form, Map, cut
 from cosim.hinf.certificate.rational import (
     exact,
     exact_matrix,
     first_bad_matrix,
-    first_bad_pivot,
     identity,
-    lower_triangle,
 )
 from cosim.hinf.certificate.theorem import uncertainty_text
 
@@ -75,9 +74,6 @@ MAX_CORNERS = 64
 """Most corners at which -Phi is shown: two or four for each delay whose age varies."""
 
 _PI_LOWER = flint.fmpq(333, 106)  # a convergent of pi from below; 22/7 and 355/113 lie above it
-
-Map = dict[str, Any]
-"""A linear map of the rows: name of a block -> the matrix that acts on it."""
 
 
 def ages_claim(system: DelaySystem, v: AgesVariables) -> dict[str, Any]:
@@ -189,13 +185,9 @@ def _failure(system: DelaySystem, gain: Matrix, v: AgesVariables) -> str | None:
     proof = _Forms(system, gain, v)
     of_phi = ((f"-Phi at {_corner_text(at)}", proof.minus_phi(at)) for at in corners)
     for name, form in (*proof.positive(), *of_phi):
-        lower, names = form.lower()
-        bad = first_bad_pivot(lower)
-        if bad is not None:
-            return (
-                f"{name} is not positive definite: pivot {bad + 1} of {len(lower)}, "
-                f"in the rows of {names[bad]}, is not positive"
-            )
+        reason = form.failure(name)
+        if reason is not None:
+            return reason
     return None
 
 
@@ -257,56 +249,6 @@ def _corner_text(corner: tuple[Any, ...]) -> str:
     return ", ".join(texts) or "its only corner"
 
 
-class _Form:
-    """A quadratic form in named blocks, built up from products of linear maps."""
-
-    def __init__(self, sizes: dict[str, int]) -> None:
-        self.sizes = dict(sizes)
-        self._place = {name: i for i, name in enumerate(sizes)}
-        self._blocks: dict[tuple[str, str], Any] = {}
-
-    def square(self, left: Map, middle: Any) -> None:
-        """Add left'M left, M symmetric."""
-        for a, one in left.items():
-            for b, other in left.items():
-                if self._place[a] <= self._place[b]:
-                    self._put(a, b, one.transpose() * middle * other)
-
-    def twice(self, left: Map, middle: Any, right: Map) -> None:
-        """Add left'M right and its transpose."""
-        for a, one in left.items():
-            for b, other in right.items():
-                term = one.transpose() * middle * other
-                if self._place[a] <= self._place[b]:
-                    self._put(a, b, term)
-                if self._place[b] <= self._place[a]:
-                    self._put(b, a, term.transpose())
-
-    def twice_of(self, lefts: list[Map], middle: Any, rights: list[Map]) -> None:
-        """Add the same for stacked maps."""
-        row = 0
-        for left in lefts:
-            height, column = _height(left), 0
-            for right in rights:
-                width = _height(right)
-                self.twice(left, _cut(middle, row, column, height, width), right)
-                column += width
-            row += height
-
-    def square_of(self, lefts: list[Map], middle: Any) -> None:
-        """Add left'M left for stacked maps, M symmetric."""
-        self.twice_of(lefts, flint.fmpq(1, 2) * middle, lefts)
-
-    def _put(self, row: str, column: str, term: Any) -> None:
-        key = row, column
-        self._blocks[key] = self._blocks[key] + term if key in self._blocks else term
-
-    def lower(self) -> tuple[list[list[Any]], list[str]]:
-        """Return the lower triangle, row by row, and the block name of every row."""
-        names = [name for name in self.sizes for _ in range(self.sizes[name])]
-        return lower_triangle(list(self.sizes), self.sizes, self._blocks), names
-
-
 class _Forms:
     """The forms of one loop that must be positive, from the equations of the module."""
 
@@ -320,7 +262,7 @@ class _Forms:
 
     def minus_phi(  # noqa: C901 - one table, read from top to bottom
         self, corner: tuple[Any, ...]
-    ) -> _Form:
+    ) -> Form:
         """Return -Phi at a corner of `corners_of`."""
         v, loop = self._v, self._loop
         sizes = dict(self._rows)
@@ -328,7 +270,7 @@ class _Forms:
             if own.functional == "looped" and at[0] == exact(self._late[j].d):
                 count = own.matrices["U"].nrows() // self._width[j]
                 sizes |= {f"v{j},{i}": self._width[j] for i in range(count)}
-        form = _Form(sizes)
+        form = Form(sizes)
         on = ["x", *(f"x{j}" for j in range(len(self._late)))]
         f = dict(zip(on, loop.A, strict=True))
         if v.gamma is not None:
@@ -365,7 +307,7 @@ class _Forms:
             form.square({"w": identity(sizes["w"])}, v.gamma * identity(sizes["w"]))
         return form
 
-    def positive(self) -> list[tuple[str, _Form]]:
+    def positive(self) -> list[tuple[str, Form]]:
         """Return the other forms, with their names."""
         found = []
         for j, own in enumerate(self._v.terms):
@@ -374,7 +316,7 @@ class _Forms:
             width = self._width[j]
             count = own.matrices["M"].nrows() // width
             names = [f"{side}{i}" for side in "vu" for i in range(count)]
-            form = _Form(dict.fromkeys(names, width))
+            form = Form(dict.fromkeys(names, width))
             maps = [{name: identity(width)} for name in names]
             for i, each in enumerate(maps):
                 form.square(each, (2 * (i % count) + 1) * own.matrices["Z"])
@@ -391,13 +333,13 @@ class _Forms:
                 found.append((f"P, with what Q and S add to it{at}", self._functional(sampled)))
         return found
 
-    def _functional(self, sampled: tuple[int, ...]) -> _Form:
+    def _functional(self, sampled: tuple[int, ...]) -> Form:
         """P + ... at the start of a hold of the delays `sampled`."""
         sizes = dict(self._state)
         for j in sampled:
             names = [f"t{j}"] if self._late[j].least_age > 0 else []
             sizes |= dict.fromkeys([*names, f"x{j}"], self._width[j])
-        form = _Form(sizes)
+        form = Form(sizes)
         form.square_of([{name: identity(n)} for name, n in self._state.items()], self._v.P)
         for j, (own, delay) in enumerate(zip(self._v.terms, self._late, strict=True)):
             least = exact(delay.d if own.functional == "constant" else delay.least_age)
@@ -431,7 +373,7 @@ class _Forms:
         return self._y(j, first) | self._y(j, second, -1)
 
     def _constant_part(
-        self, form: _Form, j: int, f: Map, end: str, length: Any
+        self, form: Form, j: int, f: Map, end: str, length: Any
     ) -> list[tuple[Map, Map]]:
         """Subtract the terms of Q and R; return the blocks l W_k of y with their derivatives."""
         one, own = identity(self._width[j]), self._v.terms[j].matrices
@@ -450,7 +392,7 @@ class _Forms:
                 state.append(({f"W{j},{k}": length * one}, change))
         return state
 
-    def _between(self, form: _Form, j: int, f: Map, at: Any) -> list[tuple[Map, Map]]:
+    def _between(self, form: Form, j: int, f: Map, at: Any) -> list[tuple[Map, Map]]:
         """Subtract the terms of an age between two bounds; return its blocks of y."""
         own, delay = self._v.terms[j].matrices, self._late[j]
         one, first, last = identity(self._width[j]), exact(delay.least_age), exact(delay.d)
@@ -491,7 +433,7 @@ class _Forms:
             return z, [self._y(j, f"t{j}"), self._y(j, f"x{j}")]
         return [self._minus(j, "x", f"x{j}")], [self._y(j, f"x{j}")]
 
-    def _looped(self, form: _Form, j: int, f: Map, age: Any) -> list[tuple[Map, Map]]:
+    def _looped(self, form: Form, j: int, f: Map, age: Any) -> list[tuple[Map, Map]]:
         """Subtract the terms of a looped functional; return its block of y."""
         own, delay, width = self._v.terms[j].matrices, self._late[j], self._width[j]
         length = exact(delay.d) - exact(delay.least_age)
@@ -509,7 +451,7 @@ class _Forms:
         first = 0
         for name, size in self._rows.items():
             for i, (each, more) in enumerate(zip(z, further, strict=True)):
-                Y = _cut(own["Y"], first, i * width, size, width)
+                Y = cut(own["Y"], first, i * width, size, width)
                 form.twice({name: identity(size)}, Y, each)
                 if age == exact(delay.d):
                     form.twice({name: identity(size)}, -length * Y, more)
@@ -521,13 +463,3 @@ class _Forms:
             form.twice_of(rate, -length * own["X_a"], z)
             form.twice_of(rate, -length * own["X_b"], start)
         return state
-
-
-def _height(one: Map) -> int:
-    """Return how many rows a map makes."""
-    return int(next(iter(one.values())).nrows())
-
-
-def _cut(matrix: Any, row: int, column: int, height: int, width: int) -> Any:
-    entries = [matrix[row + a, column + b] for a in range(height) for b in range(width)]
-    return flint.fmpq_mat(height, width, entries)

@@ -1,4 +1,4 @@
-"""Guarantees that a certificate may prove beside gamma: decay, damping, |K|, peaks of u.
+"""Guarantees that a certificate may prove beside gamma: decay, damping, |K|, peaks, outages.
 
 In the JSON of a certificate each has its own proof and its own claim:
 
@@ -19,6 +19,7 @@ from cosim.hinf.certificate.control_limits import (
 )
 from cosim.hinf.certificate.damping import Damping, damping_from_json
 from cosim.hinf.certificate.decay import Decay, decay_from_json
+from cosim.hinf.certificate.outages import Outages, outages_from_json
 from cosim.hinf.certificate.proof import CertificateCheck, judged
 from cosim.hinf.certificate.state_peaks import StatePeaks, state_peaks_from_json
 from cosim.hinf.certificate.system_json import known_keys
@@ -32,7 +33,11 @@ _READERS: dict[str, Callable[[Any, DelaySystem, str], Any]] = {
     "gain_limit": gain_limit_from_json,
     "peak_control": peak_control_from_json,
     "state_peaks": state_peaks_from_json,
+    "outages": outages_from_json,
 }
+
+
+Guarantee = Decay | Damping | GainLimit | PeakControl | StatePeaks | Outages
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -44,12 +49,13 @@ class Guarantees:
     gain_limit: GainLimit | None = None
     peak_control: PeakControl | None = None
     state_peaks: StatePeaks | None = None
+    outages: Outages | None = None
 
     def __repr__(self) -> str:
         proved = "; ".join(one.claim()["property"] for _, one in self._each())
         return f"<Guarantees: {proved or 'none'}>"
 
-    def _each(self) -> list[tuple[str, Decay | Damping | GainLimit | PeakControl | StatePeaks]]:
+    def _each(self) -> list[tuple[str, Guarantee]]:
         named = [(field.name, getattr(self, field.name)) for field in fields(self)]
         return [(name, value) for name, value in named if value is not None]
 

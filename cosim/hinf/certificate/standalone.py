@@ -18,11 +18,13 @@ if __package__:
     from cosim.hinf.certificate import standalone_numbers as sn
     from cosim.hinf.certificate.standalone_analysis import analysis_proved
     from cosim.hinf.certificate.standalone_damping import damped
+    from cosim.hinf.certificate.standalone_outages import outages
     from cosim.hinf.certificate.standalone_pair import need_pair, observer_claim
 else:
     import standalone_numbers as sn
     from standalone_analysis import analysis_proved
     from standalone_damping import damped
+    from standalone_outages import outages
     from standalone_pair import need_pair, observer_claim
 M, need, total = sn.M, sn.need, sn.total
 
@@ -104,18 +106,9 @@ def design(c, s):
 
 def guarantees(c, s):
     readers = {"decay": decay, "damping": damping, "gain_limit": gain_limit}
-    readers |= {"peak_control": peak_control, "state_peaks": state_peaks}
+    readers |= {"peak_control": peak_control, "state_peaks": state_peaks, "outages": outages}
     more = {name: readers[name](s, table) for name, table in c.get("guarantees", {}).items()}
     return {"guarantees": more} if more else {}
-
-
-def above_exp(x):
-    """A bound of e^x: 50 terms of Taylor's series at x / 2^k < 1, then k squares, rounded up."""
-    k, bound = int(x).bit_length(), F(2)
-    for i in [*range(50, 0, -1), *[0] * k]:
-        bound = 1 + x / 2**k * bound / i if i else bound**2
-        bound = -(-bound * 2**300 // 1) / F(2**300)
-    return bound
 
 
 def decay(s, table):
@@ -125,7 +118,7 @@ def decay(s, table):
     ends = []
     for j, end in enumerate(growth, 1):
         acts = s.d[j] > 0 and (s.open[j] or s.H[j] or (s.fed[j] and s.B))
-        need(not acts or end >= above_exp(rate * s.d[j]), "growth is below exp(rate d)")
+        need(not acts or end >= sn.above_exp(rate * s.d[j]), "growth is below exp(rate d)")
         ends.append((1, end) if acts else (1,))
     for corner in product(*ends):
         theorem_2(s, *v, rate=rate, growth=corner)

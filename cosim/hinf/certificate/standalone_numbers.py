@@ -114,6 +114,18 @@ def positive(A: M, n: int, name: str) -> None:
     raise RefusedError(f"{name} is not positive definite")
 
 
+def above_exp(x: Fraction) -> Fraction:
+    """Return a bound of e^x, x >= 0.
+
+    50 terms of Taylor's series at x / 2^k < 1, then k squares, rounded up.
+    """
+    k, bound = int(x).bit_length(), Fraction(2)
+    for i in [*range(50, 0, -1), *[0] * k]:
+        bound = 1 + x / 2**k * bound / i if i else bound**2
+        bound = -(-bound * 2**300 // 1) / Fraction(2**300)
+    return bound
+
+
 def loaded(content: bytes) -> Any:
     """Read JSON; its numbers are the doubles that they are, as fractions."""
 

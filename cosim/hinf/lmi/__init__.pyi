@@ -14,6 +14,7 @@ from .decay_lmi import (
     shifted_systems as shifted_systems,
 )
 from .injection_lmi import InjectionLmi as InjectionLmi
+from .outage_lmi import OutageLmi as OutageLmi
 from .peak_lmi import (
     THETAS as THETAS,
     proved_peak_control as proved_peak_control,

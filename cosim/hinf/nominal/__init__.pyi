@@ -3,6 +3,10 @@ from .closed_loop import (
     close as close,
 )
 from .delay_margins import delay_margin as delay_margin
+from .divided_time import (
+    OutageBound as OutageBound,
+    outage_bound as outage_bound,
+)
 from .from_control import (
     checked_system as checked_system,
     frequency_response as frequency_response,
@@ -11,6 +15,11 @@ from .from_control import (
 from .instability import (
     Verdict as Verdict,
     verdict_of as verdict_of,
+)
+from .mean_square import (
+    MeanSquare as MeanSquare,
+    jump_mean_square as jump_mean_square,
+    rates_mean_square as rates_mean_square,
 )
 from .nominal_figures import (
     NominalFigures as NominalFigures,

@@ -37,6 +37,10 @@ from .gain_size import gain_remark as gain_remark
 from .greatest_delays import (
     GreatestDelay as GreatestDelay,
 )
+from .outage_rates import (
+    certified_outages as certified_outages,
+    with_outages as with_outages,
+)
 from .output_feedback import (
     TooUncertainError as TooUncertainError,
     design_output_feedback as design_output_feedback,

@@ -6,7 +6,7 @@ import hashlib
 import re
 import tempfile
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -91,6 +91,29 @@ def archive_elements(
         _annotations(system, built, tomls)
     _components(system, resources, built, starts, version)
     return built
+
+
+def fold_maps(
+    built: ArchiveElements, resources: Resources, maps: Mapping[str, tuple[float, float]]
+) -> None:
+    """Replace components that are a gain and an offset by transformations of connections.
+
+    maps : gain and offset by name of the component.
+    """
+    for name, (gain, offset) in maps.items():
+        into = [wire for wire in built.wires if wire.target[0] == name]
+        out = [wire for wire in built.wires if wire.source[0] == name]
+        if len(into) != 1 or any((wire.factor, wire.offset) != (1.0, 0.0) for wire in out):
+            continue
+        source = into[0].source
+        built.wires = [
+            replace(wire, source=source, factor=gain, offset=offset) if wire in out else wire
+            for wire in built.wires
+            if wire not in into
+        ]
+        built.elements = [element for element in built.elements if element.name != name]
+    used = {element.source for element in built.elements}
+    resources.files = {path: x for path, x in resources.files.items() if path in used}
 
 
 def _components(

@@ -16,7 +16,12 @@ from cosim.scenario.assembly import assemble
 from cosim.scenario.fields import Part
 from cosim.scenario.preparation import PreparedScenario
 from cosim.scenario.schema import Scenario
-from cosim.scenario.ssp.elements import ArchiveElements, Resources, archive_elements
+from cosim.scenario.ssp.elements import (
+    ArchiveElements,
+    Resources,
+    archive_elements,
+    fold_maps,
+)
 from cosim.scenario.ssp.names import SSD, SspVersion, identifiers
 from cosim.scenario.ssp.structure import Element, Structure, Wire
 from cosim.scenario.ssp.units import units_of
@@ -26,7 +31,7 @@ Links = Literal["annotate", "fmu"]
 
 _EXPORTED = {
     *("title", "description", "run", "components", "connections", "connect", "links"),
-    *("reference", "disturbance", "design"),
+    *("reference", "disturbance", "design", "inputs", "computed", "sensors"),
 }
 
 
@@ -92,6 +97,7 @@ def export_ssp(
     resources = Resources()
     tomls = {name: _toml(part) for name, part in scenario.links.items()}
     built = archive_elements(system, resources, links, tomls, version)
+    fold_maps(built, resources, prepared.maps)
     warnings = [*built.warnings, *_left_out(prepared, system, version)]
     units = units_of(system, warnings)
     names = identifiers(e.name for e in built.elements)

@@ -29,6 +29,7 @@ class FlatWire:
     """A connection from an output to an input, over a link or None.
 
     `converts` : whether values are to be converted if units differ.
+    `linear` : factor and offset of what is made of the value.
     """
 
     source: End
@@ -36,6 +37,7 @@ class FlatWire:
     link: str | None
     line: int
     converts: bool
+    linear: tuple[float, float] = (1.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -86,7 +88,7 @@ def flatten(archive: Archive, system: SubSystem) -> FlatSystem:
     for target, (source, inner_connection) in into.items():
         if target[0] in parts:
             passing = systems.keys() | dictionaries
-            found = _origin(archive, source, into, passing, inner_connection.link)
+            found = _origin(archive, source, into, passing, inner_connection)
             if found is None:
                 archive.notes.append(
                     f"{end_text(target)} comes from outside of the system or from nothing: it "
@@ -94,7 +96,7 @@ def flatten(archive: Archive, system: SubSystem) -> FlatSystem:
                 )
             else:
                 line, converts = inner_connection.line, inner_connection.converts
-                wires.append(FlatWire(found[0], target, found[1], line, converts))
+                wires.append(FlatWire(found[0], target, found[1], line, converts, found[2]))
     return FlatSystem(parts, wires)
 
 
@@ -135,13 +137,14 @@ def _origin(
     source: End,
     into: dict[End, tuple[End, InnerConnection]],
     passing: AbstractSet[Path],
-    link: str | None,
-) -> tuple[End, str | None] | None:
-    """Return the component's output behind a connector, and the link; None if there is none.
+    last: InnerConnection,
+) -> tuple[End, str | None, tuple[float, float]] | None:
+    """Return the output behind the connector `source`, link, and factor and offset; None: none.
 
     `passing` : systems and signal dictionaries, whose connectors only pass values on.
     """
     seen = {source}
+    link, linear = last.link, last.linear
     while source[0] in passing:
         before = into.get(source)
         if before is None:
@@ -154,6 +157,7 @@ def _origin(
                 got=f"{link}, {inner_connection.link}",
             )
         link = link or inner_connection.link
+        linear = followed(inner_connection.linear, linear)
         if source in seen:
             raise archive.wrong(
                 "connections in a circle without a component",
@@ -161,7 +165,12 @@ def _origin(
                 got=end_text(source),
             )
         seen.add(source)
-    return source, link
+    return source, link, linear
+
+
+def followed(first: tuple[float, float], then: tuple[float, float]) -> tuple[float, float]:
+    """Return factor and offset of two linear maps, one after the other."""
+    return then[0] * first[0], then[0] * first[1] + then[1]
 
 
 def scenario_names(paths: list[Path], known: Mapping[str, str]) -> dict[Path, str]:

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from cosim.core import InputError
 from cosim.fmu import FmuDescription
 from cosim.scenario.ssp.archive import Archive
-from cosim.scenario.ssp.flatten import End, FlatSystem, FlatWire, Path as Place, end_text
+from cosim.scenario.ssp.flatten import End, FlatSystem, FlatWire, Path as Place, end_text, followed
 from cosim.scenario.ssp.names import SSD
 from cosim.scenario.ssp.tree import Description
 from cosim.scenario.ssp.units import units_of_fmu
@@ -24,7 +24,7 @@ def connections_of(
     names: Mapping[Place, str],
     fmus: Mapping[Place, FmuDescription],
     description: Description,
-) -> list[dict[str, str]]:
+) -> list[dict[str, str | float]]:
     """Return the rows of [[connections]].
 
     Parameters
@@ -44,13 +44,20 @@ def connections_of(
         if wire.link is not None and wire.link not in description.links:
             what = "a connection over a link that is not described"
             raise archive.wrong(what, f"{SSD}:{wire.line}", got=wire.link)
-        source, link = _over(archive, wire, channels, into)
+        source, link, linear = _over(archive, wire, channels, into)
         name = link if source[0] in channels else names[source[0]]
         if source[0] not in channels:
             _check(archive, wire, source, fmus)
-        row = {"from": f"{name}.{source[1]}", "to": f"{names[wire.target[0]]}.{wire.target[1]}"}
+        row: dict[str, str | float] = {
+            "from": f"{name}.{source[1]}",
+            "to": f"{names[wire.target[0]]}.{wire.target[1]}",
+        }
         if link is not None and source[0] not in channels:
             row["link"] = link
+        if linear[0] != 1.0:
+            row["gain"] = linear[0]
+        if linear[1] != 0.0:
+            row["offset"] = linear[1]
         found.append(row)
     return found
 
@@ -60,20 +67,20 @@ def _over(
     wire: FlatWire,
     channels: Mapping[Place, tuple[str, str] | None],
     into: Mapping[End, FlatWire],
-) -> tuple[End, str | None]:
-    """Return the source of a wire and its link; behind a link FMU, the source before it."""
+) -> tuple[End, str | None, tuple[float, float]]:
+    """Return source, link, factor and offset of a wire; behind a link FMU, the source before it."""
     if wire.source[0] not in channels:
-        return wire.source, wire.link
+        return wire.source, wire.link, wire.linear
     channel = channels[wire.source[0]]
     link = "" if channel is None else channel[0]
     if wire.source[1] in _STATES:
-        return wire.source, link
+        return wire.source, link, wire.linear
     lane = _LANE.fullmatch(wire.source[1])
     before = into.get((wire.source[0], f"u[{lane[2]}]")) if lane and lane[1] == "y" else None
     if before is None or before.source[0] in channels:
         what = "a link FMU whose output has no input"
         raise archive.wrong(what, f"{SSD}:{wire.line}", got=end_text(wire.source))
-    return before.source, link
+    return before.source, link, followed(before.linear, wire.linear)
 
 
 def _check(

@@ -47,6 +47,7 @@ Of a Connection: an empty `<link name="...">`, the link that this connection goe
 LINK_FMU_ANNOTATION = "auv-cosim.link-fmu"
 """Of the System: a `<link name="..." element="...">` for each element that is a link FMU."""
 
+LINEAR = "LinearTransformation"
 NAMES_ANNOTATION = "auv-cosim.names"
 """Of the System: `<names>`, the names in the scenario of elements named otherwise here, as TOML."""
 

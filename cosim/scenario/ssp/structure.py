@@ -88,11 +88,13 @@ class Element:
 
 @dataclass(frozen=True)
 class Wire:
-    """A connection; `link` is the name of an annotated link."""
+    """A connection of factor * value + offset; `link` is the name of an annotated link."""
 
     source: tuple[str, str]
     target: tuple[str, str]
     link: str | None = None
+    factor: float = 1.0
+    offset: float = 0.0
 
 
 @dataclass(frozen=True)

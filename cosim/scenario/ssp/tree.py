@@ -11,6 +11,7 @@ from lxml import etree
 from cosim.scenario.ssp.archive import Archive
 from cosim.scenario.ssp.names import (
     FMU_TYPE,
+    LINEAR,
     LINK_ANNOTATION,
     LINK_FMU_ANNOTATION,
     NAMES_ANNOTATION,
@@ -22,7 +23,7 @@ from cosim.scenario.ssp.names import (
     SSD,
     tag,
 )
-from cosim.scenario.ssp.parameters import LINEAR, BoundValue, bound_values, transformations
+from cosim.scenario.ssp.parameters import BoundValue, bound_values, transformations
 from cosim.scenario.ssp.units import UnitBase, units_in
 
 MAX_DEPTH = 50
@@ -30,13 +31,17 @@ MAX_DEPTH = 50
 
 @dataclass(frozen=True)
 class InnerConnection:
-    """A connection inside one system; element None: a connector of the system itself."""
+    """A connection inside one system; element None: a connector of the system itself.
+
+    `linear` : factor and offset of its transformation.
+    """
 
     source: tuple[str | None, str]
     target: tuple[str | None, str]
     link: str | None
     line: int
     converts: bool
+    linear: tuple[float, float] = (1.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -244,16 +249,17 @@ def _inner_connection(archive: Archive, element: Any) -> InnerConnection:
         for side in ("start", "end")
     ]
     text = " -> ".join(".".join(n for n in pair if n) for pair in names)
-    for kind, factor, offset in transformations(archive, element, SSD):
-        if (kind, factor, offset) == (LINEAR, 1.0, 0.0):
-            continue
-        got = f"factor {factor:g}, offset {offset:g}" if kind == LINEAR else kind
-        raise archive.wrong(
-            "a connection that transforms its values is not supported",
-            _at(element),
-            got=f"{text}: {got}",
-            hint="put an FMU that transforms between the two",
-        )
+    factor, offset = 1.0, 0.0
+    for kind, *numbers in transformations(archive, element, SSD):
+        if kind != LINEAR:
+            raise archive.wrong(
+                "a connection that transforms its values like this is not supported",
+                _at(element),
+                expected=LINEAR,
+                got=f"{text}: {kind}",
+                hint="put an FMU that transforms between the two",
+            )
+        factor, offset = numbers
     links = _own(element, LINK_ANNOTATION)
     return InnerConnection(
         names[0],
@@ -261,6 +267,7 @@ def _inner_connection(archive: Archive, element: Any) -> InnerConnection:
         links[0].get("name") if links else None,
         element.sourceline,
         element.get("suppressUnitConversion", "false") not in ("true", "1"),
+        (factor, offset),
     )
 
 

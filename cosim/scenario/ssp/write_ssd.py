@@ -11,6 +11,7 @@ from lxml import etree
 from cosim.core import InputError
 from cosim.scenario.ssp.names import (
     FMU_TYPE,
+    LINEAR,
     LINK_ANNOTATION,
     LINK_FMU_ANNOTATION,
     NAMES_ANNOTATION,
@@ -157,6 +158,11 @@ def _connections(system: Any, structure: Structure) -> None:
             endElement=wire.target[0],
             endConnector=wire.target[1],
         )
+        if (wire.factor, wire.offset) != (1.0, 0.0):
+            # of the numbers as they are, whatever the units of the two ends
+            made.set("suppressUnitConversion", "true")
+            numbers = {"factor": repr(wire.factor), "offset": repr(wire.offset)}
+            _sub(made, "ssc", LINEAR, **numbers)
         if wire.link is not None:
             _own(_sub(made, "ssd", "Annotations"), LINK_ANNOTATION, "link", None, name=wire.link)
 

@@ -12,6 +12,7 @@ EventKind = Literal[
     "envelope",
     "loss",
     "outage",
+    "guarantee",
     "assertion",
     "warning",
     "failure",

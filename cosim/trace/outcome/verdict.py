@@ -8,6 +8,7 @@ from typing import Any
 
 from cosim.core import at_most
 from cosim.trace.outcome.feedback_age import age_lines, measurement_age_lines
+from cosim.trace.outcome.outages import outage_rows, outage_verdict
 from cosim.trace.outcome.plant import plant_line
 from cosim.trace.outcome.run_outcome import BAD, GOOD, OPEN, RunOutcome
 
@@ -58,6 +59,11 @@ def guarantee_of(outcome: RunOutcome, checks: list[Check]) -> Check | None:
             word = "above γ" if broken else "above γ although every assumption was met"
             return Check(BAD, f"The measured gain is {word}", measured)
     if broken:
+        outages = metrics.get("outages")
+        by_age = [c for c, name in zip(checks, outcome.assumptions, strict=True) if c.tone == BAD
+                  and name == "message_age_within_design"]  # fmt: skip
+        if isinstance(outages, Mapping) and broken == by_age:
+            return Check(*outage_verdict(outages))
         count = f"{len(broken)} of {len(checks)} assumptions"
         return Check(BAD, "The guarantee is not claimed", f"{count} not met; {measured}")
     return Check(GOOD, "The guarantee holds for this run", f"every assumption met; {measured}")
@@ -106,6 +112,9 @@ def figures_of(metrics: Mapping[str, Any]) -> Iterator[tuple[str, str, str]]:
             continue
         formatted = f"{100 * value:.4g} %" if unit == "%" else f"{value:.5g} {unit}".strip()
         yield label, formatted, how
+    outages = metrics.get("outages")
+    if isinstance(outages, Mapping):
+        yield from outage_rows(outages)
     for cut in metrics.get("cut_connections") or ():
         late = f"{cut.get('delay_s', 0.0):.5g} s"
         yield f"delay added to {cut.get('from')} -> {cut.get('to')}", late, "unknown feedthrough"
@@ -140,6 +149,11 @@ _COMPARED = {
         "The observer knew the commands that acted",
         "what the plant received is what the observer took to act, at every point",
         "what the plant received was not always what the observer took to act",
+    ),
+    "loop_as_designed": (
+        "The loop is the one designed for",
+        "plant and controller are connected by links alone",
+        "a sensor, a map or a computed value stands between plant and controller",
     ),
     "plant_as_designed": (
         "The plant is the one designed for",
@@ -199,7 +213,7 @@ def _age(met: Any, metrics: Mapping[str, Any]) -> str:
     if designed == 0.0:
         text = f"oldest in use {age:.6g} s, designed for feedback without delay"
     if met is not True and age <= designed * (1 + 1e-12):
-        return text + "; but a link used a substitute for lost messages"
+        return text + "; but a link used a substitute for lost or too old messages"
     return text
 
 

@@ -62,6 +62,9 @@ SCENE_SCHEMAS = "cosim.scene.link."
 One part longer than that of any component, which may be called `scene`.
 """
 
+GREATEST_AGE = "greatest_age_ns"
+"""Metadata of the topic of a link: the age [ns] from which on `on_loss` replaces its messages."""
+
 LINK_STATE_SCHEMA = f"{SCENE_SCHEMAS}State"
 """Schema of what a link is doing, ten times a second."""
 

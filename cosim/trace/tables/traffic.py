@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from cosim.core import InputError
 from cosim.trace.rows.hold import rows_in_force
-from cosim.trace.rows.layout import NOTICED_REASONS, dropped_topic, link_topic
+from cosim.trace.rows.layout import GREATEST_AGE, NOTICED_REASONS, dropped_topic, link_topic
 from cosim.trace.tables.table import Table
 from cosim.trace.tables.topic_info import Readable
 
@@ -45,7 +45,7 @@ def age(
     """Return instants [s] and the age [s] of the message in use there: the time since it was sent.
 
     The age is NaN where no message is in use: before the first, and while a lost message is
-    replaced by the link's `on_loss` value (so is a late one).
+    replaced by the link's `on_loss` value (so is a late one, and one beyond `greatest_age`).
 
     Parameters
     ----------
@@ -102,10 +102,17 @@ def loop_age(
 def _substituted(
     trace: Readable, link: str, table: Table, rows: NDArray[np.int64], at_ns: NDArray[np.int64]
 ) -> NDArray[np.bool_]:
-    """Return where the substitute was in use: a newer message was lost since the last delivery."""
+    """Return where the substitute was in use.
+
+    A newer message was lost since the last delivery, or the last one is too old.
+    """
     topic = dropped_topic(link)
     substituted = np.zeros(at_ns.size, np.bool_)
-    holds = trace.topics[link_topic(link)].metadata.get("on_loss", "hold") == "hold"
+    metadata = trace.topics[link_topic(link)].metadata
+    if oldest := int(metadata.get(GREATEST_AGE, "0")):
+        there = rows >= 0
+        substituted[there] = at_ns[there] - table.publish_time_ns[rows[there]] >= oldest
+    holds = metadata.get("on_loss", "hold") == "hold"
     if holds or topic not in trace.topics or not len(table):
         return substituted
     lost = trace.read(topic)
@@ -114,7 +121,7 @@ def _substituted(
     known = (last >= 0) & (rows >= 0)
     due, number = lost.log_time_ns[last[known]], lost.sequence[last[known]]
     in_use = rows[known]
-    substituted[known] = (due >= table.log_time_ns[in_use]) & (number > table.sequence[in_use])
+    substituted[known] |= (due >= table.log_time_ns[in_use]) & (number > table.sequence[in_use])
     return substituted
 
 

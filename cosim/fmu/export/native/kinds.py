@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, get_args
 
 from cosim.fmu.export.components import component_module
@@ -24,6 +24,8 @@ from cosim.network import Order
 
 StateFeedback: Any = component_module("hinf_controller.behaviour").StateFeedback
 LinkChannel: Any = component_module("link_channel.behaviour").LinkChannel
+Computed: Any = component_module("computed.behaviour").Computed
+PlainSensor: Any = component_module("plain_sensor.behaviour").PlainSensor
 Sensor: Any = component_module("sensor.behaviour").Sensor
 SignalTable: Any = component_module("signal_table.behaviour").SignalTable
 Observer: Any = component_module("observer.behaviour").Observer
@@ -78,15 +80,8 @@ def recorded_model(spec: ComponentSpec) -> tuple[ModelWriter, tuple[str, ...]]:
         record_sampled(writer, behaviour)
         watches = isinstance(behaviour, WatchedFeedback)
         sources = ("sampled_watched.c" if watches else "sampled.c",)
-    elif isinstance(behaviour, WaveField):
-        record_waves(writer, behaviour)
-        sources = ("waves.c",)
-    elif isinstance(behaviour, LinkChannel):
-        sources = record_link(writer, behaviour)
-    elif isinstance(behaviour, Sensor):
-        sources = record_sensor(writer, behaviour)
-    elif isinstance(behaviour, SignalTable):
-        sources = record_table(writer, behaviour)
+    elif type(behaviour) in _RECORDS:
+        sources = _RECORDS[type(behaviour)](writer, behaviour)
     else:
         raise TypeError(f"{spec.name}: the native shell has no C for {type(behaviour).__name__}")
     if spec.clocks:
@@ -268,6 +263,55 @@ def record_sensor(writer: ModelWriter, behaviour: Any) -> tuple[str, ...]:
     return ("draws.c", "sensor.c")
 
 
+def record_plain_sensor(writer: ModelWriter, behaviour: Any) -> tuple[str, ...]:
+    """Record a sensor on a plain connection; return the names of its C files."""
+    for array, fault, size in (
+        ("model_inputs", "true.", "MODEL_LANES"),
+        ("model_outputs", "", "MODEL_OUTPUTS"),
+        ("model_initials", "bias.", "MODEL_INITIALS"),
+        ("model_others", "noise.", "MODEL_OTHERS"),
+        ("model_states", "drift.", "MODEL_STATES"),
+        ("model_watched", "resolution.", "MODEL_WATCHED"),
+        ("model_measured", "least.", "MODEL_MEASURED"),
+        ("model_acting", "greatest.", "MODEL_ACTING"),
+    ):
+        writer.references(array, [f"{fault}{name}" for name in behaviour.values], size)
+    writer.header.append("extern const char model_link_name[];")
+    writer.body.append(f"const char model_link_name[] = {c_string(behaviour.name)};")
+    return ("draws.c", "plain_sensor.c")
+
+
+class _Recorded:
+    """Carries out operations by recording them."""
+
+    def __init__(self, writer: ModelWriter) -> None:
+        self.apply = writer.tape.apply
+
+
+_COMPARED = """
+static inline double less(double a, double b) { return a < b; }
+static inline double less_equal(double a, double b) { return a <= b; }
+static inline double equal(double a, double b) { return a == b; }
+"""
+
+
+def record_computed(writer: ModelWriter, behaviour: Any) -> tuple[str, ...]:
+    """Record values computed from signals; return the names of its C files."""
+    elapsed = writer.tape.symbol("elapsed")
+    results = behaviour.law(writer.v, _Recorded(writer), elapsed)
+    writer.references("model_inputs", behaviour.inputs, "MODEL_INPUTS")
+    writer.references("model_outputs", behaviour.outputs, "MODEL_OUTPUTS")
+    targets = _results(writer, results)
+    writer.hoist([value for _, value in targets])
+    writer.header.append(_COMPARED)
+    writer.header.append("extern const char model_link_name[];")
+    texts = c_string("\n".join(behaviour.texts))
+    writer.body.append(f"const char model_link_name[] = {texts};")
+    signature = "void model_law(double elapsed, const double *v, const double *c, double *out)"
+    writer.function(signature, targets, hoisted=True)
+    return ("computed.c",)
+
+
 def record_table(writer: ModelWriter, behaviour: Any) -> tuple[str, ...]:
     """Record a table of signals; return the names of its C files."""
     count, width = len(behaviour.rows), len(behaviour.outputs)
@@ -283,3 +327,18 @@ def record_table(writer: ModelWriter, behaviour: Any) -> tuple[str, ...]:
     writer.body.append(f"const double model_table[MODEL_ROWS * {width}] = {{\n{rows}\n}};\n")
     writer.header.insert(0, "#include <stdint.h>\n")
     return ("table.c",)
+
+
+def _waves(writer: ModelWriter, behaviour: Any) -> tuple[str, ...]:
+    record_waves(writer, behaviour)
+    return ("waves.c",)
+
+
+_RECORDS: dict[Any, Callable[[ModelWriter, Any], tuple[str, ...]]] = {
+    WaveField: _waves,
+    LinkChannel: record_link,
+    Sensor: record_sensor,
+    PlainSensor: record_plain_sensor,
+    Computed: record_computed,
+    SignalTable: record_table,
+}

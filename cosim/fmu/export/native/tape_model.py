@@ -19,7 +19,8 @@ _ARRAYS = {"slots": 0, "v": 1, "c": 2, "x": 3, "late": 4, "change": 5, "t": 6, "
 _POOL = 7
 _OPERATIONS = (
     *("+", "-", "*", "/", "negate", "pow", "min", "max", "sin", "cos", "exp", "log", "sqrt"),
-    *("abs", "asin", "atan2"),
+    *("abs", "asin", "atan2", "tan", "acos", "atan", "floor", "rint", "hypot"),
+    *("less", "less_equal", "equal"),
 )
 _PROGRAMS = (
     *("model_constants", "model_rates", "model_other_outputs", "model_outputs_change"),
@@ -44,7 +45,8 @@ def model_data(writer: ModelWriter, identity: str) -> bytes:
     """
     spec = writer.spec
     place = {enumerator(v.name): i for i, v in enumerate(spec.variables)}
-    named = spec.constants.get("link", spec.constants.get("sensor", ""))
+    texts = "\n".join(spec.constants.get("texts", ()))
+    named = spec.constants.get("link", spec.constants.get("sensor", texts))
     words = [b"AUVMODEL", _integers(1), _text(identity), _text(str(named))]
     _refuse_beyond(_MOST_VARIABLES, len(spec.variables), "variables", spec.name)
     words.append(_integers(len(spec.variables)))
@@ -75,7 +77,9 @@ def model_data(writer: ModelWriter, identity: str) -> bytes:
 
 def named_variables(writer: ModelWriter) -> Iterable[str]:
     """Yield the variables that the C of a link or sensor names: all but those of tables."""
-    if "MODEL_LANES" in writer.defined:
+    if "named" in writer.spec.constants:
+        yield from writer.spec.constants["named"]
+    elif "MODEL_LANES" in writer.defined:
         yield from (v.name for v in writer.spec.variables if not _LISTED.fullmatch(v.name))
 
 

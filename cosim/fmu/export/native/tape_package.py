@@ -31,6 +31,8 @@ KINDS = {
     "table.c": "table",
     "observer.c": "observer",
     "sensor.c": "sensor",
+    "computed.c": "computed",
+    "plain_sensor.c": "plain_sensor",
 }
 """C file of a kind of behaviour -> name of its binary that reads the model."""
 
@@ -149,4 +151,10 @@ def _specimens() -> dict[str, ComponentSpec]:
             "Signals", [("y", None)], [0], [[0.0]], 1.0
         ),
         "sensor": component_module("sensor.variables").SPEC,
+        "computed": component_module("computed.variables").computed_spec(
+            "Computed", [], [("y", None, "a number")], [["symbol", "t"]], [0], [[]], 1.0
+        ),
+        "plain_sensor": component_module("plain_sensor.variables").plain_sensor_spec(
+            "PlainSensor", [("y", None)], {}
+        ),
     }

@@ -21,7 +21,8 @@ Model model = {.guid = ""};
 
 enum { SLOTS, V, C, X, LATE, CHANGE, OTHER, POOL, ARRAYS };
 enum { ADD, SUBTRACT, MULTIPLY, DIVIDE, NEGATE, POWER, LESSER, GREATER, SIN, COS, EXP, LOG, SQRT,
-       ABSOLUTE, ARCSINE, ARCTANGENT, OPERATIONS };
+       ABSOLUTE, ARCSINE, ARCTANGENT, TAN, ARCCOSINE, ARCTAN, FLOOR, ROUND, HYPOTENUSE, LESS,
+       LESS_EQUAL, EQUAL, OPERATIONS };
 
 #define AT(operand) array[(uint64_t)(operand) >> 32][(uint32_t)(operand)]
 
@@ -50,6 +51,15 @@ static void perform(int number, const double *array[ARRAYS], double *out) {
         case ABSOLUTE: r = fabs(a); break;
         case ARCSINE: r = asin(a); break;
         case ARCTANGENT: r = atan2(a, b); break;
+        case TAN: r = tan(a); break;
+        case ARCCOSINE: r = acos(a); break;
+        case ARCTAN: r = atan(a); break;
+        case FLOOR: r = floor(a); break;
+        case ROUND: r = rint(a); break;
+        case HYPOTENUSE: r = hypot(a, b); break;
+        case LESS: r = a < b; break;
+        case LESS_EQUAL: r = a <= b; break;
+        case EQUAL: r = a == b; break;
         default: r = sqrt(a); break;
         }
         slot[o->to] = r;

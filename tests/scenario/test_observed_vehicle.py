@@ -1,4 +1,4 @@
-"""The survey by late fixes: its designs are the vehicle's own, and its FMUs follow from them."""
+"""The built-in scenarios of a vehicle with an observer: designs, FMUs that follow, play-out."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from shared import fmu_store
 from cosim.core import InputError
 from cosim.fmu import design_part_spec, design_parts
 from cosim.hinf import first_difference, pair_from_json
-from cosim.scenario import FmuCache
+from cosim.scenario import FmuCache, execute_unrecorded, load, prepare
 from cosim.trace import Trace
-from tests.benchmarks.survey_designs import AGES, question
+from tests.benchmarks.vehicle_designs import COMMAND_AGE, MEASURED, question
 
 DESIGNS = Path(str(files("cosim.scenario").joinpath("library", "designs")))
 
@@ -27,10 +27,10 @@ def stored(name: str) -> Any:
     return json.loads((DESIGNS / f"{name}.json").read_bytes())
 
 
-@pytest.mark.parametrize("name", AGES)
+@pytest.mark.parametrize("name", MEASURED)
 def test_a_design_is_about_the_vehicle_of_the_gallery_and_its_sensors(name: str) -> None:
     """Made again from the vehicle's file but for the solver: plant, ages, noise, and the note."""
-    system, measured, note = question(AGES[name])
+    system, measured, note = question(name)
     data = stored(name)
     pair = pair_from_json(data)
     assert first_difference(system, pair.plant) is None
@@ -38,6 +38,7 @@ def test_a_design_is_about_the_vehicle_of_the_gallery_and_its_sensors(name: str)
         assert (one.name, one.C.tolist()) == (own.name, own.C.tolist())
         assert one.delay(8).d == own.delay(8).d
         assert np.allclose(one.noise, own.noise, rtol=1e-3)
+    assert float(data["command_age"]) == COMMAND_AGE.get(name, 0.0)
     kept = data["plant_note"]
     assert {key: kept[key] for key in ("model", "trim", "source", "parameters")} == {
         key: json.loads(json.dumps(note[key])) for key in ("model", "trim", "source", "parameters")
@@ -92,3 +93,42 @@ def test_the_watchdog_stops_who_designs_for_fresh_fixes(tmp_path: Path) -> None:
     assert "safe values are commanded" in result.out, result.err
     out = Trace(tmp_path / "s.mcap").read("/controller/output")
     assert not out["thruster.surge"][out.log_time_ns > 400_000_000].any()
+
+
+STILL = {
+    "sea": {"Hs": 0.0},
+    "plant": {"initial.eta.x": 0.0},
+    "telemetry": {**{f"noise[{i}]": 0.0 for i in range(1, 7)}, "sample_time": 0.25},
+    "usbl": {"noise[1]": 0.0, "noise[2]": 0.0, "sample_time": 1.0},
+}
+"""Still water, and no noise: along its own axis the vehicle is as its linear model."""
+
+
+@pytest.mark.parametrize(
+    ("command_delay", "link", "error"),
+    [
+        (0.8, {}, 0.0),
+        (0.0, {}, 0.04),  # it takes commands to act at once
+        (0.8, {"playout": 0.0}, 0.01),  # they act when they come
+        (0.8, {"jitter.width": 0.6}, 1e-5),  # some come after their play-out: they never act
+    ],
+)
+def test_with_play_out_a_remote_observer_knows_what_acts_when(
+    command_delay: float, link: dict[str, float], error: float, tmp_path: Path
+) -> None:
+    """A metre ahead over a link that jitters: with it the estimate is exact, and without it wrong.
+
+    In any case the run says whether the observer knew.
+    """
+    own = {**STILL, "controller": {"sample_time": 0.25, "command.delay": command_delay}}
+    changed = [f"links.commands.{key}={value}" for key, value in link.items()]
+    for name, values in own.items():
+        listed = ", ".join(f'"{key}" = {value}' for key, value in values.items())
+        changed.append(f"components.{name}.parameters={{ {listed} }}")
+    changed += ["run.end=15", "reference.points=[[0.0, 1.0, 0.0, 0.0], [60.0, 1.0, 0.0, 0.0]]"]
+    prepared = prepare(load("auv-remote", changed), FmuCache(fmu_store(), tmp_path))
+    outcome, run = execute_unrecorded(prepared, zero_state_run=False)
+    off = np.abs(run.signal("plant", "eta.x") - run.signal("controller", "estimate[1]")).max()
+    assert off < 1e-12 if error == 0.0 else off > error
+    assert outcome.metrics["assumptions"]["observer_knows_commands"] == (error == 0.0)
+    assert bool(outcome.links["commands"]["late"]) == ("jitter.width" in link)

@@ -1,0 +1,361 @@
+"""Whether a run stayed within what is proved across outages (`cosim.hinf.Outages`).
+
+Each interval between points is in touch (the measurement in use at most as old as designed for at
+its end), out of touch with the proved fallback (the plant's control is zero), or neither: a value
+that is held beyond the age, which nothing covers. Before the first measurement the state is
+constant, so that a control of K x(0) is in touch up to that age.
+
+Along the run V is bounded by B, B(0) = V(0), B' = -2 alpha B or 2 beta B, + gamma |w|^2; from rest
+the gain is weighted as the proof says. V itself is computed at up to `_PLACES` instants: its
+integrals by the trapezoidal rule, x' as the slope of the interval, x constant before 0.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cosim import hinf
+from cosim.master import ComponentInstance, Run
+from cosim.scenario.measure import Measure, after
+from cosim.scenario.performance import binding_for, reader_of, vector_of
+from cosim.scenario.run_events import Episodes, EventCollector, close_all
+from cosim.trace import RunEvent
+
+if TYPE_CHECKING:
+    from cosim.scenario.designed_plant import DesignedPlant
+    from cosim.scenario.signal_reader import SignalReader
+
+Reals = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+_PLACES = 500
+_EARLIER = 64
+"""Points that stand for the constant state before 0."""
+_CLOSE = 1e-9
+_ACCURACY = 1e-3
+"""Relative, of V by the trapezoidal rule."""
+
+
+@dataclass(frozen=True)
+class OutageFigures:
+    """What a run, or its zero-state run, says of the proof across outages.
+
+    Attributes
+    ----------
+    bound : of the division of its time; None without any interval.
+    uncovered_s : how long the plant held what was older than designed for [s].
+    uncovered_at_s : since when, the first time [s]; None if never.
+    value_ratio : largest V over its bound; None where w has no bound, or something was not covered.
+    weighted_gain : (int s z'z / int s w'w)^(1/2); None without w or z.
+    """
+
+    bound: hinf.OutageBound | None
+    uncovered_s: float
+    uncovered_at_s: float | None
+    value_ratio: float | None
+    weighted_gain: float | None
+
+
+class OutageMeasure(Measure[OutageFigures | None]):
+    """The figures of a run whose design is proved across outages; None of a plant not known.
+
+    `age` is to be called, as a watch of the ages of the measurements, before `add`.
+
+    Parameters
+    ----------
+    plant : name of the plant.
+    design : with the guarantee `outages`.
+    seen_as : how the plant is seen as the system, where the design knows.
+    end : of the run [s].
+    set_points : the reference moves, so that V is not measured from the trim: no ratio.
+    collector : gets an event when the guarantee is suspended, regained, or not covered any more.
+    """
+
+    def __init__(
+        self,
+        plant: str,
+        design: hinf.Design,
+        seen_as: DesignedPlant | None,
+        end: float,
+        *,
+        set_points: bool,
+        collector: EventCollector | None = None,
+    ) -> None:
+        proved = design.guarantees.outages
+        if proved is None:
+            raise ValueError("expected a design with a proof across outages")
+        self._plant, self._design, self._proved = plant, design, proved
+        self._system, self._seen_as, self._set_points = design.system, seen_as, set_points
+        self._oldest_ns = self._system.feedback_delay * 1e9 * (1 + 1e-12)
+        self._every_ns = max(int(end * 1e9 / _PLACES), 1)
+        self._alpha, self._beta = float(proved.alpha), float(proved.beta)
+        self._readers: tuple[SignalReader, ...] = ()
+        self._ages: list[Integers] = []
+        self._before: tuple[Any, ...] = (None, None, None, None)
+        self._touch: list[NDArray[np.bool_]] = []
+        self._points: list[Integers] = []
+        self._covered_until: float | None = None
+        self._uncovered_ns, self._measured = 0, False
+        self._first_control: Reals | None = None
+        self._deficit = 0.0
+        self._value: _Value | None = None
+        self._out = self._in = 0.0
+        self._episodes = self._bad = None
+        if collector is not None:
+            words = "out of touch: the bound gamma is suspended"
+            begins = RunEvent(0, "warning", "guarantee", plant, words)
+            self._episodes = Episodes(collector, begins, "touch has made up for it: regained")
+            words = "not covered: the control is held although older than designed for"
+            begins = RunEvent(0, "error", "guarantee", f"{plant} control", words)
+            self._bad = Episodes(collector, begins, "covered again")
+
+    def begin(self, instances: Sequence[ComponentInstance]) -> None:
+        """Bind the variables of the plant."""
+        instance = next((s for s in instances if s.name == self._plant), None)
+        binding = None if instance is None else binding_for(instance, self._system, self._seen_as)
+        if instance is None or binding is None or len(binding.state.names) != len(self._system.A):
+            return
+        self._instance, self._binding = instance, binding
+        self._readers = tuple(reader_of(instance, group.names) for group in binding)
+        self.reads_inputs = any(reader.reads_inputs for reader in self._readers)
+
+    def age(self, points_ns: Integers, ages_ns: Integers) -> None:
+        """Take the ages of the measurements in use at the ends of intervals; -1: of none."""
+        del points_ns
+        self._ages.append(ages_ns)
+
+    def add(self, first: int, last: int) -> None:
+        """Take the intervals that end at the points."""
+        ages = np.concatenate(self._ages) if self._ages else np.zeros(0, np.int64)
+        self._ages = []
+        if not self._readers:
+            return
+        x, u, w = (
+            vector_of(group, reader.read(first, last))
+            for group, reader in zip(self._binding, self._readers, strict=True)
+        )
+        here = self._instance.comm_points.points_ns[first:last], x, u, w
+        points, x, u, w = (
+            after(before, block) for before, block in zip(self._before, here, strict=True)
+        )
+        self._before = tuple(block[-1:].copy() for block in (points, x, u, w))
+        if self._value is None and self._first_control is None:
+            self._first_control = x[0] @ self._design.K.T
+            self._value = _Value(self._proved, self._system, x[0], int(points[0]), self._every_ns)
+        if points.size < 2 or ages.size != points.size - 1:
+            return
+        touch, covered = self._modes(points, ages, u[:-1])
+        self._note(points, touch, covered)
+        self._integrate(points, x, u[:-1], w[:-1], touch)
+
+    def _modes(
+        self, points: Integers, ages: Integers, u: Reals
+    ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        """Return which intervals are in touch, and which are covered."""
+        used = ages >= 0
+        touch = used & (ages <= self._oldest_ns)
+        if not self._measured and self._first_control is not None:
+            early = (np.cumsum(used) == 0) & (points[1:] <= self._oldest_ns)
+            size = np.abs(self._first_control).max(initial=0.0)
+            same = np.abs(u - self._first_control) <= _CLOSE * size
+            touch |= early & same.all(axis=1)
+            self._measured = bool(used.any())
+        zero = (u == 0.0).all(axis=1) & (not self._proved.fallback.any())
+        return touch, touch | zero
+
+    def _note(self, points: Integers, touch: NDArray[np.bool_], covered: NDArray[np.bool_]) -> None:
+        """Keep the division of time, and make its events."""
+        self._points.append(points if not self._points else points[1:])
+        self._touch.append(touch)
+        wrong = np.flatnonzero(~covered)
+        if wrong.size:
+            self._uncovered_ns += int(np.diff(points)[wrong].sum())
+            if self._covered_until is None:
+                self._covered_until = float(points[wrong[0]]) / 1e9
+        if self._episodes is None or self._bad is None:
+            return
+        self._bad.add(points[:-1], ~covered)
+        suspended = np.empty(touch.size, np.bool_)
+        for k, (own, h) in enumerate(zip(touch.tolist(), np.diff(points).tolist(), strict=True)):
+            self._deficit = max(
+                self._deficit + h / 1e9 * (-2 * self._alpha if own else 2 * self._beta), 0.0
+            )
+            suspended[k] = not own or self._deficit > 0.0
+        self._episodes.add(points[:-1], suspended)
+
+    def _integrate(
+        self, points: Integers, x: Reals, u: Reals, w: Reals, touch: NDArray[np.bool_]
+    ) -> None:
+        """Go on with V, its bound, and the weighted integrals."""
+        h = np.diff(points) / 1e9
+        rates = np.where(touch, -2 * self._alpha, 2 * self._beta)
+        noise = (w * w).sum(axis=1)
+        if self._value is not None:
+            self._value.add(points, x, rates, noise)
+        if self._proved.gamma is None:
+            return
+        s = self._system
+        direct = w @ s.D1.T + u @ s.D2.T
+        ends = [((x_end @ s.D.T + direct) ** 2).sum(axis=1) for x_end in (x[:-1], x[1:])]
+        drive = zip(h.tolist(), rates.tolist(), noise.tolist(), *(e.tolist() for e in ends),
+                    strict=True)  # fmt: skip
+        # both integrals over the weight at their end, which stays in range
+        for span, rate, own, begin, end in drive:
+            grown = math.exp(rate * span)
+            self._in = self._in * grown + own * span * (grown + 1) / 2
+            self._out = self._out * grown + span * (begin * grown + end) / 2
+
+    def result(self, run: Run) -> OutageFigures | None:
+        """Return the figures."""
+        close_all([e for e in (self._episodes, self._bad) if e is not None], run.end_ns)
+        if not self._readers or not self._touch or self._value is None:
+            return None
+        times, touch = np.concatenate(self._points) / 1e9, np.concatenate(self._touch)
+        bounded = self._covered_until is None and not self._set_points
+        weighted = None
+        if self._proved.gamma is not None and self._in > 0 and self._covered_until is None:
+            weighted = math.sqrt(self._out / self._in)
+        return OutageFigures(
+            bound=hinf.outage_bound(self._proved, times, touch),
+            uncovered_s=self._uncovered_ns / 1e9,
+            uncovered_at_s=self._covered_until,
+            value_ratio=self._value.ratio if bounded and run.status != "failed" else None,
+            weighted_gain=weighted,
+        )
+
+
+class _Value:
+    """V along a run, and its bound.
+
+    Attributes
+    ----------
+    ratio : the largest V over its bound so far, after the beginning; None where w acts and has no
+        bound, or V(0) = 0 and nothing drives it.
+    """
+
+    def __init__(
+        self,
+        proved: hinf.Outages,
+        system: Any,
+        start: Reals,
+        begin_ns: int,
+        every_ns: int,
+    ) -> None:
+        self._P = _floats(proved.P)
+        late = [delay.d for delay in system.delays if delay.d > 0]
+        self._late = [
+            (d, _floats(S), _floats(R)) for d, S, R in zip(late, proved.S, proved.R, strict=True)
+        ]
+        self._alpha, longest = float(proved.alpha), max(late)
+        self._gamma = None if proved.gamma is None else float(proved.gamma)
+        self._longest, self._every_ns, self._next_ns = longest, every_ns, begin_ns
+        t = begin_ns / 1e9
+        self._t = np.linspace(t - longest, t, _EARLIER)
+        self._x = np.tile(start, (_EARLIER, 1))
+        self._bound = self._at(self._t.size - 1)
+        self._known = True
+        self.ratio: float | None = None
+
+    def add(self, points: Integers, x: Reals, rates: Reals, noise: Reals) -> None:
+        """Take intervals between points [ns]: x at all of them, the rate of B and |w|^2 in each."""
+        if self._gamma is None and noise.any():
+            self._known, self.ratio = False, None
+        if not self._known:
+            return
+        t = points / 1e9
+        first = self._t.size - 1
+        self._t, self._x = np.append(self._t, t[1:]), np.concatenate([self._x, x[1:]])
+        drive = (self._gamma or 0.0) * noise
+        steps = zip(points[1:].tolist(), np.diff(t).tolist(), rates.tolist(), drive.tolist(),
+                    strict=True)  # fmt: skip
+        for k, (now, h, rate, own) in enumerate(steps, 1):
+            self._bound = self._bound * math.exp(rate * h)
+            self._bound += own * (math.expm1(rate * h) / rate if rate else h)
+            if now < self._next_ns:
+                continue
+            self._next_ns = now + self._every_ns
+            if self._bound > 0:
+                self.ratio = max(self.ratio or 0.0, self._at(first + k) / self._bound)
+        keep = int(np.searchsorted(self._t, self._t[-1] - self._longest)) - 1
+        self._t, self._x = self._t[max(keep, 0) :], self._x[max(keep, 0) :]
+
+    def _at(self, k: int) -> float:
+        """Return V at the k-th point that is kept."""
+        now = self._t[k]
+        value = float(self._x[k] @ self._P @ self._x[k])
+        for d, S, R in self._late:
+            begin = max(int(np.searchsorted(self._t, now - d)) - 1, 0)
+            t, x = self._t[begin : k + 1], self._x[begin : k + 1].copy()
+            h, change = np.diff(t), np.diff(x, axis=0)
+            span = t[1:] - np.maximum(t[:-1], now - d)
+            share = (span / h)[:, None]
+            middle = t[1:] - span / 2
+            x[:-1] = x[1:] - change * share
+            own = np.einsum("ti,ij,tj->t", x[1:], S, x[1:])
+            before = np.einsum("ti,ij,tj->t", x[:-1], S, x[:-1])
+            kernel = np.exp(2 * self._alpha * (t[1:] - now))
+            earlier = np.exp(2 * self._alpha * (t[1:] - span - now))
+            value += float((span * (own * kernel + before * earlier)).sum()) / 2
+            slope = change / h[:, None]
+            fast = np.einsum("ti,ij,tj->t", slope, R, slope)
+            weight = np.exp(2 * self._alpha * (middle - now)) * (middle - now + d)
+            value += d * float((span * fast * weight).sum())
+        return value
+
+
+def _floats(matrix: Any) -> Reals:
+    rows = [[float(x.p) / float(x.q) for x in row] for row in matrix.tolist()]
+    return np.array(rows)
+
+
+def outage_figures(
+    proved: hinf.Outages, run: OutageFigures | None, at_rest: OutageFigures | None
+) -> dict[str, Any] | None:
+    """Return the metric `outages`, JSON-safe; None where the run has no division of time."""
+    if run is None or run.bound is None:
+        return None
+    bound, gamma = run.bound, None if proved.gamma is None else float(proved.gamma)
+    found: dict[str, Any] = {
+        "alpha": float(proved.alpha),
+        "beta": float(proved.beta),
+        "gamma": gamma,
+        **{key: value for key, value in vars(bound).items() if key != "suspensions_s"},
+        "suspensions_s": [list(each) for each in bound.suspensions_s[:_MOST_SUSPENSIONS]],
+        "suspensions": len(bound.suspensions_s),
+        "uncovered_s": run.uncovered_s,
+        "uncovered_at_s": run.uncovered_at_s,
+        "value_ratio": run.value_ratio,
+        "value_within_bound": None if run.value_ratio is None else run.value_ratio <= 1 + _ACCURACY,
+        "weighted_gain": None,
+        "weighted_gain_within_gamma": None,
+        "plain_gain_bound": None,
+    }
+    if gamma is not None and run.uncovered_at_s is None and bound.gain_factor is not None:
+        found["plain_gain_bound"] = gamma * bound.gain_factor
+    if gamma is not None and at_rest is not None and at_rest.weighted_gain is not None:
+        found["weighted_gain"] = at_rest.weighted_gain
+        found["weighted_gain_within_gamma"] = at_rest.weighted_gain <= gamma * (1 + _ACCURACY)
+    return found
+
+
+_MOST_SUSPENSIONS = 200
+
+Watch = Callable[[Integers, Integers], None]
+
+
+def both(first: Watch, second: Watch | None) -> Watch:
+    """Return a watch that passes ages on to one or two others."""
+    if second is None:
+        return first
+
+    def watch(points_ns: Integers, ages_ns: Integers) -> None:
+        first(points_ns, ages_ns)
+        second(points_ns, ages_ns)
+
+    return watch

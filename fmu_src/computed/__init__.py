@@ -1,0 +1,1 @@
+"""Values computed from signals as a component: a scenario's [computed.NAME]."""

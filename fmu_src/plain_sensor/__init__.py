@@ -1,0 +1,1 @@
+"""A sensor on a plain connection as a component: a scenario's [sensors.NAME]."""
