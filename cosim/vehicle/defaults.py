@@ -111,12 +111,16 @@ def _shares(vehicle: Vehicle, trim: Trim) -> Matrix:
 def _apart(vehicle: Vehicle, trim: Trim) -> list[str]:
     """Return the velocities (u, v, ...) that actuators move apart from those before them.
 
-    Those that are moved most come first: stern planes turn a vehicle, and its heave follows.
+    At rest roll and pitch come last, which thrusters above the centre move as well. At speed those
+    that are moved most come first: stern planes turn a vehicle, and its heave follows.
     """
     rows = _shares(vehicle, trim)
     found: list[str] = []
     basis = np.zeros((0, rows.shape[1]))
-    for i in np.argsort(-np.linalg.norm(rows, axis=1), kind="stable"):
+    order = np.argsort(-np.linalg.norm(rows, axis=1), kind="stable").tolist()
+    if not vehicle.trim:
+        order.sort(key=lambda i: vehicle.velocities[i] in ("nu.p", "nu.q"))
+    for i in order:
         size = float(np.linalg.norm(rows[i]))
         left = rows[i] - basis.T @ (basis @ rows[i])
         rest = float(np.linalg.norm(left))

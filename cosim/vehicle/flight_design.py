@@ -30,6 +30,10 @@ _TRIES = 4
 _ROOM = 0.7
 """Of the gain round F at which a smaller share is tried: it is about proportional to the share."""
 
+_POOR = 4.0
+"""Gamma over the exact norm above which half of the envelope is tried as well."""
+
+Certified = tuple[LinearModel, tuple[PlannedSensor, ...], hinf.OutputFeedback]
 Say = Callable[[str], None]
 
 
@@ -58,14 +62,15 @@ def as_designed_for(vehicle: Vehicle, say: Say) -> Vehicle:
 
 def certified_design(
     whole: LinearModel, settings: FlightSettings, folder: Path, say: Say
-) -> tuple[LinearModel, tuple[PlannedSensor, ...], hinf.OutputFeedback]:
-    """Return model, sensors and design; where nothing is certified, for a smaller envelope.
+) -> Certified:
+    """Return model, sensors and design; where nothing good is certified, for a smaller envelope.
 
     Raises
     ------
     NotAchievableError : nothing was certified; says which states are the most uncertain.
     """
     refused: list[str] = []
+    poor: Certified | None = None
     share, i, start = 1.0, 0, None
     for _ in range(_TRIES):
         share, craft, model = _SHARES[i], whole.vehicle, whole
@@ -86,15 +91,19 @@ def certified_design(
             if isinstance(error, hinf.TooUncertainError):
                 least, start = error.gain, error.start
             smaller = [k for k in range(i + 1, len(_SHARES)) if _SHARES[k] * least < _ROOM * share]
-            if not smaller:
+            if not smaller or poor is not None:
                 break
             i = smaller[0]
             continue
-        if share < 1.0:
-            bounds = ", ".join(f"{name} {bound:.3g}" for name, bound in model.envelope.items())
-            say(f"nothing was certified for the whole envelope: for {share:g} of it")
-            say(f"about the trim at most: {bounds}")
-        return model, sensors, design
+        half = [k for k, each in enumerate(_SHARES) if each <= share / 2]
+        if poor is None and half and _ratio(design) > _POOR:
+            poor, start, i = (model, sensors, design), (design.K, design.L), half[0]
+            continue
+        if poor is not None and not _ratio(design) < _ratio(poor[2]) / 2:
+            break
+        return _with_remarks((model, sensors, design), whole, say)
+    if poor is not None:
+        return _with_remarks(poor, whole, say)
     raise NotAchievableError(
         "no observer and gain could be certified",
         where=whole.vehicle.name,
@@ -104,6 +113,19 @@ def certified_design(
         "another [trim], sensors on board that are faster (age), a faster link (--link), or other "
         "controlled states ([control] states)",
     )
+
+
+def _ratio(design: hinf.OutputFeedback) -> float:
+    """Return gamma over the exact norm of the nominal pair."""
+    return (design.gamma or 0.0) / (design.exact_norm or 1.0)
+
+
+def _with_remarks(found: Certified, whole: LinearModel, say: Say) -> Certified:
+    """Return what was certified; say so where that is not for the whole envelope."""
+    if found[0] is not whole:
+        bounds = ", ".join(f"{name} {bound:.3g}" for name, bound in found[0].envelope.items())
+        say(f"certified for less than the whole envelope; about the trim at most: {bounds}")
+    return found
 
 
 def proved_for(

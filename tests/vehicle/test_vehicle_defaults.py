@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -102,6 +103,31 @@ def test_a_smaller_envelope_is_chosen_by_how_much_was_missed(
     """Gains round F go with the share: 2 at the whole, so a third is tried, not 0.7."""
     found = tried(monkeypatch, [2.0, 1.1, 1.0, 1.0], vehicle_text("remus100"))
     assert found == pytest.approx([0.25 * 0.05, 0.125 * 0.05, 0.06 * 0.05])
+
+
+def test_a_poor_proof_is_compared_with_one_for_half_the_envelope(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A gamma of ten times the norm; of half the envelope it is twice, and that is taken."""
+    whole = linear_model(vehicle_from_toml(vehicle_text("remus100"), where="x"))
+    gammas = iter([10.0, 2.0, 10.0, 8.0])
+
+    def design(*_: Any, **__: Any) -> Any:
+        return SimpleNamespace(gamma=next(gammas), exact_norm=1.0, K=None, L=None)
+
+    monkeypatch.setattr("cosim.hinf.design_output_feedback", design)
+    for gamma, share in ((2.0, 0.5), (10.0, 1.0)):
+        found = certified_design(whole, FlightSettings(), Path("none"), lambda _: None)
+        assert found[2].gamma == gamma
+        assert found[0].envelope["nu.w"] == share * whole.envelope["nu.w"]
+
+
+def test_thrusters_above_the_centre_are_for_surge_and_sway() -> None:
+    """They pitch and roll a vehicle more than they move it, but nothing else moves it."""
+    text = re.sub(r"0\.085\]", "0.3]", bare("bluerov2-heavy"))
+    vertical = re.compile(r'\[\[thrusters\]\]\nname = "t[67]".*?\n\n', re.DOTALL)
+    states = vehicle_from_toml(vertical.sub("", text), where="x").control.states
+    assert set(HOVER) <= set(states)
 
 
 def test_a_calmer_mission_has_a_share_of_everything() -> None:
