@@ -111,6 +111,7 @@ from .synthesis import (
     GreatestDelay as GreatestDelay,
     MessageAges as MessageAges,
     OutputFeedback as OutputFeedback,
+    TooUncertainError as TooUncertainError,
     analyse as analyse,
     as_cvxpy as as_cvxpy,
     certified_delay as certified_delay,

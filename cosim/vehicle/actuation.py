@@ -23,7 +23,7 @@ from cosim.vehicle.vehicle import Vehicle
 Matrix = NDArray[np.float64]
 
 _RANK = 1e-8
-_MAINLY = 0.3
+MAINLY = 0.3
 """Least effect of an actuator on a controlled velocity, as a share of that on surge, each in shares
 of the envelope: a propeller that also pitches the vehicle a little is not for pitching."""
 
@@ -85,7 +85,7 @@ def actuation_of(vehicle: Vehicle, trim: Trim, velocities: Sequence[str]) -> Act
     bounds = np.array([vehicle.envelope.get(name, 1.0) for name in every])
     shares = np.abs(scaled) / bounds[:, None]
     controlled, ahead = shares[own].max(axis=0, initial=0.0), shares[every.index("nu.u")]
-    moving = controlled > np.maximum(_RANK, _MAINLY * ahead)
+    moving = controlled > np.maximum(_RANK, MAINLY * ahead)
     scaled = scaled * moving
     k = len(limits)
     accelerations = _rank(scaled[own]) == len(own) > 0

@@ -73,15 +73,11 @@ def _file_errors(text: str, where: str) -> Iterator[InputError]:
 def _of_motion(vehicle: Vehicle) -> Iterator[Finding]:
     """Look at energy, trim, stability, actuators and the linear model."""
     yield from _energy(vehicle)
-    if vehicle.default_bounds:
-        bounds = ", ".join(f'"{n}" = {vehicle.envelope[n]:g}' for n in vehicle.default_bounds)
-        yield _finding(
-            "note",
-            "the file gives no bound for some states: defaults are taken",
-            where="envelope",
-            got=bounds,
-            hint="the uncertainty of the design is proved for these bounds about the trim",
+    for where, taken in vehicle.defaults.items():
+        what = (
+            "the file gives no bound for some states" if where == "envelope" else "not in the file"
         )
+        yield _finding("note", f"{what}: a default is taken", where=where, got=taken)
     if vehicle.attitude == "quaternion":
         yield _finding(
             "note",
@@ -250,15 +246,8 @@ def _stability(vehicle: Vehicle, trim: Trim) -> Iterator[Finding]:
 
 def _of_sensors(vehicle: Vehicle) -> Iterator[Finding]:
     """Look at what is measured of the controlled states, and at ages against intervals."""
-    measured = {name for sensor in vehicle.sensors for name in sensor.measures}
-    for name in _not_observed(vehicle, measured):
-        yield _finding(
-            "error",
-            "a controlled state cannot be estimated from what the sensors measure",
-            where=f"sensors: {name}",
-            expected="a sensor that measures it, or a position or angle that follows from it",
-            hint=f'measures = ["{name}"] in a [[sensors]]',
-        )
+    for error in not_observed(vehicle):
+        yield Finding("error", error)
     for i, sensor in enumerate(vehicle.sensors):
         least = max(sensor.interval, _STEP_OF_RUNS) + _STEP_OF_RUNS
         if sensor.over == "onboard" and sensor.age < least:
@@ -279,16 +268,27 @@ def _of_sensors(vehicle: Vehicle) -> Iterator[Finding]:
         )
 
 
-def _not_observed(vehicle: Vehicle, measured: set[str]) -> list[str]:
-    """Return the controlled states that are neither measured nor the rate of one that is."""
+def not_observed(vehicle: Vehicle) -> Iterator[InputError]:
+    """Yield the controlled states that are neither measured nor follow from what is.
+
+    A velocity follows from its position or angle; at speed, pitch and heave from the depth, and
+    sway from the turn.
+    """
+    measured = {name for sensor in vehicle.sensors for name in sensor.measures}
     of_rate = {"u": "x", "v": "y", "w": "z", "p": "phi", "q": "theta", "r": "psi"}
-    missing = []
+    observed = {f"nu.{rate}" for rate, place in of_rate.items() if f"eta.{place}" in measured}
+    if vehicle.trim and "eta.z" in measured:
+        observed |= {"eta.theta", "nu.w", "nu.q"}
+    if vehicle.trim and measured & {"eta.psi", "nu.r"}:
+        observed.add("nu.v")
     for name in vehicle.control.states:
-        group, _, letter = name.partition(".")
-        follows = group == "nu" and f"eta.{of_rate[letter]}" in measured
-        if name not in measured and not follows:
-            missing.append(name)
-    return missing
+        if name not in measured | observed:
+            yield InputError(
+                "a controlled state cannot be estimated from what the sensors measure",
+                where=f"sensors: {name}",
+                expected="a sensor that measures it, or a position or angle that follows from it",
+                hint=f'measures = ["{name}"] in a [[sensors]], or [control] states without it',
+            )
 
 
 def _finding(level: Level, what: str, **parts: Any) -> Finding:

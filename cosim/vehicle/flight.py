@@ -13,11 +13,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cosim import fmu as fmus, hinf, scenario
-from cosim.core import DESIGN_FILE, PLANT_NOTE, InputError, NotAchievableError, Progress, silent
-from cosim.models import DelaySystem, Measurement
+from cosim.core import DESIGN_FILE, PLANT_NOTE, InputError, Progress, silent
 from cosim.trace import pyplot
+from cosim.vehicle.diagnosis import not_observed
+from cosim.vehicle.flight_design import (
+    DESIGN,
+    as_designed_for,
+    certified_design,
+    measurements_of,
+    proved_for,
+)
 from cosim.vehicle.flight_picture import PictureSubject, draw_flight
-from cosim.vehicle.flight_plan import FlightSettings, PlannedSensor, planned_sensors, sensor_line
+from cosim.vehicle.flight_plan import FlightSettings, PlannedSensor, sensor_line
 from cosim.vehicle.flight_scenario import Mission, scenario_text
 from cosim.vehicle.linearisation import LinearModel, linear_model
 from cosim.vehicle.mission import plan_mission
@@ -27,12 +34,15 @@ from cosim.vehicle.vehicle import Vehicle
 if TYPE_CHECKING:
     from cosim.scenario import Outcome
 
-SCENARIO, TRACE, PICTURE, DESIGN = "scenario.toml", "flight.mcap", "flight.png", "design.json"
+SCENARIO, TRACE, PICTURE = "scenario.toml", "flight.mcap", "flight.png"
 """Files of a flight in its folder."""
 
 _STEPS = 6
-_ENVELOPES = (1.0, 0.5, 0.25)
-"""Shares of the envelope for which a design is tried in turn."""
+_TURNS = 3
+_WIDER = 1.25
+"""Bound of a state of a wider envelope, for the largest deviation that was flown."""
+_CALMER = 0.7
+"""Share of the envelope that a calmer flight is to take, and how much calmer it is at least."""
 
 
 @dataclass(frozen=True)
@@ -72,7 +82,7 @@ class Flight:
         }
 
 
-def fly(
+def fly(  # noqa: PLR0915 - one step after the other
     vehicle: Vehicle | str | Path,
     folder: Path | str,
     settings: FlightSettings | None = None,
@@ -102,15 +112,20 @@ def fly(
     steps = _Steps(say or silent_line, progress or silent)
     scenario.check_writable(where / TRACE)
     where.mkdir(parents=True, exist_ok=True)
-    (where / "vehicle.toml").write_text(craft.text, "utf-8")
     with steps("linear model at the trim, uncertainty proved over the envelope"):
+        craft = as_designed_for(craft, steps.add)
+        (where / "vehicle.toml").write_text(craft.text, "utf-8")
+        for fault in not_observed(craft):
+            raise fault
         model = linear_model(craft)
         steps.add(_model_line(model))
-        if craft.default_bounds:
-            bounds = ", ".join(f"{n} {craft.envelope[n]:g}" for n in craft.default_bounds)
-            steps.add(f"bounds that the file does not give: {bounds}")
+        for place, taken in craft.defaults.items():
+            steps.add(f"not in the file, {place}: {taken}")
     with steps("observer and gain, certified as a pair"):
-        model, sensors, design = _designed(model, chosen, where, steps)
+        model, sensors, design = certified_design(model, chosen, where, steps.add)
+        for sensor in sensors:
+            steps.add(sensor_line(sensor))
+        design = _noted(design, model)
         steps.add(f"gamma {design.gamma:.4g} certified, exact norm {design.exact_norm or 0:.4g}")
         mission = _mission(model, design, chosen)
         _save(design, where / DESIGN)
@@ -119,11 +134,30 @@ def fly(
         steps.add(", ".join(names))
     with steps(f"scenario: {where / SCENARIO}"):
         _write_scenario(model, sensors, mission, chosen, where / SCENARIO, steps)
+    cache = replace(fmu_cache or scenario.FmuCache(Path("fmus"), where), folder=where)
     with steps(f"flight of {chosen.duration:g} s"):
-        loaded = scenario.load(str(where / SCENARIO))
-        cache = fmu_cache or scenario.FmuCache(Path("fmus"), where)
-        prepared = scenario.prepare(loaded, replace(cache, folder=where), progress=progress)
-        outcome = scenario.execute_run(prepared, where / TRACE, progress=progress)
+        for turn in range(1, 1 + _TURNS):
+            loaded = scenario.load(str(where / SCENARIO))
+            prepared = scenario.prepare(loaded, cache, progress=progress)
+            outcome = scenario.execute_run(prepared, where / TRACE, progress=progress)
+            used = max((outcome.metrics.get("envelope_use") or {"": 0.0}).values())
+            if outcome.status == "failed" or used <= 1.0 or turn == _TURNS:
+                break
+            steps.add(f"it left its envelope: {100 * used:.0f} %")
+            wider = _wider(model, sensors, design, outcome)
+            if wider is None:
+                steps.add("a calmer flight follows")
+                mission = mission.calmer(_CALMER * min(1.0, 1.0 / used))
+                _write_scenario(
+                    model, sensors, mission, chosen, where / SCENARIO, steps, keep=False
+                )
+                continue
+            model, design = wider
+            bounds = ", ".join(f"{name} {b:.3g}" for name, b in model.envelope.items())
+            steps.add(f"the same gains are certified for a wider one, gamma {design.gamma:.4g}:")
+            steps.add(f"{bounds}; flown again")
+            _save(design, where / DESIGN)
+            _write_fmus(model, mission, design, where)
     picture, why = None, None
     with steps("picture"):
         try:
@@ -134,6 +168,27 @@ def fly(
             subject = _subject(model, design, sensors, mission, outcome)
             picture = draw_flight(where / TRACE, subject, where / PICTURE)
     return Flight(craft, where, outcome, design, sensors, picture, why, steps.seconds)
+
+
+def _wider(
+    model: LinearModel,
+    sensors: Sequence[PlannedSensor],
+    design: hinf.OutputFeedback,
+    outcome: Outcome,
+) -> tuple[LinearModel, hinf.OutputFeedback] | None:
+    """Return model and design, of the same gains, for an envelope that holds what was flown."""
+    bounds = {name: b for name, b in model.envelope.items() if name in model.vehicle.envelope}
+    for name, use in outcome.metrics["envelope_use"].items():
+        if use > 1.0 and name in bounds:
+            bounds[name] *= _WIDER * use
+    found = proved_for(model, design, measurements_of(model, sensors), bounds)
+    return None if found is None else (found[0], _noted(found[1], found[0]))
+
+
+def _noted(design: hinf.OutputFeedback, model: LinearModel) -> hinf.OutputFeedback:
+    """Return a design that says how the plant's FMU is seen as its plant."""
+    note = {PLANT_NOTE: plant_note(model).to_json()}
+    return replace(design, certificate={**design.certificate, **note})
 
 
 def silent_line(line: str) -> None:
@@ -170,110 +225,6 @@ def _model_line(model: LinearModel) -> str:
     n, m = model.system.B.shape
     bounds = ", ".join(f"{name} {bound:g}" for name, bound in model.envelope.items())
     return f"{n} states, {m} controls; about the trim at most: {bounds}"
-
-
-def measurements_of(
-    model: LinearModel, sensors: Sequence[PlannedSensor]
-) -> tuple[Measurement, ...]:
-    """Return the measurements of the design: rows of x, each with its age and its noise."""
-    n = len(model.states)
-    found = []
-    for sensor in sensors:
-        rows = np.zeros((len(sensor.measures), n))
-        for k, name in enumerate(sensor.measures):
-            rows[k, model.states.index(name)] = 1.0
-        over: Any = "link" if sensor.loss or sensor.jitter else "onboard"
-        noise = list(sensor.noise)
-        found.append(
-            Measurement(sensor.name, rows, sensor.age, any_age=True, noise=noise, over=over)
-        )
-    return tuple(found)
-
-
-def _designed(
-    whole: LinearModel, settings: FlightSettings, folder: Path, steps: _Steps
-) -> tuple[LinearModel, tuple[PlannedSensor, ...], hinf.OutputFeedback]:
-    """Return model, sensors and design; where nothing is certified, for a smaller envelope."""
-    refused = NotAchievableError("no design was tried")
-    for share in _ENVELOPES:
-        craft, model = whole.vehicle, whole
-        if share < 1.0:
-            envelope = {name: share * bound for name, bound in craft.envelope.items()}
-            model = linear_model(craft, envelope=envelope)
-        sensors = planned_sensors(craft.sensors, model.states, settings)
-        measured = measurements_of(model, sensors)
-        try:
-            design = made_before(model, measured, folder, steps)
-            known = known_delays(model.system)
-            design = design or hinf.design_output_feedback(
-                known, measured, estimated=estimated_states(known)
-            )
-        except NotAchievableError as error:
-            refused = error if share == 1.0 else refused
-            continue
-        if share < 1.0:
-            steps.add(_model_line(model))
-            steps.add(f"nothing was certified for the whole envelope: for {share:g} times of it")
-        for sensor in sensors:
-            steps.add(sensor_line(sensor))
-        note = {PLANT_NOTE: plant_note(model).to_json()}
-        return model, sensors, replace(design, certificate={**design.certificate, **note})
-    refused.hint = "a faster link (--link), a smaller envelope, sensors that are faster on board"
-    raise refused
-
-
-def made_before(
-    model: LinearModel, measured: Sequence[Measurement], folder: Path, steps: _Steps
-) -> hinf.OutputFeedback | None:
-    """Return the design for this model and these measurements that is in the folder, if one is.
-
-    A solver's last digits never decide what flies: a design is kept, and its proof checked again.
-    """
-    place = folder / DESIGN
-    try:
-        content = place.read_bytes()
-    except OSError:
-        return None
-    data = hinf.certificate_from_bytes(content, str(place))
-    if not _same_question(data, model, measured):
-        return None
-    found = hinf.design_from_json(data, where=str(place))
-    if not isinstance(found, hinf.OutputFeedback):
-        return None
-    steps.add(f"made before, its proof checked again: {place}")
-    return found
-
-
-def _same_question(data: Any, model: LinearModel, measured: Sequence[Measurement]) -> bool:
-    """Whether a certificate is about this plant and these measurements, as far as noise goes."""
-    try:
-        pair = hinf.pair_from_json(data)
-    except (InputError, KeyError, TypeError):
-        return False
-    given = [(m.name, m.C.tolist(), m.delay(len(model.states)).description) for m in measured]
-    own = [
-        (m.name, m.C.tolist(), m.delay(len(pair.plant.A)).description) for m in pair.measurements
-    ]
-    noise = all(
-        np.allclose(a.noise, b.noise, rtol=1e-3)  # rounded up, so that products are exact
-        for a, b in zip(measured, pair.measurements, strict=False)
-    )
-    same = hinf.first_difference(known_delays(model.system), pair.plant) is None
-    return own == given and noise and same
-
-
-def known_delays(system: DelaySystem) -> DelaySystem:
-    """Return a system with the delays inside the plant constant: an observer must know them."""
-    delays = [replace(d, any_age=False) if not d.feedback else d for d in system.delays]
-    return replace(system, delays=tuple(delays))
-
-
-def estimated_states(system: DelaySystem) -> list[bool]:
-    """Return which states must be estimated: not what a lag makes of the commands alone."""
-    A = np.abs(system.A) + sum((np.abs(d.A) for d in system.delays), np.zeros_like(system.A))
-    driven = np.asarray(np.hstack([system.C, system.E]).any(axis=1))
-    commanded = np.asarray(system.B.any(axis=1))
-    return [bool(driven[i] or not commanded[i] or np.delete(A[i], i).any()) for i in range(len(A))]
 
 
 def plant_note(model: LinearModel) -> scenario.DesignedPlant:
@@ -368,8 +319,10 @@ def _write_scenario(
     settings: FlightSettings,
     path: Path,
     steps: _Steps,
+    *,
+    keep: bool = True,
 ) -> None:
-    """Write the scenario; one that was there and differs is kept beside it."""
+    """Write the scenario; one that was there and differs is kept beside it, if `keep`."""
     text = scenario_text(
         model.vehicle.name,
         model.states,
@@ -380,7 +333,7 @@ def _write_scenario(
         mission,
         settings,
     )
-    if path.exists() and path.read_text("utf-8") != text:
+    if keep and path.exists() and path.read_text("utf-8") != text:
         kept = path.with_suffix(".before.toml")
         path.replace(kept)
         steps.add(f"the scenario that was there is kept: {kept}")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from cosim.vehicle.flight_plan import (
@@ -41,6 +41,15 @@ class Mission:
     wave_height: float
     wave_period: float = 8.0
     wave_depth: float = 30.0
+
+    def calmer(self, share: float) -> Mission:
+        """Return the same with a share of the set-points, of their errors and of the sea."""
+        return replace(
+            self,
+            set_points={i: float(f"{share * x:.2g}") for i, x in self.set_points.items()},
+            errors={i: float(f"{share * x:.2g}") for i, x in self.errors.items()},
+            wave_height=float(f"{share * self.wave_height:.2g}"),
+        )
 
 
 def component_of(sensor: str) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
 from types import MappingProxyType
@@ -12,6 +11,7 @@ from typing import Any, Final
 from cosim.core import VEHICLE_FILE, InputError, unreadable
 from cosim.scenario import validated
 from cosim.vehicle.check import Faults, motion_names
+from cosim.vehicle.defaults import with_defaults
 from cosim.vehicle.parameters import parameters_of, terms_of
 from cosim.vehicle.schema import VehicleFile
 from cosim.vehicle.vehicle import Actuator, Control, OnboardDamping, Sensor, Vehicle
@@ -101,6 +101,7 @@ def _vehicle(file: VehicleFile, text: str) -> Vehicle:
     fins = [Actuator(fin.name, "fin", fin.limit, fin.lag, "rad") for fin in file.fins]
     loop = file.onboard_damping
     bounds = {name: _BOUNDS[name] for name in motion_names(file) if name in _BOUNDS}
+    missing = {name: bound for name, bound in bounds.items() if name not in file.envelope}
     vehicle = Vehicle(
         name=file.name,
         description=file.description,
@@ -114,13 +115,14 @@ def _vehicle(file: VehicleFile, text: str) -> Vehicle:
         sensors=tuple(_sensor(s) for s in file.sensors),
         trim=MappingProxyType({"nu.u": file.trim.u} if file.trim.u else {}),
         envelope=MappingProxyType(bounds | file.envelope),
-        default_bounds=tuple(name for name in bounds if name not in file.envelope),
+        default_bounds=tuple(missing),
         control=Control(tuple(file.control.states or ()), MappingProxyType(file.control.weights)),
         text=text,
+        defaults={"envelope": ", ".join(f'"{n}" = {b:g}' for n, b in missing.items())}
+        if missing
+        else {},
     )
-    if vehicle.control.states:
-        return vehicle
-    return replace(vehicle, control=replace(vehicle.control, states=motion_names(file)))
+    return with_defaults(vehicle, speed_given="u" in file.trim.model_fields_set)
 
 
 def _sensor(part: Any) -> Sensor:

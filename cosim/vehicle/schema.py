@@ -222,14 +222,18 @@ class TrimPart(Part):
     """[trim]: the steady motion that the design is about; every other velocity is zero."""
 
     u: Number = 0.0
-    """Surge speed through the water [m/s]; 0: hover."""
+    """Surge speed through the water [m/s]; 0: hover. Without it hover, or, where only fins steer,
+    the greatest usual speed that takes half of no actuator.
+    """
 
 
 class ControlPart(Part):
     """[control]: what the design controls, and how much each part counts."""
 
     states: Annotated[list[Text], Field(min_length=1)] | None = None
-    """States that are controlled, in this order; without it all of eta and nu."""
+    """States that are controlled, in this order; without it those that the actuators move and the
+    sensors show, roll and pitch only where no restoring moment holds them.
+    """
     weights: dict[Text, Positive] = Field(default_factory=dict)
     """Weight in z of a state or of an actuator by name: { "eta.x" = 0.1 }."""
 
@@ -264,7 +268,9 @@ class VehicleFile(Part):
     fins: list[FinPart] = Field(default_factory=list)
     """Control surfaces."""
     sensors: list[SensorPart] = Field(default_factory=list)
-    """Sensors."""
+    """Sensors; without any those that such vehicles carry: Doppler log, attitude, gyro, depth, and
+    fixes over the link.
+    """
     trim: TrimPart = Field(default_factory=TrimPart)
     """The steady motion that the design is about."""
     envelope: dict[Text, Any] = Field(default_factory=dict)

@@ -71,7 +71,8 @@ class Control:
 
     Attributes
     ----------
-    states : controlled states, all of eta and nu unless the file says others.
+    states : controlled states; where the file says none, those that actuators move and sensors
+        show, roll and pitch only where nothing else holds them (`cosim.vehicle.defaults`).
     weights : in z, by state or by command of an actuator; those that the file gives.
     """
 
@@ -95,6 +96,7 @@ class Vehicle:
     envelope : state by FMI name -> bound about the trim, for every angle and velocity.
     default_bounds : the states whose bound is a default, since the file gives none.
     text : the file.
+    defaults : what the file leaves open, by its place there, and what is taken for it.
     """
 
     name: str
@@ -112,6 +114,7 @@ class Vehicle:
     default_bounds: tuple[str, ...]
     control: Control
     text: str = field(repr=False)
+    defaults: Mapping[str, str] = field(default_factory=dict)
 
     @cached_property
     def equations(self) -> VehicleEquations:

@@ -6,9 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import scipy
 
 from cosim.hinf import Delay, DelaySystem, close, hinf_norm, spectral_abscissa
 from cosim.hinf.synthesis.descent import proposals
+from cosim.hinf.synthesis.loop_gain import LoopGain
 from cosim.hinf.synthesis.nonsmooth import minimised
 from cosim.hinf.synthesis.structured_gains import descent_design
 
@@ -105,3 +107,29 @@ def test_blocks_of_uncertainty_have_a_scaling_each() -> None:
         gains.append(np.sqrt((np.abs([*x, 0.5 * late * x[0]]) ** 2).sum(axis=0)).max())
     assert found.gamma is not None
     assert max(gains) <= found.gamma < 1.5 * max(gains)
+
+
+def test_signals_of_F_are_reduced_to_as_many_as_states() -> None:
+    """The gain with five scaled blocks is that of its definition, G_z*G_z <= g^2 N, unreduced."""
+    rng = np.random.default_rng(4)
+    A, E, H = np.diag([-1.0, -2.0]), 0.2 * rng.normal(size=(2, 5)), 0.2 * rng.normal(size=(5, 2))
+    late = Delay(0.3, [[0, 0.1], [0, 0]], 0.1 * rng.normal(size=(5, 2)))
+    system = DelaySystem(
+        A, [[0], [1]], [[1], [1]], [[1, 0], [0, 0]], D2=[[0], [0.3]], E=E, H=H,
+        delays=[late], uncertainty_blocks=[(1, 1)] * 5,
+    )  # fmt: skip
+    K, log_e = np.array([[-0.2, -0.4]]), np.array([0.3, -0.2, 0.1, 0.0, -0.3])
+    scale, least = np.exp(2 * log_e), []
+    omega = np.geomspace(1e-3, 1e2, 3000)
+    for s in 1j * omega:
+        shift = np.exp(-0.3 * s)
+        x = np.linalg.solve(
+            s * np.eye(2) - A - shift * late.A - system.B @ K, np.hstack([system.C, E])
+        )
+        z, q = (system.D + system.D2 @ K) @ x, (H + shift * late.H) @ x
+        N = np.diag([1.0, *scale]) - q.conj().T @ (scale[:, None] * q)
+        least.append(np.sqrt(scipy.linalg.eigh(z.conj().T @ z, N, eigvals_only=True)[-1]))
+    loop = LoopGain(system)
+    found = loop._levels(K, loop._in_brief(log_e), omega, np.array([0.0, 0.3]))
+    assert found == pytest.approx(np.array(least))
+    assert np.exp(loop.gain(K, log_e).value) == pytest.approx(max(least), rel=1e-4)

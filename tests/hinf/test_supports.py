@@ -215,7 +215,7 @@ def test_a_large_system_is_analysed_on_supports(monkeypatch: pytest.MonkeyPatch)
     system, K = axis_pair(link=False)
     usual = conditions.conditions_of(system, K, 0, performance=True)
     assert [type(one).__name__ for one in usual] == ["AnalysisLmi"]
-    monkeypatch.setattr(conditions, "_MOST_UNKNOWNS", 20)
+    monkeypatch.setattr(conditions, "_LARGE", 20)
     found = analyse(system, K, order=0)
     assert found.certified, found.reason
     terms = found.certificate["variables"]["terms"]

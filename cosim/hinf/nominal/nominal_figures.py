@@ -55,8 +55,10 @@ class NominalFigures(NamedTuple):
 
 
 @one_thread
-def nominal_figures_of(system: DelaySystem, K: ArrayLike) -> NominalFigures:
+def nominal_figures_of(system: DelaySystem, K: ArrayLike, *, quick: bool = False) -> NominalFigures:
     """Compute the figures of `system` with u = K x; its E, H are ignored.
+
+    quick : without the proof of the norm and without delay margins.
 
     Raises
     ------
@@ -74,11 +76,11 @@ def nominal_figures_of(system: DelaySystem, K: ArrayLike) -> NominalFigures:
     margins = None
     # also a root too close to the axis to decide
     with suppress(NotAchievableError, *_BEYOND_DOUBLES):
-        margins = delay_margin(system, K, abscissa)
+        margins = None if quick else delay_margin(system, K, abscissa)
     return NominalFigures(
         abscissa=abscissa,
         exact_norm=None if peak is None else peak.value,
-        exact_norm_upper=None if peak is None else _proved_above(system, K, peak),
+        exact_norm_upper=None if peak is None or quick else _proved_above(system, K, peak),
         norm_frequency=peak.frequency if peak is not None and finite else None,
         delay_margin=margins,
     )

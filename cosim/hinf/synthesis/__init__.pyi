@@ -41,4 +41,7 @@ from .outage_rates import (
     certified_outages as certified_outages,
     with_outages as with_outages,
 )
-from .output_feedback import design_output_feedback as design_output_feedback
+from .output_feedback import (
+    TooUncertainError as TooUncertainError,
+    design_output_feedback as design_output_feedback,
+)

@@ -218,6 +218,8 @@ def best_analysis(
     bounded = system.has_performance
     known = ages_are_known(system) or is_large(system, K)
     orders = [order] if order != "auto" else [1, 0] if known else [*AFFORDABLE_ORDERS]
+    if ranking and known:
+        orders = sorted(orders)  # the quick one first
     for own in orders:
         conditions: list[Condition] = []
         if order == "auto" and not excluded:

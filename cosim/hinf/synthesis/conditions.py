@@ -19,6 +19,7 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
 from numpy.typing import NDArray
 
 from cosim.hinf.certificate import (
@@ -46,6 +47,10 @@ Its unknowns grow with the square of the rows: with 60 a solve takes about a min
 """
 _MOST_UNKNOWNS = 300
 """Unknowns, counted at every corner, up to which an order is affordable: a second per solve."""
+_LARGE = 250
+"""Unknowns of the condition about the whole state above which those on supports take its place."""
+_LARGE_BY_ENTRY = 100
+"""So too of a loop whose gain acts through different delays by entry, such as a pair's."""
 _MOST_WITH_AGES = 3500
 """So too where more is known of an age than its bound: half a minute for a vehicle's axes."""
 _MOST_FOR_RANKING = 500
@@ -80,7 +85,9 @@ def conditions_of(
 def is_large(system: DelaySystem, K: NDArray[Any]) -> bool:
     """Whether a condition about the whole state has too many unknowns at every order."""
     plain = AnalysisLmi(system, K, 0, performance=system.has_performance)
-    many = plain.unknowns([x.d for x in system.delays]) > _MOST_UNKNOWNS
+    by_entry = any(np.ndim(x) > 1 for x in system.selections)
+    most = _LARGE_BY_ENTRY if by_entry else _LARGE
+    many = plain.unknowns([x.d for x in system.delays]) > most
     return many and any(own is not None for own in supports_of(system, K))
 
 
@@ -134,6 +141,8 @@ def affordable_conditions(
     known = any(x.ages_are_known for x in late)
     if known and order > 1:
         return []
+    if order and all(x.any_age for x in late):  # then this one is that of order 0
+        found = [x for x in found if not isinstance(x, AnalysisLmi)]
     most = (_MOST_FOR_RANKING if ranking else _MOST_WITH_AGES) if known else _MOST_UNKNOWNS
     return [x for x in found if cost(x) <= most] or ([] if order else found[-1:])
 

@@ -103,6 +103,9 @@ class Descent:
         self._evaluations = evaluations
         self._loop, self._alone, self._speed = loop, alone, speed
         self.units: Matrix = np.where(loop.free, units, 0.0)
+        self.least_alone = np.inf
+        self.nearest: Matrix | None = None
+        """Logarithm of the least gain from p to q that was met, and the gain that has it."""
 
     def from_start(self, start: Matrix) -> Matrix | None:
         """Return the gain that the stages reach; None where one of them fails."""
@@ -147,6 +150,8 @@ class Descent:
                 if alone.gain(K, balanced).value < alone.gain(K).value:
                     log_e = balanced
                 K, log_e, value = self._minimised(alone.gain, K, log_e, below=_SURELY)
+                if value < self.least_alone:
+                    self.least_alone, self.nearest = value, K
                 if not value < 0:
                     return None
         if self._is_constrained:

@@ -36,7 +36,7 @@ from __future__ import annotations
 
 import itertools
 from copy import copy
-from typing import Any, NamedTuple, Protocol
+from typing import Any, Literal, NamedTuple, Protocol
 
 import numpy as np
 import scipy
@@ -52,7 +52,7 @@ Complexes = NDArray[np.complex128]
 _NODES = 14  # of the collocation: enough for the rightmost roots of a loop near stability
 _SWEEP = 40  # frequencies of the coarse sweep
 _PEAKS = 3
-_ROUNDS, _POINTS = 9, 9  # of the refinement: each round shrinks an interval to a quarter
+_ROUNDS, _POINTS = 6, 9  # of the refinement: each round shrinks an interval to a quarter
 _ROUNDS_OF_ALL = 2  # after which the highest peak alone is refined
 _WIDEST = 100.0  # |log e| that a line search may try: further away e overflows
 _POLISH = 3  # Newton steps for a root
@@ -83,6 +83,15 @@ class _At(NamedTuple):
     inverse: Complexes  # (.., n, n) H^-1
     on_output: Complexes  # (.., p, n) D_z
     on_uncertain: Complexes  # (.., r, n) H_q
+
+
+class _Brief(NamedTuple):
+    """A loop whose uncertain signals are scaled, and no more than the states: C, E, D, H."""
+
+    C: Matrix
+    E: Matrix
+    D: Reals
+    H: Reals
 
 
 class GainFunction(Protocol):
@@ -137,6 +146,7 @@ class LoopGain:
         self.system = system
         self._by_disturbance, self._in_parts = by_disturbance, in_parts
         self.free = system.free
+        self._known_parts: dict[tuple[str, bytes], list[NDArray[np.intp]]] = {}
         # (N+1, 1, n), or (N+1, m, n) where entries of K act through different delays
         self._S = np.array([np.atleast_2d(S) for S in system.selections])
         self._A = np.array([system.A, *(delay.A for delay in system.delays)])
@@ -232,15 +242,26 @@ class LoopGain:
         A = [M + _fed(self._B, K, S) for M, S in zip(self._A, self._S, strict=True)]
         if not self._in_parts:
             return approximate_roots(ClosedLoop(A, ages.tolist()), nodes)
-        pattern = np.abs(A).sum(axis=0) > 0
-        count, label = connected_components(pattern, connection="strong")
-        parts = [np.flatnonzero(label == k) for k in range(count)]
-        found = [
-            approximate_roots(ClosedLoop([M[np.ix_(x, x)] for M in A], ages.tolist()), nodes)
-            for x in parts
-        ]
+        found = []
+        for part in self._parts(np.abs(A).sum(axis=0), "strong"):
+            own = [M[np.ix_(part, part)] for M in A]
+            late = [
+                k for k, M in enumerate(own) if k == 0 or M.any()
+            ]  # without the others: smaller
+            inner = ClosedLoop([own[k] for k in late], ages[late].tolist())
+            found.append(approximate_roots(inner, nodes))
         roots = np.concatenate(found)
         return np.asarray(roots[np.argsort(-roots.real, kind="stable")])
+
+    def _parts(
+        self, pattern: Matrix, connection: Literal["strong", "weak"]
+    ) -> list[NDArray[np.intp]]:
+        """Return the states of each part that a pattern of entries falls into."""
+        key = connection, (pattern > 0).tobytes()
+        if key not in self._known_parts:
+            count, label = connected_components(pattern > 0, connection=connection)
+            self._known_parts[key] = [np.flatnonzero(label == k) for k in range(count)]
+        return self._known_parts[key]
 
     def _at(self, K: Matrix, s: Any, ages: Reals) -> tuple[Any, Any, Any]:
         """Return the weights e^{-s d_i}, phi and H at each s."""
@@ -293,7 +314,8 @@ class LoopGain:
             return nothing
         floor = float(np.linalg.norm(self._D1, 2)) if self._D1.size else 0.0
         grid = self._grid(roots)
-        levels = self._levels(K, log_e, grid, ages)
+        brief = self._in_brief(log_e)
+        levels = self._levels(K, brief, grid, ages)
         if not np.isfinite(levels).all():
             return nothing
         padded = np.concatenate([[-np.inf], levels, [-np.inf]])
@@ -304,7 +326,7 @@ class LoopGain:
         share = np.linspace(0.0, 1.0, _POINTS)
         for each in range(_ROUNDS):
             inner = low[:, None] + (high - low)[:, None] * share
-            found = self._levels(K, log_e, inner.ravel(), ages).reshape(inner.shape)
+            found = self._levels(K, brief, inner.ravel(), ages).reshape(inner.shape)
             if not np.isfinite(found).all():
                 return nothing
             top = found.argmax(axis=1)
@@ -335,20 +357,57 @@ class LoopGain:
         weights, phi, H = self._at(K, 1j * omega, ages)
         D = np.einsum("ki,iab->kab", weights, self._D) + _fed(self._D2, K, phi)
         q = np.einsum("ki,iab->kab", weights, self._H)
-        inverse = np.linalg.inv(H)
+        inverse = self._inverse(H)
         x = inverse @ np.hstack([self._C, self._E])
         for (columns, rows), e in zip(self._scaled_alone, np.exp(log_e), strict=False):
             D[:, rows] *= e
             x[:, :, columns] /= e
         return _At(phi, inverse, D, q), x
 
-    def _levels(self, K: Matrix, log_e: Reals, omega: Reals, ages: Reals) -> Reals:
+    def _inverse(self, H: Complexes) -> Complexes:
+        """Return H^-1, by the parts that do not act on each other."""
+        if not self._in_parts:
+            return np.asarray(np.linalg.inv(H))
+        found = np.zeros_like(H)
+        for part in self._parts(np.abs(H).sum(axis=0), "weak"):
+            at = (slice(None), part[:, None], part)
+            found[at] = np.linalg.inv(H[at])
+        return found
+
+    def _in_brief(self, log_e: Reals) -> _Brief:
+        """Return what F connects at these scalings in as few signals as there are states.
+
+        The least p*L_p p with E p = f is that of f in the directions of a triangle of E L_p^-1/2;
+        so too q*L_q q in those of a triangle of L_q^1/2 H.
+        """
+        blocks = self._blocks or self._scaled_alone
+        if not blocks:
+            return _Brief(self._C, self._E, self._D, self._H)
+        columns, rows = (
+            np.repeat(np.exp(log_e), [x.stop - x.start for x in own])
+            for own in zip(*blocks, strict=True)
+        )
+        E, H = (self._E, self._H) if self._blocks else (self._C, self._D)
+        into = _triangle((E / columns).T).T
+        out = _triangle(np.hstack(list(H * rows[:, None])))
+        out = out.reshape(len(out), len(H), -1).swapaxes(0, 1)
+        if self._blocks:
+            return _Brief(self._C, into, self._D, out)
+        return _Brief(into, self._E, out, self._H)
+
+    def _levels(self, K: Matrix, brief: _Brief, omega: Reals, ages: Reals) -> Reals:
         """Return the least g at every frequency; infinite where N is not positive."""
-        at, x = self._maps(K, log_e, omega, ages)
-        z = at.on_output @ x
-        z[:, :, : self._D1.shape[1]] += self._D1
-        if self._E.size:
-            N = self._scaled(at.on_uncertain @ x, log_e)
+        weights, phi, H = self._at(K, 1j * omega, ages)
+        x = self._inverse(H) @ np.hstack([brief.C, brief.E])
+        z = np.einsum("ki,iab->kab", weights, brief.D)
+        if self._D2.any():
+            z = z + _fed(self._D2, K, phi)
+        z = z @ x
+        if self._D1.any():
+            z[:, :, : self._D1.shape[1]] += self._D1
+        if brief.E.size:
+            q = np.einsum("ki,iab->kab", weights, brief.H) @ x
+            N = np.eye(x.shape[2]) - q.conj().swapaxes(1, 2) @ q
             try:
                 lower = np.linalg.cholesky(N)
             except np.linalg.LinAlgError:
@@ -418,6 +477,16 @@ class LoopGain:
         except np.linalg.LinAlgError:
             return np.inf, np.zeros(z.shape[1], dtype=np.complex128)
         return float(np.sqrt(max(values[-1], 0.0))), vectors[:, -1]
+
+
+def _triangle(M: Matrix) -> Matrix:
+    """Return R with R'R = M'M and no more rows than M has columns that are not zero."""
+    used = M.any(axis=0)
+    if M.shape[0] <= used.sum():
+        return M
+    R = np.zeros((int(used.sum()), M.shape[1]))
+    R[:, used] = np.linalg.qr(M[:, used], mode="r")
+    return R
 
 
 def _perron(M: Matrix) -> Reals:

@@ -48,11 +48,13 @@ from cosim.hinf.synthesis.analysis import (
 from cosim.hinf.synthesis.certified_pair import OutputFeedback
 from cosim.hinf.synthesis.descent import Descent
 from cosim.hinf.synthesis.designs import rounded_gain
-from cosim.hinf.synthesis.pair_gain import PairGain
+from cosim.hinf.synthesis.pair_gain import PairGain, parts_of_plant
 from cosim.models import DelaySystem, Matrix, Measurement
 
-_LONGER = (1.0, 1.1, 1.2)
+_LONGER = (1.0, 1.1, 1.4)
 """Ages for which K and L are proposed, as multiples of those that vary."""
+_ENOUGH = 2
+"""Proposals after which no more are made where one is certified."""
 _MULTIPLIERS = (0.3, 1.0, 3.0)
 """b of `InjectionLmi`, as multiples of the greatest age."""
 _NEAR = 1.3
@@ -60,10 +62,33 @@ _NEAR = 1.3
 _BITS = 20  # of the entries of L, relative to the largest of its column
 _EVALUATIONS = 250
 _SMALL = 1e-3  # weight of states and controls that are not in z, in own units
-_CHEAPER = (1.0, 0.1, 0.01)
+_CHEAPER = (1.0, 0.1, 0.01, 0.001)
 """Weights of u of the regulators, as shares of that in z."""
+_TRIED = 4
+"""Starts that are improved in turn where none bears what is uncertain."""
 _RATE = 0.5  # of an injection into what is measured, times its age
 _AGELESS = 1e-2  # s per unit of time: the age that stands for none
+
+
+Start = tuple[Matrix, Sequence[Matrix]] | None
+"""K (m, n) and every L (n, k_i) to begin with."""
+
+
+class TooUncertainError(NotAchievableError):
+    """No observer and gain were found that bear the uncertainty of a plant.
+
+    Attributes
+    ----------
+    gain : least gain round F that was met, scaled as in the proof; it must be less than 1. It is
+        about proportional to the uncertainty.
+    start : K and every L that have it.
+    """
+
+    def __init__(self, what: str, gain: float = np.inf, start: Start = None, **parts: Any) -> None:
+        self.gain, self.start = gain, start
+        parts.setdefault("expected", "a gain round F, scaled as in the proof, of less than 1")
+        parts.setdefault("got", f"{gain:.3g} at best")
+        super().__init__(what, **parts)
 
 
 @one_thread
@@ -73,11 +98,13 @@ def design_output_feedback(
     *,
     gain: ArrayLike | None = None,
     injections: Sequence[ArrayLike] | None = None,
+    start: Start = None,
     gamma: float | None = None,
     command_age: float = 0.0,
     command_any_age: bool = False,
     estimated: Sequence[bool] | None = None,
     order: Order = "auto",
+    quick: bool = False,
     offset: Sequence[float] | None = None,
     initial_error: Sequence[float] | None = None,
     energy: float = 0.0,
@@ -90,12 +117,15 @@ def design_output_feedback(
     measurements : what the observer receives.
     gain : (m, n) a K to keep; None: it is designed.
     injections : one L (n, k_i) per measurement to keep; None: they are designed.
+    start : K and every L to try first as a start of the search, such as those of a
+        `TooUncertainError` for more uncertainty.
     gamma : a bound to meet instead of the least one.
     command_age : age [s] at which u acts, constant (play-out); 0: at once.
     command_any_age : any age up to it, in place of the constant one.
     estimated : one truth value per state; False: it is known (`ObserverPair`). None: all are
         estimated.
     order : of the analysis, as of `analyse`.
+    quick : without a proved bound of the nominal norm and delay margins, which take seconds.
     offset : (n,) also prove peaks of u and x from |x_i| <= offset_i, constant before t = 0.
     initial_error : (n,) |x_i - xh_i| <= initial_error_i there, whatever x is; None: the estimate
         starts at zero, so that the error is x.
@@ -104,6 +134,7 @@ def design_output_feedback(
     Raises
     ------
     InputError : numbers that do not fit the system.
+    TooUncertainError : no K and L were found that bear what is uncertain at constant ages.
     NotAchievableError : no K and L were found whose pair is certified, or no proof of the peaks.
 
     Examples
@@ -133,8 +164,9 @@ def design_output_feedback(
     proposed = iter([(given.K, list(given.L))])
     if gain is None or injections is None:
         kept = None if gain is None else given.K
-        proposed = _proposals(given, known, kept, None if injections is None else list(given.L))
-    found = _best(system, measurements, proposed, known, gamma, order)
+        L_kept = None if injections is None else list(given.L)
+        proposed = _proposals(given, known, kept, L_kept, start)
+    found = _best(system, measurements, proposed, known, gamma, order, brief=quick)
     return found if starts is None else _with_peaks(found, starts, energy)
 
 
@@ -193,14 +225,16 @@ def _best(
     known: dict[str, Any],
     gamma: float | None,
     order: Order,
+    *,
+    brief: bool,
 ) -> OutputFeedback:
     """Return the best proof of the gains that are proposed, until they become worse."""
     made: list[tuple[ObserverPair, Analysis]] = []
     reason = "no gains were found that stabilise it"
     with solver_words():
-        for K, L in proposed:
+        for count, (K, L) in enumerate(proposed, 1):
             pair = pair_of(system, measurements, K, L, **known)
-            figures = nominal_figures_of(pair.system, pair.gain)
+            figures = nominal_figures_of(pair.system, pair.gain, quick=True)
             quick = best_analysis(*(pair.system, pair.gain, gamma, order, figures), ranking=True)
             if not quick.certified:
                 reason = quick.reason or reason
@@ -208,7 +242,7 @@ def _best(
             worse = bool(made) and (quick.gamma or 0.0) >= (made[-1][1].gamma or 0.0)
             made.append((pair, quick))
             near = quick.gamma is not None and quick.gamma <= _NEAR * (quick.exact_norm or 0.0)
-            if worse or near or quick.gamma is None or gamma is not None:
+            if worse or near or quick.gamma is None or gamma is not None or count >= _ENOUGH:
                 break
     if not made:
         raise NotAchievableError(
@@ -219,6 +253,8 @@ def _best(
             hint="younger measurements, less uncertainty, a larger gamma, or gains of your own",
         )
     pair, found = min(made, key=lambda one: one[1].gamma or 0.0)
+    if not brief:
+        found = replace(found, **nominal_figures_of(pair.system, pair.gain)._asdict())
     if ages_are_known(pair.system) and order == "auto":
         full = best_analysis(pair.system, pair.gain, gamma, order, NominalFigures.of(found))
         found = min((found, full), key=lambda one: (not one.certified, one.gamma or 0.0))
@@ -241,9 +277,18 @@ def _certified(pair: ObserverPair, found: Analysis) -> OutputFeedback:
 
 
 def _proposals(
-    given: ObserverPair, known: dict[str, Any], K: Matrix | None, L: list[Matrix] | None
+    given: ObserverPair,
+    known: dict[str, Any],
+    K: Matrix | None,
+    L: list[Matrix] | None,
+    start: Start,
 ) -> Iterator[tuple[Matrix, list[Matrix]]]:
-    """Yield K and L, of the best gain first at the ages themselves, then at longer ones."""
+    """Yield K and L, of the best gain first at the ages themselves, then at longer ones.
+
+    Raises
+    ------
+    TooUncertainError : none was found that bears what is uncertain.
+    """
     plant = given.plant
     units = _units(plant, given.estimated)
     starts_K = _regulators(plant, units) if K is None else [np.zeros_like(K)]
@@ -259,11 +304,21 @@ def _proposals(
         loop = PairGain(plant, longer, known, K=K, L=L)
         alone = PairGain(plant, longer, known, K=K, L=L, only_uncertain=True)
         uncertain = alone if plant.E.size else None
-        if theta is None:
-            starts = [loop.theta(*x) * loop.free for x in itertools.product(starts_K, starts_L)]
-            theta = _first_start(starts, alone) if plant.E.size else starts[0]
         descent = Descent(loop, uncertain, loop.theta(per_K, per_L), 1 / units.T, _EVALUATIONS)
-        found = descent.from_start(theta * loop.free)
+        starts = [theta] if theta is not None else []
+        if theta is None:
+            pairs = [*([start] if start else []), *itertools.product(starts_K, starts_L)]
+            starts = [loop.theta(*x) * loop.free for x in pairs]
+            starts = _in_turn(starts, alone) if plant.E.size else starts[:1]
+        found = next((x for x in map(descent.from_start, starts) if x is not None), None)
+        if found is None and theta is None and np.isfinite(descent.least_alone):
+            raise TooUncertainError(
+                "no observer and gain were found that bear what is uncertain",
+                float(np.exp(descent.least_alone)),
+                None if descent.nearest is None else loop.gains(descent.nearest),
+                where=plant.name or None,
+                hint="less uncertainty, younger measurements",
+            )
         if found is None:
             continue
         theta = found
@@ -272,17 +327,18 @@ def _proposals(
         yield rounded, [_short(x) for x in gains[1]] if L is None else L
 
 
-def _first_start(starts: Sequence[Matrix], alone: PairGain) -> Matrix:
-    """Return the first start that bears what is uncertain; without one, the one nearest to it."""
-    values = []
+def _in_turn(starts: Sequence[Matrix], alone: PairGain) -> list[Matrix]:
+    """Return the first start that bears what is uncertain; without one, the quickest ones.
+
+    What they bear at the start does not tell which can be improved: high gains can.
+    """
     for theta in starts:
         value = alone.gain(theta).value
         if np.isfinite(value):
             value = min(value, alone.gain(theta, alone.balanced(theta)).value)
         if value < 0:
-            return theta
-        values.append(value)
-    return starts[int(np.argmin(values))]
+            return [theta]
+    return list(reversed(starts))[:_TRIED]
 
 
 def _units(plant: DelaySystem, estimated: NDArray[np.bool_]) -> Scaling:
@@ -300,16 +356,11 @@ def _units(plant: DelaySystem, estimated: NDArray[np.bool_]) -> Scaling:
     at_rest = -np.linalg.solve(inner, np.hstack([plant.A[np.ix_(known, slow)], plant.B[known]]))
     through = plant.A[np.ix_(slow, known)] @ at_rest
     count = slow.size
-    reduced = replace(
+    reduced = _restricted(
         plant,
+        slow,
         A=plant.A[np.ix_(slow, slow)] + through[:, :count],
         B=plant.B[slow] + through[:, count:],
-        C=plant.C[slow],
-        D=plant.D[:, slow],
-        E=plant.E[slow],
-        H=plant.H[:, slow],
-        delays=tuple(replace(x, A=x.A[np.ix_(slow, slow)], H=x.H[:, slow]) for x in plant.delays),
-        feedback=None,
     )
     found = units_of(reduced)[0]
     state = np.ones(len(plant.A))
@@ -354,9 +405,53 @@ def _injections(given: ObserverPair, units: Scaling) -> list[list[Matrix]]:
     After them those that correct what is measured at a rate of 0.5 / age, and nothing else: the
     LMI leaves open what the error of another state hides.
     """
-    longest = max(x.d for x in given.measurements) or _AGELESS * units.T
-    lmi = InjectionLmi(*(given.plant, given.measurements, given.estimated, units.state, units.T))
+    best = [np.zeros(x.C.T.shape) for x in given.measurements]
+    solved = True
+    for own in parts_of_plant(given.plant, given.measurements):
+        seen = [i for i, x in enumerate(given.measurements) if x.C[:, own].any()]
+        if not (given.estimated[own].any() and seen):
+            continue
+        rows = [np.asarray(given.measurements[i].C[:, own].any(axis=1)) for i in seen]
+        part = _injections_of_part(given, units, own, list(zip(seen, rows, strict=True)))
+        solved = solved and part is not None
+        for i, chosen, L in zip(seen, rows, part or (), strict=False):
+            best[i][np.ix_(own, chosen)] = L
+    alone = [x.C.T * (_RATE / (x.d or _AGELESS * units.T)) for x in given.measurements]
+    return ([best] if solved else []) + [alone]
+
+
+def _injections_of_part(
+    given: ObserverPair,
+    units: Scaling,
+    own: NDArray[np.bool_],
+    measured: Sequence[tuple[int, NDArray[np.bool_]]],
+) -> list[Matrix] | None:
+    """Return the injections (states of a part, rows that measure it) of the LMI; None without."""
+    measurements = [
+        replace(x, C=x.C[rows][:, own], noise=np.array(x.noise)[rows].tolist())
+        for x, rows in ((given.measurements[i], rows) for i, rows in measured)
+    ]
+    longest = max(x.d for x in measurements) or _AGELESS * units.T
+    lmi = InjectionLmi(
+        *(_restricted(given.plant, own), measurements, given.estimated[own]),
+        *(units.state[own], units.T),
+    )
     found = [lmi.least_gamma(b * longest) for b in _MULTIPLIERS]
     best = min((x for x in found if x is not None), key=lambda x: x[0], default=None)
-    alone = [x.C.T * (_RATE / (x.d or _AGELESS * units.T)) for x in given.measurements]
-    return ([] if best is None else [best[1]]) + [alone]
+    return None if best is None else best[1]
+
+
+def _restricted(plant: DelaySystem, own: NDArray[Any], **changed: Any) -> DelaySystem:
+    """Return a plant with some of its states alone."""
+    inner = np.ix_(own, own)
+    changed = {"A": plant.A[inner], "B": plant.B[own]} | changed
+    return replace(
+        plant,
+        C=plant.C[own],
+        D=plant.D[:, own],
+        E=plant.E[own],
+        H=plant.H[:, own],
+        delays=tuple(replace(x, A=x.A[inner], H=x.H[:, own]) for x in plant.delays),
+        feedback=None,
+        **changed,
+    )

@@ -16,6 +16,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
 
 from cosim.hinf.certificate import pair_of
@@ -145,19 +146,26 @@ class PairGain:
         return self._by_theta(loop.excess(gain, ratio, within))
 
 
-def _coupled(
+def parts_of_plant(
     plant: DelaySystem, measurements: Sequence[Measurement]
-) -> tuple[Matrix, list[Matrix]]:
-    """Return ones where K and L may act: within a part of the plant, such as an axis.
+) -> list[NDArray[np.bool_]]:
+    """Return the states of each part of a plant, such as an axis, as one truth value per state.
 
     Parts have no entry of A, A_j, B, C, D or of a measurement in common; only F may connect them.
     """
     n = len(plant.A)
     links = sum((np.abs(x.A) for x in plant.delays), np.abs(plant.A)) + np.eye(n)
-    rows = [plant.B.T, plant.C.T, plant.D, *(x.C for x in measurements)]
-    links = links + sum(np.abs(x).T @ np.abs(x) for x in rows)
-    _, part = connected_components(links, directed=False)
-    same = (part[:, None] == part).astype(np.float64)
+    rows = [plant.B.T, plant.C.T, plant.D, *(row for x in measurements for row in x.C)]
+    links = links + sum(np.abs(np.atleast_2d(x)).T @ np.abs(np.atleast_2d(x)) for x in rows)
+    count, part = connected_components(links, directed=False)
+    return [part == k for k in range(count)]
+
+
+def _coupled(
+    plant: DelaySystem, measurements: Sequence[Measurement]
+) -> tuple[Matrix, list[Matrix]]:
+    """Return ones where K and L may act: within a part of the plant."""
+    same = sum(np.outer(x, x) for x in parts_of_plant(plant, measurements)) + 0.0
 
     def reached(matrix: Matrix) -> Matrix:
         return np.asarray(np.abs(matrix) @ same > 0, dtype=np.float64)
