@@ -72,7 +72,7 @@ def certificate_view(
     covered = "every F(t) with F'F <= I" if claim["uncertain"] else "none"
     facts.add_row("uncertainty", covered, f"F block diagonal: {blocks}" if blocks else "")
     for name, more in claim.get("guarantees", {}).items():
-        key = next(key for key in ("rate", "ratio", "bound", "bounds") if key in more)
+        key = next(key for key in ("rate", "ratio", "share", "bound", "bounds") if key in more)
         values = more[key] if isinstance(more[key], list) else [more[key]]
         outward = at_least if key in {"rate", "ratio"} else at_most
         formatted = ", ".join(outward(value) for value in values)

@@ -253,9 +253,9 @@ def controller(
     controller from position and velocity to thrust, like HinfController; any other design gives
     a controller from the state x to the control u. The design of an output feedback gives one with
     its observer inside: from measurements, each with the time at which it was taken, to the
-    control. Gain, limits and sample time are parameters; the certificate holds for what the FMU
-    starts with. A scenario that connects this FMU to its plant needs no [design]: the certificate
-    counts.
+    control, or, of a vehicle's file, to the commands of its actuators about the trim. Gain, limits
+    and sample time are parameters; the certificate holds for what the FMU starts with. A scenario
+    that connects this FMU to its plant needs no [design]: the certificate counts.
 
     \b
     cosim fmu controller gain.json -o my-controller.fmu

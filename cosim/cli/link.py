@@ -17,8 +17,7 @@ from cosim.core import CheckFailedError, InputError, write_whole
 from cosim.network import Recording
 
 link_app = HelpTyper(
-    help="Record links from traces; show what became of their messages; fit models of links; judge "
-    "them by a proof."
+    help="Record links from traces; show what became of messages; fit models; judge by a proof."
 )
 
 FileArgument = Annotated[

@@ -12,13 +12,7 @@ from rich.text import Text
 from cosim import trace
 from cosim.cli.terminal import NONE, facts_table, number, plain
 from cosim.core import at_most
-from cosim.trace import (
-    age_lines,
-    measurement_age_lines,
-    outage_rows,
-    outage_verdict,
-    plant_line,
-)
+from cosim.trace import age_lines, measurement_age_lines, plant_line
 
 if TYPE_CHECKING:
     from cosim.scenario import Demo, Outcome
@@ -49,7 +43,7 @@ def outcome_view(outcome: Outcome) -> RenderableType:
         if value != NONE:
             facts.add_row(label, value, how)
     outages = outcome.metrics.get("outages")
-    for row in () if outages is None else outage_rows(outages):
+    for row in () if outages is None else trace.outage_rows(outages):
         facts.add_row(*row)
     parts += [
         facts,
@@ -268,7 +262,7 @@ def _outages(outages: Mapping[str, Any] | None) -> list[RenderableType]:
     """Show what holds across outages in place of gamma."""
     if outages is None:
         return []
-    tone, words, numbers = outage_verdict(outages)
+    tone, words, numbers = trace.outage_verdict(outages)
     return [Text(f"{words}: {numbers}", style=_COLOURS[tone])]
 
 

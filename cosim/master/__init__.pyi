@@ -20,12 +20,14 @@ from .order import (
 )
 from .pacing import Pace as Pace
 from .parts import (
+    MODE_NUMBER as MODE_NUMBER,
     Algorithm as Algorithm,
     Component as Component,
     Connection as Connection,
     DelaySource as DelaySource,
     Endpoint as Endpoint,
     LogLevel as LogLevel,
+    Modes as Modes,
     Policy as Policy,
     PositionSource as PositionSource,
     UnknownFeedthrough as UnknownFeedthrough,

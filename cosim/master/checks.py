@@ -16,6 +16,7 @@ from cosim.master.communication_schedule import Link
 from cosim.master.component_points import own_instants
 from cosim.master.event_systems import check_events
 from cosim.master.parts import (
+    MODE_NUMBER,
     Connection,
     DelaySource,
     Endpoint,
@@ -313,8 +314,11 @@ def _has_room(source: Port, target: Port) -> bool:
 
 
 def _check_state(system: Parts, connection: Connection, where: str) -> None:
-    """Check a connection from the state of a packet link to an input."""
+    """Check a connection from the state of a packet link, or of a mode machine, to an input."""
     name, what = connection.source
+    if name in system.modes:
+        _check_mode(system, connection, where)
+        return
     if not isinstance(system.links[name], PacketLink):
         raise InputError("only a packet link has a state", where=where, got=f"link {name!r}")
     if what not in LINK_STATE:
@@ -334,6 +338,25 @@ def _check_state(system: Parts, connection: Connection, where: str) -> None:
         )
     if what == "age" and target.unit not in (None, "s"):
         raise InputError("an age is in seconds", where=where, got=str(target.unit))
+
+
+def _check_mode(system: Parts, connection: Connection, where: str) -> None:
+    """Check a connection from a mode machine to an input."""
+    name, what = connection.source
+    known = (*system.modes[name].states, MODE_NUMBER)
+    if what not in known:
+        raise InputError.unknown(f"state of {name}", what, known, where=where)
+    target = system.port(connection.target)
+    allowed = ("float", "int") if what == MODE_NUMBER else ("float", "int", "bool")
+    if target.causality != "input" or target.kind not in allowed or target.shape:
+        raise InputError(
+            "the mode of a machine does not fit this target",
+            where=where,
+            expected="an input, " + " or ".join(_NAMES[kind] for kind in allowed),
+            got=f"{target.causality}, {_NAMES.get(target.kind or '', 'none')}",
+        )
+    if connection.link is not None or connection.policy != "hold":
+        raise InputError("a mode is known at once: it cannot pass over a link", where=where)
 
 
 def _check_link_kind(link: Link, port: Port, where: str) -> None:

@@ -66,6 +66,7 @@ class CommunicationPoints:
     values : by live link, the values of its delay signal so far, 0 if it follows none; by live
         medium, the places of its nodes.
     event_values : what events have set; of adjustable links `NAME.delay` [ns] and `NAME.loss`.
+    modes : the mode machines, whose states are event values by their names.
     live : the links whose delays follow a signal of the run or may be changed, and the media that
         such links share or whose nodes move.
     grows : whether points depend on signals of the run.
@@ -79,7 +80,7 @@ class CommunicationPoints:
         self.most, self.end_ns = self._schedule.most, self._schedule.end_ns
         self.grows, self.has_events = self._schedule.grows, live and system.has_events
         self.on_new: Callable[[int, float], None] | None = None
-        self.event_values = EventValues()
+        self.event_values, self.modes = EventValues(), system.modes
         if self.has_events:
             self.most = _EVENTS * self.most + _MORE_EVENTS
         kinds = (np.int64, float, float)
@@ -137,6 +138,12 @@ class CommunicationPoints:
     def start_ns(self) -> int:
         """The time of the components at the beginning of the run [ns]."""
         return self._schedule.start_ns
+
+    def mode(self, machine: str, first: int, last: int) -> Integers:
+        """Return the number of the state that a machine is in at points first to last - 1."""
+        numbers = self.event_values.read(machine, self.points_ns[first:last])
+        initial = self.modes[machine].initial
+        return np.where(np.isnan(numbers), initial, numbers).astype(np.int64)
 
     def planned(self) -> int:
         """Return the next instant that is a point, whatever events come before it [ns].

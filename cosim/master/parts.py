@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Literal, NamedTuple
+from typing import Any, Final, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -157,6 +157,20 @@ Signal = NDArray[np.float64] | Callable[[NDArray[np.float64]], NDArray[np.float6
 """Values at the points, or a function of the points [s]."""
 
 
+class Modes(NamedTuple):
+    """The states of a mode machine, and the number of the one it begins in, from 0.
+
+    Connections may lead from `MACHINE.number` and from `MACHINE.STATE`, 1 in that state and 0 else.
+    """
+
+    states: tuple[str, ...]
+    initial: int = 0
+
+
+MODE_NUMBER: Final = "number"
+"""The number of the state that a mode machine is in, as a source of connections."""
+
+
 @dataclass(frozen=True)
 class Parts:
     """The fields of a `System`, described there, and properties derived from them."""
@@ -175,7 +189,7 @@ class Parts:
     solve: bool = False
     solve_tolerance: float = 1e-10
     solve_limit: int = 100
-    modes: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    modes: Mapping[str, Modes] = field(default_factory=dict)
 
     @property
     def has_events(self) -> bool:
@@ -188,8 +202,9 @@ class Parts:
         return self.comm_schedule.grows
 
     def is_state(self, end: Endpoint) -> bool:
-        """Whether an endpoint is the state of a link."""
-        return end.component in self.links and end.component not in self.components
+        """Whether an endpoint is the state of a link or of a mode machine."""
+        known = end.component in self.links or end.component in self.modes
+        return known and end.component not in self.components
 
     def port(self, end: Endpoint) -> Port:
         """Return the variable of an endpoint; `InputError` if there is none."""

@@ -116,9 +116,9 @@ class TraceRecorder(Observer):
                 modes_topic(name),
                 MODE_SIGNALS,
                 schema_name=f"cosim.modes.{identifier(name)}",
-                metadata={"machine": name, "states": ", ".join(states)},
+                metadata={"machine": name, "states": ", ".join(modes.states)},
             )
-            for name, states in self._system.modes.items()
+            for name, modes in self._system.modes.items()
         }
         self._modes_until = -1
         self._within = {
@@ -201,7 +201,7 @@ class TraceRecorder(Observer):
         for name, topic_id in self._modes.items():
             times, numbers = self._comm_points.event_values.changes(name)
             which = np.flatnonzero((times > self._modes_until) & (times <= until_ns))
-            states = self._system.modes[name]
+            states = self._system.modes[name].states
             values = [[states[k], k] for k in numbers[which].astype(np.int64).tolist()]
             if values:
                 yield Rows(topic_id, times[which], values, rank=(_SCENE,))

@@ -362,8 +362,11 @@ class Session:
 
         NaN ends it. The link must be adjustable (`PacketLink.adjustable`).
         """
-        self._opened()
+        loop = self._opened()
         self._comm_points.event_values.set(name, self.time_ns, value)
+        if name in self.system.modes:
+            self._wiring.change_mode(name, loop.complete)
+            loop.forget_exchange()
 
     def reset(self, component: str) -> None:
         """Reset one component to its start values and parameters, at the present time.

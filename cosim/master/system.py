@@ -39,8 +39,8 @@ class System(Parts):
     solve_tolerance : largest change of an input of a solved loop in its last iteration, relative
         to the greater of its magnitude and 1.
     solve_limit : most iterations of a loop at one point.
-    modes : by mode machine the names of its states, the first one first; what conducts the session
-        sets which one it is in (`Session.set_event_value`), by its number from 0.
+    modes : the mode machines by name; what conducts the session sets which state one is in
+        (`Session.set_event_value`), by its number.
 
     receiving : what `receiving_order` keeps, once it was asked.
     like : a checked system; what it has in common with this one is not checked again.

@@ -23,7 +23,7 @@ from cosim.core import InputError
 from cosim.master.communication_points import CommunicationPoints
 from cosim.master.component_instance import ComponentInstance, Rows, Texts, element_names
 from cosim.master.order import ReceivingOrder
-from cosim.master.parts import Endpoint
+from cosim.master.parts import MODE_NUMBER, Endpoint
 from cosim.master.routes import Route
 from cosim.master.rows_in_use import RowsInUse
 from cosim.master.system import System
@@ -244,7 +244,9 @@ class Wiring:
                 source = instance.driven.get(column.name)
                 if source is None or first >= last:
                     continue
-                if isinstance(source, Endpoint):
+                if isinstance(source, Endpoint) and source.component in self.comm_points.modes:
+                    cells[:] = self._mode(source, first, last)
+                elif isinstance(source, Endpoint):
                     name, what = source
                     if name not in states:
                         states[name] = self.comm_points.state(name, first, last)
@@ -255,6 +257,25 @@ class Wiring:
                     )
                 else:
                     cells[:] = source[first:last]
+
+    def _mode(self, source: Endpoint, first: int, last: int) -> Columns:
+        """Return what a mode machine sends at the points first to last - 1."""
+        machine, what = source
+        number = self.comm_points.mode(machine, first, last)
+        if what == MODE_NUMBER:
+            return number
+        wanted = self.comm_points.modes[machine].states.index(what)
+        return np.asarray(number == wanted, np.int64)
+
+    def change_mode(self, machine: str, first: int) -> None:
+        """Give the inputs that follow a machine its present state, from row `first` on."""
+        last = max(self.comm_points.ready, first)
+        for instance in self.instances:
+            for j, column in enumerate(instance.input_columns if instance.driven else ()):
+                source = instance.driven.get(column.name)
+                if isinstance(source, Endpoint) and source.component == machine:
+                    cells = self.rows[first:last, instance.input_column + j]
+                    cells[:] = self._mode(source, first, last)
 
     def resolve_delays(self, system: System, k: int) -> None:
         """Resolve the delays of what is sent at point k, unless an output is out of range there.

@@ -19,6 +19,7 @@ from cosim.master import (
     Endpoint,
     Link,
     LogLevel,
+    Modes,
     PositionSource,
     System,
     make_schedule,
@@ -298,7 +299,7 @@ def _wires(scenario: Scenario, fmus: Mapping[str, FmuDescription], findings: Fin
             ends = endpoint(part.source), endpoint(part.target)
             found = (
                 [Connection(*ends, part.link, part.policy)]
-                if ends[0].component in scenario.links and ends[0].component not in fmus
+                if ends[0].component in {*scenario.links, *scenario.modes}.difference(fmus)
                 else matched(fmus, *ends, part.link, part.policy, scenario.components)
             )
             wires += [(connection, path) for connection in found]
@@ -371,7 +372,7 @@ def system_of(
             run.solve,
             run.solve_tolerance,
             run.solve_limit,
-            modes={name: tuple(part.states) for name, part in scenario.modes.items()},
+            modes=modes_of(scenario),
             like=None if like is None else like.system,
         )
         same = like is not None and like.parts.wires is parts.wires and like.has_run(run)
@@ -380,6 +381,14 @@ def system_of(
     except InputError as error:
         raise findings.placed(error, _blamed(error, parts.wires, scenario)) from error
     return system
+
+
+def modes_of(scenario: Scenario) -> dict[str, Modes]:
+    """Return the mode machines by name."""
+    return {
+        name: Modes(tuple(part.states), list(part.states).index(part.first))
+        for name, part in scenario.modes.items()
+    }
 
 
 def delay_sources(scenario: Scenario) -> dict[str, DelaySource | PositionSource]:

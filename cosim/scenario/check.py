@@ -16,6 +16,7 @@ from cosim.scenario.assembly import (
     Wires,
     delay_sources,
     find_fmus,
+    modes_of,
     parts_of,
     system_of,
 )
@@ -139,6 +140,7 @@ def _good_wires(scenario: Scenario, parts: SystemParts, findings: Findings) -> W
                 parts.comm_schedule,
                 scenario.run.divergence,
                 delays=delay_sources(scenario),
+                modes=modes_of(scenario),
             )
             good.append(wire)
     return good

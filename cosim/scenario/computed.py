@@ -6,7 +6,7 @@ signals has the bits of the same expression in a condition.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from typing import Any
 
 from cosim.core import InputError
@@ -155,8 +155,10 @@ class ComputedTable:
                 self._pending.remove(output)
         return self._bound[output]
 
-    def spec(self, units: Mapping[str, str | None], step: float) -> ComponentSpec:
-        """Specify the component; `units` : of the signals that it reads.
+    def spec(
+        self, units: Mapping[str, str | None], step: float, integers: Collection[str] = ()
+    ) -> ComponentSpec:
+        """Specify the component; `units` : of the signals that it reads, `integers` : which are.
 
         Raises
         ------
@@ -189,6 +191,7 @@ class ComputedTable:
             results,
             [[signal for signal in self.signals if signal in reads] for _, reads in made],
             step,
+            integers,
         )
         return spec
 

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cosim.core import InputError
-from cosim.master import ComponentInstance, Connection, Pace, Run, Session, System
+from cosim.master import MODE_NUMBER, ComponentInstance, Connection, Pace, Run, Session, System
 from cosim.scenario.binding import BoundExpression
 from cosim.scenario.link_keys import nanoseconds
 from cosim.scenario.modes import TIME_IN_STATE
@@ -74,6 +74,8 @@ class LatestValues:
     def _of_machine(self, machine: str, what: str, session: Session) -> float:
         """Return whether a machine is in a state, or its time in the present one [s]."""
         values, now = self._instances[0].comm_points.event_values, session.row_time_ns
+        if what == MODE_NUMBER:
+            return float(values.at(machine, now) or 0.0)
         if what == TIME_IN_STATE:
             return (now - int(values.since(machine, np.array([now]))[0])) / 1e9
         return float(values.at(machine, now) == self._scope.state_number(machine, what))

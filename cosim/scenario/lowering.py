@@ -32,9 +32,11 @@ from cosim.scenario.script import changed_by
 from cosim.scenario.signal_parts import SensorPart, Setting
 from cosim.scenario.units import in_own_unit, in_unit_of, unit_of
 from cosim.scenario.values import parse_value
+from cosim.trace import link_topic
 
 _SENSOR = component_module("plain_sensor.variables")
 _SETTINGS = ("noise", "bias", "drift", "resolution", "least", "greatest")
+_TOPIC_OF_LINKS = link_topic("").strip("/")
 _STATE = {"age": TIME, "sequence": NUMBER_ONLY, "dropped": NUMBER_ONLY, "delivered": NUMBER_ONLY}
 
 
@@ -151,6 +153,8 @@ class _Lowering:
                 with self._findings.at(kind, name):
                     if name in taken:
                         raise InputError(f"there are two parts named {name!r}", got=kind)
+                    if name == _TOPIC_OF_LINKS:
+                        raise InputError("in a trace this is the name of links", got=name)
             taken |= parts.keys()
         for i, part in enumerate(scenario.connections):
             if part.sensor is not None and part.sensor not in scenario.sensors:
@@ -201,7 +205,8 @@ class _Lowering:
         if len(self._findings.errors) > whole:
             return
         units = {signal: self._port_unit(signal) for signal in table.signals}
-        self._make(name, "computed", table.spec(units, self._scenario.run.step), {})
+        integers = [signal for signal in table.signals if self._is_integer(signal)]
+        self._make(name, "computed", table.spec(units, self._scenario.run.step, integers), {})
         for signal in table.signals:
             self._read(signal, f"{name}.{signal}")
 
@@ -311,6 +316,12 @@ class _Lowering:
         if end.component in self._scenario.links and end.component not in self._parts:
             return "s" if end.variable == "age" else None
         return self._unit(end)
+
+    def _is_integer(self, reference: str) -> bool:
+        end = endpoint(reference)
+        if end.component in self._scenario.links and end.component not in self._parts:
+            return end.variable != "age"
+        return self._port(end).kind == "int"
 
     def _port(self, end: Endpoint) -> Port:
         fmu = self._describe(end.component)

@@ -390,7 +390,7 @@ def metrics_of(context: RunContext, wanted: Wanted = ALL_FIGURES) -> dict[str, A
 def _modes(context: RunContext) -> dict[str, Any]:
     """Return by mode machine the state at the end, how often it changed, and the time in each."""
     run, found = context.run, {}
-    for machine, states in context.system.modes.items():
+    for machine, (states, _) in context.system.modes.items():
         times, numbers = run.instances[0].comm_points.event_values.changes(machine)
         times, numbers = times[times <= run.end_ns], numbers[times <= run.end_ns]
         spent = np.diff(times, append=run.end_ns) / 1e9

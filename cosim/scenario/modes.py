@@ -8,7 +8,7 @@ the next point: the state is left (`exit`, and what was done `during` it is undo
 at a point at most, after the events that are due there.
 
 In conditions `NAME.STATE` is whether the machine is in that state, and `NAME.time` how long it has
-been in its present one.
+been in its present one. `NAME.STATE` and `NAME.number`, from 0, may be the source of connections.
 """
 
 from __future__ import annotations
@@ -18,11 +18,12 @@ from typing import Annotated, Any, Self
 
 from pydantic import BeforeValidator, Field, model_validator
 
+from cosim.master import MODE_NUMBER
 from cosim.scenario.events import ActionsPart, Condition
 from cosim.scenario.fields import Delay, Name, Part
 
 TIME_IN_STATE = "time"
-"""Name of the time in the present state; no state has it."""
+"""Name of the time in the present state."""
 
 
 class StatePart(Part):
@@ -90,8 +91,8 @@ class ModesPart(Part):
 
     @model_validator(mode="after")
     def _known(self) -> Self:
-        if TIME_IN_STATE in self.states:
-            raise ValueError(f"a state cannot be called {TIME_IN_STATE}: NAME.time is its time")
+        for taken in {TIME_IN_STATE, MODE_NUMBER} & self.states.keys():
+            raise ValueError(f"a state cannot be called {taken}: NAME.{taken} is another thing")
         used = [self.initial, *(t.target for t in self.transitions)]
         used += [name for t in self.transitions for name in t.sources(self.states)]
         for name in used:

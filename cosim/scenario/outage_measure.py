@@ -13,6 +13,7 @@ integrals by the trapezoidal rule, x' as the slope of the interval, x constant b
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -34,6 +35,7 @@ if TYPE_CHECKING:
 Reals = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
+_DELAY = re.compile(r"delay\.d\d*$")
 _PLACES = 500
 _EARLIER = 64
 """Points that stand for the constant state before 0."""
@@ -73,7 +75,8 @@ class OutageMeasure(Measure[OutageFigures | None]):
     design : with the guarantee `outages`.
     seen_as : how the plant is seen as the system, where the design knows.
     end : of the run [s].
-    set_points : the reference moves, so that V is not measured from the trim: no ratio.
+    set_points : the reference moves, so that V is not measured from the trim: no ratio, as where
+        a delay of the plant is shorter than designed for.
     collector : gets an event when the guarantee is suspended, regained, or not covered any more.
     """
 
@@ -123,7 +126,15 @@ class OutageMeasure(Measure[OutageFigures | None]):
             return
         self._instance, self._binding = instance, binding
         self._readers = tuple(reader_of(instance, group.names) for group in binding)
+        self._set_points |= self._has_shorter_delays(instance)
         self.reads_inputs = any(reader.reads_inputs for reader in self._readers)
+
+    def _has_shorter_delays(self, plant: ComponentInstance) -> bool:
+        """Whether a constant delay of the plant is not that of V; shorter ones are covered too."""
+        ports, given = plant.component.description.ports, plant.component.parameters
+        own = {name: given.get(name, ports[name].start) for name in ports if _DELAY.match(name)}
+        constant = {x.d for x in self._system.delays if not (x.any_age or x.feedback)}
+        return bool(constant) and not constant >= {d for d in own.values() if d}
 
     def age(self, points_ns: Integers, ages_ns: Integers) -> None:
         """Take the ages of the measurements in use at the ends of intervals; -1: of none."""
@@ -177,7 +188,7 @@ class OutageMeasure(Measure[OutageFigures | None]):
         if wrong.size:
             self._uncovered_ns += int(np.diff(points)[wrong].sum())
             if self._covered_until is None:
-                self._covered_until = float(points[wrong[0]]) / 1e9
+                self._covered_until = self._instance.comm_points.at_s(int(points[wrong[0]]))
         if self._episodes is None or self._bad is None:
             return
         self._bad.add(points[:-1], ~covered)
@@ -216,7 +227,9 @@ class OutageMeasure(Measure[OutageFigures | None]):
         close_all([e for e in (self._episodes, self._bad) if e is not None], run.end_ns)
         if not self._readers or not self._touch or self._value is None:
             return None
-        times, touch = np.concatenate(self._points) / 1e9, np.concatenate(self._touch)
+        begin_ns = self._instance.comm_points.start_ns  # times are those of the components
+        times = (np.concatenate(self._points) + begin_ns) / 1e9
+        touch = np.concatenate(self._touch)
         bounded = self._covered_until is None and not self._set_points
         weighted = None
         if self._proved.gamma is not None and self._in > 0 and self._covered_until is None:

@@ -16,6 +16,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from cosim import hinf
 from cosim.core import DESIGN_FILE, InputError, write_whole
 from cosim.hinf import (
     Design,
@@ -25,7 +26,6 @@ from cosim.hinf import (
     design_to_json,
     first_difference,
     read_certificate,
-    with_outages,
 )
 from cosim.scenario.age_claim import age_in_words, feedback_of
 from cosim.scenario.design_files import design_content
@@ -142,7 +142,7 @@ def kept_or_made(
 def _made(problem: Problem, linked: Problem, part: DesignPart) -> Design:
     """Design, and prove what [design] asks for beside gamma."""
     found = solve_sharply(problem, linked, part)
-    return with_outages(found) if part.outages else found
+    return hinf.with_outages(found) if part.outages else found
 
 
 def _in_trace(why: str) -> DesignSource:

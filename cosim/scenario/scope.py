@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from cosim.core import InputError
 from cosim.fmu import Port
-from cosim.master import LINK_STATE, ComponentInstance, Endpoint, System, element_names
+from cosim.master import LINK_STATE, MODE_NUMBER, ComponentInstance, Endpoint, System, element_names
 from cosim.network import PacketLink
 from cosim.scenario.binding import Meaning, check_name
 from cosim.scenario.link_rows import link_state
@@ -97,15 +97,18 @@ class RunScope:
 
     def state_number(self, machine: str, state: str) -> int:
         """Return the number of a state of a mode machine."""
-        return self._system.modes[machine].index(state)
+        return self._system.modes[machine].states.index(state)
 
     def _mode(self, machine: str, what: str) -> Meaning:
         if what == TIME_IN_STATE:
             return Meaning("number", TIME)
-        states = self._system.modes[machine]
+        if what == MODE_NUMBER:
+            return Meaning("number", NUMBER_ONLY)
+        states = self._system.modes[machine].states
         if what not in states:
+            known = (*states, TIME_IN_STATE, MODE_NUMBER)
             raise InputError.unknown(
-                f"state of {machine}", what, (*states, TIME_IN_STATE), hint=f"{machine}.{states[0]}"
+                f"state of {machine}", what, known, hint=f"{machine}.{states[0]}"
             )
         return Meaning("truth", None)
 
@@ -160,6 +163,8 @@ class ValueReader:
                 self._read.append(self._seconds)
             elif scope.is_machine(first) and rest == TIME_IN_STATE:
                 self._read.append(partial(self._time_in_state, first))
+            elif scope.is_machine(first) and rest == MODE_NUMBER:
+                self._read.append(partial(self._number, first))
             elif scope.is_machine(first):
                 number = scope.state_number(first, rest)
                 self._read.append(partial(self._is_in_state, first, number))
@@ -181,9 +186,10 @@ class ValueReader:
         return (points.points_ns[first:last] + points.start_ns) / 1e9
 
     def _is_in_state(self, machine: str, number: int, first: int, last: int) -> NDArray[np.float64]:
-        points = self._instance.comm_points
-        found: NDArray[np.float64] = points.event_values.read(machine, points.points_ns[first:last])
-        return np.asarray(found == number, dtype=np.float64)
+        return np.asarray(self._number(machine, first, last) == number, dtype=np.float64)
+
+    def _number(self, machine: str, first: int, last: int) -> NDArray[np.float64]:
+        return self._instance.comm_points.mode(machine, first, last).astype(np.float64)
 
     def _time_in_state(self, machine: str, first: int, last: int) -> NDArray[np.float64]:
         points = self._instance.comm_points

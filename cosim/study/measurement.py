@@ -21,6 +21,7 @@ _FROM_ZERO_STATE_RUN = (
     "metrics.norm_reached",
     "metrics.gain_within_gamma",
     "metrics.envelope_use",
+    "metrics.outages.weighted_gain",  # and whether it is within gamma
     "metrics.assumptions.state_inside_envelope",
     "metrics.assumptions.limits_not_reached",
 )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +20,7 @@ def computed_spec(
     results: Sequence[int],
     reads: Sequence[Sequence[str]],
     step: float,
+    integers: Collection[str] = (),
 ) -> ComponentSpec:
     """Specify a component whose outputs are computed from its inputs at the same instant.
 
@@ -30,9 +31,13 @@ def computed_spec(
     results : the place of each output.
     reads : by output, the inputs that it depends on.
     step : of the default experiment [s].
+    integers : the inputs that are Integers.
     """
     known = [(n, unit if unit in UNITS else None, text) for n, unit, text in inputs]
-    table = [Variable(n, "input", text, unit) for n, unit, text in known]
+    table = [
+        Variable(n, "input", text, unit, kind="Integer" if n in integers else "Real")
+        for n, unit, text in known
+    ]
     table += [
         Variable(n, "output", text, unit if unit in UNITS else None, depends_on=tuple(used))
         for (n, unit, text), used in zip(outputs, reads, strict=True)

@@ -97,7 +97,8 @@ def scenario_of(parts: list[AssertionPart], system: System) -> Scenario:
     """What assertions need of a scenario."""
     end = float(system.comm_schedule.points_ns[-1]) / 1e9
     return cast(
-        "Scenario", SimpleNamespace(assertions=parts, events=[], run=SimpleNamespace(end=end))
+        "Scenario",
+        SimpleNamespace(assertions=parts, events=[], modes={}, run=SimpleNamespace(end=end)),
     )
 
 

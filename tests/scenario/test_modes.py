@@ -259,6 +259,7 @@ def test_transition_without_a_meaning_is_refused(
     [
         ("[modes.plant]\nstates = ['a']", "'plant' is the name of something else"),
         ("[modes.m]\nstates = ['time']", "a state cannot be called time"),
+        ("[modes.m]\nstates = ['number']", "a state cannot be called number"),
         ("[modes.m]\nstates = []", "at least 1"),
         (
             '[[events]]\nwhen = "t > 1 s"\nends = "t > 2 s"\nfor = "1 s"\nloss = { up = 1.0 }',
@@ -272,6 +273,48 @@ def test_what_cannot_be_is_refused(fmus: Path, tmp_path: Path, change: str, word
     found = cosim("scenario", "check", "s.toml", "--fmus", fmus.parent, cwd=tmp_path)
     assert found.code == 2
     assert words in found.out + found.err
+
+
+def test_mode_is_a_signal_for_inputs(fmus: Path, tmp_path: Path) -> None:
+    """Its number and whether it is one state, in the row in which the machine is in it."""
+    text = MISSION.replace(
+        "connect = [",
+        'connect = [\n    "m.number -> controller.reference.x",\n'
+        '    "m.b -> controller.reference.y",',
+    )
+    text += """
+[modes.m]
+states = ["a", "b", "c"]
+initial = "b"
+
+[[modes.m.transitions]]
+from = "b"
+to = "c"
+when = "m.number == 1 and plant.eta.x > 1.2 m"
+
+[[modes.m.transitions]]
+from = "c"
+to = "a"
+after = "1 s"
+"""
+    hashes = set()
+    for more in ((), ("--engine", "python"), ("--set", "run.algorithm=gauss-seidel")):
+        outcome, trace = run(text, fmus, tmp_path, *more)
+        hashes.add(outcome["content_hash"])
+        rows, taken = trace.read("/modes/m"), trace.read("/controller/input")
+        place = np.searchsorted(rows.log_time_ns, taken.log_time_ns, side="right") - 1
+        number = np.array(list(rows["number"]))[place]
+        assert list(rows["state"]) == ["b", "c", "a"]
+        assert np.array_equal(taken["reference.x"], number)
+        assert np.array_equal(taken["reference.y"], number == 1)
+    assert len(hashes) == 2  # one of the engines, one of the other algorithm
+    for wrong, words in (
+        ("m.d -> controller.reference.z", "there is no state of m 'd'"),
+        ("m.a -> controller.reference.z : up", "a mode is known at once"),
+    ):
+        (tmp_path / "s.toml").write_text(text.replace("m.b -> controller.reference.y", wrong))
+        found = cosim("scenario", "check", "s.toml", "--fmus", fmus.parent, cwd=tmp_path)
+        assert words in found.out + found.err
 
 
 def test_scenario_with_modes_reads_back(tmp_path: Path) -> None:

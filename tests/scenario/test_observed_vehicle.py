@@ -13,7 +13,13 @@ from cli.shell import cosim
 from shared import fmu_store
 
 from cosim.core import InputError
-from cosim.fmu import design_part_spec, design_parts
+from cosim.fmu import (
+    FmuTarget,
+    describe_fmu,
+    design_part_spec,
+    design_parts,
+    export_controller,
+)
 from cosim.hinf import first_difference, pair_from_json
 from cosim.scenario import FmuCache, execute_unrecorded, load, prepare
 from cosim.trace import Trace
@@ -74,6 +80,23 @@ def test_the_controller_of_a_design_knows_limits_trim_and_thrust_map() -> None:
     assert start["thrust_map[4,2]"] == note["thrust_map"][3][1] != 0.0
     assert start["envelope[7]"] == note["envelope"]["nu.w"][1]
     assert start["age.usbl"] == 13.1
+
+
+def test_an_exported_controller_of_a_vehicle_commands_its_actuators(tmp_path: Path) -> None:
+    """As the one of a scenario: limits, trim, thrust map; limits that are given replace them."""
+    data, kind = stored("auv-survey"), FmuTarget("python")
+    limits = [100.0, 200.0, 300.0, 400.0]
+    for name, more in (("own", {}), ("less", {"limits": limits})):
+        export_controller(data, tmp_path / f"{name}.fmu", where="test", kind=kind, **more)
+    own, less = (describe_fmu(tmp_path / f"{name}.fmu").ports for name in ("own", "less"))
+    spec = design_part_spec(data, "controller", name="own")
+    assert {name: port.start for name, port in own.items()} == {
+        v.name: v.start for v in spec.variables
+    }
+    assert [less[f"limit.thruster.{x}"].start for x in ("surge", "sway", "heave", "yaw")] == limits
+    export_controller(data, tmp_path / "o.fmu", where="test", kind=kind, observer=True)
+    alone = describe_fmu(tmp_path / "o.fmu").ports
+    assert {"u[1]", "trim.usbl[1]", "envelope[7]"} <= set(alone)
 
 
 def test_a_survey_can_be_repeated_from_its_trace(tmp_path: Path) -> None:

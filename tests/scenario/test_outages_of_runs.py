@@ -162,3 +162,23 @@ def test_the_summary_says_what_was_suspended(folder: Path) -> None:
     assert "gamma was suspended" in info
     assert cosim("trace", "report", "t.mcap", cwd=folder).code == 0
     assert "time in touch, needed" in (folder / "t.html").read_text("utf-8")
+
+
+def test_both_engines_fall_back_at_the_same_points(folder: Path) -> None:
+    """And a watchdog that never acts changes nothing: same bits as without one."""
+    hashes = []
+    for engine in ("python", "kernel"):
+        text = SCENARIO.replace("WATCHDOG", "greatest_age = 1.1")
+        (folder / "s.toml").write_text(text, "utf-8")
+        words = ("run", "s.toml", "--json", "--engine", engine, "--fmus", fmu_store("native"))
+        hashes.append(json.loads(cosim(*words, cwd=folder).out)["content_hash"])
+    assert hashes[0] == hashes[1]
+    finals = [_final(folder, watchdog) for watchdog in ("", "greatest_age = 50")]
+    assert finals[0] == finals[1]
+    assert finals[0] != _final(folder, "greatest_age = 1.1")
+
+
+def _final(folder: Path, watchdog: str) -> Any:
+    (folder / "s.toml").write_text(SCENARIO.replace("WATCHDOG", watchdog), "utf-8")
+    words = ("run", "s.toml", "--json", "--out", "t.mcap", "--fmus", fmu_store("native"))
+    return json.loads(cosim(*words, cwd=folder).out)["final"]

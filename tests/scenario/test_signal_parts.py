@@ -210,6 +210,23 @@ def test_parquet_is_read_as_csv_is(tmp_path: Path) -> None:
         read("parquet")
 
 
+def test_states_of_links_are_numbers(fmus: Path, tmp_path: Path) -> None:
+    """Counters, which are integers, and ages; and no part is called as links are in a trace."""
+    text = (
+        '[computed.seen]\nlate = "up.age > 0.18 s"\n'
+        'share = "up.delivered / max(up.sequence + 1, 1)"\n\n'
+        + connected("plant.eta", "controller.eta", 'link = "up"')
+        + '[links.up]\nkind = "packet"\nsample_time = 0.1\ndelay = 0.15\n'
+    )
+    run = ran(text, fmus, tmp_path)
+    points = np.arange(0, 2001, 50)  # [ms]
+    age = points - (points - 150) // 100 * 100
+    assert np.array_equal(run.signal("seen", "late")[3:], (age[3:] > 180).astype(float))
+    assert run.signal("seen", "share")[-1] == 1.0
+    with pytest.raises(InputError, match="the name of links"):
+        ran(text.replace("computed.seen", "computed.link"), fmus, tmp_path)
+
+
 def test_a_constant_is_one_for_the_whole_run(fmus: Path, tmp_path: Path) -> None:
     """A parameter has its value in the scenario; what an event sets is refused."""
     given = 'parameters = { "delay.d" = "250 ms" }\n'

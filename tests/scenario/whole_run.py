@@ -66,6 +66,7 @@ def measured_ages(
         in_use_ns=(min(comes), max(comes)) if comes else None,
         first_ns=int(points[known[0][0]]),
         alike=all(min(taken) == max(taken) for _, taken in known),
+        interrupted=len(known) < len(intervals) - known[0][0],
     )
 
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from cosim.core import InputError, counted
 from cosim.fmu.export.components import component_module
+from cosim.fmu.export.design_parts import vehicle_settings
 from cosim.fmu.export.fmu_file import FmuTarget, checked_name, model_name, write_fmu
 from cosim.fmu.export.spec import ComponentSpec
 from cosim.hinf import (
@@ -80,12 +81,12 @@ def export_controller(
     sample_time : start value [s]; by default 0.05 for the vehicle and 0 (every communication
         point) for any other system.
     limits : for the vehicle, of each thrust [N] and of the moment [N m]; otherwise one per
-        command, by default none.
+        command, by default none, or those of the actuators in the design of a vehicle file.
     observer : of an output feedback, only its observer.
     watch : report the use of the assumptions by outputs, as the FMU of an output feedback does in
         any case.
-    envelope : a bound for each measured state, or estimate, 0 for none; by default none, and of the
-        built-in vehicle those of its design.
+    envelope : a bound for each measured state, or estimate, 0 for none; by default none, and of a
+        vehicle those of its design.
 
     Raises
     ------
@@ -120,11 +121,14 @@ def export_controller(
     if observed:
         form = "observer" if observer else "output-feedback"
     chosen = model_name(path) if name is None else checked_name(name)
-    settings = _settings(sample_time, limits, form, m)
+    own = vehicle_settings(data) if observed else {}
+    settings = _settings(sample_time, limits, form, len(own["outputs"]) if own else m)
     bounds = _bounds(envelope, len(system.A) - system.integrals)
     if bounds and not (watch or observed):
         raise InputError("an envelope is only watched", where="--envelope", hint="--watch")
-    spec = _spec(form, chosen, certificate_bytes(data), bounds, settings)
+    given = {"envelope": bounds} if bounds or not own else {}
+    given |= {key: x for key, x in settings.items() if limits is not None or key != "limits"}
+    spec = _spec(form, chosen, certificate_bytes(data), {**own, **given}, settings)
     if watch and not observed:
         spec = _watched(spec, system, form, bounds)
     write_fmu(spec, path, kind)
@@ -137,17 +141,19 @@ def _spec(
     form: Form,
     name: str,
     certificate: bytes,
-    bounds: dict[int, float],
+    observed: dict[str, Any],
     settings: dict[str, Any],
 ) -> ComponentSpec:
-    """Return the specification of a controller, `bounds` : by the number of a state."""
+    """Return the specification of a controller; `observed`: settings of one with an observer."""
     spec: ComponentSpec
     if form == "vehicle":
         spec = _VARIABLES.vehicle_spec(name, certificate, **settings)
     elif form == "output-feedback":
-        spec = _OBSERVER.output_feedback_spec(name, certificate, envelope=bounds, **settings)
+        spec = _OBSERVER.output_feedback_spec(name, certificate, **observed)
     elif form == "observer":
-        spec = _OBSERVER.observer_spec(name, certificate, envelope=bounds)
+        alone = {key: observed.get(key) for key in ("envelope", "trim_measured")}
+        units = observed.get("units", ())
+        spec = _OBSERVER.observer_spec(name, certificate, units=units, **alone)
     else:
         about = "Sampled state feedback with a certified gain, Eq. (8)"
         spec = _VARIABLES.feedback_spec(name, certificate, description=about, **settings)

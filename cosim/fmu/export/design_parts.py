@@ -66,7 +66,8 @@ def design_part_spec(data: Any, part: str, *, name: str, where: str | None = Non
     if part == PLANT:
         spec = _VEHICLE.vehicle_plant_spec(_VEHICLE.record_from_json(note["model"]), name=name)
     elif part == CONTROLLER:
-        spec = _controller(data, note, name)
+        own = vehicle_settings(data)
+        spec = _OBSERVER.output_feedback_spec(name, certificate_bytes(data), **own)
     else:
         one = next(m for m in data["measurements"] if m["name"] == part)
         measured = [(text, _VEHICLE.unit_of_state(text)) for text in _measured(one, note)]
@@ -74,30 +75,35 @@ def design_part_spec(data: Any, part: str, *, name: str, where: str | None = Non
     return spec
 
 
-def _controller(data: Any, note: Any, name: str) -> ComponentSpec:
+def vehicle_settings(data: Any) -> dict[str, Any]:
+    """Return what a design says of its vehicle, as arguments of `output_feedback_spec`.
+
+    Commands of its actuators with their limits, the thrust map, the trim, the envelope, and units;
+    nothing for a design of no vehicle.
+    """
+    if not design_parts(data):
+        return {}
+    note = data[PLANT_NOTE]
     record, states = _VEHICLE.record_from_json(note["model"]), _states(note)
     at_trim, scales = note["control"]["trim"], _scales(note)
-    spec: ComponentSpec = _OBSERVER.output_feedback_spec(
-        name,
-        certificate_bytes(data),
-        limits=[a.limit for a in record.actuators],
-        safe=at_trim,
-        envelope={
+    return {
+        "limits": [a.limit for a in record.actuators],
+        "safe": at_trim,
+        "envelope": {
             i: note["envelope"][state][1] * scales[i]
             for i, state in enumerate(states, 1)
             if state in note["envelope"]
         },
-        units=[_VEHICLE.unit_of_state(state) for state in states],
-        outputs=[(a.command, a.unit) for a in record.actuators],
-        thrust_map=note["thrust_map"],
-        allocation=note["control"]["map"],
-        trim=at_trim,
-        trim_measured={
+        "units": [_VEHICLE.unit_of_state(state) for state in states],
+        "outputs": [(a.command, a.unit) for a in record.actuators],
+        "thrust_map": note["thrust_map"],
+        "allocation": note["control"]["map"],
+        "trim": at_trim,
+        "trim_measured": {
             one["name"]: [note["trim"][state] for state in _measured(one, note)]
             for one in data["measurements"]
         },
-    )
-    return spec
+    }
 
 
 def _states(note: Any) -> list[str]:

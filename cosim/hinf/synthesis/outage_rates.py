@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cosim.core import InputError, NotAchievableError
+from cosim.hinf import lmi
 from cosim.hinf.certificate import Outages, outage_delay
-from cosim.hinf.lmi import OutageLmi, not_found, solver_words
 from cosim.hinf.nominal import checked_system, one_thread
 from cosim.hinf.synthesis.analysis import Analysis, check_gamma, gain_of
 from cosim.hinf.synthesis.certified_design import Design
@@ -89,7 +89,7 @@ def certified_outages(
     if alpha is not None and not (np.isfinite(alpha) and alpha > 0):
         raise InputError("not a rate of decay", where="alpha", expected="a positive number of 1/s")
     search = _Search(system, K, gamma, back, fallback_age)
-    with solver_words() as words:
+    with lmi.solver_words() as words:
         found = search.least_share() if alpha is None else search.at(_decimal(alpha))
     if found is None:
         raise NotAchievableError(
@@ -97,7 +97,7 @@ def certified_outages(
             where=system.name or None,
             expected=f"feedback of any age up to {feedback.d:g} s that can be proved stable"
             + ("" if gamma is None else f" with a weighted gain of {gamma:g}"),
-            got=not_found(words) if search.reason is None else search.reason,
+            got=lmi.not_found(words) if search.reason is None else search.reason,
             hint="a shorter age, a smaller alpha, a greater gamma; or a gain for this age",
         )
     return found
@@ -150,7 +150,7 @@ class _Search:
         fallback_age: float,
     ) -> None:
         self._system, self._K, self._gamma = system, K, gamma
-        self._lmi = OutageLmi(system, K, fallback, fallback_age, performance=gamma is not None)
+        self._lmi = lmi.OutageLmi(system, K, fallback, fallback_age, performance=gamma is not None)
         self._delays = [delay.d for delay in system.delays]
         self.reason: str | None = None
 

@@ -226,6 +226,7 @@ def free_name(wanted: str, *taken: Iterable[str]) -> str:
 
 def _annotations(system: System, built: ArchiveElements, tomls: Mapping[str, str]) -> None:
     for connection in system.connections:
+        _refuse_mode(system, connection)
         if system.is_state(connection.source):
             raise InputError(
                 "the state of a link can be exported only if the link is an FMU",
@@ -278,8 +279,19 @@ def _link_fmus(
             )
 
 
+def _refuse_mode(system: System, connection: Connection) -> None:
+    if connection.source.component in system.modes:
+        raise InputError(
+            "the mode of a machine cannot be exported: SSP has no mode machines",
+            where=f"connection {connection.source} -> {connection.target}",
+            expected="a connection from an output",
+            hint="set the input by enter of the states, or by events",
+        )
+
+
 def _plain(system: System, connection: Connection) -> Wire:
     source, target = connection.source, connection.target
+    _refuse_mode(system, connection)
     if system.is_state(source):
         kind = system.components[target.component].description.ports[target.variable].kind
         wanted = _STATE.get(source.variable)
