@@ -7,7 +7,7 @@ loses. At the peak of |G|, with its singular vectors u and v, the gain changes w
     Re(l dF r),    l = u*(D H^-1) E,    r = H_q H^-1 C v,
 
 so that the F whose blocks are the orthogonal factors of Re(l' r') is the best for small F. It is
-taken as a whole, again from its own peak, as long as the gain grows.
+taken as a whole, or a part of the way where another peak is higher there, again from its own peak.
 """
 
 from __future__ import annotations
@@ -22,7 +22,9 @@ from cosim.hinf.nominal.closed_loop import ClosedLoop, close
 from cosim.hinf.nominal.norm import hinf_norm
 from cosim.models import DelaySystem, Matrix
 
-_ROUNDS = 5
+_ROUNDS = 6
+_SHORTER = 0.3
+"""Share of the way to the next F that is gone where the whole is too far."""
 
 
 class WorstUncertainty(NamedTuple):
@@ -50,18 +52,23 @@ def worst_uncertainty(system: DelaySystem, K: ArrayLike) -> WorstUncertainty:
     NotAchievableError : roots that cannot be found (see `characteristic_roots`).
     """
     F = np.zeros((system.E.shape[1], system.H.shape[0]))
-    best = WorstUncertainty(0.0, F)
+    best, share = WorstUncertainty(0.0, F), 1.0
+    toward = F
     for _ in range(_ROUNDS):
+        F = best.F + share * (toward - best.F)
         loop = close(_with(system, F), K)
         peak = hinf_norm(loop)
         if peak is None:
             return WorstUncertainty(np.inf, F)
         if not peak.value > best.gain * (1 + 1e-6):
-            break
+            share *= _SHORTER  # another peak is higher there
+            continue
         best = WorstUncertainty(peak.value, F)
         if not np.isfinite(peak.frequency):
             break
-        F = _steepest(system, loop, peak.frequency)
+        toward = _steepest(system, loop, peak.frequency)
+        if np.array_equal(toward, F):
+            break
     return best
 
 
