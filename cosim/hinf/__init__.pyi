@@ -29,6 +29,7 @@ from .nominal import (
     NormResult as NormResult,
     OutageBound as OutageBound,
     WorstCase as WorstCase,
+    WorstUncertainty as WorstUncertainty,
     characteristic_roots as characteristic_roots,
     close as close,
     delay_margin as delay_margin,
@@ -47,6 +48,7 @@ from .nominal import (
     worst_case as worst_case,
     worst_case_at as worst_case_at,
     worst_case_from_json as worst_case_from_json,
+    worst_uncertainty as worst_uncertainty,
 )
 from .problem import (
     AFFINE as AFFINE,

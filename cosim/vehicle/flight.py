@@ -126,7 +126,9 @@ def fly(  # noqa: PLR0915 - one step after the other
         for sensor in sensors:
             steps.add(sensor_line(sensor))
         design = _noted(design, model)
+        worst = hinf.worst_uncertainty(design.pair.system, design.pair.gain).gain
         steps.add(f"gamma {design.gamma:.4g} certified, exact norm {design.exact_norm or 0:.4g}")
+        steps.add(f"largest norm at a constant F that a search found: {worst:.4g}")
         mission = _mission(model, design, chosen)
         _save(design, where / DESIGN)
     with steps("plant, sensors and controller as FMUs"):

@@ -3,12 +3,21 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from cosim.core.errors import InputError
-from cosim.hinf import characteristic_roots, close, hinf_norm, system_by_name, worst_case
+from cosim.hinf import (
+    DelaySystem,
+    characteristic_roots,
+    close,
+    hinf_norm,
+    system_by_name,
+    worst_case,
+    worst_uncertainty,
+)
 from cosim.hinf.nominal.closed_loop import ClosedLoop
 from cosim.hinf.nominal.norm import gain_at
 
@@ -98,3 +107,15 @@ def test_loop_without_a_gain_has_no_worst_case() -> None:
     """Without w and z there is nothing to amplify."""
     with pytest.raises(InputError, match="no gain from w to z"):
         worst_case(ClosedLoop([[[-1.0]]], [0.0]), 1.0)
+
+
+def test_the_worst_constant_uncertainty_of_two_blocks() -> None:
+    """x' = (-2 + F_1 + 0.5 F_2) x + w, z = x: the gain is 1 / (2 - 1.5), at both blocks 1."""
+    system = DelaySystem(
+        [[-2]], [[0]], [[1]], [[1]], E=[[1, 0.5]], H=[[1], [1]], uncertainty_blocks=[(1, 1)] * 2
+    )
+    found = worst_uncertainty(system, [[0]])
+    assert found.gain == pytest.approx(2.0)
+    assert np.array_equal(found.F, np.eye(2))
+    unstable = replace(system, E=[[2, 1]])
+    assert worst_uncertainty(unstable, [[0]]).gain == np.inf

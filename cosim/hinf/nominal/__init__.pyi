@@ -51,3 +51,7 @@ from .worst_case_disturbance import (
     worst_case_at as worst_case_at,
     worst_case_from_json as worst_case_from_json,
 )
+from .worst_constant_uncertainty import (
+    WorstUncertainty as WorstUncertainty,
+    worst_uncertainty as worst_uncertainty,
+)
