@@ -358,6 +358,7 @@ def test_twelve_states_with_three_delays_build_and_run(tmp_path: Path) -> None:
     assert np.isfinite(result["x[12]"]).all()
 
 
+@pytest.mark.slow
 def test_built_in_systems_build_by_name(tmp_path: Path) -> None:
     """`paper` is DelayedPlant under another name: the same variables, numbers, steps."""
     assert cosim("fmu", "build", "paper", cwd=tmp_path).code == 0

@@ -16,7 +16,7 @@ from driven import drive, started
 from fmpy import extract, read_model_description
 from fmpy.build import build_platform_binary
 from fmpy.validation import validate_fmu
-from shared import copied, sampled
+from shared import copied, sampled, slow_share_of
 
 from cosim.core.errors import InputError
 from cosim.fmu.export.archive import deterministic_zip
@@ -217,7 +217,7 @@ def test_binary_shows_fmi_and_needs_libc_alone(
     assert exported == set(re.findall(r"_Export fmi\d\w+TYPE\s+(\w+);", declared))
 
 
-@pytest.mark.parametrize("name", sampled(["AuvPlant", "WaveField"], 1))
+@pytest.mark.parametrize("name", slow_share_of(["AuvPlant", "WaveField"]))
 def test_sources_inside_compile_and_give_the_same_bits(
     flavour: tuple[str, Path], name: str, tmp_path: Path
 ) -> None:

@@ -153,6 +153,7 @@ def plain() -> Design:
     return design(NETWORKED)
 
 
+@pytest.mark.slow
 def test_a_design_meets_the_damping_that_the_least_gamma_misses(plain: Design) -> None:
     """The networked loop: .46 without, 0.7 with; gamma grows a little; the file proves it again."""
     assert plain.gamma is not None

@@ -118,6 +118,7 @@ def _design(
     return int(left.value.code or 0), json.loads(capsys.readouterr().out)
 
 
+@pytest.mark.slow
 def test_design_command_reports_the_greatest_delay_as_json(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:

@@ -138,6 +138,7 @@ def test_a_delay_of_zero_is_no_delay() -> None:
         assert check_certificate(found.certificate).valid
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("d", sampled([1e4, 1e5], 1))
 def test_a_delay_of_hours(d: float) -> None:
     """Section 5 at gamma = 6 with k1 = -.1/d, k2 = .5/d: certified, whatever can be counted."""

@@ -103,7 +103,7 @@ def test_the_vehicle_over_three_seconds(tmp_path: Path) -> None:
     assert cosim(*late, cwd=tmp_path).json["gamma"] < 75.0
 
 
-@pytest.mark.parametrize("order", sampled(["auto", None, 0, 1], 2))
+@pytest.mark.parametrize("order", sampled([0, "auto", None, 1], 1))
 def test_a_ship_by_every_condition(order: Any) -> None:
     """Nomoto's ship, slow against its delay, where w acts weakly: no order refuses it."""
     found = design(NOMOTO_SHIP, order=order)
@@ -112,7 +112,7 @@ def test_a_ship_by_every_condition(order: Any) -> None:
     assert check_certificate(found.certificate).valid
 
 
-@pytest.mark.parametrize("n", sampled([8, 12, 16, 20, 24], 2))
+@pytest.mark.parametrize("n", sampled([8, 12, 16, 20, 24], 1))
 def test_a_long_chain_is_certified(n: int) -> None:
     """The solver fails in balanced units, which spread over many decades, and not in its own."""
     system = chain(n)

@@ -118,6 +118,7 @@ x = "final.tiny.x"
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fault", sampled(["exit-0", "hang"], 1))
 def test_study_in_one_process_goes_on_after_such_a_run(tmp_path: Path, fault: str) -> None:
     """Its row says how it ended and why; all others are the closed form."""

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 from cli.shell import BUILT_IN, SCENARIOS, cosim, shared_run, trace_of
-from shared import copied, fmu_store, sampled
+from shared import copied, fmu_store, sampled, slow_share_of
 
 from cosim.trace import Trace
 
@@ -66,7 +66,7 @@ def tampered(source: Path, target: Path, **changes: Callable[[bytes], bytes]) ->
     return target
 
 
-@pytest.mark.parametrize("name", sampled(BUILT_IN, 3))
+@pytest.mark.parametrize("name", sampled(BUILT_IN, 1))
 def test_every_built_in_scenario_reruns_identically(name: str, tmp_path: Path) -> None:
     """From another folder, with nothing but the trace: every message again, bit for bit."""
     path = tmp_path / "given.mcap"
@@ -271,7 +271,7 @@ def test_a_cut_run_of_another_seed_differs(tmp_path: Path) -> None:
 @pytest.mark.skipif(sys.platform != "linux", reason="a compiler is there, as for other tests")
 @pytest.mark.parametrize(
     "name",
-    ["paper-example", *(pytest.param(n, marks=pytest.mark.slow) for n in BUILT_IN if n[0] == "a")],
+    slow_share_of(["paper-example", *(n for n in BUILT_IN if n[0] == "a")]),
 )
 def test_a_native_run_reruns_identically_without_its_fmus(name: str, tmp_path: Path) -> None:
     """The flavour that flew is known by its hash alone: it is built again, and is the same."""
@@ -285,6 +285,7 @@ def test_a_native_run_reruns_identically_without_its_fmus(name: str, tmp_path: P
     assert again.json["original_hash"] == ran.json["content_hash"]
 
 
+@pytest.mark.slow
 def test_an_fmu_is_found_by_its_hash_in_any_folder(fmus: Path, tmp_path: Path) -> None:
     """Below --fmus, however deep and whatever it is called; nothing is built for it."""
     ran = trace_of("paper-example")

@@ -404,6 +404,7 @@ gain = [[-3.75, -11.5]]
 """
 
 
+@pytest.mark.slow
 def test_a_gain_of_a_scenario_is_proved_for_its_links(tmp_path: Path, native_fmus: Path) -> None:
     """The claim is that of the ages the link justifies; it is kept, and a study does without."""
     (tmp_path / "networked.toml").write_text(NETWORKED, "utf-8")

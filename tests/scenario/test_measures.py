@@ -43,7 +43,7 @@ from cosim.scenario.schema import Scenario
 
 SYSTEMS = 200
 VEHICLE = auv_system(AuvDesignSettings())
-VALID = sorted(map(str, (SCENARIOS / "valid").glob("*.toml")))
+VALID = sorted(map(str, (SCENARIOS / "valid").glob("*.toml")), key=lambda n: ("every-kind" in n, n))
 
 
 @pytest.fixture(scope="module")
@@ -214,7 +214,7 @@ def without_time(outcome: Outcome) -> dict[str, Any]:
 
 @pytest.mark.parametrize(
     "name",
-    [*sampled(sorted(builtin_names(), key=lambda name: name != "heading-step"), 1), *VALID],
+    [*slow_share_of(builtin_names()), *sampled(VALID, len(VALID) - 1)],
     ids=lambda name: Path(name).stem,
 )
 def test_blocks_of_scenarios(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -101,6 +101,7 @@ def test_every_built_in_scenario_has_one_content_hash(
     assert content_hashes(SCENARIOS, native_fmus, tmp_path, MACHINES[name]) == here
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(
     platform.libc_ver()[0] != "glibc",
     reason="GLIBC_TUNABLES chooses among the sines of the GNU C library; others have one",

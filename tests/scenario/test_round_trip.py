@@ -146,6 +146,7 @@ def mutated(data: dict[str, Any], draw: Any) -> dict[str, Any]:
 SEEDS = [tomllib.loads(Path(name).read_text("utf-8")) for name in VALID]
 
 
+@pytest.mark.slow
 @settings(max_examples=150, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data())
 def test_every_mutation_runs_or_gives_a_message(

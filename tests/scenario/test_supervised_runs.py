@@ -156,7 +156,11 @@ def waiting(process: psutil.Process, folder: Path) -> psutil.Process:
     raise AssertionError(f"no child hangs; there is {list(folder.iterdir())}")
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=["Ctrl-C", "terminated"])
+@pytest.mark.parametrize(
+    "number",
+    [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)],
+    ids=["Ctrl-C", "terminated"],
+)
 @pytest.mark.parametrize(
     "call",
     [

@@ -48,6 +48,7 @@ def test_archive_is_read_by_fmpy_and_its_schema(
         assert {i.date_time for i in packed.infolist()} == {(1980, 1, 1, 0, 0, 0)}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("links", ["annotate", "fmu"])
 def test_same_scenario_gives_the_same_bytes(native_fmus: Path, tmp_path: Path, links: str) -> None:
     found = []

@@ -284,6 +284,7 @@ def test_sequence_number_beyond_those_sent_fails(tmp_path: Path) -> None:
     assert failing(path) == {"link counts"}
 
 
+@pytest.mark.slow
 def test_every_flipped_bit_is_noticed(tmp_path: Path) -> None:
     """Wherever it is, in data, summary or footer."""
     path = a_run(tmp_path / "a.mcap")
