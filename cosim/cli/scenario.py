@@ -21,7 +21,7 @@ from cosim.cli.common import (
 from cosim.cli.help_text import HelpTyper
 from cosim.cli.runs import make_fmu_cache
 from cosim.cli.terminal import console, titles_table
-from cosim.core import CosimError, InputError
+from cosim.core import CosimError, InputError, counted
 from cosim.scenario import (
     NAME_PATTERN,
     as_mermaid,
@@ -124,7 +124,7 @@ def check(
         for name, problems in found.items():
             for problem in problems:
                 print(problem.text())
-            print(f"{name}: {'ok' if not problems else f'{len(problems)} errors'}")
+            print(f"{name}: {counted(len(problems), 'error') if problems else 'ok'}")
     if any(found.values()):
         raise typer.Exit(InputError.exit_code)
 

@@ -11,7 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from cosim.cli.terminal import facts_table, number
-from cosim.core import PLANT_NOTE
+from cosim.core import PLANT_NOTE, counted
 
 if TYPE_CHECKING:
     from cosim.vehicle import Finding, Flight, Overview, VehicleKey
@@ -31,7 +31,7 @@ def findings_view(found: Mapping[str, Sequence[Finding]]) -> RenderableType:
                 if each.level == level
             ]
         errors = sum(each.level == "error" for each in findings)
-        verdict = ("ok", "bold green") if not errors else (f"{errors} errors", "bold red")
+        verdict = ("ok", "bold green") if not errors else (counted(errors, "error"), "bold red")
         parts.append(Text.assemble(f"{name}: ", verdict))
     return Group(*parts)
 

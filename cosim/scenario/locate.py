@@ -45,7 +45,8 @@ def place_of(text: str, path: Sequence[str | int]) -> Place | None:
                 continue
             found = [*table, *_split(assignment["keys"])]
         depth = _common(found, path)
-        if depth == len(found) and (best is None or depth > best[0]):
+        # a table that is only named by what stands in it has the line of the first of these
+        if depth in (len(found), len(path)) and (best is None or depth > best[0]):
             best = (depth, number)
     return Place(best[1], best[0]) if best else None
 
