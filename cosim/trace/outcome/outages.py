@@ -25,10 +25,8 @@ def outage_rows(found: Mapping[str, Any]) -> Iterator[tuple[str, str, str]]:
         return
     share = _percent(found["guaranteed_share"])
     yield "time in which gamma was held", share, _suspensions(found)
-    growth = (
-        f"at most {_power(found['greatest_exponent'])} times, {_power(found['exponent'])} at end"
-    )
-    how = "certified for w = 0, over this run's outages"
+    growth = f"at most {_power(found['greatest_exponent'])} times"
+    how = f"certified for w = 0, over this run's outages; {_power(found['exponent'])} at the end"
     yield "V from any time to any later one", growth, how
     ratio = found["value_ratio"]
     if ratio is not None:

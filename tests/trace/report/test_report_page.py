@@ -58,6 +58,8 @@ class Reports(dict[str, Path]):
                 write_report(foreign(self._folder / "foreign.mcap"), target)
             case _:
                 kinds = {"vehicle": recorded, "paper": trace_of("paper-example")}
+                if name == "outages":
+                    kinds[name] = trace_of("survey-outages")
                 write_report(kinds.get(name) or found(name).trace, target)
         self[name] = target
         return target
@@ -146,6 +148,18 @@ def test_a_page_fits_its_screen_and_bars_are_to_scale(
     assert ground not in colours
     assert colours[0] != colours[1]
     assert name == "vehicle" or colours[:2] * 3 == colours
+
+
+@pytest.mark.slow
+def test_long_words_squeeze_no_column(page: Page, reports: Reports) -> None:
+    """What proves a figure is read beside it, however long the figure is; numbers stay whole."""
+    for width in (1300, 390):
+        page.open(reports["outages"], width=width, scheme="light")
+        cells = "[...document.querySelectorAll('.facts tr')].map((row) => row.lastElementChild)"
+        widths = page.ask(f"{cells}.map((cell) => cell.getBoundingClientRect().width)")
+        assert len(widths) > 8
+        assert min(widths) >= 100
+        assert page.ask("document.documentElement.scrollWidth") <= width
 
 
 @pytest.mark.slow
