@@ -90,6 +90,7 @@ def run_with(folder: Path, gust: float, **settings: Any) -> dict[str, np.ndarray
     }
 
 
+@pytest.mark.slow
 def test_a_constant_disturbance_leaves_no_error(folder: Path) -> None:
     """The command ends at what the disturbance needs, and the position at zero."""
     found = run_with(folder, 0.4)

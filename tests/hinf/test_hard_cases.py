@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from shared import sampled
+from shared import sampled, slow_share_of
 
 from cosim.core.errors import InputError, NotAchievableError
 from cosim.hinf import auv_system, check_certificate, design, greatest_delay, with_delays
@@ -317,7 +317,7 @@ def test_k2_of_zero_is_refused(k2: float) -> None:
             ask(paper_example.system(), *arguments)  # type: ignore[operator]
 
 
-@pytest.mark.parametrize("case", sampled(range(12), 1))
+@pytest.mark.parametrize("case", slow_share_of(range(12)))
 def test_random_systems_end_with_a_proof_or_an_error(case: int) -> None:
     """Random systems of odd sizes and scales: a valid certificate, or one of the errors."""
     rng = np.random.default_rng(500 + case)
