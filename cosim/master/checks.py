@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import get_args
 
@@ -323,19 +323,8 @@ def _check_state(system: Parts, connection: Connection, where: str) -> None:
         raise InputError("only a packet link has a state", where=where, got=f"link {name!r}")
     if what not in LINK_STATE:
         raise InputError.unknown("state of a link", what, LINK_STATE, where=where)
-    target = system.port(connection.target)
     allowed = ("float",) if LINK_STATE[what] == "float" else ("float", "int")
-    if target.causality != "input" or target.kind not in allowed or target.shape:
-        raise InputError(
-            "the state of a link does not fit this target",
-            where=where,
-            expected="an input, " + " or ".join(_NAMES[kind] for kind in allowed),
-            got=f"{target.causality}, {_NAMES.get(target.kind or '', 'none')}",
-        )
-    if connection.link is not None or connection.policy != "hold":
-        raise InputError(
-            "the state of a link is known at once: it cannot pass over a link", where=where
-        )
+    target = _check_direct(system, connection, ("the state of a link",) * 2, allowed, where)
     if what == "age" and target.unit not in (None, "s"):
         raise InputError("an age is in seconds", where=where, got=str(target.unit))
 
@@ -346,17 +335,32 @@ def _check_mode(system: Parts, connection: Connection, where: str) -> None:
     known = (*system.modes[name].states, MODE_NUMBER)
     if what not in known:
         raise InputError.unknown(f"state of {name}", what, known, where=where)
-    target = system.port(connection.target)
     allowed = ("float", "int") if what == MODE_NUMBER else ("float", "int", "bool")
+    _check_direct(system, connection, ("the mode of a machine", "a mode"), allowed, where)
+
+
+def _check_direct(
+    system: Parts,
+    connection: Connection,
+    what: tuple[str, str],
+    allowed: Sequence[str],
+    where: str,
+) -> Port:
+    """Check a connection from what the master knows itself, and return its target.
+
+    what : its name where the target does not fit, and where a link is in between.
+    """
+    target = system.port(connection.target)
     if target.causality != "input" or target.kind not in allowed or target.shape:
         raise InputError(
-            "the mode of a machine does not fit this target",
+            f"{what[0]} does not fit this target",
             where=where,
             expected="an input, " + " or ".join(_NAMES[kind] for kind in allowed),
             got=f"{target.causality}, {_NAMES.get(target.kind or '', 'none')}",
         )
     if connection.link is not None or connection.policy != "hold":
-        raise InputError("a mode is known at once: it cannot pass over a link", where=where)
+        raise InputError(f"{what[1]} is known at once: it cannot pass over a link", where=where)
+    return target
 
 
 def _check_link_kind(link: Link, port: Port, where: str) -> None:

@@ -28,6 +28,7 @@ from cosim.scenario.matching import endpoint, matched
 from cosim.scenario.origin import Findings, Path
 from cosim.scenario.quantity import NUMBER_ONLY, TIME, QuantityError
 from cosim.scenario.schema import ComponentPart, ConnectionPart, Scenario
+from cosim.scenario.scope import meaning_of_state
 from cosim.scenario.script import changed_by
 from cosim.scenario.signal_parts import SensorPart, Setting
 from cosim.scenario.units import in_own_unit, in_unit_of, unit_of
@@ -37,7 +38,6 @@ from cosim.trace import link_topic
 _SENSOR = component_module("plain_sensor.variables")
 _SETTINGS = ("noise", "bias", "drift", "resolution", "least", "greatest")
 _TOPIC_OF_LINKS = link_topic("").strip("/")
-_STATE = {"age": TIME, "sequence": NUMBER_ONLY, "dropped": NUMBER_ONLY, "delivered": NUMBER_ONLY}
 
 
 class Lowered(NamedTuple):
@@ -219,7 +219,7 @@ class _Lowering:
             )
         values = [(lane, self._unit(end)) for end, lane in lanes.items()]
         freeze = part.freeze
-        until = self._scenario.run.end * 2.0 + 1.0 if freeze is None else freeze.until
+        never = self._scenario.run.end * 2.0 + 1.0
         spec = _SENSOR.plain_sensor_spec(
             name,
             values,
@@ -227,9 +227,7 @@ class _Lowering:
             uniform=part.distribution == "uniform",
             sample_time=part.sample_time,
             seed=self._scenario.run.seed if part.seed is None else part.seed,
-            freeze=(0.0, 0.0)
-            if freeze is None
-            else (freeze.start, until or self._scenario.run.end * 2.0 + 1.0),
+            freeze=(0.0, 0.0) if freeze is None else (freeze.start, freeze.until or never),
             step=self._scenario.run.step,
         )
         start: dict[str, float] = {}
@@ -311,15 +309,19 @@ class _Lowering:
             return port.unit
         return port.unit if unit.dimension.angle == 0 else unit_named(unit.dimension)
 
+    def _is_link(self, end: Endpoint) -> bool:
+        """Whether it is the state of a link, not a signal of a component of the same name."""
+        return end.component in self._scenario.links and end.component not in self._parts
+
     def _port_unit(self, reference: str) -> str | None:
         end = endpoint(reference)
-        if end.component in self._scenario.links and end.component not in self._parts:
+        if self._is_link(end):
             return "s" if end.variable == "age" else None
         return self._unit(end)
 
     def _is_integer(self, reference: str) -> bool:
         end = endpoint(reference)
-        if end.component in self._scenario.links and end.component not in self._parts:
+        if self._is_link(end):
             return end.variable != "age"
         return self._port(end).kind == "int"
 
@@ -337,10 +339,8 @@ class _Lowering:
     def meaning(self, reference: str) -> Meaning:
         """Return the meaning of a name in [computed]."""
         end = endpoint(reference)
-        if end.component in self._scenario.links and end.component not in self._parts:
-            if end.variable not in _STATE:
-                raise InputError.unknown("state of a link", end.variable, _STATE)
-            return Meaning("number", _STATE[end.variable])
+        if self._is_link(end):
+            return meaning_of_state(end.variable)
         if not end.variable:
             check_name(reference)
         port = self._port(end)

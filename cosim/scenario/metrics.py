@@ -340,8 +340,7 @@ class RunContext:
 
     def _parameters(self, name: str) -> dict[str, Any]:
         component = self.system.components[name]
-        ports = component.description.ports.items()
-        return {name: component.parameters.get(name, port.start) for name, port in ports}
+        return {name: component.start_of(name) for name in component.description.ports}
 
     @property
     def age_s(self) -> float | None:

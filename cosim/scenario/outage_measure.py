@@ -6,8 +6,7 @@ that is held beyond the age, which nothing covers. Before the first measurement 
 constant, so that a control of K x(0) is in touch up to that age.
 
 Along the run V is bounded by B, B(0) = V(0), B' = -2 alpha B or 2 beta B, + gamma |w|^2; from rest
-the gain is weighted as the proof says. V itself is computed at up to `_PLACES` instants: its
-integrals by the trapezoidal rule, x' as the slope of the interval, x constant before 0.
+the gain is weighted as the proof says. `cosim.scenario.outage_value` computes V itself.
 """
 
 from __future__ import annotations
@@ -24,6 +23,7 @@ from numpy.typing import NDArray
 from cosim import hinf
 from cosim.master import ComponentInstance, Run
 from cosim.scenario.measure import Measure, after
+from cosim.scenario.outage_value import OutageValue
 from cosim.scenario.performance import binding_for, reader_of, vector_of
 from cosim.scenario.run_events import Episodes, EventCollector, close_all
 from cosim.trace import RunEvent
@@ -37,8 +37,6 @@ Integers = NDArray[np.int64]
 
 _DELAY = re.compile(r"delay\.d\d*$")
 _PLACES = 500
-_EARLIER = 64
-"""Points that stand for the constant state before 0."""
 _CLOSE = 1e-9
 _ACCURACY = 1e-3
 """Relative, of V by the trapezoidal rule."""
@@ -107,7 +105,7 @@ class OutageMeasure(Measure[OutageFigures | None]):
         self._uncovered_ns, self._measured = 0, False
         self._first_control: Reals | None = None
         self._deficit = 0.0
-        self._value: _Value | None = None
+        self._value: OutageValue | None = None
         self._out = self._in = 0.0
         self._episodes = self._bad = None
         if collector is not None:
@@ -131,10 +129,10 @@ class OutageMeasure(Measure[OutageFigures | None]):
 
     def _has_shorter_delays(self, plant: ComponentInstance) -> bool:
         """Whether a constant delay of the plant is not that of V; shorter ones are covered too."""
-        ports, given = plant.component.description.ports, plant.component.parameters
-        own = {name: given.get(name, ports[name].start) for name in ports if _DELAY.match(name)}
+        component = plant.component
+        own = {component.start_of(n) for n in component.description.ports if _DELAY.match(n)}
         constant = {x.d for x in self._system.delays if not (x.any_age or x.feedback)}
-        return bool(constant) and not constant >= {d for d in own.values() if d}
+        return bool(constant) and not constant >= {d for d in own if d}
 
     def age(self, points_ns: Integers, ages_ns: Integers) -> None:
         """Take the ages of the measurements in use at the ends of intervals; -1: of none."""
@@ -158,7 +156,9 @@ class OutageMeasure(Measure[OutageFigures | None]):
         self._before = tuple(block[-1:].copy() for block in (points, x, u, w))
         if self._value is None and self._first_control is None:
             self._first_control = x[0] @ self._design.K.T
-            self._value = _Value(self._proved, self._system, x[0], int(points[0]), self._every_ns)
+            self._value = OutageValue(
+                self._proved, self._system, x[0], int(points[0]), self._every_ns
+            )
         if points.size < 2 or ages.size != points.size - 1:
             return
         touch, covered = self._modes(points, ages, u[:-1])
@@ -241,90 +241,6 @@ class OutageMeasure(Measure[OutageFigures | None]):
             value_ratio=self._value.ratio if bounded and run.status != "failed" else None,
             weighted_gain=weighted,
         )
-
-
-class _Value:
-    """V along a run, and its bound.
-
-    Attributes
-    ----------
-    ratio : the largest V over its bound so far, after the beginning; None where w acts and has no
-        bound, or V(0) = 0 and nothing drives it.
-    """
-
-    def __init__(
-        self,
-        proved: hinf.Outages,
-        system: Any,
-        start: Reals,
-        begin_ns: int,
-        every_ns: int,
-    ) -> None:
-        self._P = _floats(proved.P)
-        late = [delay.d for delay in system.delays if delay.d > 0]
-        self._late = [
-            (d, _floats(S), _floats(R)) for d, S, R in zip(late, proved.S, proved.R, strict=True)
-        ]
-        self._alpha, longest = float(proved.alpha), max(late)
-        self._gamma = None if proved.gamma is None else float(proved.gamma)
-        self._longest, self._every_ns, self._next_ns = longest, every_ns, begin_ns
-        t = begin_ns / 1e9
-        self._t = np.linspace(t - longest, t, _EARLIER)
-        self._x = np.tile(start, (_EARLIER, 1))
-        self._bound = self._at(self._t.size - 1)
-        self._known = True
-        self.ratio: float | None = None
-
-    def add(self, points: Integers, x: Reals, rates: Reals, noise: Reals) -> None:
-        """Take intervals between points [ns]: x at all of them, the rate of B and |w|^2 in each."""
-        if self._gamma is None and noise.any():
-            self._known, self.ratio = False, None
-        if not self._known:
-            return
-        t = points / 1e9
-        first = self._t.size - 1
-        self._t, self._x = np.append(self._t, t[1:]), np.concatenate([self._x, x[1:]])
-        drive = (self._gamma or 0.0) * noise
-        steps = zip(points[1:].tolist(), np.diff(t).tolist(), rates.tolist(), drive.tolist(),
-                    strict=True)  # fmt: skip
-        for k, (now, h, rate, own) in enumerate(steps, 1):
-            self._bound = self._bound * math.exp(rate * h)
-            self._bound += own * (math.expm1(rate * h) / rate if rate else h)
-            if now < self._next_ns:
-                continue
-            self._next_ns = now + self._every_ns
-            if self._bound > 0:
-                self.ratio = max(self.ratio or 0.0, self._at(first + k) / self._bound)
-        keep = int(np.searchsorted(self._t, self._t[-1] - self._longest)) - 1
-        self._t, self._x = self._t[max(keep, 0) :], self._x[max(keep, 0) :]
-
-    def _at(self, k: int) -> float:
-        """Return V at the k-th point that is kept."""
-        now = self._t[k]
-        value = float(self._x[k] @ self._P @ self._x[k])
-        for d, S, R in self._late:
-            begin = max(int(np.searchsorted(self._t, now - d)) - 1, 0)
-            t, x = self._t[begin : k + 1], self._x[begin : k + 1].copy()
-            h, change = np.diff(t), np.diff(x, axis=0)
-            span = t[1:] - np.maximum(t[:-1], now - d)
-            share = (span / h)[:, None]
-            middle = t[1:] - span / 2
-            x[:-1] = x[1:] - change * share
-            own = np.einsum("ti,ij,tj->t", x[1:], S, x[1:])
-            before = np.einsum("ti,ij,tj->t", x[:-1], S, x[:-1])
-            kernel = np.exp(2 * self._alpha * (t[1:] - now))
-            earlier = np.exp(2 * self._alpha * (t[1:] - span - now))
-            value += float((span * (own * kernel + before * earlier)).sum()) / 2
-            slope = change / h[:, None]
-            fast = np.einsum("ti,ij,tj->t", slope, R, slope)
-            weight = np.exp(2 * self._alpha * (middle - now)) * (middle - now + d)
-            value += d * float((span * fast * weight).sum())
-        return value
-
-
-def _floats(matrix: Any) -> Reals:
-    rows = [[float(x.p) / float(x.q) for x in row] for row in matrix.tolist()]
-    return np.array(rows)
 
 
 def outage_figures(

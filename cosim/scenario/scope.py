@@ -23,6 +23,18 @@ from cosim.scenario.units import unit_of
 _STATE = {"age": "age_s"}
 
 
+def meaning_of_state(what: str) -> Meaning:
+    """Return the meaning of a state of a packet link.
+
+    Raises
+    ------
+    InputError : there is no such state.
+    """
+    if what not in LINK_STATE:
+        raise InputError.unknown("state of a link", what, LINK_STATE)
+    return Meaning("number", TIME if what == "age" else NUMBER_ONLY)
+
+
 class RunScope:
     """Resolves the names of one system.
 
@@ -126,9 +138,7 @@ class RunScope:
     def _state(self, link: str, what: str) -> Meaning:
         if not isinstance(self._system.links[link], PacketLink):
             raise InputError("only a packet link has a state", got=f"link {link!r}")
-        if what not in LINK_STATE:
-            raise InputError.unknown("state of a link", what, LINK_STATE)
-        return Meaning("number", TIME if what == "age" else NUMBER_ONLY)
+        return meaning_of_state(what)
 
     def constant(self, reference: str) -> float | None:
         """Return the value of a constant; None for a signal."""
@@ -136,8 +146,7 @@ class RunScope:
         port = self._others.get(end.component, {}).get(end.variable)
         if port is None:
             return None
-        value = self._system.components[end.component].parameters.get(port.name, port.start)
-        return float(value if value is not None else 0.0)
+        return float(self._system.components[end.component].start_of(port.name, 0.0))
 
 
 class ValueReader:

@@ -119,11 +119,16 @@ Script = tuple[Event | Machine, ...]
 
 def adjusted_links(scenario: Scenario) -> set[str]:
     """Return the links whose delay or loss is changed by conditions or in modes."""
-    parts: list[ActionsPart | None] = [event for event in scenario.events if event.at is None]
-    for machine in scenario.modes.values():
-        for state in machine.states.values():
-            parts += [state.enter, state.exit, state.during]
-    return {name for part in parts if part is not None for name in (*part.delay, *part.loss)}
+    parts = [part for part in _all_actions(scenario) if getattr(part, "at", None) is None]
+    return {name for part in parts for name in (*part.delay, *part.loss)}
+
+
+def _all_actions(scenario: Scenario) -> Iterator[ActionsPart]:
+    """Yield what events do, then what is done in the states of modes."""
+    yield from scenario.events
+    states = (state for machine in scenario.modes.values() for state in machine.states.values())
+    for state in states:
+        yield from (each for each in (state.enter, state.exit, state.during) if each is not None)
 
 
 def changes_of(scenario: Scenario, findings: Findings) -> dict[str, list[Change]]:
@@ -189,7 +194,7 @@ def script_of(scenario: Scenario, system: System, findings: Findings) -> Script:
                         part, ("events", i), system, scope, findings, timed=part.at is not None
                     )
                 ),
-                stop=None if part.stop is None else "" if part.stop is True else part.stop,
+                stop=_stop_of(part),
                 outages=tuple(part.outage),
                 ends=ends,
                 title="" if part.at is None else f"event {i + 1} (at {part.at:g} s)",
@@ -208,13 +213,14 @@ def script_of(scenario: Scenario, system: System, findings: Findings) -> Script:
     return tuple(events)
 
 
+def _stop_of(part: ActionsPart) -> str | None:
+    """Return the reason for which it ends the run, "" where it gives none; None if it does not."""
+    return None if part.stop is None else "" if part.stop is True else part.stop
+
+
 def changed_by(scenario: Scenario) -> list[Endpoint]:
     """Return the variables that are set during the run."""
-    parts: list[ActionsPart | None] = [*scenario.events]
-    for machine in scenario.modes.values():
-        for state in machine.states.values():
-            parts += [state.enter, state.exit, state.during]
-    return [endpoint(target) for part in parts if part is not None for target in part.set]
+    return [endpoint(target) for part in _all_actions(scenario) for target in part.set]
 
 
 def _machine(
@@ -237,11 +243,12 @@ def _machine(
                 continue
             path = "modes", name, "states", state, key
             done = tuple(_actions(actions, path, system, scope, findings, timed=False))
-            stop = None if actions.stop is None else "" if actions.stop is True else actions.stop
             title = f"{name} {word} {state}"
             made.append(
                 Event(
-                    *(next(numbers), None, None, False, None, done, stop, tuple(actions.outage)),
+                    *(next(numbers), None, None, False, None, done),
+                    stop=_stop_of(actions),
+                    outages=tuple(actions.outage),
                     title=title,
                     undone=key == "during",
                 )

@@ -44,7 +44,6 @@ from typing import TYPE_CHECKING, Any
 
 import flint
 
-from cosim.core import InputError
 from cosim.hinf.certificate.ages_terms import (
     AgesVariables,
     Support,
@@ -57,7 +56,7 @@ from cosim.hinf.certificate.ages_terms import (
 )
 from cosim.hinf.certificate.analysis_proof import EXACTLY, ExactLoop, exact_loop, orders_of
 from cosim.hinf.certificate.block_multipliers import scalings
-from cosim.hinf.certificate.proof import MAX_ROWS, CertificateCheck, claim_of
+from cosim.hinf.certificate.proof import CertificateCheck, claim_of, require_size
 from cosim.hinf.certificate.quadratic_form import Form, Map, cut
 from cosim.hinf.certificate.rational import (
     exact,
@@ -164,14 +163,8 @@ def _failure(system: DelaySystem, gain: Matrix, v: AgesVariables) -> str | None:
     rows = sum(_rows(system, v).values())
     rows += sum(own.matrices["U"].nrows() for own in v.terms if own.functional == "looped")
     corners = corners_of(system, v)
-    for what, got, most in (("rows", rows, MAX_ROWS), ("corners", len(corners), MAX_CORNERS)):
-        if got > most:
-            raise InputError(
-                "the LMI is too large to be proved here",
-                where="system",
-                expected=f"at most {most} {what}",
-                got=f"{got} {what}",
-            )
+    require_size(rows)
+    require_size(len(corners), MAX_CORNERS, "corners")
     if v.gamma is not None and not v.gamma > 0:
         return "gamma is not positive"
     name = first_bad_matrix(
@@ -241,8 +234,7 @@ def corners_of(system: DelaySystem, v: AgesVariables) -> list[tuple[Any, ...]]:
 
 def _corner_text(corner: tuple[Any, ...]) -> str:
     texts = [
-        f"age {float(at[0].p) / float(at[0].q):g}"
-        + (f" and rate {float(at[1].p) / float(at[1].q):g}" if len(at) > 1 else "")
+        f"age {float(at[0]):g}" + (f" and rate {float(at[1]):g}" if len(at) > 1 else "")
         for at in corner
         if at is not None
     ]

@@ -28,7 +28,7 @@ import flint
 
 from cosim.core import InputError
 from cosim.hinf.certificate.block_multipliers import Blocks, scalings
-from cosim.hinf.certificate.proof import MAX_ROWS, CertificateCheck, claim_of
+from cosim.hinf.certificate.proof import CertificateCheck, claim_of, require_size
 from cosim.hinf.certificate.rational import (
     exact,
     exact_matrix,
@@ -153,13 +153,7 @@ def analysis_proved(system: DelaySystem, gain: Matrix, v: ExactAnalysis) -> Cert
 def _failure(system: DelaySystem, gain: Matrix, v: ExactAnalysis) -> str | None:
     n, orders = system.A.shape[0], orders_of(system, v.order)
     rows = n * (1 + len(orders) + sum(orders)) + system.E.shape[1] + system.C.shape[1]
-    if rows > MAX_ROWS:
-        raise InputError(
-            "the LMI is too large to be proved here",
-            where="system",
-            expected=f"at most {MAX_ROWS} rows",
-            got=f"{rows} rows",
-        )
+    require_size(rows)
     if v.gamma is not None and not v.gamma > 0:
         return "gamma is not positive"
     if sum(low is not None for low in v.lower or ()) > MAX_BOX:

@@ -38,7 +38,7 @@ from cosim.core import InputError
 from cosim.hinf.certificate.analysis_proof import ExactLoop, exact_loop, orders_of
 from cosim.hinf.certificate.block_multipliers import eps_from_json, eps_to_json, scalings
 from cosim.hinf.certificate.decay import is_above_exponential
-from cosim.hinf.certificate.proof import MAX_ROWS
+from cosim.hinf.certificate.proof import require_size
 from cosim.hinf.certificate.quadratic_form import Form, Map
 from cosim.hinf.certificate.rational import (
     asymmetric,
@@ -141,7 +141,8 @@ class Outages:
         InputError : a loop without outages (`outage_delay`), or too large a proof.
         """
         feedback = outage_delay(system)
-        _check_size(system)
+        rows = len(system.A) * (1 + 2 * len(system.delays))
+        require_size(rows + system.C.shape[1] + system.E.shape[1])
         reason = self._scalar_failure(system, feedback) or self._matrix_failure()
         forms = self._forms(system, gain) if reason is None else []
         return reason or next(filter(None, (form.failure(name) for name, form in forms)), None)
@@ -277,17 +278,6 @@ def outage_delay(system: DelaySystem) -> Delay:
             got=wrong,
         )
     return acting[0]
-
-
-def _check_size(system: DelaySystem) -> None:
-    rows = len(system.A) * (1 + 2 * len(system.delays)) + system.C.shape[1] + system.E.shape[1]
-    if rows > MAX_ROWS:
-        raise InputError(
-            "the LMI is too large to be proved here",
-            where="system",
-            expected=f"at most {MAX_ROWS} rows",
-            got=f"{rows} rows",
-        )
 
 
 def outages_from_json(data: Any, system: DelaySystem, where: str) -> Outages:

@@ -152,6 +152,24 @@ def proved(system: DelaySystem, gain: Matrix, v: ExactVariables) -> CertificateC
     return CertificateCheck(valid=reason is None, reason=reason, claim=claim_of(system, v.gamma))
 
 
+def require_size(
+    got: int, most: int = MAX_ROWS, what: str = "rows", *, done: str = "proved"
+) -> None:
+    """Refuse a proof with more of something than are tried; `done` : what is done with the LMI.
+
+    Raises
+    ------
+    InputError : more than `most`.
+    """
+    if got > most:
+        raise InputError(
+            f"the LMI is too large to be {done} here",
+            where="system",
+            expected=f"at most {most} {what}",
+            got=f"{got} {what}",
+        )
+
+
 def failure(
     system: DelaySystem, gain: Matrix, v: ExactVariables, shift: Shift | None = None
 ) -> str | None:
@@ -170,13 +188,7 @@ def failure(
         )
     rows = (1 + 3 * len(system.delays)) * system.A.shape[0] + system.H.shape[0]
     rows += system.C.shape[1] + system.D.shape[0] if v.gamma is not None else 0
-    if rows > MAX_ROWS:
-        raise InputError(
-            "the LMI is too large to be proved here",
-            where="system",
-            expected=f"at most {MAX_ROWS} rows",
-            got=f"{rows} rows",
-        )
+    require_size(rows)
     for j, delay in enumerate(system.delays):
         if v.k2[j] == 0:
             return f"k2[{j}] is 0"

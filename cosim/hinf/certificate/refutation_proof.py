@@ -28,10 +28,9 @@ from typing import TYPE_CHECKING, Any
 
 import flint
 
-from cosim.core import InputError
 from cosim.hinf.certificate.block_multipliers import joined
 from cosim.hinf.certificate.exact_lmi import ExactVariables, minus_omega
-from cosim.hinf.certificate.proof import MAX_ROWS, CertificateCheck, uncertainty_claim
+from cosim.hinf.certificate.proof import CertificateCheck, require_size, uncertainty_claim
 from cosim.hinf.certificate.rational import first_bad_matrix, to_text
 
 if TYPE_CHECKING:
@@ -190,13 +189,7 @@ def refuted(system: DelaySystem, place: Place, multipliers: Multipliers) -> Cert
 def _failure(system: DelaySystem, place: Place, multipliers: Multipliers) -> str | None:
     n, N = system.A.shape[0], len(system.delays)
     rows = (1 + 2 * N) * n + system.H.shape[0] + system.C.shape[1] + system.D.shape[0]
-    if rows > MAX_ROWS:
-        raise InputError(
-            "the LMI is too large to be refuted here",
-            where="system",
-            expected=f"at most {MAX_ROWS} rows",
-            got=f"{rows} rows",
-        )
+    require_size(rows, done="refuted")
     if any(value == 0 for value in place.k2):
         return "a k2 is 0"
     bad = first_bad_matrix(multipliers.matrices())
