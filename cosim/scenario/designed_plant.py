@@ -84,19 +84,11 @@ class Difference(NamedTuple):
 
 
 def differences_from(
-    designed: Mapping[str, float], parameters: Mapping[str, float | None], *, exact: bool = False
+    designed: Mapping[str, float], parameters: Mapping[str, float | None]
 ) -> list[Difference]:
-    """Return the parameters that are not as designed.
-
-    A delay (`delay.*`) may be shorter, unless the proof is about `exact` ones.
-    """
-    found = []
-    for name, value in designed.items():
-        own = parameters.get(name)
-        shorter = name.startswith("delay.") and not exact
-        if own is None or not (own <= value if shorter else own == value):
-            found.append(Difference(name, own, value))
-    return found
+    """Return the parameters that are not as designed."""
+    own = ((name, parameters.get(name), value) for name, value in designed.items())
+    return [Difference(*one) for one in own if one[1] is None or one[1] != one[2]]
 
 
 @dataclass(frozen=True, eq=False)

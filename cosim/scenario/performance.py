@@ -19,8 +19,9 @@ from cosim.scenario.designed_plant import DesignedPlant, LinearSignals
 from cosim.scenario.measure import Measure, after
 from cosim.scenario.signal_reader import SignalReader
 
-_FORCE = ("force.x", "force.y", "force.z", "moment.z")
-_DISTURBANCE = ("disturbance.u", "disturbance.v", "disturbance.w", "disturbance.r")
+FORCES = ("force.x", "force.y", "force.z", "moment.z")
+DISTURBANCES = ("disturbance.u", "disturbance.v", "disturbance.w", "disturbance.r")
+"""Inputs of the vehicle: commands, and accelerations that act on it."""
 
 
 class Binding(NamedTuple):
@@ -41,10 +42,10 @@ def binding_for(
     ports = instance.component.description.ports
     if plant is not None:
         return Binding(plant.state, plant.control, plant.disturbance)
-    if all(name in ports for name in (*STATE, *_FORCE, *_DISTURBANCE)):
+    if all(name in ports for name in (*STATE, *FORCES, *DISTURBANCES)):
         values = {name: instance.component.start_of(name, 0.0) for name in TABLE_1}
         thrust = np.array(thrust_map(values), dtype=float)
-        return Binding(_plain(STATE), _plain(_FORCE, thrust), _plain(_DISTURBANCE))
+        return Binding(_plain(STATE), _plain(FORCES, thrust), _plain(DISTURBANCES))
     (n, m), q = system.B.shape, system.C.shape[1]
     names = (
         tuple(f"x[{i + 1}]" for i in range(n)),
@@ -72,7 +73,8 @@ class GainMeasure(Measure[float | None]):
     plant : name of the plant.
     system : the system it was designed as.
     seen_as : how the plant is seen as that system, where the design knows.
-    noise : of the measurements of an observer, which is a disturbance as w is.
+    noise : a measure whose result has the `energy` of the noise of an observer's measurements,
+        which is a disturbance as w is; None where that is not known.
     """
 
     def __init__(
@@ -80,7 +82,7 @@ class GainMeasure(Measure[float | None]):
         plant: str,
         system: DelaySystem,
         seen_as: DesignedPlant | None = None,
-        noise: Measure[float | None] | None = None,
+        noise: Measure[Any] | None = None,
     ) -> None:
         self._plant, self._system, self._seen_as = plant, system, seen_as
         self._noise = noise
@@ -129,7 +131,7 @@ class GainMeasure(Measure[float | None]):
 
     def result(self, run: Run) -> float | None:
         """Return the gain."""
-        noise = 0.0 if self._noise is None or not self._readers else self._noise.result(run)
+        noise = 0.0 if self._noise is None or not self._readers else self._noise.result(run).energy
         if noise is None:
             return None
         energy_in = self._disturbance.value + noise

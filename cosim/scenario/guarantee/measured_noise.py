@@ -1,4 +1,4 @@
-"""Energy of the noise of measurements, as an observer receives it.
+"""What the measurements of an observer were: C x at their stamps, and noise; its energy.
 
 What a measurement in use says, y, is C x(s) + v, v = diag(noise) w_v, of the time s of its stamp.
 The observer holds it until the next one, and so is v: the integral of w_v' w_v is the sum of
@@ -7,9 +7,10 @@ The observer holds it until the next one, and so is v: the integral of w_v' w_v 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Iterator, Sequence
 from itertools import pairwise
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,10 +18,10 @@ from numpy.typing import NDArray
 from cosim.master import ComponentInstance, Run
 from cosim.models import product, total
 from cosim.scenario.designed_plant import DesignedPlant
+from cosim.scenario.guarantee.departure import Departure
 from cosim.scenario.measure import Measure, own_points_in
 from cosim.scenario.measurement_ages import PacketsInUse
 from cosim.scenario.performance import Binding, binding_for, reader_of, vector_of
-from cosim.scenario.signal_reader import SignalReader
 
 if TYPE_CHECKING:
     from cosim.hinf import OutputFeedback
@@ -30,13 +31,26 @@ Integers = NDArray[np.int64]
 
 _CLOSE = 1e-9
 """Relative size of a noise that is rounding."""
+_CHANCE = 6.0
+"""Standard deviations beyond which the mean square of a noise is no chance."""
 
 
-class NoiseEnergy(Measure[float | None]):
-    """The integral of w_v' w_v over a run.
+class MeasuredNoise(NamedTuple):
+    """The noise of the measurements of a run.
 
-    None where a measurement has noise that the design has not, its instant lies between
-    communication points, or the plant is not known.
+    Attributes
+    ----------
+    energy : the integral of w_v' w_v; None where a measurement is not C x with the noise of the
+        design, its instant lies between communication points, or the plant is not known.
+    departures : measurements that are not what the design takes them for, one of each at most.
+    """
+
+    energy: float | None
+    departures: list[Departure]
+
+
+class NoiseMeasure(Measure[MeasuredNoise]):
+    """The noise of the measurements of a run.
 
     Parameters
     ----------
@@ -57,6 +71,9 @@ class NoiseEnergy(Measure[float | None]):
         self._packets = PacketsInUse([each.name for each in design.measurements])
         self._binding: Binding | None = None
         self._energy, self._known = 0.0, True
+        self._found: dict[str, Departure] = {}
+        self._square = [np.zeros(len(one.C)) for one in design.measurements]
+        self._count = [0] * len(design.measurements)
         self._times = np.zeros(0, np.int64)
         self._past: Reals = np.zeros((0, len(design.system.A)))
         self._rate = [0.0] * len(design.measurements)
@@ -77,7 +94,7 @@ class NoiseEnergy(Measure[float | None]):
         for each in self._design.measurements:
             own = [f"{each.name}[{i + 1}]" for i in range(len(each.C))]
             names += own
-        self._values = SignalReader(self._instance, names)
+        self._values = reader_of(self._instance, names)
         self._trims = np.array([start_of(f"trim.{name}", 0.0) for name in names], float)
         self._last: Reals | None = None
 
@@ -122,20 +139,49 @@ class NoiseEnergy(Measure[float | None]):
         each = self._design.measurements[j]
         place = int(np.searchsorted(self._times, stamp))
         if place >= self._times.size or self._times[place] != stamp:
-            self._known = False
+            self._depart(each.name, stamp, "a measurement of a point of the run", "one between two")
             return 0.0
         # not by a BLAS, whose sums vary by processor
         true = np.array(product(each.C.tolist(), self._past[place].tolist()))
         noise, sizes = value - true, np.array(each.noise)
         silent = sizes == 0.0
         rounding = _CLOSE * (1.0 + np.abs(true))
-        if (np.abs(noise) > rounding)[silent].any():
-            self._known = False
+        wrong = (~(np.abs(noise) <= rounding)) & silent
+        if wrong.any():
+            i = int(np.argmax(wrong))
+            expected = f"{true[i]:.9g}, of the plant at its stamp, without noise"
+            self._depart(f"{each.name}[{i + 1}]", stamp, expected, f"{value[i]:.9g}")
             return 0.0
-        shares = (noise[~silent] / sizes[~silent]).tolist()
-        return float(total(x * x for x in shares))
+        shares = np.where(silent, 0.0, noise / np.where(silent, 1.0, sizes))
+        self._square[j] += shares * shares
+        self._count[j] += 1
+        return float(total(x * x for x in shares[~silent].tolist()))
 
-    def result(self, run: Run) -> float | None:
-        """Return the energy."""
+    def _depart(self, name: str, stamp: int, expected: str, got: str) -> None:
+        self._known = False
+        at = self._instance.comm_points.at_s(stamp)
+        place = f"{self._controller}.{name}"
+        self._found.setdefault(name, Departure(place, expected, got, at))
+
+    def _too_great(self) -> Iterator[Departure]:
+        """Yield values whose noise is greater, on the whole, than the design counts with."""
+        for each, square, count in zip(
+            self._design.measurements, self._square, self._count, strict=True
+        ):
+            if not count:
+                continue
+            # of a normal noise of this size the mean square is within this, but for one run in 1e9
+            most = 1.0 + _CHANCE * math.sqrt(2.0 / count) + _CHANCE * _CHANCE / count
+            for i in np.flatnonzero(square / count > most).tolist():
+                size = math.sqrt(square[i] / count) * each.noise[i]
+                yield Departure(
+                    f"{self._controller}.{each.name}[{i + 1}]",
+                    f"noise of {each.noise[i]:g}",
+                    f"errors of {size:.4g}, by their mean square",
+                )
+
+    def result(self, run: Run) -> MeasuredNoise:
+        """Return the energy, and what is no measurement of the design."""
         del run
-        return self._energy if self._known else None
+        found = [*self._found.values(), *self._too_great()]
+        return MeasuredNoise(self._energy if self._known else None, found)
