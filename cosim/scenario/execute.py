@@ -22,9 +22,8 @@ from cosim.master import (
 from cosim.scenario.assembly import assemble, same_start
 from cosim.scenario.assertions import bind_assertions
 from cosim.scenario.binary_origins import binary_origins
-from cosim.scenario.guarantee.departure import Departure
 from cosim.scenario.guarantee.designed_loop import designed_loop
-from cosim.scenario.guarantee.law_measures import LawMeasures
+from cosim.scenario.guarantee.law_measures import LawMeasures, MeasuredLaw
 from cosim.scenario.guarantee.verdict import LoopOfRun, loop_of_run
 from cosim.scenario.metrics import (
     RunContext,
@@ -41,7 +40,7 @@ from cosim.scenario.preparation import PreparedScenario
 from cosim.scenario.run_events import EventCollector
 from cosim.scenario.run_metadata import run_metadata_of
 from cosim.scenario.run_series import RunSeries
-from cosim.scenario.script import Event, Machine, script_of
+from cosim.scenario.script import Event, Machine, changed_by, script_of
 from cosim.scenario.supervision import Supervision, raise_if_interrupted, supervision_of
 from cosim.scenario.system_run import run_system
 from cosim.scenario.wanted import ALL_FIGURES, Wanted
@@ -306,7 +305,7 @@ class _Runs:
         self._zero_state_run: Run | None = None
         self._zero_state: ZeroStateMeasures | None = None
         self._zero_state_figures: ZeroStateFigures | None = None
-        self._laws: dict[str, list[Departure]] = {}
+        self._laws: dict[str, MeasuredLaw] = {}
         self._flown = flown_loop(prepared, system)
 
     def run(self, *observers: Observer, keep: bool, zero_state_run: bool = True) -> Run:
@@ -346,7 +345,8 @@ class _Runs:
             series=self._series,
         )
         self._completed, self._figures = completed, measures.figures(completed.run)
-        self._note(laws, completed.run)
+        if laws is not None:
+            self._laws["run"] = laws.measured(completed.run)
         return completed.run
 
     def _law_measures(self, flown: LoopOfRun | None) -> LawMeasures | None:
@@ -356,13 +356,8 @@ class _Runs:
             return None
         if not self._wanted.has("metrics.assumptions", "metrics.departures"):
             return None
-        return LawMeasures(flown.loop, flown.wiring, design, problem)
-
-    def _note(self, laws: LawMeasures | None, run: Run) -> None:
-        """Keep where a run left its law."""
-        found = {} if laws is None else laws.departures(run)
-        for name, departures in found.items():
-            self._laws.setdefault(name, []).extend(departures)
+        changed = changed_by(self._prepared.loaded.scenario)
+        return LawMeasures(flown.loop, flown.wiring, design, problem, changed)
 
     def run_from_zero_state(self, flush: Callable[[], None] | None = None) -> None:
         """Make the zero-state run; none without a design, or after a failed or interrupted run.
@@ -399,7 +394,8 @@ class _Runs:
             call_limit=self._call_limit,
             series=self._series,
         ).run
-        self._note(laws, run)
+        if laws is not None:
+            self._laws["zero-state run"] = laws.measured(run)
         return run
 
     def outcome(self, trace: Path | None, began: float, *, zero_state_run: bool = True) -> Outcome:

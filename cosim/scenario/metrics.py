@@ -32,6 +32,8 @@ from cosim.scenario.final_values import LastOutputs
 from cosim.scenario.gain import Problem, observes
 from cosim.scenario.guarantee.departure import Departure
 from cosim.scenario.guarantee.designed_loop import designed_loop
+from cosim.scenario.guarantee.facts import facts_json, facts_of_run
+from cosim.scenario.guarantee.law_measures import MeasuredLaw
 from cosim.scenario.guarantee.measured_noise import NoiseMeasure
 from cosim.scenario.guarantee.verdict import (
     LoopOfRun,
@@ -74,6 +76,7 @@ class ZeroStateFigures:
 
     saturation, largest : as in `RunFigures`.
     gain : measured; None if it could not be.
+    energy : of the disturbance and the measurements' noise, if the gain was measured.
     outages : as in `RunFigures`.
     """
 
@@ -81,6 +84,7 @@ class ZeroStateFigures:
     largest: Mapping[str, float] | None
     gain: float | None
     outages: OutageFigures | None
+    energy: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -146,6 +150,7 @@ class ZeroStateMeasures(Measures):
             largest=None if self._largest is None else self._largest.result(run),
             gain=None if self._gain is None else self._gain.result(run),
             outages=None if self._outages is None else self._outages.result(run),
+            energy=0.0 if self._gain is None else self._gain.energy_in,
         )
 
 
@@ -308,7 +313,7 @@ class RunContext:
     worst_case : of the design; None if the scenario does not apply it.
     altered : what events changed but the traffic of links.
     flown : the loop of the run beside that of the design; None without a design.
-    laws : by assumption where the run, or its zero-state run, left its law.
+    laws : what was measured of the law of the run, and of its zero-state run if that is another.
     """
 
     scenario: Scenario
@@ -322,7 +327,7 @@ class RunContext:
     worst_case: hinf.WorstCase | None = None
     altered: Sequence[str] = ()
     flown: LoopOfRun | None = None
-    laws: Mapping[str, list[Departure]] = field(default_factory=dict)
+    laws: Mapping[str, MeasuredLaw] = field(default_factory=dict)
 
     @cached_property
     def known_age(self) -> FeedbackAge | None:
@@ -346,7 +351,7 @@ class RunContext:
         if reached is False and at_rest is not None:
             reached = at_rest.fraction != 0.0
         measured = MeasuredRun(
-            laws=self.laws,
+            laws=_left(self.laws),
             ages=ages,
             known_age=self.known_age,
             command_age_ns=figures.command_age_ns,
@@ -368,6 +373,18 @@ class RunContext:
     def gain(self) -> float | None:
         """The gain that the zero-state run measured."""
         return None if self.zero_state is None else self.zero_state.gain
+
+
+def _left(laws: Mapping[str, MeasuredLaw]) -> dict[str, list[Departure]]:
+    """Return by assumption where runs left their law."""
+    found: dict[str, list[Departure]] = {}
+    for run, law in laws.items():
+        for name, departures in law.departures.items():
+            told = departures
+            if run != "run":
+                told = [one._replace(got=f"{one.got}, in the {run}") for one in departures]
+            found.setdefault(name, []).extend(told)
+    return found
 
 
 def status_of(context: RunContext) -> str:
@@ -408,6 +425,7 @@ def _assumptions(context: RunContext) -> dict[str, Any]:
         {"assumption": name, **one.to_json()} for name, each in found.items() for one in each
     ]:
         named["departures"] = departures
+    named |= _facts(context)
     if context.flown is not None and found:
         apart = [
             each
@@ -417,6 +435,25 @@ def _assumptions(context: RunContext) -> dict[str, Any]:
         if apart:
             named["plant_differences"] = apart
     return named
+
+
+def _facts(context: RunContext) -> dict[str, Any]:
+    """Return the facts under the verdict, and how the state grew where nothing drove it."""
+    design, problem, flown = context.design, context.problem, context.flown
+    law = context.laws.get("run")
+    if design is None or problem is None or flown is None or law is None:
+        return {}
+    at_rest = context.laws.get("zero-state run", law)
+    beside, share = context.zero_state, None
+    if beside is not None and beside.energy and at_rest.noise_energy is not None:
+        share = at_rest.noise_energy / beside.energy
+    facts = facts_of_run(
+        design, problem, context.system, flown.wiring, law.motion, context.gain, share
+    )
+    found: dict[str, Any] = {"facts": facts_json(facts)}
+    if law.motion is not None and not law.motion.driven and not context.altered:
+        found["state_growth"] = law.motion.growth
+    return found
 
 
 def _modes(context: RunContext) -> dict[str, Any]:

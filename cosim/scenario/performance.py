@@ -75,6 +75,10 @@ class GainMeasure(Measure[float | None]):
     seen_as : how the plant is seen as that system, where the design knows.
     noise : a measure whose result has the `energy` of the noise of an observer's measurements,
         which is a disturbance as w is; None where that is not known.
+
+    Attributes
+    ----------
+    energy_in : of the disturbance and the noise, when the gain was measured.
     """
 
     def __init__(
@@ -89,6 +93,7 @@ class GainMeasure(Measure[float | None]):
         self._readers: tuple[SignalReader, ...] = ()
         self._before: tuple[Any, ...] = (None, None, None, None)
         self._disturbance, self._outset, self._end = _Integral(), _Integral(), _Integral()
+        self.energy_in = 0.0
 
     def begin(self, instances: Sequence[ComponentInstance]) -> None:
         """Bind the variables of the plant."""
@@ -113,11 +118,11 @@ class GainMeasure(Measure[float | None]):
             vector_of(group, reader.read(first, last))
             for group, reader in zip(self._binding, self._readers, strict=True)
         )
-        direct = _times(w, self._system.D1) + _times(u, self._system.D2)
+        direct = times(w, self._system.D1) + times(u, self._system.D2)
         here = (
             self._instance.comm_points.points_ns[first:last],
             w,
-            _times(x, self._system.D),
+            times(x, self._system.D),
             direct,
         )
         points, w, z, direct = (
@@ -134,7 +139,7 @@ class GainMeasure(Measure[float | None]):
         noise = 0.0 if self._noise is None or not self._readers else self._noise.result(run).energy
         if noise is None:
             return None
-        energy_in = self._disturbance.value + noise
+        self.energy_in = energy_in = self._disturbance.value + noise
         if run.status == "failed" or energy_in == 0.0:
             return None
         energy_out = 0.5 * (self._outset.value + self._end.value)
@@ -158,10 +163,10 @@ class _Integral:
 def vector_of(group: LinearSignals, rows: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the entries of a vector of the linear model from the values of its variables."""
     deviation = rows - np.array(group.trim)
-    return deviation if group.map is None else _times(deviation, group.map)
+    return deviation if group.map is None else times(deviation, group.map)
 
 
-def _times(rows: NDArray[np.float64], matrix: NDArray[np.float64]) -> NDArray[np.float64]:
+def times(rows: NDArray[np.float64], matrix: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return rows @ matrix.T in a fixed order of operations: that of a BLAS varies by processor."""
     columns = [total(a * rows[:, j] for j, a in enumerate(row)) for row in matrix.tolist()]
     wide = [np.broadcast_to(column, len(rows)) for column in columns]

@@ -10,7 +10,7 @@ FMU the controller is.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,16 +31,33 @@ _CLOSE = 1e-9
 """Relative to the sum of the magnitudes of the terms of a command."""
 
 
+def complement(effects: Reals) -> Reals:
+    """Return the projection on what no combination of columns explains; (m, m), symmetric."""
+    size = len(effects)
+    if not effects.size:
+        return np.eye(size)
+    return np.asarray(np.eye(size) - effects @ np.linalg.pinv(effects))
+
+
 class FeedbackLaw(Measure[list[Departure]]):
     """Where a controller left its law for the first time; empty if it never did.
 
     Parameters
     ----------
     loop : of the design.
+    unrecorded : inputs of the controller that events set, and that no connection leads to: where
+        they are set-points, commands may differ by what any set-point explains.
     """
 
-    def __init__(self, loop: DesignedLoop, design: hinf.Design, problem: Problem) -> None:
+    def __init__(
+        self,
+        loop: DesignedLoop,
+        design: hinf.Design,
+        problem: Problem,
+        unrecorded: Collection[str] = (),
+    ) -> None:
         self._loop, self._design, self._problem = loop, design, problem
+        self._unrecorded = unrecorded
         self._instance: ComponentInstance | None = None
         self._found: Departure | None = None
         self.reads_inputs = True
@@ -71,6 +88,8 @@ class FeedbackLaw(Measure[list[Departure]]):
         self._with_reference = [
             j for j, name in enumerate(references) if name != states[j] and name in ports
         ]
+        moved = [j for j in self._with_reference if references[j] in self._unrecorded]
+        self._judged = complement(self._K[:, moved])
         self._x = reader_of(instance, states)
         self._reference = reader_of(instance, [references[j] for j in self._with_reference])
         self._out = reader_of(instance, [*commands, *xi])
@@ -128,7 +147,8 @@ class FeedbackLaw(Measure[list[Departure]]):
         allowed = _CLOSE * np.abs(terms).sum(axis=2)
         got = given[:, : len(self._bounds)]
         known = ~np.isnan(told).any(axis=1)[:, None]
-        self._note(points, wanted, got, (np.abs(wanted - got) > allowed) & known)
+        apart = np.abs((wanted - got) @ self._judged)
+        self._note(points, wanted, got, (apart > allowed) & known)
 
     def _integrate(
         self, points: NDArray[np.int64], told: Reals, given: Reals, elapsed: Reals

@@ -9,19 +9,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cosim.master import ComponentInstance, Run
-from cosim.models import product, total
 from cosim.scenario.designed_plant import DesignedPlant
 from cosim.scenario.guarantee.departure import Departure
 from cosim.scenario.measure import Measure, own_points_in
 from cosim.scenario.measurement_ages import PacketsInUse
-from cosim.scenario.performance import Binding, binding_for, reader_of, vector_of
+from cosim.scenario.performance import Binding, binding_for, reader_of, times, vector_of
 
 if TYPE_CHECKING:
     from cosim.hinf import OutputFeedback
@@ -122,40 +120,42 @@ class NoiseMeasure(Measure[MeasuredNoise]):
         self._times, self._past = self._times[kept:], self._past[kept:]
 
     def _add(self, starts: Integers, ends: Integers, used: Integers, rows: Reals) -> None:
-        column = 0
+        column, lasted = 0, (ends - starts) / 1e9
         for j, each in enumerate(self._design.measurements):
             mine = slice(column, column + len(each.C))
             column = mine.stop
             comes = np.flatnonzero(used[1:, j] > used[:-1, j])
             rates = np.full(len(starts), self._rate[j])
-            for k, until in pairwise((*comes, len(starts))):  # a block may have no packet
-                rates[k:until] = self._rate_of(j, int(used[k + 1, j]), rows[k, mine])
+            if comes.size:  # a block may have no packet
+                found = self._rates_of(j, used[comes + 1, j], rows[comes, mine])
+                in_force = np.searchsorted(comes, np.arange(len(starts)), side="right") - 1
+                rates = np.where(in_force < 0, rates, found[in_force])
             self._rate[j] = float(rates[-1])
-            lasted = (ends - starts) / 1e9
             self._energy = float(np.cumsum(np.append(self._energy, lasted * rates))[-1])
 
-    def _rate_of(self, j: int, stamp: int, value: Reals) -> float:
-        """Return |w_v|^2 of a measurement that was taken at a stamp [ns]."""
+    def _rates_of(self, j: int, stamps: Integers, values: Reals) -> Reals:
+        """Return |w_v|^2 of measurements that were taken at stamps [ns], and keep what is wrong."""
         each = self._design.measurements[j]
-        place = int(np.searchsorted(self._times, stamp))
-        if place >= self._times.size or self._times[place] != stamp:
-            self._depart(each.name, stamp, "a measurement of a point of the run", "one between two")
-            return 0.0
-        # not by a BLAS, whose sums vary by processor
-        true = np.array(product(each.C.tolist(), self._past[place].tolist()))
-        noise, sizes = value - true, np.array(each.noise)
+        place = np.minimum(np.searchsorted(self._times, stamps), self._times.size - 1)
+        between = self._times[place] != stamps
+        if between.any():
+            at = int(stamps[np.argmax(between)])
+            self._depart(each.name, at, "a measurement of a point of the run", "one between two")
+        true = times(self._past[place], each.C)
+        noise, sizes = values - true, np.array(each.noise)
         silent = sizes == 0.0
-        rounding = _CLOSE * (1.0 + np.abs(true))
-        wrong = (~(np.abs(noise) <= rounding)) & silent
+        wrong = ~(np.abs(noise) <= _CLOSE * (1.0 + np.abs(true))) & silent & ~between[:, None]
         if wrong.any():
-            i = int(np.argmax(wrong))
-            expected = f"{true[i]:.9g}, of the plant at its stamp, without noise"
-            self._depart(f"{each.name}[{i + 1}]", stamp, expected, f"{value[i]:.9g}")
-            return 0.0
+            k, i = (int(x) for x in np.argwhere(wrong)[0])
+            expected = f"{true[k, i]:.9g}, of the plant at its stamp, without noise"
+            self._depart(
+                f"{each.name}[{i + 1}]", int(stamps[k]), expected, f"{values[k, i]:.9g}"
+            )
         shares = np.where(silent, 0.0, noise / np.where(silent, 1.0, sizes))
-        self._square[j] += shares * shares
-        self._count[j] += 1
-        return float(total(x * x for x in shares[~silent].tolist()))
+        squares = shares * shares
+        self._square[j] += np.cumsum(squares, axis=0)[-1]
+        self._count[j] += len(stamps)
+        return np.cumsum(squares, axis=1)[:, -1]
 
     def _depart(self, name: str, stamp: int, expected: str, got: str) -> None:
         self._known = False

@@ -11,7 +11,7 @@ commands at every point, the estimate step by step as a plant's state is (`StepL
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,7 @@ from cosim.master import ComponentInstance, Run
 from cosim.scenario.gain import Problem
 from cosim.scenario.guarantee.departure import Departure
 from cosim.scenario.guarantee.designed_loop import DesignedLoop
+from cosim.scenario.guarantee.feedback_law import complement
 from cosim.scenario.guarantee.step_law import Equation, StepLaw
 from cosim.scenario.limits import limits_of
 from cosim.scenario.measure import Measure, after, own_points_in
@@ -92,10 +93,18 @@ class ObserverLaw(Measure[list[Departure]]):
     Parameters
     ----------
     loop : of the design.
+    unrecorded : as of `FeedbackLaw`.
     """
 
-    def __init__(self, loop: DesignedLoop, design: hinf.OutputFeedback, problem: Problem) -> None:
+    def __init__(
+        self,
+        loop: DesignedLoop,
+        design: hinf.OutputFeedback,
+        problem: Problem,
+        unrecorded: Collection[str] = (),
+    ) -> None:
         self._loop, self._design, self._problem = loop, design, problem
+        self._unrecorded = unrecorded
         self._packets = PacketsInUse([one.name for one in design.measurements])
         self._instance: ComponentInstance | None = None
         self._found: Departure | None = None
@@ -134,6 +143,8 @@ class ObserverLaw(Measure[list[Departure]]):
             self._trim = np.array(note.control.trim, float)
             if note.thrust_map:
                 self._K = np.array(note.thrust_map, float) @ self._K
+        moved = [j for j in range(n) if f"reference[{j + 1}]" in self._unrecorded]
+        self._judged = complement(self._K[:, moved])
         limits = limits_of(ports)
         self._bounds = np.array(
             [start_of(limits[c], np.inf) if c in limits else np.inf for c in commands], float
@@ -192,24 +203,29 @@ class ObserverLaw(Measure[list[Departure]]):
             if not same.all() and self._found is None:
                 k = int(held[np.flatnonzero(~same.all(axis=1))[0]])
                 self._depart(one.name, times[k + 1], innovation[k, mine], innovation[k + 1, mine])
-            for k in np.flatnonzero(new).tolist():
-                stored = self._at(int(used[k + 1, j]))
-                terms = one.C * stored
-                wanted = y[k, mine] - terms.sum(axis=1)
-                size = np.abs(terms).sum(axis=1) + np.abs(y[k, mine])
-                apart = np.abs(wanted - innovation[k + 1, mine])
-                if (apart > self._allowed(int(used[k + 1, j])) * (size + 1e-12)).any():
-                    self._depart(one.name, times[k + 1], wanted, innovation[k + 1, mine])
+            comes = np.flatnonzero(new)
+            if not comes.size:
+                continue
+            stored, allowed = self._stored(used[comes + 1, j])
+            terms = stored[:, None, :] * one.C
+            told, shown = y[comes, mine], innovation[comes + 1, mine]
+            wanted = told - terms.sum(axis=2)
+            size = np.abs(terms).sum(axis=2) + np.abs(told) + 1e-12
+            wrong = (np.abs(wanted - shown) > allowed[:, None] * size).any(axis=1)
+            if wrong.any():
+                k = int(np.argmax(wrong))
+                self._depart(one.name, times[comes[k] + 1], wanted[k], shown[k])
 
-    def _allowed(self, stamp: int) -> float:
-        """Return the accuracy of a stored estimate: between points it is interpolated."""
-        place = int(np.searchsorted(self._times, stamp))
-        there = place < self._times.size and self._times[place] == stamp
-        return _CLOSE if there or stamp <= int(self._times[0]) else 1e-2
-
-    def _at(self, stamp: int) -> Reals:
-        """Return the estimate at a time, from the recorded ones; constant before the first."""
-        return np.array([np.interp(stamp, self._times, column) for column in self._past.T])
+    def _stored(self, stamps: Integers) -> tuple[Reals, Reals]:
+        """Return the estimates at stamps, constant before the first point, and their accuracy."""
+        times = self._times
+        place = np.clip(np.searchsorted(times, stamps, side="right") - 1, 0, times.size - 2)
+        share = (stamps - times[place]) / (times[place + 1] - times[place])
+        share = np.clip(share, 0.0, 1.0)
+        there = (share == 0.0) | (share == 1.0)
+        found = (1 - share)[:, None] * self._past[place] + share[:, None] * self._past[place + 1]
+        # between points the recorded estimates are interpolated
+        return found, np.where(there, _CLOSE, 1e-2)
 
     def _depart(self, name: str, at: int, wanted: Reals, got: Reals) -> None:
         if self._found is not None or self._instance is None:
@@ -236,7 +252,8 @@ class ObserverLaw(Measure[list[Departure]]):
             due = times[1:] // self._period > times[:-1] // self._period
         wanted = np.where(due[:, None], wanted, out[:-1])
         safe = watchdog[1:, 0] != 0
-        wrong = (np.abs(wanted - out[1:]) > np.where(due[:, None], allowed, 0.0)) | safe[:, None]
+        apart = np.abs((wanted - out[1:]) @ self._judged)
+        wrong = (apart > np.where(due[:, None], allowed, 0.0)) | safe[:, None]
         if not wrong.any():
             return
         k, j = (int(x) for x in np.argwhere(wrong)[0])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from typing import Any
 
 import numpy as np
@@ -22,12 +22,13 @@ _LINEAR = component_module("delayed_plant.variables")
 _VEHICLE = component_module("vehicle_plant.variables")
 
 
-def plant_law(problem: Problem, plant: str) -> StepLaw:
+def plant_law(problem: Problem, plant: str, unrecorded: Collection[str] = ()) -> StepLaw:
     """Return the measure of the law of the plant of a design.
 
     Parameters
     ----------
     plant : name of the component.
+    unrecorded : inputs that events set, and that no connection leads to.
     """
     made: list[Any] = []
 
@@ -47,7 +48,9 @@ def plant_law(problem: Problem, plant: str) -> StepLaw:
         except (ArithmeticError, KeyError, TypeError, ValueError):
             return None
         delays = tuple(float(values[name]) for name in behaviour.delays)
-        return Equation(tuple(behaviour.states), _rates(behaviour, constants), delays, step)
+        unknown = tuple(j for j, name in enumerate(behaviour.inputs) if name in unrecorded)
+        rates = _rates(behaviour, constants)
+        return Equation(tuple(behaviour.states), rates, delays, step, unknown)
 
     def read(instance: ComponentInstance) -> Callable[[int, int], tuple[Reals, Reals]]:
         states, inputs = (reader_of(instance, x) for x in (made[0].states, made[0].inputs))

@@ -59,12 +59,14 @@ class Equation:
     rates : x'.
     delays : d_1 ... d_N [s].
     step : so long may a step of Runge-Kutta be [s].
+    unknown : the entries of u that events set, and no row shows: any value of them will do.
     """
 
     states: tuple[str, ...]
     rates: Rates
     delays: tuple[float, ...]
     step: float
+    unknown: tuple[int, ...] = ()
 
 
 class StepLaw(Measure[list[Departure]]):
@@ -143,15 +145,17 @@ class StepLaw(Measure[list[Departure]]):
         if self._equation is None:
             return
         change = np.abs(np.diff(self._x, axis=0)).max(axis=1)
-        self._greatest = max(self._greatest, _finite(np.abs(self._x[begin:])))
         steps = self._chosen(change, begin)
+        so_far = np.maximum.accumulate(np.abs(self._x[begin:-1]).max(axis=1))
+        greatest = np.maximum(so_far, self._greatest)[steps - begin]
+        self._greatest = max(self._greatest, _finite(np.abs(self._x[begin:])))
         start, end = self._x[steps], self._x[steps + 1]
-        found = np.column_stack(self._integrated(steps))
+        found = self._integrated(steps)
         allowed = _SHARE * np.maximum(change[steps], np.abs(found - start).max(axis=1))
-        allowed = np.minimum(allowed, _SHARE * np.maximum(change[steps], self._greatest))
-        error = np.abs(found - end).max(axis=1)
+        allowed = np.minimum(allowed, _SHARE * np.maximum(change[steps], greatest))
+        error = np.abs(self._unexplained(steps, found, end)).max(axis=1)
         # a solution beyond all numbers is left by a state that is a number
-        wrong = ~(error <= allowed + _ROUNDING * self._greatest)
+        wrong = ~(error <= allowed + _ROUNDING * greatest)
         if wrong.any():
             k = int(np.argmax(wrong))
             j = int(np.nanargmax(np.where(np.isfinite(found[k]), np.abs(found[k] - end[k]), np.inf)))
@@ -173,16 +177,29 @@ class StepLaw(Measure[list[Departure]]):
         self._compared += count
         return np.unique(np.concatenate((spread, largest, first)))
 
-    def _integrated(self, steps: Integers) -> list[Reals]:
-        """Return the state at the end of each step, a list of (steps,)."""
+    def _unexplained(self, steps: Integers, found: Reals, end: Reals) -> Reals:
+        """Return the error of each step that no value of an unrecorded input explains."""
+        error = end - found
+        unknown = () if self._equation is None else self._equation.unknown
+        if not unknown or not np.isfinite(error).all():
+            return error
+        moved = [self._integrated(steps, more=j) - found for j in unknown]
+        effects = np.stack(moved, axis=2)
+        shares = np.linalg.pinv(effects) @ error[:, :, None]
+        return np.asarray(error - (effects @ shares)[:, :, 0])
+
+    def _integrated(self, steps: Integers, more: int | None = None) -> Reals:
+        """Return the state at the end of each step, (steps, states); one input greater by 1."""
         equation = self._equation
         if equation is None:
-            return []
+            return np.zeros((0, 0))
         begin, end = self._times[steps], self._times[steps + 1]
         parts = int(np.clip(np.ceil((end - begin).max() / equation.step), 2, _MOST_SUBSTEPS))
         h = (end - begin) / parts
         x = list(self._x[steps].T.copy())
         u = list(self._held(steps).T)
+        if more is not None:
+            u[more] = u[more] + 1.0
         slopes = self._slopes() if any(equation.delays) else None
 
         def f(t: Reals, x: Sequence[Reals]) -> list[Reals]:
@@ -199,7 +216,7 @@ class StepLaw(Measure[list[Departure]]):
                 a + h / 6 * (p + 2 * q + 2 * r + s)
                 for a, p, q, r, s in zip(x, k1, k2, k3, k4, strict=True)
             ]
-        return [np.broadcast_to(a, steps.shape) for a in x]
+        return np.column_stack([np.broadcast_to(a, steps.shape) for a in x])
 
     def _held(self, steps: Integers) -> Reals:
         """Return what is held during steps, (steps, inputs)."""

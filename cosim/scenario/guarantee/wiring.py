@@ -6,7 +6,7 @@ offsets that the scenario puts before it, and compared with what the design says
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from typing import NamedTuple
 
 from cosim.master import Connection, Endpoint, System
@@ -42,6 +42,11 @@ class Wiring:
         self._by_target = {c.target: c for c in system.connections}
         self.sensors: dict[str, Sensed] = {}
         """Of an observer, by name of the measurement; known after `departures`."""
+
+    @property
+    def connected(self) -> Collection[Endpoint]:
+        """The inputs that a connection leads to, or a given signal."""
+        return self._by_target.keys() | self._system.driven.keys()
 
     def departures(self) -> list[Departure]:
         """Return where the connections are not those of the loop."""
