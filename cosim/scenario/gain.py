@@ -393,9 +393,7 @@ def controller_parameters(found: AnyDesign, controller: FmuDescription) -> dict[
     return values
 
 
-def require_own_numbers(
-    found: AnyDesign, controller: FmuDescription, part: ComponentPart
-) -> None:
+def require_own_numbers(found: AnyDesign, controller: FmuDescription, part: ComponentPart) -> None:
     """Refuse numbers of a controller beside a design that has others.
 
     Raises
