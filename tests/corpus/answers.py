@@ -195,17 +195,17 @@ def ssp(name: str, place: Path) -> dict[str, Any]:
     _, data = _command("ssp", "check", name)
     imported, out = place / "imported.toml", place / "run.mcap"
     code, _ = _command("ssp", "import", name, "--out", imported)
-    flown, run = _command("run", imported, *_STORE, "--out", out)
-    answer = {**_kept_keys(data, "tools"), "import": code, "code": flown}
+    ended, run = _command("run", imported, *_STORE, "--out", out)
+    answer = {**_kept_keys(data, "tools"), "import": code, "code": ended}
     return {**answer, **_kept_keys(run, "status", "steps", "content_hash"), **verdict_of(out)}
 
 
 def link(name: str, _: Path) -> dict[str, Any]:
     """What it was like, and what a proof across outages says of it."""
-    shown, data = _command("link", "show", name)
+    code, data = _command("link", "show", name)
     design = ("--design", "certificates/outages.json")
     judged, verdict = _command("link", "verdict", name, *design)
-    answer = {"show": shown, "links": data["links"], "verdict": judged}
+    answer = {"show": code, "links": data["links"], "verdict": judged}
     return {**answer, "judged": verdict.get("links"), **_kept_keys(verdict)}
 
 

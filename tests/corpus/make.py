@@ -40,8 +40,8 @@ DESIGNED = (
 )
 """Systems that are designed for as their files say; the certificate has the name of the system."""
 
-FLOWN = tuple(sorted(path.stem for path in (HERE / "scenarios").glob("*.toml")))
-NOT_FLOWN = ("constant-exactly", "rate")
+RUN_FROM_FILES = tuple(sorted(path.stem for path in (HERE / "scenarios").glob("*.toml")))
+REFUSED = ("constant-exactly", "rate")
 """Scenarios that are refused: their designs are about ages that no run has."""
 
 HOST, F, C = "--platforms host", "fmus", "certificates"
@@ -89,8 +89,8 @@ CASES: tuple[tuple[str, str], ...] = (
     ("links/uplink.csv", "link record traces/loop.mcap --link uplink --out"),
     *(
         (f"traces/{name}.mcap", f"run scenarios/{name}.toml --fmus store --out")
-        for name in FLOWN
-        if name not in (*NOT_FLOWN, "loop")
+        for name in RUN_FROM_FILES
+        if name not in (*REFUSED, "loop")
     ),
     ("links/outages.csv", "link record traces/outages.mcap --link uplink --out"),
     ("traces/stopped.mcap", "run scenarios/loop.toml --until 1 --fmus store --out"),
@@ -157,8 +157,8 @@ def not_proved(folder: Path) -> None:
 def vehicles(folder: Path) -> None:
     """A vehicle of the gallery, and one with every term there is."""
     (folder / "vehicles").mkdir()
-    shown = cosim("vehicle", "show", "nps-auv2", "--source", cwd=folder).out
-    (folder / "vehicles" / "nps-auv2.toml").write_text(shown, "utf-8")
+    text = cosim("vehicle", "show", "nps-auv2", "--source", cwd=folder).out
+    (folder / "vehicles" / "nps-auv2.toml").write_text(text, "utf-8")
     (folder / "vehicles" / "every-term.toml").write_text(EVERY_TERM, "utf-8")
 
 

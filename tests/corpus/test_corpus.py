@@ -1,4 +1,4 @@
-"""Files of an earlier version: read, checked and flown as that version did."""
+"""Files of an earlier version: read, checked and run as that version did."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ from shared import sampled
 from cosim.study import read_table
 
 RECORDED: dict[str, Any] = json.loads(ANSWERS.read_text("utf-8"))
-CORRECTED: list[dict[str, Any]] = tomllib.loads((HERE / "corrected.toml").read_text("utf-8"))[
-    "corrected"
-]
+CORRECTED: list[dict[str, Any]] = tomllib.loads((HERE / "corrected.toml").read_text("utf-8")).get(
+    "corrected", []
+)
 MOST_BYTES = 5_000_000
-FLOWN = ("scenario", "rerun", "ssp", "study")
+RUN_AGAIN = ("scenario", "rerun", "ssp", "study")
 """Faces that fly again, whose verdicts may be corrected."""
 WORDS = ("not_met", "words")
-"""Of runs that are flown again compared only where a correction says them."""
+"""Of runs that are run again compared only where a correction says them."""
 BOUND = ("content_hash", "digest", "identical", "code", "differences")
-"""What is the same on machines of one kind alone, of runs that are flown again."""
+"""What is the same on machines of one kind alone, of runs that are run again."""
 SUPPORT = ("scenarios/waves.csv", "studies/delays.toml", "store/")
 """Files that others need; they have no answer of their own."""
-DEFAULT = {"report": 2, "rerun": 12, "export": 12}
+DEFAULT = {"report": 2, "rerun": 8, "export": 8}
 """So many files of a face are asked about by default, and the others when slow tests run."""
 
 linux = pytest.mark.skipif(
@@ -67,7 +67,7 @@ def same(old: Any, new: Any, where: str, *, exact: bool) -> None:
 def expected(face: str, name: str, *, here: bool) -> dict[str, Any]:
     """The recorded answer, corrected; without what is bound to another kind of machine."""
     answer: dict[str, Any] = dict(RECORDED[face][name])
-    if face in FLOWN:
+    if face in RUN_AGAIN:
         left_out = WORDS if here else (*WORDS, *BOUND)
         answer = {key: value for key, value in answer.items() if key not in left_out}
     for entry in CORRECTED:
@@ -125,12 +125,12 @@ def test_the_corpus_is_small_and_its_folders_are_known() -> None:
 
 
 def test_every_correction_is_about_an_answer_and_says_why() -> None:
-    """Of a run that is flown again, once, with another answer than the recorded one."""
+    """Of a run that is run again, once, with another answer than the recorded one."""
     about = [(entry["face"], entry["file"]) for entry in CORRECTED]
     assert len(set(about)) == len(about)
     for entry in CORRECTED:
         assert set(entry) == {"face", "file", "reason", "answer"}
-        assert entry["face"] in FLOWN
+        assert entry["face"] in RUN_AGAIN
         assert len(entry["reason"]) > 10
         recorded = RECORDED[entry["face"]][entry["file"]]
         assert set(entry["answer"]) <= set(recorded)
