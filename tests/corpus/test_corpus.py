@@ -10,7 +10,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from corpus.answers import ANSWERS, FACES, ask, asked, machine
+from corpus.answers import ANSWERS, ask, asked, machine
+from corpus.faces import FACES
 from corpus.files import FOLDERS, HERE, PACKED, corpus, kept
 from corpus.make import AFTER, BEFORE, CASES
 from shared import sampled
@@ -30,7 +31,7 @@ BOUND = ("content_hash", "digest", "identical", "code", "differences")
 """What is the same on machines of one kind alone, of runs that are run again."""
 SUPPORT = ("scenarios/waves.csv", "studies/delays.toml", "store/")
 """Files that others need; they have no answer of their own."""
-DEFAULT = {"report": 2, "rerun": 8, "export": 8}
+DEFAULT = {"report": 2, "rerun": 8, "export": 6, "certificate": 56, "diff": 12}
 """So many files of a face are asked about by default, and the others when slow tests run."""
 
 linux = pytest.mark.skipif(
