@@ -123,7 +123,7 @@ def fed_back(design: hinf.Design, loop: DesignedLoop) -> list[tuple[FedBack, tup
     for delay, mask in zip((None, *system.delays), system.selections, strict=True):
         if not mask.any():
             continue
-        of_states = np.atleast_2d(mask).any(axis=0)
+        of_states = np.asarray(np.any(np.atleast_2d(mask), axis=0))
         own = tuple(name for name, j in zip(names, measured, strict=True) if of_states[j])
         d = 0.0 if delay is None else delay.d
         word = "at once" if delay is None else words.get(id(delay), "")
