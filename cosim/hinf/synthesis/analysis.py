@@ -113,8 +113,8 @@ class Analysis(Value):
             )
         if self.certificate is not None:
             object.__setattr__(self, "certificate", Certificate(self.certificate))
-            said = {"gamma": self.gamma, "order": self.order}
-            require_proved_gain(self.certificate, self.system, self.K, said, self.guarantees)
+            stated = {"gamma": self.gamma, "order": self.order}
+            require_proved_gain(self.certificate, self.system, self.K, stated, self.guarantees)
 
     def __repr__(self) -> str:
         name = f" {self.system.name!r}" if self.system.name else ""

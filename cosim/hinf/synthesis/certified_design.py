@@ -71,10 +71,10 @@ class Design(Value):
     def __post_init__(self) -> None:
         super().__post_init__()
         object.__setattr__(self, "certificate", Certificate(self.certificate))
-        said: dict[str, Any] = {"gamma": self.gamma, "order": self.order}
+        stated: dict[str, Any] = {"gamma": self.gamma, "order": self.order}
         if self.order is None:
-            said |= {"k1": self.k1, "k2": self.k2}
-        require_proved_gain(self.certificate, self.system, self.K, said, self.guarantees)
+            stated |= {"k1": self.k1, "k2": self.k2}
+        require_proved_gain(self.certificate, self.system, self.K, stated, self.guarantees)
 
     def __repr__(self) -> str:
         name = f" {self.system.name!r}" if self.system.name else ""

@@ -64,8 +64,8 @@ class OutputFeedback(Value):
     def __post_init__(self) -> None:
         super().__post_init__()
         object.__setattr__(self, "certificate", Certificate(self.certificate))
-        said = {"gamma": self.gamma, "order": self.order}
-        require_proved_pair(self.certificate, self.pair, said, self.state_peaks)
+        stated = {"gamma": self.gamma, "order": self.order}
+        require_proved_pair(self.certificate, self.pair, stated, self.state_peaks)
 
     def __repr__(self) -> str:
         name = f" {self.system.name!r}" if self.system.name else ""

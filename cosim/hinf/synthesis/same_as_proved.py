@@ -30,7 +30,7 @@ def require_proved_gain(
     certificate: Mapping[str, Any],
     system: DelaySystem,
     K: Matrix | None,
-    said: Mapping[str, Any],
+    stated: Mapping[str, Any],
     guarantees: Guarantees,
 ) -> None:
     """Refuse what a design or an analysis says, where its certificate says another thing.
@@ -38,14 +38,14 @@ def require_proved_gain(
     Parameters
     ----------
     K : (m, n); None for u = 0.
-    said : gamma, order, k1, k2, those of them that it says.
+    stated : gamma, order, k1, k2, those of them that it says.
 
     Raises
     ------
     InputError : naming the first that differs.
     """
     _refuse(_gain_differences(certificate, system, K))
-    _refuse(_bound_differences(certificate, said))
+    _refuse(_bound_differences(certificate, stated))
     if guarantees != guarantees_from_json(dict(certificate), system):
         _refuse(iter([f"{guarantees!r}, and others in the certificate"]))
 
@@ -53,12 +53,12 @@ def require_proved_gain(
 def require_proved_pair(
     certificate: Mapping[str, Any],
     pair: ObserverPair,
-    said: Mapping[str, Any],
+    stated: Mapping[str, Any],
     peaks: StatePeaks | None,
 ) -> None:
     """Refuse what an output feedback says, where its certificate says another thing.
 
-    said : gamma and order.
+    stated : gamma and order.
 
     Raises
     ------
@@ -68,7 +68,7 @@ def require_proved_pair(
     _refuse(_gain_differences(inner, pair.system, pair.gain))
     if pair != pair_from_json(dict(certificate)):
         _refuse(iter(["a pair of another plant, measurement, K or L"]))
-    _refuse(_bound_differences(inner, said))
+    _refuse(_bound_differences(inner, stated))
     if peaks != guarantees_from_json(inner, pair.system).state_peaks:
         _refuse(iter(["other peaks of the state than in the certificate"]))
 
@@ -90,8 +90,8 @@ def _gain_differences(
         yield f"K[{i + 1},{j + 1}]: {float(own[i, j])!r} and {float(gain[i, j])!r}"
 
 
-def _bound_differences(certificate: Mapping[str, Any], said: Mapping[str, Any]) -> Iterator[str]:
-    for name, own in said.items():
+def _bound_differences(certificate: Mapping[str, Any], stated: Mapping[str, Any]) -> Iterator[str]:
+    for name, own in stated.items():
         proved = certificate["variables"].get(name)
         if isinstance(proved, str):
             proved = float(Fraction(proved))
