@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 def read_only(array: NDArray[Any]) -> NDArray[Any]:
     """Return a copy, row by row, that can never be written; no copy of one that already is."""
-    if isinstance(array.base, bytes) and array.flags.c_contiguous:
+    flags = array.flags  # an array that was unpickled lies in bytes, and can be written
+    if isinstance(array.base, bytes) and flags.c_contiguous and not flags.writeable:
         return array
     return np.ndarray(array.shape, array.dtype, buffer=array.tobytes())
 
