@@ -37,10 +37,11 @@ def check(
 ) -> None:
     """Prove the claim of a certificate again from the file alone: no solver, no rounding.
 
-    The output names the system that the certificate is about, and the theorem with all its
-    hypotheses. With --system, every matrix, delay and age is compared, entry by entry. For a
-    controller FMU or a trace, the command also checks that the certificate is about the gain in
-    it: the start values of K[i,j], or the gain that the run used.
+    The output names the system that the certificate is about, the theorem with all its
+    hypotheses, and the entries of the file that nothing proves (figures, names). With --system,
+    every matrix, delay and age is compared, entry by entry. For a controller FMU or a trace, the
+    command also checks that the certificate is about the gain in it: the start values of K[i,j],
+    or the gain that the run used.
 
     Exit code 0: the claim is proved, and about that system; 1: it is not; 2: there is no
     certificate.
@@ -68,6 +69,7 @@ def check(
             "valid": checked.valid,
             "reason": checked.reason,
             "claim": checked.claim,
+            "not_read": list(checked.not_read),
             "system": system_facts(own),
             "theorem": theorem,
             "compared_with": system,

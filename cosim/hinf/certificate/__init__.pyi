@@ -26,6 +26,7 @@ from .analysis_certificate import (
     analysis_to_json as analysis_to_json,
     check_measured as check_measured,
     exact_analysis as exact_analysis,
+    gain_from_json as gain_from_json,
 )
 from .analysis_proof import (
     MAX_BOX as MAX_BOX,
