@@ -92,6 +92,12 @@ from .guarantees import (
     Guarantees as Guarantees,
     guarantees_from_json as guarantees_from_json,
 )
+from .held_ages import (
+    cannot_be_held as cannot_be_held,
+    constant_ages_of_held as constant_ages_of_held,
+    held_remark as held_remark,
+    reproving_command as reproving_command,
+)
 from .norm_certificate import norm_to_json as norm_to_json
 from .norm_proof import (
     MAX_STEPS as MAX_STEPS,

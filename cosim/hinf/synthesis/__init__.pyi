@@ -37,6 +37,7 @@ from .gain_size import gain_remark as gain_remark
 from .greatest_delays import (
     GreatestDelay as GreatestDelay,
 )
+from .proved_again import proved_again as proved_again
 from .outage_rates import (
     certified_outages as certified_outages,
     with_outages as with_outages,
