@@ -156,9 +156,7 @@ def prove(
     )
 
 
-def _json(
-    name: str, found: hinf.Design | hinf.OutputFeedback, save: Path | None
-) -> dict[str, Any]:
+def _json(name: str, found: hinf.Design | hinf.OutputFeedback, save: Path | None) -> dict[str, Any]:
     if isinstance(found, hinf.OutputFeedback):
         return output_feedback_json(name, found, save)
     return design_json(name, found, None, save)

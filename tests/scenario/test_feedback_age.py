@@ -20,7 +20,6 @@ from cosim.core import InputError, NotAchievableError
 from cosim.fmu import FmuDescription, describe_fmu
 from cosim.hinf import auv_system
 from cosim.master import Component, Connection, Link, Session, System, make_schedule
-from cosim.models import Delay
 from cosim.network import (
     DelayProfile,
     GilbertElliott,
