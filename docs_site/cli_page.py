@@ -28,6 +28,7 @@ the commands.
 | 3 | done with loss |
 | 4 | a component failed or exceeded a limit |
 | 5 | not achievable |
+| 6 | a run contradicts its guarantee: a fault of this project, to be reported |
 | 130 | interrupted |
 """
 

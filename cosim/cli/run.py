@@ -137,7 +137,8 @@ def run(
     Exit code 0: the run is done; the output says if it diverged, ended in a limit cycle or was
     stopped; 1: an assertion did not have the expected result, or the step is not small enough
     for --check-tolerance; 4: a component failed, crashed or exceeded a limit, and what was
-    recorded until then is kept; 130: interrupted by Ctrl-C.
+    recorded until then is kept; 6: the run left a bound although all that its proof assumes was
+    met, which is to be reported; 130: interrupted by Ctrl-C.
 
     \b
     cosim run auv-acoustic
