@@ -22,6 +22,7 @@ ONBOARD = "onboard"
 """Name of the packet of all that is measured on board."""
 
 _JITTER = 0.1  # of the time that a message takes
+_HELD = 1.2  # steps that a command is old at most, with some to spare
 _RUN = 1.25  # mean length of a run of losses, in messages
 
 
@@ -52,10 +53,10 @@ class FlightSettings:
     def command_age(self) -> float:
         """Greatest age of a command that the design allows for [s].
 
-        The controller is on board and commands at every step: a command is held for a step, and
-        the exchange between the components may add another one.
+        The controller is on board and commands at every step, without feedthrough: the estimate at
+        the beginning of a step acts until its end. A fifth of a step is to spare.
         """
-        return round(2 * self.step, 9)
+        return round(_HELD * self.step, 9)
 
     def __post_init__(self) -> None:
         for name, good, expected in (

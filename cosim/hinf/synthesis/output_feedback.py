@@ -2,7 +2,9 @@
 
 1. L starts from the LMI of the error (`injection_lmi`), K from a linear-quadratic regulator.
 2. A descent on the gain of the pair, uncertainty included (`pair_gain`), improves both together,
-   at constant ages: at the greatest, then at somewhat longer ones, which are more cautious.
+   at constant ages: at the greatest, then at somewhat longer ones, which are more cautious. Where
+   commands are late, first as if they acted at once: a step of age costs those gains little, and
+   a descent that knows of it ends elsewhere, often with a worse proof.
 3. The pair of each, K and L rounded, is analysed with the ages as they are, and the best is kept.
 
 Only the analysis is a proof (`cosim.hinf.certificate.pair_of`).
@@ -46,6 +48,7 @@ from cosim.hinf.synthesis.analysis import (
     check_order_of_analysis,
 )
 from cosim.hinf.synthesis.certified_pair import OutputFeedback
+from cosim.hinf.synthesis.conditions import is_large
 from cosim.hinf.synthesis.descent import Descent
 from cosim.hinf.synthesis.designs import rounded_gain
 from cosim.hinf.synthesis.pair_gain import PairGain, parts_of_plant
@@ -57,6 +60,8 @@ _ENOUGH = 2
 """Proposals after which no more are made where one is certified."""
 _MULTIPLIERS = (0.3, 1.0, 3.0)
 """b of `InjectionLmi`, as multiples of the greatest age."""
+_POOR = 4.0
+"""Gamma over the pair's norm above which proofs that take longer are tried as well."""
 _NEAR = 1.3
 """Share of the pair's norm: with a gamma below it longer ages are not tried, which cost as much."""
 _BITS = 20  # of the entries of L, relative to the largest of its column
@@ -230,12 +235,15 @@ def _best(
 ) -> OutputFeedback:
     """Return the best proof of the gains that are proposed, until they become worse."""
     made: list[tuple[ObserverPair, Analysis]] = []
+    tried: list[tuple[ObserverPair, NominalFigures]] = []
     reason = "no gains were found that stabilise it"
     with solver_words():
         for count, (K, L) in enumerate(proposed, 1):
             pair = pair_of(system, measurements, K, L, **known)
             figures = nominal_figures_of(pair.system, pair.gain, quick=True)
             quick = best_analysis(*(pair.system, pair.gain, gamma, order, figures), ranking=True)
+            if figures.abscissa < 0:
+                tried.append((pair, figures))
             if not quick.certified:
                 reason = quick.reason or reason
                 continue
@@ -244,6 +252,8 @@ def _best(
             near = quick.gamma is not None and quick.gamma <= _NEAR * (quick.exact_norm or 0.0)
             if worse or near or quick.gamma is None or gamma is not None or count >= _ENOUGH:
                 break
+        if order == "auto":
+            made += _by_all_conditions(made, tried, gamma)
     if not made:
         raise NotAchievableError(
             "no observer and gain could be certified",
@@ -259,6 +269,27 @@ def _best(
         full = best_analysis(pair.system, pair.gain, gamma, order, NominalFigures.of(found))
         found = min((found, full), key=lambda one: (not one.certified, one.gamma or 0.0))
     return _certified(pair, found)
+
+
+def _by_all_conditions(
+    made: Sequence[tuple[ObserverPair, Analysis]],
+    tried: Sequence[tuple[ObserverPair, NominalFigures]],
+    gamma: float | None,
+) -> list[tuple[ObserverPair, Analysis]]:
+    """Return a proof of one of the first gains by the conditions that are too slow for all.
+
+    Nothing where the quick ones did well, and for pairs of few states, whose conditions are all
+    quick.
+    """
+    ratios = [(one.gamma or 0.0) / (one.exact_norm or np.inf) for _, one in made]
+    if ratios and min(ratios) <= _POOR:
+        return []
+    for pair, figures in tried[:_ENOUGH]:
+        if is_large(pair.system, pair.gain):
+            found = best_analysis(pair.system, pair.gain, gamma, 0, figures)
+            if found.certified:
+                return [(pair, found)]
+    return []
 
 
 def _certified(pair: ObserverPair, found: Analysis) -> OutputFeedback:
@@ -285,6 +316,8 @@ def _proposals(
 ) -> Iterator[tuple[Matrix, list[Matrix]]]:
     """Yield K and L, of the best gain first at the ages themselves, then at longer ones.
 
+    Where commands are late, first those of commands at once.
+
     Raises
     ------
     TooUncertainError : none was found that bears what is uncertain.
@@ -297,19 +330,24 @@ def _proposals(
     per_K = units.input[:, None] / units.state
     per_L = [units.state[:, None] / units.T / size for size in output]
     theta: Matrix | None = None
-    varies = any(x.any_age for x in given.system.delays)
-    for factor in _LONGER if varies else _LONGER[:1]:
+    before, too_quick = np.inf, False
+    as_it_is = PairGain(plant, given.measurements, known, K=K, L=L)
+    for factor, age in _stages(given):
+        if too_quick and age == 0.0:
+            continue
         report(f"observer and gain for ages {factor:g} times as long", 0.0)
         longer = [replace(x, d=factor * x.d) if x.any_age else x for x in given.measurements]
-        loop = PairGain(plant, longer, known, K=K, L=L)
-        alone = PairGain(plant, longer, known, K=K, L=L, only_uncertain=True)
+        acting = known | {"command_age": age}
+        loop = PairGain(plant, longer, acting, K=K, L=L)
+        alone = PairGain(plant, longer, acting, K=K, L=L, only_uncertain=True)
         uncertain = alone if plant.E.size else None
         descent = Descent(loop, uncertain, loop.theta(per_K, per_L), 1 / units.T, _EVALUATIONS)
         starts = [theta] if theta is not None else []
-        if theta is None:
+        if theta is None or age > before == 0.0:  # what was found may not be stable at this age
             pairs = [*([start] if start else []), *itertools.product(starts_K, starts_L)]
-            starts = [loop.theta(*x) * loop.free for x in pairs]
-            starts = _in_turn(starts, alone) if plant.E.size else starts[:1]
+            others = [loop.theta(*x) * loop.free for x in pairs]
+            starts += _in_turn(others, alone) if plant.E.size else others[:1]
+        before = age
         found = next((x for x in map(descent.from_start, starts) if x is not None), None)
         if found is None and theta is None and np.isfinite(descent.least_alone):
             raise TooUncertainError(
@@ -322,9 +360,22 @@ def _proposals(
         if found is None:
             continue
         theta = found
+        # commands as late as they are may be more than gains for commands at once bear
+        too_quick = age == 0.0 < given.command_age and as_it_is.abscissa(found).value >= 0
         gains = loop.gains(found)
         rounded = rounded_gain(gains[0], units) if K is None else K
         yield rounded, [_short(x) for x in gains[1]] if L is None else L
+
+
+def _stages(given: ObserverPair) -> Iterator[tuple[float, float]]:
+    """Yield by how much ages that vary are made longer, and the age of the command [s]."""
+    age, varies = given.command_age, given.command_any_age and given.command_age > 0
+    if varies:
+        longer = any(x.any_age for x in given.measurements)
+        yield from ((factor, 0.0) for factor in (_LONGER if longer else _LONGER[:1]))
+    any_age = any(x.any_age for x in given.system.delays)
+    for factor in _LONGER if any_age else _LONGER[:1]:
+        yield factor, factor * age if varies else age
 
 
 def _in_turn(starts: Sequence[Matrix], alone: PairGain) -> list[Matrix]:
