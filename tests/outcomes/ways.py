@@ -165,7 +165,7 @@ WAYS = {
     "killed": Way(_pump(end=100.0), -signal.SIGKILL, "cut short", "bad", sent=signal.SIGKILL),
     "saturated": Way(
         _WEAK,
-        *(0, "finished, 2 of 5 assumptions not met", "open"),
+        *(0, "finished, 2 of 11 assumptions not met", "open"),
         (
             Event(0.05, "warning", "controller.force.x", "at its limit of 400 N"),
             Event(4.4, "info", "controller.force.x", "below its limit again"),
@@ -175,7 +175,7 @@ WAYS = {
     ),
     "outage": Way(
         _OUTAGE,
-        *(0, "finished, 1 of 6 assumptions not met", "open"),
+        *(0, "finished, 1 of 11 assumptions not met", "open"),
         (
             Event(2.0, "warning", "uplink", "outage begun"),
             Event(4.0, "info", "downlink", "outage ended"),
@@ -184,7 +184,7 @@ WAYS = {
     ),
     "far": Way(
         _FAR,
-        *(0, "finished, 3 of 6 assumptions not met", "open"),
+        *(0, "finished, 4 of 11 assumptions not met", "open"),
         (
             Event(1.0, "info", "scenario", "event 1 (at 1 s): override plant.eta.z 1e+300"),
             Event(1.0, "warning", "plant.eta.psi", "outside the envelope"),
