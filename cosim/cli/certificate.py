@@ -110,8 +110,8 @@ def prove(
     order: Annotated[
         str,
         typer.Option(
-            help="N: by the Bessel-Legendre inequality of order N; auto: by the best condition that "
-            "takes seconds, and for an observer of many states at the order of the old proof."
+            help="N: by the Bessel-Legendre inequality of order N; auto: by the best condition "
+            "that takes seconds, and for an observer of many states at the order of the old proof."
         ),
     ] = "auto",
     save: Annotated[Path | None, typer.Option(help="Write the new design to this file.")] = None,
@@ -154,9 +154,7 @@ def prove(
     )
 
 
-def _json(
-    name: str, found: hinf.Design | hinf.OutputFeedback, save: Path | None
-) -> dict[str, Any]:
+def _json(name: str, found: hinf.Design | hinf.OutputFeedback, save: Path | None) -> dict[str, Any]:
     if isinstance(found, hinf.OutputFeedback):
         return output_feedback_json(name, found, save)
     return design_json(name, found, None, save)

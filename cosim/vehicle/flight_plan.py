@@ -175,7 +175,17 @@ def _over_link(sensor: Sensor, settings: FlightSettings) -> PlannedSensor:
     remark = f"{settings.losses} in a row may be lost" if settings.losses else ""
     name = sensor.name if sensor.name != ONBOARD else f"{ONBOARD}_link"
     return PlannedSensor(
-        *(name, sensor.measures, sensor.noise, interval, transit, jitter, age, settings.loss, "link"),
+        *(
+            name,
+            sensor.measures,
+            sensor.noise,
+            interval,
+            transit,
+            jitter,
+            age,
+            settings.loss,
+            "link",
+        ),
         remark,
     )
 

@@ -172,9 +172,7 @@ def test_the_command_of_a_certificate_proves_it_again(tmp_path: Path) -> None:
     path = tmp_path / "my late.json"
     data = json.loads(path.read_bytes())
     command = reproving_command(data, "my late.json", held=0.05)
-    assert command == (
-        "cosim certificate prove 'my late.json' --held 0.05 --save 'my late.json'"
-    )
+    assert command == ("cosim certificate prove 'my late.json' --held 0.05 --save 'my late.json'")
     said = cosim(*shlex.split(command)[1:], "--json", cwd=tmp_path)
     assert said.code == 0, said.err
     assert said.json["gamma_before"] == pytest.approx(1.2185, abs=1e-3)

@@ -37,7 +37,6 @@ from .gain_size import gain_remark as gain_remark
 from .greatest_delays import (
     GreatestDelay as GreatestDelay,
 )
-from .proved_again import proved_again as proved_again
 from .outage_rates import (
     certified_outages as certified_outages,
     with_outages as with_outages,
@@ -46,3 +45,4 @@ from .output_feedback import (
     TooUncertainError as TooUncertainError,
     design_output_feedback as design_output_feedback,
 )
+from .proved_again import proved_again as proved_again
