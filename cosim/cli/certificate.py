@@ -112,8 +112,8 @@ def prove(
     order: Annotated[
         str,
         typer.Option(
-            help="N: by the Bessel-Legendre inequality of order N; auto: by the best condition that "
-            "takes seconds, and for an observer of many states at the order of the old proof."
+            help="N: by the Bessel-Legendre inequality of order N; auto: by the best condition "
+            "that takes seconds, and for an observer of many states at the order of the old proof."
         ),
     ] = "auto",
     save: Annotated[Path | None, typer.Option(help="Write the new design to this file.")] = None,

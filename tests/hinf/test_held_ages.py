@@ -154,7 +154,7 @@ def test_an_old_pair_is_proved_again_with_its_own_gains() -> None:
 
 
 def test_gains_that_need_an_old_measurement_are_not_proved_for_a_younger_one() -> None:
-    """Stable with a position of exactly 1 s; at once the error grows: eigenvalues without a delay."""
+    """Stable with a position of exactly 1 s; at once the error grows, by its eigenvalues."""
     plant = DelaySystem(OSCILLATOR, **AXIS, name="win")
     L = np.array([[0.0], [-1.0]])
     gains: dict[str, Any] = {"gain": [[0, -1.1]], "injections": [L]}

@@ -96,6 +96,21 @@ position = [[0.5], [0.0]]
     np.testing.assert_array_equal(found.injections[0], [[0.5], [0.0]])
 
 
+def test_what_is_held_is_of_any_age_unless_the_file_says_that_it_is_constant() -> None:
+    """Measurements and commands; one without an age is at once."""
+    plain = POSITION.replace("any_age = true\n", "")
+    for more, any_age in (("", True), ("any_age = false\n", False), ("any_age = true\n", True)):
+        own = _read(AXIS + plain + more).observer.measurements[0]
+        assert (own.d, own.any_age) == (1.0, any_age)
+    own = _read(AXIS + plain + "least_age = 0.4\n").observer.measurements[0]
+    assert (own.least_age, own.any_age, own.sampled) == (0.4, True, False)
+    assert not _read(AXIS + plain.replace("d = 1.0\n", "")).observer.measurements[0].any_age
+    for more, late in (("", True), ("command_any_age = false\n", False)):
+        found = _read(AXIS + plain + "[observer]\ncommand_age = 0.5\n" + more).observer
+        assert (found.command_age, found.command_any_age) == (0.5, late)
+    assert not _read(AXIS + plain + "[observer]\n").observer.command_any_age
+
+
 @pytest.mark.parametrize(
     ("text", "place"),
     [

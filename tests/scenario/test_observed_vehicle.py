@@ -20,7 +20,7 @@ from cosim.fmu import (
     design_parts,
     export_controller,
 )
-from cosim.hinf import first_difference, pair_from_json
+from cosim.hinf import constant_ages_of_held, first_difference, pair_from_json
 from cosim.scenario import FmuCache, execute_unrecorded, load, prepare
 from cosim.trace import Trace
 from tests.benchmarks.vehicle_designs import COMMAND_AGE, MEASURED, question
@@ -44,7 +44,8 @@ def test_a_design_is_about_the_vehicle_of_the_gallery_and_its_sensors(name: str)
         assert (one.name, one.C.tolist()) == (own.name, own.C.tolist())
         assert one.delay(8).d == own.delay(8).d
         assert np.allclose(one.noise, own.noise, rtol=1e-3)
-    assert float(data["command_age"]) == COMMAND_AGE.get(name, 0.0)
+    assert (data["command_age"], data["command_any_age"]) == (COMMAND_AGE[name], True)
+    assert constant_ages_of_held(data) == {}
     kept = data["plant_note"]
     assert {key: kept[key] for key in ("model", "trim", "source", "parameters")} == {
         key: json.loads(json.dumps(note[key])) for key in ("model", "trim", "source", "parameters")
@@ -105,6 +106,16 @@ def test_a_survey_can_be_repeated_from_its_trace(tmp_path: Path) -> None:
     assert cosim("run", "auv-survey", *words, cwd=tmp_path).code == 0
     again = cosim("trace", "rerun", "s.mcap", "--fmus", fmu_store(), cwd=tmp_path)
     assert again.code == 0, again.out + again.err
+
+
+@pytest.mark.parametrize("name", MEASURED)
+def test_commands_are_never_older_than_their_proof(name: str, tmp_path: Path) -> None:
+    """From the estimate to the end of their use, held for a step; measured in the scenario."""
+    prepared = prepare(load(name, ["run.end=20"]), FmuCache(fmu_store(), tmp_path))
+    outcome, _ = execute_unrecorded(prepared, zero_state_run=False)
+    ages = outcome.metrics["measurement_ages"]["commands"]
+    assert 0.0 < ages["measured"]["greatest_s"] <= ages["greatest_s"] == COMMAND_AGE[name]
+    assert outcome.metrics["assumptions"]["age_of_commands_within_design"]
 
 
 def test_the_watchdog_stops_who_designs_for_fresh_fixes(tmp_path: Path) -> None:

@@ -1,9 +1,9 @@
 """Which ages of a certificate no run can have, because it holds what it sends.
 
 A measurement, a feedback or a command that is held between messages or steps grows older until the
-next one comes. It is never of one age, nor of one that changes continuously; a proof of "exactly d",
-of "at once", of a constant age or of one with a bounded rate is about another loop. Delays inside
-the plant are not meant.
+next one comes. It is never of one age, nor of one that changes continuously; a proof of "exactly
+d", of "at once", of a constant age or of one with a bounded rate is about another loop. Delays
+inside the plant are not meant.
 """
 
 from __future__ import annotations

@@ -276,20 +276,20 @@ def _by_all_conditions(
     tried: Sequence[tuple[ObserverPair, NominalFigures]],
     gamma: float | None,
 ) -> list[tuple[ObserverPair, Analysis]]:
-    """Return a proof of one of the first gains by the conditions that are too slow for all.
+    """Return proofs of the first gains, until one is good, by conditions too slow for all.
 
     Nothing where the quick ones did well, and for pairs of few states, whose conditions are all
     quick.
     """
-    ratios = [(one.gamma or 0.0) / (one.exact_norm or np.inf) for _, one in made]
-    if ratios and min(ratios) <= _POOR:
-        return []
+    more: list[tuple[ObserverPair, Analysis]] = []
     for pair, figures in tried[:_ENOUGH]:
+        proved = [one for _, one in (*made, *more)]
+        if any((one.gamma or 0.0) <= _POOR * (one.exact_norm or np.inf) for one in proved):
+            break
         if is_large(pair.system, pair.gain):
             found = best_analysis(pair.system, pair.gain, gamma, 0, figures)
-            if found.certified:
-                return [(pair, found)]
-    return []
+            more += [(pair, found)] if found.certified else []
+    return more
 
 
 def _certified(pair: ObserverPair, found: Analysis) -> OutputFeedback:
