@@ -1,4 +1,4 @@
-"""Faults of measurements: their noise, what they take in, and the stamps that say how old they are."""
+"""Faults of measurements: their noise, what they take in, and their stamps."""
 
 from __future__ import annotations
 

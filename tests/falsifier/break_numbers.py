@@ -1,4 +1,4 @@
-"""Faults of numbers: parameters of plant, controller and sensors that are not those of the proof."""
+"""Faults of numbers: parameters of plant and controller that are not those of the proof."""
 
 from __future__ import annotations
 
@@ -103,35 +103,50 @@ def _(d: Draft) -> None:
     d.parameters("plant")["solver.step"] = d.size(1.0, 0.05)
 
 
+OVERWRITTEN = "the numbers of [design] replace it before the run"
+
+
 @fault(NUMBERS, "another gain in the controller", quick=True)
 def _(d: Draft) -> None:
-    given = "design" in d.data and not d.loop.observed
-    d.needs(not given)  # [design] sets it
-    d.parameters("controller")["K[1,1]"] = d.pick([0.0, 1.0, -100.0])
+    d.needs("design" not in d.data)
+    d.parameters("controller")["K[1,1]"] = d.pick([1.0, 0.0, -100.0])
 
 
-@fault(NUMBERS, "another gain in the controller of an observer")
+@fault(NUMBERS, "a gain in the controller beside [design]", covered=OVERWRITTEN)
 def _(d: Draft) -> None:
-    d.needs(d.loop.observed)
+    d.needs("design" in d.data)
     d.parameters("controller")["K[1,1]"] = d.pick([7.0, 0.0, -0.5])
 
 
 @fault(NUMBERS, "a model of the observer that is another", quick=True)
 def _(d: Draft) -> None:
-    d.needs(d.loop.observed)
+    d.needs(d.loop.observed and "design" not in d.data)
     name = d.pick(["A[2,1]", "A[1,2]", "B[2,1]"])
+    d.parameters("controller")[name] = d.pick([-5.0, 3.0])
+
+
+@fault(NUMBERS, "a model of the observer beside [design]", covered=OVERWRITTEN)
+def _(d: Draft) -> None:
+    d.needs(d.loop.observed and "design" in d.data)
+    name = d.pick(["A[2,1]", "A[1,2]"])
     d.parameters("controller")[name] = d.pick([-5.0, 3.0])
 
 
 @fault(NUMBERS, "a measurement of the observer that is another")
 def _(d: Draft) -> None:
-    d.needs(d.loop.observed)
+    d.needs(d.loop.observed and "design" not in d.data)
     d.parameters("controller")[f"C.{d.pick(d.sensors())}[1,1]"] = d.pick([-1.0, 0.3])
 
 
 @fault(NUMBERS, "an injection that is another", quick=True)
 def _(d: Draft) -> None:
-    d.needs(d.loop.observed)
+    d.needs(d.loop.observed and "design" not in d.data)
+    d.parameters("controller")[f"L.{d.pick(d.sensors())}[2,1]"] = d.pick([-4.0, 0.0, 40.0])
+
+
+@fault(NUMBERS, "an injection beside [design]", covered=OVERWRITTEN)
+def _(d: Draft) -> None:
+    d.needs(d.loop.observed and "design" in d.data)
     d.parameters("controller")[f"L.{d.pick(d.sensors())}[2,1]"] = d.pick([-4.0, 0.0, 40.0])
 
 

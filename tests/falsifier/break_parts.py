@@ -210,6 +210,14 @@ def _(d: Draft) -> None:
     wire["policy"] = "linear"
 
 
+@fault(PARTS, "a link that interpolates a sampled measurement")
+def _(d: Draft) -> None:
+    d.needs(d.loop.observed)
+    link = d.pick(d.received())["link"]
+    step = d.data["run"]["step"]
+    d.links[link] = transport(d.links[link]["delay"] + step * d.size(0.371, 0.1))
+
+
 @fault(PARTS, "a command is extrapolated")
 def _(d: Draft) -> None:
     d.pick([x for x in d.commands() if "link" not in x])["policy"] = "linear"

@@ -100,7 +100,7 @@ def _(d: Draft) -> None:
 
 @fault(AGES, "a hold of the controller that is too long", quick=True)
 def _(d: Draft) -> None:
-    d.needs(d.loop.name not in {"auv-survey"})
+    d.needs(d.loop.name != "auv-survey")
     long = max(x.greatest_ns for x in d.loop.ages) / 1e9 + d.size(1.5, 0.05)
     d.parameters("controller")["sample_time"] = round(long, 2)
 

@@ -73,7 +73,7 @@ def broken_cell(field: Field, loop: Loop, fault: Fault, dice: Random | None = No
         return None
     false = any(x.claimed and x.wrong for x in flights)
     claimed = any(x.claimed for x in flights)
-    verdict = FALSE if false else BROKEN if claimed else GOOD
+    verdict = FALSE if false else BROKEN if claimed and not fault.covered else GOOD
     return Cell(loop.name, fault.hypothesis, fault.name, verdict, flights, dice is not None)
 
 
@@ -129,7 +129,7 @@ def _flown(
 
 Case = Callable[[Field], Cell | None]
 ALL = tuple(x.name for x in LOOPS)
-QUICK = ("any", "exact", "two")
+QUICK = ("any", "exact", "two", "inside")
 """Kinds that every run of the tests flies."""
 
 
@@ -172,5 +172,5 @@ def _drawn(loop: Loop, fault: Fault, beside: Variant | None, seed: int) -> Case:
         fault.apply(draft)
 
     name = fault.name if beside is None else f"{fault.name}, with {beside.name}"
-    both = Fault(fault.hypothesis, name, apply)
+    both = Fault(fault.hypothesis, name, apply, covered=fault.covered)
     return lambda field: broken_cell(field, loop, both, Random(seed))  # noqa: S311

@@ -43,7 +43,7 @@ def _feedback(
     links: Data,
     ages: tuple[Age, ...],
     *,
-    end: float = 25.0,
+    end: float = 15.0,
     **more: Any,
 ) -> Loop:
     wires = [wire(f"plant.x[{j}]", f"controller.x[{j}]", "up") for j in (1, 2)]
@@ -64,7 +64,7 @@ def _output(
     ages: tuple[Age, ...],
     *,
     down: str | None = None,
-    end: float = 25.0,
+    end: float = 15.0,
     noise: float = 0.0,
     **more: Any,
 ) -> Loop:
@@ -94,13 +94,8 @@ def _command(greatest_ms: int) -> Age:
     return Age("command", ("u[1]",), "down", greatest_ms * MS)
 
 
-def _packed() -> Loop:
-    """The design is in the controller's FMU: no [design]."""
-    one = _feedback("any", "design in the controller", {"up": packet(0.05)}, _both(300))
-    flights = [deepcopy(one.scenario), deepcopy(one.pushed) or {}]
-    for data in flights:
-        del data["design"]
-    return Loop("packed", one.words, *flights, one.ages)
+def _any() -> Loop:
+    return _feedback("any", "any age", {"up": packet(0.05)}, _both(300))
 
 
 def _limited() -> Loop:
@@ -120,6 +115,24 @@ def _analysed() -> Loop:
     for data in flights:
         data["design"] = {"system": "any.toml", "gain": [[-3.4, -2.6]]}
     return Loop("analysed", one.words, *flights, one.ages)
+
+
+def _without_design(loop: Loop, name: str, words: str) -> Loop:
+    """The same loop, whose design is that in its controller's FMU."""
+    flights = [deepcopy(loop.scenario), deepcopy(loop.pushed) or {}]
+    for data in flights:
+        del data["design"]
+    return replace(loop, name=name, words=words, scenario=flights[0], pushed=flights[1])
+
+
+def _two() -> Loop:
+    return _output(
+        "two",
+        "two measurements",
+        {"position": ("x[1]",), "speed": ("x[2]",)},
+        {"position": packet(0.04, 0.02), "speed": transport(0.02)},
+        (_stamped("position", 200), _stamped("speed", 100), _command(100)),
+    )
 
 
 def _mapped() -> Loop:
@@ -165,9 +178,9 @@ def _stiff() -> Loop:
 
 SAMPLED = "a measurement that is held is no constant age"
 LOOPS: tuple[Loop, ...] = (
-    _feedback("any", "any age", {"up": packet(0.05)}, _both(300)),
+    _any(),
     _stiff(),
-    _packed(),
+    _without_design(_any(), "packed", "design in the controller"),
     _limited(),
     _analysed(),
     _feedback("least", "any age from a least one", {"up": packet(0.45)}, _both(600, 400)),
@@ -220,13 +233,7 @@ LOOPS: tuple[Loop, ...] = (
         (_stamped("position", 200), _command(100)),
         noise=0.001,
     ),
-    _output(
-        "two",
-        "two measurements",
-        {"position": ("x[1]",), "speed": ("x[2]",)},
-        {"position": packet(0.04, 0.02), "speed": transport(0.02)},
-        (_stamped("position", 200), _stamped("speed", 100), _command(100)),
-    ),
+    _two(),
     _output(
         "inner",
         "observer, plant delay exactly 1 s",
@@ -246,6 +253,7 @@ LOOPS: tuple[Loop, ...] = (
         end=100.0,
         unproved=SAMPLED,
     ),
+    _without_design(_two(), "inside", "design in the observer"),
     _mapped(),
     _played(),
     *vehicles(),

@@ -1,8 +1,8 @@
 """A kind of loop as designed: a scenario that must claim its guarantee, and what is proved of it.
 
-All kinds are unstable when open, or outside a window of ages, so that a claim beside a broken loop shows
-as a state that grows. Each has two flights: from an offset without disturbance, where no state may
-grow, and from rest with a pulse, where the gain may not pass gamma.
+All kinds are unstable when open, or outside a window of ages, so that a claim beside a broken loop
+shows as a state that grows. Each has two flights: from an offset without disturbance, where no
+state may grow, and from rest with a pulse, where the gain may not pass gamma.
 """
 
 from __future__ import annotations

@@ -12,9 +12,10 @@ HEAD = """\
 # The falsifier
 
 A run claims its guarantee where it says that every assumption is met. This page says what became of
-attempts to make a run claim wrongly. Loops of every kind of design are flown, most of them unstable
-when open; in each, one hypothesis of its proof is broken, alone. What flew is judged by its recorded
-rows alone: a claim is **false** if a state grows a hundredfold, or if the measured gain passes gamma.
+attempts to make a run claim wrongly. Loops of every kind of design are flown, most of them
+unstable when open; in each, one hypothesis of its proof is broken, alone. What flew is judged by
+its recorded rows alone: a claim is **false** if a state grows a hundredfold, or if the measured
+gain passes gamma.
 
 This page is made by a command, which flies every cell:
 

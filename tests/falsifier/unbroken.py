@@ -95,17 +95,24 @@ def _(d: Draft) -> None:
     d.needs(d.loop.name != "station")
 
 
+def _beside_the_steps(d: Draft) -> str:
+    """A link whose arrivals may lie between steps."""
+    d.needs(d.loop.name != "sampled")  # its settings justify a sampled age on the grid alone
+    name: str = d.pick([x["link"] for x in d.received() if "link" in x])
+    if d.loop.observed and d.links[name]["kind"] == "transport":
+        d.links[name] = packet(d.links[name]["delay"], 0.02)  # the other kind interpolates
+    return name
+
+
 @variant("a link of no whole number of steps", "arrivals are points of their own", quick=True)
 def _(d: Draft) -> None:
-    name = d.pick([x["link"] for x in d.received() if "link" in x])
-    d.needs(d.loop.name != "sampled")
+    name = _beside_the_steps(d)
     d.links[name]["delay"] += d.size(0.00371)
 
 
 @variant("a link on a grid", "the rounding is a part of the age, which is measured")
 def _(d: Draft) -> None:
-    name = d.pick([x["link"] for x in d.received() if "link" in x])
-    d.needs(d.loop.name != "sampled")
+    name = _beside_the_steps(d)
     d.links[name]["delay"] += d.size(0.00371)
     d.data["run"]["events"] = "grid"
 
