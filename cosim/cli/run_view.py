@@ -12,7 +12,7 @@ from rich.text import Text
 from cosim import trace
 from cosim.cli.terminal import NONE, facts_table, number, plain
 from cosim.core import at_most
-from cosim.trace import age_lines, measurement_age_lines, plant_line
+from cosim.trace import age_lines, measurement_age_lines
 
 if TYPE_CHECKING:
     from cosim.scenario import Demo, Outcome
@@ -38,6 +38,7 @@ def outcome_view(outcome: Outcome) -> RenderableType:
         parts.append(Text(outcome.explanation, style=colour))
     if outcome.cause is not None:
         parts.append(Text(f"cause: {outcome.cause.words}"))
+    parts += _guarantee(outcome)
     facts = facts_table()
     for label, value, how in _figures(outcome):
         if value != NONE:
@@ -50,8 +51,7 @@ def outcome_view(outcome: Outcome) -> RenderableType:
         *_cut(outcome.metrics.get("cut_connections", ())),
         *_pace(outcome),
         *_links(outcome.links),
-        _assumptions(outcome.metrics["assumptions"]),
-        *_plant(outcome.metrics),
+        _assumptions(outcome),
         *_age(outcome.metrics),
         *_outages(outages),
         *_assertions(outcome),
@@ -164,7 +164,7 @@ def _measurement_ages(ages: Mapping[str, Any]) -> list[tuple[str, str, str]]:
         how = (
             f"measured; certified up to {bound:.4g} s"
             if bound
-            else "measured; at once but for steps"
+            else "measured; certified at once"
         )
         rows.append((f"oldest {name} used", number(most, 4, "s"), how))
     return rows
@@ -226,8 +226,18 @@ def _links(links: Mapping[str, Mapping[str, Any]]) -> list[RenderableType]:
     return [table]
 
 
-def _assumptions(assumptions: Mapping[str, bool]) -> RenderableType:
-    if not assumptions:
+def _guarantee(outcome: Outcome) -> list[RenderableType]:
+    """Say whether the guarantee is claimed."""
+    found = trace.guarantee_of(outcome, trace.assumptions_of(outcome))
+    if found is None:
+        return []
+    verdict = Text(f"{found.what}: {found.why}", style=_COLOURS[found.tone])
+    return [verdict, *(Text(f"{label}: {words}") for label, words, _ in trace.facts_of(outcome))]
+
+
+def _assumptions(outcome: Outcome) -> RenderableType:
+    """Show which assumptions were met, and of those that were not the places."""
+    if not outcome.assumptions:
         return Text(
             "no design: nothing is guaranteed ([design] file in the scenario names one)",
             style="dim",
@@ -239,14 +249,13 @@ def _assumptions(assumptions: Mapping[str, bool]) -> RenderableType:
         title_justify="left",
         show_header=False,
     )
-    for name, met in assumptions.items():
-        table.add_row(_tick(met), name.replace("_", " "))
+    why = outcome.departures
+    for name, met in outcome.assumptions.items():
+        words = Text(name.replace("_", " "))
+        if name in why:
+            words.append(f"\n{trace.departures_text(why[name])}", style="dim")
+        table.add_row(_tick(met), words)
     return table
-
-
-def _plant(metrics: Mapping[str, Any]) -> list[RenderableType]:
-    """Show which parameters are not those of the design, with both values."""
-    return [Text(plant_line(metrics))] if metrics.get("plant_differences") else []
 
 
 def _age(metrics: Mapping[str, Any]) -> list[RenderableType]:

@@ -11,7 +11,13 @@ import typer
 from cosim import scenario
 from cosim.cli.common import answer
 from cosim.cli.run_view import outcome_view
-from cosim.core import CheckFailedError, ComponentError, StoppedError, TerminatedError
+from cosim.core import (
+    CheckFailedError,
+    ComponentError,
+    ContradictionError,
+    StoppedError,
+    TerminatedError,
+)
 from cosim.fmu import DEFAULT_FLAVOUR
 
 
@@ -50,8 +56,13 @@ def report_outcome(outcome: scenario.Outcome, as_json: bool) -> None:  # noqa: F
 
 
 def exit_with(outcome: scenario.Outcome) -> None:
-    """Leave with the exit code of a run: 4 if it failed, 1 if an assertion was not as expected."""
+    """Leave with the exit code of a run.
+
+    4 if it failed, 6 if it contradicts its guarantee, 1 if an assertion was not as expected.
+    """
     if outcome.status == "failed":
         raise typer.Exit(ComponentError.exit_code)
+    if outcome.contradiction is not None:
+        raise typer.Exit(ContradictionError.exit_code)
     if not outcome.as_expected:
         raise typer.Exit(CheckFailedError.exit_code)

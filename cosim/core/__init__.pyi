@@ -3,6 +3,7 @@ from .descriptions import with_field_docs as with_field_docs
 from .errors import (
     CheckFailedError as CheckFailedError,
     ComponentError as ComponentError,
+    ContradictionError as ContradictionError,
     CosimError as CosimError,
     InputError as InputError,
     LossError as LossError,
@@ -14,6 +15,7 @@ from .errors import (
     nearest as nearest,
 )
 from .extras import optional as optional
+from .facts import Fact as Fact
 from .file_kinds import (
     DESIGN_FILE as DESIGN_FILE,
     PLANT_NOTE as PLANT_NOTE,

@@ -122,6 +122,12 @@ class CheckFailedError(CosimError):
     exit_code = 1
 
 
+class ContradictionError(CosimError):
+    """A run left a bound although every assumption of its proof was met: a fault of this project."""
+
+    exit_code = 6
+
+
 class LossError(CosimError):
     """The command succeeded, but recorded data is missing (an incomplete or damaged trace)."""
 

@@ -7,7 +7,7 @@ link back, and the hold until the next command arrives.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -52,6 +52,7 @@ class AgeMeasure(Measure[MeasuredAges | None]):
     ----------
     watch : is called with points [ns] and the age at the end of the interval before each [ns];
         -1 where no measurement was in use.
+    states : inputs of the controller whose ages are measured; None: of all.
     """
 
     def __init__(
@@ -60,8 +61,10 @@ class AgeMeasure(Measure[MeasuredAges | None]):
         controller: str,
         algorithm: Algorithm = "jacobi",
         watch: Callable[[Integers, Integers], None] | None = None,
+        states: Collection[str] | None = None,
     ) -> None:
         self._plant, self._controller, self._algorithm = plant, controller, algorithm
+        self._states = states
         self._watch = watch
         self._paths: list[_Path] = []
         self._points: Integers | None = None
@@ -75,11 +78,17 @@ class AgeMeasure(Measure[MeasuredAges | None]):
             return
         plant, controller = by_name[self._plant], by_name[self._controller]
         down = [r for r in plant.routes if r.source == self._controller]
-        up = [r for r in controller.routes if r.source == self._plant]
+        up = [r for r in controller.routes if r.source == self._plant and self._tells(controller, r)]
         for back in down:
             at_once = self._algorithm == "jacobi" and _feedthrough(controller, back)
             self._paths += [_Path(controller, forth, back, at_once=at_once) for forth in up]
         self._instance = controller
+
+    def _tells(self, controller: ComponentInstance, route: Route) -> bool:
+        """Whether a route brings one of the states."""
+        first, columns = controller.input_column, controller.input_columns
+        told = {columns[k - first].name for k in route.targets.tolist()}
+        return self._states is None or not told.isdisjoint(self._states)
 
     def add(self, first: int, last: int) -> None:
         """Take the intervals that end at the points."""

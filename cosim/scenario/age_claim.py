@@ -1,19 +1,24 @@
-"""Which ages a design's proof is about, and whether a run had such ages; in figures and words.
+"""Which ages a design's proof is about, and which a run had; in figures and words.
 
 The proof of a design is about one kind of age of the feedback (`cosim.models.Delay`): any up to d,
-never less than least_age, sampled, or constant. Each demands more of a run than the one before.
+never less than least_age, sampled, or constant. An observer has such an age for each measurement,
+and one for its commands.
 """
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
 
 from cosim.models import Delay, DelaySystem
 from cosim.scenario.age import MeasuredAges
 from cosim.scenario.feedback_age import FeedbackAge
 
-_CLOSE = 1e-12
-"""Relative: ages are doubles of whole nanoseconds."""
+if TYPE_CHECKING:
+    from cosim.hinf import OutputFeedback
+
+COMMANDS = "commands"
+"""Entry of the figures, beside those of the measurements."""
 
 
 def feedback_of(system: DelaySystem) -> Delay | None:
@@ -32,27 +37,6 @@ def age_in_words(delay: Delay) -> str:
         return f"constant, up to {delay.d:.6g} s"
     span = f"from {delay.least_age:.6g} s to" if delay.least_age else "up to"
     return f"any age {span} {delay.d:.6g} s, however it varies"
-
-
-def age_assumptions(
-    delay: Delay | None, measured: MeasuredAges | None, known: FeedbackAge | None, step_ns: int
-) -> dict[str, bool]:
-    """Return what a proof assumes of the age beside its bound, and whether it was met, by name.
-
-    Parameters
-    ----------
-    known : what the settings of the links say.
-    step_ns : communication step [ns].
-    """
-    if delay is None or not (delay.ages_are_known or not delay.any_age):
-        return {}
-    if not delay.any_age:
-        return {"message_age_constant": _is_constant(measured, step_ns)}
-    found = {"message_age_not_below_least": _not_below(delay, measured)}
-    if delay.sampled:
-        found["message_age_sampled"] = _is_sampled(delay, measured)
-        found["links_justify_sampled_age"] = known is not None and _justified(delay, known)
-    return found
 
 
 def age_figures(
@@ -85,31 +69,21 @@ def age_figures(
     return found
 
 
-def _not_below(delay: Delay, measured: MeasuredAges | None) -> bool:
-    """Whether no age was below the least; before the first measurement, the time counts as age."""
-    return (
-        measured is not None
-        and measured.least_ns is not None
-        and measured.least_ns / 1e9 >= delay.least_age * (1 - _CLOSE)
-        and measured.first_ns / 1e9 <= delay.d * (1 + _CLOSE)
-    )
-
-
-def _is_sampled(delay: Delay, measured: MeasuredAges | None) -> bool:
-    return (
-        measured is not None
-        and measured.in_use_ns is not None
-        and measured.alike
-        and all(abs(age / 1e9 - delay.least_age) <= _CLOSE * delay.d for age in measured.in_use_ns)
-    )
-
-
-def _justified(delay: Delay, known: FeedbackAge) -> bool:
-    return known.sampled and abs(known.least_ns / 1e9 - delay.least_age) <= _CLOSE * delay.d
-
-
-def _is_constant(measured: MeasuredAges | None, step_ns: int) -> bool:
-    """Whether the age varied by no more than the exchange at communication points makes it vary."""
-    if measured is None or measured.least_ns is None:
-        return False
-    return measured.greatest_ns - measured.least_ns <= 2 * step_ns
+def measurement_age_figures(
+    design: OutputFeedback, ages: Mapping[str, MeasuredAges | None], command_age_ns: int | None
+) -> dict[str, Any]:
+    """Return by measurement the ages assumed and measured, and those of the commands; JSON-safe."""
+    n = len(design.system.A)
+    found: dict[str, Any] = {
+        each.name: age_figures(each.delay(n), ages.get(each.name), None)
+        for each in design.measurements
+    }
+    measured = None if command_age_ns is None else {"greatest_s": command_age_ns / 1e9}
+    age = design.pair.command_age
+    kind = f"any age up to {age:.6g} s" if design.pair.command_any_age else f"constant, {age:.6g} s"
+    found[COMMANDS] = {
+        "assumed": f"{kind}, from the estimate to the end of its use",
+        "greatest_s": age,
+        "measured": measured,
+    }
+    return found

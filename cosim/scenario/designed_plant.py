@@ -84,19 +84,11 @@ class Difference(NamedTuple):
 
 
 def differences_from(
-    designed: Mapping[str, float], parameters: Mapping[str, float | None], *, exact: bool = False
+    designed: Mapping[str, float], parameters: Mapping[str, float | None]
 ) -> list[Difference]:
-    """Return the parameters that are not as designed.
-
-    A delay (`delay.*`) may be shorter, unless the proof is about `exact` ones.
-    """
-    found = []
-    for name, value in designed.items():
-        own = parameters.get(name)
-        shorter = name.startswith("delay.") and not exact
-        if own is None or not (own <= value if shorter else own == value):
-            found.append(Difference(name, own, value))
-    return found
+    """Return the parameters that are not as designed."""
+    own = ((name, parameters.get(name), value) for name, value in designed.items())
+    return [Difference(*one) for one in own if one[1] is None or one[1] != one[2]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,6 +106,7 @@ class DesignedPlant:
     source : the text of the file that the plant comes from.
     model : what its FMU is made from, as `plant_record` returns it; empty in older files.
     thrust_map : (k, m) commands for a control, of which `control.map` is the inverse.
+    envelope_share : of the envelope in the vehicle's file, what the design is proved for.
     """
 
     state: LinearSignals
@@ -126,6 +119,7 @@ class DesignedPlant:
     source: str = ""
     model: Mapping[str, Any] = field(default_factory=dict)
     thrust_map: tuple[tuple[float, ...], ...] = ()
+    envelope_share: float = 1.0
 
     @property
     def at_rest(self) -> dict[str, float]:
@@ -145,6 +139,7 @@ class DesignedPlant:
             "source": self.source,
             "model": dict(self.model),
             "thrust_map": [list(row) for row in self.thrust_map],
+            **({} if self.envelope_share == 1.0 else {"envelope_share": self.envelope_share}),
         }
 
     @classmethod
@@ -166,6 +161,7 @@ class DesignedPlant:
                 source=str(data["source"]),
                 model=dict(data.get("model", {})),
                 thrust_map=tuple(tuple(map(float, row)) for row in data.get("thrust_map", [])),
+                envelope_share=float(data.get("envelope_share", 1.0)),
             )
         except (AttributeError, KeyError, TypeError, ValueError) as error:
             raise InputError(

@@ -98,7 +98,7 @@ class EventDriver:
     Attributes
     ----------
     stopped : why an event ended the run; None if none did.
-    altered_by_events : whether an event changed anything but the traffic of links.
+    altered : what events changed but the traffic of links, each once, `component.variable`.
     event_counts : how often each event happened, and each machine changed its state.
     """
 
@@ -118,7 +118,7 @@ class EventDriver:
         self._before = dict.fromkeys((e.number for e in events), False)
         self._saved: dict[tuple[int, Action], Any] = {}
         self.stopped: str | None = None
-        self.altered_by_events = False
+        self.altered: dict[str, None] = {}
         self.event_counts = [0] * len(script)
         for event in events:
             if event.at_ns is not None:
@@ -183,7 +183,7 @@ class EventDriver:
                 for (number, key), value in self._saved.items()
             ],
             "stopped": self.stopped,
-            "altered": self.altered_by_events,
+            "altered": list(self.altered),
             "counts": list(self.event_counts),
             "active": sorted(self._active),
             "modes": {name: list(mode) for name, mode in self._modes.items()},
@@ -219,7 +219,7 @@ class EventDriver:
             (number, _key(self._by_number[number].actions[place])): value
             for number, place, value in state["saved"]
         }
-        self.stopped, self.altered_by_events = state["stopped"], state["altered"]
+        self.stopped, self.altered = state["stopped"], dict.fromkeys(state["altered"])
         self.event_counts = list(state["counts"])
         self._active = set(state["active"])
         self._modes = {name: (mode[0], mode[1]) for name, mode in state["modes"].items()}
@@ -327,7 +327,8 @@ class EventDriver:
 
     def _act(self, event: Event, action: Action, session: Session) -> None:
         component, variable = action.target
-        self.altered_by_events |= action.kind not in LINK_SETTINGS
+        if action.kind not in LINK_SETTINGS:
+            self.altered[str(action.target).strip(".")] = None
         match action.kind:
             case "set":
                 if event.undone:

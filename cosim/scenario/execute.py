@@ -22,6 +22,9 @@ from cosim.master import (
 from cosim.scenario.assembly import assemble, same_start
 from cosim.scenario.assertions import bind_assertions
 from cosim.scenario.binary_origins import binary_origins
+from cosim.scenario.guarantee.designed_loop import designed_loop
+from cosim.scenario.guarantee.law_measures import LawMeasures, MeasuredLaw
+from cosim.scenario.guarantee.verdict import LoopOfRun, loop_of_run
 from cosim.scenario.metrics import (
     RunContext,
     RunMeasures,
@@ -37,7 +40,7 @@ from cosim.scenario.preparation import PreparedScenario
 from cosim.scenario.run_events import EventCollector
 from cosim.scenario.run_metadata import run_metadata_of
 from cosim.scenario.run_series import RunSeries
-from cosim.scenario.script import Event, Machine, script_of
+from cosim.scenario.script import Event, Machine, changed_by, script_of
 from cosim.scenario.supervision import Supervision, raise_if_interrupted, supervision_of
 from cosim.scenario.system_run import run_system
 from cosim.scenario.wanted import ALL_FIGURES, Wanted
@@ -257,6 +260,15 @@ def _assembled(
     return made.system
 
 
+def flown_loop(prepared: PreparedScenario, system: System) -> LoopOfRun | None:
+    """Return the loop of a run beside that of its design; None without a design."""
+    part, design, problem = prepared.loaded.scenario.design, prepared.design, prepared.problem
+    if part is None or design is None or problem is None:
+        return None
+    loop = designed_loop(design, problem, part.plant, part.controller, prepared.fmus[part.plant])
+    return loop_of_run(system, loop, design, problem, prepared.maps)
+
+
 class _Runs:
     """The run of a scenario and its zero-state run, and what is measured of them.
 
@@ -293,6 +305,8 @@ class _Runs:
         self._zero_state_run: Run | None = None
         self._zero_state: ZeroStateMeasures | None = None
         self._zero_state_figures: ZeroStateFigures | None = None
+        self._laws: dict[str, MeasuredLaw] = {}
+        self._flown = flown_loop(prepared, system)
 
     def run(self, *observers: Observer, keep: bool, zero_state_run: bool = True) -> Run:
         """Make the run; one from the zero state is its own zero-state run.
@@ -308,6 +322,8 @@ class _Runs:
         )
         # a recorder writes the events that the measures have found in the same rows
         watching: list[Observer] = [measures, *observers]
+        if (laws := self._law_measures(self._flown)) is not None:
+            watching.append(laws)
         if zero_state_run and self._prepared.design is not None:
             self._zero_state = ZeroStateMeasures(self._prepared)
             self._at_rest = _assembled(self._prepared, self._series, at_rest=True)
@@ -329,7 +345,19 @@ class _Runs:
             series=self._series,
         )
         self._completed, self._figures = completed, measures.figures(completed.run)
+        if laws is not None:
+            self._laws["run"] = laws.measured(completed.run)
         return completed.run
+
+    def _law_measures(self, flown: LoopOfRun | None) -> LawMeasures | None:
+        """Return what measures the law of a run; None where nothing is claimed of it."""
+        design, problem = self._prepared.design, self._prepared.problem
+        if flown is None or design is None or problem is None:
+            return None
+        if not self._wanted.has("metrics.assumptions", "metrics.departures"):
+            return None
+        changed = changed_by(self._prepared.loaded.scenario)
+        return LawMeasures(flown.loop, flown.wiring, design, problem, changed)
 
     def run_from_zero_state(self, flush: Callable[[], None] | None = None) -> None:
         """Make the zero-state run; none without a design, or after a failed or interrupted run.
@@ -352,12 +380,13 @@ class _Runs:
             if flush is not None:
                 flush()
             self._living.close()
-        return run_system(
+        laws = self._law_measures(flown_loop(self._prepared, system))
+        run = run_system(
             system,
             "zero-state run",
             self._report_progress,
             "auto",
-            measures,
+            *filter(None, (measures, laws)),
             living=self._living,
             events=script_of(self._prepared.loaded.scenario, system, Findings()),
             supervisor=self._supervisor,
@@ -365,6 +394,9 @@ class _Runs:
             call_limit=self._call_limit,
             series=self._series,
         ).run
+        if laws is not None:
+            self._laws["zero-state run"] = laws.measured(run)
+        return run
 
     def outcome(self, trace: Path | None, began: float, *, zero_state_run: bool = True) -> Outcome:
         """Return the outcome of both, or of the first; `began` : when, of `time.perf_counter`."""
@@ -380,7 +412,9 @@ class _Runs:
             self._zero_state_figures if zero_state_run else None,
             links,
             prepared.worst_case,
-            altered_by_events=self._completed.altered_by_events,
+            altered=self._completed.altered,
+            flown=self._flown,
+            laws=self._laws,
         )
         outcome = Outcome(
             scenario=prepared.loaded.name,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -24,6 +24,13 @@ _SHARED = {
 """Limits of the vehicle's commands; any other command has its own, `limit.` and its name."""
 
 _REVERSALS = 4
+
+
+def limits_of(ports: Iterable[str]) -> dict[str, str]:
+    """Return command -> the parameter that is its limit, among the variables of a controller."""
+    known = set(ports)
+    limit_of = {name: _SHARED.get(name, f"limit.{name}") for name in ports}
+    return {name: limit for name, limit in limit_of.items() if limit in known}
 
 
 @dataclass(frozen=True)
@@ -73,8 +80,8 @@ class SaturationMeasure(Measure[Saturation | None]):
         if instance is None:
             return
         ports = instance.component.description.ports
-        limit_of = {name: _SHARED.get(name, f"limit.{name}") for name in ports}
-        self._names = [name for name, limit in limit_of.items() if limit in ports]
+        limit_of = limits_of(ports)
+        self._names = list(limit_of)
         if not self._names:
             return
         start_of = instance.component.start_of

@@ -40,43 +40,28 @@ _SETTINGS = ("noise", "bias", "drift", "resolution", "least", "greatest")
 _TOPIC_OF_LINKS = link_topic("").strip("/")
 
 
+class LinearMap(NamedTuple):
+    """What a component in front of an input computes: the sum of gain * signal, and an offset."""
+
+    terms: tuple[tuple[Endpoint, float], ...]
+    offset: float
+
+
 class Lowered(NamedTuple):
     """A scenario in components and connections alone.
 
     fmus : of all its components.
-    maps : gain and offset of the components that are nothing else, by name.
+    maps : the components that are a linear map and nothing else, by name.
     """
 
     scenario: Scenario
     fmus: dict[str, FmuDescription]
-    maps: dict[str, tuple[float, float]]
+    maps: dict[str, LinearMap]
 
 
 def has_signal_parts(scenario: Scenario) -> bool:
     """Whether a scenario has parts that become components here."""
     return bool(scenario.computed or scenario.sensors) or any(map(_has_map, scenario.connections))
-
-
-def passes_signal_parts(scenario: Scenario, *ends: str) -> bool:
-    """Whether a signal between two of the components `ends` passes what was made here.
-
-    A sensor, a map or a computed value in a loop is in no design of the loop.
-    """
-    made = {name for name, part in scenario.components.items() if part.fmu.startswith("[")}
-    after: dict[str, set[str]] = {}
-    for _, wire in scenario.wires() if made else ():
-        source, target = wire.source.partition(".")[0], wire.target.partition(".")[0]
-        after.setdefault(source, set()).add(target)
-    for end in ends:
-        seen: set[str] = set()
-        ahead = after.get(end, set()) & made
-        while ahead:
-            seen |= ahead
-            reached = {target for name in ahead for target in after.get(name, ())}
-            if reached & set(ends):
-                return True
-            ahead = (reached & made) - seen
-    return False
 
 
 def lowered(
@@ -167,9 +152,8 @@ class _Lowering:
         plain: dict[str, Any] = {"computed": {}, "sensors": {}}
         scenario = self._scenario.model_copy(update=update | plain)
         linear = {
-            _map_name(one.target): (one.terms[0][1], one.offset)
+            _map_name(one.target): LinearMap(tuple(one.terms), one.offset)
             for one in self._maps.values()
-            if len(one.terms) == 1
         }
         return Lowered(scenario, self._fmus, linear)
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from cosim.master import ComponentInstance, Run
 from cosim.scenario.age import Lookup, MeasuredAges
 from cosim.scenario.measure import Measure, Recent, after, own_points_in
-from cosim.scenario.signal_reader import SignalReader
+from cosim.scenario.performance import reader_of
 
 Integers = NDArray[np.int64]
 
@@ -37,7 +37,8 @@ class PacketsInUse:
     def begin(self, controller: ComponentInstance) -> None:
         """Find the stamps, and the ages beyond which a packet is ignored."""
         self._instance = controller
-        self._reader = SignalReader(controller, [f"stamp.{name}" for name in self._names])
+        self._reader = reader_of(controller, [f"stamp.{name}" for name in self._names])
+        self._start_ns = controller.comm_points.start_ns  # stamps are times of the components
         oldest = [controller.component.start_of(f"age.{name}", np.inf) for name in self._names]
         self._oldest_s = np.array(oldest, float) * (1 + 1e-12) + 1e-9
 
@@ -52,7 +53,7 @@ class PacketsInUse:
         if not own.size:
             return None
         times = self._instance.comm_points.points_ns[own]
-        taken = np.round(stamps[own - first] * 1e9).astype(np.int64)
+        taken = np.round(stamps[own - first] * 1e9).astype(np.int64) - self._start_ns
         begins = after(self._begins, times)
         if self._begins is not None:
             taken = np.concatenate((self._last, taken))

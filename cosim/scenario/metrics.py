@@ -7,51 +7,49 @@ run only if all its assumptions were met; each is always listed by name, true or
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
-from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cosim import hinf
 from cosim.master import Connection, Run, System
-from cosim.models import Delay, total
+from cosim.models import total
 from cosim.scenario.age import AgeMeasure, MeasuredAges
-from cosim.scenario.age_claim import age_assumptions, age_figures, feedback_of
+from cosim.scenario.age_claim import age_figures, feedback_of, measurement_age_figures
 from cosim.scenario.applied_commands import AppliedCommands
 from cosim.scenario.assertions import AssertionsMeasure
 from cosim.scenario.coupling import CouplingMeasure
 from cosim.scenario.cut_delays import CutMeasure
 from cosim.scenario.design_events import DesignEvents
-from cosim.scenario.designed_plant import differences_from
 from cosim.scenario.envelope import ENVELOPE, LargestMagnitudes, envelope_bounds
 from cosim.scenario.feedback_age import FeedbackAge, feedback_age
 from cosim.scenario.final_values import LastOutputs
-from cosim.scenario.gain import Problem, observes, proves_exact_delays
+from cosim.scenario.gain import Problem, observes
+from cosim.scenario.guarantee.departure import Departure
+from cosim.scenario.guarantee.designed_loop import designed_loop
+from cosim.scenario.guarantee.facts import facts_json, facts_of_run
+from cosim.scenario.guarantee.law_measures import MeasuredLaw
+from cosim.scenario.guarantee.measured_noise import NoiseMeasure
+from cosim.scenario.guarantee.verdict import (
+    LoopOfRun,
+    MeasuredRun,
+    fed_back,
+    findings_of,
+)
 from cosim.scenario.limits import Saturation, SaturationMeasure
 from cosim.scenario.loss_bursts import LossBursts
-from cosim.scenario.lowering import passes_signal_parts
 from cosim.scenario.matching import endpoint
 from cosim.scenario.measure import Measure, Measures
 from cosim.scenario.measurement_ages import CommandAge, StampedAges
-from cosim.scenario.measurement_claim import (
-    measurement_age_figures,
-    measurement_assumptions,
-)
-from cosim.scenario.noise_energy import NoiseEnergy
 from cosim.scenario.origin import Findings
 from cosim.scenario.outage_measure import OutageFigures, OutageMeasure, both, outage_figures
 from cosim.scenario.performance import GainMeasure
-from cosim.scenario.plant import (
-    differences_json,
-    plant_differences,
-    thrust_map_differences,
-    vehicle_differences,
-)
+from cosim.scenario.plant import differences_json
 from cosim.scenario.preparation import PreparedScenario
 from cosim.scenario.run_events import EventCollector
 from cosim.scenario.schema import PathPart, Scenario
@@ -64,7 +62,7 @@ if TYPE_CHECKING:
 _POSITION = ("eta.x", "eta.y", "eta.z")
 _OF_AGE = tuple(
     f"metrics.{name}"
-    for name in ("message_age_s", "feedback_age", "measurement_ages", "outages", "assumptions")
+    for name in ("message_age_s", "feedback_age", "measurement_ages", "outages", "assumptions", "departures")
 )
 _OF_COUPLING = tuple(
     f"metrics.{name}" for name in ("coupling_delay_s", "coupling_delays_s", "cut_connections")
@@ -78,6 +76,7 @@ class ZeroStateFigures:
 
     saturation, largest : as in `RunFigures`.
     gain : measured; None if it could not be.
+    energy : of the disturbance and the measurements' noise, if the gain was measured.
     outages : as in `RunFigures`.
     """
 
@@ -85,6 +84,7 @@ class ZeroStateFigures:
     largest: Mapping[str, float] | None
     gain: float | None
     outages: OutageFigures | None
+    energy: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -96,6 +96,7 @@ class RunFigures:
     saturation : of the commands; None without a controller that has limits.
     largest : of the signals that the envelope bounds, by their names; None without one.
     ages : of the measurements in use; None without one.
+    ages_by_place : the same of states that are fed back with an age of their own.
     stamped_ages : of the measurements that carry stamps, by name; None without an observer.
     command_age_ns : the greatest age of an observer's command in use; None without one.
     commands_known : whether the observer knew what acted; None without one.
@@ -109,6 +110,7 @@ class RunFigures:
     saturation: Saturation | None
     largest: Mapping[str, float] | None
     ages: MeasuredAges | None
+    ages_by_place: Mapping[str, MeasuredAges | None]
     stamped_ages: Mapping[str, MeasuredAges | None] | None
     command_age_ns: int | None
     commands_known: bool | None
@@ -132,7 +134,7 @@ class ZeroStateMeasures(Measures):
             problem = prepared.problem
             noise = None
             if observes(prepared.design):
-                noise = NoiseEnergy(part.controller, part.plant, prepared.design, problem.plant)
+                noise = NoiseMeasure(part.controller, part.plant, prepared.design, problem.plant)
             self._gain = GainMeasure(part.plant, problem.system, problem.plant, noise)
         self._outages, aged = _outage_measure(prepared), None
         if self._outages is not None and part is not None:
@@ -148,6 +150,7 @@ class ZeroStateMeasures(Measures):
             largest=None if self._largest is None else self._largest.result(run),
             gain=None if self._gain is None else self._gain.result(run),
             outages=None if self._outages is None else self._outages.result(run),
+            energy=0.0 if self._gain is None else self._gain.energy_in,
         )
 
 
@@ -178,7 +181,8 @@ class RunMeasures(Measures):
         self._saturation = None if part is None else commands[part.controller]
         self._largest = self._age = self._last_outputs = self._coupling = self._cut = None
         self._stamped = self._commands = self._applied = self._outages = None
-        if wanted.has("events", "metrics.envelope_use", "metrics.assumptions"):
+        self._by_place: dict[str, AgeMeasure] = {}
+        if wanted.has("events", "metrics.envelope_use", "metrics.assumptions", "metrics.departures"):
             self._largest = _envelope_measure(prepared, self._events.envelope)
         aged = part is not None and wanted.has("events", *_OF_AGE)
         if part is not None and aged and observes(prepared.design):
@@ -193,6 +197,9 @@ class RunMeasures(Measures):
             self._outages = _outage_measure(prepared, self._collector)
             watch = both(self._events.age, None if self._outages is None else self._outages.age)
             self._age = AgeMeasure(part.plant, part.controller, scenario.run.algorithm, watch)
+            self._by_place = _ages_by_place(prepared)
+            if prepared.problem is not None and prepared.problem.system.integrals:
+                self._commands = CommandAge(part.controller, part.plant)
         if wanted.has("final", "metrics.position_error_m"):
             self._last_outputs = LastOutputs()
         if wanted.has(*_OF_COUPLING):
@@ -206,6 +213,7 @@ class RunMeasures(Measures):
         last = _made(
             *(self._outages, self._stamped, self._commands, self._applied),
             *(self._cut, self._assertions, self._loss),
+            *self._by_place.values(),
         )
         super().__init__([*_made(*found), *last, *self._others], at_once=at_once)
 
@@ -227,6 +235,7 @@ class RunMeasures(Measures):
             saturation=None if self._saturation is None else self._saturation.result(run),
             largest=None if self._largest is None else self._largest.result(run),
             ages=None if self._age is None else self._age.result(run),
+            ages_by_place={name: age.result(run) for name, age in self._by_place.items()},
             stamped_ages=None if self._stamped is None else self._stamped.result(run),
             command_age_ns=None if self._commands is None else self._commands.result(run),
             commands_known=None if self._applied is None else self._applied.result(run),
@@ -237,6 +246,21 @@ class RunMeasures(Measures):
             assertions=self._assertions.result(run),
             events=self._collector.counts(),
         )
+
+
+def _ages_by_place(prepared: PreparedScenario) -> dict[str, AgeMeasure]:
+    """Return measures of states that are fed back with ages of their own; none where all are."""
+    part, problem, design = prepared.loaded.scenario.design, prepared.problem, prepared.design
+    if part is None or problem is None or design is None or observes(design):
+        return {}
+    loop = designed_loop(design, problem, part.plant, part.controller, prepared.fmus[part.plant])
+    each = fed_back(design, loop)
+    algorithm = prepared.loaded.scenario.run.algorithm
+    return {
+        age.place: AgeMeasure(part.plant, part.controller, algorithm, states=own)
+        for age, own in (each if len(each) > 1 else ())
+        if own
+    }
 
 
 def _envelope_measure(
@@ -287,7 +311,9 @@ class RunContext:
     zero_state : figures of its zero-state run; None if that was not made.
     links : statistics of the packet links.
     worst_case : of the design; None if the scenario does not apply it.
-    altered_by_events : events changed something other than the traffic of links.
+    altered : what events changed but the traffic of links.
+    flown : the loop of the run beside that of the design; None without a design.
+    laws : what was measured of the law of the run, and of its zero-state run if that is another.
     """
 
     scenario: Scenario
@@ -299,7 +325,9 @@ class RunContext:
     zero_state: ZeroStateFigures | None
     links: Mapping[str, Mapping[str, Any]]
     worst_case: hinf.WorstCase | None = None
-    altered_by_events: bool = False
+    altered: Sequence[str] = ()
+    flown: LoopOfRun | None = None
+    laws: Mapping[str, MeasuredLaw] = field(default_factory=dict)
 
     @cached_property
     def known_age(self) -> FeedbackAge | None:
@@ -310,37 +338,30 @@ class RunContext:
         return feedback_age(self.system, part.plant, part.controller)
 
     @cached_property
-    def plant_differences(self) -> list[dict[str, Any]] | None:
-        """Where the parameters of plant and controller are not those of the design.
-
-        None without a plant of a design.
-        """
-        problem, part = self.problem, self.scenario.design
-        if problem is None or part is None or part.plant not in self.system.components:
-            return None
-        plant = self._parameters(part.plant)
-        if problem.plant is not None:
-            different = differences_from(problem.plant.parameters, plant)
-            return differences_json(part.plant, different)
-        exact = (
-            self.design is not None
-            and not observes(self.design)
-            and proves_exact_delays(self.design)
+    def findings(self) -> dict[str, list[Departure]]:
+        """Every assumption of the guarantee, with why it was not met; empty without one."""
+        if self.design is None or self.problem is None or self.flown is None:
+            return {}
+        figures, beside = self.figures, self.zero_state
+        ages = dict(figures.stamped_ages or figures.ages_by_place)
+        if figures.stamped_ages is None and not ages:
+            ages = {"the feedback": figures.ages}
+        used, at_rest = figures.saturation, None if beside is None else beside.saturation
+        reached = None if used is None else used.fraction != 0.0
+        if reached is False and at_rest is not None:
+            reached = at_rest.fraction != 0.0
+        measured = MeasuredRun(
+            laws=_left(self.laws),
+            ages=ages,
+            known_age=self.known_age,
+            command_age_ns=figures.command_age_ns,
+            commands_known=figures.commands_known,
+            substituted=any(link["substitutions"] for link in self.links.values()),
+            envelope_use=_envelope_use(self),
+            limits_reached=reached,
+            altered=self.altered,
         )
-        if problem.vehicle is None:
-            # integrals are states of the controller
-            system = hinf.without_integrals(problem.system)
-            return differences_json(part.plant, plant_differences(system, plant, exact=exact))
-        found = vehicle_differences(problem.vehicle, plant, exact=exact)
-        thrust = thrust_map_differences(problem.vehicle, self._parameters(part.controller))
-        return [
-            *differences_json(part.plant, found),
-            *differences_json(part.controller, thrust),
-        ]
-
-    def _parameters(self, name: str) -> dict[str, Any]:
-        component = self.system.components[name]
-        return {name: component.start_of(name) for name in component.description.ports}
+        return findings_of(self.design, self.problem, self.flown, measured, "")
 
     @property
     def age_s(self) -> float | None:
@@ -352,6 +373,18 @@ class RunContext:
     def gain(self) -> float | None:
         """The gain that the zero-state run measured."""
         return None if self.zero_state is None else self.zero_state.gain
+
+
+def _left(laws: Mapping[str, MeasuredLaw]) -> dict[str, list[Departure]]:
+    """Return by assumption where runs left their law."""
+    found: dict[str, list[Departure]] = {}
+    for run, law in laws.items():
+        for name, departures in law.departures.items():
+            told = departures
+            if run != "run":
+                told = [one._replace(got=f"{one.got}, in the {run}") for one in departures]
+            found.setdefault(name, []).extend(told)
+    return found
 
 
 def status_of(context: RunContext) -> str:
@@ -379,10 +412,47 @@ def metrics_of(context: RunContext, wanted: Wanted = ALL_FIGURES) -> dict[str, A
     if proved is not None and wanted.has("metrics.outages"):
         at_rest = None if context.zero_state is None else context.zero_state.outages
         found["outages"] = outage_figures(proved, context.figures.outages, at_rest)
-    if wanted.has("metrics.assumptions"):
-        found["assumptions"] = _assumptions(context)
-        if found["assumptions"] and (different := context.plant_differences):
-            found["plant_differences"] = different
+    if wanted.has("metrics.assumptions", "metrics.departures"):
+        found |= _assumptions(context)
+    return found
+
+
+def _assumptions(context: RunContext) -> dict[str, Any]:
+    """Return whether each assumption was met, and by name and place what was not as designed."""
+    found = context.findings
+    named: dict[str, Any] = {"assumptions": {name: not each for name, each in found.items()}}
+    if departures := [
+        {"assumption": name, **one.to_json()} for name, each in found.items() for one in each
+    ]:
+        named["departures"] = departures
+    named |= _facts(context)
+    if context.flown is not None and found:
+        apart = [
+            each
+            for component, different in context.flown.differences.items()
+            for each in differences_json(component, different)
+        ]
+        if apart:
+            named["plant_differences"] = apart
+    return named
+
+
+def _facts(context: RunContext) -> dict[str, Any]:
+    """Return the facts under the verdict, and how the state grew where nothing drove it."""
+    design, problem, flown = context.design, context.problem, context.flown
+    law = context.laws.get("run")
+    if design is None or problem is None or flown is None or law is None:
+        return {}
+    at_rest = context.laws.get("zero-state run", law)
+    beside, share = context.zero_state, None
+    if beside is not None and beside.energy and at_rest.noise_energy is not None:
+        share = at_rest.noise_energy / beside.energy
+    facts = facts_of_run(
+        design, problem, context.system, flown.wiring, law.motion, context.gain, share
+    )
+    found: dict[str, Any] = {"facts": facts_json(facts)}
+    if law.motion is not None and not law.motion.driven and not context.altered:
+        found["state_growth"] = law.motion.growth
     return found
 
 
@@ -433,7 +503,8 @@ def _of_commands(name: str) -> Callable[[RunContext], Any]:
 def _feedback_age(context: RunContext) -> dict[str, Any] | None:
     if context.design is None or observes(context.design):
         return None
-    return age_figures(_feedback(context), context.figures.ages, context.known_age)
+    feedback = None if context.problem is None else feedback_of(context.problem.system)
+    return age_figures(feedback, context.figures.ages, context.known_age)
 
 
 def _coupling(context: RunContext) -> dict[str, Any]:
@@ -453,66 +524,6 @@ def _coupling(context: RunContext) -> dict[str, Any]:
             {"from": str(c.source), "to": str(c.target), "delay_s": late} for c, late in cut.items()
         ]
     return found
-
-
-def _assumptions(context: RunContext) -> dict[str, bool]:
-    """Return whether each assumption was met, by name; empty without a guarantee."""
-    if context.design is None or context.problem is None:
-        return {}
-    used, age = context.figures.saturation, context.age_s
-    result = {"certificate_verified": _certificate_verified(context.design)}
-    designed = _designed_age_s(context)
-    if observes(context.design):
-        result |= measurement_assumptions(
-            context.design,
-            context.figures.stamped_ages or {},
-            context.figures.command_age_ns,
-            context.system.comm_schedule.step_ns,
-            substituted=any(figures["substitutions"] for figures in context.links.values()),
-        )
-        if context.figures.commands_known is not None:
-            result["observer_knows_commands"] = context.figures.commands_known
-    elif designed is not None:
-        substituted = any(figures["substitutions"] for figures in context.links.values())
-        ages = context.figures.ages
-        if any(getattr(x, "greatest_age_ns", 0) for x in context.system.links.values()):
-            substituted |= ages is not None and ages.interrupted
-        result["message_age_within_design"] = (
-            age is not None and age <= designed * (1 + 1e-12) and not substituted
-        )
-        step_ns = context.system.comm_schedule.step_ns
-        if ages is not None and not ages.alike:
-            result["measurements_equally_old"] = False  # u = K x(t - age): one age for all of x
-        result |= age_assumptions(_feedback(context), ages, context.known_age, step_ns)
-    use = _envelope_use(context)
-    if use is not None:
-        result["state_inside_envelope"] = all(share <= 1.0 for share in use.values())
-    if used is not None:
-        beside = None if context.zero_state is None else context.zero_state.saturation
-        result["limits_not_reached"] = used.fraction == 0.0 and (
-            beside is None or beside.fraction == 0.0
-        )
-    if context.scenario.events or context.scenario.modes:
-        result["nothing_set_or_overridden"] = not context.altered_by_events
-    return result | _as_designed(context)
-
-
-def _as_designed(context: RunContext) -> dict[str, bool]:
-    """Return whether the plant is as designed, and False for a loop that is not."""
-    result, part = {"plant_as_designed": context.plant_differences == []}, context.scenario.design
-    if part is not None and passes_signal_parts(context.scenario, part.plant, part.controller):
-        result["loop_as_designed"] = False
-    return result
-
-
-_verified: WeakKeyDictionary[AnyDesign, bool] = WeakKeyDictionary()
-
-
-def _certificate_verified(design: AnyDesign) -> bool:
-    """Whether the proof holds; checked once per design, even in a study of many runs."""
-    if design not in _verified:
-        _verified[design] = hinf.check_certificate(design.certificate).valid
-    return _verified[design]
 
 
 def _position_error(context: RunContext) -> float | None:
@@ -558,11 +569,6 @@ def _designed_age_s(context: RunContext) -> float | None:
     if context.problem is None or observes(context.design):
         return None
     return context.problem.system.feedback_delay
-
-
-def _feedback(context: RunContext) -> Delay | None:
-    """Return the delay of the design through which the control acts."""
-    return None if context.problem is None else feedback_of(context.problem.system)
 
 
 def _envelope_use(context: RunContext) -> dict[str, float] | None:

@@ -19,8 +19,9 @@ from cosim.scenario.designed_plant import DesignedPlant, LinearSignals
 from cosim.scenario.measure import Measure, after
 from cosim.scenario.signal_reader import SignalReader
 
-_FORCE = ("force.x", "force.y", "force.z", "moment.z")
-_DISTURBANCE = ("disturbance.u", "disturbance.v", "disturbance.w", "disturbance.r")
+FORCES = ("force.x", "force.y", "force.z", "moment.z")
+DISTURBANCES = ("disturbance.u", "disturbance.v", "disturbance.w", "disturbance.r")
+"""Inputs of the vehicle: commands, and accelerations that act on it."""
 
 
 class Binding(NamedTuple):
@@ -41,10 +42,10 @@ def binding_for(
     ports = instance.component.description.ports
     if plant is not None:
         return Binding(plant.state, plant.control, plant.disturbance)
-    if all(name in ports for name in (*STATE, *_FORCE, *_DISTURBANCE)):
+    if all(name in ports for name in (*STATE, *FORCES, *DISTURBANCES)):
         values = {name: instance.component.start_of(name, 0.0) for name in TABLE_1}
         thrust = np.array(thrust_map(values), dtype=float)
-        return Binding(_plain(STATE), _plain(_FORCE, thrust), _plain(_DISTURBANCE))
+        return Binding(_plain(STATE), _plain(FORCES, thrust), _plain(DISTURBANCES))
     (n, m), q = system.B.shape, system.C.shape[1]
     names = (
         tuple(f"x[{i + 1}]" for i in range(n)),
@@ -72,7 +73,12 @@ class GainMeasure(Measure[float | None]):
     plant : name of the plant.
     system : the system it was designed as.
     seen_as : how the plant is seen as that system, where the design knows.
-    noise : of the measurements of an observer, which is a disturbance as w is.
+    noise : a measure whose result has the `energy` of the noise of an observer's measurements,
+        which is a disturbance as w is; None where that is not known.
+
+    Attributes
+    ----------
+    energy_in : of the disturbance and the noise, when the gain was measured.
     """
 
     def __init__(
@@ -80,13 +86,14 @@ class GainMeasure(Measure[float | None]):
         plant: str,
         system: DelaySystem,
         seen_as: DesignedPlant | None = None,
-        noise: Measure[float | None] | None = None,
+        noise: Measure[Any] | None = None,
     ) -> None:
         self._plant, self._system, self._seen_as = plant, system, seen_as
         self._noise = noise
         self._readers: tuple[SignalReader, ...] = ()
         self._before: tuple[Any, ...] = (None, None, None, None)
         self._disturbance, self._outset, self._end = _Integral(), _Integral(), _Integral()
+        self.energy_in = 0.0
 
     def begin(self, instances: Sequence[ComponentInstance]) -> None:
         """Bind the variables of the plant."""
@@ -111,11 +118,11 @@ class GainMeasure(Measure[float | None]):
             vector_of(group, reader.read(first, last))
             for group, reader in zip(self._binding, self._readers, strict=True)
         )
-        direct = _times(w, self._system.D1) + _times(u, self._system.D2)
+        direct = times(w, self._system.D1) + times(u, self._system.D2)
         here = (
             self._instance.comm_points.points_ns[first:last],
             w,
-            _times(x, self._system.D),
+            times(x, self._system.D),
             direct,
         )
         points, w, z, direct = (
@@ -129,10 +136,10 @@ class GainMeasure(Measure[float | None]):
 
     def result(self, run: Run) -> float | None:
         """Return the gain."""
-        noise = 0.0 if self._noise is None or not self._readers else self._noise.result(run)
+        noise = 0.0 if self._noise is None or not self._readers else self._noise.result(run).energy
         if noise is None:
             return None
-        energy_in = self._disturbance.value + noise
+        self.energy_in = energy_in = self._disturbance.value + noise
         if run.status == "failed" or energy_in == 0.0:
             return None
         energy_out = 0.5 * (self._outset.value + self._end.value)
@@ -156,10 +163,10 @@ class _Integral:
 def vector_of(group: LinearSignals, rows: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the entries of a vector of the linear model from the values of its variables."""
     deviation = rows - np.array(group.trim)
-    return deviation if group.map is None else _times(deviation, group.map)
+    return deviation if group.map is None else times(deviation, group.map)
 
 
-def _times(rows: NDArray[np.float64], matrix: NDArray[np.float64]) -> NDArray[np.float64]:
+def times(rows: NDArray[np.float64], matrix: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return rows @ matrix.T in a fixed order of operations: that of a BLAS varies by processor."""
     columns = [total(a * rows[:, j] for j, a in enumerate(row)) for row in matrix.tolist()]
     wide = [np.broadcast_to(column, len(rows)) for column in columns]

@@ -15,7 +15,7 @@ from cosim import hinf
 from cosim.core import InputError
 from cosim.fmu import FmuDescription, component_module
 from cosim.models import TABLE_1, DelaySystem, inertia, thrust_map
-from cosim.scenario.designed_plant import Difference, differences_from
+from cosim.scenario.designed_plant import Difference
 from cosim.scenario.schema import DesignPart, Scenario
 from cosim.scenario.values import parse_value
 
@@ -132,36 +132,24 @@ def require_vehicle_of(
     )
 
 
-def vehicle_differences(
-    design: hinf.AuvDesignSettings,
-    parameters: Mapping[str, float | None],
-    *,
-    exact: bool = False,
-) -> list[Difference]:
-    """Return where the parameters are not those of the vehicle in the design.
-
-    A delay may be shorter, unless the proof is about `exact` ones.
-    """
+def vehicle_values(design: hinf.AuvDesignSettings) -> dict[str, float]:
+    """Return the parameters of the vehicle in the design."""
     wanted = {name: design.parameters[name] for name in TABLE_1}
     wanted |= dict(zip(_DAMPING, design.damping, strict=True))
-    return differences_from({**wanted, _DELAY: design.state_delay}, parameters, exact=exact)
+    return {**wanted, _DELAY: design.state_delay}
 
 
-def thrust_map_differences(
-    design: hinf.AuvDesignSettings, parameters: Mapping[str, float | None]
-) -> list[Difference]:
-    """Return where the thrust map of a controller, if it has one, is not that of the design."""
-    own = _thrust_map(design) if "thrust_map[1,1]" in parameters else {}
-    return differences_from(own, parameters)
+def thrust_map_values(design: hinf.AuvDesignSettings) -> dict[str, float]:
+    """Return the thrust map of a controller as designed."""
+    return _thrust_map(design)
 
 
-def plant_differences(
-    system: DelaySystem, parameters: Mapping[str, float | None], *, exact: bool = False
-) -> list[Difference]:
-    """Return where the parameters are not the matrices and delays of a system, as in Eq. (7).
+def plant_values(
+    system: DelaySystem, parameters: Mapping[str, float | None]
+) -> dict[str, float]:
+    """Return the matrices and delays of a system, as in Eq. (7), as parameters of its plant.
 
-    A delay may be shorter than the system's, unless the proof is about `exact` ones.
-    Matrices that the system does not have may be present if they are zero.
+    Matrices that the system does not have may be among the `parameters` of a plant: as zeros.
     """
     wanted = {
         f"{letter}[{i + 1},{j + 1}]": float(value)
@@ -172,7 +160,7 @@ def plant_differences(
     entries = {name: wanted.get(name, 0.0) for name in (*wanted, *others)}
     delays = _PLANT.plant_delays(system)
     named = dict(zip(_PLANT.delay_names(len(delays)), (delay.d for delay in delays), strict=True))
-    return differences_from({**entries, **named}, parameters, exact=exact)
+    return {**entries, **named}
 
 
 def differences_json(component: str, found: Sequence[Difference]) -> list[dict[str, Any]]:

@@ -22,7 +22,7 @@ from cosim.scenario.gain import (
     observes,
     problem_of,
 )
-from cosim.scenario.lowering import lowered
+from cosim.scenario.lowering import LinearMap, lowered
 from cosim.scenario.origin import Findings
 from cosim.scenario.pinned import DesignSource, kept_or_made, named_design
 from cosim.scenario.plant import (
@@ -46,7 +46,7 @@ class PreparedScenario:
 
     worst_case : the worst-case disturbance to apply.
     source : where the design comes from.
-    maps : gain and offset of the components that stand for nothing else, by name.
+    maps : the components that are a linear map before an input, by name.
     """
 
     loaded: LoadedScenario
@@ -55,7 +55,7 @@ class PreparedScenario:
     design: AnyDesign | None
     worst_case: hinf.WorstCase | None = None
     source: DesignSource | None = None
-    maps: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    maps: Mapping[str, LinearMap] = field(default_factory=dict)
 
     @property
     def gain(self) -> dict[str, dict[str, float]]:

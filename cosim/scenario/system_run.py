@@ -61,7 +61,7 @@ class EventResults:
     """What the events of a run did (`EventDriver`), and the pace as it was kept."""
 
     stopped: str | None = None
-    altered_by_events: bool = False
+    altered: tuple[str, ...] = ()
     event_counts: tuple[int, ...] = ()
     pace: Pace | None = None
 
@@ -79,15 +79,15 @@ class DriveEvents:
         driver = EventDriver(session.system, self.events, rows)
         driver.drive(session, self.pace)
         counts = tuple(driver.event_counts)
-        return EventResults(driver.stopped, driver.altered_by_events, counts, self.pace)
+        return EventResults(driver.stopped, tuple(driver.altered), counts, self.pace)
 
 
 @dataclass(frozen=True)
 class CompletedRun:
-    """A run, whether events changed more than the traffic of links, and how often each happened."""
+    """A run, what events changed but the traffic of links, and how often each happened."""
 
     run: Run
-    altered_by_events: bool = False
+    altered: tuple[str, ...] = ()
     event_counts: tuple[int, ...] = ()
 
 
@@ -151,4 +151,4 @@ def run_system(
             session.deliver()
             run = session.result(complete=True, whole=series is None)
     run = ended_by_event(run, found.stopped)
-    return CompletedRun(run, found.altered_by_events, found.event_counts)
+    return CompletedRun(run, found.altered, found.event_counts)

@@ -68,6 +68,8 @@ from .outcome.run_outcome import (
 )
 from .outcome.verdict import (
     assumptions_of as assumptions_of,
+    departures_text as departures_text,
+    facts_of as facts_of,
     guarantee_of as guarantee_of,
 )
 from .picture import (

@@ -7,6 +7,8 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
+from cosim.core import CosimError
+from cosim.trace.checks.verification import verify
 from cosim.trace.content import content_hash_of
 from cosim.trace.digest import CONTENT_HASH_VERSION
 from cosim.trace.outcome.run_outcome import outcome_of
@@ -33,7 +35,8 @@ def describe(
     `outcome` (as of `RunOutcome.to_json`, and `tone`; None without a result),
     `certificate` (`claim`, `sha256`, `attachment`, `gain`; None without one), `topics` (list of
     `topic`, `schema`, `encoding`, `count`, `start_ns`, `end_ns`, `rate_hz`, `signals`),
-    `attachments` (list of `name`, `media_type`, `bytes`), `content_hash`,
+    `attachments` (list of `name`, `media_type`, `bytes`), `verified` (`verdict`, and `failed`, the
+    details of checks that failed; None if the file was not read whole), `content_hash`,
     `content_hash_version`.
 
     Parameters
@@ -48,6 +51,16 @@ def describe(
     if hashed or not incomplete:
         return description_of(Trace(path, incomplete=incomplete), hashed=hashed)
     return description_of(Trace(path, incomplete=True, by_summary=True), hashed=False)
+
+
+def _verified(path: Path) -> dict[str, Any]:
+    """Return what `verify` says of the file that a summary is of."""
+    try:
+        found = verify(path)
+    except CosimError as error:
+        return {"verdict": "failed", "failed": [error.what]}
+    failed = [f"{each.name}: {each.detail}" for each in found.checks if each.verdict == "failed"]
+    return {"verdict": found.verdict, "failed": failed}
 
 
 def _is_large(path: Path) -> bool:
@@ -85,6 +98,7 @@ def description_of(trace: Trace, *, hashed: bool) -> dict[str, Any]:
             {"name": name, "media_type": trace.media_types[name], "bytes": len(data)}
             for name, data in trace.attachments.items()
         ],
+        "verified": _verified(trace.path) if hashed else None,
         "content_hash": content_hash_of(trace) if hashed else None,
         "content_hash_version": CONTENT_HASH_VERSION,
     }

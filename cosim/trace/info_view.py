@@ -15,7 +15,14 @@ from cosim.trace.outcome.feedback_age import age_lines, measurement_age_lines
 from cosim.trace.outcome.outages import outage_rows, outage_verdict
 from cosim.trace.outcome.plant import plant_line
 from cosim.trace.outcome.run_outcome import RunOutcome
-from cosim.trace.outcome.verdict import Check, status_of
+from cosim.trace.outcome.verdict import (
+    Check,
+    assumptions_of,
+    departures_text,
+    facts_of,
+    guarantee_of,
+    status_of,
+)
 from cosim.trace.rows.layout import HOST_PREFIX
 
 _HEADLINES = ("title", "scenario", "seed", "software")
@@ -59,6 +66,7 @@ def _facts(description: Mapping[str, Any]) -> RichTable:
     for name, value in (
         *_identity(description, outcome),
         *_certificate(description["certificate"]),
+        *_guarantee(description, outcome or RunOutcome()),
         *_verdict(outcome or RunOutcome()),
     ):
         facts.add_row(_text(name), _text(value))
@@ -138,6 +146,18 @@ def _gamma(text: object) -> str:
         return ""
 
 
+def _guarantee(
+    description: Mapping[str, Any], outcome: RunOutcome
+) -> Iterator[tuple[str, object]]:
+    """Yield whether the guarantee is claimed, and the facts under this verdict."""
+    found = guarantee_of(outcome, assumptions_of(outcome), description.get("verified"))
+    if found is None:
+        return
+    yield "guarantee", f"{found.what}: {found.why}"
+    for label, value, known in facts_of(outcome, description.get("verified")):
+        yield label, f"{value} ({known})" if known else value
+
+
 def _verdict(outcome: RunOutcome) -> Iterator[tuple[str, object]]:
     """Yield the figures of the run, and which assumptions of the guarantee were met."""
     metrics = outcome.metrics
@@ -152,8 +172,10 @@ def _verdict(outcome: RunOutcome) -> Iterator[tuple[str, object]]:
     each = metrics.get("measurement_ages")
     for name, words in measurement_age_lines(each).items() if isinstance(each, Mapping) else ():
         yield f"age of {name}", words
+    why = outcome.departures
     for name, met in outcome.assumptions.items():
-        yield f"assumption: {name.replace('_', ' ')}", "met" if met else "NOT MET"
+        place = f": {departures_text(why[name])}" if name in why else ""
+        yield f"assumption: {name.replace('_', ' ')}", "met" if met else f"NOT MET{place}"
     outages = metrics.get("outages")
     if isinstance(outages, Mapping):
         for label, value, how in outage_rows(outages):

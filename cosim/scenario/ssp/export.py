@@ -97,7 +97,12 @@ def export_ssp(
     resources = Resources()
     tomls = {name: _toml(part) for name, part in scenario.links.items()}
     built = archive_elements(system, resources, links, tomls, version)
-    fold_maps(built, resources, prepared.maps)
+    single = {
+        name: (one.terms[0][1], one.offset)
+        for name, one in prepared.maps.items()
+        if len(one.terms) == 1
+    }
+    fold_maps(built, resources, single)
     warnings = [*built.warnings, *_left_out(prepared, system, version)]
     units = units_of(system, warnings)
     names = identifiers(e.name for e in built.elements)

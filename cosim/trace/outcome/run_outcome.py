@@ -10,12 +10,16 @@ import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
+from cosim.core import Fact
 from cosim.trace.outcome.assertions import AssertionResult, assertions_in, failed_in
 from cosim.trace.outcome.cause import Cause
 from cosim.trace.outcome.run_events import CONCLUSION, EventCount
 from cosim.trace.rows.layout import HOST_PREFIX, parsed_json, result_of_link
+
+if TYPE_CHECKING:
+    from typing_extensions import TypeIs
 
 OUTCOME_VERSION: Final = 2
 """Of the entries; it grows when one changes its meaning. 1, without this entry: no events."""
@@ -32,6 +36,12 @@ _LIMIT_CYCLE = (
     "At the end commands go from limit to limit more than half of the time: the limits, not the "
     "feedback, bound the motion."
 )
+CONTRADICTION = (
+    "Every assumption of the guarantee was met, and yet {}. This should not be possible: please "
+    "report it, with the trace."
+)
+GREATEST_GROWTH = 100.0
+"""So many times may a state be greater at the end than at the start, without a disturbance."""
 _LINK = "link."
 _STRUCTURES = ("metrics", "final", "cause", "assertions", "events")
 
@@ -77,6 +87,52 @@ class RunOutcome:
         return found if isinstance(found, dict) else {}
 
     @property
+    def departures(self) -> Mapping[str, list[Mapping[str, Any]]]:
+        """Why assumptions were not met: by assumption `place`, `expected`, `got`, and `at_s`."""
+        found: dict[str, list[Mapping[str, Any]]] = {}
+        listed = self.metrics.get("departures")
+        for each in listed if isinstance(listed, list) else ():
+            if isinstance(each, dict):
+                found.setdefault(str(each.get("assumption")), []).append(each)
+        return found
+
+    @property
+    def facts(self) -> list[Fact]:
+        """What else is to be known beside the verdict; empty in older traces."""
+        listed = self.metrics.get("facts")
+        read = (Fact.from_json(each) for each in (listed if isinstance(listed, list) else ()))
+        return [fact for fact in read if fact is not None]
+
+    @property
+    def claimed(self) -> bool:
+        """Whether the guarantee is claimed: there is one, and each of its assumptions was met."""
+        return bool(self.assumptions) and not self._unmet
+
+    @property
+    def contradiction(self) -> str | None:
+        """How the run left a bound although its guarantee is claimed; None where it did not.
+
+        It may not happen: a proof, a measurement, or this program is wrong.
+        """
+        if not self.claimed:
+            return None
+        if self.status == "diverged":
+            return "it diverged"
+        metrics = self.metrics
+        gain, gamma, growth = (metrics.get(key) for key in ("gain", "gamma", "state_growth"))
+        if _is_number(gain) and _is_number(gamma) and gain > gamma:
+            return f"its gain is {gain:.5g}, above gamma = {gamma:.5g}"
+        if _is_number(growth) and growth > GREATEST_GROWTH:
+            return f"without a disturbance its state grew {growth:.3g} times"
+        outages = metrics.get("outages")
+        if isinstance(outages, dict) and (
+            outages.get("value_within_bound") is False
+            or outages.get("weighted_gain_within_gamma") is False
+        ):
+            return "it left the bounds across outages"
+        return None
+
+    @property
     def as_expected(self) -> bool:
         """Whether every assertion has its expected verdict."""
         return all(verdict.as_expected for verdict in self.assertions)
@@ -85,7 +141,7 @@ class RunOutcome:
     def tone(self) -> str:
         """Return "good", "bad", or "open" where nothing failed but not all is well."""
         tone = _STATUSES.get(self.status, (OPEN, ""))[0]
-        if not self.as_expected:
+        if not self.as_expected or self.contradiction is not None:
             return BAD
         return OPEN if tone == GOOD and self._unmet else tone
 
@@ -96,11 +152,16 @@ class RunOutcome:
         parts = [word, failed_in(self.assertions)]
         if self.status == "finished" and self._unmet:
             parts.append(f"{len(self._unmet)} of {len(self.assumptions)} assumptions not met")
+        if self.contradiction is not None:
+            parts.append("against its guarantee")
         return ", ".join(filter(None, parts))
 
     @property
     def explanation(self) -> str:
         """Return the reason; for a limit cycle, what that means; "" where there is none."""
+        if self.contradiction is not None:
+            words = CONTRADICTION.format(self.contradiction)
+            return f"{self.reason}. {words}" if self.reason else words
         return self.reason or (_LIMIT_CYCLE if self.status == "limit_cycle" else "")
 
     @property
@@ -210,6 +271,10 @@ def other_entries(result: Mapping[str, str]) -> dict[str, str]:
         for key, value in result.items()
         if key not in known and not key.startswith((HOST_PREFIX, _LINK))
     }
+
+
+def _is_number(value: Any) -> TypeIs[float]:
+    return isinstance(value, int | float) and not isinstance(value, bool)
 
 
 def _object(value: Any) -> dict[str, Any]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,8 +10,10 @@ from cosim.core import at_most
 from cosim.trace.outcome.feedback_age import age_lines, measurement_age_lines
 from cosim.trace.outcome.outages import outage_rows, outage_verdict
 from cosim.trace.outcome.plant import plant_line
-from cosim.trace.outcome.run_outcome import BAD, GOOD, OPEN, RunOutcome
+from cosim.trace.outcome.run_outcome import BAD, CONTRADICTION, GOOD, OPEN, RunOutcome
 
+_NAMED = 3
+"""Places that are named one by one."""
 _SITES = {"u": "surge", "v": "sway", "w": "heave", "r": "yaw rate", "psi": "heading"}
 
 
@@ -42,22 +44,31 @@ def status_of(info: Mapping[str, Any], outcome: RunOutcome | None) -> Check:
     return Check(outcome.tone, outcome.headline, outcome.explanation)
 
 
-def guarantee_of(outcome: RunOutcome, checks: list[Check]) -> Check | None:
+def guarantee_of(
+    outcome: RunOutcome, checks: list[Check], verified: Mapping[str, Any] | None = None
+) -> Check | None:
     """Judge whether the certified bound may be claimed; None where nothing was certified.
 
     checks : the assumptions, as from `assumptions_of`.
+    verified : of `describe`, for an outcome that a file tells: what fails its own check claims
+        nothing.
     """
     metrics = outcome.metrics
     if not checks:
         return None
+    if verified is not None and verified["verdict"] == "failed":
+        why = f"the file fails its own check: {'; '.join(verified['failed'][:1])}"
+        return Check(BAD, "The guarantee is not claimed", why)
     gain, gamma = _number(metrics, "gain"), _number(metrics, "gamma")
     broken = [check for check in checks if check.tone == BAD]
     measured = "no gain was measured"
+    if outcome.contradiction is not None:
+        words = CONTRADICTION.format(outcome.contradiction)
+        return Check(BAD, "The run contradicts its guarantee", words)
     if gain is not None and gamma is not None:
         measured = f"measured gain {gain:.4g}, certified bound γ = {at_most(gamma, 5)}"
         if gain > gamma:
-            word = "above γ" if broken else "above γ although every assumption was met"
-            return Check(BAD, f"The measured gain is {word}", measured)
+            return Check(BAD, "The measured gain is above γ", measured)
     if broken:
         outages = metrics.get("outages")
         by_age = [c for c, name in zip(checks, outcome.assumptions, strict=True) if c.tone == BAD
@@ -66,16 +77,50 @@ def guarantee_of(outcome: RunOutcome, checks: list[Check]) -> Check | None:
             return Check(*outage_verdict(outages))
         count = f"{len(broken)} of {len(checks)} assumptions"
         return Check(BAD, "The guarantee is not claimed", f"{count} not met; {measured}")
+    if gain is None and gamma is not None:
+        measured = f"no disturbance acted: the bound γ = {at_most(gamma, 5)} was not exercised"
     return Check(GOOD, "The guarantee holds for this run", f"every assumption met; {measured}")
+
+
+def facts_of(
+    outcome: RunOutcome, verified: Mapping[str, Any] | None = None
+) -> Iterator[tuple[str, str, str]]:
+    """Yield the label, the value, and how it is known, of the facts under the verdict."""
+    for fact in outcome.facts:
+        yield fact.label, fact.text, fact.known
+    if verified is not None:
+        words = {"ok": "whole and unchanged", "failed": "; ".join(verified["failed"][:1])}
+        yield "this file", words.get(verified["verdict"], verified["verdict"]), "verified now"
 
 
 def assumptions_of(outcome: RunOutcome) -> list[Check]:
     """Return the certificate's assumptions, each with the numbers behind it."""
     metrics = outcome.metrics
     return [
-        Check(GOOD if met is True else BAD if met is False else OPEN, *_words(name, met, metrics))
+        Check(
+            GOOD if met is True else BAD if met is False else OPEN,
+            *_with_departures(outcome.departures.get(name, ()), *_words(name, met, metrics)),
+        )
         for name, met in outcome.assumptions.items()
     ]
+
+
+def departures_text(departures: Sequence[Mapping[str, Any]]) -> str:
+    """Return why an assumption was not met: place, what was expected, what was got, and when."""
+    each = []
+    for one in departures[:_NAMED]:
+        at = _number(one, "at_s")
+        since = "" if at is None else f", first at {at:.6g} s"
+        each.append(f"{one.get('place')}: {one.get('got')}; expected {one.get('expected')}{since}")
+    more = len(departures) - _NAMED
+    return ". ".join(each) + (f". And {more} more" if more > 0 else "")
+
+
+def _with_departures(
+    departures: Sequence[Mapping[str, Any]], what: str, why: str
+) -> tuple[str, str]:
+    """Return the words of an assumption with the places where it was not met."""
+    return (what, departures_text(departures)) if departures else (what, why)
 
 
 def assertions_of(outcome: RunOutcome) -> list[Check]:
@@ -145,6 +190,7 @@ _COMPARED = {
         "every inequality of the proof was checked again in exact rational arithmetic",
         "the exact check fails",
     ),
+    "claim_known": ("Every word of the claim has a rule", "met", "a word is not known"),
     "observer_knows_commands": (
         "The observer knew the commands that acted",
         "what the plant received is what the observer took to act, at every point",
@@ -152,7 +198,7 @@ _COMPARED = {
     ),
     "loop_as_designed": (
         "The loop is the one designed for",
-        "plant and controller are connected by links alone",
+        "every input of the loop reads what the design says, over links alone",
         "a sensor, a map or a computed value stands between plant and controller",
     ),
     "plant_as_designed": (
@@ -160,13 +206,48 @@ _COMPARED = {
         "every parameter of the plant is that of the design's model",
         "",  # named one by one
     ),
+    "controller_as_designed": (
+        "The controller is the one designed",
+        "gain, observer, maps and trim are those of the design",
+        "",
+    ),
+    "sensors_as_designed": (
+        "The sensors err no more than designed for",
+        "noise within what the design counts with, and no bias",
+        "",
+    ),
+    "values_delivered": (
+        "Inputs of the loop had the values that were sent",
+        "compared at every point",
+        "",
+    ),
+    "plant_law_held": (
+        "The plant moved by the equations of the design",
+        "steps of the run against finer ones, among them those with the greatest changes",
+        "",
+    ),
+    "control_law_held": (
+        "The controller commanded what the design says",
+        "compared at every point with the K of the design",
+        "",
+    ),
+    "measurements_true": (
+        "Measurements were the state at their stamps, with the noise of the design",
+        "compared packet by packet",
+        "",
+    ),
+    "nothing_set_or_overridden": (
+        "Nothing in the loop was set or overridden",
+        "events changed set-points, disturbances and links alone, if anything",
+        "an event changed the loop",
+    ),
 }
 """Assumption -> its words, and what is said where it was met and where not."""
 
 _AGES: dict[str, tuple[str, int | None]] = {
     "message_age_not_below_least": ("Measurements were never newer than the proof assumes", 1),
     "message_age_sampled": ("Every measurement came into use at the age of the proof", 1),
-    "message_age_constant": ("The age of measurements was constant, up to the steps", 1),
+    "message_age_constant": ("The proof covers an age that varies", 1),
     "links_justify_sampled_age": ("By their settings the links give a sampled age", 2),
 }
 """Assumption -> its words, and the line of `age_lines` with its numbers."""
@@ -177,7 +258,7 @@ _MEASUREMENTS = {
     "_within_design": "{} were no older than designed for",
     "_not_below_least": "{} were never newer than the proof assumes",
     "_sampled": "{} came into use at the age of the proof",
-    "_constant": "The age of {} was constant, up to the steps",
+    "_constant": "The proof covers an age of {} that varies",
 }
 """End of an assumption about the age of one measurement -> its words."""
 

@@ -1,0 +1,163 @@
+"""What each word of a claim asks of a run.
+
+A certificate says of every delay which ages its proof covers, in words that are checked against the
+proof. Here each of these words has its rule, and nothing else decides which ages a run may have: a
+word without a rule covers nothing. What is held between messages or steps is never constant, so
+that a proof about a constant age of the feedback, of a measurement or of a command covers no run.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from fractions import Fraction
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
+
+from cosim.models import Delay
+from cosim.scenario.gain import observes
+
+if TYPE_CHECKING:
+    from cosim.scenario.gain import AnyDesign
+
+_CLOSE = 1e-12
+"""Relative: ages are doubles of whole nanoseconds."""
+
+
+@dataclass(frozen=True)
+class AgeRule:
+    """What a word about an age covers.
+
+    Attributes
+    ----------
+    held : whether it covers the age of a value that is held: it grows at rate one, then falls.
+    sampled : it covers one that is always the same when a value comes into use.
+    least : it is never less than the `least_age` of the delay.
+    constant : value, d and least_age -> whether it covers a constant delay of this value, such as
+        one in a plant.
+    """
+
+    held: bool
+    sampled: bool
+    least: bool
+    constant: Callable[[float, float, float], bool]
+
+
+def _up_to(value: float, d: float, least: float) -> bool:
+    return least <= value <= d
+
+
+def _exactly(value: float, d: float, least: float) -> bool:
+    del least
+    return value == d
+
+
+def _never(value: float, d: float, least: float) -> bool:
+    del value, d, least
+    return False
+
+
+_ANY, _EXACTLY = "any, however it varies, up to d", "constant, exactly d"
+
+AGE_RULES: Mapping[str, AgeRule] = MappingProxyType(
+    {
+        _ANY: AgeRule(True, False, False, _up_to),
+        "any, however it varies, from least_age to d": AgeRule(True, False, True, _up_to),
+        "sampled: from least_age at rate one to d at most": AgeRule(True, True, True, _never),
+        "from least_age to d, |age'| <= rate": AgeRule(False, False, True, _up_to),
+        "constant, up to d": AgeRule(False, False, False, _up_to),
+        _EXACTLY: AgeRule(False, False, False, _exactly),
+    }
+)
+"""Word of a claim about a delay -> what it covers."""
+_FROM = re.compile(r"constant, from (\S+) to d")
+_UNKNOWN = AgeRule(False, False, False, _never)
+
+KINDS = frozenset({"certificate", "analysis", "ages", "output-feedback"})
+"""Kinds of certificates of which a run may claim something."""
+GUARANTEES: Mapping[str, str] = MappingProxyType(
+    {
+        "decay": "the bound of the decay is about the loop whose law is measured",
+        "damping": "about the nominal loop alone",
+        "gain_limit": "about K alone, which is compared",
+        "peak_control": "about the loop whose law is measured",
+        "state_peaks": "about the loop whose law is measured",
+        "outages": "its own division of time, `cosim.scenario.outage_measure`",
+    }
+)
+"""Guarantee of a certificate -> what of a run it rests on."""
+
+
+def age_rule(word: str) -> AgeRule:
+    """Return the rule of a word; of an unknown word one that covers nothing."""
+    if word in AGE_RULES:
+        return AGE_RULES[word]
+    lower = _FROM.fullmatch(word)
+    if lower is None:
+        return _UNKNOWN
+    least = float(Fraction(lower[1]))
+    return AgeRule(False, False, False, lambda value, d, _: least <= value <= d)
+
+
+def unknown_words(design: AnyDesign) -> list[str]:
+    """Return what the claim of a design says that has no rule here."""
+    claim, kind = design.certificate["claim"], design.certificate.get("kind", "certificate")
+    found = [] if kind in KINDS else [f"a certificate of kind {kind}"]
+    for delay in claim["delays"]:
+        if age_rule(delay["age"]) is _UNKNOWN:
+            found.append(f"an age that is {delay['age']!r}")
+    found += [f"guarantee {x!r}" for x in claim.get("guarantees", {}) if x not in GUARANTEES]
+    return found
+
+
+def covers_plant_delays(
+    design: AnyDesign, delays: Mapping[str, float], own: Mapping[str, float | None]
+) -> Iterator[tuple[str, float | None, float]]:
+    """Yield name, value and designed value of each delay of a plant that is not covered.
+
+    Parameters
+    ----------
+    delays : the designed values by name of the parameter, in the order of the system.
+    own : the values of the plant.
+    """
+    terms = [x for x in design.system.delays if not x.feedback or x.A.any() or x.H.any()]
+    words = {id(x): each["age"] for x, each in zip(design.system.delays, _claimed(design))}
+    for i, (name, d) in enumerate(delays.items()):
+        value, rule, least = own.get(name), AGE_RULES[_EXACTLY], 0.0
+        if i < len(terms):
+            rule = age_rule(words[id(terms[i])])
+            least = terms[i].least_age
+        if value is None or not rule.constant(value, d, least):
+            yield name, value, d
+
+
+def _claimed(design: AnyDesign) -> list[dict[str, Any]]:
+    """Return what is claimed of each delay of the plant."""
+    if not observes(design):
+        claimed: list[dict[str, Any]] = design.certificate["claim"]["delays"]
+        return claimed
+    # the observer goes by the delay of the design: a constant one must be the plant's
+    return [{"age": _ANY if x.any_age else _EXACTLY} for x in design.system.delays]
+
+
+def word_of(delay: Delay) -> str:
+    """Return the word of a delay of a design with an observer, whose measurements have fields."""
+    if delay.sampled:
+        return "sampled: from least_age at rate one to d at most"
+    if delay.rate is not None:
+        return "from least_age to d, |age'| <= rate"
+    if delay.any_age:
+        span = "from least_age to d" if delay.least_age else "up to d"
+        return f"any, however it varies, {span}"
+    return _EXACTLY
+
+
+def feedback_words(design: AnyDesign) -> list[tuple[Delay, str]]:
+    """Return the delays of the feedback with their words; none for one that acts at once."""
+    words: list[dict[str, Any]] = design.certificate["claim"]["delays"]
+    return [
+        (delay, own["age"])
+        for own, delay in zip(words, design.system.delays, strict=True)
+        if delay.feedback
+    ]

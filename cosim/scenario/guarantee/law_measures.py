@@ -1,0 +1,96 @@
+"""The law of a run, measured while it goes: from its rows and stamps alone."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from cosim import hinf
+from cosim.master import Endpoint, Run
+from cosim.scenario.gain import Problem, observes
+from cosim.scenario.guarantee.delivery_law import DeliveryLaw
+from cosim.scenario.guarantee.departure import Departure
+from cosim.scenario.guarantee.designed_loop import DesignedLoop
+from cosim.scenario.guarantee.feedback_law import FeedbackLaw
+from cosim.scenario.guarantee.measured_noise import NoiseMeasure
+from cosim.scenario.guarantee.motion import Motion, MotionMeasure
+from cosim.scenario.guarantee.observer_law import ObserverLaw, estimate_law
+from cosim.scenario.guarantee.plant_law import plant_law
+from cosim.scenario.guarantee.wiring import Wiring
+from cosim.scenario.measure import Measure, Measures
+
+if TYPE_CHECKING:
+    from cosim.scenario.gain import AnyDesign
+
+DELIVERED, PLANT, CONTROLLER = "values_delivered", "plant_law_held", "control_law_held"
+MEASURED = "measurements_true"
+
+
+class MeasuredLaw(NamedTuple):
+    """What was measured of the law of a run.
+
+    departures : by assumption.
+    motion : of the state; None of a plant that is not known.
+    noise_energy : of the measurements of an observer, if it is known.
+    """
+
+    departures: Mapping[str, list[Departure]]
+    motion: Motion | None
+    noise_energy: float | None
+
+
+class LawMeasures(Measures):
+    """Measures the law of one run.
+
+    Parameters
+    ----------
+    wiring : of the run, compared with the loop before.
+    changed : what events set: of inputs without a connection the rows do not show it.
+    """
+
+    def __init__(
+        self,
+        loop: DesignedLoop,
+        wiring: Wiring,
+        design: AnyDesign,
+        problem: Problem,
+        changed: Iterable[Endpoint] = (),
+    ) -> None:
+        unrecorded = [end for end in changed if end not in wiring.connected]
+        of_plant, of_controller = (
+            {end.variable for end in unrecorded if end.component == name}
+            for name in (loop.plant, loop.controller)
+        )
+        self._laws: list[tuple[str, Measure[list[Departure]]]] = [
+            (DELIVERED, DeliveryLaw(wiring.feedback_connections())),
+            (PLANT, plant_law(problem, loop.plant, of_plant)),
+        ]
+        self._noise: NoiseMeasure | None = None
+        if observes(design):
+            self._laws.append((CONTROLLER, ObserverLaw(loop, design, problem, of_controller)))
+            self._laws.append((CONTROLLER, estimate_law(design, loop.controller)))
+            self._noise = NoiseMeasure(loop.controller, loop.plant, design, problem.plant)
+        else:
+            self._laws.append((CONTROLLER, FeedbackLaw(loop, design, problem, of_controller)))
+        self._motion = MotionMeasure(loop, hinf.without_integrals(design.system), problem.plant)
+        self._driven = bool(of_plant or of_controller)
+        more: list[Measure[Any]] = [self._motion] + ([] if self._noise is None else [self._noise])
+        super().__init__([*(measure for _, measure in self._laws), *more])
+
+    def measured(self, run: Run) -> MeasuredLaw:
+        """Return at the end of the run where it left its law, and how its state moved."""
+        self.complete(run)
+        departures, motion = self._departures(run), self._motion.result(run)
+        energy = None if self._noise is None else self._noise.result(run).energy
+        if motion is not None and (self._driven or energy):
+            motion = replace(motion, driven=True)
+        return MeasuredLaw(departures, motion, energy)
+
+    def _departures(self, run: Run) -> Mapping[str, list[Departure]]:
+        found: dict[str, list[Departure]] = {}
+        for name, measure in self._laws:
+            found.setdefault(name, []).extend(measure.result(run))
+        if self._noise is not None:
+            found[MEASURED] = self._noise.result(run).departures
+        return found

@@ -1,0 +1,187 @@
+"""What the measurements of an observer were: C x at their stamps, and noise; its energy.
+
+What a measurement in use says, y, is C x(s) + v, v = diag(noise) w_v, of the time s of its stamp.
+The observer holds it until the next one, and so is v: the integral of w_v' w_v is the sum of
+|w_v|^2 times how long each was in use.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cosim.master import ComponentInstance, Run
+from cosim.scenario.designed_plant import DesignedPlant
+from cosim.scenario.guarantee.departure import Departure
+from cosim.scenario.measure import Measure, own_points_in
+from cosim.scenario.measurement_ages import PacketsInUse
+from cosim.scenario.performance import Binding, binding_for, reader_of, times, vector_of
+
+if TYPE_CHECKING:
+    from cosim.hinf import OutputFeedback
+
+Reals = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+_CLOSE = 1e-9
+"""Relative size of a noise that is rounding."""
+_CHANCE = 6.0
+"""Standard deviations beyond which the mean square of a noise is no chance."""
+
+
+class MeasuredNoise(NamedTuple):
+    """The noise of the measurements of a run.
+
+    Attributes
+    ----------
+    energy : the integral of w_v' w_v; None where a measurement is not C x with the noise of the
+        design, its instant lies between communication points, or the plant is not known.
+    departures : measurements that are not what the design takes them for, one of each at most.
+    """
+
+    energy: float | None
+    departures: list[Departure]
+
+
+class NoiseMeasure(Measure[MeasuredNoise]):
+    """The noise of the measurements of a run.
+
+    Parameters
+    ----------
+    controller, plant : names of the components.
+    design : with the measurements.
+    seen_as : how the plant is seen as the system, where the design knows.
+    """
+
+    def __init__(
+        self,
+        controller: str,
+        plant: str,
+        design: OutputFeedback,
+        seen_as: DesignedPlant | None = None,
+    ) -> None:
+        self._controller, self._plant = controller, plant
+        self._design, self._seen_as = design, seen_as
+        self._packets = PacketsInUse([each.name for each in design.measurements])
+        self._binding: Binding | None = None
+        self._energy, self._known = 0.0, True
+        self._found: dict[str, Departure] = {}
+        self._square = [np.zeros(len(one.C)) for one in design.measurements]
+        self._count = [0] * len(design.measurements)
+        self._times = np.zeros(0, np.int64)
+        self._past: Reals = np.zeros((0, len(design.system.A)))
+        self._rate = [0.0] * len(design.measurements)
+        self.reads_inputs = True
+
+    def begin(self, instances: Sequence[ComponentInstance]) -> None:
+        """Find the measurements and the state."""
+        by_name = {s.name: s for s in instances}
+        plant, self._instance = by_name[self._plant], by_name[self._controller]
+        self._binding = binding_for(plant, self._design.system, self._seen_as)
+        if self._binding is None:
+            self._known = False
+            return
+        self._packets.begin(self._instance)
+        self._state = reader_of(plant, self._binding.state.names)
+        start_of = self._instance.component.start_of
+        names: list[str] = []
+        for each in self._design.measurements:
+            own = [f"{each.name}[{i + 1}]" for i in range(len(each.C))]
+            names += own
+        self._values = reader_of(self._instance, names)
+        self._trims = np.array([start_of(f"trim.{name}", 0.0) for name in names], float)
+        self._last: Reals | None = None
+
+    def add(self, first: int, last: int) -> None:
+        """Add the intervals that end at the points."""
+        if not self._known or self._binding is None:
+            return
+        x = vector_of(self._binding.state, self._state.read(first, last))
+        self._times = np.concatenate(
+            (self._times, self._instance.comm_points.points_ns[first:last])
+        )
+        self._past = np.vstack((self._past, x))
+        values = self._values.read(first, last) - self._trims
+        own = own_points_in(self._instance, first, last)
+        found = self._packets.add(first, last)
+        rows = values[own - first]
+        if self._last is not None:
+            rows = np.vstack((self._last, rows))
+        self._last = rows[-1:].copy() if len(rows) else self._last
+        if found is None:
+            return
+        self._add(*found, rows)
+        oldest = int(found[2][-1].min())
+        kept = max(0, int(np.searchsorted(self._times, oldest)))
+        self._times, self._past = self._times[kept:], self._past[kept:]
+
+    def _add(self, starts: Integers, ends: Integers, used: Integers, rows: Reals) -> None:
+        column, lasted = 0, (ends - starts) / 1e9
+        for j, each in enumerate(self._design.measurements):
+            mine = slice(column, column + len(each.C))
+            column = mine.stop
+            comes = np.flatnonzero(used[1:, j] > used[:-1, j])
+            rates = np.full(len(starts), self._rate[j])
+            if comes.size:  # a block may have no packet
+                found = self._rates_of(j, used[comes + 1, j], rows[comes, mine])
+                in_force = np.searchsorted(comes, np.arange(len(starts)), side="right") - 1
+                rates = np.where(in_force < 0, rates, found[in_force])
+            self._rate[j] = float(rates[-1])
+            self._energy = float(np.cumsum(np.append(self._energy, lasted * rates))[-1])
+
+    def _rates_of(self, j: int, stamps: Integers, values: Reals) -> Reals:
+        """Return |w_v|^2 of measurements that were taken at stamps [ns], and keep what is wrong."""
+        each = self._design.measurements[j]
+        place = np.minimum(np.searchsorted(self._times, stamps), self._times.size - 1)
+        between = self._times[place] != stamps
+        if between.any():
+            at = int(stamps[np.argmax(between)])
+            self._depart(each.name, at, "a measurement of a point of the run", "one between two")
+        true = times(self._past[place], each.C)
+        noise, sizes = values - true, np.array(each.noise)
+        silent = sizes == 0.0
+        wrong = ~(np.abs(noise) <= _CLOSE * (1.0 + np.abs(true))) & silent & ~between[:, None]
+        if wrong.any():
+            k, i = (int(x) for x in np.argwhere(wrong)[0])
+            expected = f"{true[k, i]:.9g}, of the plant at its stamp, without noise"
+            self._depart(
+                f"{each.name}[{i + 1}]", int(stamps[k]), expected, f"{values[k, i]:.9g}"
+            )
+        shares = np.where(silent, 0.0, noise / np.where(silent, 1.0, sizes))
+        squares = shares * shares
+        self._square[j] += np.cumsum(squares, axis=0)[-1]
+        self._count[j] += len(stamps)
+        return np.cumsum(squares, axis=1)[:, -1]
+
+    def _depart(self, name: str, stamp: int, expected: str, got: str) -> None:
+        self._known = False
+        at = self._instance.comm_points.at_s(stamp)
+        place = f"{self._controller}.{name}"
+        self._found.setdefault(name, Departure(place, expected, got, at))
+
+    def _too_great(self) -> Iterator[Departure]:
+        """Yield values whose noise is greater, on the whole, than the design counts with."""
+        for each, square, count in zip(
+            self._design.measurements, self._square, self._count, strict=True
+        ):
+            if not count:
+                continue
+            # of a normal noise of this size the mean square is within this, but for one run in 1e9
+            most = 1.0 + _CHANCE * math.sqrt(2.0 / count) + _CHANCE * _CHANCE / count
+            for i in np.flatnonzero(square / count > most).tolist():
+                size = math.sqrt(square[i] / count) * each.noise[i]
+                yield Departure(
+                    f"{self._controller}.{each.name}[{i + 1}]",
+                    f"noise of {each.noise[i]:g}",
+                    f"errors of {size:.4g}, by their mean square",
+                )
+
+    def result(self, run: Run) -> MeasuredNoise:
+        """Return the energy, and what is no measurement of the design."""
+        del run
+        found = [*self._found.values(), *self._too_great()]
+        return MeasuredNoise(self._energy if self._known else None, found)
