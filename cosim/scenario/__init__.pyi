@@ -44,6 +44,7 @@ from .gain import (
     problem_about as problem_about,
     problem_of as problem_of,
 )
+from .guarantee.claim import certified_age as certified_age
 from .interrupt import (
     InterruptedRun as InterruptedRun,
     TerminatedRun as TerminatedRun,

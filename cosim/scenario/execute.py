@@ -26,6 +26,7 @@ from cosim.scenario.guarantee.designed_loop import designed_loop
 from cosim.scenario.guarantee.law_measures import LawMeasures, MeasuredLaw
 from cosim.scenario.guarantee.verdict import LoopOfRun, loop_of_run
 from cosim.scenario.metrics import (
+    OF_GUARANTEE,
     RunContext,
     RunMeasures,
     ZeroStateFigures,
@@ -354,7 +355,7 @@ class _Runs:
         design, problem = self._prepared.design, self._prepared.problem
         if flown is None or design is None or problem is None:
             return None
-        if not self._wanted.has("metrics.assumptions", "metrics.departures"):
+        if not self._wanted.has(*OF_GUARANTEE):
             return None
         changed = changed_by(self._prepared.loaded.scenario)
         return LawMeasures(flown.loop, flown.wiring, design, problem, changed)

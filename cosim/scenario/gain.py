@@ -17,7 +17,7 @@ from cosim.scenario.age_claim import feedback_of
 from cosim.scenario.designed_plant import DesignedPlant
 from cosim.scenario.feedback_age import FeedbackAge
 from cosim.scenario.plant import NO_PARAMETERS, design_settings_for
-from cosim.scenario.schema import DesignPart
+from cosim.scenario.schema import ComponentPart, DesignPart
 
 if TYPE_CHECKING:
     from typing_extensions import TypeIs
@@ -391,6 +391,27 @@ def controller_parameters(found: AnyDesign, controller: FmuDescription) -> dict[
             hint="cosim fmu controller packs a design as its controller",
         )
     return values
+
+
+def require_own_numbers(
+    found: AnyDesign, controller: FmuDescription, part: ComponentPart
+) -> None:
+    """Refuse numbers of a controller beside a design that has others.
+
+    Raises
+    ------
+    InputError : names the first one, with both values.
+    """
+    for name, designed in controller_parameters(found, controller).items():
+        given = part.parameters.get(name)
+        if given is not None and given != designed:
+            raise InputError(
+                f"{name} is a number of the design, and the scenario has another one",
+                where=name,
+                expected=f"{designed!r}, as in the design, or nothing",
+                got=f"{given!r}",
+                hint="leave it out; or leave out [design], and nothing is guaranteed",
+            )
 
 
 def starts_with(found: AnyDesign, controller: FmuDescription) -> bool:

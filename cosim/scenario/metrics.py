@@ -60,9 +60,14 @@ if TYPE_CHECKING:
     from cosim.scenario.gain import AnyDesign
 
 _POSITION = ("eta.x", "eta.y", "eta.z")
-_OF_AGE = tuple(
+OF_GUARANTEE = tuple(
     f"metrics.{name}"
-    for name in ("message_age_s", "feedback_age", "measurement_ages", "outages", "assumptions", "departures")
+    for name in ("assumptions", "departures", "guarantee_claimed", "facts", "state_growth")
+)
+"""Metrics for which all that a guarantee assumes is measured."""
+_OF_AGE = (
+    *("metrics.message_age_s", "metrics.feedback_age", "metrics.measurement_ages"),
+    *("metrics.outages", *OF_GUARANTEE),
 )
 _OF_COUPLING = tuple(
     f"metrics.{name}" for name in ("coupling_delay_s", "coupling_delays_s", "cut_connections")
@@ -182,7 +187,7 @@ class RunMeasures(Measures):
         self._largest = self._age = self._last_outputs = self._coupling = self._cut = None
         self._stamped = self._commands = self._applied = self._outages = None
         self._by_place: dict[str, AgeMeasure] = {}
-        if wanted.has("events", "metrics.envelope_use", "metrics.assumptions", "metrics.departures"):
+        if wanted.has("events", "metrics.envelope_use", *OF_GUARANTEE):
             self._largest = _envelope_measure(prepared, self._events.envelope)
         aged = part is not None and wanted.has("events", *_OF_AGE)
         if part is not None and aged and observes(prepared.design):
@@ -353,7 +358,6 @@ class RunContext:
         measured = MeasuredRun(
             laws=_left(self.laws),
             ages=ages,
-            known_age=self.known_age,
             command_age_ns=figures.command_age_ns,
             commands_known=figures.commands_known,
             substituted=any(link["substitutions"] for link in self.links.values()),
@@ -412,7 +416,7 @@ def metrics_of(context: RunContext, wanted: Wanted = ALL_FIGURES) -> dict[str, A
     if proved is not None and wanted.has("metrics.outages"):
         at_rest = None if context.zero_state is None else context.zero_state.outages
         found["outages"] = outage_figures(proved, context.figures.outages, at_rest)
-    if wanted.has("metrics.assumptions", "metrics.departures"):
+    if wanted.has(*OF_GUARANTEE):
         found |= _assumptions(context)
     return found
 
@@ -421,6 +425,8 @@ def _assumptions(context: RunContext) -> dict[str, Any]:
     """Return whether each assumption was met, and by name and place what was not as designed."""
     found = context.findings
     named: dict[str, Any] = {"assumptions": {name: not each for name, each in found.items()}}
+    if found:
+        named["guarantee_claimed"] = not any(found.values())
     if departures := [
         {"assumption": name, **one.to_json()} for name, each in found.items() for one in each
     ]:

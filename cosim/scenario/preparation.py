@@ -21,6 +21,7 @@ from cosim.scenario.gain import (
     gain_parameters,
     observes,
     problem_of,
+    require_own_numbers,
 )
 from cosim.scenario.lowering import LinearMap, lowered
 from cosim.scenario.origin import Findings
@@ -65,8 +66,20 @@ class PreparedScenario:
             return {}
         fmu, own = self.fmus[part.controller], self.loaded.scenario.components[part.controller]
         vehicle = None if self.problem is None else self.problem.vehicle
-        thrust_map = thrust_map_parameters(vehicle, fmu, own.parameters)
-        return {part.controller: controller_parameters(self.design, fmu) | thrust_map}
+        found = controller_parameters(self.design, fmu)
+        found |= thrust_map_parameters(vehicle, fmu, own.parameters)
+        return {part.controller: found | self._stamps(own.parameters)}
+
+    def _stamps(self, own: Mapping[str, Any]) -> dict[str, float]:
+        """Return the stamps before the first measurements, where a run begins later than at 0.
+
+        A sensor's first values have a stamp of a second before the run (`Sensor`): they are none.
+        """
+        start, part = self.loaded.scenario.run.start, self.loaded.scenario.design
+        if not start or part is None:
+            return {}
+        ports = self.fmus[part.controller].ports
+        return {x: start - 1.0 for x in ports if x.startswith("stamp.") and x not in own}
 
     @property
     def at_rest(self) -> dict[str, dict[str, Any]]:
@@ -78,7 +91,9 @@ class PreparedScenario:
         stamps = [p for p in self.fmus[part.controller].ports.values() if p.name[:6] == "stamp."]
         return {
             part.plant: {name: value for name, value in trim.items() if name in ports},
-            part.controller: {p.name: p.start for p in stamps},  # none has been received
+            # none has been received
+            part.controller: {p.name: p.start for p in stamps}
+            | self._stamps(self.loaded.scenario.components[part.controller].parameters),
         }
 
 
@@ -147,8 +162,11 @@ def prepare(
         known = feedback_age(system, part.plant, part.controller) if of_links else None
         found, source = kept_or_made(loaded, problem, known)
         problem = replace(problem, system=found.system)
-    if disturbance is not None and worst_case is None and not observes(found):
-        worst_case = worst_case_of(disturbance, found)
+    with findings.at("components", part.controller, "parameters"):
+        require_own_numbers(found, fmus[part.controller], scenario.components[part.controller])
+    if disturbance is not None and worst_case is None:
+        with findings.at("disturbance"):
+            worst_case = worst_case_of(disturbance, found)
     return PreparedScenario(loaded, fmus, problem, found, worst_case, source, maps)
 
 

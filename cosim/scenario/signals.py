@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -15,6 +16,7 @@ from cosim.core import InputError
 from cosim.fmu import FmuDescription
 from cosim.master import CommunicationSchedule, Endpoint
 from cosim.models import DelaySystem
+from cosim.scenario.gain import observes
 from cosim.scenario.matching import endpoint, members
 from cosim.scenario.schema import DisturbancePart, PathPart
 from cosim.scenario.units import in_unit_of
@@ -86,19 +88,28 @@ def _along(
     return along
 
 
-def worst_case_of(part: DisturbancePart, design: hinf.Design) -> hinf.WorstCase:
+def worst_case_of(
+    part: DisturbancePart, design: hinf.Design | hinf.OutputFeedback
+) -> hinf.WorstCase:
     """Return the sinusoid that the design's nominal loop amplifies most.
 
-    That of the design; computed if it has none, or if a frequency is given.
+    That of the design; computed if it has none, or if a frequency is given. Of a design with an
+    observer it is that of w alone: what else acts on its pair is the noise of measurements.
 
     Raises
     ------
     InputError : the norm is attained at no finite frequency, and none is given.
     """
-    if part.omega is None and design.worst_case is not None:
+    if observes(design):
+        system, K = _without_noise(design), design.pair.gain
+        known = part.omega is not None
+        omega = part.omega if known else hinf.nominal_figures_of(system, K).norm_frequency
+        found = hinf.worst_case_at(system, K, omega)
+    elif part.omega is None and design.worst_case is not None:
         return design.worst_case
-    omega = design.norm_frequency if part.omega is None else part.omega
-    found = hinf.worst_case_at(design.system, design.K, omega)
+    else:
+        omega = design.norm_frequency if part.omega is None else part.omega
+        found = hinf.worst_case_at(design.system, design.K, omega)
     if found is None:
         raise InputError(
             "the norm of this loop is that of D1, approached as the frequency grows: no "
@@ -109,6 +120,12 @@ def worst_case_of(part: DisturbancePart, design: hinf.Design) -> hinf.WorstCase:
             hint="give a frequency: omega = ... [rad/s]",
         )
     return found
+
+
+def _without_noise(design: hinf.OutputFeedback) -> DelaySystem:
+    """Return the pair of a design with w alone for its disturbance."""
+    pair, q = design.pair.system, design.system.C.shape[1]
+    return replace(pair, C=pair.C[:, :q], D1=pair.D1[:, :q])
 
 
 def no_disturbance(system: DelaySystem) -> hinf.WorstCase:

@@ -63,6 +63,35 @@ def check_consistent(study: Study, place: Place = nowhere) -> None:
                 _one_of(kind, getattr(part, key), known, place("stability", key))
 
 
+CLAIMED = "metrics.guarantee_claimed"
+"""Figure of a run that says whether its guarantee is claimed: every assumption was met."""
+
+
+def certified_metric(study: Study) -> str | None:
+    """Return the metric by which runs count as certified: the whole guarantee, or none."""
+    name = None if study.stability is None else study.stability.certified
+    return name if name is not None and study.metrics[name].path == CLAIMED else None
+
+
+def check_certified(study: Study, place: Place = nowhere) -> None:
+    """Check that a study calls certified what meets every assumption, not one of them.
+
+    Studies of older versions that were begun go on; in them nothing counts as certified.
+
+    Raises
+    ------
+    InputError : another metric.
+    """
+    part = study.stability
+    if part is not None and part.certified is not None and certified_metric(study) is None:
+        raise InputError(
+            "a run is certified where every assumption of its guarantee was met",
+            where=place("stability", "certified"),
+            expected=f"a metric that is {CLAIMED!r}",
+            got=f"{part.certified} = {study.metrics[part.certified].path!r}",
+        )
+
+
 def _check_sampled(study: Study, place: Place) -> None:
     """Check the sampled axes that depend on each other."""
     sampled = [axis.column for axis in study.vary if isinstance(axis, SampledAxis)]

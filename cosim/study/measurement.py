@@ -24,6 +24,7 @@ _FROM_ZERO_STATE_RUN = (
     "metrics.outages.weighted_gain",  # and whether it is within gamma
     "metrics.assumptions.state_inside_envelope",
     "metrics.assumptions.limits_not_reached",
+    "metrics.guarantee_claimed",
 )
 """Figures that are taken from the run and its zero-state run together."""
 

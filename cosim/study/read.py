@@ -8,7 +8,7 @@ from pathlib import Path
 
 from cosim.core import STUDY_FILE, InputError
 from cosim.scenario import LoadedScenario, builtin_names, load, parse, read_text, validated
-from cosim.study.consistency import Place, check_consistent, in_file
+from cosim.study.consistency import Place, check_certified, check_consistent, in_file
 from cosim.study.folder import MANIFEST, read_manifest
 from cosim.study.schema import Study
 
@@ -64,6 +64,7 @@ def load_study(name_or_path: str) -> LoadedStudy:
     data = STUDY_FILE.from_toml(text, where)
     study = validated(Study, text, data, where)
     check_consistent(study, in_file(text, where))
+    check_certified(study, in_file(text, where))
     named = study.scenario
     if named not in builtin_names() and named.endswith(".toml"):
         named = str(path.resolve().parent / named)

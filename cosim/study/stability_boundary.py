@@ -14,6 +14,8 @@ import numpy as np
 
 from cosim.core import CosimError
 from cosim.hinf import Delay, DelaySystem, delay_margin
+from cosim.scenario import certified_age
+from cosim.study.consistency import certified_metric
 from cosim.study.plan import Plan
 from cosim.study.schema import StabilityPart, Study
 
@@ -73,7 +75,7 @@ def nominal_loop_figures(plan: Plan) -> dict[str, float | None] | None:
         return None
     return {
         "exact_margin": loop_delay_margin(problem.system, design.K),
-        "certified_age": problem.system.feedback_delay,
+        "certified_age": certified_age(design),
         "gamma": design.gamma,
     }
 
@@ -112,9 +114,10 @@ def boundary(table: Any, manifest: dict[str, Any]) -> Boundary | None:
         return None
     frame = table.to_pandas()
     known = manifest.get("stability") or {}
+    certified = certified_metric(study)
     losses = [None] if part.loss is None else sorted(frame[part.loss].unique().tolist())
     edges = tuple(
-        _edge(frame if loss is None else frame[frame[part.loss] == loss], part, loss)
+        _edge(frame if loss is None else frame[frame[part.loss] == loss], part, loss, certified)
         for loss in losses
     )
     margin, first = known.get("exact_margin"), edges[0]
@@ -125,22 +128,22 @@ def boundary(table: Any, manifest: dict[str, Any]) -> Boundary | None:
             first.unstable_from is None or margin <= first.unstable_from
         )
     inside = None
-    if part.certified is not None:
-        kept = frame[frame[part.certified] == True]  # noqa: E712 - missing values are not True
+    if certified is not None:
+        kept = frame[frame[certified] == True]  # noqa: E712 - missing values are not True
         inside = bool((kept[part.stable] == True).all()) if len(kept) else None  # noqa: E712
     return Boundary(edges, margin, known.get("certified_age"), agrees, inside)
 
 
-def _edge(frame: Any, part: StabilityPart, loss: float | None) -> Edge:
+def _edge(frame: Any, part: StabilityPart, loss: float | None, certified: str | None) -> Edge:
     stable_to = unstable_from = certified_to = None
-    certified_yet = part.certified is not None
+    certified_yet = certified is not None
     for delay, runs in frame.groupby(part.delay, sort=True):
         if unstable_from is None:
             if bool((runs[part.stable] == True).all()):  # noqa: E712 - missing is not True
                 stable_to = float(delay)
             else:
                 unstable_from = float(delay)
-        certified_yet = certified_yet and bool((runs[part.certified] == True).all())  # noqa: E712
+        certified_yet = certified_yet and bool((runs[certified] == True).all())  # noqa: E712
         if certified_yet:
             certified_to = float(delay)
     return Edge(loss, stable_to, unstable_from, certified_to)

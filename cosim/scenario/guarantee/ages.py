@@ -16,7 +16,6 @@ from cosim.scenario.guarantee.departure import Departure
 if TYPE_CHECKING:
     from cosim.models import Delay
     from cosim.scenario.age import MeasuredAges
-    from cosim.scenario.feedback_age import FeedbackAge
 
 _CLOSE = 1e-12
 """Relative: ages are doubles of whole nanoseconds."""
@@ -45,7 +44,6 @@ class FedBack(NamedTuple):
 def feedback_findings(
     fed_back: FedBack,
     measured: MeasuredAges | None,
-    known: FeedbackAge | None,
     proved_again: str,
     *,
     substituted: bool,
@@ -54,7 +52,6 @@ def feedback_findings(
 
     Parameters
     ----------
-    known : what the settings of the links say.
     proved_again : the command that proves the design for an age that varies.
     substituted : whether a link used a substitute for a lost message.
     """
@@ -71,10 +68,7 @@ def feedback_findings(
             words = _held_words(fed_back, measured, proved_again)
             found["message_age_constant"] = [Departure(fed_back.place, *words)]
         return found
-    found |= _kind(fed_back, rule, measured)
-    if rule.sampled:
-        found["links_justify_sampled_age"] = list(_justified(fed_back, known))
-    return found
+    return found | _kind(fed_back, rule, measured)
 
 
 def measurement_findings(
@@ -160,16 +154,6 @@ def _sampled(fed_back: FedBack, measured: MeasuredAges | None) -> Iterator[Depar
         if abs(age / 1e9 - fed_back.least) > _CLOSE * fed_back.d:
             yield Departure(fed_back.place, expected, f"{age / 1e9:.9g} s")
             return
-
-
-def _justified(fed_back: FedBack, known: FeedbackAge | None) -> Iterator[Departure]:
-    expected = f"links that make it exactly {fed_back.least:.9g} s old when it comes into use"
-    if known is None:
-        yield Departure(fed_back.place, expected, "nothing feeds back")
-    elif not known.sampled:
-        yield Departure(fed_back.place, expected, known.why)
-    elif abs(known.least_ns / 1e9 - fed_back.least) > _CLOSE * fed_back.d:
-        yield Departure(fed_back.place, expected, f"{known.least_ns / 1e9:.9g} s")
 
 
 def _held_words(

@@ -141,6 +141,14 @@ def _claimed(design: AnyDesign) -> list[dict[str, Any]]:
     return [{"age": _ANY if x.any_age else _EXACTLY} for x in design.system.delays]
 
 
+def certified_age(design: AnyDesign) -> float | None:
+    """Return the greatest age of held feedback that a proof covers [s]; None if it covers none."""
+    ages = [(x.d, age_rule(word).held) for x, word in feedback_words(design)]
+    if observes(design) or not ages or not all(held for _, held in ages):
+        return None
+    return max(d for d, _ in ages)
+
+
 def word_of(delay: Delay) -> str:
     """Return the word of a delay of a design with an observer, whose measurements have fields."""
     if delay.sampled:

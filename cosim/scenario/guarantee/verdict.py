@@ -37,7 +37,6 @@ from cosim.scenario.guarantee.wiring import Wiring
 if TYPE_CHECKING:
     from cosim.scenario.age import MeasuredAges
     from cosim.scenario.designed_plant import Difference
-    from cosim.scenario.feedback_age import FeedbackAge
     from cosim.scenario.gain import AnyDesign
 
 _HUGE = 1e300
@@ -71,7 +70,6 @@ class MeasuredRun:
     ----------
     laws : by assumption where the run, or its zero-state run, left its law.
     ages : of the feedback by place; of an observer's measurements by name.
-    known_age : what the settings of the links say of the feedback.
     command_age_ns : of an observer.
     commands_known : whether the observer took what acted to act; None without one.
     substituted : a link used a substitute.
@@ -82,7 +80,6 @@ class MeasuredRun:
 
     laws: Mapping[str, list[Departure]] = field(default_factory=dict)
     ages: Mapping[str, MeasuredAges | None] = field(default_factory=dict)
-    known_age: FeedbackAge | None = None
     command_age_ns: int | None = None
     commands_known: bool | None = None
     substituted: bool = False
@@ -173,7 +170,6 @@ def findings_of(
                 age.place: feedback_findings(
                     age,
                     run.ages.get(age.place),
-                    run.known_age,
                     proved_again,
                     substituted=run.substituted,
                 )

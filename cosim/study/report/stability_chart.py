@@ -94,9 +94,10 @@ def _over_delay_and_loss(
         name = "not stable (darker: more of the runs)"
         data.append(_curve(np.array([np.nan]), np.array([np.nan]), "limit", name) | square)
     data.append(_border(bx, by, share >= 1.0, "reference", "measured: all runs stable to here"))
-    if part.certified:
-        _, _, kept = _means(delay, loss, columns.metrics[part.certified])
-        name = "certified: every message age within design"
+    certified = certified_metric(columns.study)
+    if certified is not None:
+        _, _, kept = _means(delay, loss, columns.metrics[certified])
+        name = "certified: every assumption of the guarantee met"
         data.append(_border(bx, by, kept >= 1.0, 2, name))
     if found.certified_age is not None:
         at, ends = np.full(2, found.certified_age), np.array([by[0], by[-1]])

@@ -248,6 +248,7 @@ _AGES: dict[str, tuple[str, int | None]] = {
     "message_age_not_below_least": ("Measurements were never newer than the proof assumes", 1),
     "message_age_sampled": ("Every measurement came into use at the age of the proof", 1),
     "message_age_constant": ("The proof covers an age that varies", 1),
+    # of older traces
     "links_justify_sampled_age": ("By their settings the links give a sampled age", 2),
 }
 """Assumption -> its words, and the line of `age_lines` with its numbers."""
