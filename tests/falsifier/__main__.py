@@ -15,6 +15,7 @@ import re
 import sys
 import tempfile
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 from rich.console import Console
@@ -39,12 +40,16 @@ def main() -> int:
     parser.add_argument("--kind", nargs="*", choices=names, default=names)
     parser.add_argument("--jobs", type=int, default=1, help="processes")
     parser.add_argument("--quick", action="store_true", help="the share of every run of the tests")
+    parser.add_argument("--claims", action="store_true", help="broken loops alone")
+    parser.add_argument("--until-wrong", action="store_true", help="end with the first wrong cell")
+    parser.add_argument("--known", type=Path, help="wrong cells that are not told")
     parser.add_argument("--json", action="store_true")
     parser.add_argument("--page", type=Path, help="write the matrix as Markdown")
     parser.add_argument("--parts", type=Path, help="folder of the FMUs, to keep them")
     asked = parser.parse_args()
     begun = time.perf_counter()
-    fixed = matrix(quick=asked.quick, kinds=asked.kind)
+    fixed = matrix(quick=asked.quick, kinds=asked.kind, claims=asked.claims)
+    known = set() if asked.known is None else _told_before(asked.known)
     edges: list[Case] = [
         lambda field, edge=edge: edge_cell(field, edge) for edge in EDGES if edge.kind in asked.kind
     ]
@@ -52,13 +57,14 @@ def main() -> int:
     with tempfile.TemporaryDirectory(prefix="falsifier-") as scratch:
         folder = asked.parts or Path(scratch)
         folder.mkdir(parents=True, exist_ok=True)
-        cells = _fly(cases, folder, asked.kind, asked.jobs)
+        stops = (lambda cell: _wrong(cell, known)) if asked.until_wrong else None
+        cells = _fly(cases, folder, asked, stops)
     seconds = time.perf_counter() - begun
     at_random = [x for x in cells if x.drawn]
     certain = [x for x in cells if not x.drawn]
     if asked.page is not None:
         asked.page.write_text(page(certain, at_random, asked.seed), "utf-8")
-    wrong = [x for x in cells if x.verdict != GOOD]
+    wrong = [x for x in cells if _wrong(x, known)]
     if asked.json:
         told = [x.to_json() for x in wrong]
         print(json.dumps({"cells": len(cells), "seconds": seconds, "wrong": told}, indent=1))
@@ -67,15 +73,28 @@ def main() -> int:
     return int(bool(wrong))
 
 
-def _fly(cases: list[Case], folder: Path, kinds: list[str], jobs: int) -> list[Cell]:
+def _wrong(cell: Cell, known: set[tuple[str, ...]]) -> bool:
+    return cell.verdict != GOOD and (cell.kind, cell.hypothesis, cell.name) not in known
+
+
+def _told_before(path: Path) -> set[tuple[str, ...]]:
+    return {tuple(x) for x in json.loads(path.read_text("utf-8"))}
+
+
+def _fly(
+    cases: list[Case],
+    folder: Path,
+    asked: argparse.Namespace,
+    stops: Callable[[Cell], bool] | None,
+) -> list[Cell]:
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
     with Progress(*columns, TimeRemainingColumn(), console=Console(stderr=True)) as progress:
         made = progress.add_task("parts", total=len(LOOPS))
-        make_all(folder, kinds, lambda: progress.advance(made))
+        make_all(folder, asked.kind, lambda: progress.advance(made))
         flown = progress.add_task("flights", total=len(cases))
         fmus = folder / "fmus"
         told = lambda: progress.advance(flown)  # noqa: E731 - one word
-        return cells_of(cases, folder, fmus, jobs=jobs, told=told)
+        return cells_of(cases, folder, fmus, jobs=asked.jobs, told=told, stops=stops)
 
 
 def _show(cells: list[Cell], wrong: list[Cell], seconds: float) -> None:

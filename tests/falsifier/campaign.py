@@ -32,14 +32,17 @@ def cells_of(
     *,
     jobs: int = 1,
     told: Callable[[], None] = lambda: None,
+    stops: Callable[[Cell], bool] | None = None,
 ) -> list[Cell]:
-    """Fly all cases, in order; those with nothing to break are left out."""
+    """Fly all cases, in order, until `stops`; those with nothing to break are left out."""
     _cases[:], _folders[:] = cases, [folder, fmus]
     found = []
     for cell in _each(len(cases), jobs):
         told()
         if cell is not None:
             found.append(cell)
+            if stops is not None and stops(cell):
+                break
     return found
 
 

@@ -130,7 +130,7 @@ def _two() -> Loop:
         "two",
         "two measurements",
         {"position": ("x[1]",), "speed": ("x[2]",)},
-        {"position": packet(0.04, 0.02), "speed": transport(0.02)},
+        {"position": packet(0.04, 0.02), "speed": packet(0.02, 0.02)},
         (_stamped("position", 200), _stamped("speed", 100), _command(100)),
     )
 

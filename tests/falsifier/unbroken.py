@@ -70,6 +70,7 @@ def _(d: Draft) -> None:
 
 @variant("Gauss-Seidel in default order", "it makes ages shorter, which are measured", quick=True)
 def _(d: Draft) -> None:
+    d.needs(not d.loop.observed)  # a sensor would stamp what is newer than its stamp
     d.data["run"]["algorithm"] = "gauss-seidel"
 
 
