@@ -45,7 +45,7 @@ def main() -> int:
         field = Field(Path(scratch), asked.jobs, tests=asked.tests)
         with Progress(console=Console(stderr=True)) as progress:
             task = progress.add_task("the tree as it is", total=len(chosen) + asked.together + 1)
-            field.fly_unmutated()
+            field.fly_unmutated(_kinds(chosen))
             progress.advance(task)
             groups = [(x.name, [x]) for x in chosen]
             groups += [("all together", chosen)] if asked.together else []
@@ -78,12 +78,11 @@ class Field:
                 target.parent.mkdir(parents=True, exist_ok=True)
                 shutil.copyfile(ROOT / name, target)
 
-    def fly_unmutated(self) -> None:
+    def fly_unmutated(self, kinds: tuple[str, ...]) -> None:
         """Note which cells are wrong without a mutation, and which tests fail."""
         self._known.write_text("[]", "utf-8")
         wrong = [
-            [x["kind"], x["hypothesis"], x["name"]]
-            for x in self._flown(MUTATED_KINDS, until_wrong=False)
+            [x["kind"], x["hypothesis"], x["name"]] for x in self._flown(kinds, until_wrong=False)
         ]
         self._known.write_text(json.dumps(wrong), "utf-8")
         if self._tests and (failed := self._failed()):
@@ -99,8 +98,7 @@ class Field:
                 if text.count(each.old) != 1:
                     return ""  # it has to be written anew
                 path.write_text(text.replace(each.old, each.new), "utf-8")
-            kinds = tuple(dict.fromkeys(kind for x in mutations for kind in x.kinds))
-            wrong = self._flown(kinds, until_wrong=True)
+            wrong = self._flown(_kinds(mutations), until_wrong=True)
             if wrong:
                 first = wrong[0]
                 return f"{first['kind']}: {first['name']}: {first['verdict']}"
@@ -110,7 +108,7 @@ class Field:
                 (self._tree / file).write_text(text, "utf-8")
 
     def _flown(self, kinds: tuple[str, ...], *, until_wrong: bool) -> list[dict[str, str]]:
-        words = ["-m", "tests.falsifier", "--json", "--cases", "0", "--claims"]
+        words = ["-m", "tests.falsifier", "--json", "--cases", "0", "--claims", "--quick"]
         words += ["--jobs", str(self._jobs), "--parts", str(self._scratch / "parts")]
         words += ["--known", str(self._known), "--kind", *kinds]
         words += ["--until-wrong"] if until_wrong else []
@@ -137,7 +135,9 @@ class Field:
         )
 
 
-MUTATED_KINDS = tuple(dict.fromkeys(kind for x in MUTATIONS for kind in x.kinds))
+def _kinds(mutations: list[Mutation]) -> tuple[str, ...]:
+    return tuple(dict.fromkeys(kind for x in mutations for kind in x.kinds))
+
 
 if __name__ == "__main__":
     sys.exit(main())
