@@ -76,7 +76,7 @@ def _(d: Draft) -> None:
 
 @variant("the plant has a step of its own", "the age grows by it, and is measured", quick=True)
 def _(d: Draft) -> None:
-    d.needs(d.loop.name != "sampled")  # its link justifies a sampled age on the grid alone
+    d.needs(d.loop.name not in {"sampled", "station"})  # of a grid, and of little to spare
     d.components["plant"]["step"] = 2 * d.data["run"]["step"]
 
 
