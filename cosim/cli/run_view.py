@@ -161,11 +161,7 @@ def _measurement_ages(ages: Mapping[str, Any]) -> list[tuple[str, str, str]]:
     for name, age in ages.items():
         most = None if age["measured"] is None else age["measured"]["greatest_s"]
         bound = age["greatest_s"]
-        how = (
-            f"measured; certified up to {bound:.4g} s"
-            if bound
-            else "measured; certified at once"
-        )
+        how = f"measured; certified up to {bound:.4g} s" if bound else "measured; certified at once"
         rows.append((f"oldest {name} used", number(most, 4, "s"), how))
     return rows
 

@@ -123,7 +123,7 @@ class CheckFailedError(CosimError):
 
 
 class ContradictionError(CosimError):
-    """A run left a bound although every assumption of its proof was met: a fault of this project."""
+    """A run left a bound although all that its proof assumes was met: a fault of this project."""
 
     exit_code = 6
 

@@ -78,7 +78,9 @@ class AgeMeasure(Measure[MeasuredAges | None]):
             return
         plant, controller = by_name[self._plant], by_name[self._controller]
         down = [r for r in plant.routes if r.source == self._controller]
-        up = [r for r in controller.routes if r.source == self._plant and self._tells(controller, r)]
+        up = [
+            r for r in controller.routes if r.source == self._plant and self._tells(controller, r)
+        ]
         for back in down:
             at_once = self._algorithm == "jacobi" and _feedthrough(controller, back)
             self._paths += [_Path(controller, forth, back, at_once=at_once) for forth in up]
@@ -87,8 +89,8 @@ class AgeMeasure(Measure[MeasuredAges | None]):
     def _tells(self, controller: ComponentInstance, route: Route) -> bool:
         """Whether a route brings one of the states."""
         first, columns = controller.input_column, controller.input_columns
-        told = {columns[k - first].name for k in route.targets.tolist()}
-        return self._states is None or not told.isdisjoint(self._states)
+        names = {columns[k - first].name for k in route.targets.tolist()}
+        return self._states is None or not names.isdisjoint(self._states)
 
     def add(self, first: int, last: int) -> None:
         """Take the intervals that end at the points."""

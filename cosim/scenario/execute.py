@@ -261,7 +261,7 @@ def _assembled(
     return made.system
 
 
-def flown_loop(prepared: PreparedScenario, system: System) -> LoopOfRun | None:
+def loop_beside_design(prepared: PreparedScenario, system: System) -> LoopOfRun | None:
     """Return the loop of a run beside that of its design; None without a design."""
     part, design, problem = prepared.loaded.scenario.design, prepared.design, prepared.problem
     if part is None or design is None or problem is None:
@@ -307,7 +307,7 @@ class _Runs:
         self._zero_state: ZeroStateMeasures | None = None
         self._zero_state_figures: ZeroStateFigures | None = None
         self._laws: dict[str, MeasuredLaw] = {}
-        self._flown = flown_loop(prepared, system)
+        self._compared_loop = loop_beside_design(prepared, system)
 
     def run(self, *observers: Observer, keep: bool, zero_state_run: bool = True) -> Run:
         """Make the run; one from the zero state is its own zero-state run.
@@ -323,7 +323,7 @@ class _Runs:
         )
         # a recorder writes the events that the measures have found in the same rows
         watching: list[Observer] = [measures, *observers]
-        if (laws := self._law_measures(self._flown)) is not None:
+        if (laws := self._law_measures(self._compared_loop)) is not None:
             watching.append(laws)
         if zero_state_run and self._prepared.design is not None:
             self._zero_state = ZeroStateMeasures(self._prepared)
@@ -350,15 +350,15 @@ class _Runs:
             self._laws["run"] = laws.measured(completed.run)
         return completed.run
 
-    def _law_measures(self, flown: LoopOfRun | None) -> LawMeasures | None:
+    def _law_measures(self, compared: LoopOfRun | None) -> LawMeasures | None:
         """Return what measures the law of a run; None where nothing is claimed of it."""
         design, problem = self._prepared.design, self._prepared.problem
-        if flown is None or design is None or problem is None:
+        if compared is None or design is None or problem is None:
             return None
         if not self._wanted.has(*OF_GUARANTEE):
             return None
         changed = changed_by(self._prepared.loaded.scenario)
-        return LawMeasures(flown.loop, flown.wiring, design, problem, changed)
+        return LawMeasures(compared.loop, compared.wiring, design, problem, changed)
 
     def run_from_zero_state(self, flush: Callable[[], None] | None = None) -> None:
         """Make the zero-state run; none without a design, or after a failed or interrupted run.
@@ -381,7 +381,7 @@ class _Runs:
             if flush is not None:
                 flush()
             self._living.close()
-        laws = self._law_measures(flown_loop(self._prepared, system))
+        laws = self._law_measures(loop_beside_design(self._prepared, system))
         run = run_system(
             system,
             "zero-state run",
@@ -414,7 +414,7 @@ class _Runs:
             links,
             prepared.worst_case,
             altered=self._completed.altered,
-            flown=self._flown,
+            compared=self._compared_loop,
             laws=self._laws,
         )
         outcome = Outcome(

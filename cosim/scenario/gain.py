@@ -236,11 +236,6 @@ def require_up_to(found: hinf.Design) -> None:
         )
 
 
-def proves_exact_delays(found: hinf.Design) -> bool:
-    """Whether the proof is about exactly the delays of the plant, not about shorter ones."""
-    return not found.covers_smaller_delays and any(not x["feedback"] for x in _exact(found))
-
-
 def _exact(found: hinf.Design) -> list[dict[str, Any]]:
     """Return what the claim says of delays that it covers at exactly one value."""
     return [x for x in found.certificate["claim"]["delays"] if x["age"] == _ONE_AGE]
@@ -393,9 +388,7 @@ def controller_parameters(found: AnyDesign, controller: FmuDescription) -> dict[
     return values
 
 
-def require_own_numbers(
-    found: AnyDesign, controller: FmuDescription, part: ComponentPart
-) -> None:
+def require_own_numbers(found: AnyDesign, controller: FmuDescription, part: ComponentPart) -> None:
     """Refuse numbers of a controller beside a design that has others.
 
     Raises

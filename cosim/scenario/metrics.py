@@ -317,7 +317,7 @@ class RunContext:
     links : statistics of the packet links.
     worst_case : of the design; None if the scenario does not apply it.
     altered : what events changed but the traffic of links.
-    flown : the loop of the run beside that of the design; None without a design.
+    compared : the loop of the run beside that of the design; None without a design.
     laws : what was measured of the law of the run, and of its zero-state run if that is another.
     """
 
@@ -331,7 +331,7 @@ class RunContext:
     links: Mapping[str, Mapping[str, Any]]
     worst_case: hinf.WorstCase | None = None
     altered: Sequence[str] = ()
-    flown: LoopOfRun | None = None
+    compared: LoopOfRun | None = None
     laws: Mapping[str, MeasuredLaw] = field(default_factory=dict)
 
     @cached_property
@@ -345,7 +345,7 @@ class RunContext:
     @cached_property
     def findings(self) -> dict[str, list[Departure]]:
         """Every assumption of the guarantee, with why it was not met; empty without one."""
-        if self.design is None or self.problem is None or self.flown is None:
+        if self.design is None or self.problem is None or self.compared is None:
             return {}
         figures, beside = self.figures, self.zero_state
         ages = dict(figures.stamped_ages or figures.ages_by_place)
@@ -365,7 +365,7 @@ class RunContext:
             limits_reached=reached,
             altered=self.altered,
         )
-        return findings_of(self.design, self.problem, self.flown, measured, "")
+        return findings_of(self.design, self.compared, measured, "")
 
     @property
     def age_s(self) -> float | None:
@@ -384,10 +384,10 @@ def _left(laws: Mapping[str, MeasuredLaw]) -> dict[str, list[Departure]]:
     found: dict[str, list[Departure]] = {}
     for run, law in laws.items():
         for name, departures in law.departures.items():
-            told = departures
+            named = departures
             if run != "run":
-                told = [one._replace(got=f"{one.got}, in the {run}") for one in departures]
-            found.setdefault(name, []).extend(told)
+                named = [one._replace(got=f"{one.got}, in the {run}") for one in departures]
+            found.setdefault(name, []).extend(named)
     return found
 
 
@@ -432,10 +432,10 @@ def _assumptions(context: RunContext) -> dict[str, Any]:
     ]:
         named["departures"] = departures
     named |= _facts(context)
-    if context.flown is not None and found:
+    if context.compared is not None and found:
         apart = [
             each
-            for component, different in context.flown.differences.items()
+            for component, different in context.compared.differences.items()
             for each in differences_json(component, different)
         ]
         if apart:
@@ -445,16 +445,16 @@ def _assumptions(context: RunContext) -> dict[str, Any]:
 
 def _facts(context: RunContext) -> dict[str, Any]:
     """Return the facts under the verdict, and how the state grew where nothing drove it."""
-    design, problem, flown = context.design, context.problem, context.flown
+    design, problem, compared = context.design, context.problem, context.compared
     law = context.laws.get("run")
-    if design is None or problem is None or flown is None or law is None:
+    if design is None or problem is None or compared is None or law is None:
         return {}
     at_rest = context.laws.get("zero-state run", law)
     beside, share = context.zero_state, None
     if beside is not None and beside.energy and at_rest.noise_energy is not None:
         share = at_rest.noise_energy / beside.energy
     facts = facts_of_run(
-        design, problem, context.system, flown.wiring, law.motion, context.gain, share
+        design, problem, context.system, compared.wiring, law.motion, context.gain, share
     )
     found: dict[str, Any] = {"facts": facts_json(facts)}
     if law.motion is not None and not law.motion.driven and not context.altered:

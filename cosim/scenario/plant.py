@@ -144,9 +144,7 @@ def thrust_map_values(design: hinf.AuvDesignSettings) -> dict[str, float]:
     return _thrust_map(design)
 
 
-def plant_values(
-    system: DelaySystem, parameters: Mapping[str, float | None]
-) -> dict[str, float]:
+def plant_values(system: DelaySystem, parameters: Mapping[str, float | None]) -> dict[str, float]:
     """Return the matrices and delays of a system, as in Eq. (7), as parameters of its plant.
 
     Matrices that the system does not have may be among the `parameters` of a plant: as zeros.

@@ -321,7 +321,7 @@ class StabilityPart(_Part):
     gain: Text | None = None
     """Metric to colour the picture with."""
     certified: Text | None = None
-    """Metric `metrics.guarantee_claimed`: whether the run met every assumption of its certificate."""
+    """Metric `metrics.guarantee_claimed`: whether the run met all that its certificate assumes."""
 
 
 class StopPart(_Part):

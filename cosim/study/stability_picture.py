@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from cosim.core import InputError, at_least
+from cosim.study.consistency import certified_metric
 from cosim.study.pictures import BLUE, DPI, GREEN, GREY, RED, edges, grid_of, numbers
 from cosim.study.schema import StabilityPart, Study
 from cosim.study.stability_boundary import Boundary, boundary

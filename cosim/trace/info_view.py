@@ -146,9 +146,7 @@ def _gamma(text: object) -> str:
         return ""
 
 
-def _guarantee(
-    description: Mapping[str, Any], outcome: RunOutcome
-) -> Iterator[tuple[str, object]]:
+def _guarantee(description: Mapping[str, Any], outcome: RunOutcome) -> Iterator[tuple[str, object]]:
     """Yield whether the guarantee is claimed, and the facts under this verdict."""
     found = guarantee_of(outcome, assumptions_of(outcome), description.get("verified"))
     if found is None:

@@ -162,7 +162,6 @@ def test_plant_and_controller_run_from_their_paths(folder: Path, flavour: str) -
         # a link of constant delay: the gain is proved for what it justifies
         "message_age_not_below_least": True,
         "message_age_sampled": True,
-        "links_justify_sampled_age": True,
         "plant_as_designed": True,
     }
     trace = Trace(folder / f"{flavour}.mcap")

@@ -65,7 +65,8 @@ def test_the_certificate_in_the_controller_counts(folder: Path) -> None:
     assert ran.code == 0, ran.err
     assumptions = ran.json["metrics"]["assumptions"]
     assert assumptions.pop("message_age_within_design") is True
-    assert assumptions == {"certificate_verified": True, "plant_as_designed": True}
+    assert "certificate_verified" in assumptions
+    assert all(assumptions.values()), ran.json["metrics"]["departures"]
     named = "[design]\nfile = 'controller.fmu'"
     again = cosim("run", "loop.toml", "--json", "--set", "design.file=controller.fmu", cwd=folder)
     assert again.json["metrics"] == ran.json["metrics"], named

@@ -34,11 +34,11 @@ from cosim.network import (
     TransportLink,
 )
 from cosim.scenario.age import AgeMeasure, MeasuredAges
-from cosim.scenario.age_claim import age_assumptions
 from cosim.scenario.execute import execute_run
 from cosim.scenario.feedback_age import FeedbackAge, feedback_age
 from cosim.scenario.fmu_cache import FmuCache
 from cosim.scenario.gain import Problem, problem_of, solve, with_known_age
+from cosim.scenario.guarantee.ages import FedBack, feedback_findings
 from cosim.scenario.measure import measured
 from cosim.scenario.preparation import prepare
 from cosim.scenario.read import load
@@ -253,39 +253,46 @@ def test_losses_on_both_ways_are_sampled_only_one_at_a_time(
     assert known_of(system_of(fmus, sure, None)).greatest_ns == 7 * STEP + STEP + 3 * STEP
 
 
-SAMPLED = Delay(1.25, np.zeros((8, 8)), feedback=True, least_age=0.35, sampled=True)
+SAMPLED = FedBack("x", 1.25, 0.35, "sampled: from least_age at rate one to d at most")
 JUST = FeedbackAge(ns(0.35), None, sampled=True, why="")
+RIGHT = MeasuredAges(ns(0.35), ns(0.95), (ns(0.35), ns(0.35)), ns(0.35), alike=True)
 
 
 @pytest.mark.parametrize(
-    ("changed", "known", "wrong"),
+    ("changed", "wrong"),
     [
-        ({}, JUST, set()),
-        ({"least_ns": ns(0.35) - 1}, JUST, {"message_age_not_below_least"}),
-        ({"first_ns": ns(1.25) + 1}, JUST, {"message_age_not_below_least"}),
-        ({"in_use_ns": (ns(0.35), ns(0.35) + 1)}, JUST, {"message_age_sampled"}),
-        ({"alike": False}, JUST, {"message_age_sampled"}),
-        ({}, replace(JUST, sampled=False), {"links_justify_sampled_age"}),
-        ({}, replace(JUST, least_ns=ns(0.3)), {"links_justify_sampled_age"}),
-        ({}, None, {"links_justify_sampled_age"}),
+        ({}, set()),
+        ({"greatest_ns": ns(1.25)}, set()),
+        ({"greatest_ns": ns(1.25) + 1}, {"message_age_within_design"}),
+        ({"least_ns": ns(0.35) - 1}, {"message_age_not_below_least"}),
+        ({"least_ns": None}, {"message_age_not_below_least"}),
+        ({"first_ns": ns(1.25) + 1}, {"message_age_within_design"}),
+        ({"interrupted": True}, {"message_age_within_design"}),
+        ({"in_use_ns": (ns(0.35), ns(0.35) + 1)}, {"message_age_sampled"}),
+        ({"alike": False}, {"message_age_sampled", "measurements_equally_old"}),
     ],
 )
 def test_each_fault_of_an_age_fails_its_own_assumption(
-    changed: dict[str, Any], known: FeedbackAge | None, wrong: set[str]
+    changed: dict[str, Any], wrong: set[str]
 ) -> None:
-    """Below the least age, late at first, another age in use, no reason in the settings."""
-    right = MeasuredAges(ns(0.35), ns(0.95), (ns(0.35), ns(0.35)), ns(0.35), alike=True)
-    found = age_assumptions(SAMPLED, right._replace(**changed), known, STEP)
-    assert len(found) == 3
-    assert {name for name, met in found.items() if not met} == wrong
+    """Too old, below the least age, late at first, interrupted, another age in use: by 1 ns."""
+    found = feedback_findings(SAMPLED, RIGHT._replace(**changed), "", substituted=False)
+    assert {name for name, departures in found.items() if departures} == wrong
 
 
-def test_an_age_that_is_constant_but_for_the_step() -> None:
-    """Two steps of the exchange are no variation of the link; a third one is."""
-    constant = Delay(1.0, np.zeros((2, 2)), feedback=True)
-    for spread, met in ((2 * STEP, True), (2 * STEP + 1, False)):
-        ages = MeasuredAges(10, 10 + spread, (10, 10), 10, alike=True)
-        assert age_assumptions(constant, ages, None, STEP) == {"message_age_constant": met}
+@pytest.mark.parametrize(
+    "word", ["constant, exactly d", "constant, up to d", "constant, from 1/2 to d", "unheard of"]
+)
+def test_what_is_held_has_no_constant_age(word: str) -> None:
+    """However little it varies: the proof is about another loop, and the run says what proves it.
+
+    A word that has no rule covers nothing.
+    """
+    found = feedback_findings(
+        FedBack("x", 1.0, 0.0, word), RIGHT, "prove it again", substituted=False
+    )
+    (departure,) = found["message_age_constant"]
+    assert "prove it again" in departure.got
 
 
 def printed(view: Any) -> str:
@@ -311,8 +318,7 @@ def test_playout_scenario_keeps_to_its_proof(native_fmus: Path, tmp_path: Path) 
     assert age["measured"]["in_use_s"] == [0.35, 0.35]
     assert age["settings"]["sampled"] is True
     failed = {k for k, met in results["0"].metrics["assumptions"].items() if not met}
-    sampled = {"message_age_sampled", "links_justify_sampled_age"}
-    assert failed == sampled | {"message_age_not_below_least"}
+    assert failed == {"message_age_sampled", "message_age_not_below_least"}
     assert "without playout" in results["0"].metrics["feedback_age"]["settings"]["why"]
     for playout, words in (("0.3", "always 0.35 s when"), ("0", "0.3 s to 0.4 s when")):
         info = describe(tmp_path / f"{playout}.mcap")
@@ -321,9 +327,7 @@ def test_playout_scenario_keeps_to_its_proof(native_fmus: Path, tmp_path: Path) 
             assert words in text
         checks = {check.what: check for check in assumptions_of(results[playout])}
         used = checks["Every measurement came into use at the age of the proof"]
-        assert words in used.why
-        justified = checks["By their settings the links give a sampled age"]
-        assert ("without playout" in justified.why) == (playout == "0")
+        assert words in used.why if playout == "0.3" else "0.35 s old when" in used.why
     assert "dropped late mean delay" in printed(outcome_view(kept))
 
 

@@ -245,13 +245,13 @@ def test_a_constant_is_one_for_the_whole_run(fmus: Path, tmp_path: Path) -> None
 @pytest.mark.parametrize(
     ("more", "as_designed"),
     [
-        ("", None),
+        ("", True),
         ('sensor = "fix"\n\n[sensors.fix]\nsample_time = 10.0\n', False),
-        ('\n[computed.seen]\ndepth = "plant.eta.z"\n', None),
+        ('\n[computed.seen]\ndepth = "plant.eta.z"\n', True),
     ],
 )
 def test_what_stands_in_a_loop_is_in_no_design(
-    more: str, *, as_designed: bool | None, fmus: Path, tmp_path: Path
+    more: str, *, as_designed: bool, fmus: Path, tmp_path: Path
 ) -> None:
     """A sensor that shows a fix every 10 s: no guarantee of the gain; a value that is only seen."""
     text = 'design = { file = "auv-1.25s" }\n' + HEAD

@@ -63,9 +63,9 @@ def feedback_findings(
         expected = "one age for all of it: u = K x(t - age)"
         got = "parts of different ages at the same time"
         found["measurements_equally_old"] = [Departure(fed_back.place, expected, got)]
-    if not rule.held:
+    if not rule.varies:
         if fed_back.d > 0:
-            words = _held_words(fed_back, measured, proved_again)
+            words = _constant_words(fed_back, measured, proved_again)
             found["message_age_constant"] = [Departure(fed_back.place, *words)]
         return found
     return found | _kind(fed_back, rule, measured)
@@ -86,8 +86,8 @@ def measurement_findings(
     found: Findings = {
         f"{start}_within_design": list(_within(fed_back, measured, substituted=substituted))
     }
-    if not rule.held:
-        words = _held_words(fed_back, measured, proved_again)
+    if not rule.varies:
+        words = _constant_words(fed_back, measured, proved_again)
         return found | {f"{start}_constant": [Departure(name, *words)]}
     more = _kind(fed_back, rule, measured)
     return found | {f"{start}_{key.removeprefix('message_age_')}": x for key, x in more.items()}
@@ -156,7 +156,7 @@ def _sampled(fed_back: FedBack, measured: MeasuredAges | None) -> Iterator[Depar
             return
 
 
-def _held_words(
+def _constant_words(
     fed_back: FedBack, measured: MeasuredAges | None, proved_again: str
 ) -> tuple[str, str]:
     """Return what is expected of an age that is proved to be constant, and what it is."""

@@ -31,17 +31,17 @@ class AgeRule:
 
     Attributes
     ----------
-    held : whether it covers the age of a value that is held: it grows at rate one, then falls.
+    varies : whether it covers the age of a value that is held: it grows at rate one, then falls.
     sampled : it covers one that is always the same when a value comes into use.
     least : it is never less than the `least_age` of the delay.
     constant : value, d and least_age -> whether it covers a constant delay of this value, such as
         one in a plant.
     """
 
-    held: bool
-    sampled: bool
-    least: bool
     constant: Callable[[float, float, float], bool]
+    varies: bool = False
+    sampled: bool = False
+    least: bool = False
 
 
 def _up_to(value: float, d: float, least: float) -> bool:
@@ -62,17 +62,19 @@ _ANY, _EXACTLY = "any, however it varies, up to d", "constant, exactly d"
 
 AGE_RULES: Mapping[str, AgeRule] = MappingProxyType(
     {
-        _ANY: AgeRule(True, False, False, _up_to),
-        "any, however it varies, from least_age to d": AgeRule(True, False, True, _up_to),
-        "sampled: from least_age at rate one to d at most": AgeRule(True, True, True, _never),
-        "from least_age to d, |age'| <= rate": AgeRule(False, False, True, _up_to),
-        "constant, up to d": AgeRule(False, False, False, _up_to),
-        _EXACTLY: AgeRule(False, False, False, _exactly),
+        _ANY: AgeRule(_up_to, varies=True),
+        "any, however it varies, from least_age to d": AgeRule(_up_to, varies=True, least=True),
+        "sampled: from least_age at rate one to d at most": AgeRule(
+            _never, varies=True, sampled=True, least=True
+        ),
+        "from least_age to d, |age'| <= rate": AgeRule(_up_to, least=True),
+        "constant, up to d": AgeRule(_up_to),
+        _EXACTLY: AgeRule(_exactly),
     }
 )
 """Word of a claim about a delay -> what it covers."""
 _FROM = re.compile(r"constant, from (\S+) to d")
-_UNKNOWN = AgeRule(False, False, False, _never)
+_UNKNOWN = AgeRule(_never)
 
 KINDS = frozenset({"certificate", "analysis", "ages", "output-feedback"})
 """Kinds of certificates of which a run may claim something."""
@@ -97,16 +99,15 @@ def age_rule(word: str) -> AgeRule:
     if lower is None:
         return _UNKNOWN
     least = float(Fraction(lower[1]))
-    return AgeRule(False, False, False, lambda value, d, _: least <= value <= d)
+    return AgeRule(lambda value, d, _: least <= value <= d)
 
 
 def unknown_words(design: AnyDesign) -> list[str]:
     """Return what the claim of a design says that has no rule here."""
     claim, kind = design.certificate["claim"], design.certificate.get("kind", "certificate")
     found = [] if kind in KINDS else [f"a certificate of kind {kind}"]
-    for delay in claim["delays"]:
-        if age_rule(delay["age"]) is _UNKNOWN:
-            found.append(f"an age that is {delay['age']!r}")
+    ages = (delay["age"] for delay in claim["delays"])
+    found += [f"an age that is {age!r}" for age in ages if age_rule(age) is _UNKNOWN]
     found += [f"guarantee {x!r}" for x in claim.get("guarantees", {}) if x not in GUARANTEES]
     return found
 
@@ -122,7 +123,8 @@ def covers_plant_delays(
     own : the values of the plant.
     """
     terms = [x for x in design.system.delays if not x.feedback or x.A.any() or x.H.any()]
-    words = {id(x): each["age"] for x, each in zip(design.system.delays, _claimed(design))}
+    claimed = zip(design.system.delays, _claimed(design), strict=True)
+    words = {id(x): each["age"] for x, each in claimed}
     for i, (name, d) in enumerate(delays.items()):
         value, rule, least = own.get(name), AGE_RULES[_EXACTLY], 0.0
         if i < len(terms):
@@ -143,8 +145,8 @@ def _claimed(design: AnyDesign) -> list[dict[str, Any]]:
 
 def certified_age(design: AnyDesign) -> float | None:
     """Return the greatest age of held feedback that a proof covers [s]; None if it covers none."""
-    ages = [(x.d, age_rule(word).held) for x, word in feedback_words(design)]
-    if observes(design) or not ages or not all(held for _, held in ages):
+    ages = [(x.d, age_rule(word).varies) for x, word in feedback_words(design)]
+    if observes(design) or not ages or not all(varies for _, varies in ages):
         return None
     return max(d for d, _ in ages)
 

@@ -50,8 +50,8 @@ class DeliveryLaw(Measure[list[Departure]]):
             for route in receiver.routes:
                 chosen = [k for k, target in enumerate(route.targets.tolist()) if target in mine]
                 if chosen:
-                    told = [f"{receiver.name}.{mine[int(route.targets[k])]}" for k in chosen]
-                    self._routes.append(_Delivered(receiver, route, np.array(chosen), told))
+                    measured = [f"{receiver.name}.{mine[int(route.targets[k])]}" for k in chosen]
+                    self._routes.append(_Delivered(receiver, route, np.array(chosen), measured))
 
     def add(self, first: int, last: int) -> None:
         """Compare at the points."""

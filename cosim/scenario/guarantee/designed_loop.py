@@ -112,8 +112,8 @@ def designed_loop(
 
 def _states_fed_back(problem: Problem, states: tuple[str, ...]) -> dict[str, str]:
     """Return the states that the controller is told; integrals are states of its own."""
-    told = problem.system.measured[: len(states)]
-    return {name: name for name, own in zip(states, told, strict=True) if own}
+    measured = problem.system.measured[: len(states)]
+    return {name: name for name, own in zip(states, measured, strict=True) if own}
 
 
 def _measurements(

@@ -42,14 +42,14 @@ def facts_of_run(
         yield Fact("proved for", words, known="certified")
     yield from _exercised(design, gain, noise_share)
     if motion is not None:
-        each = (f"{name} {error:.3g} {unit}".rstrip() for name, (error, unit) in motion.errors.items())
+        each = (
+            f"{name} {error:.3g} {unit}".rstrip() for name, (error, unit) in motion.errors.items()
+        )
         yield Fact("error against the set-point at the end", ", ".join(each), known="measured")
     yield from _links(system, wiring)
 
 
-def _exercised(
-    design: AnyDesign, gain: float | None, noise_share: float | None
-) -> Iterator[Fact]:
+def _exercised(design: AnyDesign, gain: float | None, noise_share: float | None) -> Iterator[Fact]:
     """Yield how much of the bound the run has tried."""
     norm = design.exact_norm
     if design.gamma is None:

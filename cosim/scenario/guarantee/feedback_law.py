@@ -77,11 +77,11 @@ class FeedbackLaw(Measure[list[Departure]]):
             self._found = Departure(place, "a variable of the controller", "there is none")
             return
         self._instance = instance
-        told = np.flatnonzero(system.measured[:n])
+        inputs = np.flatnonzero(system.measured[:n])
         rows = np.array([system.A, *(x.A for x in system.delays)]).sum(axis=0)
-        self._S: Reals = rows[n:][:, told]
+        self._S: Reals = rows[n:][:, inputs]
         K = np.asarray(self._design.K, dtype=np.float64)
-        self._K: Reals = np.hstack((K[:, told], K[:, n:]))
+        self._K: Reals = np.hstack((K[:, inputs], K[:, n:]))
         if self._problem.vehicle is not None:
             self._K = np.array(inertia(self._problem.vehicle.parameters), dtype=float) @ self._K
         references = [name.replace("eta.", "reference.", 1) for name in states]
@@ -102,8 +102,8 @@ class FeedbackLaw(Measure[list[Departure]]):
         outputs = [ports[name] for name in commands]
         self._at_once = all(p.feedthrough and p.feedthrough_declared for p in outputs)
         self._begun: NDArray[np.int64] | None = None
-        self._told: Reals | None = None
-        self._given: Reals | None = None
+        self._inputs: Reals | None = None
+        self._outputs: Reals | None = None
         self._behind: Reals = np.full((1, len(states) + len(xi)), np.nan)
 
     def add(self, first: int, last: int) -> None:
@@ -123,9 +123,13 @@ class FeedbackLaw(Measure[list[Departure]]):
             return
         times = after(self._begun, points)
         k = len(self._bounds)
-        told = after(self._told, np.hstack((error, out[:, k:])))
-        given = after(self._given, out)
-        self._begun, self._told, self._given = points[-1:].copy(), told[-1:].copy(), given[-1:].copy()
+        inputs = after(self._inputs, np.hstack((error, out[:, k:])))
+        outputs = after(self._outputs, out)
+        self._begun, self._inputs, self._outputs = (
+            points[-1:].copy(),
+            inputs[-1:].copy(),
+            outputs[-1:].copy(),
+        )
         begins, ends = times[:-1], times[1:]
         if not begins.size:
             return
@@ -135,33 +139,33 @@ class FeedbackLaw(Measure[list[Departure]]):
             taken = -(-ends // self._period) + (begins // -self._period)
             elapsed = taken * self._period / 1e9
             place = np.maximum.accumulate(np.where(taken > 0, place, 0))
-        table = np.vstack((self._behind, told[:-1]))
+        table = np.vstack((self._behind, inputs[:-1]))
         self._behind = table[place[-1:]].copy()
-        self._compare(ends, table[place], given[1:])
-        self._integrate(ends, told[:-1], given, elapsed)
+        self._compare(ends, table[place], outputs[1:])
+        self._integrate(ends, inputs[:-1], outputs, elapsed)
 
-    def _compare(self, points: NDArray[np.int64], told: Reals, given: Reals) -> None:
+    def _compare(self, points: NDArray[np.int64], inputs: Reals, outputs: Reals) -> None:
         """Compare commands with what follows from what the controller was told."""
-        terms = told[:, None, :] * self._K
+        terms = inputs[:, None, :] * self._K
         wanted = np.clip(terms.sum(axis=2), -self._bounds, self._bounds)
         allowed = _CLOSE * np.abs(terms).sum(axis=2)
-        got = given[:, : len(self._bounds)]
-        known = ~np.isnan(told).any(axis=1)[:, None]
+        got = outputs[:, : len(self._bounds)]
+        known = ~np.asarray(np.isnan(inputs)).any(axis=1, keepdims=True)
         apart = np.abs((wanted - got) @ self._judged)
         self._note(points, wanted, got, (apart > allowed) & known)
 
     def _integrate(
-        self, points: NDArray[np.int64], told: Reals, given: Reals, elapsed: Reals
+        self, points: NDArray[np.int64], inputs: Reals, outputs: Reals, elapsed: Reals
     ) -> None:
         """Compare integrals, where no command is at its limit."""
         k, n = len(self._bounds), self._S.shape[1]
         if not len(self._S) or self._found is not None:
             return
-        change = elapsed[:, None] * (told[:, :n] @ self._S.T)
-        before, now = given[:-1, k:], given[1:, k:]
+        change = elapsed[:, None] * (inputs[:, :n] @ self._S.T)
+        before, now = outputs[:-1, k:], outputs[1:, k:]
         wanted = before + change
         allowed = _CLOSE * (np.abs(before) + np.abs(change) + 1e-12)
-        free = (np.abs(given[1:, :k]) < self._bounds * (1 - 1e-12)).all(axis=1)[:, None]
+        free = (np.abs(outputs[1:, :k]) < self._bounds * (1 - 1e-12)).all(axis=1, keepdims=True)
         wrong = (np.abs(wanted - now) > allowed) & free
         blank = np.zeros((len(points), k))
         self._note(

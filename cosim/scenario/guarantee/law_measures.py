@@ -23,7 +23,7 @@ from cosim.scenario.measure import Measure, Measures
 if TYPE_CHECKING:
     from cosim.scenario.gain import AnyDesign
 
-DELIVERED, PLANT, CONTROLLER = "values_delivered", "plant_law_held", "control_law_held"
+DELIVERED, PLANT, CONTROLLER = "values_delivered", "plant_follows_law", "controller_follows_law"
 MEASURED = "measurements_true"
 
 

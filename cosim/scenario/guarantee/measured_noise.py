@@ -148,9 +148,7 @@ class NoiseMeasure(Measure[MeasuredNoise]):
         if wrong.any():
             k, i = (int(x) for x in np.argwhere(wrong)[0])
             expected = f"{true[k, i]:.9g}, of the plant at its stamp, without noise"
-            self._depart(
-                f"{each.name}[{i + 1}]", int(stamps[k]), expected, f"{values[k, i]:.9g}"
-            )
+            self._depart(f"{each.name}[{i + 1}]", int(stamps[k]), expected, f"{values[k, i]:.9g}")
         shares = np.where(silent, 0.0, noise / np.where(silent, 1.0, sizes))
         squares = shares * shares
         self._square[j] += np.cumsum(squares, axis=0)[-1]

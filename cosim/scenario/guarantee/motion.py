@@ -65,12 +65,12 @@ class MotionMeasure(Measure[Motion | None]):
         self._instance, self._names = plant, list(binding.state.names)
         self._units = [ports[name].unit or "" for name in self._names]
         self._trim = np.array(binding.state.trim)
-        told = controller.component.description.ports
+        measured = controller.component.description.ports
         given = {
             j: name
             for j, state in enumerate(self._names)
             for name in (f"reference[{j + 1}]", state.replace("eta.", "reference.", 1))
-            if name in told and name != state
+            if name in measured and name != state
         }
         self._set_points = [*given]
         self._x = reader_of(plant, self._names)

@@ -73,10 +73,10 @@ def estimate_law(design: hinf.OutputFeedback, controller: str) -> StepLaw:
     def read(instance: ComponentInstance) -> Callable[[int, int], tuple[Reals, Reals]]:
         state = reader_of(instance, _names("estimate", n))
         acting = reader_of(instance, _names("applied", m))
-        held = reader_of(instance, _innovations(design))
+        steady = reader_of(instance, _innovations(design))
         return lambda first, last: (
             state.read(first, last),
-            np.hstack((acting.read(first, last), held.read(first, last))),
+            np.hstack((acting.read(first, last), steady.read(first, last))),
         )
 
     # an innovation is computed at the beginning of a step, and seen at its end
@@ -119,8 +119,8 @@ class ObserverLaw(Measure[list[Departure]]):
         design, n = self._design, len(self._design.system.A)
         values = [name for one in self._loop.measurements for name in one.inputs]
         commands = list(self._loop.commands.values())
-        shown = [*_names("estimate", n), *_innovations(design), *commands]
-        needed = [*values, *shown, *(one.stamp for one in self._loop.measurements)]
+        outputs = [*_names("estimate", n), *_innovations(design), *commands]
+        needed = [*values, *outputs, *(one.stamp for one in self._loop.measurements)]
         missing = [name for name in needed if name not in ports]
         if missing:
             place = f"{self._loop.controller}.{missing[0]}"
@@ -198,23 +198,23 @@ class ObserverLaw(Measure[list[Departure]]):
             mine = slice(column, column + len(one.C))
             column = mine.stop
             new = used[1:, j] > used[:-1, j]
-            held = np.flatnonzero(~new)
-            same = innovation[held + 1, mine] == innovation[held, mine]
+            steady = np.flatnonzero(~new)
+            same = innovation[steady + 1, mine] == innovation[steady, mine]
             if not same.all() and self._found is None:
-                k = int(held[np.flatnonzero(~same.all(axis=1))[0]])
+                k = int(steady[np.flatnonzero(~same.all(axis=1))[0]])
                 self._depart(one.name, times[k + 1], innovation[k, mine], innovation[k + 1, mine])
             comes = np.flatnonzero(new)
             if not comes.size:
                 continue
             stored, allowed = self._stored(used[comes + 1, j])
             terms = stored[:, None, :] * one.C
-            told, shown = y[comes, mine], innovation[comes + 1, mine]
-            wanted = told - terms.sum(axis=2)
-            size = np.abs(terms).sum(axis=2) + np.abs(told) + 1e-12
-            wrong = (np.abs(wanted - shown) > allowed[:, None] * size).any(axis=1)
+            values, outputs = y[comes, mine], innovation[comes + 1, mine]
+            wanted = values - terms.sum(axis=2)
+            size = np.abs(terms).sum(axis=2) + np.abs(values) + 1e-12
+            wrong = (np.abs(wanted - outputs) > allowed[:, None] * size).any(axis=1)
             if wrong.any():
                 k = int(np.argmax(wrong))
-                self._depart(one.name, times[comes[k] + 1], wanted[k], shown[k])
+                self._depart(one.name, times[comes[k] + 1], wanted[k], outputs[k])
 
     def _stored(self, stamps: Integers) -> tuple[Reals, Reals]:
         """Return the estimates at stamps, constant before the first point, and their accuracy."""

@@ -27,7 +27,7 @@ def plant_differences(design: AnyDesign, problem: Problem, plant: Component) -> 
     """Return where the parameters of a plant are not those that it was designed as.
 
     Its equations are compared number by number, its delays by what the proof says of each
-    (`covers_plant_delays`), its uncertainty F(t) by its size; what the design does not name must be as the
+    (`covers_plant_delays`), its uncertainty F(t) by its size; what it does not name must be as the
     FMU declares it. The initial state is free, and how the plant is integrated is measured.
     """
     found: list[Difference] = []
@@ -110,14 +110,14 @@ def sensor_departures(system: System, sensors: Mapping[str, Sensed]) -> Iterator
     """Yield errors of sensors beyond what the design counts with: noise, and any bias."""
     for sensed in sensors.values():
         own = _values(system.components[sensed.component])
-        for told, (one, k) in sensed.values.items():
+        for input_name, (one, k) in sensed.values.items():
             place, size = f"{sensed.component}.", one.noise[k]
-            noise, bias = own.get(f"noise{told[1:]}"), own.get(f"bias{told[1:]}")
+            noise, bias = own.get(f"noise{input_name[1:]}"), own.get(f"bias{input_name[1:]}")
             if noise is None or not noise <= size * (1 + 1e-12):
                 expected = f"at most {size:g}, as designed" if size else "0, as designed"
-                yield Departure(f"{place}noise{told[1:]}", expected, f"{noise}")
+                yield Departure(f"{place}noise{input_name[1:]}", expected, f"{noise}")
             if bias != 0:
-                yield Departure(f"{place}bias{told[1:]}", "0", f"{bias}")
+                yield Departure(f"{place}bias{input_name[1:]}", "0", f"{bias}")
 
 
 def _values(component: Component) -> dict[str, Any]:

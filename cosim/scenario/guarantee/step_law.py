@@ -45,7 +45,9 @@ class ArrayFunctions:
     min, max = np.minimum, np.maximum
 
 
-Rates = Callable[[Reals, Sequence[Reals], Sequence[Sequence[Reals]], Sequence[Reals]], Sequence[Any]]
+Rates = Callable[
+    [Reals, Sequence[Reals], Sequence[Sequence[Reals]], Sequence[Reals]], Sequence[Any]
+]
 """t, x, [x(t - d_1), ...] and u to x': lists of arrays over many steps at once."""
 
 
@@ -158,7 +160,9 @@ class StepLaw(Measure[list[Departure]]):
         wrong = ~(error <= allowed + _ROUNDING * greatest)
         if wrong.any():
             k = int(np.argmax(wrong))
-            j = int(np.nanargmax(np.where(np.isfinite(found[k]), np.abs(found[k] - end[k]), np.inf)))
+            j = int(
+                np.nanargmax(np.where(np.isfinite(found[k]), np.abs(found[k] - end[k]), np.inf))
+            )
             name, at = self._equation.states[j], float(self._times[steps[k] + 1]) + self._start_s
             self._found = Departure(
                 f"{self._component}.{name}",
@@ -197,7 +201,7 @@ class StepLaw(Measure[list[Departure]]):
         parts = int(np.clip(np.ceil((end - begin).max() / equation.step), 2, _MOST_SUBSTEPS))
         h = (end - begin) / parts
         x = list(self._x[steps].T.copy())
-        u = list(self._held(steps).T)
+        u = list(self._inputs_during(steps).T)
         if more is not None:
             u[more] = u[more] + 1.0
         slopes = self._slopes() if any(equation.delays) else None
@@ -218,11 +222,11 @@ class StepLaw(Measure[list[Departure]]):
             ]
         return np.column_stack([np.broadcast_to(a, steps.shape) for a in x])
 
-    def _held(self, steps: Integers) -> Reals:
+    def _inputs_during(self, steps: Integers) -> Reals:
         """Return what is held during steps, (steps, inputs)."""
-        held = self._u[steps]
-        held[:, self._later] = self._u[steps + 1][:, self._later]
-        return held
+        inputs = self._u[steps]
+        inputs[:, self._later] = self._u[steps + 1][:, self._later]
+        return inputs
 
     def _slopes(self) -> tuple[Reals, Reals]:
         """Return the slopes at the beginning and at the end of each recorded step."""
@@ -233,14 +237,14 @@ class StepLaw(Measure[list[Departure]]):
             [np.interp(self._times - d, self._times, column) for column in self._x.T]
             for d in equation.delays
         ]
-        held = self._held(np.arange(self._times.size - 1))
+        inputs = self._inputs_during(np.arange(self._times.size - 1))
         found = []
         for rows in (slice(None, -1), slice(1, None)):
             x = list(self._x[rows].T)
             past = [[column[rows] for column in one] for one in late]
             t = self._times[rows] + self._start_s
-            rates = equation.rates(t, x, past, list(held.T))
-            found.append(np.column_stack([np.broadcast_to(a, len(held)) for a in rates]))
+            rates = equation.rates(t, x, past, list(inputs.T))
+            found.append(np.column_stack([np.broadcast_to(a, len(inputs)) for a in rates]))
         return found[0], found[1]
 
     def _late(self, t: Reals, slopes: tuple[Reals, Reals] | None) -> list[Reals]:

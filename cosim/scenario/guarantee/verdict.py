@@ -13,6 +13,8 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 from weakref import WeakKeyDictionary
 
+import numpy as np
+
 from cosim import hinf
 from cosim.master import System
 from cosim.scenario.gain import Problem, observes
@@ -115,14 +117,14 @@ def loop_of_run(
 def fed_back(design: hinf.Design, loop: DesignedLoop) -> list[tuple[FedBack, tuple[str, ...]]]:
     """Return the ages of a state feedback, each with the inputs of the controller that have it."""
     system, names = design.system, tuple(loop.states)
-    told = [j for j, own in enumerate(system.measured) if own][: len(names)]
+    measured = [j for j, own in enumerate(system.measured) if own][: len(names)]
     words = {id(delay): word for delay, word in feedback_words(design)}
     found = []
     for delay, mask in zip((None, *system.delays), system.selections, strict=True):
         if not mask.any():
             continue
-        of_states = mask if mask.ndim == 1 else mask.any(axis=0)
-        own = tuple(name for name, j in zip(names, told, strict=True) if of_states[j])
+        of_states = np.asarray(np.any(np.atleast_2d(mask), axis=0))
+        own = tuple(name for name, j in zip(names, measured, strict=True) if of_states[j])
         d = 0.0 if delay is None else delay.d
         word = "at once" if delay is None else words.get(id(delay), "")
         if mask.ndim == 2 and not (mask == mask[:1]).all():
@@ -134,7 +136,7 @@ def fed_back(design: hinf.Design, loop: DesignedLoop) -> list[tuple[FedBack, tup
 
 
 def findings_of(
-    design: AnyDesign, problem: Problem, flown: LoopOfRun, run: MeasuredRun, proved_again: str
+    design: AnyDesign, compared: LoopOfRun, run: MeasuredRun, proved_again: str
 ) -> Findings:
     """Return every assumption of the guarantee, with why it was not met; empty where it was.
 
@@ -143,11 +145,11 @@ def findings_of(
     proved_again : what to say where a proof is about a constant age.
     """
     found: Findings = {"certificate_verified": list(_verified(design))}
-    found["loop_as_designed"] = list(flown.departures)
-    found["plant_as_designed"] = _differ(flown, flown.loop.plant)
-    found["controller_as_designed"] = _differ(flown, flown.loop.controller)
+    found["loop_as_designed"] = list(compared.departures)
+    found["plant_as_designed"] = _differ(compared, compared.loop.plant)
+    found["controller_as_designed"] = _differ(compared, compared.loop.controller)
     if observes(design):
-        found["sensors_as_designed"] = list(flown.sensors)
+        found["sensors_as_designed"] = list(compared.sensors)
         n = len(design.system.A)
         for one in design.measurements:
             found |= measurement_findings(
@@ -161,7 +163,7 @@ def findings_of(
         if run.commands_known is not True:
             expected = "what the observer takes to act"
             got = "something else" if run.commands_known is False else "not known"
-            found["observer_knows_commands"] = [Departure(flown.loop.plant, expected, got)]
+            found["observer_knows_commands"] = [Departure(compared.loop.plant, expected, got)]
         else:
             found["observer_knows_commands"] = []
     else:
@@ -173,7 +175,7 @@ def findings_of(
                     proved_again,
                     substituted=run.substituted,
                 )
-                for age, _ in fed_back(design, flown.loop)
+                for age, _ in fed_back(design, compared.loop)
             }
         )
     for name, departures in run.laws.items():
@@ -181,9 +183,9 @@ def findings_of(
     if run.envelope_use is not None:
         found["state_inside_envelope"] = list(_outside(run.envelope_use))
     if run.limits_reached is not None:
-        words = Departure(flown.loop.controller, "no command at its limit", "one was")
+        words = Departure(compared.loop.controller, "no command at its limit", "one was")
         found["limits_not_reached"] = [words] if run.limits_reached else []
-    found["nothing_set_or_overridden"] = list(_set(flown.loop, flown.wiring, run.altered))
+    found["nothing_set_or_overridden"] = list(_set(compared.wiring, run.altered))
     unknown = unknown_words(design)
     if unknown:
         expected = "words of a claim that are known"
@@ -204,14 +206,14 @@ def _verified(design: AnyDesign) -> Iterator[Departure]:
         yield Departure("certificate", "a proof that holds", reason)
 
 
-def _differ(flown: LoopOfRun, component: str) -> list[Departure]:
+def _differ(compared: LoopOfRun, component: str) -> list[Departure]:
     return [
         Departure(
             f"{component}.{one.parameter}",
             repr(one.designed),
             "absent" if one.value is None else repr(one.value),
         )
-        for one in flown.differences[component]
+        for one in compared.differences[component]
     ]
 
 
@@ -222,7 +224,7 @@ def _outside(use: Mapping[str, float]) -> Iterator[Departure]:
             yield Departure(axis, "at most 100 % of its bound in the envelope", got)
 
 
-def _set(loop: DesignedLoop, wiring: Wiring, altered: Iterable[str]) -> Iterator[Departure]:
+def _set(wiring: Wiring, altered: Iterable[str]) -> Iterator[Departure]:
     """Yield what events have changed in the loop; its set-points and disturbances are free."""
     for place in altered:
         component, _, variable = place.partition(".")

@@ -35,9 +35,7 @@ class Wiring:
     maps : the components that compute gain * value + ... + offset before an input, by name.
     """
 
-    def __init__(
-        self, system: System, loop: DesignedLoop, maps: Mapping[str, LinearMap]
-    ) -> None:
+    def __init__(self, system: System, loop: DesignedLoop, maps: Mapping[str, LinearMap]) -> None:
         self._system, self._loop, self._maps = system, loop, maps
         self._by_target = {c.target: c for c in system.connections}
         self.sensors: dict[str, Sensed] = {}
@@ -86,9 +84,9 @@ class Wiring:
             return False
         if component == loop.plant:
             return variable in loop.disturbances | loop.bounded
-        return component == loop.controller and variable not in self._told()
+        return component == loop.controller and variable not in self._measured_inputs()
 
-    def _told(self) -> set[str]:
+    def _measured_inputs(self) -> set[str]:
         """Return the inputs of the controller that are measured."""
         loop = self._loop
         found = {*loop.states, *(x for one in loop.measurements for x in one.inputs)}
@@ -179,10 +177,10 @@ class Wiring:
                 expected = f"over {stamped.link or 'a wire'} with its stamp"
                 yield Departure(str(end), expected, f"over {found.link or 'a wire'}")
             yield from self._on_the_way(found, at_once=False)
-            told = f"u{source.variable[1:]}"
-            values[told] = (one, k)
+            sensor_input = f"u{source.variable[1:]}"
+            values[sensor_input] = (one, k)
             yield from self._carries(
-                Endpoint(sensor, told), self._loop.plant, form, at_once=True
+                Endpoint(sensor, sensor_input), self._loop.plant, form, at_once=True
             )
         self.sensors[one.name] = Sensed(sensor, values)
 
@@ -198,7 +196,7 @@ class Wiring:
         """Yield inputs of plant and controller that bring something which no proof knows."""
         loop, moved = self._loop, self._moved_by_the_loop()
         free = {loop.plant: loop.disturbances | loop.bounded, loop.controller: None}
-        own = {loop.plant: set(loop.commands), loop.controller: self._told()}
+        own = {loop.plant: set(loop.commands), loop.controller: self._measured_inputs()}
         for name, known in own.items():
             component = self._system.components.get(name)
             for port in () if component is None else component.description.ports.values():

@@ -8,6 +8,7 @@ import numpy as np
 
 from cosim.page import packed_values, plain
 from cosim.study.columns import Column, Reals, StudyColumns
+from cosim.study.consistency import certified_metric
 from cosim.study.pictures import edges
 from cosim.study.report.chart import Chart
 from cosim.study.schema import StabilityPart

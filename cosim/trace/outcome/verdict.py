@@ -53,33 +53,42 @@ def guarantee_of(
     verified : of `describe`, for an outcome that a file tells: what fails its own check claims
         nothing.
     """
-    metrics = outcome.metrics
     if not checks:
         return None
     if verified is not None and verified["verdict"] == "failed":
         why = f"the file fails its own check: {'; '.join(verified['failed'][:1])}"
         return Check(BAD, "The guarantee is not claimed", why)
-    gain, gamma = _number(metrics, "gain"), _number(metrics, "gamma")
-    broken = [check for check in checks if check.tone == BAD]
-    measured = "no gain was measured"
     if outcome.contradiction is not None:
         words = CONTRADICTION.format(outcome.contradiction)
         return Check(BAD, "The run contradicts its guarantee", words)
+    gain, gamma = _number(outcome.metrics, "gain"), _number(outcome.metrics, "gamma")
+    measured = "no gain was measured"
     if gain is not None and gamma is not None:
         measured = f"measured gain {gain:.4g}, certified bound γ = {at_most(gamma, 5)}"
         if gain > gamma:
             return Check(BAD, "The measured gain is above γ", measured)
+    broken = [check for check in checks if check.tone == BAD]
     if broken:
-        outages = metrics.get("outages")
-        by_age = [c for c, name in zip(checks, outcome.assumptions, strict=True) if c.tone == BAD
-                  and name == "message_age_within_design"]  # fmt: skip
-        if isinstance(outages, Mapping) and broken == by_age:
-            return Check(*outage_verdict(outages))
-        count = f"{len(broken)} of {len(checks)} assumptions"
-        return Check(BAD, "The guarantee is not claimed", f"{count} not met; {measured}")
+        return _not_claimed(outcome, checks, broken, measured)
     if gain is None and gamma is not None:
         measured = f"no disturbance acted: the bound γ = {at_most(gamma, 5)} was not exercised"
     return Check(GOOD, "The guarantee holds for this run", f"every assumption met; {measured}")
+
+
+def _not_claimed(
+    outcome: RunOutcome, checks: list[Check], broken: list[Check], measured: str
+) -> Check:
+    """Return what holds where assumptions were not met: the bounds across outages, or nothing."""
+    outages = outcome.metrics.get("outages")
+    by_age = [
+        check
+        for check, name in zip(checks, outcome.assumptions, strict=True)
+        if check.tone == BAD and name == "message_age_within_design"
+    ]
+    if isinstance(outages, Mapping) and broken == by_age:
+        return Check(*outage_verdict(outages))
+    count = f"{len(broken)} of {len(checks)} assumptions"
+    return Check(BAD, "The guarantee is not claimed", f"{count} not met; {measured}")
 
 
 def facts_of(
@@ -221,12 +230,12 @@ _COMPARED = {
         "compared at every point",
         "",
     ),
-    "plant_law_held": (
+    "plant_follows_law": (
         "The plant moved by the equations of the design",
         "steps of the run against finer ones, among them those with the greatest changes",
         "",
     ),
-    "control_law_held": (
+    "controller_follows_law": (
         "The controller commanded what the design says",
         "compared at every point with the K of the design",
         "",
