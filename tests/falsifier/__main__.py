@@ -12,6 +12,7 @@ from __future__ import annotations
 import argparse
 import json
 import re
+import shlex
 import sys
 import tempfile
 import time
@@ -25,7 +26,7 @@ from rich.table import Table
 if __package__ == "tests.falsifier":
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from falsifier.campaign import cells_of, make_all
-from falsifier.cells import BROKEN, FALSE, GOOD, REFUSED, Case, Cell, drawn, matrix
+from falsifier.cells import BROKE, BROKEN, FALSE, GOOD, REFUSED, Case, Cell, drawn, matrix
 from falsifier.edges import EDGES, edge_cell
 from falsifier.kinds import LOOPS
 from falsifier.page import page
@@ -63,7 +64,7 @@ def main() -> int:
     at_random = [x for x in cells if x.drawn]
     certain = [x for x in cells if not x.drawn]
     if asked.page is not None:
-        asked.page.write_text(page(certain, at_random, asked.seed), "utf-8")
+        asked.page.write_text(page(certain, at_random, asked.seed, _command()), "utf-8")
     wrong = [x for x in cells if _wrong(x, known)]
     if asked.json:
         told = [x.to_json() for x in wrong]
@@ -71,6 +72,17 @@ def main() -> int:
     else:
         _show(cells, wrong, seconds)
     return int(bool(wrong))
+
+
+def _command() -> str:
+    """The command as it was given, without what depends on the machine."""
+    words, given = ["python", "-m", "tests.falsifier"], iter(sys.argv[1:])
+    for word in given:
+        if word in {"--parts", "--jobs"}:
+            next(given, None)
+        else:
+            words.append(word)
+    return shlex.join(words)
 
 
 def _wrong(cell: Cell, known: set[tuple[str, ...]]) -> bool:
@@ -109,7 +121,7 @@ def _show(cells: list[Cell], wrong: list[Cell], seconds: float) -> None:
         console.print(table)
     numbers = ", ".join(
         f"{sum(x.verdict == verdict for x in cells)} {verdict}"
-        for verdict in (FALSE, BROKEN, REFUSED)
+        for verdict in (FALSE, BROKEN, REFUSED, BROKE)
     )
     console.print(f"{len(cells)} cells in {seconds:.0f} s: {numbers}")
 

@@ -24,6 +24,7 @@ from falsifier.unbroken import VARIANTS, Variant
 FALSE = "claimed and false"
 BROKEN = "claimed though broken"
 REFUSED = "unbroken and not claimed"
+BROKE = "broken off by an error of ours"
 GOOD = "as it must be"
 
 
@@ -34,7 +35,7 @@ class Cell:
     Attributes
     ----------
     kind, hypothesis, name : where it stands in the matrix.
-    verdict : one of the four above.
+    verdict : one of those above.
     flights : as they were flown.
     drawn : whether it is a case at random.
     """
@@ -51,7 +52,9 @@ class Cell:
         """What was said, and what was flown."""
         said = []
         for each in self.flights:
-            if each.refused is not None:
+            if each.broke is not None:
+                said.append(each.broke)
+            elif each.refused is not None:
                 said.append("refused: " + " ".join(each.refused.split())[:160])
             elif each.claimed:
                 said.append(f"all {len(each.said)} met; {each.wrong or 'no harm seen'}")
@@ -73,9 +76,7 @@ def broken_cell(
     flights = _flown(field, loop, fault.apply, {}, dice, most)
     if flights is None:
         return None
-    false = any(x.claimed and x.wrong for x in flights)
-    claimed = any(x.claimed for x in flights)
-    verdict = FALSE if false else BROKEN if claimed and not fault.covered else GOOD
+    verdict = _of_broken(flights, covered=bool(fault.covered))
     return Cell(loop.name, fault.hypothesis, fault.name, verdict, flights, dice is not None)
 
 
@@ -94,14 +95,23 @@ def designed_cell(field: Field, loop: Loop) -> Cell:
     flights = _flown(field, loop, lambda _: None, {}, None) or ()
     if not loop.unproved:
         return Cell(loop.name, "unbroken", "as designed", _unbroken(flights), flights)
-    false = any(x.claimed and x.wrong for x in flights)
-    verdict = FALSE if false else BROKEN if any(x.claimed for x in flights) else GOOD
+    verdict = _of_broken(flights, covered=False)
     return Cell(loop.name, "not provable", loop.unproved, verdict, flights)
+
+
+def _of_broken(flights: Sequence[Flight], *, covered: bool) -> str:
+    if any(x.claimed and x.wrong for x in flights):
+        return FALSE
+    if any(x.broke is not None for x in flights):
+        return BROKE
+    return BROKEN if any(x.claimed for x in flights) and not covered else GOOD
 
 
 def _unbroken(flights: Sequence[Flight]) -> str:
     if any(x.claimed and x.wrong for x in flights):
         return FALSE
+    if any(x.broke is not None for x in flights):
+        return BROKE
     return GOOD if all(x.claimed for x in flights) else REFUSED
 
 

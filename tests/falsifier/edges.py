@@ -170,7 +170,7 @@ def edge_cell(field: Field, edge: Edge) -> Cell:
 
 
 def _is_where_it_says(field: Field, edge: Edge, flight: Flight, beyond: int) -> None:
-    if edge.measured is None or flight.refused is not None:
+    if edge.measured is None or flight.refused is not None or flight.broke is not None:
         return
     found = edge.measured(Trace(field.trace))
     sense = -1 if edge.name == "least age" else 1

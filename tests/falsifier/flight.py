@@ -38,6 +38,7 @@ class Flight:
     ----------
     text : the scenario.
     refused : the message of a scenario that was refused before it ran; None: it ran.
+    broke : an error that no user may see, in place of an outcome.
     status : of the run.
     claimed : whether the run claims its guarantee.
     unmet : the assumptions that it says are not met.
@@ -47,6 +48,7 @@ class Flight:
 
     text: str
     refused: str | None = None
+    broke: str | None = None
     status: str = ""
     claimed: bool = False
     unmet: tuple[str, ...] = ()
@@ -91,6 +93,8 @@ class Field:
             outcome = run(path, trace, **options)
         except CosimError as error:
             return Flight(text, refused=str(error))
+        except Exception as error:  # noqa: BLE001 - a traceback is a finding as well
+            return Flight(text, broke=f"{type(error).__name__}: {error}")
         said = outcome.metrics.get("assumptions") or {}
         read = Trace(trace)
         pushed = "inputs" in data and any(

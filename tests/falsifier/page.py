@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 
-from falsifier.cells import BROKEN, FALSE, GOOD, REFUSED, Cell
+from falsifier.cells import BROKE, BROKEN, FALSE, GOOD, REFUSED, Cell
 from falsifier.kinds import LOOPS
 
 HEAD = """\
@@ -19,9 +19,9 @@ gain passes gamma.
 
 This page is made by a command, which flies every cell:
 
-<!-- not run: a quarter of an hour -->
+<!-- not run: minutes to an hour, by what is asked for -->
 ```sh
-python -m tests.falsifier --page docs/explanation/falsifier.md
+{command}
 ```
 
 | in a cell | what it means |
@@ -32,21 +32,26 @@ python -m tests.falsifier --page docs/explanation/falsifier.md
 | CLAIMED | the hypothesis is broken, and the run claims its guarantee, though no harm was seen |
 | FALSE | it claims its guarantee, and its rows show that it does not hold |
 | UNCLAIMED | nothing is broken, and the run does not claim |
+| ERROR | the run broke off with an error that no user may see |
 | (empty) | this kind has nothing of that to break |
 
 """
-MARK = {FALSE: "**FALSE**", BROKEN: "**CLAIMED**", REFUSED: "**UNCLAIMED**"}
+MARK = {FALSE: "**FALSE**", BROKEN: "**CLAIMED**", REFUSED: "**UNCLAIMED**", BROKE: "**ERROR**"}
 
 
-def page(cells: Sequence[Cell], drawn: Sequence[Cell], seed: int) -> str:
+def page(cells: Sequence[Cell], drawn: Sequence[Cell], seed: int, command: str) -> str:
     """The page as Markdown.
 
     Parameters
     ----------
     cells, drawn : of the matrix with its edges, and at random.
     seed : of the random ones.
+    command : that flew them.
     """
-    text = HEAD + "## Kinds of loops\n\n| kind | what it is |\n|---|---|\n"
+    text = (
+        HEAD.replace("{command}", command)
+        + "## Kinds of loops\n\n| kind | what it is |\n|---|---|\n"
+    )
     text += "".join(f"| {x.name} | {x.words} |\n" for x in LOOPS) + "\n"
     text += counts(cells, drawn, seed) + "\n"
     for hypothesis in dict.fromkeys(x.hypothesis for x in cells if x.hypothesis != "edges"):
@@ -70,11 +75,13 @@ def page(cells: Sequence[Cell], drawn: Sequence[Cell], seed: int) -> str:
 
 def counts(cells: Sequence[Cell], drawn: Sequence[Cell], seed: int) -> str:
     """How many cells there are, by verdict."""
-    text = "| | cells | claimed and false | claimed though broken | unbroken and not claimed |\n"
-    text += "|---|---|---|---|---|\n"
+    text = "| | cells | claimed and false | claimed though broken | unbroken and not claimed | errors |\n"
+    text += "|---|---|---|---|---|---|\n"
     for name, some in (("matrix and bounds", cells), (f"at random, seed {seed}", drawn)):
+        if not some:
+            continue
         found = Counter(x.verdict for x in some)
-        text += f"| {name} | {len(some)} | {found[FALSE]} | {found[BROKEN]} | {found[REFUSED]} |\n"
+        text += f"| {name} | {len(some)} | {found[FALSE]} | {found[BROKEN]} | {found[REFUSED]} | {found[BROKE]} |\n"
     return text
 
 
