@@ -75,13 +75,15 @@ def page(cells: Sequence[Cell], drawn: Sequence[Cell], seed: int, command: str) 
 
 def counts(cells: Sequence[Cell], drawn: Sequence[Cell], seed: int) -> str:
     """How many cells there are, by verdict."""
-    text = "| | cells | claimed and false | claimed though broken | unbroken and not claimed | errors |\n"
+    heads = ("", "cells", FALSE, BROKEN, REFUSED, BROKE)
+    text = f"| {' | '.join(heads)} |\n"
     text += "|---|---|---|---|---|---|\n"
     for name, some in (("matrix and bounds", cells), (f"at random, seed {seed}", drawn)):
         if not some:
             continue
         found = Counter(x.verdict for x in some)
-        text += f"| {name} | {len(some)} | {found[FALSE]} | {found[BROKEN]} | {found[REFUSED]} | {found[BROKE]} |\n"
+        row = (name, len(some), found[FALSE], found[BROKEN], found[REFUSED], found[BROKE])
+        text += f"| {' | '.join(map(str, row))} |\n"
     return text
 
 
