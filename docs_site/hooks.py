@@ -1,5 +1,7 @@
 """What `mkdocs build` adds to the pages of docs: the generated reference, notebooks, formulas.
 
+Before it builds, it computes the numbers that pages print (`numbers`).
+
 The generated pages exist in the built site alone. `mkdocs.yml` names this file.
 """
 
@@ -10,12 +12,20 @@ from pathlib import Path
 from typing import Any
 
 from mkdocs.config.defaults import MkDocsConfig
+from mkdocs.exceptions import PluginError
 from mkdocs.structure.files import File, Files
 
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT))  # `mkdocs` does not put the folder of mkdocs.yml there
 
-from docs_site import api_pages, cli_page, notebook_pages, rules_page, toml_pages  # noqa: E402
+from docs_site import (  # noqa: E402
+    api_pages,
+    cli_page,
+    notebook_pages,
+    numbers,
+    rules_page,
+    toml_pages,
+)
 from docs_site.formulas import fence  # noqa: E402
 
 
@@ -25,6 +35,15 @@ def on_config(config: MkDocsConfig) -> MkDocsConfig:
     settings: dict[str, Any] = config.mdx_configs.setdefault("pymdownx.superfences", {})
     settings["custom_fences"] = fences
     return config
+
+
+def on_pre_build(config: MkDocsConfig) -> None:
+    """Compute the numbers that pages print, and build nothing where one differs."""
+    del config
+    try:
+        numbers.require_quick()
+    except ValueError as error:
+        raise PluginError(str(error)) from error
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:

@@ -1,4 +1,4 @@
-"""Commands for certificates: check."""
+"""Commands for certificates: check, prove."""
 
 from __future__ import annotations
 
@@ -7,16 +7,23 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+from rich.console import Group, RenderableType
+from rich.text import Text
 
 from cosim import hinf, replay
-from cosim.cli.arguments import named_problem
+from cosim.cli.arguments import named_problem, write_json
 from cosim.cli.certificate_view import certificate_view, system_facts
-from cosim.cli.common import JsonOption, answer
+from cosim.cli.common import JsonOption, answer, progress
+from cosim.cli.design_answers import design_json
+from cosim.cli.design_view import design_view
 from cosim.cli.help_text import HelpTyper
-from cosim.core import CheckFailedError
+from cosim.cli.output_feedback import output_feedback_json, output_feedback_view
+from cosim.core import DESIGN_FILE, CheckFailedError, InputError, at_most
 from cosim.models import DelaySystem
 
-certificate_app = HelpTyper(help="Check the certificate of a design or an analysis.")
+certificate_app = HelpTyper(
+    help="Check the certificate of a design or an analysis; prove its gains for other ages."
+)
 
 
 @certificate_app.command()
@@ -37,10 +44,11 @@ def check(
 ) -> None:
     """Prove the claim of a certificate again from the file alone: no solver, no rounding.
 
-    The output names the system that the certificate is about, and the theorem with all its
-    hypotheses. With --system, every matrix, delay and age is compared, entry by entry. For a
-    controller FMU or a trace, the command also checks that the certificate is about the gain in
-    it: the start values of K[i,j], or the gain that the run used.
+    The output names the system that the certificate is about, the theorem with all its
+    hypotheses, and the entries of the file that nothing proves (figures, names). With --system,
+    every matrix, delay and age is compared, entry by entry. For a controller FMU or a trace, the
+    command also checks that the certificate is about the gain in it: the start values of K[i,j],
+    or the gain that the run used.
 
     Exit code 0: the claim is proved, and about that system; 1: it is not; 2: there is no
     certificate.
@@ -68,6 +76,7 @@ def check(
             "valid": checked.valid,
             "reason": checked.reason,
             "claim": checked.claim,
+            "not_read": list(checked.not_read),
             "system": system_facts(own),
             "theorem": theorem,
             "compared_with": system,
@@ -85,3 +94,97 @@ def _differences(own: DelaySystem, name: str, data: dict[str, Any]) -> list[str]
     found = list(hinf.differences(own, named.system))
     sensors = () if named.observer is None else named.observer.measurements
     return found + hinf.measurement_differences(data.get("measurements", []), sensors)
+
+
+@certificate_app.command()
+def prove(
+    file: Annotated[
+        Path, typer.Argument(help="A design, or an FMU or trace with the certificate of one.")
+    ],
+    *,
+    held: Annotated[
+        float | None,
+        typer.Option(
+            help="Greatest age, in seconds, of what acts at once in the certificate: commands, a "
+            "state feedback, measurements without an age. The longest hold and a step."
+        ),
+    ] = None,
+    order: Annotated[
+        str,
+        typer.Option(
+            help="N: by the Bessel-Legendre inequality of order N; auto: at the order of the "
+            "proof that there is, then by the best condition that takes seconds."
+        ),
+    ] = "auto",
+    save: Annotated[Path | None, typer.Option(help="Write the new design to this file.")] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Prove the gains of a design again, for ages that a run can have; K and L stay as they are.
+
+    What is held between messages or steps is never of a constant age. Where the certificate takes
+    the age of a measurement, a feedback or a command to be constant, the new proof is for any age
+    up to it; where it takes it to be none, for any age up to --held. Delays inside the plant stay
+    as they are. What the certificate proves beside gamma, such as a rate of decay, is not proved
+    again: the output names it.
+
+    Exit code 0: proved; 2: not a design, or --held is missing; 5: these gains are not proved for
+    these ages.
+
+    \b
+    cosim certificate prove gain.json --save gain.json
+    cosim certificate prove flight.mcap --held 0.1 --save gain.json
+    """
+    data = replay.certificate_in(file).data
+    number = _order(order)
+    with progress() as report_progress:
+        report_progress(f"proof of {file}", 0.0)
+        before = hinf.design_from_certificate(data, where=str(file))
+        found = hinf.proved_again(before, held=held, order=number)
+    if save is not None:
+        write_json(save, DESIGN_FILE.stamped(hinf.design_to_json(found)))
+    lost = [
+        name
+        for name in before.certificate["claim"].get("guarantees", {})
+        if name not in found.certificate["claim"].get("guarantees", {})
+    ]
+    answer(
+        as_json,
+        lambda: (
+            _json(file.stem, found, save) | {"gamma_before": before.gamma, "not_proved_again": lost}
+        ),
+        lambda: Group(_view(file.stem, found), *_beside(before, lost)),
+    )
+
+
+def _json(name: str, found: hinf.Design | hinf.OutputFeedback, save: Path | None) -> dict[str, Any]:
+    if isinstance(found, hinf.OutputFeedback):
+        return output_feedback_json(name, found, save)
+    return design_json(name, found, None, save)
+
+
+def _view(name: str, found: hinf.Design | hinf.OutputFeedback) -> RenderableType:
+    if isinstance(found, hinf.OutputFeedback):
+        return output_feedback_view(name, found)
+    return design_view(name, found)
+
+
+def _beside(before: hinf.Design | hinf.OutputFeedback, lost: list[str]) -> list[Text]:
+    """Return lines about the certificate that there was."""
+    lines = [] if before.gamma is None else [f"gamma before: {at_most(before.gamma)}"]
+    lines += [f"not proved again: {', '.join(lost)}"] if lost else []
+    return [Text(line) for line in lines]
+
+
+def _order(text: str) -> int | None:
+    """Return the order that --order names; None for auto.
+
+    Raises
+    ------
+    InputError : neither.
+    """
+    try:
+        return None if text == "auto" else int(text)
+    except ValueError:
+        raise InputError(
+            "not an order", where="--order", expected="auto or a whole number", got=repr(text)
+        ) from None

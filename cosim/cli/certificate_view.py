@@ -81,6 +81,8 @@ def certificate_view(
         facts.add_row(name.replace("_", " "), formatted, more["property"])
     if "K" in found.data:  # a refutation is about every gain
         facts.add_row("gain", "K in the certificate", _WHOSE[found.container])
+    unproved = ", ".join(certificate.not_read)
+    facts.add_row("not read", "", f"{unproved}: nothing proves these" if unproved else "nothing")
     facts.add_row("SHA-256", f"{found.sha256}"[:16], "of the certificate without its notes")
     sentences = Text("theorem\n" + "\n".join(f"  {text}" for text in theorem))
     return Group(verdict, facts, sentences)

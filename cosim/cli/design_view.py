@@ -57,9 +57,9 @@ def design_view(
     gain = Table(title=f"K ({name}): u = K x", title_justify="left", show_header=False, box=None)
     for row in design.K:
         gain.add_row(*(f"{value:.4g}" for value in row))
-    if remark is None:
-        return Group(facts, gain)
-    return Group(facts, gain, Text.assemble(("remark", "bold yellow"), f": {remark}"))
+    remarks = [x for x in (remark, hinf.held_remark(design.certificate)) if x is not None]
+    lines = [Text.assemble(("remark", "bold yellow"), f": {text}") for text in remarks]
+    return Group(facts, gain, *lines)
 
 
 def _guarantees(more: hinf.Guarantees) -> list[tuple[str, str, str]]:

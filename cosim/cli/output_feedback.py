@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from rich.console import Group, RenderableType
 from rich.table import Table
+from rich.text import Text
 
 from cosim import hinf
 from cosim.cli.arguments import write_json
@@ -92,6 +93,7 @@ def output_feedback_json(
         "known_states": found.certificate["claim"]["observer"]["known_states"],
         "command_age": pair.command_age,
         "command_any_age": pair.command_any_age,
+        "constant_ages_of_held": hinf.constant_ages_of_held(found.certificate),
         "peaks": _peaks(found),
         "least_gamma": found.least_gamma,
         "abscissa": found.abscissa,
@@ -113,7 +115,7 @@ def output_feedback_view(name: str, found: hinf.OutputFeedback) -> RenderableTyp
     for x in found.measurements:
         facts.add_row(f"measured: {x.name}", f"{x.d:g} s", _age_of(x))
     if pair.command_age:
-        kind = "any age up to this" if pair.command_any_age else "constant: play-out"
+        kind = "any age up to this" if pair.command_any_age else "constant"
         facts.add_row("command", f"{pair.command_age:g} s", kind)
     known = found.certificate["claim"]["observer"]["known_states"]
     if known:
@@ -123,6 +125,9 @@ def output_feedback_view(name: str, found: hinf.OutputFeedback) -> RenderableTyp
     parts: list[RenderableType] = [facts, f"K ({name}): u = K xh", _matrix(found.K)]
     for x, own in zip(found.measurements, found.L, strict=True):
         parts += [f"L of {x.name}", _matrix(own)]
+    remark = hinf.held_remark(found.certificate)
+    if remark is not None:
+        parts.append(Text.assemble(("remark", "bold yellow"), f": {remark}"))
     return Group(*parts)
 
 

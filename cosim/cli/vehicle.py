@@ -208,9 +208,11 @@ def fly(
 
     From one file: a linear model at the trim, with an uncertainty that is proved over the envelope;
     an observer and a gain, certified for the age of each measurement; plant, sensors and controller
-    as FMUs; a scenario that can be changed and run again. Fixes and set-points come over the link,
-    late and with losses in runs; the loop is closed on board. The summary lists every assumption of
-    the guarantee, met or not; the folder keeps the design, the trace and a picture.
+    as FMUs; a scenario that can be changed and run again. The loop is closed on board. Over the link,
+    late and with losses in runs, come the set-points and what the file measures over = "link" of
+    the controlled states; the output says what crosses which link, and up to which age the proof
+    holds. The summary lists every assumption of the guarantee, met or not; the folder keeps the
+    design, the trace and a picture.
 
     Exit code 0: the flight is done; 2: the vehicle or an option is not valid; 4: a component
     failed; 5: nothing could be certified.

@@ -158,7 +158,8 @@ def flight_view(flight: Flight, summary: RenderableType) -> RenderableType:
         "\nproof:   ",
         (f"cosim certificate check {flight.folder / 'design.json'}", "bold"),
     )
-    return Group(summary, *neglected, files)
+    links = [Text(one.line, style="dim") for one in flight.crossings]
+    return Group(summary, *links, *neglected, files)
 
 
 def _neglected(flight: Flight) -> list[RenderableType]:

@@ -60,7 +60,9 @@ VERBS = {
         "Record links from traces; show what became of messages; fit models; judge by a proof.",
     ),
     "certificate": Verb(
-        "certificate", "certificate_app", "Check the certificate of a design or an analysis."
+        "certificate",
+        "certificate_app",
+        "Check the certificate of a design or an analysis; prove its gains for other ages.",
     ),
     "fmu": Verb(
         "fmu",

@@ -9,9 +9,11 @@ from .certificate import (
     certificate_from_bytes as certificate_from_bytes,
     certificate_hash as certificate_hash,
     check_certificate as check_certificate,
+    constant_ages_of_held as constant_ages_of_held,
     differences as differences,
     first_bad_pivot as first_bad_pivot,
     first_difference as first_difference,
+    held_remark as held_remark,
     matrix_from_rows as matrix_from_rows,
     measurement_differences as measurement_differences,
     minus_omega as minus_omega,
@@ -19,6 +21,7 @@ from .certificate import (
     pair_from_json as pair_from_json,
     pair_of as pair_of,
     read_certificate as read_certificate,
+    reproving_command as reproving_command,
     system_from_json as system_from_json,
     theorem_of as theorem_of,
 )
@@ -128,6 +131,7 @@ from .synthesis import (
     message_ages as message_ages,
     nominal_gamma as nominal_gamma,
     output_feedback_from_json as output_feedback_from_json,
+    proved_again as proved_again,
     quickly_proved as quickly_proved,
     with_outages as with_outages,
 )

@@ -46,6 +46,10 @@ from .products import (
     product as product,
     total as total,
 )
+from .values import (
+    Value as Value,
+    read_only as read_only,
+)
 from .vehicle import (
     FloatFunctions as FloatFunctions,
     VehicleEquations as VehicleEquations,

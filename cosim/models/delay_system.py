@@ -32,6 +32,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cosim.core import html_table, matrix_text
 from cosim.models.state_space import plant_from
+from cosim.models.values import Value, read_only
 
 Matrix = NDArray[np.float64]
 """A matrix of doubles."""
@@ -53,8 +54,7 @@ def read_only_matrix(name: str, value: ArrayLike, rows: int | None, columns: int
         raise ValueError(f"{name}: wrong shape; expected {expected}, got {matrix.shape}")
     if not np.isfinite(matrix).all():
         raise ValueError(f"{name}: expected finite numbers, got {matrix[~np.isfinite(matrix)][0]}")
-    matrix.setflags(write=False)
-    return matrix
+    return read_only(matrix)
 
 
 def _mask(feedback: Feedback, n: int) -> Matrix:
@@ -123,7 +123,7 @@ def _block_sizes(value: Any, s: int, r: int) -> tuple[tuple[int, int], ...] | No
 
 
 @dataclass(frozen=True, init=False, eq=False, repr=False)
-class Delay:
+class Delay(Value):
     """One delayed term (A_i + dA_i) x(t-d_i) of a `DelaySystem`.
 
     Parameters
@@ -272,7 +272,7 @@ def _fed_back_at_once(
 
 
 @dataclass(frozen=True, init=False, eq=False, repr=False)
-class DelaySystem:
+class DelaySystem(Value):
     """Eq. (7) with several delays; matrices are read-only float arrays.
 
     An absent matrix is zero if its dimension is known from another one, otherwise that

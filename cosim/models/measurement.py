@@ -15,13 +15,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cosim.models.delay_system import Delay, Matrix, read_only_matrix
+from cosim.models.values import Value
 
 Over = Literal["link", "onboard"]
 """How a measurement reaches the observer: in packets over the link, or on board."""
 
 
 @dataclass(frozen=True, init=False, eq=False, repr=False)
-class Measurement:
+class Measurement(Value):
     """k values measured of a state of n, with their age and their noise.
 
     Parameters

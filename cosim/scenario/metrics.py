@@ -365,7 +365,18 @@ class RunContext:
             limits_reached=reached,
             altered=self.altered,
         )
-        return findings_of(self.design, self.compared, measured, "")
+        return findings_of(self.design, self.compared, measured, self._proved_again())
+
+    def _proved_again(self) -> str:
+        """Return what proves a design of constant ages for those that a run has."""
+        part = self.scenario.design
+        if self.design is None or part is None:
+            return ""
+        ages = [self.figures.command_age_ns or 0, *(_greatest_ns(self.figures.ages),)]
+        where = part.file or f"{self.scenario.title}.design.json"
+        held = max(ages) / 1e9 or None
+        command = hinf.reproving_command(self.design.certificate, where, held=held)
+        return "" if command is None else f"proved anew by: {command}"
 
     @property
     def age_s(self) -> float | None:
@@ -377,6 +388,10 @@ class RunContext:
     def gain(self) -> float | None:
         """The gain that the zero-state run measured."""
         return None if self.zero_state is None else self.zero_state.gain
+
+
+def _greatest_ns(ages: MeasuredAges | None) -> int:
+    return 0 if ages is None else ages.greatest_ns
 
 
 def _left(laws: Mapping[str, MeasuredLaw]) -> dict[str, list[Departure]]:

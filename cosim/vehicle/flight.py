@@ -15,6 +15,7 @@ import numpy as np
 from cosim import fmu as fmus, hinf, scenario
 from cosim.core import DESIGN_FILE, PLANT_NOTE, InputError, Progress, silent
 from cosim.trace import pyplot
+from cosim.vehicle.crossings import Crossing, crossing_lines, crossing_title, crossings
 from cosim.vehicle.diagnosis import not_observed
 from cosim.vehicle.flight_design import (
     DESIGN,
@@ -24,7 +25,7 @@ from cosim.vehicle.flight_design import (
     proved_for,
 )
 from cosim.vehicle.flight_picture import PictureSubject, draw_flight
-from cosim.vehicle.flight_plan import FlightSettings, PlannedSensor, sensor_line
+from cosim.vehicle.flight_plan import FlightSettings, PlannedSensor
 from cosim.vehicle.flight_scenario import Mission, scenario_text
 from cosim.vehicle.linearisation import LinearModel, linear_model
 from cosim.vehicle.mission import plan_mission
@@ -51,6 +52,7 @@ class Flight:
 
     Attributes
     ----------
+    crossings : what crosses which link, and the ages that the proof allows.
     picture : None without matplotlib; then `no_picture` says what to install.
     seconds : wall-clock time of each step [s].
     """
@@ -60,6 +62,7 @@ class Flight:
     outcome: Outcome
     design: hinf.OutputFeedback
     sensors: tuple[PlannedSensor, ...]
+    crossings: tuple[Crossing, ...]
     picture: Path | None
     no_picture: str | None
     seconds: dict[str, float]
@@ -76,6 +79,8 @@ class Flight:
                 {"name": s.name, "measures": list(s.measures), "greatest_age_s": s.age}
                 for s in self.sensors
             ],
+            "greatest_command_age_s": self.design.pair.command_age,
+            "crossings": [one.to_json() for one in self.crossings],
             "run": self.outcome.to_json(),
             "picture": None if self.picture is None else str(self.picture),
             "seconds": {step: round(s, 2) for step, s in self.seconds.items()},
@@ -91,7 +96,9 @@ def fly(  # noqa: PLR0915 - one step after the other
     say: Callable[[str], None] | None = None,
     progress: Progress | None = None,
 ) -> Flight:
-    """Design for a vehicle whose fixes and set-points come over a slow link, and fly it.
+    """Design for a vehicle that has a slow link, and fly it.
+
+    What its file measures over the link, and the set-points, cross it; the loop is closed on board.
 
     Parameters
     ----------
@@ -123,13 +130,14 @@ def fly(  # noqa: PLR0915 - one step after the other
             steps.add(f"not in the file, {place}: {taken}")
     with steps("observer and gain, certified as a pair"):
         model, sensors, design = certified_design(model, chosen, where, steps.add)
-        for sensor in sensors:
-            steps.add(sensor_line(sensor))
         design = _noted(design, model)
         worst = hinf.worst_uncertainty(design.pair.system, design.pair.gain).gain
         steps.add(f"gamma {design.gamma:.4g} certified, exact norm {design.exact_norm or 0:.4g}")
         steps.add(f"largest norm at a constant F that a search found: {worst:.4g}")
         mission = _mission(model, design, chosen)
+        across = crossings(sensors, mission.names(model.states), chosen)
+        for line in crossing_lines(across, craft.sensors, model.states):
+            steps.add(line)
         _save(design, where / DESIGN)
     with steps("plant, sensors and controller as FMUs"):
         names = _write_fmus(model, mission, design, where)
@@ -167,9 +175,9 @@ def fly(  # noqa: PLR0915 - one step after the other
         except InputError as error:
             why = error.hint
         if why is None and outcome.status != "failed":
-            subject = _subject(model, design, sensors, mission, outcome)
+            subject = _subject(model, design, sensors, mission, across, outcome)
             picture = draw_flight(where / TRACE, subject, where / PICTURE)
-    return Flight(craft, where, outcome, design, sensors, picture, why, steps.seconds)
+    return Flight(craft, where, outcome, design, sensors, across, picture, why, steps.seconds)
 
 
 def _wider(
@@ -344,7 +352,10 @@ def _write_scenario(
         sea = f"a sea of {mission.wave_height:g} m and {mission.wave_period:g} s"
         steps.add(f"{sea}, met {mission.wave_depth:g} m down")
     offsets = [f"{model.states[i - 1]} {v:+g}" for i, v in mission.set_points.items()]
-    steps.add(f"set-points over the link, back to the trim from {', '.join(offsets) or 'there'}")
+    if offsets:
+        steps.add(f"set-points over the slow link, back to the trim from {', '.join(offsets)}")
+    else:
+        steps.add("no set-points: the vehicle holds its trim")
 
 
 def _subject(
@@ -352,13 +363,14 @@ def _subject(
     design: hinf.OutputFeedback,
     sensors: Sequence[PlannedSensor],
     mission: Mission,
+    across: Sequence[Crossing],
     outcome: Outcome,
 ) -> PictureSubject:
     aged = ", ".join(f"{s.name} up to {s.age:g} s old" for s in sensors)
     gamma = "" if design.gamma is None else f"γ = {design.gamma:.3g} certified; "
     return PictureSubject(
         title=f"{model.vehicle.name}: {outcome.headline}",
-        subtitle=f"{gamma}{aged}; loop closed on board, set-points over the link",
+        subtitle=f"{gamma}{aged}; {crossing_title(across)}",
         states=model.states,
         trim=[model.trim.state.get(name, 0.0) for name in model.states],
         positions=list(mission.set_points),

@@ -80,10 +80,15 @@ def certified_design(
         sensors = planned_sensors(craft.sensors, model.states, settings)
         measured = measurements_of(model, sensors)
         try:
-            design = made_before(model, measured, folder, say)
+            design = made_before(model, measured, settings.command_age, folder, say)
             known = known_delays(model.system)
             design = design or hinf.design_output_feedback(
-                *(known, measured), start=start, estimated=estimated_states(known), quick=True
+                *(known, measured),
+                start=start,
+                command_age=settings.command_age,
+                command_any_age=True,
+                estimated=estimated_states(known),
+                quick=True,
             )
         except NotAchievableError as error:
             refused.append(f"for {share:g} of the envelope: {error.what}, {error.got}")
@@ -142,6 +147,8 @@ def proved_for(
             *(known, measured),
             gain=design.K,
             injections=design.L,
+            command_age=design.pair.command_age,
+            command_any_age=design.pair.command_any_age,
             estimated=estimated_states(known),
             quick=True,
         )
@@ -176,20 +183,23 @@ def measurements_of(
         rows = np.zeros((len(sensor.measures), n))
         for k, name in enumerate(sensor.measures):
             rows[k, model.states.index(name)] = 1.0
-        over: Any = "link" if sensor.loss or sensor.jitter else "onboard"
-        noise = list(sensor.noise)
-        found.append(
-            Measurement(sensor.name, rows, sensor.age, any_age=True, noise=noise, over=over)
-        )
+        ages: dict[str, Any] = {"any_age": True, "noise": list(sensor.noise), "over": sensor.over}
+        found.append(Measurement(sensor.name, rows, sensor.age, **ages))
     return tuple(found)
 
 
 def made_before(
-    model: LinearModel, measured: Sequence[Measurement], folder: Path, say: Say
+    model: LinearModel,
+    measured: Sequence[Measurement],
+    command_age: float,
+    folder: Path,
+    say: Say,
 ) -> hinf.OutputFeedback | None:
     """Return the design for this model and these measurements that is in the folder, if one is.
 
     A solver's last digits never decide what flies: a design is kept, and its proof checked again.
+    One that was proved for commands of another age keeps its K and L where these are proved for
+    this one.
     """
     place = folder / DESIGN
     try:
@@ -202,8 +212,26 @@ def made_before(
     found = hinf.design_from_json(data, where=str(place))
     if not isinstance(found, hinf.OutputFeedback):
         return None
-    say(f"made before, its proof checked again: {place}")
-    return found
+    pair = found.pair
+    if (pair.command_age, pair.command_any_age) == (command_age, True):
+        say(f"made before, its proof checked again: {place}")
+        return found
+    asked = f"for commands of any age up to {command_age:g} s: {place}"
+    try:
+        again = hinf.design_output_feedback(
+            *(pair.plant, pair.measurements),
+            gain=pair.K,
+            injections=pair.L,
+            command_age=command_age,
+            command_any_age=True,
+            estimated=pair.estimated.tolist(),
+            quick=True,
+        )
+    except NotAchievableError:
+        say(f"made before, but its K and L are not proved {asked}")
+        return None
+    say(f"made before; its K and L are proved {asked}")
+    return again
 
 
 def _same_question(data: Any, model: LinearModel, measured: Sequence[Measurement]) -> bool:

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from cosim.core import InputError
+from cosim.models import Over
 from cosim.vehicle.vehicle import Sensor
 
 LOSSES_IN_A_ROW = 3
@@ -47,6 +48,15 @@ class FlightSettings:
     seed: int = 2
     use: float = 0.7
 
+    @property
+    def command_age(self) -> float:
+        """Greatest age of a command that the design allows for [s].
+
+        The controller is on board and commands at every step: a command is held for a step, and
+        the exchange between the components may add another one.
+        """
+        return round(2 * self.step, 9)
+
     def __post_init__(self) -> None:
         for name, good, expected in (
             ("link", self.link >= self.step, f"at least a step of {self.step:g} s"),
@@ -80,6 +90,7 @@ class PlannedSensor:
     jitter : by how much less it may be [s].
     age : greatest age where it acts, which is designed for [s].
     loss : share of messages that are lost.
+    over : whether it is taken on board, or comes over the slow link.
     remark : what differs from the vehicle file; "" where nothing does.
     """
 
@@ -91,11 +102,12 @@ class PlannedSensor:
     jitter: float
     age: float
     loss: float
+    over: Over
     remark: str = ""
 
     @property
-    def over_link(self) -> bool:
-        """Whether its values come in messages."""
+    def in_packets(self) -> bool:
+        """Whether its values come in packets; otherwise they come by wire."""
         return self.transit > 0
 
 
@@ -149,7 +161,8 @@ def _on_board(sensors: Sequence[Sensor], settings: FlightSettings) -> PlannedSen
         remark += f"; an interval and a step make it so old, not {given:g} s"
     transit = _whole(age - least, step, math.floor)
     return PlannedSensor(
-        *(ONBOARD, tuple(best), tuple(best.values()), interval, transit, 0.0, age, 0.0, remark)
+        *(ONBOARD, tuple(best), tuple(best.values()), interval, transit, 0.0, age, 0.0, "onboard"),
+        remark,
     )
 
 
@@ -161,7 +174,17 @@ def _over_link(sensor: Sensor, settings: FlightSettings) -> PlannedSensor:
     remark = f"{settings.losses} in a row may be lost" if settings.losses else ""
     name = sensor.name if sensor.name != ONBOARD else f"{ONBOARD}_link"
     return PlannedSensor(
-        *(name, sensor.measures, sensor.noise, interval, transit, jitter, age, settings.loss),
+        *(
+            name,
+            sensor.measures,
+            sensor.noise,
+            interval,
+            transit,
+            jitter,
+            age,
+            settings.loss,
+            "link",
+        ),
         remark,
     )
 
@@ -185,12 +208,3 @@ def loss_in_runs(loss: float) -> dict[str, float] | float:
         return 0.0
     leave = 1.0 / _RUN
     return {"p_enter": loss * leave / (1.0 - loss), "p_exit": leave}
-
-
-def sensor_line(sensor: PlannedSensor) -> str:
-    """Return in a line what a sensor measures, how often, and how old that may be."""
-    way = f"up to {sensor.transit:g} s under way, " if sensor.over_link else ""
-    return (
-        f"{sensor.name}: {', '.join(sensor.measures)} every {sensor.interval:g} s, {way}designed "
-        f"for any age up to {sensor.age:g} s" + (f" ({sensor.remark})" if sensor.remark else "")
-    )

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+from cosim.vehicle.crossings import crossing_title, crossings
 from cosim.vehicle.flight_plan import (
     FlightSettings,
     PlannedSensor,
@@ -41,6 +42,10 @@ class Mission:
     wave_height: float
     wave_period: float = 8.0
     wave_depth: float = 30.0
+
+    def names(self, states: Sequence[str]) -> tuple[str, ...]:
+        """Return the names of the states that have a set-point."""
+        return tuple(states[i - 1] for i in self.set_points)
 
     def calmer(self, share: float) -> Mission:
         """Return the same with a share of the set-points, of their errors and of the sea."""
@@ -86,7 +91,7 @@ def scenario_text(
     }
     reference = {f"reference[{i}]": value for i, value in mission.set_points.items()}
     parts = [
-        _head(vehicle, sensors, settings),
+        _head(vehicle, states, sensors, mission, settings),
         f'[components.{PLANT}]\nfmu = "plant.fmu"\n' + _parameters(PLANT, start),
         f'[components.{CONTROLLER}]\nfmu = "controller.fmu"\n'
         + _parameters(
@@ -99,28 +104,36 @@ def scenario_text(
         _set_points(mission, sensors, settings),
         *(_of_sensor(sensor) for sensor in sensors),
         *(_wire(f"{CONTROLLER}.{name}", f"{PLANT}.{name}") for name in commands),
-        *(_link(sensor, settings) for sensor in sensors if sensor.over_link),
+        *(_link(sensor, settings) for sensor in sensors if sensor.in_packets),
         _DESIGN,
-        _MORE.format(limit=f"{2 * settings.link:g}", state=_position(states)),
+        _MORE.format(state=_position(states)),
+        _outage(sensors, settings),
     ]
     return "\n".join(part for part in parts if part)
 
 
-def _head(vehicle: str, sensors: Sequence[PlannedSensor], settings: FlightSettings) -> str:
-    aged = "\n".join(
-        f"  {s.name}: {', '.join(s.measures)}, at most {s.age:g} s old" for s in sensors
-    )
+def _head(
+    vehicle: str,
+    states: Sequence[str],
+    sensors: Sequence[PlannedSensor],
+    mission: Mission,
+    settings: FlightSettings,
+) -> str:
+    found = crossings(sensors, mission.names(states), settings)
+    listed = "\n".join(f"  {one.line}" for one in found)
+    asked = "follows set-points that a ship sends" if mission.set_points else "holds its trim"
     return f'''\
 # Made by `cosim vehicle fly`; change it as you like, and run it again: cosim run scenario.toml
 #   cosim scenario check scenario.toml     list its errors
 #   cosim vehicle show vehicle.toml        the vehicle
-title = "{vehicle}: set-points and fixes over a slow link, loop closed on board"
+title = "{vehicle}: {crossing_title(found)}"
 description = """
-The vehicle follows set-points that a ship sends over the link. An observer on board estimates its
-state from measurements that carry the time at which they were taken:
-{aged}
-The gain and the injections of the observer are certified for these ages, whatever they are and
-however they vary, and for the envelope of the vehicle.
+The vehicle {asked}. An observer on board estimates its state from
+measurements that carry the time at which they were taken. What crosses which link, and the ages
+that the proof allows:
+{listed}
+The gain and the injections of the observer are certified for these ages, however they vary, and
+for the envelope of the vehicle.
 """
 
 [run]
@@ -167,7 +180,7 @@ def _set_points(
 ) -> str:
     if not mission.set_points:
         return ""
-    interval = max((s.interval for s in sensors if s.loss or s.jitter), default=1.0)
+    interval = max((s.interval for s in sensors if s.over == "link"), default=1.0)
     transit, jitter = link_times(settings)
     axes = ", ".join(f'"[{k}]"' for k in range(1, 1 + len(mission.set_points)))
     values = [*mission.set_points.values()]
@@ -192,7 +205,7 @@ points = [{[0.0, *values]}, {[half, *[0.0] * len(values)]}]
 
 def _of_sensor(sensor: PlannedSensor) -> str:
     name = component_of(sensor.name)
-    link = sensor.name if sensor.over_link else None
+    link = sensor.name if sensor.in_packets else None
     wires = [
         _wire(f"{PLANT}.{measured}", f"{name}.u[{i}]")
         for i, measured in enumerate(sensor.measures, 1)
@@ -247,11 +260,21 @@ _MORE = """\
 # [[assertions]]
 # name = "the station is held in the end"
 # always = "t < 120 s or abs(plant.{state}) < 0.5"
+"""
 
+
+def _outage(sensors: Sequence[PlannedSensor], settings: FlightSettings) -> str:
+    """Return an event to try: of a link that carries a measurement, whose age then is too great."""
+    links = [sensor for sensor in sensors if sensor.in_packets]
+    chosen = next((sensor for sensor in links if sensor.over == "link"), next(iter(links), None))
+    if chosen is None:
+        return ""
+    lasts = max(2 * settings.link, 2 * chosen.age)
+    return f"""\
 # [[events]]
 # at = "60 s"
-# for = "{limit} s"
-# outage = ["{{link}}"]              # the assumption about the age is then not met
+# for = "{lasts:g} s"
+# outage = ["{chosen.name}"] # the assumption about the age of {chosen.name} is then not met
 """
 
 

@@ -79,7 +79,7 @@ def test_ages_of_the_networked_loop(
 
 
 def test_a_constant_delay_of_the_networked_loop() -> None:
-    """1.167 s of 1.1681, where the loop is unstable."""
+    """1.167 s of 1.16714, where the nominal loop loses its stability."""
     certified(networked(1.167), NETWORKED, 2)
 
 

@@ -20,7 +20,6 @@ from cosim.core import InputError, NotAchievableError
 from cosim.fmu import FmuDescription, describe_fmu
 from cosim.hinf import auv_system
 from cosim.master import Component, Connection, Link, Session, System, make_schedule
-from cosim.models import Delay
 from cosim.network import (
     DelayProfile,
     GilbertElliott,
@@ -283,7 +282,7 @@ def test_each_fault_of_an_age_fails_its_own_assumption(
 @pytest.mark.parametrize(
     "word", ["constant, exactly d", "constant, up to d", "constant, from 1/2 to d", "unheard of"]
 )
-def test_what_is_held_has_no_constant_age(word: str) -> None:
+def test_no_proof_of_a_constant_age_covers_a_run(word: str) -> None:
     """However little it varies: the proof is about another loop, and the run says what proves it.
 
     A word that has no rule covers nothing.

@@ -26,6 +26,7 @@ from .analysis_certificate import (
     analysis_to_json as analysis_to_json,
     check_measured as check_measured,
     exact_analysis as exact_analysis,
+    gain_from_json as gain_from_json,
 )
 from .analysis_proof import (
     MAX_BOX as MAX_BOX,
@@ -90,6 +91,12 @@ from .guarantees import (
     KEY as KEY,
     Guarantees as Guarantees,
     guarantees_from_json as guarantees_from_json,
+)
+from .held_ages import (
+    cannot_be_held as cannot_be_held,
+    constant_ages_of_held as constant_ages_of_held,
+    held_remark as held_remark,
+    reproving_command as reproving_command,
 )
 from .norm_certificate import norm_to_json as norm_to_json
 from .norm_proof import (

@@ -17,6 +17,8 @@ from __future__ import annotations
 import hashlib
 import importlib
 import json
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +29,7 @@ from cosim.core import DESIGN_FILE, SCHEMA, InputError, unreadable
 from cosim.hinf.certificate.document import Certificate
 from cosim.hinf.certificate.exact_lmi import ExactVariables
 from cosim.hinf.certificate.guarantees import Guarantees, guarantees_from_json
+from cosim.hinf.certificate.not_read import not_read
 from cosim.hinf.certificate.proof import (
     CertificateCheck,
     Variables,
@@ -115,7 +118,7 @@ def check_certificate(data: Any) -> CertificateCheck:
     `ages_certificate`, with "norm" one of `norm_certificate`, with "refutation" or "gamma
     floor" one of `refutation_certificate`, with "output-feedback" one of
     `output_feedback_certificate`, without a kind one of Theorem 2. Other top-level
-    keys than those of the module's docstring are notes, which are not checked.
+    keys than those of the module's docstring are notes: `CertificateCheck.not_read` lists them.
 
     Raises
     ------
@@ -136,8 +139,16 @@ def check_certificate(data: Any) -> CertificateCheck:
                 got=format_value(kind),
             )
         module, name = named
-        check = getattr(importlib.import_module(f"cosim.hinf.certificate.{module}"), name)
-        return check(data)  # type: ignore[no-any-return]
+        check: Callable[[dict[str, Any]], CertificateCheck] = getattr(
+            importlib.import_module(f"cosim.hinf.certificate.{module}"), name
+        )
+    else:
+        check = _check_theorem_2
+    return replace(check(data), not_read=not_read(data))
+
+
+def _check_theorem_2(data: dict[str, Any]) -> CertificateCheck:
+    """Check a certificate without a kind."""
     own = {key: data[key] for key in _KEYS if key in data}
     known_keys(own, "certificate", _KEYS, required=_KEYS)
     system = system_from_json(data["system"])

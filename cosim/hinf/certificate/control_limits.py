@@ -29,6 +29,7 @@ import flint
 import numpy as np
 
 from cosim.core import InputError
+from cosim.hinf.certificate.document import ProvedValue
 from cosim.hinf.certificate.exact_lmi import ExactVariables
 from cosim.hinf.certificate.proof import failure
 from cosim.hinf.certificate.rational import (
@@ -53,7 +54,7 @@ _DIGITS = 50  # bits of a level that must be sure
 
 
 @dataclass(frozen=True, eq=False)
-class GainLimit:
+class GainLimit(ProvedValue):
     """The largest singular value of K is at most `bound`, a `fmpq`."""
 
     bound: Any
@@ -95,7 +96,7 @@ def norm_above(gain: Matrix) -> float:
 
 
 @dataclass(frozen=True, eq=False)
-class PeakControl:
+class PeakControl(ProvedValue):
     """Bounds |u_i(t)| <= bound_i for every t, with their proof: exact numbers (`fmpq`).
 
     bounds : one per input.

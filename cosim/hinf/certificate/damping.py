@@ -40,6 +40,7 @@ import flint
 
 from cosim.core import InputError
 from cosim.hinf.certificate.ball_matrices import balls, exact_terms, size
+from cosim.hinf.certificate.document import ProvedValue
 from cosim.hinf.certificate.rational import exact, from_text, to_text
 from cosim.hinf.certificate.system_json import known_keys
 
@@ -55,7 +56,7 @@ _KEYS = ("ratio", "within")
 
 
 @dataclass(frozen=True, eq=False)
-class Damping:
+class Damping(ProvedValue):
     """A bound of damping ratios; it is its own proof, which needs no further numbers (`fmpq`).
 
     ratio : zeta, between 0 and 1.

@@ -24,6 +24,7 @@ from typing import TYPE_CHECKING, Any
 import flint
 
 from cosim.core import InputError
+from cosim.hinf.certificate.document import ProvedValue
 from cosim.hinf.certificate.exact_lmi import ExactVariables, Shift
 from cosim.hinf.certificate.proof import failure
 from cosim.hinf.certificate.rational import asymmetric, exact, from_text, to_text
@@ -41,7 +42,7 @@ _KEYS = ("rate", "growth", "variables")
 
 
 @dataclass(frozen=True, eq=False)
-class Decay:
+class Decay(ProvedValue):
     """A rate of decay with its proof: exact numbers (`fmpq`).
 
     rate : alpha [1/s], positive.

@@ -5,11 +5,13 @@ from __future__ import annotations
 from typing import Any
 
 from cosim.core import html_table
+from cosim.hinf.certificate.frozen_json import FrozenDict
 from cosim.hinf.certificate.theorem import theorem_of
+from cosim.models import Value
 
 
-class Certificate(dict[str, Any]):
-    """The JSON values of a certificate, a dictionary, with a short `repr`."""
+class Certificate(FrozenDict):
+    """The JSON values of a certificate: a dictionary that cannot be changed."""
 
     def __repr__(self) -> str:
         return f"<Certificate: {claim_words(self.get('claim', {}))}; check_certificate proves it>"
@@ -17,6 +19,22 @@ class Certificate(dict[str, Any]):
     def _repr_html_(self) -> str:
         """Return every sentence of the theorem, as notebooks show them."""
         return html_table(repr(self), theorem_rows(self.get("claim", {})))
+
+
+class ProvedValue(Value):
+    """A value with a claim and the JSON of its proof: two are equal where these are."""
+
+    def claim(self) -> dict[str, Any]:
+        """Return what is claimed, as JSON values."""
+        raise NotImplementedError
+
+    def to_json(self) -> dict[str, Any]:
+        """Return what proves it, as JSON values."""
+        raise NotImplementedError
+
+    def content(self) -> tuple[Any, ...]:
+        """Return the claim and the proof; exact numbers have no hash of their own."""
+        return FrozenDict(self.claim()), FrozenDict(self.to_json())
 
 
 def claim_words(claim: dict[str, Any]) -> str:

@@ -19,6 +19,7 @@ from cosim.hinf.certificate.control_limits import (
 )
 from cosim.hinf.certificate.damping import Damping, damping_from_json
 from cosim.hinf.certificate.decay import Decay, decay_from_json
+from cosim.hinf.certificate.document import ProvedValue
 from cosim.hinf.certificate.outages import Outages, outages_from_json
 from cosim.hinf.certificate.proof import CertificateCheck, judged
 from cosim.hinf.certificate.state_peaks import StatePeaks, state_peaks_from_json
@@ -41,7 +42,7 @@ Guarantee = Decay | Damping | GainLimit | PeakControl | StatePeaks | Outages
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Guarantees:
+class Guarantees(ProvedValue):
     """The guarantees of a design; None where a constraint was not set."""
 
     decay: Decay | None = None

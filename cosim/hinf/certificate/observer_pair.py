@@ -40,13 +40,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cosim.core import InputError
-from cosim.models import Delay, DelaySystem, Matrix, Measurement
+from cosim.models import Delay, DelaySystem, Matrix, Measurement, Value
 
 _BITS = 53  # of a double
 
 
 @dataclass(frozen=True, eq=False)
-class ObserverPair:
+class ObserverPair(Value):
     """The pair of a plant and its observer, and what it was made of.
 
     Attributes

@@ -38,6 +38,7 @@ from cosim.core import InputError
 from cosim.hinf.certificate.analysis_proof import ExactLoop, exact_loop, orders_of
 from cosim.hinf.certificate.block_multipliers import eps_from_json, eps_to_json, scalings
 from cosim.hinf.certificate.decay import is_above_exponential
+from cosim.hinf.certificate.document import ProvedValue
 from cosim.hinf.certificate.proof import require_size
 from cosim.hinf.certificate.quadratic_form import Form, Map
 from cosim.hinf.certificate.rational import (
@@ -72,7 +73,7 @@ _GAIN_WORDS = (
 
 
 @dataclass(frozen=True, eq=False)
-class Outages:
+class Outages(ProvedValue):
     """What is proved of a loop whose link drops out; exact numbers (`fmpq`, `fmpq_mat`).
 
     alpha, beta : V falls at least as e^{-2 alpha t} in touch, and grows at most as e^{2 beta t}

@@ -183,7 +183,10 @@ def measurement_to_json(x: Measurement) -> dict[str, Any]:
 
 
 def measurements_from_json(data: Any, where: str, n: int | None = None) -> list[Measurement]:
-    """Read measurements from JSON or TOML values; `states` in place of C where n is given.
+    """Read measurements from JSON or TOML values.
+
+    Where n is given they are those of a system file: `states` may stand in place of C, and an age
+    varies unless the file says `any_age = false`, since a measurement is held until the next one.
 
     Raises
     ------
@@ -258,6 +261,8 @@ def _measurement(table: Any, where: str, n: int | None) -> Measurement:
         values = noise if isinstance(noise, list) else [noise] * len(rows)
         settings["noise"] = [number(x, f"{where}.noise[{i}]") for i, x in enumerate(values)]
     d = seconds(table.get("d", 0.0), f"{where}.d")
+    if n is not None and "any_age" not in table:
+        settings["any_age"] = d > 0
     try:
         return Measurement(name, rows, d, **settings, over=over)
     except ValueError as error:

@@ -11,7 +11,7 @@ each delay grow with it, so what holds at dj holds for every constant delay up t
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -62,11 +62,14 @@ class CertificateCheck:
     valid : whether the claim is proved.
     reason : why it is not; None if it is.
     claim : the claim, as in the JSON (see `claim_of`).
+    not_read : the keys of the file on which the outcome does not depend, as `figures`,
+        `system.name`: notes and names, which nothing proves.
     """
 
     valid: bool
     reason: str | None
     claim: dict[str, Any]
+    not_read: tuple[str, ...] = field(default=(), compare=False)  # of the file, not of the proof
 
     def __repr__(self) -> str:
         found = "valid" if self.valid else f"not valid: {self.reason}"
@@ -74,7 +77,8 @@ class CertificateCheck:
 
     def _repr_html_(self) -> str:
         """Return the outcome and every sentence of the theorem, as notebooks show them."""
-        return html_table(repr(self), theorem_rows(self.claim))
+        more = {"not read": ", ".join(self.not_read)} if self.not_read else {}
+        return html_table(repr(self), theorem_rows(self.claim) | more)
 
 
 def judged(

@@ -7,6 +7,7 @@ is true only if it holds for all numbers inside.
 
 from __future__ import annotations
 
+import copyreg
 import math
 import re
 from collections.abc import Callable, Iterable, Sequence
@@ -26,6 +27,13 @@ MAX_ODD_DIGITS = 40
 
 _TEXT = re.compile(rf"(-?[0-9]{{1,{MAX_DIGITS}}})(?:/([0-9]{{1,{MAX_DIGITS}}}))?")
 _PRECISIONS = (128, 256, 512, 1024, 2048, 4096)  # bits
+
+
+def _to_pickle(matrix: Any) -> tuple[Any, ...]:
+    return flint.fmpq_mat, (matrix.nrows(), matrix.ncols(), matrix.entries())
+
+
+copyreg.pickle(flint.fmpq_mat, _to_pickle)  # python-flint pickles numbers, but no matrices
 
 
 def exact(value: float) -> Any:

@@ -3,7 +3,7 @@
 For those who doubt the prover: no line is shared with it, and all arithmetic is of fractions
 (`standalone_numbers.py`, to be kept beside this file). exact_lmi.py derives Theorem 2, decay.py and
 control_limits.py the guarantees, refutation_proof.py refutations, docs/explanation/theory.md the
-functionals of an analysis. The sentences under "theorem" and "hypotheses" are not read.
+functionals of an analysis. It lists what it did not read: notes, names and sentences.
 """
 # mypy: ignore-errors
 # ruff: noqa: ANN001, ANN201, ANN202, B905, D103, FBT002, N817, T201
@@ -277,12 +277,16 @@ def output_feedback(c, plant):
 
 
 CHECKS = {
-    None: (design, "claim system variables K"),
-    "analysis": (analysis, "kind claim system variables K"),
-    "ages": (analysis, "kind claim system variables K"),
-    "refutation": (refutation, "kind claim system at multipliers"),
-    "gamma floor": (gamma_floor, "kind claim system gamma w"),
-    "output-feedback": (output_feedback, "kind claim plant measurements estimated K L pair"),
+    None: (design, "claim system variables K", "guarantees"),
+    "analysis": (analysis, "kind claim system variables K", "guarantees"),
+    "ages": (analysis, "kind claim system variables K", "guarantees"),
+    "refutation": (refutation, "kind claim system at multipliers", ""),
+    "gamma floor": (gamma_floor, "kind claim system gamma w", ""),
+    "output-feedback": (
+        output_feedback,
+        "kind claim plant measurements estimated command_age command_any_age K L pair",
+        "",
+    ),
 }
 
 
@@ -292,7 +296,7 @@ def check(content):
         c = sn.loaded(content)
         kind = c.get("kind")
         need(kind in CHECKS, f"certificates of kind {kind!r} are not read here")
-        proof, required = CHECKS[kind]
+        proof, required, _ = CHECKS[kind]
         need({*required.split()} <= {*c}, f"expected the keys {required}")
         own = ("plant", None) if kind == "output-feedback" else ("system", c.get("K"))
         proved = proof(c, sn.Loop(c[own[0]], own[1]))
@@ -305,9 +309,23 @@ def check(content):
     return proved
 
 
+def not_read(c):
+    """Yield the keys of a certificate that decide nothing here, as "figures", "system.name"."""
+    _, required, optional = CHECKS[c.get("kind")]
+    yield from (key for key in c if key not in f"{required} {optional}".split())
+    yield from ("claim.hypotheses" for key in c["claim"] if key == "hypotheses")
+    for own in ("system", "plant"):
+        yield from (f"{own}.{key}" for key in ("name", "integrals") if key in c.get(own, ()))
+    for i, x in enumerate(c.get("measurements", ())):
+        yield from (f"measurements[{i}].over" for key in x if key == "over")
+    yield from (f"pair.{key}" for key in (not_read(c["pair"]) if "pair" in c else ()))
+
+
 if __name__ == "__main__":
+    content = Path(sys.argv[1]).read_bytes()
     try:
-        proved = check(Path(sys.argv[1]).read_bytes())
+        proved = check(content)
     except sn.RefusedError as refused:
         sys.exit(f"not proved: {refused}")
     print("proved:", *(f"  {key}: {value}" for key, value in proved.items()), sep="\n")
+    print("not read:", ", ".join(not_read(sn.loaded(content))) or "nothing")

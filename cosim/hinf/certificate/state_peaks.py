@@ -28,6 +28,7 @@ from cosim.core import InputError
 from cosim.hinf.certificate.analysis_proof import ExactAnalysis, analysis_proved
 from cosim.hinf.certificate.analysis_variables import variables_from_json, variables_to_json
 from cosim.hinf.certificate.control_limits import MAX_OFFSETS, half_of_corners, peak_system
+from cosim.hinf.certificate.document import ProvedValue
 from cosim.hinf.certificate.rational import (
     asymmetric,
     exact,
@@ -43,7 +44,7 @@ _KEYS = ("rows", "starts", "bounds", "energy", "variables")
 
 
 @dataclass(frozen=True, eq=False)
-class StatePeaks:
+class StatePeaks(ProvedValue):
     """Bounds |g_i x(t)| <= bound_i for every t >= 0, with their proof.
 
     rows : (r, n) the g_i, doubles.

@@ -22,7 +22,9 @@ from .mean_square import (
     rates_mean_square as rates_mean_square,
 )
 from .nominal_figures import (
+    BEYOND as BEYOND,
     NominalFigures as NominalFigures,
+    figures_if_known as figures_if_known,
     nominal_figures_of as nominal_figures_of,
 )
 from .norm import (

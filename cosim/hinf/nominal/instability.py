@@ -40,8 +40,8 @@ def verdict_of(system: DelaySystem, K: ArrayLike, abscissa: float) -> tuple[Verd
     if root_at_zero(system, K):
         return "undecided", "a root of the nominal loop is 0, exactly: it does not return to rest"
     return "undecided", (
-        f"the rightmost root of the nominal loop has real part {abscissa:.6g}, as computed: too "
-        "close to the imaginary axis to tell the side"
+        f"the rightmost root of the nominal loop has real part {abscissa:.6g}, as computed: "
+        "rounding leaves open on which side of the imaginary axis it lies"
     )
 
 

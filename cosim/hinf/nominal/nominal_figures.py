@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cosim.core import NotAchievableError
+from cosim.core import InputError, NotAchievableError
 from cosim.hinf.nominal.closed_loop import close
 from cosim.hinf.nominal.delay_margins import delay_margin
 from cosim.hinf.nominal.norm import ROOTS, NormResult, hinf_norm
@@ -21,6 +21,8 @@ from cosim.models import DelaySystem
 _BEYOND_DOUBLES = (ArithmeticError, np.linalg.LinAlgError)
 """What numbers far from one, or a root all but on the axis, end a computation with."""
 
+BEYOND = "numbers that leave the range of doubles"
+
 # relative distances of the bounds tried: for a flat gain a close bound takes too long
 _ABOVE = (1e-8, 1e-6, 1e-4, 1e-2)
 # the same where the gain only tends to its norm: each closer bound takes three times the work
@@ -30,7 +32,7 @@ _ABOVE_LIMIT = (1e-2, 1e-3, 1e-4, 1e-5)
 class NominalFigures(NamedTuple):
     """Figures of the nominal loop at its present delays, all taken as constants.
 
-    abscissa : spectral abscissa [1/s], computed.
+    abscissa : spectral abscissa [1/s], computed. None where no root could be found.
     exact_norm : H-infinity norm from w to z, computed: a gain that is attained. None if the
         loop is not stable, or there is no w or no z, or the numbers leave the range of doubles.
     exact_norm_upper : a number that the norm is proved to lie below, by ball arithmetic, and
@@ -42,7 +44,7 @@ class NominalFigures(NamedTuple):
         close to the axis to decide.
     """
 
-    abscissa: float
+    abscissa: float | None
     exact_norm: float | None
     exact_norm_upper: float | None
     norm_frequency: float | None
@@ -52,6 +54,11 @@ class NominalFigures(NamedTuple):
     def of(cls, record: Any) -> NominalFigures:
         """Return the figures that a design or an analysis has among its attributes."""
         return cls(**{name: getattr(record, name) for name in cls._fields})
+
+    @classmethod
+    def unknown(cls) -> NominalFigures:
+        """Return the figures of a loop none of whose roots could be found."""
+        return cls(None, None, None, None, None)
 
 
 @one_thread
@@ -84,6 +91,21 @@ def nominal_figures_of(system: DelaySystem, K: ArrayLike, *, quick: bool = False
         norm_frequency=peak.frequency if peak is not None and finite else None,
         delay_margin=margins,
     )
+
+
+def figures_if_known(system: DelaySystem, K: ArrayLike) -> tuple[NominalFigures, str | None]:
+    """Return the figures of a loop, and why none could be computed; no proof depends on them.
+
+    system, K : finite numbers that fit each other.
+    """
+    try:
+        with np.errstate(all="ignore"):
+            return nominal_figures_of(system, K), None
+    except NotAchievableError as error:
+        return NominalFigures.unknown(), f"the roots of the nominal loop: {error.what}"
+    except (InputError, *_BEYOND_DOUBLES) as error:  # B K, of finite numbers, is not finite
+        what = error.what if isinstance(error, InputError) else str(error)
+        return NominalFigures.unknown(), f"{BEYOND} ({what}): choose other units"
 
 
 def _proved_above(system: DelaySystem, K: ArrayLike, peak: NormResult) -> float | None:

@@ -259,10 +259,24 @@ def characteristic_roots(loop: ClosedLoop, count: int = 10) -> Roots:
     ------
     InputError : `count` is less than 1.
     NotAchievableError : the roots found and the argument principle do not agree with the largest
-        discretisation.
+        discretisation, or they leave the range of doubles.
     """
     if count < 1:
         raise InputError("not a number of roots", where="count", expected=">= 1", got=str(count))
+    try:
+        with np.errstate(all="ignore"):
+            return _rightmost_roots(loop, count)
+    except (ArithmeticError, ValueError) as error:  # numpy and scipy, of an infinity or a NaN
+        raise NotAchievableError(
+            "the characteristic roots leave the range of doubles",
+            expected="rates and delays within some hundred orders of magnitude",
+            got=str(error),
+            hint="choose other units",
+        ) from error
+
+
+def _rightmost_roots(loop: ClosedLoop, count: int) -> Roots:
+    """Compute what `characteristic_roots` returns."""
     loop = ClosedLoop(balanced(loop.A), loop.delays)
     tau = max((d for d, A in zip(loop.delays, loop.A, strict=True) if A.any()), default=0.0)
     if tau * _bound(loop, 0.0) < _NO_DELAY:

@@ -3,6 +3,10 @@
 `[[measurements]]` of a system file say what is measured, how old and how noisy. Where they are
 whole states, each once, without noise, and no `[observer]` is asked for, K acts on them at their
 ages: the feedback of the system is theirs (`fed_back`). Otherwise an observer is designed with K.
+
+What is sent and held is never of one age: between messages, and between the steps of a controller,
+it grows older. So `d` of a measurement, and `command_age`, are the greatest of any age, unless the
+file says that the age is constant: a system that can be designed for and that no run can show.
 """
 
 from __future__ import annotations
@@ -36,7 +40,7 @@ class ObserverSettings:
     ----------
     measurements : what the observer receives.
     estimated : one truth value per state, False where it is known; None: all are estimated.
-    command_age, command_any_age : when the command acts.
+    command_age, command_any_age : greatest age at which the command acts; whether it varies.
     gain, injections : K and every L, where they are given.
     offset, initial_error, energy : of peaks that are to be proved; None and 0 without.
     """
@@ -142,7 +146,7 @@ def _settings(
                 got=format_value(known),
             )
         estimated = tuple(j not in known for j in range(1, n + 1))
-    late = table.get("command_any_age", False)
+    late = table.get("command_any_age", True)  # a command is held until the next one
     if not isinstance(late, bool):
         raise InputError(
             "not a truth value",
@@ -151,6 +155,7 @@ def _settings(
             got=format_value(late),
         )
     age = seconds(table.get("command_age", 0.0), f"{where}.command_age")
+    late = late and age > 0
     gain = matrix_from_rows(table["K"], f"{where}.K") if "K" in table else None
     injections = None
     if "L" in table:

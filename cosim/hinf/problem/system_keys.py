@@ -58,7 +58,9 @@ DELAY: Mapping[str, Key] = {
         "The control acts through this delay, u = K x(t-d); or one value for each state.",
     ),
     "any_age": Key(
-        "true or false", "Every age from 0 to d, however it varies, in place of the constant d."
+        "true or false",
+        "Every age from 0 to d, however it varies, in place of the constant d. Feedback that is "
+        "held between messages or steps has no constant age.",
     ),
     "least_age": Key("number [s]", "The age is never less than this."),
     "rate": Key("number", "The age is continuous, and changes no faster than this."),
@@ -114,8 +116,12 @@ MEASUREMENT: Mapping[str, Key] = {
     "name": Key("text", "Name of the sensor.", required=True),
     "states": Key("whole numbers", "The states it measures, from 1; or C."),
     "C": Key("matrix, n columns", "y = C x + v, in place of states."),
-    "d": Key("number [s]", "Age, or greatest age, where it is used; without it 0: at once."),
-    "any_age": DELAY["any_age"],
+    "d": Key("number [s]", "Greatest age at the end of its use; without it 0: at once."),
+    "any_age": Key(
+        "true or false",
+        "Every age from 0 to d, however it varies; without it true. False: the constant d, which "
+        "nothing has that is held between messages.",
+    ),
     "least_age": DELAY["least_age"],
     "rate": DELAY["rate"],
     "sampled": DELAY["sampled"],
@@ -128,8 +134,16 @@ OBSERVER: Mapping[str, Key] = {
         "whole numbers",
         "States, from 1, that only u and known states act on, as on a thruster's lag.",
     ),
-    "command_age": Key("number [s]", "Age at which u acts; without it 0: at once."),
-    "command_any_age": Key("true or false", "Any age up to command_age, not the constant one."),
+    "command_age": Key(
+        "number [s]",
+        "Greatest age of a command, from the estimate to the end of its use: the longest hold and "
+        "a step; without it 0, which no run can show.",
+    ),
+    "command_any_age": Key(
+        "true or false",
+        "Every age from 0 to command_age; without it true. False: the constant one, which nothing "
+        "has that is held between steps.",
+    ),
     "K": Key("matrix, n columns", "u = K xh, where it is not to be designed."),
     "L": Key("matrices by name", "L of every measurement, where it is not to be designed."),
     "offset": Key(

@@ -48,14 +48,14 @@ Measurements with ages of their own, and an observer of them (`cosim.hinf.proble
     [[measurements]]
     name = "position"
     states = [1]        # or C = [[1.0, 0.0]]
-    d = 1.5             # and the kind of age, as a delay has it
-    any_age = true
+    d = 1.5             # any age up to this, unless any_age = false; or, as a delay has it,
+    least_age = 0.5     # what else is known of the age: least_age, rate, sampled
     noise = 0.1
     over = "link"       # or "onboard"
 
     [observer]          # not needed where an observer is
     known = [3]         # states that only u and known states act on
-    command_age = 0.5
+    command_age = 0.5   # any age up to this, unless command_any_age = false
 
 `schema = 1` above the tables says the version of their keys (`cosim.core.file_kinds`).
 

@@ -45,3 +45,4 @@ from .output_feedback import (
     TooUncertainError as TooUncertainError,
     design_output_feedback as design_output_feedback,
 )
+from .proved_again import proved_again as proved_again

@@ -30,10 +30,11 @@ from cosim.hinf.certificate import (
 )
 from cosim.hinf.lmi import not_found, solver_words
 from cosim.hinf.nominal import (
+    BEYOND,
     NominalFigures,
     Verdict,
     checked_system,
-    nominal_figures_of,
+    figures_if_known,
     verdict_of,
 )
 from cosim.hinf.problem import ages_are_known
@@ -47,7 +48,8 @@ from cosim.hinf.synthesis.conditions import (
     widened,
 )
 from cosim.hinf.synthesis.result_text import proved_words, result_rows
-from cosim.models import DelaySystem, Matrix
+from cosim.hinf.synthesis.same_as_proved import require_proved_gain
+from cosim.models import DelaySystem, Matrix, Value
 
 _ABOVE_LEAST = (2e-6, 1e-5, 5e-5, 3e-4, 2e-3, 1e-2, 5e-2)
 _COSTLY = 500
@@ -57,8 +59,10 @@ _MUCH = 0.1  # share of gamma worth a proof of exactly these delays, or an odd g
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Analysis:
+class Analysis(Value):
     """The result of an analysis: what is certified of a loop, and its nominal figures.
+
+    It cannot be changed, and two are equal where everything they say is.
 
     Attributes
     ----------
@@ -76,6 +80,10 @@ class Analysis:
     guarantees : the damping, where it was asked for and is proved; also in the certificate, if
         there is one.
     damping_reason : why the damping that was asked for is not proved; None if it is, or none was.
+
+    Raises
+    ------
+    InputError : made with a system, gain, bound or guarantee that is not the certificate's.
     """
 
     system: DelaySystem
@@ -85,7 +93,7 @@ class Analysis:
     reason: str | None
     gamma: float | None
     least_gamma: float | None
-    abscissa: float
+    abscissa: float | None
     exact_norm: float | None
     exact_norm_upper: float | None
     norm_frequency: float | None
@@ -95,8 +103,18 @@ class Analysis:
     damping_reason: str | None = None
 
     def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.certified != (self.certificate is not None):
+            raise InputError(
+                "what is said is not what is proved",
+                where="certified",
+                expected="a certificate where something is proved, none where nothing is",
+                got=f"certified = {self.certified}",
+            )
         if self.certificate is not None:
             object.__setattr__(self, "certificate", Certificate(self.certificate))
+            stated = {"gamma": self.gamma, "order": self.order}
+            require_proved_gain(self.certificate, self.system, self.K, stated, self.guarantees)
 
     def __repr__(self) -> str:
         name = f" {self.system.name!r}" if self.system.name else ""
@@ -117,7 +135,11 @@ class Analysis:
         """What is decided: "certified", "unstable" (proved for the nominal loop), "undecided"."""
         if self.certified:
             return "certified"
-        if self.abscissa < 0 or any(delay.sampled for delay in self.system.delays):
+        if (
+            self.abscissa is None
+            or self.abscissa < 0
+            or any(delay.sampled for delay in self.system.delays)
+        ):
             return "undecided"
         return verdict_of(self.system, gain_of(self.system, self.K), self.abscissa)[0]
 
@@ -152,7 +174,8 @@ def analyse(
 
     Raises
     ------
-    InputError : numbers that do not fit the system.
+    InputError : numbers that do not fit the system. A gain of any size is none of these: where
+        numbers leave the range of doubles, the verdict is "undecided", and `reason` says why.
     """
     system = checked_system(system)
     K = gain_of(system, gain)
@@ -160,12 +183,14 @@ def analyse(
     if gamma is not None:
         check_gamma(gamma, system)
     asked = checked_damping(system, damping, within)
-    figures = nominal_figures_of(system, K)
+    figures, unknown = figures_if_known(system, K)
     try:
         with np.errstate(over="raise", invalid="raise"):
             found = best_analysis(system, K, gamma, order, figures)
+        if unknown is not None and not found.certified:
+            found = replace(found, reason=f"{unknown}; {found.reason}")
     except (ArithmeticError, np.linalg.LinAlgError) as error:
-        reason = f"numbers that leave the range of doubles ({error}): choose other units"
+        reason = unknown or f"{BEYOND} ({error}): choose other units"
         first = AFFORDABLE_ORDERS[0] if order == "auto" else order
         nothing: dict[str, Any] = dict.fromkeys(("gamma", "least_gamma", "certificate"))
         found = Analysis(system, K, first, False, reason, **nothing, **figures._asdict())  # noqa: FBT003
@@ -214,7 +239,8 @@ def best_analysis(
     `ranking` : of all orders only what is quick, to compare gains with each other.
     """
     made: list[Analysis] = []
-    excluded = figures.abscissa >= 0 and not any(delay.sampled for delay in system.delays)
+    root = figures.abscissa
+    excluded = root is not None and root >= 0 and not any(x.sampled for x in system.delays)
     bounded = system.has_performance
     known = ages_are_known(system) or is_large(system, K)
     orders = [order] if order != "auto" else [1, 0] if known else [*AFFORDABLE_ORDERS]
@@ -292,7 +318,7 @@ def _analysed(
     proof, level, reason = None, None, None
     leasts: list[float] = []
     if not conditions:
-        reason = verdict_of(system, K, figures.abscissa)[1]
+        reason = verdict_of(system, K, figures.abscissa or 0.0)[1]
     floor = float(np.linalg.norm(system.D1, 2))
     reference = max(floor, figures.exact_norm or 0.0) or 1.0
     for condition in conditions:

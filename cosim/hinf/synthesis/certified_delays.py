@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cosim.hinf.nominal import nominal_figures_of
+from cosim.hinf.nominal import figures_if_known
 from cosim.hinf.problem import DELAY_LIMIT, with_delay
 from cosim.hinf.synthesis.analysis import (
     Analysis,
@@ -119,7 +119,7 @@ def certified_delay(
         gamma=None if search.d is None else gamma,
         least_gamma=None,
         certificate=search.certificate,
-        **nominal_figures_of(system_at_d, K)._asdict(),
+        **figures_if_known(system_at_d, K)[0]._asdict(),
     )
     return CertifiedDelay(
         delay_index=delay_index,

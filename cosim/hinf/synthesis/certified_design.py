@@ -6,23 +6,28 @@ It stands apart from what makes one: a run reads a design, and loads no solver f
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cosim.core import html_table, matrix_text
-from cosim.hinf.certificate import Certificate, Guarantees
+from cosim.hinf.certificate import Certificate, Guarantees, check_certificate
 from cosim.hinf.synthesis.result_text import proved_words, result_rows
-from cosim.models import DelaySystem
+from cosim.hinf.synthesis.same_as_proved import require_proved_gain
+from cosim.models import DelaySystem, Value
 
 if TYPE_CHECKING:
     from cosim.hinf.nominal import WorstCase
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Design:
+class Design(Value):
     """A certified gain, with its proof and the figures of its nominal loop.
+
+    It cannot be changed, and two designs are equal where everything they say is. Another gain is
+    another design: `analyse` it.
 
     Attributes
     ----------
@@ -41,6 +46,10 @@ class Design:
     worst_case : the sinusoid that the nominal loop amplifies most; None where its norm is not
         attained at a finite frequency, and in older files.
     guarantees : the design constraints that are proved, also in the certificate.
+
+    Raises
+    ------
+    InputError : made with a system, gain, bound or guarantee that is not the certificate's.
     """
 
     system: DelaySystem
@@ -60,7 +69,12 @@ class Design:
     guarantees: Guarantees = field(default_factory=Guarantees)
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         object.__setattr__(self, "certificate", Certificate(self.certificate))
+        stated: dict[str, Any] = {"gamma": self.gamma, "order": self.order}
+        if self.order is None:
+            stated |= {"k1": self.k1, "k2": self.k2}
+        require_proved_gain(self.certificate, self.system, self.K, stated, self.guarantees)
 
     def __repr__(self) -> str:
         name = f" {self.system.name!r}" if self.system.name else ""
@@ -79,7 +93,7 @@ class Design:
 
         return covers_smaller(self.certificate["claim"])
 
-    @property
+    @cached_property
     def certified(self) -> bool:
-        """Always true: a `Design` is only made with a proof."""
-        return True
+        """Whether the proof holds: checked here, once, so that no certificate is believed."""
+        return check_certificate(self.certificate).valid

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import cached_property
 from typing import Any
 
 from cosim.core import InputError, html_table, matrix_text
@@ -19,12 +20,15 @@ from cosim.hinf.certificate import (
 )
 from cosim.hinf.synthesis.kept_figures import figures_from_json, figures_to_json, has_figures
 from cosim.hinf.synthesis.result_text import proved_words, result_rows
-from cosim.models import DelaySystem, Matrix, Measurement
+from cosim.hinf.synthesis.same_as_proved import require_proved_pair
+from cosim.models import DelaySystem, Matrix, Measurement, Value
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class OutputFeedback:
+class OutputFeedback(Value):
     """An observer and its gain, certified together, with the figures of their nominal pair.
+
+    It cannot be changed, and two are equal where everything they say is.
 
     Attributes
     ----------
@@ -38,6 +42,10 @@ class OutputFeedback:
         (`cosim.hinf.nominal.nominal_figures`).
     worst_case : the sinusoid that the nominal pair amplifies most; None without one.
     state_peaks : bounds of every |u_i(t)|, then of every |x_i(t)|, where they were asked for.
+
+    Raises
+    ------
+    InputError : made with a pair, bound or peaks that are not the certificate's.
     """
 
     pair: ObserverPair
@@ -54,7 +62,10 @@ class OutputFeedback:
     state_peaks: StatePeaks | None = None
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         object.__setattr__(self, "certificate", Certificate(self.certificate))
+        stated = {"gamma": self.gamma, "order": self.order}
+        require_proved_pair(self.certificate, self.pair, stated, self.state_peaks)
 
     def __repr__(self) -> str:
         name = f" {self.system.name!r}" if self.system.name else ""
@@ -90,10 +101,10 @@ class OutputFeedback:
         """The injection (n, k_i) of every measurement."""
         return self.pair.L
 
-    @property
+    @cached_property
     def certified(self) -> bool:
-        """Always true: an `OutputFeedback` is only made with a proof."""
-        return True
+        """Whether the proof holds: checked here, once, so that no certificate is believed."""
+        return check_certificate(self.certificate).valid
 
     @property
     def covers_smaller_delays(self) -> bool:

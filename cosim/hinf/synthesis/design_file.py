@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from contextlib import suppress
 from dataclasses import replace
 from fractions import Fraction
 from typing import Any
 
 import numpy as np
 
-from cosim.core import InputError, NotAchievableError
+from cosim.core import InputError
 from cosim.hinf import nominal
 from cosim.hinf.certificate import (
     KEY,
@@ -78,11 +77,8 @@ def design_from_certificate(data: Any, *, where: str) -> Design | OutputFeedback
         raise InputError(
             "not a design", where=where, expected="the proof of a gain", got=_kind_of(data)
         )
-    system, found = system_from_json(data["system"]), None
-    with suppress(NotAchievableError, np.linalg.LinAlgError), np.errstate(all="ignore"):
-        found = nominal.nominal_figures_of(system, K)
-    if found is None:
-        return _design(data, {}, where)
+    system = system_from_json(data["system"])
+    found, _ = nominal.figures_if_known(system, K)
     margin = found.delay_margin
     figures = found._asdict() | {"delay_margin": None if margin is None else list(margin)}
     worst = nominal.worst_case_at(system, np.array(K), found.norm_frequency)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from contextlib import suppress
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -11,7 +10,13 @@ from numpy.typing import ArrayLike
 from cosim.core import NotAchievableError
 from cosim.hinf.certificate import Variables, certificate_to_json, gamma_floor
 from cosim.hinf.lmi import Scaling, not_found, solver_words
-from cosim.hinf.nominal import NominalFigures, WorstCase, nominal_figures_of, worst_case_at
+from cosim.hinf.nominal import (
+    NominalFigures,
+    WorstCase,
+    figures_if_known,
+    nominal_figures_of,
+    worst_case_at,
+)
 from cosim.hinf.synthesis.analysis import (
     Analysis,
     Order,
@@ -32,12 +37,7 @@ def design_of_theorem_2(
     system: DelaySystem, K: Matrix, variables: Variables, least: float | None
 ) -> Design:
     """Return the design of a gain that Theorem 2 proves, with the figures of its nominal loop."""
-    figures: NominalFigures | None = None
-    worst: WorstCase | None = None
-    # a proof does not depend on them
-    with suppress(NotAchievableError, np.linalg.LinAlgError), np.errstate(all="ignore"):
-        figures = nominal_figures_of(system, K)
-        worst = worst_case_at(system, K, figures.norm_frequency)
+    figures, _ = figures_if_known(system, K)
     return Design(
         system=system,
         K=K,
@@ -46,8 +46,8 @@ def design_of_theorem_2(
         k2=variables.k2,
         least_gamma=least,
         certificate=certificate_to_json(system, K, variables),
-        worst_case=worst,
-        **(dict.fromkeys(NominalFigures._fields) if figures is None else figures._asdict()),
+        worst_case=worst_case_at(system, K, figures.norm_frequency),
+        **figures._asdict(),
     )
 
 

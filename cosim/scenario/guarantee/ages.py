@@ -56,9 +56,10 @@ def feedback_findings(
     substituted : whether a link used a substitute for a lost message.
     """
     rule = age_rule(fed_back.word)
-    found: Findings = {
-        "message_age_within_design": list(_within(fed_back, measured, substituted=substituted))
-    }
+    late = list(_within(fed_back, measured, substituted=substituted))
+    if fed_back.d == 0 and late and proved_again:
+        late[0] = late[0]._replace(got=f"{late[0].got}: it is held; {proved_again}")
+    found: Findings = {"message_age_within_design": late}
     if measured is not None and not measured.alike:
         expected = "one age for all of it: u = K x(t - age)"
         got = "parts of different ages at the same time"
