@@ -92,8 +92,8 @@ MUTATIONS: tuple[Mutation, ...] = (
     _of(
         "claim",
         "a constant age of what is held",
-        "_EXACTLY: AgeRule(False, False, False, _exactly),",
-        "_EXACTLY: AgeRule(True, False, False, _exactly),",
+        "_EXACTLY: AgeRule(_exactly),",
+        "_EXACTLY: AgeRule(_exactly, varies=True),",
         "constant",
     ),
     _of(
@@ -318,7 +318,7 @@ MUTATIONS: tuple[Mutation, ...] = (
     _of(
         "verdict",
         "what events set",
-        "list(_set(flown.loop, flown.wiring, run.altered))",
+        "list(_set(compared.wiring, run.altered))",
         "[]",
         "any",
         "two",
@@ -334,7 +334,7 @@ MUTATIONS: tuple[Mutation, ...] = (
     _of(
         "verdict",
         "other connections",
-        'found["loop_as_designed"] = list(flown.departures)',
+        'found["loop_as_designed"] = list(compared.departures)',
         'found["loop_as_designed"] = []',
         "any",
         "two",
@@ -342,7 +342,7 @@ MUTATIONS: tuple[Mutation, ...] = (
     _of(
         "verdict",
         "another plant",
-        'found["plant_as_designed"] = _differ(flown, flown.loop.plant)',
+        'found["plant_as_designed"] = _differ(compared, compared.loop.plant)',
         'found["plant_as_designed"] = []',
         "any",
         "upto",
