@@ -70,7 +70,8 @@ def _(d: Draft) -> None:
 
 @variant("Gauss-Seidel in default order", "it makes ages shorter, which are measured", quick=True)
 def _(d: Draft) -> None:
-    d.needs(not d.loop.observed)  # a sensor would stamp what is newer than its stamp
+    # a sensor would stamp what is newer than its stamp, and a sampled age is of its rhythm
+    d.needs(not d.loop.observed and d.loop.name != "sampled")
     d.data["run"]["algorithm"] = "gauss-seidel"
 
 
