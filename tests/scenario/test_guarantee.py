@@ -1,0 +1,223 @@
+"""A guarantee is what its claim says: the loop as designed, its law as measured, the ages."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from collections.abc import Callable
+from dataclasses import replace
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import pytest
+import tomli_w
+import typer
+
+from cosim import hinf
+from cosim.cli.runs import exit_with
+from cosim.core import InputError
+from cosim.scenario.execute import execute_recorded, execute_unrecorded
+from cosim.scenario.fmu_cache import FmuCache
+from cosim.scenario.guarantee.claim import AGE_RULES, GUARANTEES, KINDS, age_rule
+from cosim.scenario.preparation import prepare
+from cosim.scenario.read import load, parse
+from cosim.scenario.supervision import supervision_of
+from cosim.trace import RunOutcome, assumptions_of, describe, guarantee_of
+
+ROOT = Path(hinf.__file__).parents[2]
+Fly = Callable[..., Any]
+_WORD = r'"((?:any, however|constant, |sampled: |from least_age)[^"]*)"'
+
+
+@pytest.fixture(scope="module")
+def fly(native_fmus: Path, tmp_path_factory: pytest.TempPathFactory) -> Fly:
+    folder = tmp_path_factory.mktemp("guarantee")
+
+    def run(name: str, *settings: str) -> Any:
+        loaded = load(name, settings)
+        cache = FmuCache(native_fmus.parent, folder, flavour="native")
+        return execute_unrecorded(prepare(loaded, cache))[0]
+
+    return run
+
+
+def unmet(outcome: Any) -> set[str]:
+    return {name for name, met in outcome.assumptions.items() if not met}
+
+
+# ---- words
+
+
+def words_of_claims() -> set[str]:
+    """Every text that the prover may write for the age of a delay, from its source."""
+    folder = ROOT / "cosim" / "hinf" / "certificate"
+    found = set()
+    for path in ("ages_proof.py", "proof.py", "analysis_proof.py"):
+        text = (folder / path).read_text("utf-8")
+        found |= set(
+            re.findall(r'"((?:any, however|constant, |sampled: |from least_age)[^"]*)"', text)
+        )
+    return found | {"constant, exactly d"}
+
+
+def test_every_word_of_a_claim_has_a_rule() -> None:
+    """Of ages, kinds and guarantees: what has none would be claimed by nobody's decision."""
+    words = {re.sub(r"\{.*\}", "1/2", word) for word in words_of_claims()}
+    assert len(words) >= 7
+    known = {word for word in words if age_rule(word) is not age_rule("no such word")}
+    assert words - known == set()
+    assert set(AGE_RULES) <= words
+    fields = hinf.Guarantees.__dataclass_fields__
+    assert set(GUARANTEES) == set(fields)
+    kinds = {"analysis", "ages", "output-feedback"}
+    assert kinds <= KINDS
+
+
+def test_an_unknown_word_covers_nothing() -> None:
+    """Neither a held value nor a delay in a plant."""
+    rule = age_rule("any age, on weekdays")
+    assert not rule.varies
+    assert not rule.constant(1.0, 1.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("word", "covered"),
+    [
+        ("any, however it varies, up to d", {0.0, 0.3, 1.0}),
+        ("any, however it varies, from least_age to d", {0.3, 1.0}),
+        ("from least_age to d, |age'| <= rate", {0.3, 1.0}),
+        ("constant, up to d", {0.3, 1.0}),
+        ("constant, exactly d", {1.0}),
+        ("constant, from 1/2 to d", {1.0}),
+        ("sampled: from least_age at rate one to d at most", set()),
+    ],
+)
+def test_which_delays_of_a_plant_a_word_covers(word: str, covered: set[float]) -> None:
+    """Of a delay d = 1 with the least age 0.2."""
+    least = 0.0 if word.endswith("any, however it varies, up to d") else 0.2
+    found = {d for d in (0.0, 0.3, 1.0, 1.1) if age_rule(word).constant(d, 1.0, least)}
+    assert found == covered
+
+
+# ---- a run
+
+
+def test_a_run_with_an_observer_may_begin_later(fly: Fly) -> None:
+    """Stamps are times of the components: the same ages, and the same verdict, from 100 s on.
+
+    But for the envelope: there the path of set-points has ended, and the start is a step off it.
+    """
+    plain = fly("auv-remote", "run.end=20")
+    later = fly("auv-remote", "run.start=100", "run.end=120")
+    assert plain.claimed
+    assert unmet(later) <= {"state_inside_envelope"}, later.departures
+    ages = [one.metrics["measurement_ages"] for one in (plain, later)]
+    for name in ages[0]:
+        assert ages[0][name]["measured"] == ages[1][name]["measured"], name
+
+
+def without_noise_and_sea() -> str:
+    """`auv-remote` with the worst case of w in place of its sea, and sensors without noise."""
+    library = files("cosim.scenario").joinpath("library", "auv-remote.toml")
+    data = tomllib.loads(library.read_text("utf-8"))
+    del data["components"]["sea"]
+    data["connections"] = [c for c in data["connections"] if not c["from"].startswith("sea")]
+    for sensor in ("telemetry", "usbl"):
+        given = data["components"][sensor]["parameters"]
+        given |= {name: 0.0 for name in given if name.startswith("noise")}
+    worst = {"kind": "worst-case", "target": "plant.disturbance", "amplitude": 0.0005}
+    data |= {"disturbance": worst, "run": {**data["run"], "end": 600.0}}
+    return tomli_w.dumps(data)
+
+
+def test_the_worst_case_of_w_acts_on_a_loop_with_an_observer(
+    native_fmus: Path, tmp_path: Path
+) -> None:
+    """It did nothing, and said nothing: the gain comes close to the exact norm of the pair."""
+    loaded = parse(without_noise_and_sea(), name="w", where="w.toml", folder=tmp_path)
+    cache = FmuCache(native_fmus.parent, tmp_path, flavour="native")
+    outcome, _ = execute_unrecorded(prepare(loaded, cache))
+    assert outcome.claimed, outcome.departures
+    assert 0.995 < outcome.metrics["norm_reached"] < 1.0
+
+
+def test_a_number_beside_the_design_is_refused(fly: Fly) -> None:
+    """It was overwritten without a word."""
+    with pytest.raises(InputError, match=r"K\[1,1\] is a number of the design"):
+        fly("auv-acoustic", 'components.controller.parameters."K[1,1]"=-1.0')
+
+
+def test_facts_under_the_verdict(fly: Fly) -> None:
+    """Errors, what crosses which link, and that nothing has tried the bound."""
+    outcome = fly("auv-acoustic", "run.end=5", "components.sea.parameters.Hs=0.0")
+    facts = {fact.label: fact.text for fact in outcome.facts}
+    assert "eta.x" in facts["error against the set-point at the end"]
+    assert "the proof counts with its age" in facts["over uplink"]
+    assert facts["gain of the zero-state run"].startswith("no disturbance acted")
+    verdict = guarantee_of(outcome, assumptions_of(outcome))
+    assert verdict is not None
+    assert "was not exercised" in verdict.why
+
+
+# ---- a contradiction
+
+
+@pytest.fixture(scope="module")
+def claimed(fly: Fly) -> Any:
+    outcome = fly("auv-acoustic", "run.end=5")
+    assert outcome.claimed
+    assert outcome.contradiction is None
+    return outcome
+
+
+@pytest.mark.parametrize(
+    ("changed", "words"),
+    [
+        ({"status": "diverged"}, "it diverged"),
+        ({"metrics": {"gain": 3.4}}, "its gain is 3.4, above gamma = 3.36"),
+        ({"metrics": {"state_growth": 101.0}}, "its state grew 101 times"),
+    ],
+)
+def test_a_run_may_not_contradict_its_badge(
+    claimed: Any, changed: dict[str, Any], words: str
+) -> None:
+    """Red in every view; with an assumption that is not met it contradicts nothing."""
+    more = {"metrics": {**claimed.metrics, **changed.get("metrics", {})}}
+    wrong = replace(claimed, **{**changed, **more})
+    assert words in wrong.contradiction
+    assert wrong.tone == "bad"
+    assert "against its guarantee" in wrong.headline
+    verdict = guarantee_of(wrong, assumptions_of(wrong))
+    assert verdict is not None
+    assert (verdict.tone, "report" in verdict.why) == ("bad", True)
+    assert any(level == "error" for level, _, _ in wrong.conclusion)
+    broken = {**wrong.metrics["assumptions"], "loop_as_designed": False}
+    assert replace(wrong, metrics={**wrong.metrics, "assumptions": broken}).contradiction is None
+
+
+def test_a_contradiction_has_an_exit_code_of_its_own(claimed: Any) -> None:
+    """6, which asks for a report."""
+    with pytest.raises(typer.Exit) as left:
+        exit_with(replace(claimed, status="diverged"))
+    assert left.value.exit_code == 6
+
+
+def test_a_file_that_fails_its_check_claims_nothing(native_fmus: Path, tmp_path: Path) -> None:
+    """A trace of another content than its run wrote: `info` and the report say so."""
+    loaded = load("auv-acoustic", ("run.end=5",))
+    cache = FmuCache(native_fmus.parent, tmp_path, flavour="native")
+    path = tmp_path / "a.mcap"
+    execute_recorded(prepare(loaded, cache), path, supervision=supervision_of(loaded.scenario))
+    whole = describe(path)
+    assert whole["verified"] == {"verdict": "ok", "failed": []}
+    data = bytearray(path.read_bytes())
+    data[len(data) // 3] ^= 0xFF
+    path.write_bytes(data)
+    found = describe(path)
+    assert found["verified"]["verdict"] == "failed"
+    outcome = RunOutcome.from_json(whole["outcome"])
+    verdict = guarantee_of(outcome, assumptions_of(outcome), found["verified"])
+    assert verdict is not None
+    assert verdict.tone == "bad"
+    assert "fails its own check" in verdict.why
