@@ -80,6 +80,8 @@ def _command() -> str:
     for word in given:
         if word in {"--parts", "--jobs"}:
             next(given, None)
+        elif word == "--page":
+            words += [word, "docs/explanation/" + Path(next(given)).name]
         else:
             words.append(word)
     return shlex.join(words)

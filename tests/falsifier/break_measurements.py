@@ -57,7 +57,7 @@ def _(d: Draft) -> None:
     d.relink(wire, "tardy", transport(round(age + d.size(1.0), 3)))
 
 
-@fault(STAMPS, "a value a little later than its stamp")
+@fault(STAMPS, "a value a little later than its stamp", quick=True)
 def _(d: Draft) -> None:
     d.needs(d.loop.observed)
     wire = d.pick(d.received())
@@ -76,7 +76,7 @@ def _(d: Draft) -> None:
             d.relink(value, "tardy", transport(round(age + d.size(1.0), 3)))
 
 
-@fault(STAMPS, "a stamp that is computed from another")
+@fault(STAMPS, "a stamp that is computed from another", quick=True)
 def _(d: Draft) -> None:
     wire = d.pick(d.stamps())
     wire["from"] = d.computed("clock", f"'{wire['from']}' + {d.size(0.015, 1e-6)}")

@@ -48,7 +48,7 @@ def _(d: Draft) -> None:
     d.parameters("plant")[name] = value - abs(value) * d.size(3.0 if name not in AUV else 0.9, 1e-9)
 
 
-@fault(NUMBERS, "a number of the plant is the next double")
+@fault(NUMBERS, "a number of the plant is the next double", quick=True)
 def _(d: Draft) -> None:
     name = d.pick([x for x in d.loop.parameters if x not in {"F.amplitude", "delay.d"}])
     d.parameters("plant")[name] = math.nextafter(_designed(d, name), math.inf)
@@ -150,7 +150,7 @@ def _(d: Draft) -> None:
     d.parameters("controller")[f"L.{d.pick(d.sensors())}[2,1]"] = d.pick([-4.0, 0.0, 40.0])
 
 
-@fault(NUMBERS, "a delay of commands that the observer takes wrongly")
+@fault(NUMBERS, "a delay of commands that the observer takes wrongly", quick=True)
 def _(d: Draft) -> None:
     d.needs(d.loop.observed)
     old = d.parameters("controller").get("command.delay", 0.0)

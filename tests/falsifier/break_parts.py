@@ -19,24 +19,24 @@ def _(d: Draft) -> None:
     d.pick(d.measured())["gain"] = 0.0
 
 
-@fault(PARTS, "a gain that is a little off")
+@fault(PARTS, "a gain that is a little off", quick=True)
 def _(d: Draft) -> None:
     wire = d.pick(d.measured())
     wire["gain"] = wire.get("gain", 1.0) * (1.0 + d.size(0.2, 1e-9))
 
 
-@fault(PARTS, "an offset of a measured state")
+@fault(PARTS, "an offset of a measured state", quick=True)
 def _(d: Draft) -> None:
     d.pick(d.measured())["offset"] = d.size(0.3, 1e-6)
 
 
-@fault(PARTS, "a gain behind the sensor")
+@fault(PARTS, "a gain behind the sensor", quick=True)
 def _(d: Draft) -> None:
     d.needs(d.loop.observed)
     d.pick(d.received())["gain"] = d.size(-1.0, -0.1) if d.dice is None else -d.size(1.0)
 
 
-@fault(PARTS, "an offset behind the sensor")
+@fault(PARTS, "an offset behind the sensor", quick=True)
 def _(d: Draft) -> None:
     d.needs(d.loop.observed)
     d.pick(d.received())["offset"] = d.size(0.3, 1e-6)
@@ -59,7 +59,7 @@ def _(d: Draft) -> None:
     wire |= {"from": "controller.u", "to": "plant.u", "matrix": [[-d.size(1.0)]]}
 
 
-@fault(PARTS, "a sensor that samples slowly, in the way")
+@fault(PARTS, "a sensor that samples slowly, in the way", quick=True)
 def _(d: Draft) -> None:
     d.needs(not d.loop.observed)
     wire = d.pick(d.measured())
@@ -129,7 +129,7 @@ def _(d: Draft) -> None:
     d.links["coarse"]["quantization"] = d.size(0.5, 1e-6)
 
 
-@fault(PARTS, "a loss that is taken for zero")
+@fault(PARTS, "a loss that is taken for zero", quick=True)
 def _(d: Draft) -> None:
     _lossy(d, "zero")
 
@@ -147,7 +147,7 @@ def _lossy(d: Draft, what: str | float) -> None:
         link |= {"loss": 0.3, "on_loss": what}
 
 
-@fault(PARTS, "a watchdog of the link that acts")
+@fault(PARTS, "a watchdog of the link that acts", quick=True)
 def _(d: Draft) -> None:
     d.needs(not d.loop.observed)  # a stamp that is zero is older than the one in use
     wire = d.pick([x for x in d.received() if "link" in x])
@@ -219,6 +219,6 @@ def _(d: Draft) -> None:
     d.links[link] = transport(d.links[link]["delay"] + step * d.size(0.371, 0.1))
 
 
-@fault(PARTS, "a command is extrapolated")
+@fault(PARTS, "a command is extrapolated", quick=True)
 def _(d: Draft) -> None:
     d.pick([x for x in d.commands() if "link" not in x])["policy"] = "linear"

@@ -25,7 +25,7 @@ def _(d: Draft) -> None:
     link["delay"] = round(age.greatest_ns / 1e9 + d.size(1.0, 0.001), 6)
 
 
-@fault(AGES, "the second one is too old by a slow link")
+@fault(AGES, "the second one is too old by a slow link", quick=True)
 def _(d: Draft) -> None:
     d.needs(len(d.loop.ages) > 1)
     age = d.loop.ages[1]
@@ -92,7 +92,7 @@ def _(d: Draft) -> None:
     d.event(at=3.0, delay={age.link: young})
 
 
-@fault(AGES, "jitter where a sampled age is proved")
+@fault(AGES, "jitter where a sampled age is proved", quick=True)
 def _(d: Draft) -> None:
     d.needs(d.loop.name == "sampled")
     d.links["up"]["jitter"] = {"kind": "uniform", "width": d.size(0.1, 0.02)}

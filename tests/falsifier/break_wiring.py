@@ -26,7 +26,7 @@ def _(d: Draft) -> None:
     d.wires.remove(d.pick(d.commands()))
 
 
-@fault(WIRING, "a stamp is not connected")
+@fault(WIRING, "a stamp is not connected", quick=True)
 def _(d: Draft) -> None:
     d.wires.remove(d.pick(d.stamps()))
 
@@ -85,7 +85,7 @@ def _(d: Draft) -> None:
     wire["from"] = wire["from"].replace("plant.", "twin.", 1)
 
 
-@fault(WIRING, "another plant is steered")
+@fault(WIRING, "another plant is steered", quick=True)
 def _(d: Draft) -> None:
     _twin(d)
     for wire in d.commands():
@@ -101,7 +101,7 @@ def _(d: Draft) -> None:
     d.wires.append(wire | {"from": wire["from"].replace("plant.", "twin.", 1)})
 
 
-@fault(WIRING, "a measurement comes from a time series")
+@fault(WIRING, "a measurement comes from a time series", quick=True)
 def _(d: Draft) -> None:
     wire = d.pick(d.received())
     d.wires.remove(wire)
@@ -183,7 +183,7 @@ def _(d: Draft) -> None:
     }
 
 
-@fault(WIRING, "the disturbance follows the state")
+@fault(WIRING, "the disturbance follows the state", quick=True)
 def _(d: Draft) -> None:
     target = f"plant.{d.pick(d.loop.disturbances)}"
     taken = [x for x in d.wires if x["to"] == target]

@@ -55,16 +55,9 @@ MUTATIONS: tuple[Mutation, ...] = (
     ),
     _of(
         "ages",
-        "substitutes",
+        "substitutes, of losses and of watchdogs",
         "if substituted or measured.interrupted:",
-        "if measured.interrupted:",
-        "any",
-    ),
-    _of(
-        "ages",
-        "watchdogs of links",
-        "if substituted or measured.interrupted:",
-        "if substituted:",
+        "if False:",
         "any",
     ),
     _of(
