@@ -30,6 +30,7 @@ from cosim.scenario.envelope import ENVELOPE, LargestMagnitudes, envelope_bounds
 from cosim.scenario.feedback_age import FeedbackAge, feedback_age
 from cosim.scenario.final_values import LastOutputs
 from cosim.scenario.gain import Problem, observes
+from cosim.scenario.guarantee.ages import of_commands
 from cosim.scenario.guarantee.departure import Departure
 from cosim.scenario.guarantee.designed_loop import designed_loop
 from cosim.scenario.guarantee.facts import facts_json, facts_of_run
@@ -62,7 +63,14 @@ if TYPE_CHECKING:
 _POSITION = ("eta.x", "eta.y", "eta.z")
 OF_GUARANTEE = tuple(
     f"metrics.{name}"
-    for name in ("assumptions", "departures", "guarantee_claimed", "facts", "state_growth")
+    for name in (
+        "assumptions",
+        "departures",
+        "guarantee_claimed",
+        "facts",
+        "disturbed",
+        "state_growth",
+    )
 )
 """Metrics for which all that a guarantee assumes is measured."""
 _OF_AGE = (
@@ -81,7 +89,7 @@ class ZeroStateFigures:
 
     saturation, largest : as in `RunFigures`.
     gain : measured; None if it could not be.
-    energy : of the disturbance and the measurements' noise, if the gain was measured.
+    energy : of the disturbance and the measurements' noise; None where that is not known.
     outages : as in `RunFigures`.
     """
 
@@ -89,7 +97,7 @@ class ZeroStateFigures:
     largest: Mapping[str, float] | None
     gain: float | None
     outages: OutageFigures | None
-    energy: float = 0.0
+    energy: float | None = 0.0
 
 
 @dataclass(frozen=True)
@@ -351,6 +359,8 @@ class RunContext:
         ages = dict(figures.stamped_ages or figures.ages_by_place)
         if figures.stamped_ages is None and not ages:
             ages = {"the feedback": figures.ages}
+        step = self.system.comm_schedule.step_ns
+        ages["the integrals"] = of_commands(figures.command_age_ns, step)
         used, at_rest = figures.saturation, None if beside is None else beside.saturation
         reached = None if used is None else used.fraction != 0.0
         if reached is False and at_rest is not None:
@@ -468,10 +478,12 @@ def _facts(context: RunContext) -> dict[str, Any]:
     beside, share = context.zero_state, None
     if beside is not None and beside.energy and at_rest.noise_energy is not None:
         share = at_rest.noise_energy / beside.energy
+    disturbed = beside is None or beside.energy != 0.0 or bool(context.altered)
     facts = facts_of_run(
-        design, problem, context.system, compared.wiring, law.motion, context.gain, share
+        *(design, problem, context.system, compared.wiring, law.motion, context.gain, share),
+        disturbed=disturbed,
     )
-    found: dict[str, Any] = {"facts": facts_json(facts)}
+    found: dict[str, Any] = {"facts": facts_json(facts), "disturbed": disturbed}
     if law.motion is not None and not law.motion.driven and not context.altered:
         found["state_growth"] = law.motion.growth
     return found

@@ -78,7 +78,7 @@ class GainMeasure(Measure[float | None]):
 
     Attributes
     ----------
-    energy_in : of the disturbance and the noise, when the gain was measured.
+    energy_in : of the disturbance and the noise, after `result`; None where it is not known.
     """
 
     def __init__(
@@ -93,7 +93,7 @@ class GainMeasure(Measure[float | None]):
         self._readers: tuple[SignalReader, ...] = ()
         self._before: tuple[Any, ...] = (None, None, None, None)
         self._disturbance, self._outset, self._end = _Integral(), _Integral(), _Integral()
-        self.energy_in = 0.0
+        self.energy_in: float | None = 0.0
 
     def begin(self, instances: Sequence[ComponentInstance]) -> None:
         """Bind the variables of the plant."""
@@ -138,6 +138,7 @@ class GainMeasure(Measure[float | None]):
         """Return the gain."""
         noise = 0.0 if self._noise is None or not self._readers else self._noise.result(run).energy
         if noise is None:
+            self.energy_in = None
             return None
         self.energy_in = energy_in = self._disturbance.value + noise
         if run.status == "failed" or energy_in == 0.0:

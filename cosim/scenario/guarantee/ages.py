@@ -10,12 +10,12 @@ from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, NamedTuple
 
 from cosim import hinf
+from cosim.scenario.age import MeasuredAges
 from cosim.scenario.guarantee.claim import AgeRule, age_rule, word_of
 from cosim.scenario.guarantee.departure import Departure
 
 if TYPE_CHECKING:
     from cosim.models import Delay
-    from cosim.scenario.age import MeasuredAges
 
 _CLOSE = 1e-12
 """Relative: ages are doubles of whole nanoseconds."""
@@ -70,6 +70,17 @@ def feedback_findings(
             found["message_age_constant"] = [Departure(fed_back.place, *words)]
         return found
     return found | _kind(fed_back, rule, measured)
+
+
+def of_commands(greatest_ns: int | None, step_ns: int) -> MeasuredAges | None:
+    """Return the ages of integrals that a controller keeps, from those of its commands.
+
+    They are held as the commands are, and a command shows at the end of the step that made it.
+    """
+    if greatest_ns is None:
+        return None
+    greatest = greatest_ns + step_ns
+    return MeasuredAges(None, greatest, None, 0, alike=True)
 
 
 def measurement_findings(

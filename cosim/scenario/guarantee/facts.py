@@ -27,6 +27,8 @@ def facts_of_run(
     motion: Motion | None,
     gain: float | None,
     noise_share: float | None,
+    *,
+    disturbed: bool,
 ) -> Iterator[Fact]:
     """Yield the facts under the verdict of a run.
 
@@ -35,12 +37,13 @@ def facts_of_run(
     gain : measured in the zero-state run.
     noise_share : of the energy of what acted there, that of the measurements' noise; None where it
         is not known.
+    disturbed : something acted there, as far as it is known.
     """
     share = 1.0 if problem.plant is None else problem.plant.envelope_share
     if share < 1.0:
         words = f"{100 * share:.3g} % of the envelope in the vehicle's file"
         yield Fact("proved for", words, known="certified")
-    yield from _exercised(design, gain, noise_share)
+    yield from _exercised(design, gain, noise_share, disturbed=disturbed)
     if motion is not None:
         each = (
             f"{name} {error:.3g} {unit}".rstrip() for name, (error, unit) in motion.errors.items()
@@ -49,18 +52,21 @@ def facts_of_run(
     yield from _links(system, wiring)
 
 
-def _exercised(design: AnyDesign, gain: float | None, noise_share: float | None) -> Iterator[Fact]:
+def _exercised(
+    design: AnyDesign, gain: float | None, noise_share: float | None, *, disturbed: bool
+) -> Iterator[Fact]:
     """Yield how much of the bound the run has tried."""
     norm = design.exact_norm
     if design.gamma is None:
         return
     if gain is None:
-        words = "no disturbance acted: the bound was not exercised"
+        words = "not measured" if disturbed else "no disturbance acted: the bound was not exercised"
         yield Fact("gain of the zero-state run", words, known="measured")
         return
     if not norm or gain * _FAR >= norm:
         return
-    words = f"{norm / gain:.3g} times below the nominal norm"
+    times = f"{norm / gain:.3g} times" if gain else "infinitely"
+    words = f"{times} below the nominal norm"
     if noise_share is not None and noise_share > 0.5:
         why = f": {100 * noise_share:.3g} % of what acted is noise of the measurements"
     else:

@@ -130,7 +130,7 @@ def fed_back(design: hinf.Design, loop: DesignedLoop) -> list[tuple[FedBack, tup
         if mask.ndim == 2 and not (mask == mask[:1]).all():
             word = "by entry of K"
         least = 0.0 if delay is None else delay.least_age
-        place = "the feedback" if len(own) == len(names) else ", ".join(own)
+        place = "the feedback" if len(own) == len(names) else ", ".join(own) or "the integrals"
         found.append((FedBack(place, d, least, word), own))
     return found
 

@@ -70,7 +70,7 @@ def guarantee_of(
     broken = [check for check in checks if check.tone == BAD]
     if broken:
         return _not_claimed(outcome, checks, broken, measured)
-    if gain is None and gamma is not None:
+    if gain is None and gamma is not None and outcome.metrics.get("disturbed") is False:
         measured = f"no disturbance acted: the bound γ = {at_most(gamma, 5)} was not exercised"
     return Check(GOOD, "The guarantee holds for this run", f"every assumption met; {measured}")
 
