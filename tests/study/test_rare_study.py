@@ -133,12 +133,12 @@ def test_a_run_without_a_value_is_refused_or_counts_as_asked() -> None:
     def found(**more: Any) -> Any:
         rare = {"metric": "x", "above": 1.0, **more}
         points = RarePoints(event(0.1, rare=rare).job.study)
-        points.tell([2.0] * 20 + [None] * 30 + [0.0] * 50)
+        points.tell(2 * ([2.0] * 10 + [None] * 15 + [0.0] * 25))  # two populations
         return points.estimate
 
-    with pytest.raises(ComponentError, match="run 20 has no value of x") as refused:
+    with pytest.raises(ComponentError, match="run 10 has no value of x") as refused:
         found()
-    assert "study repeat STUDY 20" in refused.value.text()
+    assert "study repeat STUDY 10" in refused.value.text()
     assert found(missing="beyond").probability == pytest.approx(0.5)
     assert found(missing="within").probability == pytest.approx(0.2)
     read = RarePoints(event(0.1).job.study)
@@ -146,6 +146,21 @@ def test_a_run_without_a_value_is_refused_or_counts_as_asked() -> None:
     assert (read.stage, read.estimate) == (range(100), None)
     with pytest.raises(InputError, match="is a number"):
         RarePoints(event(0.1).job.study).tell([True] * 100)
+
+
+def test_what_one_population_found_has_no_interval() -> None:
+    """The runs of a folder from before two were compared: read, with its levels, and told so."""
+    made = event(1e-2, seed=4, samples=100)
+    former = RarePoints(made.job.study, former=True)
+    while former.stage is not None:
+        runs = former.stage
+        former.tell([former[run][0] * (1 - LEFT) + former[run][1] * LEFT for run in runs])
+    found = former.estimate
+    assert found is not None
+    assert (found.probability, len(found.levels) > 1) == (None, True)
+    assert "one population alone" in (found.reason or "")
+    assert "estimator" in made.hashes
+    assert "estimator" not in plan([], vary=[U_AXIS], samples=4).hashes
 
 
 def test_a_bound_below_is_one_above_of_the_negative() -> None:
@@ -156,7 +171,8 @@ def test_a_bound_below_is_one_above_of_the_negative() -> None:
     )
     points = RarePoints(study)
     points.tell([points[run][0] for run in range(100)])
-    third = sorted(points[run][0] for run in range(100))[9]
+    # of each population the five lowest of fifty start chains
+    third = max(sorted(points[run][0] for run in half)[4] for half in (range(50), range(50, 100)))
     assert points.stage == range(100, 110)
     assert max(points[run][0] for run in points.stage) < third + 3.0
     points.learn((130, [(7.0,)]))
