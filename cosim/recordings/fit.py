@@ -58,7 +58,7 @@ class LinkFit:
 
     @property
     def gaps(self) -> list[str]:
-        """What the recording does not tell of the chosen link, in words; nothing if it tells all."""
+        """What the recording does not tell of the chosen link, in words; empty if it tells all."""
         names = ", ".join(self.loss.unidentified)
         if not names:
             return []

@@ -49,7 +49,9 @@ def parameter(name: str, value: float, error: float) -> Parameter:
     if value in (0.0, 1.0):
         if half > _TOO_LONG:
             return Parameter(name, value, None, None, identified=False)
-        return Parameter(name, value, max(0.0, value - half), min(1.0, value + half), True)
+        return Parameter(
+            name, value, max(0.0, value - half), min(1.0, value + half), identified=True
+        )
     half /= value * (1.0 - value)
     if half > _TOO_WIDE:
         return Parameter(name, value, None, None, identified=False)

@@ -1,4 +1,4 @@
-"""Subset simulation: a small probability as a product of larger ones (Au and Beck 2001).
+"""The descent of one population to a rare event, level by level (Au and Beck 2001).
 
 The first level is plain Monte Carlo. The tenth of its points that are farthest towards the bound
 start chains, whose points stay in the event "at least as far" and have the conditional

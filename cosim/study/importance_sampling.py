@@ -1,13 +1,13 @@
 """Importance sampling: a small probability from points drawn where the event is.
 
-A pilot, a subset simulation, leads to points in the event. A mixture of normal distributions with
-one common deviation of at least 1 is fitted to them (expectation maximisation); of several mixtures
-the one is taken whose weights vary least over points that it was not fitted to. Then independent
-points are drawn from it, and the mean of their weights in the event is the estimate: unbiased
-whatever the pilot found, with a standard deviation from the points themselves.
+A pilot (`search`: two populations and an exploration) leads to points in every region of the event
+that it found. A mixture with defensive components is fitted to them, region by region (`mixture`).
+Then independent points are drawn from it, and the mean of their weights in the event is the
+estimate: unbiased whatever the pilot found, with a standard deviation from the points themselves.
 
 What neither pilot nor sample meets is in no estimate. So the estimate is refused if its effective
-sample size is small, or if it and the pilot's contradict each other.
+sample size is small, in all or in one region, if the pilot or the exploration found more of the
+event than it, beyond chance, or if the exploration met nothing and so excludes nothing.
 """
 
 from __future__ import annotations

@@ -1,11 +1,11 @@
-"""A mixture of normal distributions about the points in an event, to draw an importance sample.
+"""A mixture of distributions about the points in an event, to draw an importance sample.
 
 Two components are defensive, never without a share, and lead in no direction: the standard normal
-distribution itself, but for what is nearer than the event; and a normal distribution about the
+distribution itself, but for what is nearer than the event, and a normal distribution about the
 origin as wide as the points in the event are far. They meet what no point led to and bound the
-weights there; the first is the best there is for an event on all sides. The others, with one common deviation of at least 1, are fitted to the
-points (expectation maximisation). How many they are, and whether they are wider than 1, is decided
-by the points of populations that a mixture was not fitted to.
+weights there; the first is the best there is for an event on all sides. The others, normal with one
+common deviation of at least 1, are fitted to the points (expectation maximisation). How many they
+are, and whether they are wider than 1, is decided by points that a mixture was not fitted to.
 """
 
 from __future__ import annotations

@@ -122,7 +122,7 @@ def make_plan(study: Study, base: BaseScenario, place: Place = nowhere) -> Plan:
         "software": importlib.metadata.version("auv-cosim"),
     }
     if study.rare is not None:
-        content["estimator"] = ESTIMATOR
+        content["estimator"] = str(ESTIMATOR)
     part = base.scenario.design
     if part is not None and part.file is not None:
         content["design"] = hashlib.sha256(design_content(part.file, base.folder)[1]).hexdigest()

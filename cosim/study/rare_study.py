@@ -80,8 +80,9 @@ class RarePoints:
         return self._values[run]
 
     def level(self, run: int) -> int:
-        """Return the level of a run, counted from 1; those after the chains' are of no level of
-        theirs: exploration, arcs between regions, importance sample.
+        """Return the level of a run, counted from 1.
+
+        What follows the chains has numbers above theirs: exploration, arcs, importance sample.
         """
         stage = bisect_right(self._begins, run) - 1
         return 1 if stage == 0 else 2 + (stage - 1) // (CHAIN - 1)

@@ -20,10 +20,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cosim.study.descent import CHAIN, Population, descend
 from cosim.study.exploration import MOST_STEPS, MOVES, Exploration, explore
 from cosim.study.rare_events import RareEstimate, Reals
 from cosim.study.regions import REPRESENTATIVES, Found, Regions, most_arcs, regions_of
-from cosim.study.descent import CHAIN, Population, descend
 
 POPULATIONS = 2
 _WIDE = 2  # points of the exploration at first, over those of a level
