@@ -32,7 +32,7 @@ def _fit(name: str, found: LinkFit) -> dict[str, Any]:
         "tested_messages": found.tested,
         "fits": not found.refusals,
         "refusals": found.refusals,
-        "not_told": found.gaps,
+        "gaps": found.gaps,
         "loss": found.loss.name,
         "delay": None if found.delay is None else found.delay.name,
         "losses": [_loss(each) for each in found.losses],
@@ -53,7 +53,8 @@ def _loss(model: LossModel) -> dict[str, Any]:
         "loss_error": _plain(model.loss_error.tolist()),
         "parameters": model.parameters,
         "intervals": {
-            each.name: None if each.low is None else [each.low, each.high] for each in model.told
+            each.name: None if each.low is None else [each.low, each.high]
+            for each in model.probabilities
         },
         "unidentified": model.unidentified,
         "log_likelihood": _plain(model.log_likelihood),
@@ -123,18 +124,18 @@ def _refused(model: LossModel | DelayModel) -> str:
 
 
 def _parameters(model: LossModel) -> str:
-    if len(model.unidentified) == len(model.told):
+    if len(model.unidentified) == len(model.probabilities):
         return "the data do not tell its parameters: another model explains them as well"
-    told = {each.name: _told(each) for each in model.told}
-    if "p_enter" in told:
-        lost = ", ".join(told[name] for name in ("loss_good", "loss_bad"))
-        return f"enter {told['p_enter']}, exit {told['p_exit']}; loss {lost}"
-    lost = ", ".join(words for name, words in told.items() if name.startswith("loss"))
-    stays = ", ".join(words for name, words in told.items() if name.startswith("stay"))
+    words = {each.name: _interval(each) for each in model.probabilities}
+    if "p_enter" in words:
+        lost = ", ".join(words[name] for name in ("loss_good", "loss_bad"))
+        return f"enter {words['p_enter']}, exit {words['p_exit']}; loss {lost}"
+    lost = ", ".join(each for name, each in words.items() if name.startswith("loss"))
+    stays = ", ".join(each for name, each in words.items() if name.startswith("stay"))
     return f"loss {lost}; stays {stays}" if stays else f"loss {lost}"
 
 
-def _told(one: Parameter) -> str:
+def _interval(one: Parameter) -> str:
     """Return a value and its interval, or that the data do not tell it."""
     if not one.identified:
         return "not told by the data"

@@ -61,7 +61,7 @@ class LossModel:
     p_values: dict[str, float]
 
     @property
-    def told(self) -> list[Parameter]:
+    def probabilities(self) -> list[Parameter]:
         """The parameters, each with its interval or without one; stays of a chain of three on."""
         chain, states = self.chain, self.chain.loss.size
         moves, errors = chain.transitions, self.transitions_error
@@ -85,7 +85,7 @@ class LossModel:
     @property
     def unidentified(self) -> list[str]:
         """Names of the parameters that the data do not tell."""
-        return [each.name for each in self.told if not each.identified]
+        return [each.name for each in self.probabilities if not each.identified]
 
     @property
     def refused_by(self) -> list[str]:

@@ -26,8 +26,8 @@ from cosim.study.regions import Regions
 from cosim.study.search import LEAST_SHARE, Search, halves_of, missed_by, search, together
 
 LEAST_EFFECTIVE = 30.0
-"""Effective sample size below which there is no estimate."""
-_LEAST_IN_REGION = 40.0
+"""Effective sample size below which there is no estimate; in many dimensions twice their number."""
+_LEAST_IN_REGION = 30.0
 _APART = 2.8  # standard deviations between the shares of a region
 _SKEWED = 4.0
 """Effective points for each degree of freedom of the interval: weights are skewed (measured)."""
@@ -106,6 +106,10 @@ def _halves(
     shares = regions.shares.mean(axis=0)
     shares = np.where(regions.shares.max(axis=0) < LEAST_SHARE, 0.0, shares)
     shares = 0.5 * shares / shares.sum() + 0.5 * (shares > 0.0) / np.count_nonzero(shares)
+    # each region has at least the points by which it was found
+    found = regions.representatives
+    points = np.concatenate([points, found])
+    side = np.concatenate([side, np.arange(len(found)) % 2])
     region = regions.of(points)
     return [
         (float(share), [points[(region == k) & (side == j)] for j in (0, 1)])
@@ -132,10 +136,11 @@ def _estimate(weights: Reals, points: Reals, search: Search) -> RareEstimate:
         effective=effective,
     )
     why = None
-    if effective < LEAST_EFFECTIVE:
+    least = max(LEAST_EFFECTIVE, 2.0 * points.shape[1])  # or the mixture fits by chance
+    if effective < least:
         why = (
             f"the effective sample size is {effective:.3g} of {weights.size}, below "
-            f"{LEAST_EFFECTIVE:g}: more samples, a larger pilot, or method = 'subset'"
+            f"{least:g}: more samples, a larger pilot, or method = 'subset'"
         )
     else:
         why = missed_by(found, search) or _sparse(weights, points, search.regions)
@@ -157,7 +162,7 @@ def _sparse(weights: Reals, points: Reals, regions: Regions | None) -> str | Non
         effective = float(mine.sum() ** 2 / max((mine**2).sum(), 1e-300))
         off = float(np.sum((w * ((region == k) - share)) ** 2)) / float(w.sum()) ** 2
         z = abs(share - explored) / math.sqrt(off + regions.variances[-1, k] + 1e-30)
-        if effective < _LEAST_IN_REGION or z > _APART:
+        if effective < max(_LEAST_IN_REGION, 4.0 * points.shape[1]) or z > _APART:
             return (
                 f"the event has {regions.count} regions that do not hang together, and of one of "
                 f"them the sample has {effective:.3g} effective points and {100 * share:.2g} % of "

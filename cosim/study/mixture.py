@@ -135,10 +135,10 @@ def _maximised(
         centres[:2] = 0.0
         if wider and count:
             # of all but the defensive ones: the mean square less that of the centres
-            own, held = mine[:, 2:].sum(axis=1), sums[2:]
-            squares = float(own @ squared - held @ np.sum(centres[2:] ** 2, axis=1))
+            own, masses = mine[:, 2:].sum(axis=1), sums[2:]
+            squares = float(own @ squared - masses @ np.sum(centres[2:] ** 2, axis=1))
             deviations = deviations.copy()
-            deviations[2:] = math.sqrt(max(1.0, squares / (dimensions * float(held.sum()))))
+            deviations[2:] = math.sqrt(max(1.0, squares / (dimensions * float(masses.sum()))))
         shares = np.maximum(sums / sums.sum(), np.where(np.arange(count + 2) < 2, _DEFENSIVE, 0.0))
         mixture = Mixture(shares / shares.sum(), centres, deviations, radii)
     return mixture

@@ -23,6 +23,7 @@ REPRESENTATIVES = 16
 """Points of each population between which arcs are tried."""
 _INSIDE = np.arange(1, 7) / 7.0  # places on an arc
 _MORE = 3  # arcs between each two parts
+_LEAST_PART = 0.1  # share of the probability in a part that a narrow place may join
 _PARTS = 6  # the largest, between which more arcs are tried
 
 
@@ -44,6 +45,9 @@ class Regions:
     shares : of the points of each population in each region, (populations, count).
     variances : of the shares, families of points taken as independent.
     representatives, region : points in the event, and the region of each.
+    uneven : by how many standard deviations populations differ in their share of a part of the
+        event, at most, over the parts that a narrow place may join: those into which one arc of
+        the tree divides the representatives.
     """
 
     count: int
@@ -51,6 +55,7 @@ class Regions:
     variances: Reals
     representatives: Reals
     region: NDArray[np.int64]
+    uneven: float = 0.0
 
     def of(self, points: Reals) -> NDArray[np.int64]:
         """Return the region of each point: that of the nearest representative."""
@@ -79,7 +84,33 @@ def regions_of(
         sums = np.zeros((int(one.family.max()) + 1, count))
         np.add.at(sums, one.family, mine - shares[k])
         variances[k] = np.sum(sums**2, axis=0) / len(mine) ** 2
-    return Regions(count, shares, variances, x, region)
+    return Regions(count, shares, variances, x, region, _uneven(populations, x, pairs))
+
+
+def _uneven(populations: Sequence[Found], x: Reals, tree: NDArray[np.int64]) -> float:
+    greatest = 0.0
+    counts = []  # by family and nearest representative
+    for one in populations:
+        _, family = np.unique(one.family, return_inverse=True)
+        near = np.zeros((int(family.max()) + 1, len(x)))
+        np.add.at(near, (family, np.argmin(cdist(one.points, x), axis=1)), 1.0 / len(family))
+        counts.append(near)
+    for k in range(len(tree)):
+        side = _parts(np.delete(tree, k, axis=0), len(x)) == 0
+        shares = [float(near[:, side].sum()) for near in counts]
+        if not max(shares) >= _LEAST_PART or not 1.0 - min(shares) >= _LEAST_PART:
+            continue
+        spread = [
+            float(np.sum((near[:, side].sum(axis=1) - share * near.sum(axis=1)) ** 2))
+            for near, share in zip(counts, shares, strict=True)
+        ]
+        for a in range(len(shares)):
+            for b in range(a):
+                # one family more or less in this part is no evidence
+                least = max(float(np.sum(counts[k].sum(axis=1) ** 2)) for k in (a, b)) / 4.0
+                variance = max(spread[a] + spread[b], least)
+                greatest = max(greatest, abs(shares[a] - shares[b]) / float(np.sqrt(variance)))
+    return greatest
 
 
 def _nearest(points: Reals, x: Reals, region: NDArray[np.int64]) -> NDArray[np.int64]:

@@ -29,6 +29,7 @@ POPULATIONS = 2
 _WIDE = 2  # points of the exploration at first, over those of a level
 _CHANCE = 0.004
 """Probability with which each comparison objects to what differs by chance alone."""
+_UNEVEN = 3.5  # standard deviations; the most of many places, one in a hundred by chance
 LEAST_SHARE = 0.02
 """Share of the probability that a region must have to matter."""
 
@@ -91,7 +92,7 @@ def search(
         regions = yield from regions_of(
             rng[POPULATIONS], [*places, Found(seen.points, seen.family)]
         )
-        why = why or _several(regions)
+        why = why or _several(regions) or _uneven(regions)
     whole = replace(
         whole, exploration=seen.probability, regions=None if regions is None else regions.count
     )
@@ -219,6 +220,15 @@ def _several(regions: Regions) -> str | None:
         f"the event has {len(matter)} regions that do not hang together, and chains do not go from "
         f"one to the other (two populations and an exploration have {shares} % in one of them): "
         "method = 'importance' samples each"
+    )
+
+
+def _uneven(regions: Regions) -> str | None:
+    if regions.uneven <= _UNEVEN:
+        return None
+    return (
+        "the populations and the exploration lie in different parts of the event, further apart "
+        "than by chance, which a narrow place may join: method = 'importance'"
     )
 
 

@@ -1,12 +1,12 @@
-"""How often the 95 % intervals of rare events cover the truth, and how often none is told.
+"""How often the 95 % intervals of rare events cover the truth, and how often none is given.
 
 Linear and chi-square problems, two separated regions, islands: closed forms of `rare_problems`,
 by both methods, in 2 to 20 dimensions.
 
 `python -m tests.benchmarks.rare_coverage [REPEATS] [--json] [--samples N] [--only WORD]` prints
-{"repeats", "samples", "problems": [{"problem", "kind", "method", "truth", "told", "covered",
-"refused", "coverage", "runs"}]}: counts, the share covered of the intervals told (null: none
-told), and the mean number of runs; without `--json` also as a table. 600 repeats take an hour.
+{"repeats", "samples", "problems": [{"problem", "kind", "method", "truth", "given", "covered",
+"refused", "coverage", "runs"}]}: counts, the share covered of the intervals given (null: none
+given), and the mean number of runs; without `--json` also as a table. 600 repeats take an hour.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ LEVELS = 12
 
 
 def measured(problem: Problem, method: str, seed: int, samples: int) -> tuple[bool, bool, int]:
-    """Return whether an interval is told, whether it covers the truth, and the number of runs."""
+    """Return whether an interval is given, whether it covers the truth, and the number of runs."""
     runs = 0
 
     def counted(u: Any) -> Any:
@@ -60,16 +60,16 @@ def measured(problem: Problem, method: str, seed: int, samples: int) -> tuple[bo
 def row(problem: Problem, method: str, repeats: int, samples: int) -> dict[str, Any]:
     """Return the counts of one problem by one method."""
     all_of = [measured(problem, method, 1000 + seed, samples) for seed in range(repeats)]
-    told, covered, runs = np.array(all_of, float).sum(axis=0)
+    given, covered, runs = np.array(all_of, float).sum(axis=0)
     return {
         "problem": problem.name,
         "kind": problem.kind,
         "method": method,
         "truth": problem.truth,
-        "told": int(told),
+        "given": int(given),
         "covered": int(covered),
-        "refused": repeats - int(told),
-        "coverage": covered / told if told else None,
+        "refused": repeats - int(given),
+        "coverage": covered / given if given else None,
         "runs": round(runs / repeats),
     }
 
@@ -102,7 +102,7 @@ def main() -> None:
                 each["problem"],
                 each["method"],
                 f"{each['truth']:.3g}",
-                *(str(each[key]) for key in ("covered", "told")),
+                *(str(each[key]) for key in ("covered", "given")),
                 share,
                 str(each["refused"]),
                 str(each["runs"]),

@@ -27,7 +27,7 @@ from study.rare_problems import (
 
 from cosim.study.exploration import explore
 from cosim.study.importance_sampling import importance_sampling
-from cosim.study.mixture import Mixture
+from cosim.study.mixture import Mixture, fitted
 from cosim.study.rare_events import RareEstimate, estimated
 from cosim.study.regions import Found, regions_of
 from cosim.study.subset_simulation import subset_simulation
@@ -42,18 +42,18 @@ def one(problem: Problem, method: str, seed: int, samples: int = 1000) -> RareEs
 
 
 def covered(problem: Problem, method: str, repeats: int) -> tuple[int, int]:
-    """Return how many intervals are told, and how many of them cover the truth."""
+    """Return how many intervals are given, and how many of them cover the truth."""
     found = [one(problem, method, seed) for seed in range(repeats)]
-    told = [each.interval(0.95) for each in found if each.probability is not None]
-    return len(told), sum(low <= problem.truth <= high for low, high in told)
+    given = [each.interval(0.95) for each in found if each.probability is not None]
+    return len(given), sum(low <= problem.truth <= high for low, high in given)
 
 
-def held(problem: Problem, method: str, repeats: int) -> None:
+def check_coverage(problem: Problem, method: str, repeats: int) -> None:
     """Fail if fewer are covered than has a probability of 1e-3 at 93 %, or plain ones refused."""
-    told, inside = covered(problem, method, repeats)
-    assert inside >= stats.binom.ppf(1e-3, told, 0.93), (problem.name, method, inside, told)
+    given, inside = covered(problem, method, repeats)
+    assert inside >= stats.binom.ppf(1e-3, given, 0.93), (problem.name, method, inside, given)
     if problem.kind == "plain":
-        refused = repeats - told
+        refused = repeats - given
         assert refused <= stats.binom.isf(1e-3, repeats, 0.05), (problem.name, method, refused)
 
 
@@ -63,8 +63,8 @@ HIDDEN = box(5, 3.5, 4.0, 0.8, flat=True)
 
 @pytest.mark.parametrize("problem", [linear(5, 3.5), chi_square(3, 4.0)], ids=lambda p: p.name)
 @pytest.mark.parametrize("method", ["subset", "importance"])
-def test_one_region_is_told(problem: Problem, method: str) -> None:
-    held(problem, method, 25)
+def test_one_region_has_an_interval(problem: Problem, method: str) -> None:
+    check_coverage(problem, method, 25)
 
 
 @pytest.mark.parametrize("problem", [STEEP, HIDDEN], ids=lambda p: p.name)
@@ -80,9 +80,9 @@ def test_subset_simulation_tells_nothing_of_several_regions(problem: Problem) ->
 @pytest.mark.parametrize("problem", [STEEP, HIDDEN], ids=lambda p: p.name)
 def test_importance_sampling_finds_each_region(problem: Problem) -> None:
     """Also what the metric does not lead to: the exploration does."""
-    told, inside = covered(problem, "importance", 25)
-    assert told >= 18
-    assert inside >= stats.binom.ppf(1e-3, told, 0.93)
+    given, inside = covered(problem, "importance", 25)
+    assert given >= 18
+    assert inside >= stats.binom.ppf(1e-3, given, 0.93)
 
 
 @pytest.mark.slow
@@ -90,10 +90,10 @@ def test_importance_sampling_finds_each_region(problem: Problem) -> None:
 @pytest.mark.parametrize("method", ["subset", "importance"])
 def test_intervals_hold_or_are_refused(problem: Problem, method: str) -> None:
     """Over 120 repeats of each; `tests.benchmarks.rare_coverage` has more."""
-    held(problem, method, 120)
+    check_coverage(problem, method, 120)
 
 
-def test_what_the_exploration_cannot_meet_is_not_told() -> None:
+def test_what_the_exploration_cannot_meet_has_no_interval() -> None:
     """A ball in 12 dimensions: nothing that is wide meets it, so another may be there."""
     found = one(only_ball(12, 4.0, 2.6), "subset", 1)
     assert found.probability is None
@@ -170,6 +170,15 @@ def test_points_beyond_a_radius_are_those_of_the_standard_normal() -> None:
     assert stats.kstest(tail, "uniform").pvalue > 0.01
     assert abs(x.mean()) < 4.0 * 3.5 / 2.0 / math.sqrt(16000)
     assert mixture.weights(x) == pytest.approx(stats.chi2.sf(9.0, 4))
+
+
+def test_a_region_of_one_point_has_a_component() -> None:
+    """As one of which only a representative was found; the weights there are bounded."""
+    rng = np.random.default_rng(1)
+    lone = np.array([[-4.0, 0.0, 0.0]])
+    mixture = fitted([(0.5, [lone[:0], lone]), (0.5, [-lone + 0.1, -lone])], rng)
+    assert math.fsum(mixture.shares) == pytest.approx(1.0)
+    assert float(mixture.weights(lone)[0]) < 0.01
 
 
 def test_the_same_seed_gives_the_same() -> None:
