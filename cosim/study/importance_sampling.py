@@ -143,14 +143,21 @@ def _estimate(weights: Reals, points: Reals, search: Search) -> RareEstimate:
             f"{least:g}: more samples, a larger pilot, or method = 'subset'"
         )
     else:
-        why = missed_by(found, search) or _sparse(weights, points, search.regions)
+        fewest, sparse = _by_region(weights, points, search.regions)
+        # an interval is as good as what is known of the region that is known least
+        found = replace(found, freedom=max(1.0, min(effective, fewest) / _SKEWED))
+        why = missed_by(found, search) or sparse
     return found if why is None else found.refused(why)
 
 
-def _sparse(weights: Reals, points: Reals, regions: Regions | None) -> str | None:
-    """Say which region has too few effective points, or another share than was explored."""
+def _by_region(weights: Reals, points: Reals, regions: Regions | None) -> tuple[float, str | None]:
+    """Return the least effective sample size of a region, and what is wrong with a region.
+
+    Wrong are too few effective points, or another share of the probability than was explored.
+    """
+    fewest = math.inf
     if regions is None or regions.count == 1:
-        return None
+        return fewest, None
     over = weights > 0.0
     region, w = regions.of(points[over]), weights[over]
     for k in range(regions.count):
@@ -162,11 +169,12 @@ def _sparse(weights: Reals, points: Reals, regions: Regions | None) -> str | Non
         effective = float(mine.sum() ** 2 / max((mine**2).sum(), 1e-300))
         off = float(np.sum((w * ((region == k) - share)) ** 2)) / float(w.sum()) ** 2
         z = abs(share - explored) / math.sqrt(off + regions.variances[-1, k] + 1e-30)
+        fewest = min(fewest, effective)
         if effective < max(_LEAST_IN_REGION, 4.0 * points.shape[1]) or z > _APART:
-            return (
+            return fewest, (
                 f"the event has {regions.count} regions that do not hang together, and of one of "
                 f"them the sample has {effective:.3g} effective points and {100 * share:.2g} % of "
                 f"the probability, the exploration {100 * explored:.2g} %: more samples, or a "
                 "larger pilot"
             )
-    return None
+    return fewest, None

@@ -69,7 +69,7 @@ def row(problem: Problem, method: str, repeats: int, samples: int) -> dict[str, 
         "given": int(given),
         "covered": int(covered),
         "refused": repeats - int(given),
-        "coverage": covered / given if given else None,
+        "coverage": float(covered / given) if given else None,
         "runs": round(runs / repeats),
     }
 

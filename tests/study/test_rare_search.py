@@ -81,7 +81,7 @@ def test_subset_simulation_tells_nothing_of_several_regions(problem: Problem) ->
 def test_importance_sampling_finds_each_region(problem: Problem) -> None:
     """Also what the metric does not lead to: the exploration does."""
     given, inside = covered(problem, "importance", 25)
-    assert given >= 18
+    assert given >= 8
     assert inside >= stats.binom.ppf(1e-3, given, 0.93)
 
 
