@@ -8,14 +8,13 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from rich import box
 from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
 from cosim.cli.terminal import NONE, plain
-from cosim.recordings import DelayModel, LinkFit, LossModel, RangeDependence
+from cosim.recordings import DelayModel, LinkFit, LossModel, Parameter, RangeDependence
 
 
 def fit_json(file: Path, found: Mapping[str, LinkFit], out: Path | None) -> dict[str, Any]:
@@ -33,6 +32,7 @@ def _fit(name: str, found: LinkFit) -> dict[str, Any]:
         "tested_messages": found.tested,
         "fits": not found.refusals,
         "refusals": found.refusals,
+        "gaps": found.gaps,
         "loss": found.loss.name,
         "delay": None if found.delay is None else found.delay.name,
         "losses": [_loss(each) for each in found.losses],
@@ -52,6 +52,11 @@ def _loss(model: LossModel) -> dict[str, Any]:
         "loss": model.chain.loss.tolist(),
         "loss_error": _plain(model.loss_error.tolist()),
         "parameters": model.parameters,
+        "intervals": {
+            each.name: None if each.low is None else [each.low, each.high]
+            for each in model.probabilities
+        },
+        "unidentified": model.unidentified,
         "log_likelihood": _plain(model.log_likelihood),
         "tested_log_likelihood": _plain(model.tested),
         "bic": _plain(model.bic),
@@ -79,7 +84,7 @@ def fit_view(found: Mapping[str, LinkFit], out: Path | None) -> RenderableType:
         if each.delays:
             parts.append(_delays(each))
         parts += [plain(_dependence(line)) for line in each.ranges]
-        verdict = each.refusals or ["nothing refuses this link:"]
+        verdict = (each.refusals or ["nothing refuses this link:"]) + each.gaps
         parts += [Text(), *(Text(line, style="bold") for line in verdict)]
         parts.append(plain_lines(each.toml(name)))
     if any(each.refusals for each in found.values()):
@@ -119,20 +124,24 @@ def _refused(model: LossModel | DelayModel) -> str:
 
 
 def _parameters(model: LossModel) -> str:
-    chain = model.chain
-    losses = [_with_error(p, e) for p, e in zip(chain.loss, model.loss_error, strict=True)]
-    if len(losses) == 1:
-        return f"loss {losses[0]}"
-    if model.name.startswith("chain"):
-        stays = ", ".join(f"{p:.4g}" for p in np.diag(chain.transitions))
-        return f"loss {', '.join(losses)}; stays {stays}"
-    enter = _with_error(chain.transitions[0, 1], model.transitions_error[0, 1])
-    leave = _with_error(chain.transitions[1, 0], model.transitions_error[1, 0])
-    return f"enter {enter}, exit {leave}; loss {', '.join(losses)}"
+    if len(model.unidentified) == len(model.probabilities):
+        return "the data do not tell its parameters: another model explains them as well"
+    words = {each.name: _interval(each) for each in model.probabilities}
+    if "p_enter" in words:
+        lost = ", ".join(words[name] for name in ("loss_good", "loss_bad"))
+        return f"enter {words['p_enter']}, exit {words['p_exit']}; loss {lost}"
+    lost = ", ".join(each for name, each in words.items() if name.startswith("loss"))
+    stays = ", ".join(each for name, each in words.items() if name.startswith("stay"))
+    return f"loss {lost}; stays {stays}" if stays else f"loss {lost}"
 
 
-def _with_error(value: float, error: float) -> str:
-    return f"{value:.4g}" if math.isnan(error) else f"{value:.4g} ±{1.96 * error:.2g}"
+def _interval(one: Parameter) -> str:
+    """Return a value and its interval, or that the data do not tell it."""
+    if not one.identified:
+        return "not told by the data"
+    if one.low is None or one.high is None:
+        return f"{one.value:.4g}"
+    return f"{one.value:.4g} [{one.low:.3g}, {one.high:.3g}]"
 
 
 def _delays(found: LinkFit) -> Table:
@@ -168,6 +177,8 @@ def _dependence(line: RangeDependence) -> str:
         f"loss over {line.of}: {low:.3g} % at {line.least:.4g}{unit}, {high:.3g} % at "
         f"{line.greatest:.4g}{unit} (logistic; p = {line.p_value:.2g} that it does not)"
     )
+    if line.p_value > 0.05:
+        words = f"loss over {line.of}: no dependence that is more than chance"
     if line.speed is not None:
         words += f"; delay = {line.offset_s:.4g} s + range / {line.speed:.4g} m/s"
     return words

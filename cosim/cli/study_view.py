@@ -198,10 +198,16 @@ def rare_view(
         how = f"importance sampling{effective}; levels of the pilot above"
     else:
         how = "subset simulation; deviations include the correlation along chains"
+    searches = [f"{p:.3g}" for p in found.populations]
+    if found.exploration is not None:
+        searches.append(f"{found.exploration:.3g} from far out")
+    if found.regions is not None:
+        searches.append("one region" if found.regions == 1 else f"{found.regions} regions")
     return Group(
         Text("the summary is of the first level, which has the distributions of the axes"),
         table,
         answer,
+        *([Text(f"independent searches found {', '.join(searches)}")] if searches else []),
         Text(f"{how}; {runs} runs"),
     )
 

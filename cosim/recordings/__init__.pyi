@@ -4,6 +4,7 @@ from .fit import (
     fit_link as fit_link,
 )
 from .hidden_chain import HiddenChain as HiddenChain
+from .identified import Parameter as Parameter
 from .link_verdict import (
     OutageVerdict as OutageVerdict,
     outage_verdict as outage_verdict,

@@ -56,6 +56,14 @@ class LinkFit:
             found.append(f"no model of the delays fits; {self.delay.name} is refused by: {by}")
         return found
 
+    @property
+    def gaps(self) -> list[str]:
+        """What the recording does not tell of the chosen link, in words; empty if it tells all."""
+        names = ", ".join(self.loss.unidentified)
+        if not names:
+            return []
+        return [f"the recording does not tell {names}: others explain it as well; a longer one may"]
+
     def table(self) -> dict[str, Any]:
         """Return the chosen link as a table [links.NAME] of a scenario."""
         table: dict[str, Any] = {"kind": "packet", "sample_time": self.sample_time_s}
@@ -65,7 +73,7 @@ class LinkFit:
 
     def toml(self, name: str) -> str:
         """Return that table as TOML; comments say where it does not fit."""
-        lines = [f"# {line}\n" for line in self.refusals]
+        lines = [f"# {line}\n" for line in (*self.refusals, *self.gaps)]
         lines += [
             f"# delay = {each.offset_s:.4g} s + range / {each.speed:.4g} m/s explains "
             f"{100 * (each.explained or 0.0):.3g} % of its variance\n"

@@ -23,6 +23,7 @@ import scipy.special
 from numpy.typing import NDArray
 
 from cosim.network import draws
+from cosim.recordings.identified import share_error
 
 Floats = NDArray[np.float64]
 Losses = NDArray[np.bool_]
@@ -223,7 +224,8 @@ class ChainFit(NamedTuple):
     chain : its parameters.
     log_likelihood : of the losses it was fitted to.
     loss_error, transitions_error : standard errors of its parameters, from the observed
-        information; NaN where one is 0 or 1 or cannot be told from the data.
+        information; NaN where the model gives the value or it is at its bound, infinite where the
+        data cannot tell it.
     """
 
     chain: HiddenChain
@@ -240,7 +242,7 @@ def fit_chain(lost: Losses, states: int) -> ChainFit:
     if states == 1:
         share = float(lost.mean())
         chain = HiddenChain(np.ones((1, 1)), np.array([share]))
-        error = np.array([np.sqrt(share * (1.0 - share) / lost.size)])
+        error = np.array([share_error(float(lost.sum()), lost.size)])
         return ChainFit(chain, chain.log_likelihood(lost), error, np.full((1, 1), np.nan))
     found = [_climb(start, lost) for start in _starts(lost, states)]
     best = min(found, key=lambda each: float(each.fun))
@@ -262,9 +264,9 @@ def fit_gilbert(lost: Losses) -> ChainFit:
     """
     moves = np.zeros((2, 2))
     np.add.at(moves, (lost[:-1].astype(int), lost[1:].astype(int)), 1.0)
-    total = np.maximum(moves.sum(axis=1, keepdims=True), 1.0)
-    chain = HiddenChain(moves / total, np.array([0.0, 1.0]))
-    error = np.sqrt(chain.transitions * (1.0 - chain.transitions) / total)
+    total = moves.sum(axis=1, keepdims=True)
+    chain = HiddenChain(moves / np.maximum(total, 1.0), np.array([0.0, 1.0]))
+    error = np.vectorize(share_error)(moves, total)
     return ChainFit(chain, chain.log_likelihood(lost), np.full(2, np.nan), error)
 
 
@@ -336,9 +338,11 @@ def _errors(x: Floats, k: int, lost: Losses) -> tuple[Floats, Floats]:
         slopes.append(np.append((a[0] - b[0]).ravel(), a[1] - b[1]) / (2 * _STEP))
     information = -(curve + curve.T)[np.ix_(free, free)] / 2.0
     values, vectors = np.linalg.eigh(information)
-    if values.min() <= 1e-9 * values.max():  # some combination cannot be told from the data
-        return unknown
-    by_logit = np.array(slopes).T @ vectors / np.sqrt(values)
+    by_direction = np.array(slopes).T @ vectors
+    # some combinations of logits cannot be told from the data, nor what depends on them
+    flat = values <= 1e-9 * max(values.max(), 1e-300)
+    by_logit = by_direction[:, ~flat] / np.sqrt(values[~flat])
     error = np.sqrt((by_logit**2).sum(axis=1))
     error[error == 0.0] = np.nan
+    error[(np.abs(by_direction[:, flat]) > 1e-6).any(axis=1)] = np.inf
     return error[k * k :], error[: k * k].reshape(k, k)

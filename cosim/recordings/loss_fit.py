@@ -14,6 +14,7 @@ import scipy.stats
 from numpy.typing import NDArray
 
 from cosim.recordings.hidden_chain import ChainFit, Floats, HiddenChain, fit_chain, fit_gilbert
+from cosim.recordings.identified import Parameter, parameter
 from cosim.recordings.statistics import runs_of
 
 Losses = NDArray[np.bool_]
@@ -21,6 +22,8 @@ Losses = NDArray[np.bool_]
 LEVEL = 0.01
 """Probability with which a recording made by a model is refused for it, over all statistics."""
 COPIES = 200
+_ONE_STATE_LESS = 0.05
+"""Probability that a chain seems to need its last state by chance, so that no state is told."""
 _BINS = np.array([1, 2, 3, 5, 9, 17, 33, 65, 129, 257, 513, 1025])
 """Least lengths of the classes in which runs are counted."""
 _STATISTICS = (
@@ -37,7 +40,8 @@ class LossModel:
     ----------
     name : "none", "independent", "gilbert", "gilbert-elliott" or "chain of k".
     chain : its parameters; one state where losses are independent.
-    loss_error, transitions_error : standard errors, NaN where unknown.
+    loss_error, transitions_error : standard errors; NaN where the model gives the value or it is
+        at its bound, infinite where the data do not tell it.
     parameters : how many were fitted.
     log_likelihood, tested : natural logarithm per message, of the part it was fitted to and of
         the other; minus infinity where a model excludes what happened.
@@ -57,6 +61,33 @@ class LossModel:
     p_values: dict[str, float]
 
     @property
+    def probabilities(self) -> list[Parameter]:
+        """The parameters, each with its interval or without one; stays of a chain of three on."""
+        chain, states = self.chain, self.chain.loss.size
+        moves, errors = chain.transitions, self.transitions_error
+        if states == 1:
+            return [parameter("loss", float(chain.loss[0]), float(self.loss_error[0]))]
+        if states == 2:
+            found = [
+                parameter("p_enter", float(moves[0, 1]), float(errors[0, 1])),
+                parameter("p_exit", float(moves[1, 0]), float(errors[1, 0])),
+            ]
+            names = ["loss_good", "loss_bad"]
+        else:
+            found = [
+                parameter(f"stay {k}", float(moves[k, k]), float(errors[k, k]))
+                for k in range(states)
+            ]
+            names = [f"loss {k}" for k in range(states)]
+        lost = zip(names, chain.loss.tolist(), self.loss_error.tolist(), strict=True)
+        return found + [parameter(*each) for each in lost]
+
+    @property
+    def unidentified(self) -> list[str]:
+        """Names of the parameters that the data do not tell."""
+        return [each.name for each in self.probabilities if not each.identified]
+
+    @property
     def refused_by(self) -> list[str]:
         """The statistics that refuse the model, the clearest first."""
         least = LEVEL / len(_STATISTICS)
@@ -72,9 +103,18 @@ def loss_models(first: Losses, tested: Losses, most_states: int) -> list[LossMod
         _judged("independent", fit_chain(first, 1), 1, first, tested),
         _judged("gilbert", fit_gilbert(first), 2, first, tested),
     ]
+    fewer, parameters = found[0].log_likelihood * first.size, 1
     for states in range(2, most_states + 1):
         name = "gilbert-elliott" if states == 2 else f"chain of {states}"
-        found.append(_judged(name, fit_chain(first, states), states**2, first, tested))
+        fit = fit_chain(first, states)
+        gain = 2.0 * (fit.log_likelihood - fewer)
+        if gain < scipy.stats.chi2.isf(_ONE_STATE_LESS, states**2 - parameters):
+            fit = fit._replace(
+                loss_error=np.full(states, np.inf),
+                transitions_error=np.full((states, states), np.inf),
+            )
+        found.append(_judged(name, fit, states**2, first, tested))
+        fewer, parameters = fit.log_likelihood, states**2
     return found
 
 

@@ -13,6 +13,8 @@ from cosim.network import Recording
 
 Floats = NDArray[np.float64]
 
+LEVEL = 0.01
+"""Probability with which a dependence is told where there is none."""
 _STEPS = 100
 _LEAST_ROWS = 20
 
@@ -30,7 +32,7 @@ class RangeDependence:
         of about the root of the number of messages: Liang, Zeger, Biometrika 73 (1986) 13).
     p_value : of the slope being 0.
     offset_s, speed : delay = offset + range / speed [s, m/s], by least squares; None without
-        times, or where the delay does not grow.
+        times, or where the delay does not grow, or no more than by chance.
     explained : share of the variance of the delay that this explains.
     """
 
@@ -101,6 +103,6 @@ def _delay_line(
         return None, None, None
     delay = recording.delay_ns[there] / 1e9
     line = scipy.stats.linregress(values[there], delay)
-    if line.slope <= 0.0:
+    if line.slope <= 0.0 or line.pvalue > LEVEL:
         return None, None, None
     return float(line.intercept), float(1.0 / line.slope), float(line.rvalue**2)

@@ -1,33 +1,36 @@
 """Importance sampling: a small probability from points drawn where the event is.
 
-A pilot, a subset simulation, leads to points in the event. A mixture of normal distributions with
-one common deviation of at least 1 is fitted to them (expectation maximisation); of several mixtures
-the one is taken whose weights vary least over points that it was not fitted to. Then independent
-points are drawn from it, and the mean of their weights in the event is the estimate: unbiased
-whatever the pilot found, with a standard deviation from the points themselves.
+A pilot (`search`: two populations and an exploration) leads to points in every region of the event
+that it found. A mixture with defensive components is fitted to them, region by region (`mixture`).
+Then independent points are drawn from it, and the mean of their weights in the event is the
+estimate: unbiased whatever the pilot found, with a standard deviation from the points themselves.
 
 What neither pilot nor sample meets is in no estimate. So the estimate is refused if its effective
-sample size is small, or if it and the pilot's contradict each other.
+sample size is small, in all or in one region, if the pilot or the exploration found more of the
+event than it, beyond chance, or if the exploration met nothing and so excludes nothing.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Generator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Generator
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cosim.study.descent import CHAIN, Population, grow
+from cosim.study.mixture import fitted
 from cosim.study.rare_events import RareEstimate, Reals
-from cosim.study.subset_simulation import CHAIN, Population, descend, grow
+from cosim.study.regions import Regions
+from cosim.study.search import LEAST_SHARE, Search, halves_of, missed_by, search, together
 
 LEAST_EFFECTIVE = 30.0
-"""Effective sample size below which there is no estimate."""
-_CONTRADICTION = 3.3  # standard deviations of the logarithms
-_COMPONENTS = (1, 2, 4)
-_ITERATIONS = 20
-_BETTER = 0.9  # a larger mixture is taken if its weights vary less by so much
+"""Effective sample size below which there is no estimate; in many dimensions twice their number."""
+_LEAST_IN_REGION = 30.0
+_APART = 2.8  # standard deviations between the shares of a region
+_SKEWED = 4.0
+"""Effective points for each degree of freedom of the interval: weights are skewed (measured)."""
 
 
 def importance_sampling(
@@ -45,118 +48,134 @@ def importance_sampling(
     levels : most levels of the pilot.
     rough : dimensions in which the metric is not continuous: no mixture is fitted to them.
     """
-    rng = np.random.default_rng([seed, 1])
-    first, last = yield from descend(rng, dimensions, pilot, levels, rough)
+    rng = tuple(np.random.default_rng([seed, 1, k]) for k in range(3))
+    found = yield from search(rng, dimensions, pilot, levels, rough)
+    first = found.estimate
     if first.probability is None:
         return replace(first, reason=f"the pilot did not find the event: {first.reason}")
-    inside = rng.permutation(np.flatnonzero(last.beyond > 0.0))[: pilot // CHAIN]
-    event: Population = yield from grow(rng, last, inside, 0.0, rough, strictly=True)
     smooth = np.ones(dimensions, np.bool_) if rough is None else ~rough
-    mixture = _fitted(event.points[:, smooth], rng)
+    parts: list[Population] = yield from _event(rng, found, pilot, rough)
+    mixture = fitted(_halves(parts, found.regions, smooth), rng[0])
     # streams of their own, so that more samples begin with fewer
     points = np.random.default_rng([seed, 2]).standard_normal((samples, dimensions))
     points[:, smooth] = mixture.placed(
         points[:, smooth], np.random.default_rng([seed, 3]).random(samples)
     )
     beyond = yield points
-    return _estimate(np.where(beyond > 0.0, mixture.weights(points[:, smooth]), 0.0), first)
+    weights = np.where(beyond > 0.0, mixture.weights(points[:, smooth]), 0.0)
+    return _estimate(weights, points, found)
 
 
-def _estimate(weights: Reals, first: RareEstimate) -> RareEstimate:
-    """Return the estimate from the weights, 0 outside the event; `first` is the pilot's."""
+def _event(
+    rng: tuple[np.random.Generator, ...],
+    found: Search,
+    pilot: int,
+    rough: NDArray[np.bool_] | None,
+) -> Generator[Reals, Reals, list[Population]]:
+    """Return points in the event: of each population and, as many as of one, of the exploration."""
+    starts = []
+    for own, last, half in zip(rng, found.last, halves_of(pilot), strict=False):
+        inside = own.permutation(np.flatnonzero(last.beyond > 0.0))[: half // CHAIN]
+        starts.append((last, inside))
+    seen = found.exploration
+    if seen is not None and len(seen.points):
+        there = Population(seen.points, np.ones(len(seen.points)), seen.family)
+        starts.append((there, rng[-1].permutation(len(seen.points))[: pilot // 2 // CHAIN]))
+    grown = yield from together(
+        [
+            grow(own, before, start, 0.0, rough, strictly=True)
+            for own, (before, start) in zip(rng, starts, strict=False)
+        ]
+    )
+    return grown
+
+
+def _halves(
+    parts: list[Population], regions: Regions | None, smooth: NDArray[np.bool_]
+) -> list[tuple[float, list[Reals]]]:
+    """Return what each region's part of the mixture is fitted to: its share, two halves of points.
+
+    A population is in one half, the exploration by families in both.
+    """
+    half = [
+        np.full(len(part.points), k) if k < 2 else part.family % 2 for k, part in enumerate(parts)
+    ]
+    points, side = np.concatenate([part.points for part in parts]), np.concatenate(half)
+    if regions is None or regions.count == 1:
+        return [(1.0, [points[side == k][:, smooth] for k in (0, 1)])]
+    shares = regions.shares.mean(axis=0)
+    shares = np.where(regions.shares.max(axis=0) < LEAST_SHARE, 0.0, shares)
+    shares = 0.5 * shares / shares.sum() + 0.5 * (shares > 0.0) / np.count_nonzero(shares)
+    # each region has at least the points by which it was found
+    found = regions.representatives
+    points = np.concatenate([points, found])
+    side = np.concatenate([side, np.arange(len(found)) % 2])
+    region = regions.of(points)
+    return [
+        (float(share), [points[(region == k) & (side == j)] for j in (0, 1)])
+        for k, share in enumerate(shares)
+        if share > 0.0
+    ]
+
+
+def _estimate(weights: Reals, points: Reals, search: Search) -> RareEstimate:
+    """Return the estimate from the points and their weights, 0 outside the event."""
     total = math.fsum(weights)
+    first = search.estimate
     if total == 0.0:
-        return replace(
-            first, probability=None, deviation=None, effective=0.0, reason="no point in the event"
-        )
+        return replace(first.refused("no point in the event"), effective=0.0)
     probability = total / weights.size
     effective = total**2 / math.fsum(weights**2)
     deviation = float(weights.std(ddof=1)) / math.sqrt(weights.size) / probability
-    found = RareEstimate(
+    found = replace(
+        first,
         probability=probability,
         deviation=deviation,
         logarithm=math.log(probability),
-        freedom=max(1.0, effective - 1.0),
-        levels=first.levels,
+        freedom=max(1.0, effective / _SKEWED),
         effective=effective,
     )
-    apart = abs(found.logarithm - first.logarithm) / math.hypot(deviation, first.deviation or 0.0)
     why = None
-    if effective < LEAST_EFFECTIVE:
+    least = max(LEAST_EFFECTIVE, 2.0 * points.shape[1])  # or the mixture fits by chance
+    if effective < least:
         why = (
             f"the effective sample size is {effective:.3g} of {weights.size}, below "
-            f"{LEAST_EFFECTIVE:g}: more samples, a larger pilot, or method = 'subset'"
+            f"{least:g}: more samples, a larger pilot, or method = 'subset'"
         )
-    elif apart > _CONTRADICTION:
-        why = (
-            f"the pilot finds {first.probability:.2g}, the sample {probability:.2g}: one of them "
-            "missed a part of the event; a larger pilot, or method = 'subset'"
-        )
-    if why is None:
-        return found
-    return replace(found, probability=None, deviation=None, reason=why)
+    else:
+        fewest, sparse = _by_region(weights, points, search.regions)
+        # an interval is as good as what is known of the region that is known least; halved since
+        # its part of the mixture was fitted to fewer points (measured: ten dimensions, two planes)
+        found = replace(found, freedom=max(1.0, min(effective, fewest / 2.0) / _SKEWED))
+        why = missed_by(found, search) or sparse
+    return found if why is None else found.refused(why)
 
 
-@dataclass(frozen=True)
-class _Mixture:
-    """Normal distributions with centres (components, dimensions) and one deviation."""
+def _by_region(weights: Reals, points: Reals, regions: Regions | None) -> tuple[float, str | None]:
+    """Return the least effective sample size of a region, and what is wrong with a region.
 
-    shares: Reals
-    centres: Reals
-    deviation: float
-
-    def logarithms(self, x: Reals) -> Reals:
-        """Return the logarithm of each component's density at x, less that of standard normal."""
-        away = np.sum(((x[:, None] - self.centres) / self.deviation) ** 2, axis=2)
-        whole = 0.5 * np.sum(x * x, axis=1)[:, None] - 0.5 * away
-        found: Reals = np.log(self.shares) + whole - x.shape[1] * math.log(self.deviation)
-        return found
-
-    def weights(self, x: Reals) -> Reals:
-        """Return the standard normal density over that of the mixture."""
-        found: Reals = np.exp(-np.logaddexp.reduce(self.logarithms(x), axis=1))
-        return found
-
-    def placed(self, z: Reals, u: Reals) -> Reals:
-        """Return points of the mixture from standard normal z and uniform u."""
-        which = np.searchsorted(np.cumsum(self.shares)[:-1], u, "right")
-        found: Reals = self.centres[which] + self.deviation * z
-        return found
-
-
-def _fitted(x: Reals, rng: np.random.Generator) -> _Mixture:
-    """Return the mixture whose weights vary least over points in the event, (points, dims).
-
-    The mean of the weights over points in the event is the variance of the estimate, but for a
-    factor; half of the chains are held out to compute it.
+    Wrong are too few effective points, or another share of the probability than was explored.
     """
-    if not x.shape[1]:
-        return _Mixture(np.ones(1), np.zeros((1, 0)), 1.0)
-    odd = np.arange(len(x)) % 2 == 1  # chains alternate where their number is even
-    best, least = (1, False), math.inf
-    for wider in (False, True):
-        for count in _COMPONENTS:
-            halves: Sequence[NDArray[np.bool_]] = (odd, ~odd)
-            vary = math.fsum(
-                float(np.mean(_maximised(x[half], count, rng, wider=wider).weights(x[~half])))
-                for half in halves
+    fewest = math.inf
+    if regions is None or regions.count == 1:
+        return fewest, None
+    over = weights > 0.0
+    region, w = regions.of(points[over]), weights[over]
+    for k in range(regions.count):
+        mine = np.where(region == k, w, 0.0)
+        share = float(mine.sum() / w.sum())
+        explored = float(regions.shares[-1, k])
+        if max(share, explored) < LEAST_SHARE:
+            continue
+        effective = float(mine.sum() ** 2 / max((mine**2).sum(), 1e-300))
+        off = float(np.sum((w * ((region == k) - share)) ** 2)) / float(w.sum()) ** 2
+        z = abs(share - explored) / math.sqrt(off + regions.variances[-1, k] + 1e-30)
+        fewest = min(fewest, effective)
+        if effective < max(_LEAST_IN_REGION, 4.0 * points.shape[1]) or z > _APART:
+            return fewest, (
+                f"the event has {regions.count} regions that do not hang together, and of one of "
+                f"them the sample has {effective:.3g} effective points and {100 * share:.2g} % of "
+                f"the probability, the exploration {100 * explored:.2g} %: more samples, or a "
+                "larger pilot"
             )
-            if vary < _BETTER * least:
-                best, least = (count, wider), vary
-    return _maximised(x, best[0], rng, wider=best[1])
-
-
-def _maximised(x: Reals, count: int, rng: np.random.Generator, *, wider: bool) -> _Mixture:
-    first = x[rng.choice(len(x), count, replace=False)]
-    mixture = _Mixture(np.full(count, 1.0 / count), first, 1.0)
-    for _ in range(_ITERATIONS):
-        logs = mixture.logarithms(x)
-        mine = np.exp(logs - np.logaddexp.reduce(logs, axis=1)[:, None])
-        sums = mine.sum(axis=0) + 1e-9
-        centres = np.sum(mine[:, :, None] * x[:, None], axis=0) / sums[:, None]
-        deviation = 1.0
-        if wider:
-            away = np.sum((x[:, None] - centres) ** 2, axis=2)
-            deviation = max(1.0, math.sqrt(float(np.sum(mine * away)) / x.size))
-        mixture = _Mixture(sums / sums.sum(), centres, deviation)
-    return mixture
+    return fewest, None

@@ -24,6 +24,7 @@ from cosim.study.batch import (
 )
 from cosim.study.consistency import Place, changed_error, check_consistent, nowhere
 from cosim.study.points import Points
+from cosim.study.rare_study import ESTIMATOR
 from cosim.study.schema import Axis, GridAxis, SampledAxis, Study
 from cosim.study.study_runner import BaseScenario, StudyRunner
 from cosim.study.varied import check_parameter
@@ -120,6 +121,8 @@ def make_plan(study: Study, base: BaseScenario, place: Place = nowhere) -> Plan:
         "fmus": hashes,
         "software": importlib.metadata.version("auv-cosim"),
     }
+    if study.rare is not None:
+        content["estimator"] = str(ESTIMATOR)
     part = base.scenario.design
     if part is not None and part.file is not None:
         content["design"] = hashlib.sha256(design_content(part.file, base.folder)[1]).hexdigest()

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Generator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -50,8 +50,12 @@ class RareEstimate:
     logarithm : centre of the interval of the logarithm.
     freedom : degrees of freedom of the interval: independent families of chains, or the effective
         sample size, less one.
-    levels : of the subset simulation, or of the pilot.
+    levels : of the subset simulation, or of the pilot; those of the population with more.
     effective : effective sample size, for importance sampling.
+    reason : why there is no estimate.
+    populations : what each of the independent populations found.
+    exploration : what an exploration from far out found; None where there was none.
+    regions : of the event that do not hang together; None where nothing tells.
     """
 
     probability: float | None
@@ -61,6 +65,13 @@ class RareEstimate:
     levels: tuple[Level, ...]
     effective: float | None = None
     reason: str | None = None
+    populations: tuple[float, ...] = ()
+    exploration: float | None = None
+    regions: int | None = None
+
+    def refused(self, reason: str) -> RareEstimate:
+        """Return this without an estimate, and why."""
+        return replace(self, probability=None, deviation=None, reason=reason)
 
     def interval(self, confidence: float) -> tuple[float, float]:
         """Return the interval of the probability: Student's, of its logarithm."""
@@ -83,6 +94,9 @@ class RareEstimate:
             "deviation": self.deviation,
             "effective_samples": self.effective,
             "reason": self.reason,
+            "populations": list(self.populations),
+            "exploration": self.exploration,
+            "regions": self.regions,
             "levels": [
                 {k: v if v is None or math.isfinite(v) else None for k, v in asdict(level).items()}
                 for level in self.levels

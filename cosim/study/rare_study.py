@@ -15,12 +15,17 @@ from typing import Any
 import numpy as np
 
 from cosim.core import ComponentError, InputError
+from cosim.study.descent import CHAIN, descend
 from cosim.study.importance_sampling import importance_sampling
 from cosim.study.rare_events import Evaluations, RareEstimate, Reals
 from cosim.study.sampling import values_at
 from cosim.study.schema import Axis, RarePart, SampledAxis, Study
-from cosim.study.subset_simulation import CHAIN, subset_simulation
+from cosim.study.search import most_checked
+from cosim.study.subset_simulation import subset_simulation
 
+ESTIMATOR = 2
+"""Which points the runs of a rare event have, in the manifest; without it there was one population.
+"""
 Drawn = tuple[int, list[tuple[Any, ...]]]
 """The number of the first run of a stage, and the values of the axes in each of its runs."""
 
@@ -34,12 +39,14 @@ class RarePoints:
     stage : the runs whose metric decides the points of the next stage; None at the end.
     estimate : what the study finds; None before the end.
 
+    former : the runs are those of a study without `ESTIMATOR`; nothing is added to them.
+
     Raises
     ------
     InputError : correlations that cannot be together.
     """
 
-    def __init__(self, study: Study) -> None:
+    def __init__(self, study: Study, *, former: bool = False) -> None:
         assert study.rare is not None  # noqa: S101 - the caller asked
         self.axes: tuple[Axis, ...] = tuple(study.vary)
         self.estimate: RareEstimate | None = None
@@ -48,7 +55,8 @@ class RarePoints:
         self._sampled = [axis for axis in study.vary if isinstance(axis, SampledAxis)]
         self._values: list[tuple[Any, ...]] = []
         self._begins: list[int] = []
-        self._estimator = _estimator(study, study.rare, self._sampled)
+        make = _former if former else _estimator
+        self._estimator = make(study, study.rare, self._sampled)
         self._add(next(self._estimator))
 
     @property
@@ -61,16 +69,21 @@ class RarePoints:
         """Number of runs that there may be at the end."""
         first = self._begins[1] if len(self._begins) > 1 else self.count
         later = first - first // CHAIN
+        searched = first + (self._part.levels - 1) * later + most_checked(first)
         if self._part.method == "subset":
-            return first + (self._part.levels - 1) * later
-        return first + self._part.levels * later + self._study.samples
+            return searched
+        # each population, and half as many of the exploration, once more in the event
+        return searched + later + later // 2 + self._study.samples
 
     def __getitem__(self, run: int) -> tuple[Any, ...]:
         """Return the value of every axis in run number `run`, counted from 0."""
         return self._values[run]
 
     def level(self, run: int) -> int:
-        """Return the level of a run, counted from 1; the last one is an importance sample's."""
+        """Return the level of a run, counted from 1.
+
+        What follows the chains has numbers above theirs: exploration, arcs, importance sample.
+        """
         stage = bisect_right(self._begins, run) - 1
         return 1 if stage == 0 else 2 + (stage - 1) // (CHAIN - 1)
 
@@ -161,3 +174,18 @@ def _estimator(study: Study, part: RarePart, axes: Sequence[SampledAxis]) -> Eva
         return subset_simulation(len(axes), study.samples, part.levels, study.seed, rough)
     pilot = part.pilot or study.samples
     return importance_sampling(len(axes), study.samples, pilot, part.levels, study.seed, rough)
+
+
+def _former(study: Study, part: RarePart, axes: Sequence[SampledAxis]) -> Evaluations:
+    """Find what one population found, as studies had it before two were compared."""
+    rough = np.array([axis.integers is not None or axis.choice is not None for axis in axes])
+    subset = part.method == "subset"
+    rng = np.random.default_rng([study.seed, 0 if subset else 1])
+    samples = study.samples if subset else part.pilot or study.samples
+    found, _ = yield from descend(rng, len(axes), samples, part.levels, rough)
+    if found.probability is None:
+        return found
+    return found.refused(
+        f"one population alone found about {found.probability:.2g}, by an earlier release: nothing "
+        "tells what it missed; --fresh runs the study again"
+    )

@@ -80,7 +80,7 @@ def rare_estimate(table: Any, manifest: Mapping[str, Any]) -> RareEstimate | Non
     study = Study.model_validate(manifest["study"])
     if study.rare is None:
         return None
-    points = RarePoints(study)
+    points = RarePoints(study, former="estimator" not in manifest.get("parts", {}))
     points.replay(_column(table, study.rare.metric))
     return points.estimate
 

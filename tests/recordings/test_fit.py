@@ -225,3 +225,58 @@ def test_too_little_is_refused() -> None:
     assert (quiet.loss.name, quiet.table()["loss"], quiet.refusals) == ("independent", 0.0, [])
     all_lost = fit_link(Recording(np.arange(90) * S, np.ones(90, bool)))
     assert all_lost.table() == {"kind": "packet", "sample_time": 1.0, "loss": 1.0}
+
+
+def test_a_parameter_that_cannot_be_identified_has_no_number() -> None:
+    """States of independent losses, p_exit of one run: no number with a meaningless error."""
+    lost = np.random.default_rng(1).random(400) < 0.3
+    two_states = loss_models(lost[:300], lost[300:], 2)[2]
+    assert two_states.unidentified == ["p_enter", "p_exit", "loss_good", "loss_bad"]
+    assert all(each.low is None for each in two_states.probabilities)
+    once = np.arange(300) == 150
+    independent, gilbert, _ = loss_models(once, np.zeros(100, bool), 2)
+    assert gilbert.unidentified == ["p_exit"]
+    (share,) = independent.probabilities
+    # Clopper and Pearson's interval of 1 of 300 is [8e-5, .0184]
+    assert share.low is not None
+    assert share.high is not None
+    assert 8e-5 < share.low < 1 / 300 < 0.0184 < share.high < 0.03
+    clear = fit_link(recording_of(3000, loss=BUOY), most_states=2)
+    assert clear.gaps == []
+    assert {each.name for each in clear.loss.probabilities} == {
+        "p_enter",
+        "p_exit",
+        "loss_good",
+        "loss_bad",
+    }
+    assert all(0.0 < each.high - each.low < 0.2 for each in clear.loss.probabilities if each.high)
+
+
+def test_intervals_of_a_share_cover_the_truth() -> None:
+    """95 % intervals of a share of few losses, told in nearly all of 400 recordings."""
+    random = np.random.default_rng(5)
+    shares = [
+        loss_models(random.random(200) < 0.04, np.zeros(50, bool), 2)[0].probabilities[0]
+        for _ in range(400)
+    ]
+    known = [each for each in shares if each.low is not None and each.high is not None]
+    assert len(known) >= 398
+    inside = sum(each.low < 0.04 < each.high for each in known)
+    # fewer than 365 of 400 have a probability of 5e-4 at .95
+    assert inside >= 365
+
+
+def test_a_delay_that_grows_with_the_range_by_chance_has_no_speed() -> None:
+    """Of twenty recordings without any dependence none says one of sound."""
+    random = np.random.default_rng(2)
+    speeds = []
+    for _ in range(20):
+        r = 200.0 + 1500.0 * random.random(200)
+        delay = np.rint((0.2 + 0.05 * random.random(200)) * 1e9).astype(np.int64)
+        lost = random.random(200) < 0.2
+        speeds += [
+            each.speed
+            for each in range_dependence(Recording(np.arange(200) * S, lost, delay, range_m=r))
+        ]
+    assert len(speeds) == 20
+    assert speeds.count(None) >= 19

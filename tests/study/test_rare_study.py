@@ -67,13 +67,13 @@ def test_subset_simulation_through_the_master(tmp_path: Path) -> None:
     low, high = found.interval(0.95)
     assert low <= 1e-2 <= high
     assert high / low < 40
-    steps = 9 * 10  # moves of ten chains of ten points
-    assert done.runs == done.count == 100 + steps * (len(found.levels) - 1)
     levels = table.column("level").to_pylist()
-    assert [levels.count(n + 1) for n in range(len(found.levels))] == [
-        100,
-        *[steps] * (len(found.levels) - 1),
-    ]
+    assert done.runs == done.count == len(levels)
+    # two populations of fifty; nine moves of five chains of each, as far as each has to go
+    assert (levels.count(1), levels.count(2)) == (100, 9 * 10)
+    assert levels == sorted(levels)
+    # then the exploration: two hundred points, and four moves of twenty in a step
+    assert done.runs > 100 + 9 * 10 + 200
     x = table.column("x").to_pylist()
     u, x0 = (table.column(name).to_pylist() for name in ("u", "x0"))
     assert x == pytest.approx([a + (b - a) * LEFT for a, b in zip(u, x0, strict=True)], rel=1e-9)
@@ -133,12 +133,12 @@ def test_a_run_without_a_value_is_refused_or_counts_as_asked() -> None:
     def found(**more: Any) -> Any:
         rare = {"metric": "x", "above": 1.0, **more}
         points = RarePoints(event(0.1, rare=rare).job.study)
-        points.tell([2.0] * 20 + [None] * 30 + [0.0] * 50)
+        points.tell(2 * ([2.0] * 10 + [None] * 15 + [0.0] * 25))  # two populations
         return points.estimate
 
-    with pytest.raises(ComponentError, match="run 20 has no value of x") as refused:
+    with pytest.raises(ComponentError, match="run 10 has no value of x") as refused:
         found()
-    assert "study repeat STUDY 20" in refused.value.text()
+    assert "study repeat STUDY 10" in refused.value.text()
     assert found(missing="beyond").probability == pytest.approx(0.5)
     assert found(missing="within").probability == pytest.approx(0.2)
     read = RarePoints(event(0.1).job.study)
@@ -146,6 +146,21 @@ def test_a_run_without_a_value_is_refused_or_counts_as_asked() -> None:
     assert (read.stage, read.estimate) == (range(100), None)
     with pytest.raises(InputError, match="is a number"):
         RarePoints(event(0.1).job.study).tell([True] * 100)
+
+
+def test_what_one_population_found_has_no_interval() -> None:
+    """The runs of a folder from before two were compared: read, with its levels, and told so."""
+    made = event(1e-2, seed=4, samples=100)
+    former = RarePoints(made.job.study, former=True)
+    while former.stage is not None:
+        runs = former.stage
+        former.tell([former[run][0] * (1 - LEFT) + former[run][1] * LEFT for run in runs])
+    found = former.estimate
+    assert found is not None
+    assert (found.probability, len(found.levels) > 1) == (None, True)
+    assert "one population alone" in (found.reason or "")
+    assert "estimator" in made.hashes
+    assert "estimator" not in plan([], vary=[U_AXIS], samples=4).hashes
 
 
 def test_a_bound_below_is_one_above_of_the_negative() -> None:
@@ -156,7 +171,8 @@ def test_a_bound_below_is_one_above_of_the_negative() -> None:
     )
     points = RarePoints(study)
     points.tell([points[run][0] for run in range(100)])
-    third = sorted(points[run][0] for run in range(100))[9]
+    # of each population the five lowest of fifty start chains
+    third = max(sorted(points[run][0] for run in half)[4] for half in (range(50), range(50, 100)))
     assert points.stage == range(100, 110)
     assert max(points[run][0] for run in points.stage) < third + 3.0
     points.learn((130, [(7.0,)]))
