@@ -83,18 +83,21 @@ class PreparedScenario:
 
     @property
     def at_rest(self) -> dict[str, dict[str, Any]]:
-        """Start values of the zero-state run: of the plant those at the trim of its design."""
+        """Start values of the zero-state run: of the plant those at the trim of its design.
+
+        Of an observer's stamps those that say that nothing has been received.
+        """
         part = self.loaded.scenario.design
-        if part is None or self.problem is None or self.problem.plant is None:
+        if part is None or self.problem is None:
             return {}
-        ports, trim = self.fmus[part.plant].ports, self.problem.plant.at_rest
-        stamps = [p for p in self.fmus[part.controller].ports.values() if p.name[:6] == "stamp."]
-        return {
-            part.plant: {name: value for name, value in trim.items() if name in ports},
-            # none has been received
-            part.controller: {p.name: p.start for p in stamps}
-            | self._stamps(self.loaded.scenario.components[part.controller].parameters),
-        }
+        controller = self.fmus[part.controller].ports
+        none = {x.name: x.start for x in controller.values() if x.name.startswith("stamp.")}
+        own = self.loaded.scenario.components[part.controller].parameters
+        found: dict[str, dict[str, Any]] = {part.controller: none | self._stamps(own)}
+        if self.problem.plant is not None:
+            ports, trim = self.fmus[part.plant].ports, self.problem.plant.at_rest
+            found[part.plant] = {name: value for name, value in trim.items() if name in ports}
+        return found
 
 
 def prepare(
