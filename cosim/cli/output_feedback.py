@@ -62,6 +62,9 @@ def answer_output_feedback(
             initial_error=settings.initial_error,
             energy=settings.energy,
         )
+        if settings.command_age == 0 and not settings.at_once:
+            report_progress("commands that are held", 0.0)
+            found = hinf.for_any_command(found, most=options["gamma"] or named.gamma)
     if save is not None:
         write_json(save, DESIGN_FILE.stamped(found.to_json()))
     answer(

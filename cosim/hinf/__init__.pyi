@@ -126,6 +126,7 @@ from .synthesis import (
     design_from_json as design_from_json,
     design_output_feedback as design_output_feedback,
     design_to_json as design_to_json,
+    for_any_command as for_any_command,
     gain_remark as gain_remark,
     greatest_delay as greatest_delay,
     message_ages as message_ages,

@@ -207,3 +207,20 @@ def test_the_verb_names_guarantees_that_it_does_not_prove_again(tmp_path: Path) 
     assert "not proved again: decay" in said.out, said.err
     refused = cosim("certificate", "prove", "k.json", "--order", "two", cwd=tmp_path)
     assert (refused.code, "--order" in refused.err) == (2, True)
+
+
+def test_commands_of_a_new_design_are_of_any_age_where_that_costs_little(tmp_path: Path) -> None:
+    """Both checkers prove it; a file that says at once keeps its claim, and the remark."""
+    file = tmp_path / "late.toml"
+    file.write_text(LATE, "utf-8")
+    seen = cosim("design", str(file), "--save", str(tmp_path / "late.json"), "--json")
+    assert seen.code == 0, seen.err
+    assert (seen.json["command_any_age"], seen.json["constant_ages_of_held"]) == (True, {})
+    assert 0.0 < seen.json["command_age"] <= 0.1
+    data = json.loads((tmp_path / "late.json").read_text("utf-8"))
+    assert check_certificate(data).valid
+    own = {key: data[key] for key in data if key not in ("schema", "figures")}
+    assert standalone.check(json.dumps(own).encode())["observer"]["command_any_age"] is True
+    file.write_text(LATE.replace("[observer]", "[observer]\ncommand_age = 0"), "utf-8")
+    seen = cosim("design", str(file), "--json")
+    assert seen.json["constant_ages_of_held"] == {"commands": 0.0}

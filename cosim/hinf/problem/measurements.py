@@ -43,6 +43,8 @@ class ObserverSettings:
     command_age, command_any_age : greatest age at which the command acts; whether it varies.
     gain, injections : K and every L, where they are given.
     offset, initial_error, energy : of peaks that are to be proved; None and 0 without.
+    at_once : whether the file says that commands act at once; otherwise a design is proved for
+        commands that are held (`for_any_command`).
     """
 
     measurements: tuple[Measurement, ...]
@@ -54,6 +56,7 @@ class ObserverSettings:
     offset: tuple[float, ...] | None = None
     initial_error: tuple[float, ...] | None = None
     energy: float = 0.0
+    at_once: bool = False
 
 
 def fed_back(system: DelaySystem, measurements: Sequence[Measurement]) -> DelaySystem:
@@ -184,7 +187,10 @@ def _settings(
         raise InputError(
             "peaks from no initial state", where=where, expected="offset, zeros where it is zero"
         )
-    settings = ObserverSettings(own, estimated, age, late, gain, injections, **peaks)
+    at_once = "command_age" in table and age == 0
+    settings = ObserverSettings(
+        own, estimated, age, late, gain, injections, **peaks, at_once=at_once
+    )
     try:
         pair_of(
             *(system, own, np.zeros((m, n)) if gain is None else gain),

@@ -137,7 +137,8 @@ OBSERVER: Mapping[str, Key] = {
     "command_age": Key(
         "number [s]",
         "Greatest age of a command, from the estimate to the end of its use: the longest hold and "
-        "a step; without it 0, which no run can show.",
+        "a step; 0: at once, which no run can show. Without it the greatest of some ages, half the "
+        "least of a measurement at most, that makes gamma less than a quarter greater.",
     ),
     "command_any_age": Key(
         "true or false",

@@ -45,4 +45,7 @@ from .output_feedback import (
     TooUncertainError as TooUncertainError,
     design_output_feedback as design_output_feedback,
 )
-from .proved_again import proved_again as proved_again
+from .proved_again import (
+    for_any_command as for_any_command,
+    proved_again as proved_again,
+)

@@ -63,6 +63,39 @@ def proved_again(
     return replace(again, certificate={**again.certificate, PLANT_NOTE: note})
 
 
+_SHARES = (0.5, 0.2, 0.1, 0.05, 0.02)
+"""Ages of commands that are tried, as shares of the least age of a measurement."""
+_COST = 1.25
+"""So much greater may gamma be for commands that are held than for commands at once."""
+
+
+def for_any_command(found: OutputFeedback, *, most: float | None = None) -> OutputFeedback:
+    """Return a design proved for commands of any age up to one that costs little.
+
+    Commands at once are of no run: they are held from one to the next. So the greatest of some ages
+    is taken, half the least age of a measurement at most, for which gamma is not a quarter greater.
+    The design itself where there is none, where its ages are no others, of a large pair, whose
+    proof takes minutes, and with peaks, which are proved from the design alone.
+
+    most : greatest gamma, in place of a quarter more than that of the design.
+    """
+    ages = constant_ages_of_held(found.certificate)
+    least = min((x.d for x in found.measurements if x.d > 0), default=0.0)
+    large = is_large(found.pair.system, found.pair.gain)
+    if not ages or any(ages.values()) or not least or large or found.state_peaks is not None:
+        return found
+    for share in _SHARES:
+        try:
+            again = proved_again(found, held=float(f"{share * least:.3g}"))
+        except NotAchievableError:
+            continue
+        bound = most or _COST * (found.gamma or 0.0)
+        cheap = again.gamma is None or again.gamma <= bound
+        if isinstance(again, OutputFeedback) and cheap:
+            return again
+    return found
+
+
 def _first(
     prove: Callable[[Order], Design | OutputFeedback], orders: list[Order]
 ) -> Design | OutputFeedback:

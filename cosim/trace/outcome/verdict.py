@@ -255,7 +255,7 @@ _COMPARED = {
         "",
     ),
     "nothing_set_or_overridden": (
-        "Nothing in the loop was set or overridden",
+        "Nothing set or overridden",
         "events changed set-points, disturbances and links alone, if anything",
         "an event changed the loop",
     ),
