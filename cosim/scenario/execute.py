@@ -357,8 +357,11 @@ class _Runs:
             return None
         if not self._wanted.has(*OF_GUARANTEE):
             return None
-        changed = changed_by(self._prepared.loaded.scenario)
-        return LawMeasures(compared.loop, compared.wiring, design, problem, changed)
+        scenario = self._prepared.loaded.scenario
+        return LawMeasures(
+            *(compared.loop, compared.wiring, design, problem, changed_by(scenario)),
+            altered=bool(scenario.events or scenario.modes),
+        )
 
     def run_from_zero_state(self, flush: Callable[[], None] | None = None) -> None:
         """Make the zero-state run; none without a design, or after a failed or interrupted run.
@@ -381,7 +384,7 @@ class _Runs:
             if flush is not None:
                 flush()
             self._living.close()
-        laws = self._law_measures(loop_beside_design(self._prepared, system))
+        laws = self._law_measures(self._compared_loop)  # it differs in start values alone
         run = run_system(
             system,
             "zero-state run",

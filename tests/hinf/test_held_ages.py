@@ -213,7 +213,7 @@ def test_commands_of_a_new_design_are_of_any_age_where_that_costs_little(tmp_pat
     """Both checkers prove it; a file that says at once keeps its claim, and the remark."""
     file = tmp_path / "late.toml"
     file.write_text(LATE, "utf-8")
-    seen = cosim("design", str(file), "--save", str(tmp_path / "late.json"), "--json")
+    seen = cosim("design", "late.toml", "--save", "late.json", "--json", cwd=tmp_path)
     assert seen.code == 0, seen.err
     assert (seen.json["command_any_age"], seen.json["constant_ages_of_held"]) == (True, {})
     assert 0.0 < seen.json["command_age"] <= 0.1
@@ -222,5 +222,5 @@ def test_commands_of_a_new_design_are_of_any_age_where_that_costs_little(tmp_pat
     own = {key: data[key] for key in data if key not in ("schema", "figures")}
     assert standalone.check(json.dumps(own).encode())["observer"]["command_any_age"] is True
     file.write_text(LATE.replace("[observer]", "[observer]\ncommand_age = 0"), "utf-8")
-    seen = cosim("design", str(file), "--json")
+    seen = cosim("design", "late.toml", "--json", cwd=tmp_path)
     assert seen.json["constant_ages_of_held"] == {"commands": 0.0}

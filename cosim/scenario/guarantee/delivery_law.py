@@ -23,10 +23,12 @@ class DeliveryLaw(Measure[list[Departure]]):
     Parameters
     ----------
     connections : of the loop.
-    maps : components whose outputs are made of others: they are compared by their own routes.
+    altered : whether values may be overridden on their way. Otherwise what a route brings verbatim
+        is the sender's value by construction: rows have it by a copy.
     """
 
-    def __init__(self, connections: Iterable[Connection]) -> None:
+    def __init__(self, connections: Iterable[Connection], *, altered: bool = True) -> None:
+        self._altered = altered
         self._wanted: Mapping[str, set[str]] = {}
         wanted: dict[str, set[str]] = {}
         for c in connections:
@@ -49,7 +51,7 @@ class DeliveryLaw(Measure[list[Departure]]):
             }
             for route in receiver.routes:
                 chosen = [k for k, target in enumerate(route.targets.tolist()) if target in mine]
-                if chosen:
+                if chosen and (self._altered or not route.verbatim):
                     measured = [f"{receiver.name}.{mine[int(route.targets[k])]}" for k in chosen]
                     self._routes.append(_Delivered(receiver, route, np.array(chosen), measured))
 

@@ -146,9 +146,8 @@ class FeedbackLaw(Measure[list[Departure]]):
 
     def _compare(self, points: NDArray[np.int64], inputs: Reals, outputs: Reals) -> None:
         """Compare commands with what follows from what the controller was told."""
-        terms = inputs[:, None, :] * self._K
-        wanted = np.clip(terms.sum(axis=2), -self._bounds, self._bounds)
-        allowed = _CLOSE * np.abs(terms).sum(axis=2)
+        wanted = np.clip(inputs @ self._K.T, -self._bounds, self._bounds)
+        allowed = _CLOSE * (np.abs(inputs) @ np.abs(self._K).T)
         got = outputs[:, : len(self._bounds)]
         known = ~np.asarray(np.isnan(inputs)).any(axis=1, keepdims=True)
         apart = np.abs((wanted - got) @ self._judged)

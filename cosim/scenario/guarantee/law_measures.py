@@ -47,6 +47,8 @@ class LawMeasures(Measures):
     ----------
     wiring : of the run, compared with the loop before.
     changed : what events set: of inputs without a connection the rows do not show it.
+    altered : whether events may override values on their way; without, what a route brings
+        unaltered is not compared.
     """
 
     def __init__(
@@ -56,6 +58,8 @@ class LawMeasures(Measures):
         design: AnyDesign,
         problem: Problem,
         changed: Iterable[Endpoint] = (),
+        *,
+        altered: bool = True,
     ) -> None:
         unrecorded = [end for end in changed if end not in wiring.connected]
         of_plant, of_controller = (
@@ -63,7 +67,7 @@ class LawMeasures(Measures):
             for name in (loop.plant, loop.controller)
         )
         self._laws: list[tuple[str, Measure[list[Departure]]]] = [
-            (DELIVERED, DeliveryLaw(wiring.feedback_connections())),
+            (DELIVERED, DeliveryLaw(wiring.feedback_connections(), altered=altered)),
             (PLANT, plant_law(problem, loop.plant, of_plant)),
         ]
         self._noise: NoiseMeasure | None = None

@@ -207,10 +207,9 @@ class ObserverLaw(Measure[list[Departure]]):
             if not comes.size:
                 continue
             stored, allowed = self._stored(used[comes + 1, j])
-            terms = stored[:, None, :] * one.C
             values, outputs = y[comes, mine], innovation[comes + 1, mine]
-            wanted = values - terms.sum(axis=2)
-            size = np.abs(terms).sum(axis=2) + np.abs(values) + 1e-12
+            wanted = values - stored @ one.C.T
+            size = np.abs(stored) @ np.abs(one.C).T + np.abs(values) + 1e-12
             wrong = (np.abs(wanted - outputs) > allowed[:, None] * size).any(axis=1)
             if wrong.any():
                 k = int(np.argmax(wrong))
@@ -244,9 +243,8 @@ class ObserverLaw(Measure[list[Departure]]):
         error = xh[1:].copy()
         if reference.shape[1] == error.shape[1]:
             error -= reference[:-1]
-        terms = error[:, None, :] * self._K
-        wanted = np.clip(terms.sum(axis=2) + self._trim, -self._bounds, self._bounds)
-        allowed = _CLOSE * (np.abs(terms).sum(axis=2) + np.abs(self._trim))
+        wanted = np.clip(error @ self._K.T + self._trim, -self._bounds, self._bounds)
+        allowed = _CLOSE * (np.abs(error) @ np.abs(self._K).T + np.abs(self._trim))
         due = np.ones(len(error), bool)
         if self._period > 0:
             due = times[1:] // self._period > times[:-1] // self._period

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Collection, Sequence
 from typing import Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +13,8 @@ from numpy.typing import NDArray
 from cosim import hinf
 from cosim.fmu import component_module
 from cosim.master import ComponentInstance
+from cosim.models import VehicleEquations
+from cosim.scenario.designed_plant import DesignedPlant
 from cosim.scenario.gain import Problem
 from cosim.scenario.guarantee.step_law import ArrayFunctions, Equation, StepLaw
 from cosim.scenario.performance import reader_of
@@ -69,15 +72,25 @@ def _rates(behaviour: Any, constants: Any) -> Any:
     return rates
 
 
+_vehicles: WeakKeyDictionary[DesignedPlant, tuple[Any, float]] = WeakKeyDictionary()
+"""What was made of a note before: a study flies one design many times."""
+
+
+def _vehicle(note: DesignedPlant) -> tuple[Any, float]:
+    """Return the behaviour of a vehicle's plant, and the step fine enough for it."""
+    record = _VEHICLE.record_from_json(note.model)
+    behaviour = component_module("vehicle_plant.behaviour").VehiclePlant({"terms": record.terms})
+    return behaviour, _VEHICLE.default_step(record, VehicleEquations(record.terms))
+
+
 def _behaviour(problem: Problem, instance: ComponentInstance) -> tuple[Any, float]:
     """Return the behaviour of the plant that a design is for, and the step fine enough for it."""
     if problem.plant is not None:
         if not problem.plant.model:
             return None, math.inf
-        record = _VEHICLE.record_from_json(problem.plant.model)
-        kind = component_module("vehicle_plant.behaviour")
-        behaviour = kind.VehiclePlant({"terms": record.terms})
-        return behaviour, _VEHICLE.default_step(record, behaviour._equations)  # noqa: SLF001
+        if problem.plant not in _vehicles:
+            _vehicles[problem.plant] = _vehicle(problem.plant)
+        return _vehicles[problem.plant]
     if problem.vehicle is not None:
         port = instance.component.description.ports.get("solver.step")
         step = float(port.start) if port is not None and port.start else 0.05

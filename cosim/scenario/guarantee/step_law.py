@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,7 +31,7 @@ _SHARE = 1e-2
 """Greatest error of a step, as a share of the greatest change in it."""
 _ROUNDING = 1e-6
 """The same as a share of the greatest value of the state so far."""
-_SPREAD, _GREATEST, _FIRST = 192, 48, 16
+_SPREAD, _GREATEST, _FIRST = 64, 24, 8
 """Steps that are compared in a block: spread evenly, with the greatest changes, the first."""
 _MOST_SUBSTEPS = 400
 _NONE = slice(0, 0)
@@ -69,6 +69,26 @@ class Equation:
     delays: tuple[float, ...]
     step: float
     unknown: tuple[int, ...] = ()
+
+
+class _Past(NamedTuple):
+    """Some recorded steps: when they begin, how long they are, states and slopes at both ends."""
+
+    begin: Reals
+    length: Reals
+    first: Reals
+    last: Reals
+    slopes: tuple[Reals, Reals]
+
+    def at(self, t: Reals) -> list[Reals]:
+        """Return the state at instants by a cubic Hermite interpolant; constant before it."""
+        place = np.clip(np.searchsorted(self.begin, t, side="right") - 1, 0, self.begin.size - 1)
+        length = self.length[place]
+        s = np.clip((t - self.begin[place]) / length, 0.0, 1.0)
+        a, b = self.first[:, place], self.last[:, place]
+        p, q = (slope[:, place] * length for slope in self.slopes)
+        z = 1 - s
+        return list(z * z * ((1 + 2 * s) * a + s * p) + s * s * ((3 - 2 * s) * b - z * q))
 
 
 class StepLaw(Measure[list[Departure]]):
@@ -204,10 +224,10 @@ class StepLaw(Measure[list[Departure]]):
         u = list(self._inputs_during(steps).T)
         if more is not None:
             u[more] = u[more] + 1.0
-        slopes = self._slopes() if any(equation.delays) else None
+        past = {d: self._past(begin - d, end - d) for d in set(equation.delays) if d > 0}
 
         def f(t: Reals, x: Sequence[Reals]) -> list[Reals]:
-            late = [x if d == 0 else self._late(t - d, slopes) for d in equation.delays]
+            late = [x if d == 0 else past[d].at(t - d) for d in equation.delays]
             return list(equation.rates(t + self._start_s, x, late, u))
 
         for k in range(parts):
@@ -228,37 +248,38 @@ class StepLaw(Measure[list[Departure]]):
         inputs[:, self._later] = self._u[steps + 1][:, self._later]
         return inputs
 
-    def _slopes(self) -> tuple[Reals, Reals]:
-        """Return the slopes at the beginning and at the end of each recorded step."""
-        equation = self._equation
-        if equation is None:
-            return np.zeros((0, 0)), np.zeros((0, 0))
-        late = [
-            [np.interp(self._times - d, self._times, column) for column in self._x.T]
-            for d in equation.delays
-        ]
-        inputs = self._inputs_during(np.arange(self._times.size - 1))
-        found = []
-        for rows in (slice(None, -1), slice(1, None)):
-            x = list(self._x[rows].T)
-            past = [[column[rows] for column in one] for one in late]
-            t = self._times[rows] + self._start_s
-            rates = equation.rates(t, x, past, list(inputs.T))
-            found.append(np.column_stack([np.broadcast_to(a, len(inputs)) for a in rates]))
-        return found[0], found[1]
+    def _past(self, first: Reals, last: Reals) -> _Past:
+        """Return the recorded state between instants, with the slopes of the steps there."""
+        equation, times = self._equation, self._times
+        ends = [np.searchsorted(times, t, side="right") - 1 for t in (first, last)]
+        low, high = (np.clip(end, 0, times.size - 2) for end in ends)
+        every = np.arange(int((high - low).max(initial=0)) + 1)
+        steps = np.unique(np.minimum(low[:, None] + every, high[:, None]))
+        u = list(self._inputs_during(steps).T)
+        slopes = []
+        for rows in (steps, steps + 1):
+            t, x = times[rows], list(self._x[rows].T)
+            late = [
+                list(self._between(t - d)) for d in ([] if equation is None else equation.delays)
+            ]
+            rates = [] if equation is None else equation.rates(t + self._start_s, x, late, u)
+            slopes.append(np.stack([np.broadcast_to(a, steps.shape) for a in rates]))
+        return _Past(
+            times[steps],
+            times[steps + 1] - times[steps],
+            self._x[steps].T,
+            self._x[steps + 1].T,
+            (slopes[0], slopes[1]),
+        )
 
-    def _late(self, t: Reals, slopes: tuple[Reals, Reals] | None) -> list[Reals]:
-        """Return the recorded state at instants, constant before the first point."""
+    def _between(self, t: Reals) -> Reals:
+        """Return the recorded state at instants, on a line between points; (states, instants)."""
         times = self._times
         place = np.clip(np.searchsorted(times, t, side="right") - 1, 0, times.size - 2)
-        length = times[place + 1] - times[place]
-        s = np.clip((t - times[place]) / length, 0.0, 1.0)
-        a, b = self._x[place].T, self._x[place + 1].T
-        if slopes is None:
-            return list(a + s * (b - a))
-        p, q = slopes[0][place].T * length, slopes[1][place].T * length
-        z = 1 - s
-        return list(z * z * ((1 + 2 * s) * a + s * p) + s * s * ((3 - 2 * s) * b - z * q))
+        share = np.clip((t - times[place]) / (times[place + 1] - times[place]), 0.0, 1.0)
+        return np.asarray(
+            (self._x[place] + share[:, None] * (self._x[place + 1] - self._x[place])).T
+        )
 
     def result(self, run: Run) -> list[Departure]:
         """Return where the equation was left."""
