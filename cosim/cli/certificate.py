@@ -102,7 +102,7 @@ def prove(
         Path, typer.Argument(help="A design, or an FMU or trace with the certificate of one.")
     ],
     *,
-    held: Annotated[
+    hold: Annotated[
         float | None,
         typer.Option(
             help="Greatest age, in seconds, of what acts at once in the certificate: commands, a "
@@ -123,23 +123,23 @@ def prove(
 
     What is held between messages or steps is never of a constant age. Where the certificate takes
     the age of a measurement, a feedback or a command to be constant, the new proof is for any age
-    up to it; where it takes it to be none, for any age up to --held. Delays inside the plant stay
+    up to it; where it takes it to be none, for any age up to --hold. Delays inside the plant stay
     as they are. What the certificate proves beside gamma, such as a rate of decay, is not proved
     again: the output names it.
 
-    Exit code 0: proved; 2: not a design, or --held is missing; 5: these gains are not proved for
+    Exit code 0: proved; 2: not a design, or --hold is missing; 5: these gains are not proved for
     these ages.
 
     \b
     cosim certificate prove gain.json --save gain.json
-    cosim certificate prove flight.mcap --held 0.1 --save gain.json
+    cosim certificate prove flight.mcap --hold 0.1 --save gain.json
     """
     data = replay.certificate_in(file).data
     number = _order(order)
     with progress() as report_progress:
         report_progress(f"proof of {file}", 0.0)
         before = hinf.design_from_certificate(data, where=str(file))
-        found = hinf.proved_again(before, held=held, order=number)
+        found = hinf.proved_again(before, hold=hold, order=number)
     if save is not None:
         write_json(save, DESIGN_FILE.stamped(hinf.design_to_json(found)))
     lost = [

@@ -38,7 +38,7 @@ def design_json(
         "up_to_delays": found.covers_smaller_delays,
         "certified": found.certified,
         "certificate": None if save is None else str(save),
-        "constant_ages_of_held": hinf.constant_ages_of_held(found.certificate),
+        "constant_ages_claimed": hinf.constant_ages_claimed(found.certificate),
         "decay": None if more.decay is None else float(more.decay.rate),
         **_damping(found),
         "outages": outages_json(found.guarantees.outages),

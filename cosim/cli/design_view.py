@@ -57,7 +57,7 @@ def design_view(
     gain = Table(title=f"K ({name}): u = K x", title_justify="left", show_header=False, box=None)
     for row in design.K:
         gain.add_row(*(f"{value:.4g}" for value in row))
-    remarks = [x for x in (remark, hinf.held_remark(design.certificate)) if x is not None]
+    remarks = [x for x in (remark, hinf.remark_on_ages(design.certificate)) if x is not None]
     lines = [Text.assemble(("remark", "bold yellow"), f": {text}") for text in remarks]
     return Group(facts, gain, *lines)
 

@@ -96,7 +96,7 @@ def output_feedback_json(
         "known_states": found.certificate["claim"]["observer"]["known_states"],
         "command_age": pair.command_age,
         "command_any_age": pair.command_any_age,
-        "constant_ages_of_held": hinf.constant_ages_of_held(found.certificate),
+        "constant_ages_claimed": hinf.constant_ages_claimed(found.certificate),
         "peaks": _peaks(found),
         "least_gamma": found.least_gamma,
         "abscissa": found.abscissa,
@@ -128,7 +128,7 @@ def output_feedback_view(name: str, found: hinf.OutputFeedback) -> RenderableTyp
     parts: list[RenderableType] = [facts, f"K ({name}): u = K xh", _matrix(found.K)]
     for x, own in zip(found.measurements, found.L, strict=True):
         parts += [f"L of {x.name}", _matrix(own)]
-    remark = hinf.held_remark(found.certificate)
+    remark = hinf.remark_on_ages(found.certificate)
     if remark is not None:
         parts.append(Text.assemble(("remark", "bold yellow"), f": {remark}"))
     return Group(*parts)

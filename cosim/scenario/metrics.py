@@ -384,8 +384,8 @@ class RunContext:
             return ""
         ages = [self.figures.command_age_ns or 0, *(_greatest_ns(self.figures.ages),)]
         where = part.file or f"{self.scenario.title}.design.json"
-        held = max(ages) / 1e9 or None
-        command = hinf.reproving_command(self.design.certificate, where, held=held)
+        hold = max(ages) / 1e9 or None
+        command = hinf.reproving_command(self.design.certificate, where, hold=hold)
         return "" if command is None else f"proved anew by: {command}"
 
     @property

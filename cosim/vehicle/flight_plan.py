@@ -22,7 +22,7 @@ ONBOARD = "onboard"
 """Name of the packet of all that is measured on board."""
 
 _JITTER = 0.1  # of the time that a message takes
-_HELD = 1.2  # steps that a command is old at most, with some to spare
+_HOLD = 1.2  # steps that a command is old at most, with some to spare
 _RUN = 1.25  # mean length of a run of losses, in messages
 
 
@@ -56,7 +56,7 @@ class FlightSettings:
         The controller is on board and commands at every step, without feedthrough: the estimate at
         the beginning of a step acts until its end. A fifth of a step is to spare.
         """
-        return round(_HELD * self.step, 9)
+        return round(_HOLD * self.step, 9)
 
     def __post_init__(self) -> None:
         for name, good, expected in (

@@ -50,7 +50,7 @@ def main() -> int:
     asked = parser.parse_args()
     begun = time.perf_counter()
     fixed = matrix(quick=asked.quick, kinds=asked.kind, claims=asked.claims)
-    known = set() if asked.known is None else _told_before(asked.known)
+    known = set() if asked.known is None else _known_before(asked.known)
     edges: list[Case] = [
         lambda field, edge=edge: edge_cell(field, edge) for edge in EDGES if edge.kind in asked.kind
     ]
@@ -67,8 +67,8 @@ def main() -> int:
         asked.page.write_text(page(certain, at_random, asked.seed, _command()), "utf-8")
     wrong = [x for x in cells if _wrong(x, known)]
     if asked.json:
-        told = [x.to_json() for x in wrong]
-        print(json.dumps({"cells": len(cells), "seconds": seconds, "wrong": told}, indent=1))
+        advance = [x.to_json() for x in wrong]
+        print(json.dumps({"cells": len(cells), "seconds": seconds, "wrong": advance}, indent=1))
     else:
         _show(cells, wrong, seconds)
     return int(bool(wrong))
@@ -91,7 +91,7 @@ def _wrong(cell: Cell, known: set[tuple[str, ...]]) -> bool:
     return cell.verdict != GOOD and (cell.kind, cell.hypothesis, cell.name) not in known
 
 
-def _told_before(path: Path) -> set[tuple[str, ...]]:
+def _known_before(path: Path) -> set[tuple[str, ...]]:
     return {tuple(x) for x in json.loads(path.read_text("utf-8"))}
 
 
@@ -105,10 +105,10 @@ def _fly(
     with Progress(*columns, TimeRemainingColumn(), console=Console(stderr=True)) as progress:
         made = progress.add_task("parts", total=len(LOOPS))
         make_all(folder, asked.kind, lambda: progress.advance(made))
-        flown = progress.add_task("flights", total=len(cases))
+        task = progress.add_task("flights", total=len(cases))
         fmus = folder / "fmus"
-        told = lambda: progress.advance(flown)  # noqa: E731 - one word
-        return cells_of(cases, folder, fmus, jobs=asked.jobs, told=told, stops=stops)
+        advance = lambda: progress.advance(task)  # noqa: E731 - one word
+        return cells_of(cases, folder, fmus, jobs=asked.jobs, advance=advance, stops=stops)
 
 
 def _show(cells: list[Cell], wrong: list[Cell], seconds: float) -> None:

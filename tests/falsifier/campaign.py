@@ -17,12 +17,14 @@ _fields: dict[int, Field] = {}
 _folders: list[Path] = []
 
 
-def make_all(folder: Path, kinds: Sequence[str], told: Callable[[], None] = lambda: None) -> None:
+def make_all(
+    folder: Path, kinds: Sequence[str], advance: Callable[[], None] = lambda: None
+) -> None:
     """Make the parts of these kinds in a folder, before processes share it."""
     for loop in LOOPS:
         if loop.name in kinds:
             make_parts_of(loop.scenario, folder)
-        told()
+        advance()
 
 
 def cells_of(
@@ -31,14 +33,14 @@ def cells_of(
     fmus: Path,
     *,
     jobs: int = 1,
-    told: Callable[[], None] = lambda: None,
+    advance: Callable[[], None] = lambda: None,
     stops: Callable[[Cell], bool] | None = None,
 ) -> list[Cell]:
     """Fly all cases, in order, until `stops`; those with nothing to break are left out."""
     _cases[:], _folders[:] = cases, [folder, fmus]
     found = []
     for cell in _each(len(cases), jobs):
-        told()
+        advance()
         if cell is not None:
             found.append(cell)
             if stops is not None and stops(cell):

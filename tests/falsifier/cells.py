@@ -44,27 +44,27 @@ class Cell:
     hypothesis: str
     name: str
     verdict: str
-    flights: tuple[Flight, ...]
+    runs: tuple[Flight, ...]
     drawn: bool = False
 
     @property
     def words(self) -> str:
         """What was said, and what was flown."""
-        said = []
-        for each in self.flights:
+        answers = []
+        for each in self.runs:
             if each.broke is not None:
-                said.append(each.broke)
+                answers.append(each.broke)
             elif each.refused is not None:
-                said.append("refused: " + " ".join(each.refused.split())[:160])
+                answers.append("refused: " + " ".join(each.refused.split())[:160])
             elif each.claimed:
-                said.append(f"all {len(each.said)} met; {each.wrong or 'no harm seen'}")
+                answers.append(f"all {len(each.answers)} met; {each.wrong or 'no harm seen'}")
             else:
-                said.append(f"not met: {', '.join(each.unmet) or 'nothing assumed'}")
-        return "; ".join(dict.fromkeys(said))
+                answers.append(f"not met: {', '.join(each.unmet) or 'nothing assumed'}")
+        return "; ".join(dict.fromkeys(answers))
 
     def to_json(self) -> dict[str, object]:
         """All of it, with the scenarios of a cell that is not good."""
-        texts = [] if self.verdict == GOOD else [each.text for each in self.flights]
+        texts = [] if self.verdict == GOOD else [each.text for each in self.runs]
         head = {"kind": self.kind, "hypothesis": self.hypothesis, "name": self.name}
         return head | {"verdict": self.verdict, "said": self.words, "scenarios": texts}
 
@@ -73,49 +73,49 @@ def broken_cell(
     field: Field, loop: Loop, fault: Fault, dice: Random | None = None, most: int = 2
 ) -> Cell | None:
     """Fly a kind with one fault, so often at most; None where it has nothing to break."""
-    flights = _flown(field, loop, fault.apply, {}, dice, most)
-    if flights is None:
+    runs = _runs_of(field, loop, fault.apply, {}, dice, most)
+    if runs is None:
         return None
-    verdict = _of_broken(flights, covered=bool(fault.covered))
-    return Cell(loop.name, fault.hypothesis, fault.name, verdict, flights, dice is not None)
+    verdict = _of_broken(runs, covered=bool(fault.covered))
+    return Cell(loop.name, fault.hypothesis, fault.name, verdict, runs, dice is not None)
 
 
 def unbroken_cell(field: Field, loop: Loop, variant: Variant, most: int = 2) -> Cell | None:
     """Fly a kind with a change that breaks nothing; None where there is nothing to change."""
     if loop.unproved:
         return None
-    flights = _flown(field, loop, variant.apply, variant.options, None, most)
-    if flights is None:
+    runs = _runs_of(field, loop, variant.apply, variant.options, None, most)
+    if runs is None:
         return None
-    return Cell(loop.name, "unbroken", variant.name, _unbroken(flights), flights)
+    return Cell(loop.name, "unbroken", variant.name, _unbroken(runs), runs)
 
 
 def designed_cell(field: Field, loop: Loop) -> Cell:
     """Fly a kind as designed: it claims, or must not."""
-    flights = _flown(field, loop, lambda _: None, {}, None) or ()
+    runs = _runs_of(field, loop, lambda _: None, {}, None) or ()
     if not loop.unproved:
-        return Cell(loop.name, "unbroken", "as designed", _unbroken(flights), flights)
-    verdict = _of_broken(flights, covered=False)
-    return Cell(loop.name, "not provable", loop.unproved, verdict, flights)
+        return Cell(loop.name, "unbroken", "as designed", _unbroken(runs), runs)
+    verdict = _of_broken(runs, covered=False)
+    return Cell(loop.name, "not provable", loop.unproved, verdict, runs)
 
 
-def _of_broken(flights: Sequence[Flight], *, covered: bool) -> str:
-    if any(x.claimed and x.wrong for x in flights):
+def _of_broken(runs: Sequence[Flight], *, covered: bool) -> str:
+    if any(x.claimed and x.wrong for x in runs):
         return FALSE
-    if any(x.broke is not None for x in flights):
+    if any(x.broke is not None for x in runs):
         return BROKE
-    return BROKEN if any(x.claimed for x in flights) and not covered else GOOD
+    return BROKEN if any(x.claimed for x in runs) and not covered else GOOD
 
 
-def _unbroken(flights: Sequence[Flight]) -> str:
-    if any(x.claimed and x.wrong for x in flights):
+def _unbroken(runs: Sequence[Flight]) -> str:
+    if any(x.claimed and x.wrong for x in runs):
         return FALSE
-    if any(x.broke is not None for x in flights):
+    if any(x.broke is not None for x in runs):
         return BROKE
-    return GOOD if all(x.claimed for x in flights) else REFUSED
+    return GOOD if all(x.claimed for x in runs) else REFUSED
 
 
-def _flown(
+def _runs_of(
     field: Field,
     loop: Loop,
     apply: Callable[[Draft], None],
@@ -125,9 +125,9 @@ def _flown(
 ) -> tuple[Flight, ...] | None:
     """Both flights of a kind, or the one that a change applies to; None if neither."""
     state = None if dice is None else dice.getstate()
-    flights = []
-    for data in (loop.scenario, loop.pushed):
-        if data is None or len(flights) == most:
+    runs = []
+    for data in (loop.scenario, loop.driven):
+        if data is None or len(runs) == most:
             continue
         if dice is not None and state is not None:
             dice.setstate(state)  # the same fault in both
@@ -136,8 +136,8 @@ def _flown(
             apply(draft)
         except NotHere:
             continue
-        flights.append(field.fly(loop, draft.data, **options))
-    return tuple(flights) or None
+        runs.append(field.fly(loop, draft.data, **options))
+    return tuple(runs) or None
 
 
 Case = Callable[[Field], Cell | None]
@@ -153,17 +153,19 @@ def matrix(*, quick: bool = False, kinds: Sequence[str] = ALL, claims: bool = Fa
     one. With `claims` without what is unbroken: the cells in which a claim can be wrong.
     """
     wanted = [x for x in LOOPS if x.name in kinds]
-    shown = 1 if quick else 2
+    most_runs = 1 if quick else 2
     found: list[Case] = [lambda field, loop=loop: designed_cell(field, loop) for loop in wanted]
     for loop in wanted:
         if not loop.unproved:
             found += [
-                lambda field, loop=loop, fault=fault: broken_cell(field, loop, fault, None, shown)
+                lambda field, loop=loop, fault=fault: broken_cell(
+                    field, loop, fault, None, most_runs
+                )
                 for fault in FAULTS
                 if fault.quick or not quick
             ]
         found += [
-            lambda field, loop=loop, change=change: unbroken_cell(field, loop, change, shown)
+            lambda field, loop=loop, change=change: unbroken_cell(field, loop, change, most_runs)
             for change in VARIANTS
             if (change.quick or not quick) and not claims
         ]

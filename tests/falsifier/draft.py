@@ -56,9 +56,9 @@ class Draft:
 
     def received(self) -> list[Data]:
         """The wires that carry measurements into the controller."""
-        told = ("controller.stamp.", "controller.reference")
+        measured = ("controller.stamp.", "controller.reference")
         wires = [x for x in self.wires if x["to"].startswith("controller.")]
-        return [x for x in wires if not x["to"].startswith(told)]
+        return [x for x in wires if not x["to"].startswith(measured)]
 
     def stamps(self) -> list[Data]:
         """The wires of stamps into the controller."""

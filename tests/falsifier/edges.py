@@ -151,12 +151,12 @@ EDGES: tuple[Edge, ...] = (
 def edge_cell(field: Field, edge: Edge) -> Cell:
     """Fly an edge at the bound, and a nanosecond to each side of it."""
     loop = next(x for x in LOOPS if x.name == edge.kind)
-    verdict, flights, notes = GOOD, [], []
+    verdict, runs, notes = GOOD, [], []
     for beyond in (-1, 0, 1):
         draft = Draft(loop, loop.scenario)
         edge.apply(draft, beyond)
         flight = field.fly(loop, draft.data)
-        flights.append(flight)
+        runs.append(flight)
         _is_where_it_says(field, edge, flight, beyond)
         allowed = beyond in edge.claimed
         if flight.claimed and not allowed:
@@ -166,7 +166,7 @@ def edge_cell(field: Field, edge: Edge) -> Cell:
             verdict = REFUSED if verdict == GOOD else verdict
             notes.append(f"not claimed at {beyond:+d} ns")
     name = edge.name + (f" ({', '.join(notes)})" if notes else "")
-    return Cell(edge.kind, "edges", name, verdict, tuple(flights))
+    return Cell(edge.kind, "edges", name, verdict, tuple(runs))
 
 
 def _is_where_it_says(field: Field, edge: Edge, flight: Flight, beyond: int) -> None:

@@ -55,7 +55,7 @@ class Flight:
     growth: float | None = None
     gain: float | None = None
     gamma: float | None = None
-    said: dict[str, bool] = field(default_factory=dict)
+    answers: dict[str, bool] = field(default_factory=dict)
 
     @property
     def wrong(self) -> str:
@@ -95,9 +95,9 @@ class Field:
             return Flight(text, refused=str(error))
         except Exception as error:  # noqa: BLE001 - a traceback is a finding as well
             return Flight(text, broke=f"{type(error).__name__}: {error}")
-        said = outcome.metrics.get("assumptions") or {}
+        answers = outcome.metrics.get("assumptions") or {}
         read = Trace(trace)
-        pushed = "inputs" in data and any(
+        driven = "inputs" in data and any(
             f"plant.{w}" in part.get("values", {})
             for part in data["inputs"]
             for w in loop.disturbances
@@ -106,11 +106,11 @@ class Field:
             text,
             status=outcome.status,
             claimed=claims(outcome),
-            unmet=tuple(name for name, met in said.items() if not met),
-            growth=None if pushed else _growth(read, loop, data),
-            gain=_gain(read, loop) if pushed else None,
+            unmet=tuple(name for name, met in answers.items() if not met),
+            growth=None if driven else _growth(read, loop, data),
+            gain=_gain(read, loop) if driven else None,
             gamma=outcome.metrics.get("gamma"),
-            said=dict(said),
+            answers=dict(answers),
         )
 
 

@@ -25,7 +25,7 @@ def _scenario(name: str, words: str, wires: list[Data], links: Data, end: float)
     }
 
 
-def _pushed(data: Data) -> Data:
+def _driven(data: Data) -> Data:
     """From rest, with a pulse of two seconds in the disturbance."""
     found = deepcopy(data)
     for part in found["components"].values():
@@ -49,7 +49,7 @@ def _feedback(
     wires = [wire(f"plant.x[{j}]", f"controller.x[{j}]", "up") for j in (1, 2)]
     wires.append(wire("controller.u[1]", "plant.u[1]"))
     data = _scenario(name, words, wires, links, end)
-    return Loop(name, words, data, _pushed(data), ages, **more)
+    return Loop(name, words, data, _driven(data), ages, **more)
 
 
 def _both(greatest_ms: int, least_ms: int = 0) -> tuple[Age, ...]:
@@ -83,7 +83,7 @@ def _output(
         "initial.estimate[1]": 0.4,
         "sample_time": 0.02,
     }
-    return Loop(name, words, data, _pushed(data), ages, **more)
+    return Loop(name, words, data, _driven(data), ages, **more)
 
 
 def _stamped(name: str, greatest_ms: int, least_ms: int = 0) -> Age:
@@ -98,31 +98,31 @@ def _any() -> Loop:
     return _feedback("any", "any age", {"up": packet(0.05)}, _both(300))
 
 
-def _limited() -> Loop:
+def _with_limits() -> Loop:
     """The commands have limits, which are not reached."""
     one = _feedback("any", "limits of the commands", {"up": packet(0.05)}, _both(300))
-    flights = [deepcopy(one.scenario), deepcopy(one.pushed) or {}]
-    for data in flights:
+    runs = [deepcopy(one.scenario), deepcopy(one.driven) or {}]
+    for data in runs:
         data["components"]["controller"]["fmu"] = "limited-controller.fmu"
         data["components"]["controller"]["parameters"]["limit.u[1]"] = LIMIT
-    return Loop("limited", one.words, *flights, one.ages)
+    return Loop("limited", one.words, *runs, one.ages)
 
 
 def _analysed() -> Loop:
     """The gain is given in the scenario, and analysed for its system file."""
     one = _feedback("any", "gain in the scenario", {"up": packet(0.05)}, _both(300))
-    flights = [deepcopy(one.scenario), deepcopy(one.pushed) or {}]
-    for data in flights:
+    runs = [deepcopy(one.scenario), deepcopy(one.driven) or {}]
+    for data in runs:
         data["design"] = {"system": "any.toml", "gain": [[-3.4, -2.6]]}
-    return Loop("analysed", one.words, *flights, one.ages)
+    return Loop("analysed", one.words, *runs, one.ages)
 
 
 def _without_design(loop: Loop, name: str, words: str) -> Loop:
     """The same loop, whose design is that in its controller's FMU."""
-    flights = [deepcopy(loop.scenario), deepcopy(loop.pushed) or {}]
-    for data in flights:
+    runs = [deepcopy(loop.scenario), deepcopy(loop.driven) or {}]
+    for data in runs:
         del data["design"]
-    return replace(loop, name=name, words=words, scenario=flights[0], pushed=flights[1])
+    return replace(loop, name=name, words=words, scenario=runs[0], driven=runs[1])
 
 
 def _two() -> Loop:
@@ -144,7 +144,7 @@ def _mapped() -> Loop:
         {"mixed": transport(0.02)},
         (_stamped("mixed", 200), _command(100)),
     )
-    for data in (found.scenario, found.pushed or {}):
+    for data in (found.scenario, found.driven or {}):
         wires = data["connections"]
         wires[0] |= {"add": True}
         wires[1] |= {"to": "mixed.u[1]", "add": True, "gain": 0.5}
@@ -162,7 +162,7 @@ def _played() -> Loop:
         (_stamped("position", 100), _stamped("speed", 100), _command(250)),
         down="down",
     )
-    for data in (found.scenario, found.pushed or {}):
+    for data in (found.scenario, found.driven or {}):
         data["links"]["down"]["playout"] = 0.1
         data["components"]["controller"]["parameters"]["command.delay"] = 0.1
     return replace(found, name="played")
@@ -171,7 +171,7 @@ def _played() -> Loop:
 def _stiff() -> Loop:
     """A plant whose integration matters at the communication step."""
     found = _feedback("stiff", "a stiff plant", {"up": packet(0.05)}, _both(300), end=20.0)
-    for data in (found.scenario, found.pushed or {}):
+    for data in (found.scenario, found.driven or {}):
         data["run"]["step"] = 0.05
     return replace(found, parameters=("A[1,1]", "B[2,1]", "C[2,1]"))
 
@@ -181,7 +181,7 @@ LOOPS: tuple[Loop, ...] = (
     _any(),
     _stiff(),
     _without_design(_any(), "packed", "design in the controller"),
-    _limited(),
+    _with_limits(),
     _analysed(),
     _feedback("least", "any age from a least one", {"up": packet(0.45)}, _both(600, 400)),
     _feedback(

@@ -52,7 +52,7 @@ class Loop:
     name: str
     words: str
     scenario: Data
-    pushed: Data | None
+    driven: Data | None
     ages: tuple[Age, ...]
     states: tuple[str, ...] = ("x[1]", "x[2]")
     controls: tuple[str, ...] = ("u[1]",)

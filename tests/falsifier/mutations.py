@@ -82,7 +82,7 @@ class Field:
         """Note which cells are wrong without a mutation, and which tests fail."""
         self._known.write_text("[]", "utf-8")
         wrong = [
-            [x["kind"], x["hypothesis"], x["name"]] for x in self._flown(kinds, until_wrong=False)
+            [x["kind"], x["hypothesis"], x["name"]] for x in self._answers(kinds, until_wrong=False)
         ]
         self._known.write_text(json.dumps(wrong), "utf-8")
         if self._tests and (failed := self._failed()):
@@ -98,7 +98,7 @@ class Field:
                 if text.count(each.old) != 1:
                     raise SystemExit(f"{each.name}: its text stands not once in {each.file}")
                 path.write_text(text.replace(each.old, each.new), "utf-8")
-            wrong = self._flown(_kinds(mutations), until_wrong=True)
+            wrong = self._answers(_kinds(mutations), until_wrong=True)
             if wrong:
                 first = wrong[0]
                 return f"{first['kind']}: {first['name']}: {first['verdict']}"
@@ -107,7 +107,7 @@ class Field:
             for file, text in kept.items():
                 (self._tree / file).write_text(text, "utf-8")
 
-    def _flown(self, kinds: tuple[str, ...], *, until_wrong: bool) -> list[dict[str, str]]:
+    def _answers(self, kinds: tuple[str, ...], *, until_wrong: bool) -> list[dict[str, str]]:
         words = ["-m", "tests.falsifier", "--json", "--cases", "0", "--claims", "--quick"]
         words += ["--jobs", str(self._jobs), "--parts", str(self._scratch / "parts")]
         words += ["--known", str(self._known), "--kind", *kinds]

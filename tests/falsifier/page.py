@@ -102,7 +102,7 @@ def _mark(cell: Cell) -> str:
         return MARK[cell.verdict]
     if cell.hypothesis == "unbroken":
         return "yes"
-    return "refused" if all(x.refused is not None for x in cell.flights) else "no"
+    return "refused" if all(x.refused is not None for x in cell.runs) else "no"
 
 
 def _plain(text: str) -> str:

@@ -21,22 +21,22 @@ def field(tmp_path_factory: pytest.TempPathFactory, native_fmus: Path) -> Field:
     return Field(tmp_path_factory.mktemp("falsifier"), native_fmus.parent)
 
 
-def told(cells: list[Cell]) -> str:
+def words_of(cells: list[Cell]) -> str:
     """What is not as it must be, with the scenario to fly again."""
     wrong = [x for x in cells if x.verdict != GOOD]
     heads = [f"{x.kind}, {x.hypothesis}, {x.name}: {x.verdict}: {x.words}" for x in wrong]
-    return "\n".join([*heads, *(x.flights[0].text for x in wrong[:1])])
+    return "\n".join([*heads, *(x.runs[0].text for x in wrong[:1])])
 
 
-def flown(cases: list[Case], field: Field) -> list[Cell]:
+def run_all(cases: list[Case], field: Field) -> list[Cell]:
     return [cell for case in cases if (cell := case(field)) is not None]
 
 
 def test_no_claim_of_the_quick_share_is_wrong(field: Field) -> None:
     """Each hypothesis broken alone in three kinds of loops, and the same loops unbroken."""
-    cells = flown(matrix(quick=True, kinds=QUICK), field)
+    cells = run_all(matrix(quick=True, kinds=QUICK), field)
     assert len(cells) > 100
-    assert all(x.verdict == GOOD for x in cells), told(cells)
+    assert all(x.verdict == GOOD for x in cells), words_of(cells)
 
 
 @pytest.mark.parametrize(
@@ -45,15 +45,15 @@ def test_no_claim_of_the_quick_share_is_wrong(field: Field) -> None:
 def test_the_predicate_flips_at_the_bound(edge: Edge, field: Field) -> None:
     """At the proved value it is met, a nanosecond beyond it is not."""
     cell = edge_cell(field, edge)
-    assert cell.verdict == GOOD, told([cell])
+    assert cell.verdict == GOOD, words_of([cell])
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("loop", share_of(LOOPS), ids=lambda x: x.name)
 def test_no_claim_of_the_matrix_is_wrong(loop: Loop, field: Field) -> None:
     """Every hypothesis broken alone, and every change that breaks nothing."""
-    cells = flown(matrix(kinds=(loop.name,)), field)
-    assert all(x.verdict == GOOD for x in cells), told(cells)
+    cells = run_all(matrix(kinds=(loop.name,)), field)
+    assert all(x.verdict == GOOD for x in cells), words_of(cells)
 
 
 @pytest.mark.slow
@@ -61,14 +61,14 @@ def test_no_claim_of_the_matrix_is_wrong(loop: Loop, field: Field) -> None:
 def test_every_predicate_flips_at_its_bound(edge: Edge, field: Field) -> None:
     """As above, for every kind of age and every delay of a plant."""
     cell = edge_cell(field, edge)
-    assert cell.verdict == GOOD, told([cell])
+    assert cell.verdict == GOOD, words_of([cell])
 
 
 @pytest.mark.slow
 def test_no_claim_of_cases_at_random_is_wrong(field: Field) -> None:
     """A kind, perhaps with an unbroken change, and one fault of random size."""
-    cells = flown(list(drawn(SEED, 500)), field)
-    assert all(x.verdict == GOOD for x in cells), told(cells)
+    cells = run_all(list(drawn(SEED, 500)), field)
+    assert all(x.verdict == GOOD for x in cells), words_of(cells)
 
 
 class Outcome:
@@ -93,7 +93,7 @@ def test_the_judge_sees_what_is_wrong(field: Field, monkeypatch: pytest.MonkeyPa
         for fault in FAULTS
         if fault.quick
         for cell in [broken_cell(field, loop, fault)]
-        if cell is not None and any(x.refused is None for x in cell.flights)
+        if cell is not None and any(x.refused is None for x in cell.runs)
     ]
     verdicts = [x.verdict for x in cells]
     assert set(verdicts) <= {FALSE, BROKEN}

@@ -50,7 +50,7 @@ def _states() -> tuple[str, ...]:
     return tuple(f"eta.{a}" for a in AXES) + tuple(f"nu.{a}" for a in RATES)
 
 
-def _station() -> Loop:
+def _keep_place() -> Loop:
     data = _builtin("auv-acoustic", 60.0)
     groups = {"plant.eta": AXES, "plant.nu": RATES, "controller.force": ("x", "y", "z")}
     groups |= {"controller.moment": ("z",), "sea.disturbance": RATES}
@@ -101,7 +101,7 @@ def vehicles() -> tuple[Loop, ...]:
         Age("usbl", ("stamp.usbl",), "fixes", 3100 * MS),
     )
     return (
-        _station(),
+        _keep_place(),
         _observed("auv-survey", 30.0, (onboard, fixes)),
         _observed("auv-remote", 30.0, remote),
     )

@@ -96,7 +96,7 @@ position = [[0.5], [0.0]]
     np.testing.assert_array_equal(found.injections[0], [[0.5], [0.0]])
 
 
-def test_what_is_held_is_of_any_age_unless_the_file_says_that_it_is_constant() -> None:
+def test_a_measurement_is_of_any_age_unless_the_file_says_that_it_is_constant() -> None:
     """Measurements and commands; one without an age is at once."""
     plain = POSITION.replace("any_age = true\n", "")
     for more, any_age in (("", True), ("any_age = false\n", False), ("any_age = true\n", True)):

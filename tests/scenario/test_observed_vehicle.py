@@ -20,7 +20,7 @@ from cosim.fmu import (
     design_parts,
     export_controller,
 )
-from cosim.hinf import constant_ages_of_held, first_difference, pair_from_json
+from cosim.hinf import constant_ages_claimed, first_difference, pair_from_json
 from cosim.scenario import FmuCache, execute_unrecorded, load, prepare
 from cosim.trace import Trace
 from tests.benchmarks.vehicle_designs import COMMAND_AGE, MEASURED, question
@@ -45,7 +45,7 @@ def test_a_design_is_about_the_vehicle_of_the_gallery_and_its_sensors(name: str)
         assert one.delay(8).d == own.delay(8).d
         assert np.allclose(one.noise, own.noise, rtol=1e-3)
     assert (data["command_age"], data["command_any_age"]) == (COMMAND_AGE[name], True)
-    assert constant_ages_of_held(data) == {}
+    assert constant_ages_claimed(data) == {}
     kept = data["plant_note"]
     assert {key: kept[key] for key in ("model", "trim", "source", "parameters")} == {
         key: json.loads(json.dumps(note[key])) for key in ("model", "trim", "source", "parameters")

@@ -31,22 +31,22 @@ def lines(vehicle: str, states: tuple[str, ...], set_points: tuple[str, ...]) ->
 
 def test_a_torpedo_whose_position_is_not_controlled_has_no_fixes() -> None:
     """Its fixes are left out by name; set-points alone cross the slow link, of any age."""
-    said = lines("remus100", DEEP, ("eta.z", "eta.psi"))
-    assert "no measurement crosses the slow link" in said
-    assert "not used: usbl, since eta.x, eta.y are not controlled" in said
-    assert "slow link: set-points: eta.z, eta.psi; the proof does not use their age" in said
-    assert "on board: commands; any age up to 0.06 s" in said
-    assert [x for x in said.splitlines() if x.startswith("over the slow link")] == [
-        said.splitlines()[0]
+    words = lines("remus100", DEEP, ("eta.z", "eta.psi"))
+    assert "no measurement crosses the slow link" in words
+    assert "not used: usbl, since eta.x, eta.y are not controlled" in words
+    assert "slow link: set-points: eta.z, eta.psi; the proof does not use their age" in words
+    assert "on board: commands; any age up to 0.06 s" in words
+    assert [x for x in words.splitlines() if x.startswith("over the slow link")] == [
+        words.splitlines()[0]
     ]
 
 
 def test_fixes_of_a_position_that_is_controlled_cross_the_link() -> None:
     """With the age that is proved."""
-    said = lines("nps-auv2", ("eta.x", "eta.y", "nu.u", "nu.v"), ("eta.x",))
-    assert "over the slow link: usbl: eta.x, eta.y; any age up to 6.1 s" in said
-    assert "no measurement" not in said
-    assert "not used" not in said
+    words = lines("nps-auv2", ("eta.x", "eta.y", "nu.u", "nu.v"), ("eta.x",))
+    assert "over the slow link: usbl: eta.x, eta.y; any age up to 6.1 s" in words
+    assert "no measurement" not in words
+    assert "not used" not in words
 
 
 @pytest.mark.parametrize(
@@ -104,17 +104,17 @@ def test_a_design_of_an_older_flight_keeps_its_gains_and_is_proved_for_late_comm
     }
     old = hinf.design_output_feedback(PLANT, measured, **gains, order=0, quick=True)
     (tmp_path / DESIGN).write_text(json.dumps(old.to_json()), "utf-8")
-    said: list[str] = []
-    found = made_before(model, measured, 0.06, tmp_path, said.append)
+    words: list[str] = []
+    found = made_before(model, measured, 0.06, tmp_path, words.append)
     assert found is not None
     assert (found.pair.command_age, found.pair.command_any_age) == (0.06, True)
     assert found.K.tolist() == old.K.tolist()
     assert [x.tolist() for x in found.L] == [x.tolist() for x in old.L]
     assert hinf.check_certificate(found.certificate).valid
-    assert "any age up to 0.06 s" in said[0]
-    assert made_before(model, measured, 60.0, tmp_path, said.append) is None
-    assert "not proved" in said[1]
+    assert "any age up to 0.06 s" in words[0]
+    assert made_before(model, measured, 60.0, tmp_path, words.append) is None
+    assert "not proved" in words[1]
     (tmp_path / DESIGN).write_text(json.dumps(found.to_json()), "utf-8")
-    again = made_before(model, measured, 0.06, tmp_path, said.append)
+    again = made_before(model, measured, 0.06, tmp_path, words.append)
     assert again is not None
     assert again.certificate == found.certificate

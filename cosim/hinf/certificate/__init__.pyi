@@ -56,6 +56,12 @@ from .certificate import (
     check_certificate as check_certificate,
     read_certificate as read_certificate,
 )
+from .constant_ages import (
+    constant_ages_claimed as constant_ages_claimed,
+    has_constant_age as has_constant_age,
+    remark_on_ages as remark_on_ages,
+    reproving_command as reproving_command,
+)
 from .control_limits import (
     MAX_OFFSETS as MAX_OFFSETS,
     GainLimit as GainLimit,
@@ -91,12 +97,6 @@ from .guarantees import (
     KEY as KEY,
     Guarantees as Guarantees,
     guarantees_from_json as guarantees_from_json,
-)
-from .held_ages import (
-    cannot_be_held as cannot_be_held,
-    constant_ages_of_held as constant_ages_of_held,
-    held_remark as held_remark,
-    reproving_command as reproving_command,
 )
 from .norm_certificate import norm_to_json as norm_to_json
 from .norm_proof import (

@@ -9,6 +9,10 @@ from .analysis import (
     Analysis as Analysis,
     analyse as analyse,
 )
+from .any_age_proofs import (
+    for_any_command as for_any_command,
+    proved_again as proved_again,
+)
 from .certified_delays import (
     CertifiedDelay as CertifiedDelay,
     certified_delay as certified_delay,
@@ -44,8 +48,4 @@ from .outage_rates import (
 from .output_feedback import (
     TooUncertainError as TooUncertainError,
     design_output_feedback as design_output_feedback,
-)
-from .proved_again import (
-    for_any_command as for_any_command,
-    proved_again as proved_again,
 )

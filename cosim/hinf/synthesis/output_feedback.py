@@ -242,7 +242,7 @@ def _best(
             pair = pair_of(system, measurements, K, L, **known)
             figures = nominal_figures_of(pair.system, pair.gain, quick=True)
             quick = best_analysis(*(pair.system, pair.gain, gamma, order, figures), ranking=True)
-            if figures.abscissa < 0:
+            if figures.abscissa is not None and figures.abscissa < 0:
                 tried.append((pair, figures))
             if not quick.certified:
                 reason = quick.reason or reason

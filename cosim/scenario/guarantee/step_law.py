@@ -199,7 +199,7 @@ class StepLaw(Measure[list[Departure]]):
         largest = begin + np.argsort(moved, kind="stable")[-_GREATEST:]
         first = np.arange(begin, begin + min(count, _FIRST if not self._compared else 0))
         self._compared += count
-        return np.unique(np.concatenate((spread, largest, first)))
+        return _distinct(np.concatenate((spread, largest, first)))
 
     def _unexplained(self, steps: Integers, found: Reals, end: Reals) -> Reals:
         """Return the error of each step that no value of an unrecorded input explains."""
@@ -254,7 +254,7 @@ class StepLaw(Measure[list[Departure]]):
         ends = [np.searchsorted(times, t, side="right") - 1 for t in (first, last)]
         low, high = (np.clip(end, 0, times.size - 2) for end in ends)
         every = np.arange(int((high - low).max(initial=0)) + 1)
-        steps = np.unique(np.minimum(low[:, None] + every, high[:, None]))
+        steps = _distinct(np.minimum(low[:, None] + every, high[:, None]).ravel())
         u = list(self._inputs_during(steps).T)
         slopes = []
         for rows in (steps, steps + 1):
@@ -285,6 +285,12 @@ class StepLaw(Measure[list[Departure]]):
         """Return where the equation was left."""
         del run
         return [] if self._found is None else [self._found]
+
+
+def _distinct(rows: Integers) -> Integers:
+    """Return row numbers, each once, ascending; `np.unique` loads a module of its own for that."""
+    ordered = np.sort(rows)
+    return ordered[np.concatenate(([True], ordered[1:] != ordered[:-1]))]
 
 
 def _finite(values: Reals) -> float:

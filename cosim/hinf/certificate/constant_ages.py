@@ -20,7 +20,7 @@ COMMANDS, FEEDBACK = "commands", "feedback"
 """Names of what is held, beside those of measurements."""
 
 
-def constant_ages_of_held(certificate: dict[str, Any]) -> dict[str, float]:
+def constant_ages_claimed(certificate: dict[str, Any]) -> dict[str, float]:
     """Return what a certificate takes to be of a constant or continuous age although it is held.
 
     Returns
@@ -35,7 +35,7 @@ def constant_ages_of_held(certificate: dict[str, Any]) -> dict[str, float]:
     """
     if certificate.get("kind") == KIND:
         measurements = measurements_from_json(certificate["measurements"], "measurements")
-        found = {x.name: x.d for x in measurements if cannot_be_held(x)}
+        found = {x.name: x.d for x in measurements if has_constant_age(x)}
         if not certificate["command_any_age"]:
             found[COMMANDS] = number(certificate["command_age"], "command_age")
         return found
@@ -48,24 +48,24 @@ def constant_ages_of_held(certificate: dict[str, Any]) -> dict[str, float]:
     ages += [
         x.d
         for x, acting in zip(system.delays, late, strict=True)
-        if acting.any() and cannot_be_held(x)
+        if acting.any() and has_constant_age(x)
     ]
     return {FEEDBACK: max(ages)} if ages else {}
 
 
-def cannot_be_held(age: Delay | Measurement) -> bool:
+def has_constant_age(age: Delay | Measurement) -> bool:
     """Whether an age is constant, or changes continuously."""
     return age.d == 0 or not age.any_age or age.rate is not None
 
 
-def held_remark(certificate: dict[str, Any]) -> str | None:
+def remark_on_ages(certificate: dict[str, Any]) -> str | None:
     """Return in words what no run can show of a certificate; None where there is nothing.
 
     Raises
     ------
     InputError : not a certificate.
     """
-    ages = constant_ages_of_held(certificate)
+    ages = constant_ages_claimed(certificate)
     if not ages:
         return None
     listed = ", ".join(f"{name} {f'of {d:g} s' if d else 'at once'}" for name, d in ages.items())
@@ -76,7 +76,7 @@ def held_remark(certificate: dict[str, Any]) -> str | None:
 
 
 def reproving_command(
-    certificate: dict[str, Any], where: str, *, held: float | None = None
+    certificate: dict[str, Any], where: str, *, hold: float | None = None
 ) -> str | None:
     """Return the command that proves the gains of a certificate for ages that a run can have.
 
@@ -84,7 +84,7 @@ def reproving_command(
     ----------
     certificate : its JSON values.
     where : the file that it is in, such as `gain.json`, `controller.fmu` or a trace.
-    held : greatest age of what acts at once in the certificate [s], as it was measured in a run;
+    hold : greatest age of what acts at once in the certificate [s], as it was measured in a run;
         None: the command has the word SECONDS in its place.
 
     Returns
@@ -96,7 +96,7 @@ def reproving_command(
     The command replaces a `.json` file, which then has the same K and L; of any other file, and of
     `*.design.json`, which a run keeps for its scenario, it makes `*-held.json`.
     """
-    ages = constant_ages_of_held(certificate)
+    ages = constant_ages_claimed(certificate)
     if not ages:
         return None
     path = PurePath(where)
@@ -105,5 +105,5 @@ def reproving_command(
     target = where if replaced else str(path.with_name(f"{stem}-held.json"))
     words = ["cosim", "certificate", "prove", shlex.quote(where)]
     if 0.0 in ages.values():
-        words += ["--held", "SECONDS" if held is None else f"{held:.9g}"]
+        words += ["--hold", "SECONDS" if hold is None else f"{hold:.9g}"]
     return " ".join([*words, "--save", shlex.quote(target)])

@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from cosim.core import PLANT_NOTE, InputError, NotAchievableError
-from cosim.hinf.certificate import cannot_be_held, constant_ages_of_held
+from cosim.hinf.certificate import constant_ages_claimed, has_constant_age
 from cosim.hinf.synthesis.analysis import Order
 from cosim.hinf.synthesis.certified_design import Design
 from cosim.hinf.synthesis.certified_pair import OutputFeedback
@@ -24,30 +24,30 @@ from cosim.models import Delay, DelaySystem, Measurement
 
 
 def proved_again(
-    found: Design | OutputFeedback, *, held: float | None = None, order: Order | None = None
+    found: Design | OutputFeedback, *, hold: float | None = None, order: Order | None = None
 ) -> Design | OutputFeedback:
     """Return the same gains, with a proof for ages that a run can have.
 
     Parameters
     ----------
     found : a design; one whose ages are already such is proved again as it is.
-    held : greatest age [s], at the end of its use, of what acts at once in `found`: of commands,
+    hold : greatest age [s], at the end of its use, of what acts at once in `found`: of commands,
         of a state feedback, of measurements without an age.
     order : of the analysis; None: "auto", and of an observer with many states first that of the
         proof of `found`, at most 1, which takes minutes.
 
     Raises
     ------
-    InputError : something acts at once, and `held` is missing or not positive.
+    InputError : something acts at once, and `hold` is missing or not positive.
     NotAchievableError : the gains are not proved for these ages.
     """
-    if held is not None and not (np.isfinite(held) and held > 0):
-        raise InputError("not an age", where="held", expected="seconds > 0", got=repr(held))
-    at_once = [name for name, d in constant_ages_of_held(found.certificate).items() if d == 0]
-    if at_once and held is None:
+    if hold is not None and not (np.isfinite(hold) and hold > 0):
+        raise InputError("not an age", where="hold", expected="seconds > 0", got=repr(hold))
+    at_once = [name for name, d in constant_ages_claimed(found.certificate).items() if d == 0]
+    if at_once and hold is None:
         raise InputError(
             f"at once in the certificate, but held in a run: {', '.join(at_once)}",
-            where="held",
+            where="hold",
             expected="the greatest age at the end of its use, in seconds",
             hint="a controller that commands at every step of 0.05 s: 0.1, a step and the coupling",
         )
@@ -56,7 +56,7 @@ def proved_again(
         # of a large pair "auto" tries what is quick alone; varying ages gain nothing beyond order 1
         large = is_large(found.pair.system, found.pair.gain)
         orders = [min(found.order, 1), "auto"] if large else orders
-    again = _first(lambda own: _proved(found, held, own), orders)
+    again = _first(lambda own: _proved(found, hold, own), orders)
     note = found.certificate.get(PLANT_NOTE)
     if note is None:
         return again
@@ -79,14 +79,14 @@ def for_any_command(found: OutputFeedback, *, most: float | None = None) -> Outp
 
     most : greatest gamma, in place of a quarter more than that of the design.
     """
-    ages = constant_ages_of_held(found.certificate)
+    ages = constant_ages_claimed(found.certificate)
     least = min((x.d for x in found.measurements if x.d > 0), default=0.0)
     large = is_large(found.pair.system, found.pair.gain)
     if not ages or any(ages.values()) or not least or large or found.state_peaks is not None:
         return found
     for share in _SHARES:
         try:
-            again = proved_again(found, held=float(f"{share * least:.3g}"))
+            again = proved_again(found, hold=float(f"{share * least:.3g}"))
         except NotAchievableError:
             continue
         bound = most or _COST * (found.gamma or 0.0)
@@ -109,44 +109,44 @@ def _first(
 
 
 def _proved(
-    found: Design | OutputFeedback, held: float | None, order: Order
+    found: Design | OutputFeedback, hold: float | None, order: Order
 ) -> Design | OutputFeedback:
     if isinstance(found, Design):
-        return design(_of_any_age(found.system, held), gain=found.K, order=order)
+        return design(_of_any_age(found.system, hold), gain=found.K, order=order)
     pair = found.pair
     return design_output_feedback(
-        *(pair.plant, [_measured(x, held) for x in pair.measurements]),
+        *(pair.plant, [_measured(x, hold) for x in pair.measurements]),
         gain=pair.K,
         injections=pair.L,
-        command_age=pair.command_age if pair.command_age > 0 else held or 0.0,
+        command_age=pair.command_age if pair.command_age > 0 else hold or 0.0,
         command_any_age=True,
         estimated=pair.estimated.tolist(),
         order=order,
     )
 
 
-def _measured(x: Measurement, held: float | None) -> Measurement:
+def _measured(x: Measurement, hold: float | None) -> Measurement:
     """Return a measurement whose age varies."""
-    if not cannot_be_held(x):
+    if not has_constant_age(x):
         return x
-    return replace(x, d=x.d if x.d > 0 else held or 0.0, any_age=True, rate=None)
+    return replace(x, d=x.d if x.d > 0 else hold or 0.0, any_age=True, rate=None)
 
 
-def _of_any_age(system: DelaySystem, held: float | None) -> DelaySystem:
+def _of_any_age(system: DelaySystem, hold: float | None) -> DelaySystem:
     """Return a system whose feedback is of any age; its other delays stay as they are."""
     at_once, *late = system.selections
     zero = np.zeros_like(system.A)
     delays: list[Delay] = []
     for x, acting in zip(system.delays, late, strict=True):
-        if not acting.any() or not cannot_be_held(x):
+        if not acting.any() or not has_constant_age(x):
             delays.append(x)
             continue
         inside = bool(x.A.any() or x.H.any())  # the plant has the same delay, as it is
         delays += [replace(x, feedback=False)] if inside else []
-        d = x.d if x.d > 0 else held or 0.0
+        d = x.d if x.d > 0 else hold or 0.0
         delays.append(Delay(d, zero, None, x.feedback, True, least_age=x.least_age))  # noqa: FBT003
     if at_once.any():
         whole = system.feedback is None
         acting_now = True if whole else system.feedback
-        delays.append(Delay(held or 0.0, zero, None, acting_now, True))  # type: ignore[arg-type]  # noqa: FBT003
+        delays.append(Delay(hold or 0.0, zero, None, acting_now, True))  # type: ignore[arg-type]  # noqa: FBT003
     return replace(system, delays=tuple(delays), feedback=None)

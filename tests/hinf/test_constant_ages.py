@@ -1,4 +1,4 @@
-"""Proofs for ages that nothing has which is held: named, and the same gains proved for any age."""
+"""Proofs for ages that nothing has which is hold: named, and the same gains proved for any age."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from cosim.hinf import (
     DelaySystem,
     OutputFeedback,
     check_certificate,
-    constant_ages_of_held,
+    constant_ages_claimed,
     design,
     design_from_json,
     design_output_feedback,
-    held_remark,
     proved_again,
+    remark_on_ages,
     reproving_command,
 )
 from cosim.hinf.certificate import standalone
@@ -92,17 +92,17 @@ K = np.array([[-0.2086, -1.056]])
     ],
     ids=["constant", "at once", "continuous", "any", "sampled", "inside the plant"],
 )
-def test_ages_of_a_feedback_that_nothing_held_has_are_named(
+def test_ages_of_a_feedback_that_no_run_has_are_named(
     system: DelaySystem, ages: dict[str, float]
 ) -> None:
     """A delay inside the plant may be constant; feedback may not, nor one without a delay."""
     found = design(system, gain=K)
-    assert constant_ages_of_held(found.certificate) == ages
-    remark = held_remark(found.certificate)
+    assert constant_ages_claimed(found.certificate) == ages
+    remark = remark_on_ages(found.certificate)
     assert (remark is None) == (not ages)
     assert all(name in str(remark) for name in ages)
-    again = proved_again(found, held=0.05)
-    assert constant_ages_of_held(again.certificate) == {}
+    again = proved_again(found, hold=0.05)
+    assert constant_ages_claimed(again.certificate) == {}
     np.testing.assert_array_equal(again.K, found.K)
     own = [x for x in again.system.delays if not x.feedback]
     assert [x.d for x in own] == [x.d for x in system.delays if not x.feedback]
@@ -117,27 +117,27 @@ def test_ages_of_a_pair_are_named_by_measurement_and_command() -> None:
 
     def ages(*measured: Measurement, **more: Any) -> dict[str, float]:
         found = design_output_feedback(plant, measured, **gains, order=0, quick=True, **more)
-        return constant_ages_of_held(found.certificate)
+        return constant_ages_claimed(found.certificate)
 
     varies: dict[str, Any] = {"command_age": 0.1, "command_any_age": True}
     assert ages(position, speed) == {"speed": 0.1, "commands": 0.0}
     assert ages(position, replace(speed, d=0.0), **varies) == {"speed": 0.0}
     assert ages(position, speed, command_age=0.1) == {"speed": 0.1, "commands": 0.1}
     assert ages(position, replace(speed, least_age=0.05, sampled=True), **varies) == {}
-    assert constant_ages_of_held({"kind": "norm", "claim": {}}) == {}
+    assert constant_ages_claimed({"kind": "norm", "claim": {}}) == {}
 
 
 def test_an_old_pair_is_proved_again_with_its_own_gains() -> None:
     """K, L, the plant and its delay stay; commands get any age; both checkers prove it."""
     old = old_claim()
     before = json.dumps(old.to_json())
-    assert constant_ages_of_held(old.certificate) == {"commands": 0.0}
+    assert constant_ages_claimed(old.certificate) == {"commands": 0.0}
     with pytest.raises(InputError, match="commands"):
         proved_again(old)
     with pytest.raises(InputError, match="not an age"):
-        proved_again(old, held=0.0)
+        proved_again(old, hold=0.0)
     noted = replace(old, certificate={**old.certificate, PLANT_NOTE: {"model": "mine"}})
-    new = proved_again(noted, held=0.05)
+    new = proved_again(noted, hold=0.05)
     assert isinstance(new, OutputFeedback)
     np.testing.assert_array_equal(new.K, old.K)
     np.testing.assert_array_equal(new.L[0], old.L[0])
@@ -161,7 +161,7 @@ def test_gains_that_need_an_old_measurement_are_not_proved_for_a_younger_one() -
     old = design_output_feedback(plant, [Measurement("position", [[1, 0]], 1.0)], **gains)
     assert np.linalg.eigvals(OSCILLATOR - L @ [[1.0, 0.0]]).real.max() > 0
     with pytest.raises(NotAchievableError):
-        proved_again(old, held=0.05)
+        proved_again(old, hold=0.05)
 
 
 def test_the_command_of_a_certificate_proves_it_again(tmp_path: Path) -> None:
@@ -171,13 +171,13 @@ def test_the_command_of_a_certificate_proves_it_again(tmp_path: Path) -> None:
     assert "no run can claim it" in " ".join(made.out.split())
     path = tmp_path / "my late.json"
     data = json.loads(path.read_bytes())
-    command = reproving_command(data, "my late.json", held=0.05)
-    assert command == ("cosim certificate prove 'my late.json' --held 0.05 --save 'my late.json'")
-    said = cosim(*shlex.split(command)[1:], "--json", cwd=tmp_path)
-    assert said.code == 0, said.err
-    assert said.json["gamma_before"] == pytest.approx(1.2185, abs=1e-3)
-    assert said.json["constant_ages_of_held"] == {}
-    assert said.json["K"] == data["K"]
+    command = reproving_command(data, "my late.json", hold=0.05)
+    assert command == ("cosim certificate prove 'my late.json' --hold 0.05 --save 'my late.json'")
+    answer = cosim(*shlex.split(command)[1:], "--json", cwd=tmp_path)
+    assert answer.code == 0, answer.err
+    assert answer.json["gamma_before"] == pytest.approx(1.2185, abs=1e-3)
+    assert answer.json["constant_ages_claimed"] == {}
+    assert answer.json["K"] == data["K"]
     found = design_from_json(json.loads(path.read_bytes()), where="late.json")
     assert reproving_command(found.certificate, "late.json") is None
     missing = cosim("certificate", "prove", "my late.json", cwd=tmp_path)
@@ -187,7 +187,7 @@ def test_the_command_of_a_certificate_proves_it_again(tmp_path: Path) -> None:
 def test_the_command_replaces_no_fmu_and_no_kept_design() -> None:
     """These hold more than a design, or belong to a scenario."""
     data = old_claim().to_json()
-    words = "cosim certificate prove {} --held SECONDS --save {}"
+    words = "cosim certificate prove {} --hold SECONDS --save {}"
     for where, target in (
         ("out/gain.json", "out/gain.json"),
         ("controller.fmu", "controller-held.json"),
@@ -203,8 +203,8 @@ def test_the_verb_names_guarantees_that_it_does_not_prove_again(tmp_path: Path) 
     """A rate of decay of the old proof is about its own ages."""
     found = design(integrators(link()), gain=K, decay=0.05)
     (tmp_path / "k.json").write_text(json.dumps(found.certificate), "utf-8")
-    said = cosim("certificate", "prove", "k.json", cwd=tmp_path)
-    assert "not proved again: decay" in said.out, said.err
+    answer = cosim("certificate", "prove", "k.json", cwd=tmp_path)
+    assert "not proved again: decay" in answer.out, answer.err
     refused = cosim("certificate", "prove", "k.json", "--order", "two", cwd=tmp_path)
     assert (refused.code, "--order" in refused.err) == (2, True)
 
@@ -215,7 +215,7 @@ def test_commands_of_a_new_design_are_of_any_age_where_that_costs_little(tmp_pat
     file.write_text(LATE, "utf-8")
     seen = cosim("design", "late.toml", "--save", "late.json", "--json", cwd=tmp_path)
     assert seen.code == 0, seen.err
-    assert (seen.json["command_any_age"], seen.json["constant_ages_of_held"]) == (True, {})
+    assert (seen.json["command_any_age"], seen.json["constant_ages_claimed"]) == (True, {})
     assert 0.0 < seen.json["command_age"] <= 0.1
     data = json.loads((tmp_path / "late.json").read_text("utf-8"))
     assert check_certificate(data).valid
@@ -223,4 +223,4 @@ def test_commands_of_a_new_design_are_of_any_age_where_that_costs_little(tmp_pat
     assert standalone.check(json.dumps(own).encode())["observer"]["command_any_age"] is True
     file.write_text(LATE.replace("[observer]", "[observer]\ncommand_age = 0"), "utf-8")
     seen = cosim("design", "late.toml", "--json", cwd=tmp_path)
-    assert seen.json["constant_ages_of_held"] == {"commands": 0.0}
+    assert seen.json["constant_ages_claimed"] == {"commands": 0.0}
