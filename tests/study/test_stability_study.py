@@ -142,7 +142,10 @@ def test_certified_is_inside_only_where_every_run_is_stable(
     stability = {"delay": "u", "stable": "stable", "certified": "certified"}
     values = [float(u) for u in range(1, 9)]
     execute_study(plan(values, metrics=metrics, stability=stability), tmp_path / "study")
-    found = boundary(*read_table(tmp_path / "study"))
+    table, manifest = read_table(tmp_path / "study")
+    assert boundary(table, manifest).certified_inside is None  # type: ignore[union-attr] # of no run that claims
+    manifest["study"]["metrics"]["certified"] = {"path": "metrics.guarantee_claimed"}
+    found = boundary(table, manifest)
     assert found is not None
     assert found.certified_inside is inside
     assert (found.edges[0].stable_to, found.edges[0].unstable_from) == (5.0, 6.0)  # truth(5) = 4.5

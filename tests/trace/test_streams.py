@@ -212,5 +212,6 @@ def test_info_of_a_large_file_is_from_its_summary(
         patch.setattr("cosim.trace.reader.read_segment", None)
         patch.setattr("cosim.trace.reader.by_scan", None)
         large = describe(path)
-    assert large["content_hash"] is None
-    assert {**large, "content_hash": content_hash(path)} == small == describe(path, hashed=True)
+    assert (large["content_hash"], large["verified"]) == (None, None)
+    whole = {"content_hash": content_hash(path), "verified": {"verdict": "ok", "failed": []}}
+    assert {**large, **whole} == small == describe(path, hashed=True)

@@ -69,13 +69,21 @@ def scenario(**changed: object) -> str:
 
 
 def axis_design(command_age: float = 0.0) -> OutputFeedback:
-    """Prove K and L for fixes up to 1.2 s old and a speed up to 0.3 s old."""
+    """Prove K and L for fixes up to 1.2 s old and a speed up to 0.3 s old.
+
+    command_age : a constant one, of a play-out; 0: any age up to a step and some.
+    """
     measured = [
         Measurement(name, rows, d, any_age=True, noise=[noise])
         for name, rows, d, noise in zip(("fix", "speed"), C, (1.2, 0.3), (0.05, 0.0), strict=True)
     ]
     return design_output_feedback(
-        SYSTEM, measured, gain=K, injections=L, order=0, command_age=command_age
+        *(SYSTEM, measured),
+        gain=K,
+        injections=L,
+        order=0,
+        command_age=command_age or 0.06,
+        command_any_age=command_age == 0.0,
     )
 
 

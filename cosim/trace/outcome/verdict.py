@@ -138,6 +138,8 @@ def _with_departures(
     if name == "message_age_within_design":
         beside = [one for one in departures if not str(one.get("got", "")).endswith(" s")]
         return what, f"{why}; {departures_text(beside)}" if beside else why
+    if name.startswith(_OF):
+        return what, f"{departures_text(departures)}. {why}"
     return what, departures_text(departures)
 
 
