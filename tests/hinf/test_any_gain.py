@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from cli.shell import cosim
-from shared import share_of
+from shared import sampled, share_of
 
 from cosim.core import InputError
 from cosim.hinf import Delay, DelaySystem, analyse, certified_delay
@@ -18,7 +18,9 @@ SIZES = (-300, -160, -12, -3, 0, 0, 0, 3, 12, 150, 300)
 """Powers of ten of the entries of systems."""
 
 
-@pytest.mark.parametrize("size", [1e3, 1e9, 1e12, 1e13, 1e50, 1e150, 1e300, 1e-9, 1e-300])
+@pytest.mark.parametrize(
+    "size", sampled([1e12, 1e300, 1e-300, 1e3, 1e9, 1e13, 1e50, 1e150, 1e-9], 3)
+)
 def test_a_gain_of_any_size_has_a_verdict(size: float) -> None:
     """A reason stands beside what is not certified; the paper's loop at 1e12 raised once."""
     found = analyse(paper_example.system(), [[size, -size]])
@@ -66,7 +68,7 @@ def has_a_verdict(seed: int) -> None:
 
 
 @pytest.mark.filterwarnings("ignore")
-@pytest.mark.parametrize("seed", [4, 28, 79, 132, 137, *range(5)])
+@pytest.mark.parametrize("seed", sampled([28, 137, 4, 79, 132, *range(4)], 2))
 def test_random_systems_have_a_verdict(seed: int) -> None:
     """The first five raised an error of numpy once."""
     has_a_verdict(seed)

@@ -108,6 +108,7 @@ def test_ages_of_a_feedback_that_no_run_has_are_named(
     assert [x.d for x in own] == [x.d for x in system.delays if not x.feedback]
 
 
+@pytest.mark.slow
 def test_ages_of_a_pair_are_named_by_measurement_and_command() -> None:
     """Each by itself; one that says nothing of a gain has none."""
     plant = integrators()
@@ -166,7 +167,8 @@ def test_gains_that_need_an_old_measurement_are_not_proved_for_a_younger_one() -
 
 def test_the_command_of_a_certificate_proves_it_again(tmp_path: Path) -> None:
     """What the verb stores is read as a design, and asks for no command any more."""
-    (tmp_path / "late.toml").write_text(LATE, "utf-8")
+    text = LATE.replace("[observer]", "[observer]\ncommand_age = 0")
+    (tmp_path / "late.toml").write_text(text, "utf-8")
     made = cosim("design", "late.toml", "--save", "my late.json", cwd=tmp_path)
     assert "no run can claim it" in " ".join(made.out.split())
     path = tmp_path / "my late.json"

@@ -89,6 +89,7 @@ PLANT = DelaySystem(
 )
 
 
+@pytest.mark.slow
 def test_a_design_of_an_older_flight_keeps_its_gains_and_is_proved_for_late_commands(
     tmp_path: Path,
 ) -> None:
