@@ -280,7 +280,15 @@ def plant_note(model: LinearModel) -> scenario.DesignedPlant:
         source=vehicle.text,
         model=fmus.component_module("vehicle_plant.variables").plant_record(vehicle),
         thrust_map=tuple(map(tuple, actuation.thrust_map.tolist())),
+        envelope_share=_share_of_envelope(model),
     )
+
+
+def _share_of_envelope(model: LinearModel) -> float:
+    """Return the least share of a bound in the vehicle's file that the model covers, at most 1."""
+    whole = model.vehicle.envelope
+    shares = [b / whole[name] for name, b in model.envelope.items() if whole.get(name)]
+    return float(f"{min([1.0, *shares]):.6g}")
 
 
 def disturbances_of(model: LinearModel) -> tuple[str, ...]:

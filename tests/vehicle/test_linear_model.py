@@ -202,6 +202,14 @@ def test_a_plant_with_other_parameters_is_named() -> None:
     assert sorted(other) == [("delay.d", 0.9, 0.5), ("mass", 13.5, 5454.0)]
 
 
+def test_the_note_says_which_share_of_the_envelope_is_proved() -> None:
+    """The whole of it, or the share of the ladder that a design was made for."""
+    vehicle = load_vehicle("nps-auv2")
+    assert plant_note(linear_model(vehicle)).envelope_share == 1.0
+    half = {name: 0.5 * bound for name, bound in vehicle.envelope.items()}
+    assert plant_note(linear_model(vehicle, envelope=half)).envelope_share == 0.5
+
+
 def test_what_holds_no_trim_is_refused() -> None:
     """Names the actuator that is too weak, and the motion that nothing holds."""
     text = vehicle_text("bluerov2-heavy")
