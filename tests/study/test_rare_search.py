@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy import stats
+from shared import share_of
 from study.rare_problems import (
     ISLANDS,
     MODES,
@@ -86,7 +87,7 @@ def test_importance_sampling_finds_each_region(problem: Problem) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("problem", [*PLAIN, *MODES, *ISLANDS], ids=lambda p: p.name)
+@pytest.mark.parametrize("problem", share_of([*PLAIN, *MODES, *ISLANDS]), ids=lambda p: p.name)
 @pytest.mark.parametrize("method", ["subset", "importance"])
 def test_intervals_hold_or_are_refused(problem: Problem, method: str) -> None:
     """Over 120 repeats of each; `tests.benchmarks.rare_coverage` has more."""
