@@ -135,7 +135,9 @@ def _with_departures(
     """
     if not departures or name in ("state_inside_envelope", "limits_not_reached"):
         return what, why
-    if name == "message_age_within_design" or (_OF in name and name.endswith("_within_design")):
+    if name == "message_age_within_design" or (
+        name.startswith(_OF) and name.endswith("_within_design")
+    ):
         beside = [one for one in departures if not str(one.get("got", "")).endswith(" s")]
         return what, f"{why}; {departures_text(beside)}" if beside else why
     return what, departures_text(departures)
