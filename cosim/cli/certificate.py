@@ -131,7 +131,7 @@ def prove(
     these ages.
 
     \b
-    cosim certificate prove gain.json --save gain.json
+    cosim certificate prove gain.json --hold 0.1 --save gain.json
     cosim certificate prove flight.mcap --hold 0.1 --save gain.json
     """
     data = replay.certificate_in(file).data

@@ -28,9 +28,11 @@ NOT_RUN = (
     "paper --html",
     "theirs.ssp",
     "my-system.toml --outages",
+    "flight.mcap",
+    "--design gain.json",
 )
-"""A study, a server, a viewer, a cluster, an archive that are not here, or would not end; and a
-system whose feedback is late.
+"""A study, a server, a viewer, a cluster, an archive that are not here, or would not end; a
+system whose feedback is late, the trace of a flight, and a design that is proved across outages.
 """
 OTHER_CODES = {"trace diff": 1, "trace recover": 3, "migrate --check": 1}
 """Of examples that compare different runs, read a trace that was cut, and find old files."""
@@ -145,8 +147,8 @@ def test_the_examples_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
     writing = [path for path in leaves if " ".join(path).startswith(BEFORE)]
     leaves = [path for i, path in enumerate(leaves) if path in writing or i % 8 in kept]
     failed = {}
-    # examples read the trace of this run; the demo writes others
-    lines = ["cosim run auv-acoustic", *first]
+    # examples read the traces of these runs; the demo writes others
+    lines = ["cosim run auv-acoustic", "cosim run auv-acoustic-naive", *first]
     lines += [line for path in leaves for line in examples(path, tmp_path)]
     for line in dict.fromkeys(lines):
         if any(words in line for words in NOT_RUN):
