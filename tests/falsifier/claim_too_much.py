@@ -247,7 +247,7 @@ MUTATIONS: tuple[Mutation, ...] = (
     _of(
         "law_measures",
         "values that were altered on their way",
-        "            (DELIVERED, DeliveryLaw(wiring.feedback_connections())),\n",
+        "            (DELIVERED, DeliveryLaw(wiring.feedback_connections(), altered=altered)),\n",
         "",
         "any",
         "two",
