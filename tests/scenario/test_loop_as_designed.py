@@ -50,6 +50,10 @@ def with_gain(data: Data) -> None:
     wire(data, "telemetry.u[1]")["gain"] = 2.0
 
 
+def with_gain_behind(data: Data) -> None:
+    wire(data, "controller.usbl")["gain"] = 2.0
+
+
 def with_link_before(data: Data) -> None:
     wire(data, "usbl.u[1]")["link"] = "slow"
     data["links"]["slow"] = {"kind": "transport", "delay": 0.1}
@@ -103,6 +107,7 @@ def follows_the_loop(data: Data) -> None:
 OBSERVED: list[tuple[Callable[[Data], None], set[str]]] = [
     (lambda _: None, set()),
     (with_gain, {"telemetry.u[1]"}),
+    (with_gain_behind, {"controller.usbl[1]", "controller.usbl[2]"}),
     (with_link_before, {"usbl.u[1]"}),
     (rounded, {"controller.usbl[1]", "controller.usbl[2]", "controller.stamp.usbl"}),
     (by_another_link, {"controller.usbl[1]", "controller.usbl[2]"}),
