@@ -151,7 +151,10 @@ def with_recording(r: random.Random, link: PacketLink, end: int) -> PacketLink:
     if r.random() < 0.3 and size > 1:
         k = r.randrange(1, size)
         lost[k], delays[k] = False, -1
+    ended = next((sent[k] for k in range(size) if delays[k] < 0), None)
     known = sum(min(delays[: k + 1]) >= 0 for k in range(size))
+    if rows == "time":  # one for every sending, not for every row
+        known = sum(ended is None or t < ended for t in range(0, sent[-1] + 1, every))
     recording = Recording(
         np.array(sent),
         np.array(lost),
