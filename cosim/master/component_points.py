@@ -66,6 +66,8 @@ class ComponentPoints:
 
     def own_between(self, first: int, last: int) -> Integers:
         """Return its points among first to last - 1."""
+        if self.always:
+            return np.arange(first, last)
         return first + np.flatnonzero(self.last[first:last] == np.arange(first, last))
 
     def give_back(self, before: int) -> None:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.master import Algorithm, ComponentInstance, Route, Run
-from cosim.scenario.measure import Measure, Recent, after, own_points_in
+from cosim.scenario.measure import Measure, Recent, after, sample_period_ns
 
 Integers = NDArray[np.int64]
 NONE_IN_USE = -1
@@ -204,7 +204,7 @@ class _Computed:
 
     def __init__(self, controller: ComponentInstance) -> None:
         self._controller = controller
-        self._period = round(float(controller.component.start_of("sample_time", 0.0)) * 1e9)
+        self._period = sample_period_ns(controller.component)
         self._own = -1
         self._begun: Integers | None = None
         self._received: Integers | None = None
@@ -215,7 +215,7 @@ class _Computed:
 
         `received` : when what the controller received was taken, as of `Lookup.add`.
         """
-        own = own_points_in(self._controller, first, last)
+        own = self._controller.own_points.own_between(first, last)
         if 0 <= self._own == first - 1:
             self._received = received[:1].copy()
         behind = np.full(last - first, NONE_IN_USE, np.int64)

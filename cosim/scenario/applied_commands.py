@@ -16,8 +16,8 @@ from cosim.master import ComponentInstance, Run
 from cosim.models import DelaySystem
 from cosim.scenario.designed_plant import DesignedPlant
 from cosim.scenario.measure import Measure
-from cosim.scenario.performance import binding_for, reader_of, vector_of
-from cosim.scenario.signal_reader import SignalReader
+from cosim.scenario.performance import binding_for, elements, vector_of
+from cosim.scenario.signal_reader import SignalReader, reader_of
 
 _CLOSE = 1e-9
 """Relative to the greatest control: maps to commands and back round differently."""
@@ -54,7 +54,7 @@ class AppliedCommands(Measure[bool | None]):
         if plant is None or controller is None:
             return
         binding = binding_for(plant, self._system, self._seen_as)
-        names = [f"applied[{j + 1}]" for j in range(self._system.B.shape[1])]
+        names = elements("applied", self._system.B.shape[1])
         ports = controller.component.description.ports
         if binding is None or not all(name in ports for name in names):
             return

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from cosim.master import ComponentInstance, Route, Run, System
 from cosim.network import PacketLink, TransportLink
 from cosim.scenario.link_rows import changes_between, messages_in_use
-from cosim.scenario.measure import Measure, after, measured, own_points_in
+from cosim.scenario.measure import Measure, after, measured
 
 Integers = NDArray[np.int64]
 Reals = NDArray[np.float64]
@@ -98,7 +98,7 @@ class _SignalDelay:
         points = self._receiver.comm_points.points_ns
         if self._awaited:
             self._taken, self._awaited = points[first : first + 1].astype(np.float64), False
-        own = own_points_in(self._receiver, first, last)
+        own = self._receiver.own_points.own_between(first, last)
         if not own.size:
             return
         taken = after(self._taken, self._instants(own, last))
@@ -155,7 +155,7 @@ class _MessageDelay:
         changes = changes_between(self._receiver, self._link, self._point_ns, until_ns)
         if self._following is not None and changes.size:
             self._following = np.minimum(self._following, changes[:1])
-        own = own_points_in(self._receiver, first, last)
+        own = self._receiver.own_points.own_between(first, last)
         old, read_at = self._read(first, last)
         if own.size:
             ends = points[own]

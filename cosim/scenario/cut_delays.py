@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.master import ComponentInstance, Connection, Run, System, receiving_order
-from cosim.scenario.measure import Measure, after, own_points_in
+from cosim.scenario.measure import Measure, after
 
 Integers = NDArray[np.int64]
 
@@ -40,7 +40,7 @@ class CutMeasure(Measure[dict[Connection, float]]):
                 sent = sent[np.maximum(own - first, 0)]
                 if before is not None:
                     sent[own < first] = before[0]
-            here = own_points_in(receiver, first, last) - first
+            here = receiver.own_points.own_between(first, last) - first
             sent = after(before, sent)
             late = np.diff(sent)[here if before is not None else here[here > 0] - 1]
             self._largest[c] = max(self._largest[c], int(late.max(initial=0)))

@@ -306,6 +306,7 @@ class _Runs:
         self._zero_state_run: Run | None = None
         self._zero_state: ZeroStateMeasures | None = None
         self._zero_state_figures: ZeroStateFigures | None = None
+        self._laws_at_rest: LawMeasures | None = None
         self._laws: dict[str, MeasuredLaw] = {}
         self._compared_loop = loop_beside_design(prepared, system)
 
@@ -326,11 +327,16 @@ class _Runs:
         if (laws := self._law_measures(self._compared_loop)) is not None:
             watching.append(laws)
         if zero_state_run and self._prepared.design is not None:
-            self._zero_state = ZeroStateMeasures(self._prepared)
-            self._at_rest = _assembled(self._prepared, self._series, at_rest=True)
-            if same_start(self._system, self._at_rest):
-                self._at_rest = None
+            at_rest = _assembled(self._prepared, self._series, at_rest=True)
+            same = same_start(self._system, at_rest)
+            # another run differs in start values alone
+            self._laws_at_rest = laws if same else self._law_measures(self._compared_loop)
+            noise = None if self._laws_at_rest is None else self._laws_at_rest.noise
+            self._zero_state = ZeroStateMeasures(self._prepared, noise)
+            if same:
                 watching.append(self._zero_state)
+            else:
+                self._at_rest = at_rest
         completed = run_system(
             self._system,
             "run",
@@ -384,7 +390,7 @@ class _Runs:
             if flush is not None:
                 flush()
             self._living.close()
-        laws = self._law_measures(self._compared_loop)  # it differs in start values alone
+        laws = self._laws_at_rest
         run = run_system(
             system,
             "zero-state run",

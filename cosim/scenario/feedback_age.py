@@ -25,6 +25,7 @@ from cosim.network import (
     PacketLink,
     TransportLink,
 )
+from cosim.scenario.measure import sample_period_ns
 
 
 @dataclass(frozen=True)
@@ -214,7 +215,7 @@ def _stage(link: Link | None, system: System, step: int) -> _Stage:
 def _controller_stage(controller: Component, name: str, step: int) -> _Stage:
     """The controller samples at the multiples of its period, and answers a step later."""
     ports = controller.description.ports
-    period = round(float(controller.start_of("sample_time", 0.0)) * 1e9)
+    period = sample_period_ns(controller)
     if any(p.causality == "output" and p.feedthrough for p in ports.values()):
         raise _NotSampledError(f"{name}: its commands follow its inputs at once")
     if step > 1 and period and step % period and period % step:

@@ -33,6 +33,13 @@ def limits_of(ports: Iterable[str]) -> dict[str, str]:
     return {name: limit for name, limit in limit_of.items() if limit in known}
 
 
+def bounds_of(instance: ComponentInstance, commands: Sequence[str]) -> NDArray[np.float64]:
+    """Return the greatest magnitude of each command of a controller; inf without a limit."""
+    limits, start_of = limits_of(instance.component.description.ports), instance.component.start_of
+    bounds = [start_of(limits[name], np.inf) if name in limits else np.inf for name in commands]
+    return np.array(bounds, float)
+
+
 @dataclass(frozen=True)
 class Saturation:
     """Saturation of the commands of one run.

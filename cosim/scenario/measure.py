@@ -13,7 +13,7 @@ from typing import Any, Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.master import ComponentInstance, Observer, Run
+from cosim.master import Component, ComponentInstance, Observer, Run
 
 R_co = TypeVar("R_co", covariant=True)
 D = TypeVar("D", np.int64, np.float64)
@@ -108,11 +108,9 @@ def after(before: NDArray[D] | None, block: NDArray[D]) -> NDArray[D]:
     return np.concatenate((before, block))
 
 
-def own_points_in(instance: ComponentInstance, first: int, last: int) -> NDArray[np.int64]:
-    """Return the component's own points among the points first to last - 1."""
-    points = np.arange(first, last)
-    own: NDArray[np.int64] = points[instance.own_points.last[first:last] == points]
-    return own
+def sample_period_ns(controller: Component) -> int:
+    """Return the time between the sample instants of a controller [ns]; 0: at every point."""
+    return round(float(controller.start_of("sample_time", 0.0)) * 1e9)
 
 
 class Recent:

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from cosim.master import ComponentInstance, Run
 from cosim.scenario.age import Lookup, MeasuredAges
-from cosim.scenario.measure import Measure, Recent, after, own_points_in
-from cosim.scenario.performance import reader_of
+from cosim.scenario.measure import Measure, Recent, after, sample_period_ns
+from cosim.scenario.signal_reader import reader_of
 
 Integers = NDArray[np.int64]
 
@@ -32,6 +32,8 @@ class PacketsInUse:
     def __init__(self, names: Sequence[str]) -> None:
         self._names = tuple(names)
         self._begins: Integers | None = None
+        self._block: tuple[int, int] | None = None
+        self._latest: tuple[Integers, Integers, Integers] | None = None
         self._last = self._in_use = np.full((1, len(self._names)), -1)
 
     def begin(self, controller: ComponentInstance) -> None:
@@ -46,10 +48,16 @@ class PacketsInUse:
         """Return the intervals that end at the controller's points among these; None of none.
 
         They are their beginnings and ends [ns], (n,), and the stamps in use before the first of
-        them and in each [ns], (n + 1, names); -1 where there was none.
+        them and in each [ns], (n + 1, names); -1 where there was none. Several measures may ask for
+        the same points.
         """
+        if self._block != (first, last):
+            self._block, self._latest = (first, last), self._add(first, last)
+        return self._latest
+
+    def _add(self, first: int, last: int) -> tuple[Integers, Integers, Integers] | None:
         stamps = self._reader.read(first, last)
-        own = own_points_in(self._instance, first, last)
+        own = self._instance.own_points.own_between(first, last)
         if not own.size:
             return None
         times = self._instance.comm_points.points_ns[own]
@@ -160,7 +168,7 @@ class CommandAge(Measure[int | None]):
         self._instance = next(s for s in instances if s.name == self._controller)
         self._routes = [Lookup(r) for r in plant.routes if r.source == self._controller]
         self._recent, self._computed = Recent(), -1
-        self._period = round(float(self._instance.component.start_of("sample_time", 0.0)) * 1e9)
+        self._period = sample_period_ns(self._instance.component)
         self._own: Integers | None = None
 
     def add(self, first: int, last: int) -> None:
@@ -182,7 +190,7 @@ class CommandAge(Measure[int | None]):
 
         At an own point, from the estimate there, if a sample instant came since the one before.
         """
-        own = own_points_in(self._instance, first, last)
+        own = self._instance.own_points.own_between(first, last)
         found = np.full(last - first, -1, np.int64)
         if not own.size:
             return found

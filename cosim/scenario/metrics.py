@@ -46,7 +46,7 @@ from cosim.scenario.limits import Saturation, SaturationMeasure
 from cosim.scenario.loss_bursts import LossBursts
 from cosim.scenario.matching import endpoint
 from cosim.scenario.measure import Measure, Measures
-from cosim.scenario.measurement_ages import CommandAge, StampedAges
+from cosim.scenario.measurement_ages import CommandAge, PacketsInUse, StampedAges
 from cosim.scenario.origin import Findings
 from cosim.scenario.outage_measure import OutageFigures, OutageMeasure, both, outage_figures
 from cosim.scenario.performance import GainMeasure
@@ -136,24 +136,31 @@ class RunFigures:
 
 
 class ZeroStateMeasures(Measures):
-    """What an outcome needs of the zero-state run, measured while it goes."""
+    """What an outcome needs of the zero-state run, measured while it goes.
 
-    def __init__(self, prepared: PreparedScenario) -> None:
-        part = prepared.loaded.scenario.design
+    Parameters
+    ----------
+    noise : of the measurements of an observer, if it is measured already.
+    """
+
+    def __init__(self, prepared: PreparedScenario, noise: NoiseMeasure | None = None) -> None:
+        part, own_noise = prepared.loaded.scenario.design, None
         self._saturation = None if part is None else SaturationMeasure(part.controller)
         self._largest = _envelope_measure(prepared)
         self._gain = None
         if part is not None and prepared.problem is not None:
-            problem = prepared.problem
-            noise = None
-            if observes(prepared.design):
-                noise = NoiseMeasure(part.controller, part.plant, prepared.design, problem.plant)
+            design, problem = prepared.design, prepared.problem
+            if observes(design) and noise is None:
+                packets = PacketsInUse([one.name for one in design.measurements])
+                ends = part.controller, part.plant
+                noise = own_noise = NoiseMeasure(*ends, design, packets, problem.plant)
             self._gain = GainMeasure(part.plant, problem.system, problem.plant, noise)
         self._outages, aged = _outage_measure(prepared), None
         if self._outages is not None and part is not None:
             algorithm = prepared.loaded.scenario.run.algorithm
             aged = AgeMeasure(part.plant, part.controller, algorithm, self._outages.age)
-        super().__init__(_made(self._saturation, self._largest, self._gain, aged, self._outages))
+        found = (self._saturation, self._largest, self._gain, aged, self._outages, own_noise)
+        super().__init__(_made(*found))
 
     def figures(self, run: Run) -> ZeroStateFigures:
         """Return them at the end of the run."""

@@ -24,8 +24,9 @@ from cosim import hinf
 from cosim.master import ComponentInstance, Run
 from cosim.scenario.measure import Measure, after
 from cosim.scenario.outage_value import OutageValue
-from cosim.scenario.performance import binding_for, reader_of, vector_of
+from cosim.scenario.performance import binding_for, vector_of
 from cosim.scenario.run_events import Episodes, EventCollector, close_all
+from cosim.scenario.signal_reader import reader_of
 from cosim.trace import RunEvent
 
 if TYPE_CHECKING:

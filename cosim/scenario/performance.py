@@ -17,7 +17,7 @@ from cosim.master import ComponentInstance, Run
 from cosim.models import STATE, TABLE_1, DelaySystem, thrust_map, total
 from cosim.scenario.designed_plant import DesignedPlant, LinearSignals
 from cosim.scenario.measure import Measure, after
-from cosim.scenario.signal_reader import SignalReader
+from cosim.scenario.signal_reader import SignalReader, reader_of
 
 FORCES = ("force.x", "force.y", "force.z", "moment.z")
 DISTURBANCES = ("disturbance.u", "disturbance.v", "disturbance.w", "disturbance.r")
@@ -46,15 +46,23 @@ def binding_for(
         values = {name: instance.component.start_of(name, 0.0) for name in TABLE_1}
         thrust = np.array(thrust_map(values), dtype=float)
         return Binding(_plain(STATE), _plain(FORCES, thrust), _plain(DISTURBANCES))
-    (n, m), q = system.B.shape, system.C.shape[1]
-    names = (
-        tuple(f"x[{i + 1}]" for i in range(n)),
-        tuple(f"u[{j + 1}]" for j in range(m)),
-        tuple(f"w[{k + 1}]" for k in range(q)),
-    )
+    names = equation_names(system, len(system.A))
     if all(name in ports for group in names for name in group):
         return Binding(*map(_plain, names))
     return None
+
+
+def elements(name: str, count: int) -> tuple[str, ...]:
+    """Return the names of an array's elements."""
+    return tuple(f"{name}[{i + 1}]" for i in range(count))
+
+
+def equation_names(
+    system: DelaySystem, states: int
+) -> tuple[tuple[str, ...], tuple[str, ...], tuple[str, ...]]:
+    """Return x, u and w as the variables of a plant that has those of Eq. (7)."""
+    m, q = system.B.shape[1], system.C.shape[1]
+    return elements("x", states), elements("u", m), elements("w", q)
 
 
 def _plain(names: Sequence[str], mapped: NDArray[np.float64] | None = None) -> LinearSignals:
@@ -73,8 +81,8 @@ class GainMeasure(Measure[float | None]):
     plant : name of the plant.
     system : the system it was designed as.
     seen_as : how the plant is seen as that system, where the design knows.
-    noise : a measure whose result has the `energy` of the noise of an observer's measurements,
-        which is a disturbance as w is; None where that is not known.
+    noise : a measure of the same points whose result has the `energy` of the noise of an
+        observer's measurements, which is a disturbance as w is; None where that is not known.
 
     Attributes
     ----------
@@ -97,8 +105,6 @@ class GainMeasure(Measure[float | None]):
 
     def begin(self, instances: Sequence[ComponentInstance]) -> None:
         """Bind the variables of the plant."""
-        if self._noise is not None:
-            self._noise.begin(instances)
         instance = next((s for s in instances if s.name == self._plant), None)
         binding = None if instance is None else binding_for(instance, self._system, self._seen_as)
         if instance is None or binding is None or not self._system.has_performance:
@@ -106,14 +112,11 @@ class GainMeasure(Measure[float | None]):
         self._instance, self._binding = instance, binding
         self._readers = tuple(reader_of(instance, group.names) for group in binding)
         self.reads_inputs = any(reader.reads_inputs for reader in self._readers)
-        self.reads_inputs |= self._noise is not None
 
     def add(self, first: int, last: int) -> None:
         """Add the integrals over the intervals that end at the points."""
         if not self._readers:
             return
-        if self._noise is not None:
-            self._noise.add(first, last)
         x, u, w = (
             vector_of(group, reader.read(first, last))
             for group, reader in zip(self._binding, self._readers, strict=True)
@@ -172,11 +175,3 @@ def times(rows: NDArray[np.float64], matrix: NDArray[np.float64]) -> NDArray[np.
     columns = [total(a * rows[:, j] for j, a in enumerate(row)) for row in matrix.tolist()]
     wide = [np.broadcast_to(column, len(rows)) for column in columns]
     return np.column_stack(wide) if wide else np.zeros((len(rows), 0))
-
-
-def reader_of(instance: ComponentInstance, names: Sequence[str]) -> SignalReader:
-    """Return a reader of variables of a plant; unconnected inputs are at their start."""
-    recorded = {c.name for c in (*instance.output_columns, *instance.input_columns)}
-    start_of = instance.component.start_of
-    constants = {name: start_of(name, 0.0) for name in names if name not in recorded}
-    return SignalReader(instance, names, constants)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from cosim.master import ComponentInstance, Connection, Route, Run
 from cosim.scenario.guarantee.departure import Departure
-from cosim.scenario.measure import Measure, own_points_in
+from cosim.scenario.measure import Measure
 
 _CLOSE = 1e-12
 
@@ -85,7 +85,7 @@ class _Delivered:
         """Compare; a row that is not complete yet is compared in the next block."""
         if self.found is not None:
             return
-        own = own_points_in(self._receiver, first, last)
+        own = self._receiver.own_points.own_between(first, last)
         rows, used = self._receiver.rows, self._route.in_step
         if self._awaited is not None:
             sent = rows[first, self._from]

@@ -24,7 +24,7 @@ from cosim import hinf
 from cosim.fmu import FmuDescription
 from cosim.models import STATE
 from cosim.scenario.gain import Problem, observes
-from cosim.scenario.performance import DISTURBANCES, FORCES
+from cosim.scenario.performance import DISTURBANCES, FORCES, elements, equation_names
 
 if TYPE_CHECKING:
     from cosim.scenario.gain import AnyDesign
@@ -86,13 +86,9 @@ def designed_loop(
     fmu : of the plant.
     """
     note = problem.plant
-    n, m = problem.system.B.shape
-    n -= problem.system.integrals
-    q = problem.system.C.shape[1]
+    n = len(problem.system.A) - problem.system.integrals
     rows = np.eye(n)
-    states: tuple[str, ...] = tuple(f"x[{i + 1}]" for i in range(n))
-    commands: tuple[str, ...] = tuple(f"u[{j + 1}]" for j in range(m))
-    acting: tuple[str, ...] = tuple(f"w[{k + 1}]" for k in range(q))
+    states, commands, acting = equation_names(problem.system, n)
     if note is not None:
         states, commands, acting = (x.names for x in (note.state, note.control, note.disturbance))
         rows = np.eye(len(states)) if note.state.map is None else note.state.map
@@ -110,6 +106,11 @@ def designed_loop(
     )
 
 
+def set_point_of(state: str) -> str:
+    """Return the input of a controller that is the set-point of a position; empty of others."""
+    return state.replace("eta.", "reference.", 1) if state.startswith("eta.") else ""
+
+
 def _states_fed_back(problem: Problem, states: tuple[str, ...]) -> dict[str, str]:
     """Return the states that the controller is told; integrals are states of its own."""
     measured = problem.system.measured[: len(states)]
@@ -125,7 +126,7 @@ def _measurements(
             {name: float(x) for name, x in zip(states, row, strict=True) if x}
             for row in one.C @ rows
         ]
-        inputs = tuple(f"{one.name}[{i + 1}]" for i in range(len(one.C)))
+        inputs = elements(one.name, len(one.C))
         found.append(
             DesignedMeasurement(one.name, inputs, f"stamp.{one.name}", tuple(forms), one.noise)
         )

@@ -19,6 +19,7 @@ from cosim.scenario.guarantee.observer_law import ObserverLaw, estimate_law
 from cosim.scenario.guarantee.plant_law import plant_law
 from cosim.scenario.guarantee.wiring import Wiring
 from cosim.scenario.measure import Measure, Measures
+from cosim.scenario.measurement_ages import PacketsInUse
 
 if TYPE_CHECKING:
     from cosim.scenario.gain import AnyDesign
@@ -49,6 +50,10 @@ class LawMeasures(Measures):
     changed : what events set: of inputs without a connection the rows do not show it.
     altered : whether events may override values on their way; without, what a route brings
         unaltered is not compared.
+
+    Attributes
+    ----------
+    noise : of the measurements of an observer; None without one.
     """
 
     def __init__(
@@ -70,31 +75,29 @@ class LawMeasures(Measures):
             (DELIVERED, DeliveryLaw(wiring.feedback_connections(), altered=altered)),
             (PLANT, plant_law(problem, loop.plant, of_plant)),
         ]
-        self._noise: NoiseMeasure | None = None
+        self.noise: NoiseMeasure | None = None
         if observes(design):
-            self._laws.append((CONTROLLER, ObserverLaw(loop, design, problem, of_controller)))
+            packets = PacketsInUse([one.name for one in design.measurements])
+            law = ObserverLaw(loop, design, problem, packets, of_controller)
+            self._laws.append((CONTROLLER, law))
             self._laws.append((CONTROLLER, estimate_law(design, loop.controller)))
-            self._noise = NoiseMeasure(loop.controller, loop.plant, design, problem.plant)
+            self.noise = NoiseMeasure(loop.controller, loop.plant, design, packets, problem.plant)
         else:
             self._laws.append((CONTROLLER, FeedbackLaw(loop, design, problem, of_controller)))
         self._motion = MotionMeasure(loop, hinf.without_integrals(design.system), problem.plant)
         self._driven = bool(of_plant or of_controller)
-        more: list[Measure[Any]] = [self._motion] + ([] if self._noise is None else [self._noise])
+        more: list[Measure[Any]] = [self._motion] + ([] if self.noise is None else [self.noise])
         super().__init__([*(measure for _, measure in self._laws), *more])
 
     def measured(self, run: Run) -> MeasuredLaw:
         """Return at the end of the run where it left its law, and how its state moved."""
         self.complete(run)
-        departures, motion = self._departures(run), self._motion.result(run)
-        energy = None if self._noise is None else self._noise.result(run).energy
-        if motion is not None and (self._driven or energy):
-            motion = replace(motion, driven=True)
-        return MeasuredLaw(departures, motion, energy)
-
-    def _departures(self, run: Run) -> Mapping[str, list[Departure]]:
         found: dict[str, list[Departure]] = {}
         for name, measure in self._laws:
             found.setdefault(name, []).extend(measure.result(run))
-        if self._noise is not None:
-            found[MEASURED] = self._noise.result(run).departures
-        return found
+        motion, energy = self._motion.result(run), None
+        if self.noise is not None:
+            energy, found[MEASURED] = self.noise.result(run)
+        if motion is not None and (self._driven or energy):
+            motion = replace(motion, driven=True)
+        return MeasuredLaw(found, motion, energy)

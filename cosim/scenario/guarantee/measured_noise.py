@@ -17,20 +17,29 @@ from numpy.typing import NDArray
 from cosim.master import ComponentInstance, Run
 from cosim.scenario.designed_plant import DesignedPlant
 from cosim.scenario.guarantee.departure import Departure
-from cosim.scenario.measure import Measure, own_points_in
+from cosim.scenario.guarantee.first_departure import CLOSE
+from cosim.scenario.measure import Measure
 from cosim.scenario.measurement_ages import PacketsInUse
-from cosim.scenario.performance import Binding, binding_for, reader_of, times, vector_of
+from cosim.scenario.performance import Binding, binding_for, elements, times, vector_of
+from cosim.scenario.signal_reader import History, OwnRows, reader_of
 
 if TYPE_CHECKING:
     from cosim.hinf import OutputFeedback
+    from cosim.models import Measurement
 
 Reals = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-_CLOSE = 1e-9
-"""Relative size of a noise that is rounding."""
 _CHANCE = 6.0
 """Standard deviations beyond which the mean square of a noise is no chance."""
+
+
+def columns_of(measurements: Sequence[Measurement]) -> Iterator[tuple[Measurement, slice]]:
+    """Yield measurements, each with the columns of its values among those of all."""
+    first = 0
+    for one in measurements:
+        yield one, slice(first, first + len(one.C))
+        first += len(one.C)
 
 
 class MeasuredNoise(NamedTuple):
@@ -54,6 +63,7 @@ class NoiseMeasure(Measure[MeasuredNoise]):
     ----------
     controller, plant : names of the components.
     design : with the measurements.
+    packets : in use by the controller.
     seen_as : how the plant is seen as the system, where the design knows.
     """
 
@@ -62,18 +72,18 @@ class NoiseMeasure(Measure[MeasuredNoise]):
         controller: str,
         plant: str,
         design: OutputFeedback,
+        packets: PacketsInUse,
         seen_as: DesignedPlant | None = None,
     ) -> None:
         self._controller, self._plant = controller, plant
         self._design, self._seen_as = design, seen_as
-        self._packets = PacketsInUse([each.name for each in design.measurements])
+        self._packets = packets
         self._binding: Binding | None = None
         self._energy, self._known = 0.0, True
         self._found: dict[str, Departure] = {}
         self._square = [np.zeros(len(one.C)) for one in design.measurements]
         self._count = [0] * len(design.measurements)
-        self._times = np.zeros(0, np.int64)
-        self._past: Reals = np.zeros((0, len(design.system.A)))
+        self._states = History()
         self._rate = [0.0] * len(design.measurements)
         self.reads_inputs = True
 
@@ -88,42 +98,26 @@ class NoiseMeasure(Measure[MeasuredNoise]):
         self._packets.begin(self._instance)
         self._state = reader_of(plant, self._binding.state.names)
         start_of = self._instance.component.start_of
-        names: list[str] = []
-        for each in self._design.measurements:
-            own = [f"{each.name}[{i + 1}]" for i in range(len(each.C))]
-            names += own
-        self._values = reader_of(self._instance, names)
+        measurements = self._design.measurements
+        names = [x for each in measurements for x in elements(each.name, len(each.C))]
+        self._values = OwnRows(self._instance, names)
         self._trims = np.array([start_of(f"trim.{name}", 0.0) for name in names], float)
-        self._last: Reals | None = None
 
     def add(self, first: int, last: int) -> None:
         """Add the intervals that end at the points."""
         if not self._known or self._binding is None:
             return
         x = vector_of(self._binding.state, self._state.read(first, last))
-        self._times = np.concatenate(
-            (self._times, self._instance.comm_points.points_ns[first:last])
-        )
-        self._past = np.vstack((self._past, x))
-        values = self._values.read(first, last) - self._trims
-        own = own_points_in(self._instance, first, last)
-        found = self._packets.add(first, last)
-        rows = values[own - first]
-        if self._last is not None:
-            rows = np.vstack((self._last, rows))
-        self._last = rows[-1:].copy() if len(rows) else self._last
-        if found is None:
-            return
-        self._add(*found, rows)
-        oldest = int(found[2][-1].min())
-        kept = max(0, int(np.searchsorted(self._times, oldest)))
-        self._times, self._past = self._times[kept:], self._past[kept:]
+        self._states.add(self._instance.comm_points.points_ns[first:last], x)
+        _, (values,) = self._values.read(first, last)
+        packets = self._packets.add(first, last)
+        if packets is not None:
+            self._add(*packets, values - self._trims)
+            self._states.forget(int(packets[2][-1].min()))
 
     def _add(self, starts: Integers, ends: Integers, used: Integers, rows: Reals) -> None:
-        column, lasted = 0, (ends - starts) / 1e9
-        for j, each in enumerate(self._design.measurements):
-            mine = slice(column, column + len(each.C))
-            column = mine.stop
+        lasted = (ends - starts) / 1e9
+        for j, (_, mine) in enumerate(columns_of(self._design.measurements)):
             comes = np.flatnonzero(used[1:, j] > used[:-1, j])
             rates = np.full(len(starts), self._rate[j])
             if comes.size:  # a block may have no packet
@@ -136,15 +130,14 @@ class NoiseMeasure(Measure[MeasuredNoise]):
     def _rates_of(self, j: int, stamps: Integers, values: Reals) -> Reals:
         """Return |w_v|^2 of measurements that were taken at stamps [ns], and keep what is wrong."""
         each = self._design.measurements[j]
-        place = np.minimum(np.searchsorted(self._times, stamps), self._times.size - 1)
-        between = self._times[place] != stamps
+        past, between = self._states.at(stamps)
         if between.any():
             at = int(stamps[np.argmax(between)])
             self._depart(each.name, at, "a measurement of a point of the run", "one between two")
-        true = times(self._past[place], each.C)
+        true = times(past, each.C)
         noise, sizes = values - true, np.array(each.noise)
         silent = sizes == 0.0
-        wrong = ~(np.abs(noise) <= _CLOSE * (1.0 + np.abs(true))) & silent & ~between[:, None]
+        wrong = ~(np.abs(noise) <= CLOSE * (1.0 + np.abs(true))) & silent & ~between[:, None]
         if wrong.any():
             k, i = (int(x) for x in np.argwhere(wrong)[0])
             expected = f"{true[k, i]:.9g}, of the plant at its stamp, without noise"

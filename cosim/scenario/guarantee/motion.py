@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 from cosim.master import ComponentInstance, Run
 from cosim.models import DelaySystem
 from cosim.scenario.designed_plant import DesignedPlant
-from cosim.scenario.guarantee.designed_loop import DesignedLoop
+from cosim.scenario.guarantee.designed_loop import DesignedLoop, set_point_of
 from cosim.scenario.measure import Measure
-from cosim.scenario.performance import binding_for, reader_of
+from cosim.scenario.performance import binding_for
+from cosim.scenario.signal_reader import reader_of
 
 Reals = NDArray[np.float64]
 
@@ -69,8 +70,8 @@ class MotionMeasure(Measure[Motion | None]):
         given = {
             j: name
             for j, state in enumerate(self._names)
-            for name in (f"reference[{j + 1}]", state.replace("eta.", "reference.", 1))
-            if name in measured and name != state
+            for name in (f"reference[{j + 1}]", set_point_of(state))
+            if name in measured
         }
         self._set_points = [*given]
         self._x = reader_of(plant, self._names)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Collection, Sequence
 from typing import Any
 from weakref import WeakKeyDictionary
 
@@ -17,7 +17,7 @@ from cosim.models import VehicleEquations
 from cosim.scenario.designed_plant import DesignedPlant
 from cosim.scenario.gain import Problem
 from cosim.scenario.guarantee.step_law import ArrayFunctions, Equation, StepLaw
-from cosim.scenario.performance import reader_of
+from cosim.scenario.signal_reader import OwnRows
 
 Reals = NDArray[np.float64]
 
@@ -33,9 +33,8 @@ def plant_law(problem: Problem, plant: str, unrecorded: Collection[str] = ()) ->
     plant : name of the component.
     unrecorded : inputs that events set, and that no connection leads to.
     """
-    made: list[Any] = []
 
-    def equation(instance: ComponentInstance) -> Equation | None:
+    def read(instance: ComponentInstance) -> tuple[Equation, OwnRows] | None:
         behaviour, step = _behaviour(problem, instance)
         if behaviour is None:
             return None
@@ -43,9 +42,7 @@ def plant_law(problem: Problem, plant: str, unrecorded: Collection[str] = ()) ->
         needed = (*behaviour.states, *behaviour.inputs, *behaviour.delays)
         if not all(name in ports for name in needed):
             return None
-        made.append(behaviour)
-        start_of = instance.component.start_of
-        values = {name: start_of(name, 0.0) for name in ports}
+        values = {name: instance.component.start_of(name, 0.0) for name in ports}
         try:
             constants = behaviour.constants(values)
         except (ArithmeticError, KeyError, TypeError, ValueError):
@@ -53,13 +50,10 @@ def plant_law(problem: Problem, plant: str, unrecorded: Collection[str] = ()) ->
         delays = tuple(float(values[name]) for name in behaviour.delays)
         unknown = tuple(j for j, name in enumerate(behaviour.inputs) if name in unrecorded)
         rates = _rates(behaviour, constants)
-        return Equation(tuple(behaviour.states), rates, delays, step, unknown)
+        equation = Equation(tuple(behaviour.states), rates, delays, step, unknown)
+        return equation, OwnRows(instance, behaviour.states, behaviour.inputs)
 
-    def read(instance: ComponentInstance) -> Callable[[int, int], tuple[Reals, Reals]]:
-        states, inputs = (reader_of(instance, x) for x in (made[0].states, made[0].inputs))
-        return lambda first, last: (states.read(first, last), inputs.read(first, last))
-
-    return StepLaw(plant, equation, read)
+    return StepLaw(plant, read)
 
 
 def _rates(behaviour: Any, constants: Any) -> Any:

@@ -13,16 +13,16 @@ design does not know, is found without knowing what its FMU does.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.master import ComponentInstance, Run
-from cosim.scenario.guarantee.departure import Departure
-from cosim.scenario.measure import Measure, own_points_in
+from cosim.master import ComponentInstance
+from cosim.scenario.guarantee.first_departure import FirstDeparture
+from cosim.scenario.signal_reader import History, OwnRows
 
 Reals = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -91,81 +91,61 @@ class _Past(NamedTuple):
         return list(z * z * ((1 + 2 * s) * a + s * p) + s * s * ((3 - 2 * s) * b - z * q))
 
 
-class StepLaw(Measure[list[Departure]]):
+class StepLaw(FirstDeparture):
     """Where a component left its equation for the first time; empty if it never did.
 
     Parameters
     ----------
     component : its name.
-    equation : of an instance of it; None if it is not known, which is a departure.
-    read : returns x, (n, states), and the u held from each row on, (n, inputs), at the points
-        first to last - 1.
+    read : of an instance of it the equation, and the rows of x and of the u held from each on;
+        None if they are not known, which is a departure.
+    needed : as of `FirstDeparture`.
     later : the entries of u that the rows show at the end of a step, not at its beginning.
     """
 
     def __init__(
         self,
         component: str,
-        equation: Callable[[ComponentInstance], Equation | None],
-        read: Callable[[ComponentInstance], Callable[[int, int], tuple[Reals, Reals]]],
+        read: Callable[[ComponentInstance], tuple[Equation, OwnRows] | None],
+        needed: Iterable[str] = (),
         *,
         later: slice = _NONE,
     ) -> None:
-        self._later = later
-        self._component, self._make_equation, self._make_read = component, equation, read
-        self._equation: Equation | None = None
-        self._found: Departure | None = None
-        self._times, self._x, self._u = np.zeros(0), np.zeros((0, 0)), np.zeros((0, 0))
+        super().__init__(component, needed)
+        self._later, self._read = later, read
         self._compared = 0
         self._greatest = 0.0
-        self.reads_inputs = True
 
-    def begin(self, instances: Sequence[ComponentInstance]) -> None:
+    def bind(self, instance: ComponentInstance) -> None:
         """Find the states and the inputs."""
-        instance = next((s for s in instances if s.name == self._component), None)
-        if instance is None:
-            return
-        self._instance = instance
-        self._equation = self._make_equation(instance)
-        if self._equation is None:
+        found = self._read(instance)
+        if found is None:
             words = "a step of the plant of the design"
-            self._found = Departure(self._component, words, "a plant that the design does not know")
+            self.depart("", words, "a plant that the design does not know")
             return
-        self._read = self._make_read(instance)
+        self._equation, self._rows = found
+        n = len(self._equation.states)
+        self._columns = slice(0, n), slice(n, None)
+        self._history = History()  # of x and u
         self._start_s = instance.comm_points.start_ns / 1e9
 
-    def add(self, first: int, last: int) -> None:
+    def compare(self, first: int, last: int) -> None:
         """Compare steps that end at the points."""
-        if self._equation is None or self._found is not None:
-            return
-        own = own_points_in(self._instance, first, last)
-        x, u = self._read(first, last)
-        if not own.size:
-            return
-        times = self._instance.comm_points.points_ns[own] / 1e9
-        known = self._times.size
-        self._times = np.concatenate((self._times, times))
-        here = own - first
-        self._x = np.vstack((self._x, x[here])) if known else x[here]
-        self._u = np.vstack((self._u, u[here])) if known else u[here]
-        if self._times.size > 1:
+        points, rows = self._rows.read(first, last)
+        known = self._history.times.size
+        new = min(known, 1)  # a row of the block before stands first
+        self._history.add(points[new:] / 1e9, np.hstack(rows)[new:])
+        self._times = self._history.times
+        self._x, self._u = (self._history.values[:, columns] for columns in self._columns)
+        if self._times.size > max(known, 1):
             with np.errstate(all="ignore"):
                 self._compare(max(known - 1, 0))
-        self._forget()
-
-    def _forget(self) -> None:
-        """Forget what no delay reaches back to."""
-        longest = max(self._equation.delays, default=0.0) if self._equation is not None else 0.0
-        kept = int(np.searchsorted(self._times, self._times[-1] - longest, side="right")) - 2
-        kept = min(max(kept, 0), self._times.size - 1)
-        # the state before the first point is constant: the first row stands for it
-        if kept > 0:
-            self._times, self._x, self._u = self._times[kept:], self._x[kept:], self._u[kept:]
+        if self._times.size:
+            # the state before the first point is constant: the first row stands for it
+            self._history.forget(self._times[-1] - max(self._equation.delays, default=0.0))
 
     def _compare(self, begin: int) -> None:
         """Compare some of the steps from row `begin` on."""
-        if self._equation is None:
-            return
         change = np.abs(np.diff(self._x, axis=0)).max(axis=1)
         steps = self._chosen(change, begin)
         so_far = np.maximum.accumulate(np.abs(self._x[begin:-1]).max(axis=1))
@@ -180,15 +160,12 @@ class StepLaw(Measure[list[Departure]]):
         wrong = ~(error <= allowed + _ROUNDING * greatest)
         if wrong.any():
             k = int(np.argmax(wrong))
-            j = int(
-                np.nanargmax(np.where(np.isfinite(found[k]), np.abs(found[k] - end[k]), np.inf))
-            )
-            name, at = self._equation.states[j], float(self._times[steps[k] + 1]) + self._start_s
-            self._found = Departure(
-                f"{self._component}.{name}",
-                f"{found[k, j]:.6g}, from the state a step before by the equations of the design",
-                f"{end[k, j]:.6g}",
-                at,
+            apart = np.where(np.isfinite(found[k]), np.abs(found[k] - end[k]), np.inf)
+            j = int(np.nanargmax(apart))
+            expected = f"{found[k, j]:.6g}, from the state a step before by the equations of "
+            at_ns = round(float(self._times[steps[k] + 1]) * 1e9)
+            self.depart(
+                self._equation.states[j], f"{expected}the design", f"{end[k, j]:.6g}", at_ns
             )
 
     def _chosen(self, change: Reals, begin: int) -> Integers:
@@ -204,7 +181,7 @@ class StepLaw(Measure[list[Departure]]):
     def _unexplained(self, steps: Integers, found: Reals, end: Reals) -> Reals:
         """Return the error of each step that no value of an unrecorded input explains."""
         error = end - found
-        unknown = () if self._equation is None else self._equation.unknown
+        unknown = self._equation.unknown
         if not unknown or not np.isfinite(error).all():
             return error
         moved = [self._integrated(steps, more=j) - found for j in unknown]
@@ -215,8 +192,6 @@ class StepLaw(Measure[list[Departure]]):
     def _integrated(self, steps: Integers, more: int | None = None) -> Reals:
         """Return the state at the end of each step, (steps, states); one input greater by 1."""
         equation = self._equation
-        if equation is None:
-            return np.zeros((0, 0))
         begin, end = self._times[steps], self._times[steps + 1]
         parts = int(np.clip(np.ceil((end - begin).max() / equation.step), 2, _MOST_SUBSTEPS))
         h = (end - begin) / parts
@@ -259,10 +234,8 @@ class StepLaw(Measure[list[Departure]]):
         slopes = []
         for rows in (steps, steps + 1):
             t, x = times[rows], list(self._x[rows].T)
-            late = [
-                list(self._between(t - d)) for d in ([] if equation is None else equation.delays)
-            ]
-            rates = [] if equation is None else equation.rates(t + self._start_s, x, late, u)
+            late = [list(self._history.at(t - d)[0][:, : len(x)].T) for d in equation.delays]
+            rates = equation.rates(t + self._start_s, x, late, u)
             slopes.append(np.stack([np.broadcast_to(a, steps.shape) for a in rates]))
         return _Past(
             times[steps],
@@ -271,20 +244,6 @@ class StepLaw(Measure[list[Departure]]):
             self._x[steps + 1].T,
             (slopes[0], slopes[1]),
         )
-
-    def _between(self, t: Reals) -> Reals:
-        """Return the recorded state at instants, on a line between points; (states, instants)."""
-        times = self._times
-        place = np.clip(np.searchsorted(times, t, side="right") - 1, 0, times.size - 2)
-        share = np.clip((t - times[place]) / (times[place + 1] - times[place]), 0.0, 1.0)
-        return np.asarray(
-            (self._x[place] + share[:, None] * (self._x[place + 1] - self._x[place])).T
-        )
-
-    def result(self, run: Run) -> list[Departure]:
-        """Return where the equation was left."""
-        del run
-        return [] if self._found is None else [self._found]
 
 
 def _distinct(rows: Integers) -> Integers:
