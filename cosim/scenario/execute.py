@@ -25,20 +25,18 @@ from cosim.scenario.binary_origins import binary_origins
 from cosim.scenario.guarantee.designed_loop import designed_loop
 from cosim.scenario.guarantee.law_measures import LawMeasures, MeasuredLaw
 from cosim.scenario.guarantee.verdict import LoopOfRun, loop_of_run
-from cosim.scenario.metrics import (
-    OF_GUARANTEE,
-    RunContext,
-    RunMeasures,
-    ZeroStateFigures,
-    ZeroStateMeasures,
-    final_values,
-    metrics_of,
-    status_of,
-)
+from cosim.scenario.metrics import final_values, metrics_of, status_of
 from cosim.scenario.origin import Findings
 from cosim.scenario.outcome import Outcome, result_entries
 from cosim.scenario.preparation import PreparedScenario
+from cosim.scenario.run_context import RunContext
 from cosim.scenario.run_events import EventCollector
+from cosim.scenario.run_measures import (
+    OF_GUARANTEE,
+    RunMeasures,
+    ZeroStateFigures,
+    ZeroStateMeasures,
+)
 from cosim.scenario.run_metadata import run_metadata_of
 from cosim.scenario.run_series import RunSeries
 from cosim.scenario.script import Event, Machine, changed_by, script_of

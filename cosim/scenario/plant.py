@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from types import MappingProxyType
 from typing import Any
@@ -15,7 +15,6 @@ from cosim import hinf
 from cosim.core import InputError
 from cosim.fmu import FmuDescription, component_module
 from cosim.models import TABLE_1, DelaySystem, inertia, thrust_map
-from cosim.scenario.designed_plant import Difference
 from cosim.scenario.schema import DesignPart, Scenario
 from cosim.scenario.values import parse_value
 
@@ -159,11 +158,3 @@ def plant_values(system: DelaySystem, parameters: Mapping[str, float | None]) ->
     delays = _PLANT.plant_delays(system)
     named = dict(zip(_PLANT.delay_names(len(delays)), (delay.d for delay in delays), strict=True))
     return {**entries, **named}
-
-
-def differences_json(component: str, found: Sequence[Difference]) -> list[dict[str, Any]]:
-    """Return differences as JSON values, each parameter with the name of its component."""
-    return [
-        {"parameter": f"{component}.{x.parameter}", "value": x.value, "designed": x.designed}
-        for x in found
-    ]

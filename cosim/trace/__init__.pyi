@@ -54,7 +54,6 @@ from .outcome.outages import (
     outage_rows as outage_rows,
     outage_verdict as outage_verdict,
 )
-from .outcome.plant import plant_line as plant_line
 from .outcome.run_events import (
     CONCLUSION as CONCLUSION,
     SERIOUS as SERIOUS,

@@ -13,7 +13,6 @@ from rich.text import Text
 from cosim.core import at_most
 from cosim.trace.outcome.feedback_age import age_lines, measurement_age_lines
 from cosim.trace.outcome.outages import outage_rows, outage_verdict
-from cosim.trace.outcome.plant import plant_line
 from cosim.trace.outcome.run_outcome import RunOutcome
 from cosim.trace.outcome.verdict import (
     Check,
@@ -180,8 +179,6 @@ def _verdict(outcome: RunOutcome) -> Iterator[tuple[str, object]]:
             yield label, f"{value} ({how})"
         _, words, numbers = outage_verdict(outages)
         yield "outages", f"{words}: {numbers}"
-    if metrics.get("plant_differences"):
-        yield "plant", plant_line(metrics)
 
 
 def _topics(topics: list[dict[str, Any]]) -> RichTable:

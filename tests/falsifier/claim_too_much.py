@@ -262,8 +262,8 @@ MUTATIONS: tuple[Mutation, ...] = (
     _of(
         "law_measures",
         "measurements that are not of the plant",
-        "            found[MEASURED] = self._noise.result(run).departures\n",
-        "            found[MEASURED] = []\n",
+        "            energy, found[MEASURED] = self.noise.result(run)\n",
+        "            energy, found[MEASURED] = self.noise.result(run).energy, []\n",
         "one",
         "two",
     ),
@@ -279,8 +279,7 @@ MUTATIONS: tuple[Mutation, ...] = (
     _of(
         "law_measures",
         "commands that are not K times the estimate",
-        "            self._laws.append((CONTROLLER, ObserverLaw(loop, design, problem, "
-        "of_controller)))\n",
+        "            self._laws.append((CONTROLLER, law))\n",
         "",
         "two",
         "inside",

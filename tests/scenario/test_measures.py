@@ -34,11 +34,11 @@ from cosim.scenario.final_values import LastOutputs
 from cosim.scenario.fmu_cache import FmuCache
 from cosim.scenario.limits import Saturation, SaturationMeasure
 from cosim.scenario.measure import Measure, measured
-from cosim.scenario.metrics import RunMeasures
 from cosim.scenario.origin import Findings
 from cosim.scenario.performance import GainMeasure, binding_for
 from cosim.scenario.preparation import prepare
 from cosim.scenario.read import builtin_names, load
+from cosim.scenario.run_measures import RunMeasures
 from cosim.scenario.schema import Scenario
 
 SYSTEMS = 200

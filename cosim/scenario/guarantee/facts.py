@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
 
 from cosim.core import Fact
 from cosim.master import System
@@ -98,8 +98,3 @@ def _links(system: System, wiring: Wiring) -> Iterator[Fact]:
 def _listed(variables: list[str]) -> str:
     named = ", ".join(variables[:_NAMED])
     return named if len(variables) <= _NAMED else f"{named} and {len(variables) - _NAMED} more"
-
-
-def facts_json(facts: Iterator[Fact]) -> list[Mapping[str, Any]]:
-    """Return facts as JSON values."""
-    return [fact.to_json() for fact in facts]

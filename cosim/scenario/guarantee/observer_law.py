@@ -93,10 +93,10 @@ class ObserverLaw(FirstDeparture):
         n, note = len(design.system.A), problem.plant
         self._commands = list(loop.commands.values())
         self._values = [name for one in loop.measurements for name in one.inputs]
-        self._shown = elements("estimate", n), _innovations(design), self._commands
+        self._answers = elements("estimate", n), _innovations(design), self._commands
         stamps = [one.stamp for one in loop.measurements]
-        shown = [name for group in self._shown for name in group]
-        super().__init__(loop.controller, [*self._values, *shown, *stamps])
+        answers = [name for group in self._answers for name in group]
+        super().__init__(loop.controller, [*self._values, *answers, *stamps])
         self._design, self._packets = design, packets
         self._K = np.asarray(design.K, dtype=np.float64)
         self._trim = np.zeros(len(self._commands))
@@ -116,7 +116,7 @@ class ObserverLaw(FirstDeparture):
         self._trims = np.array([start_of(f"trim.{name}", 0.0) for name in self._values], float)
         given = [name for name in self._set_points if name in ports]
         watchdog = [name for name in ("watchdog",) if name in ports]
-        self._rows = OwnRows(instance, self._values, *self._shown, given, watchdog)
+        self._rows = OwnRows(instance, self._values, *self._answers, given, watchdog)
         self._bounds = bounds_of(instance, self._commands)
         self._period = sample_period_ns(instance.component)
 

@@ -91,6 +91,8 @@ class RunOutcome:
         """Why assumptions were not met: by assumption `place`, `expected`, `got`, and `at_s`."""
         found: dict[str, list[Mapping[str, Any]]] = {}
         listed = self.metrics.get("departures")
+        if listed is None:
+            listed = _older(self.metrics.get("plant_differences"))
         for each in listed if isinstance(listed, list) else ():
             if isinstance(each, dict):
                 found.setdefault(str(each.get("assumption")), []).append(each)
@@ -275,6 +277,20 @@ def other_entries(result: Mapping[str, str]) -> dict[str, str]:
 
 def _is_number(value: Any) -> TypeIs[float]:
     return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _older(differences: Any) -> list[dict[str, Any]]:
+    """Return what traces of an earlier version say of the parameters of a plant."""
+    return [
+        {
+            "assumption": "plant_as_designed",
+            "place": each.get("parameter"),
+            "expected": repr(each.get("designed")),
+            "got": "absent" if each.get("value") is None else repr(each["value"]),
+        }
+        for each in (differences if isinstance(differences, list) else ())
+        if isinstance(each, dict)
+    ]
 
 
 def _object(value: Any) -> dict[str, Any]:

@@ -9,7 +9,6 @@ from typing import Any
 from cosim.core import at_most
 from cosim.trace.outcome.feedback_age import age_lines, measurement_age_lines
 from cosim.trace.outcome.outages import outage_rows, outage_verdict
-from cosim.trace.outcome.plant import plant_line
 from cosim.trace.outcome.run_outcome import BAD, CONTRADICTION, GOOD, OPEN, RunOutcome
 
 _NAMED = 3
@@ -196,7 +195,7 @@ def _words(name: str, met: Any, metrics: Mapping[str, Any]) -> tuple[str, str]:
             return "No command stood at its limit", _limits(met, metrics)
     if name in _COMPARED:
         what, same, other = _COMPARED[name]
-        return what, same if met is True else other or plant_line(metrics)
+        return what, same if met is True else other
     if name.startswith(_OF) and name != _OF:
         return _measurement_words(name.removeprefix(_OF), met, metrics)
     words, line = _AGES.get(name, (name.replace("_", " ").capitalize(), None))
@@ -224,12 +223,12 @@ _COMPARED = {
     "plant_as_designed": (
         "The plant is the one designed for",
         "every parameter of the plant is that of the design's model",
-        "",  # named one by one
+        "the plant of the run has other parameters than the design's model",
     ),
     "controller_as_designed": (
         "The controller is the one designed",
         "gain, observer, maps and trim are those of the design",
-        "",
+        "the controller of the run has other numbers than the design",
     ),
     "sensors_as_designed": (
         "The sensors err no more than designed for",
