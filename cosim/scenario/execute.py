@@ -22,7 +22,6 @@ from cosim.master import (
 from cosim.scenario.assembly import assemble, same_start
 from cosim.scenario.assertions import bind_assertions
 from cosim.scenario.binary_origins import binary_origins
-from cosim.scenario.guarantee.designed_loop import designed_loop
 from cosim.scenario.guarantee.law_measures import LawMeasures, MeasuredLaw
 from cosim.scenario.guarantee.verdict import LoopOfRun, loop_of_run
 from cosim.scenario.metrics import final_values, metrics_of, status_of
@@ -36,6 +35,7 @@ from cosim.scenario.run_measures import (
     RunMeasures,
     ZeroStateFigures,
     ZeroStateMeasures,
+    loop_of,
 )
 from cosim.scenario.run_metadata import run_metadata_of
 from cosim.scenario.run_series import RunSeries
@@ -261,10 +261,9 @@ def _assembled(
 
 def loop_beside_design(prepared: PreparedScenario, system: System) -> LoopOfRun | None:
     """Return the loop of a run beside that of its design; None without a design."""
-    part, design, problem = prepared.loaded.scenario.design, prepared.design, prepared.problem
-    if part is None or design is None or problem is None:
+    design, problem, loop = prepared.design, prepared.problem, loop_of(prepared)
+    if loop is None or design is None or problem is None:
         return None
-    loop = designed_loop(design, problem, part.plant, part.controller, prepared.fmus[part.plant])
     return loop_of_run(system, loop, design, problem, prepared.maps)
 
 

@@ -32,8 +32,6 @@ class PacketsInUse:
     def __init__(self, names: Sequence[str]) -> None:
         self._names = tuple(names)
         self._begins: Integers | None = None
-        self._block: tuple[int, int] | None = None
-        self._latest: tuple[Integers, Integers, Integers] | None = None
         self._last = self._in_use = np.full((1, len(self._names)), -1)
 
     def begin(self, controller: ComponentInstance) -> None:
@@ -48,14 +46,8 @@ class PacketsInUse:
         """Return the intervals that end at the controller's points among these; None of none.
 
         They are their beginnings and ends [ns], (n,), and the stamps in use before the first of
-        them and in each [ns], (n + 1, names); -1 where there was none. Several measures may ask for
-        the same points.
+        them and in each [ns], (n + 1, names); -1 where there was none.
         """
-        if self._block != (first, last):
-            self._block, self._latest = (first, last), self._add(first, last)
-        return self._latest
-
-    def _add(self, first: int, last: int) -> tuple[Integers, Integers, Integers] | None:
         stamps = self._reader.read(first, last)
         own = self._instance.own_points.own_between(first, last)
         if not own.size:

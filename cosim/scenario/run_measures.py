@@ -19,15 +19,16 @@ from cosim.scenario.design_events import DesignEvents
 from cosim.scenario.envelope import ENVELOPE, LargestMagnitudes
 from cosim.scenario.final_values import LastOutputs
 from cosim.scenario.gain import observes
-from cosim.scenario.guarantee.designed_loop import designed_loop
+from cosim.scenario.guarantee.designed_loop import DesignedLoop, designed_loop
 from cosim.scenario.guarantee.measured_noise import NoiseMeasure
+from cosim.scenario.guarantee.observer_rows import ObserverRows
 from cosim.scenario.guarantee.verdict import (
     fed_back,
 )
 from cosim.scenario.limits import Saturation, SaturationMeasure
 from cosim.scenario.loss_bursts import LossBursts
 from cosim.scenario.measure import Measure, Measures
-from cosim.scenario.measurement_ages import CommandAge, PacketsInUse, StampedAges
+from cosim.scenario.measurement_ages import CommandAge, StampedAges
 from cosim.scenario.origin import Findings
 from cosim.scenario.outage_measure import OutageFigures, OutageMeasure, both
 from cosim.scenario.performance import GainMeasure
@@ -125,10 +126,11 @@ class ZeroStateMeasures(Measures):
         self._gain = None
         if part is not None and prepared.problem is not None:
             design, problem = prepared.design, prepared.problem
-            if observes(design) and noise is None:
-                packets = PacketsInUse([one.name for one in design.measurements])
+            loop = None if noise is not None else loop_of(prepared)
+            if loop is not None and observes(design):
+                rows = ObserverRows(loop, design)
                 ends = part.controller, part.plant
-                noise = own_noise = NoiseMeasure(*ends, design, packets, problem.plant)
+                noise = own_noise = NoiseMeasure(*ends, design, rows, problem.plant)
             self._gain = GainMeasure(part.plant, problem.system, problem.plant, noise)
         self._outages, aged = _outage_measure(prepared), None
         if self._outages is not None and part is not None:
@@ -243,12 +245,19 @@ class RunMeasures(Measures):
         )
 
 
+def loop_of(prepared: PreparedScenario) -> DesignedLoop | None:
+    """Return the loop that the design is about; None without a design."""
+    part, design, problem = prepared.loaded.scenario.design, prepared.design, prepared.problem
+    if part is None or design is None or problem is None:
+        return None
+    return designed_loop(design, problem, part.plant, part.controller, prepared.fmus[part.plant])
+
+
 def _ages_by_place(prepared: PreparedScenario) -> dict[str, AgeMeasure]:
     """Return measures of states that are fed back with ages of their own; none where all are."""
-    part, problem, design = prepared.loaded.scenario.design, prepared.problem, prepared.design
-    if part is None or problem is None or design is None or observes(design):
+    part, design, loop = prepared.loaded.scenario.design, prepared.design, loop_of(prepared)
+    if part is None or design is None or loop is None or observes(design):
         return {}
-    loop = designed_loop(design, problem, part.plant, part.controller, prepared.fmus[part.plant])
     each = fed_back(design, loop)
     algorithm = prepared.loaded.scenario.run.algorithm
     return {

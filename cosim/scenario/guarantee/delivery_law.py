@@ -99,13 +99,13 @@ class _Delivered:
         own, row = own[there], row[there]
         if not own.size:
             return
-        sent = rows[row][:, self._from]
+        sent = rows[row[:, None], self._from]
         if used.weight is not None and used.after is not None:
             later, weight = used.after[own], used.weight[own]
             known = later < last
             own, sent, later, weight = own[known], sent[known], later[known], weight[known]
-            sent = (1 - weight)[:, None] * sent + weight[:, None] * rows[later][:, self._from]
-        self._compare(sent, rows[own][:, self._to], own)
+            sent = (1 - weight)[:, None] * sent + weight[:, None] * rows[later[:, None], self._from]
+        self._compare(sent, rows[own[:, None], self._to], own)
 
     def _compare(
         self, sent: NDArray[np.float64], got: NDArray[np.float64], own: NDArray[np.int64]

@@ -16,10 +16,10 @@ from cosim.scenario.guarantee.feedback_law import FeedbackLaw
 from cosim.scenario.guarantee.measured_noise import NoiseMeasure
 from cosim.scenario.guarantee.motion import Motion, MotionMeasure
 from cosim.scenario.guarantee.observer_law import ObserverLaw, estimate_law
+from cosim.scenario.guarantee.observer_rows import ObserverRows
 from cosim.scenario.guarantee.plant_law import plant_law
 from cosim.scenario.guarantee.wiring import Wiring
 from cosim.scenario.measure import Measure, Measures
-from cosim.scenario.measurement_ages import PacketsInUse
 
 if TYPE_CHECKING:
     from cosim.scenario.gain import AnyDesign
@@ -77,11 +77,11 @@ class LawMeasures(Measures):
         ]
         self.noise: NoiseMeasure | None = None
         if observes(design):
-            packets = PacketsInUse([one.name for one in design.measurements])
-            law = ObserverLaw(loop, design, problem, packets, of_controller)
+            rows = ObserverRows(loop, design)
+            law = ObserverLaw(loop, design, problem, rows, of_controller)
             self._laws.append((CONTROLLER, law))
-            self._laws.append((CONTROLLER, estimate_law(design, loop.controller)))
-            self.noise = NoiseMeasure(loop.controller, loop.plant, design, packets, problem.plant)
+            self._laws.append((CONTROLLER, estimate_law(design, loop.controller, rows)))
+            self.noise = NoiseMeasure(loop.controller, loop.plant, design, rows, problem.plant)
         else:
             self._laws.append((CONTROLLER, FeedbackLaw(loop, design, problem, of_controller)))
         self._motion = MotionMeasure(loop, hinf.without_integrals(design.system), problem.plant)

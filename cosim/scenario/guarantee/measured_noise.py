@@ -18,28 +18,19 @@ from cosim.master import ComponentInstance, Run
 from cosim.scenario.designed_plant import DesignedPlant
 from cosim.scenario.guarantee.departure import Departure
 from cosim.scenario.guarantee.first_departure import CLOSE
+from cosim.scenario.guarantee.observer_rows import ObserverRows, columns_of
 from cosim.scenario.measure import Measure
-from cosim.scenario.measurement_ages import PacketsInUse
-from cosim.scenario.performance import Binding, binding_for, elements, times, vector_of
-from cosim.scenario.signal_reader import History, OwnRows, reader_of
+from cosim.scenario.performance import Binding, binding_for, times, vector_of
+from cosim.scenario.signal_reader import History, reader_of
 
 if TYPE_CHECKING:
     from cosim.hinf import OutputFeedback
-    from cosim.models import Measurement
 
 Reals = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 _CHANCE = 6.0
 """Standard deviations beyond which the mean square of a noise is no chance."""
-
-
-def columns_of(measurements: Sequence[Measurement]) -> Iterator[tuple[Measurement, slice]]:
-    """Yield measurements, each with the columns of its values among those of all."""
-    first = 0
-    for one in measurements:
-        yield one, slice(first, first + len(one.C))
-        first += len(one.C)
 
 
 class MeasuredNoise(NamedTuple):
@@ -63,7 +54,7 @@ class NoiseMeasure(Measure[MeasuredNoise]):
     ----------
     controller, plant : names of the components.
     design : with the measurements.
-    packets : in use by the controller.
+    rows : of the controller.
     seen_as : how the plant is seen as the system, where the design knows.
     """
 
@@ -72,12 +63,12 @@ class NoiseMeasure(Measure[MeasuredNoise]):
         controller: str,
         plant: str,
         design: OutputFeedback,
-        packets: PacketsInUse,
+        rows: ObserverRows,
         seen_as: DesignedPlant | None = None,
     ) -> None:
         self._controller, self._plant = controller, plant
         self._design, self._seen_as = design, seen_as
-        self._packets = packets
+        self._rows = rows
         self._binding: Binding | None = None
         self._energy, self._known = 0.0, True
         self._found: dict[str, Departure] = {}
@@ -95,13 +86,8 @@ class NoiseMeasure(Measure[MeasuredNoise]):
         if self._binding is None:
             self._known = False
             return
-        self._packets.begin(self._instance)
+        self._rows.begin(self._instance)
         self._state = reader_of(plant, self._binding.state.names)
-        start_of = self._instance.component.start_of
-        measurements = self._design.measurements
-        names = [x for each in measurements for x in elements(each.name, len(each.C))]
-        self._values = OwnRows(self._instance, names)
-        self._trims = np.array([start_of(f"trim.{name}", 0.0) for name in names], float)
 
     def add(self, first: int, last: int) -> None:
         """Add the intervals that end at the points."""
@@ -109,11 +95,10 @@ class NoiseMeasure(Measure[MeasuredNoise]):
             return
         x = vector_of(self._binding.state, self._state.read(first, last))
         self._states.add(self._instance.comm_points.points_ns[first:last], x)
-        _, (values,) = self._values.read(first, last)
-        packets = self._packets.add(first, last)
-        if packets is not None:
-            self._add(*packets, values - self._trims)
-            self._states.forget(int(packets[2][-1].min()))
+        block = self._rows.read(first, last)
+        if block.packets is not None:
+            self._add(*block.packets, block.y)
+            self._states.forget(int(block.packets[2][-1].min()))
 
     def _add(self, starts: Integers, ends: Integers, used: Integers, rows: Reals) -> None:
         lasted = (ends - starts) / 1e9

@@ -74,9 +74,9 @@ class MotionMeasure(Measure[Motion | None]):
             if name in measured
         }
         self._set_points = [*given]
-        self._x = reader_of(plant, self._names)
+        disturbances = [x for x in binding.disturbance.names if x in ports]
+        self._plant = reader_of(plant, [*self._names, *disturbances])
         self._reference = reader_of(controller, [*given.values()])
-        self._w = reader_of(plant, [x for x in binding.disturbance.names if x in ports])
         end = plant.comm_points.end_ns
         self._quarter_ns, self._late_ns = end // 4, end * 3 // 4
         self._first = self._last = 0.0
@@ -88,12 +88,13 @@ class MotionMeasure(Measure[Motion | None]):
         """Take the rows at the points."""
         if self._instance is None:
             return
-        error = self._x.read(first, last) - self._trim
+        rows, n = self._plant.read(first, last), len(self._names)
+        error = rows[:, :n] - self._trim
         reference = self._reference.read(first, last)
         error[:, self._set_points] -= reference
         begin = reference[:1] if self._before is None else self._before
         self._before = reference[-1:].copy()
-        self._driven |= bool((reference != begin).any()) or bool(self._w.read(first, last).any())
+        self._driven |= bool((reference != begin).any()) or bool(rows[:, n:].any())
         self._error = error[-1].copy()
         points = self._instance.comm_points.points_ns[first:last]
         size = np.abs(error).max(axis=1)

@@ -21,28 +21,20 @@ from cosim.master import ComponentInstance
 from cosim.scenario.gain import Problem
 from cosim.scenario.guarantee.designed_loop import DesignedLoop
 from cosim.scenario.guarantee.first_departure import CLOSE, FirstDeparture, unexplained_by
-from cosim.scenario.guarantee.measured_noise import columns_of
-from cosim.scenario.guarantee.step_law import Equation, StepLaw
+from cosim.scenario.guarantee.observer_rows import ObserverBlock, ObserverRows, columns_of
+from cosim.scenario.guarantee.step_law import Equation, ReadRows, StepLaw
 from cosim.scenario.limits import bounds_of
 from cosim.scenario.measure import sample_period_ns
-from cosim.scenario.measurement_ages import PacketsInUse
-from cosim.scenario.performance import elements
-from cosim.scenario.signal_reader import History, OwnRows
+from cosim.scenario.signal_reader import History
 
 Reals = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 
-def _innovations(design: hinf.OutputFeedback) -> list[str]:
-    return [
-        f"innovation.{one.name}[{i + 1}]" for one in design.measurements for i in range(len(one.C))
-    ]
-
-
-def estimate_law(design: hinf.OutputFeedback, controller: str) -> StepLaw:
+def estimate_law(design: hinf.OutputFeedback, controller: str, rows: ObserverRows) -> StepLaw:
     """Return the measure of the estimate's equation."""
     system = design.system
-    n, m = system.B.shape
+    m = system.B.shape[1]
     late = [x for x in system.delays if x.A.any()]
     terms = [system.A, *(x.A for x in late)]
     injection = np.hstack(design.L)
@@ -57,15 +49,19 @@ def estimate_law(design: hinf.OutputFeedback, controller: str) -> StepLaw:
         u_ = np.array(u)
         return list(moved + system.B @ u_[:m] + injection @ u_[m:])
 
-    names = elements("estimate", n), elements("applied", m), _innovations(design)
-    step = 0.2 / roots if roots > 0 else 1.0
-    equation = Equation(names[0], rates, delays, step)
+    equation = Equation(rows.estimate, rates, delays, 0.2 / roots if roots > 0 else 1.0)
 
-    def read(instance: ComponentInstance) -> tuple[Equation, OwnRows]:
-        return equation, OwnRows(instance, names[0], [*names[1], *names[2]])
+    def read(first: int, last: int) -> tuple[Integers, Sequence[Reals]]:
+        block = rows.read(first, last)
+        return block.times, (block.estimate, block.applied, block.innovation)
 
+    def bound(instance: ComponentInstance) -> tuple[Equation, ReadRows]:
+        rows.begin(instance)
+        return equation, read
+
+    needed = [*rows.estimate, *rows.applied, *rows.innovation]
     # an innovation is computed at the beginning of a step, and seen at its end
-    return StepLaw(controller, read, [x for group in names for x in group], later=slice(m, None))
+    return StepLaw(controller, bound, needed, later=slice(m, None))
 
 
 def _stacked(design: hinf.OutputFeedback) -> Reals:
@@ -78,7 +74,7 @@ class ObserverLaw(FirstDeparture):
     Parameters
     ----------
     loop : of the design.
-    packets : in use by the controller.
+    rows : of the controller.
     unrecorded : as of `FeedbackLaw`.
     """
 
@@ -87,56 +83,42 @@ class ObserverLaw(FirstDeparture):
         loop: DesignedLoop,
         design: hinf.OutputFeedback,
         problem: Problem,
-        packets: PacketsInUse,
+        rows: ObserverRows,
         unrecorded: Collection[str] = (),
     ) -> None:
-        n, note = len(design.system.A), problem.plant
-        self._commands = list(loop.commands.values())
-        self._values = [name for one in loop.measurements for name in one.inputs]
-        self._answers = elements("estimate", n), _innovations(design), self._commands
-        stamps = [one.stamp for one in loop.measurements]
-        answers = [name for group in self._answers for name in group]
-        super().__init__(loop.controller, [*self._values, *answers, *stamps])
-        self._design, self._packets = design, packets
+        needed = [*rows.y, *rows.estimate, *rows.innovation, *rows.command, *rows.stamps]
+        super().__init__(loop.controller, needed)
+        self._design, self._rows, note = design, rows, problem.plant
         self._K = np.asarray(design.K, dtype=np.float64)
-        self._trim = np.zeros(len(self._commands))
+        self._trim = np.zeros(len(rows.command))
         if note is not None:
             self._trim = np.array(note.control.trim, float)
             if note.thrust_map:
                 self._K = np.array(note.thrust_map, float) @ self._K
-        self._set_points = elements("reference", n)
-        moved = [j for j, name in enumerate(self._set_points) if name in unrecorded]
+        moved = [j for j, name in enumerate(rows.set_point) if name in unrecorded]
         self._judged = unexplained_by(self._K[:, moved])
         self._estimates = History()
 
     def bind(self, instance: ComponentInstance) -> None:
         """Find what the controller is told, shows and commands."""
-        start_of, ports = instance.component.start_of, instance.component.description.ports
-        self._packets.begin(instance)
-        self._trims = np.array([start_of(f"trim.{name}", 0.0) for name in self._values], float)
-        given = [name for name in self._set_points if name in ports]
-        watchdog = [name for name in ("watchdog",) if name in ports]
-        self._rows = OwnRows(instance, self._values, *self._answers, given, watchdog)
-        self._bounds = bounds_of(instance, self._commands)
+        self._rows.begin(instance)
+        self._bounds = bounds_of(instance, self._rows.command)
         self._period = sample_period_ns(instance.component)
 
     def compare(self, first: int, last: int) -> None:
         """Compare innovations and commands at the points."""
-        times, (y, xh, innovation, out, reference, watchdog) = self._rows.read(first, last)
+        block = self._rows.read(first, last)
         known = min(self._estimates.times.size, 1)  # a row of the block before stands first
-        self._estimates.add(times[known:], xh[known:])
-        packets = self._packets.add(first, last)
-        if packets is None:
+        self._estimates.add(block.times[known:], block.estimate[known:])
+        if block.packets is None:
             return
-        used = packets[2]
-        self._compare_innovations(times, y - self._trims, innovation, used)
-        safe = (watchdog[1:] != 0).any(axis=1)
-        self._compare_commands(times, xh, out, reference, np.asarray(safe))
+        used = block.packets[2]
+        self._compare_innovations(block, used)
+        self._compare_commands(block)
         self._estimates.forget(int(used[-1].min()))
 
-    def _compare_innovations(
-        self, times: Integers, y: Reals, innovation: Reals, used: Integers
-    ) -> None:
+    def _compare_innovations(self, block: ObserverBlock, used: Integers) -> None:
+        times, innovation = block.times, block.innovation
         for j, (one, mine) in enumerate(columns_of(self._design.measurements)):
             new = used[1:, j] > used[:-1, j]
             steady = np.flatnonzero(~new)
@@ -148,7 +130,7 @@ class ObserverLaw(FirstDeparture):
             if not comes.size:
                 continue
             stored, between = self._estimates.at(used[comes + 1, j])
-            values, outputs = y[comes, mine], innovation[comes + 1, mine]
+            values, outputs = block.y[comes, mine], innovation[comes + 1, mine]
             wanted = values - stored @ one.C.T
             # between points the recorded estimates are interpolated
             allowed = np.where(between, 1e-2, CLOSE)
@@ -163,12 +145,11 @@ class ObserverLaw(FirstDeparture):
         expected = f"{wanted[j]:.9g}, the measurement against the estimate of its time"
         self.depart(f"innovation.{name}[{j + 1}]", expected, f"{got[j]:.9g}", at_ns)
 
-    def _compare_commands(
-        self, times: Integers, xh: Reals, out: Reals, reference: Reals, safe: NDArray[np.bool_]
-    ) -> None:
-        error = xh[1:].copy()
-        if reference.shape[1] == error.shape[1]:
-            error -= reference[:-1]
+    def _compare_commands(self, block: ObserverBlock) -> None:
+        times, out, safe = block.times, block.command, block.safe[1:]
+        error = block.estimate[1:].copy()
+        if block.set_point.shape[1] == error.shape[1]:
+            error -= block.set_point[:-1]
         wanted = np.clip(error @ self._K.T + self._trim, -self._bounds, self._bounds)
         allowed = CLOSE * (np.abs(error) @ np.abs(self._K).T + np.abs(self._trim))
         due = np.ones(len(error), bool)
@@ -182,4 +163,4 @@ class ObserverLaw(FirstDeparture):
         k, j = (int(x) for x in np.argwhere(wrong)[0])
         got = f"{out[k + 1, j]:.9g}" + (", a safe value: a measurement is too old" * bool(safe[k]))
         expected = f"{wanted[k, j]:.9g}, K of the design times the estimate"
-        self.depart(self._commands[j], expected, got, int(times[k + 1]))
+        self.depart(self._rows.command[j], expected, got, int(times[k + 1]))

@@ -16,7 +16,7 @@ from cosim.master import ComponentInstance
 from cosim.models import VehicleEquations
 from cosim.scenario.designed_plant import DesignedPlant
 from cosim.scenario.gain import Problem
-from cosim.scenario.guarantee.step_law import ArrayFunctions, Equation, StepLaw
+from cosim.scenario.guarantee.step_law import ArrayFunctions, Equation, ReadRows, StepLaw
 from cosim.scenario.signal_reader import OwnRows
 
 Reals = NDArray[np.float64]
@@ -34,7 +34,7 @@ def plant_law(problem: Problem, plant: str, unrecorded: Collection[str] = ()) ->
     unrecorded : inputs that events set, and that no connection leads to.
     """
 
-    def read(instance: ComponentInstance) -> tuple[Equation, OwnRows] | None:
+    def read(instance: ComponentInstance) -> tuple[Equation, ReadRows] | None:
         behaviour, step = _behaviour(problem, instance)
         if behaviour is None:
             return None
@@ -51,7 +51,7 @@ def plant_law(problem: Problem, plant: str, unrecorded: Collection[str] = ()) ->
         unknown = tuple(j for j, name in enumerate(behaviour.inputs) if name in unrecorded)
         rates = _rates(behaviour, constants)
         equation = Equation(tuple(behaviour.states), rates, delays, step, unknown)
-        return equation, OwnRows(instance, behaviour.states, behaviour.inputs)
+        return equation, OwnRows(instance, behaviour.states, behaviour.inputs).read
 
     return StepLaw(plant, read)
 

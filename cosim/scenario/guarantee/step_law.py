@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from cosim.master import ComponentInstance
 from cosim.scenario.guarantee.first_departure import FirstDeparture
-from cosim.scenario.signal_reader import History, OwnRows
+from cosim.scenario.signal_reader import History
 
 Reals = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -51,6 +51,11 @@ Rates = Callable[
 """t, x, [x(t - d_1), ...] and u to x': lists of arrays over many steps at once."""
 
 
+ReadRows = Callable[[int, int], tuple[Integers, Sequence[Reals]]]
+"""first and last to the own points among first to last - 1 [ns], and x and u there, in columns; the
+last of the block before stands first."""
+
+
 @dataclass(frozen=True)
 class Equation:
     """A delay equation.
@@ -64,7 +69,7 @@ class Equation:
     unknown : the entries of u that events set, and no row shows: any value of them will do.
     """
 
-    states: tuple[str, ...]
+    states: Sequence[str]
     rates: Rates
     delays: tuple[float, ...]
     step: float
@@ -106,7 +111,7 @@ class StepLaw(FirstDeparture):
     def __init__(
         self,
         component: str,
-        read: Callable[[ComponentInstance], tuple[Equation, OwnRows] | None],
+        read: Callable[[ComponentInstance], tuple[Equation, ReadRows] | None],
         needed: Iterable[str] = (),
         *,
         later: slice = _NONE,
@@ -123,7 +128,7 @@ class StepLaw(FirstDeparture):
             words = "a step of the plant of the design"
             self.depart("", words, "a plant that the design does not know")
             return
-        self._equation, self._rows = found
+        self._equation, self._read_rows = found
         n = len(self._equation.states)
         self._columns = slice(0, n), slice(n, None)
         self._history = History()  # of x and u
@@ -131,7 +136,7 @@ class StepLaw(FirstDeparture):
 
     def compare(self, first: int, last: int) -> None:
         """Compare steps that end at the points."""
-        points, rows = self._rows.read(first, last)
+        points, rows = self._read_rows(first, last)
         known = self._history.times.size
         new = min(known, 1)  # a row of the block before stands first
         self._history.add(points[new:] / 1e9, np.hstack(rows)[new:])
@@ -146,11 +151,13 @@ class StepLaw(FirstDeparture):
 
     def _compare(self, begin: int) -> None:
         """Compare some of the steps from row `begin` on."""
-        change = np.abs(np.diff(self._x, axis=0)).max(axis=1)
+        columns = np.ascontiguousarray(self._x.T)
+        change = np.abs(np.diff(columns)).max(axis=0)
         steps = self._chosen(change, begin)
-        so_far = np.maximum.accumulate(np.abs(self._x[begin:-1]).max(axis=1))
+        size = np.abs(columns[:, begin:])
+        so_far = np.maximum.accumulate(size.max(axis=0))
         greatest = np.maximum(so_far, self._greatest)[steps - begin]
-        self._greatest = max(self._greatest, _finite(np.abs(self._x[begin:])))
+        self._greatest = max(self._greatest, _finite(size))
         start, end = self._x[steps], self._x[steps + 1]
         found = self._integrated(steps)
         allowed = _SHARE * np.maximum(change[steps], np.abs(found - start).max(axis=1))
@@ -173,7 +180,7 @@ class StepLaw(FirstDeparture):
         count = change.size - begin
         spread = np.linspace(begin, change.size - 1, min(count, _SPREAD)).astype(np.int64)
         moved = np.nan_to_num(change[begin:], nan=np.inf)
-        largest = begin + np.argsort(moved, kind="stable")[-_GREATEST:]
+        largest = begin + np.argpartition(moved, -min(_GREATEST, count))[-_GREATEST:]
         first = np.arange(begin, begin + min(count, _FIRST if not self._compared else 0))
         self._compared += count
         return _distinct(np.concatenate((spread, largest, first)))
@@ -193,7 +200,7 @@ class StepLaw(FirstDeparture):
         """Return the state at the end of each step, (steps, states); one input greater by 1."""
         equation = self._equation
         begin, end = self._times[steps], self._times[steps + 1]
-        parts = int(np.clip(np.ceil((end - begin).max() / equation.step), 2, _MOST_SUBSTEPS))
+        parts = int(np.clip(np.ceil((end - begin).max() / equation.step), 1, _MOST_SUBSTEPS))
         h = (end - begin) / parts
         x = list(self._x[steps].T.copy())
         u = list(self._inputs_during(steps).T)
@@ -215,7 +222,7 @@ class StepLaw(FirstDeparture):
                 a + h / 6 * (p + 2 * q + 2 * r + s)
                 for a, p, q, r, s in zip(x, k1, k2, k3, k4, strict=True)
             ]
-        return np.column_stack([np.broadcast_to(a, steps.shape) for a in x])
+        return _rows(x, steps.size).T
 
     def _inputs_during(self, steps: Integers) -> Reals:
         """Return what is held during steps, (steps, inputs)."""
@@ -236,7 +243,7 @@ class StepLaw(FirstDeparture):
             t, x = times[rows], list(self._x[rows].T)
             late = [list(self._history.at(t - d)[0][:, : len(x)].T) for d in equation.delays]
             rates = equation.rates(t + self._start_s, x, late, u)
-            slopes.append(np.stack([np.broadcast_to(a, steps.shape) for a in rates]))
+            slopes.append(_rows(rates, steps.size))
         return _Past(
             times[steps],
             times[steps + 1] - times[steps],
@@ -244,6 +251,14 @@ class StepLaw(FirstDeparture):
             self._x[steps + 1].T,
             (slopes[0], slopes[1]),
         )
+
+
+def _rows(values: Sequence[Any], count: int) -> Reals:
+    """Return an array with a row for each value, which may be one number for all; (n, count)."""
+    rows = np.empty((len(values), count))
+    for row, value in zip(rows, values, strict=True):
+        row[:] = value
+    return rows
 
 
 def _distinct(rows: Integers) -> Integers:
