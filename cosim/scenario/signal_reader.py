@@ -101,8 +101,9 @@ class OwnRows:
         else:
             own = self._instance.own_points.own_between(first, last)
             rows, points = rows[own - first], points[own]
-        points = np.concatenate((self._points, points))
-        rows = np.concatenate((self._rows, rows))
+        if self._points.size:
+            points = np.concatenate((self._points, points))
+            rows = np.concatenate((self._rows, rows))
         self._points, self._rows = points[-1:].copy(), rows[-1:].copy()
         return points, np.split(rows, self._edges, axis=1)
 
@@ -117,9 +118,10 @@ class History:
     def add(self, times: NDArray[Any], values: Reals) -> None:
         """Add later instants, ascending."""
         if self.times.size:
-            times = np.concatenate((self.times, times))
-            values = np.concatenate((self.values, values))
-        self.times, self.values = times, values
+            self.times = np.concatenate((self.times, times))
+            self.values = np.concatenate((self.values, values))
+        else:  # the memory of a run's points is given back
+            self.times, self.values = times.copy(), values.copy()
 
     def at(self, instants: NDArray[Any]) -> tuple[Reals, NDArray[np.bool_]]:
         """Return the values at instants, and which of these lie between two that are known.
