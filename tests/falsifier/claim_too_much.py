@@ -184,13 +184,6 @@ MUTATIONS: tuple[Mutation, ...] = (
     ),
     _of(
         "wiring",
-        "stamps that no sensor gave",
-        'if stamped.source.variable != "stamp" or not self._is_sensor(sensor):',
-        "if not self._is_sensor(sensor):",
-        "two",
-    ),
-    _of(
-        "wiring",
         "disturbances that follow the loop",
         "if isinstance(connection, Connection) and connection.source.component in moved:",
         "if False:",
@@ -211,13 +204,6 @@ MUTATIONS: tuple[Mutation, ...] = (
         "",
         "exact",
         "upto",
-    ),
-    _of(
-        "parameters",
-        "any uncertainty",
-        "if not abs(value) <= most:",
-        "if not abs(value) <= 1e9 * most:",
-        "uncertain",
     ),
     _of(
         "parameters",

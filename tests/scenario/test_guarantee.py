@@ -142,6 +142,39 @@ def test_the_worst_case_of_w_acts_on_a_loop_with_an_observer(
     assert 0.995 < outcome.metrics["norm_reached"] < 1.0
 
 
+LEFT = (
+    ("auv-acoustic", "controller.force.x", 300.0, "controller_follows_law", 5.0),
+    ("auv-acoustic", "plant.force.x", 300.0, "values_delivered", 5.0),
+    ("auv-acoustic", "plant.nu.u", 1.0, "plant_follows_law", 5.0),
+    ("auv-remote", "controller.thruster.surge", 300.0, "controller_follows_law", 5.0),
+    ("auv-remote", "controller.innovation.usbl[1]", 1.0, "controller_follows_law", 5.0),
+    ("auv-remote", "controller.estimate[1]", 1.0, "controller_follows_law", 5.0),
+    ("auv-remote", "usbl.y[1]", 40.0, "measurements_true", None),  # too great on the whole
+)
+"""Scenario, what is overridden in it and by which value, the law that it leaves, and when."""
+
+
+@pytest.mark.parametrize(("name", "place", "value", "law", "at_s"), LEFT)
+def test_each_law_is_measured(
+    name: str,
+    place: str,
+    value: float,
+    law: str,
+    at_s: float | None,
+    native_fmus: Path,
+    tmp_path: Path,
+) -> None:
+    """What is overridden is not by its law: by name, place and time, from the rows alone."""
+    data = tomllib.loads(files("cosim.scenario").joinpath("library", f"{name}.toml").read_text())
+    data["run"]["end"] = 15.0
+    data["events"] = [{"at": 5.0, "for": 5.0, "override": {place: value}}]
+    loaded = parse(tomli_w.dumps(data), name="w", where="w.toml", folder=tmp_path)
+    cache = FmuCache(native_fmus.parent, tmp_path, flavour="native")
+    left = execute_unrecorded(prepare(loaded, cache))[0].departures[law]
+    named = place.replace("usbl.y", "controller.usbl")
+    assert (named, at_s) in {(one["place"], one.get("at_s")) for one in left}
+
+
 def test_a_number_beside_the_design_is_refused(fly: Fly) -> None:
     """It was overwritten without a word."""
     with pytest.raises(InputError, match=r"K\[1,1\] is a number of the design"):
