@@ -100,10 +100,10 @@ class Field:
         try:
             for each in mutations:
                 path = self._tree / each.file
-                text = path.read_text("utf-8")
-                if text.count(each.old) != 1:
+                if kept[each.file].count(each.old) != 1:
                     raise SystemExit(f"{each.name}: its text stands not once in {each.file}")
-                path.write_text(text.replace(each.old, each.new), "utf-8")
+                # together, one before may have taken its text with it
+                path.write_text(path.read_text("utf-8").replace(each.old, each.new), "utf-8")
             wrong = self._answers(_kinds(mutations), until_wrong=True)
             if wrong:
                 first = wrong[0]
