@@ -15,6 +15,7 @@ import numpy as np
 import tomli_w
 from falsifier.loop import Data, Loop
 from falsifier.parts import make_parts_of
+from numpy.typing import NDArray
 
 from cosim import CosimError, Trace, run
 
@@ -139,10 +140,16 @@ def _gain(trace: Trace, loop: Loop) -> float | None:
     energy_z = energy_w = 0.0
     for name in outputs:
         series = trace.signal(name)
-        values, steps = series.values.astype(float) ** 2, np.diff(series.delivered)
+        values, steps = _squared(series.values), np.diff(series.delivered)
         energy_z += float(np.sum(0.5 * (values[:-1] + values[1:]) * steps))
     for name in loop.disturbances:
         series = trace.signal(f"plant.{name}")
-        values, steps = series.values.astype(float) ** 2, np.diff(series.delivered)
+        values, steps = _squared(series.values), np.diff(series.delivered)
         energy_w += float(np.sum(values[:-1] * steps))
     return None if energy_w == 0.0 else math.sqrt(energy_z / energy_w)
+
+
+def _squared(values: NDArray[Any]) -> NDArray[np.float64]:
+    """Return the squares; infinite ones of a loop that flies away."""
+    with np.errstate(over="ignore"):
+        return np.asarray(values.astype(float) ** 2)
