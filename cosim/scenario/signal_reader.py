@@ -115,6 +115,11 @@ class History:
         self.times: NDArray[Any] = np.zeros(0, np.int64)
         self.values: Reals = np.zeros((0, 0))
 
+    def continue_with(self, times: NDArray[Any], values: Reals) -> None:
+        """Add a block of `OwnRows`, whose first row is known from the block before."""
+        known = min(self.times.size, 1)
+        self.add(times[known:], values[known:])
+
     def add(self, times: NDArray[Any], values: Reals) -> None:
         """Add later instants, ascending."""
         if self.times.size:

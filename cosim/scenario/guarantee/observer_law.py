@@ -108,8 +108,7 @@ class ObserverLaw(FirstDeparture):
     def compare(self, first: int, last: int) -> None:
         """Compare innovations and commands at the points."""
         block = self._rows.read(first, last)
-        known = min(self._estimates.times.size, 1)  # a row of the block before stands first
-        self._estimates.add(block.times[known:], block.estimate[known:])
+        self._estimates.continue_with(block.times, block.estimate)
         if block.packets is None:
             return
         used = block.packets[2]

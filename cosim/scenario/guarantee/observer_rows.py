@@ -69,31 +69,29 @@ class ObserverRows:
         self._instance: ComponentInstance | None = None
 
     def begin(self, instance: ComponentInstance) -> None:
-        """Find the columns; what the controller does not have has none."""
+        """Find the columns; outputs that the controller does not have have none."""
         if self._instance is instance:
             return
         self._instance, self._asked = instance, None
         ports, start_of = instance.component.description.ports, instance.component.start_of
         groups = (
-            *(self.y, self.estimate, self.innovation, self.command),
+            *(self.estimate, self.innovation, self.command),
             *(self.applied, self.set_point, ["watchdog"]),
         )
-        present = [[name for name in group if name in ports] for group in groups]
-        self._rows = OwnRows(instance, *present)
+        present = ([name for name in group if name in ports] for group in groups)
+        self._rows = OwnRows(instance, self.y, *present)
         self._packets.begin(instance)
-        self._trims = np.array([start_of(f"trim.{name}", 0.0) for name in present[0]], float)
+        self._trims = np.array([start_of(f"trim.{name}", 0.0) for name in self.y], float)
 
     def read(self, first: int, last: int) -> ObserverBlock:
         """Return the rows at the own points among first to last - 1."""
         if self._asked != (first, last):
-            times, (y, xh, innovation, command, applied, set_point, watchdog) = self._rows.read(
-                first, last
-            )
-            safe, packets = (watchdog != 0).any(axis=1), self._packets.add(first, last)
+            times, (y, *outputs) = self._rows.read(first, last)
+            estimate, innovation, command, applied, set_point, watchdog = outputs
+            safe = np.asarray((watchdog != 0).any(axis=1))
             self._block = ObserverBlock(
-                *(times, y - self._trims, xh, innovation, command, applied, set_point),
-                np.asarray(safe),
-                packets,
+                *(times, y - self._trims, estimate, innovation, command, applied, set_point, safe),
+                self._packets.add(first, last),
             )
             self._asked = (first, last)
         return self._block

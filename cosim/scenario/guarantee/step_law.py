@@ -138,8 +138,7 @@ class StepLaw(FirstDeparture):
         """Compare steps that end at the points."""
         points, rows = self._read_rows(first, last)
         known = self._history.times.size
-        new = min(known, 1)  # a row of the block before stands first
-        self._history.add(points[new:] / 1e9, np.hstack(rows)[new:])
+        self._history.continue_with(points / 1e9, np.hstack(rows))
         self._times = self._history.times
         self._x, self._u = (self._history.values[:, columns] for columns in self._columns)
         if self._times.size > max(known, 1):
