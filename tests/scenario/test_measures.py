@@ -37,7 +37,7 @@ from cosim.scenario.measure import Measure, measured
 from cosim.scenario.origin import Findings
 from cosim.scenario.performance import GainMeasure, binding_for
 from cosim.scenario.preparation import prepare
-from cosim.scenario.read import builtin_names, load
+from cosim.scenario.read import LoadedScenario, builtin_names, load
 from cosim.scenario.run_measures import RunMeasures
 from cosim.scenario.schema import Scenario
 
@@ -222,7 +222,22 @@ def test_blocks_of_scenarios(name: str, tmp_path: Path, monkeypatch: pytest.Monk
 
     Once more the run itself, in random blocks without what is yet to come and what is gone.
     """
-    loaded = load(name)
+    blocks_are_nothing(load(name), tmp_path, monkeypatch)
+
+
+@pytest.mark.parametrize("seed", [5, 6, 7])
+def test_noise_of_several_measurements(
+    seed: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The energy of the noise of two measurements is the same sum, however a run is cut."""
+    seeds = [f"components.{name}.parameters.seed={seed}" for name in ("telemetry", "usbl")]
+    blocks_are_nothing(load("auv-remote", [*seeds, "run.end=40.0"]), tmp_path, monkeypatch)
+
+
+def blocks_are_nothing(
+    loaded: LoadedScenario, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Measure runs of a scenario in one block, point by point, and in random blocks."""
     monkeypatch.chdir(tmp_path)
     prepared = prepare(loaded, FmuCache(fmu_store("native"), loaded.folder, flavour="native"))
     whole, run = execute_unrecorded(prepared)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -70,12 +70,13 @@ class NoiseMeasure(Measure[MeasuredNoise]):
         self._design, self._seen_as = design, seen_as
         self._rows = rows
         self._binding: Binding | None = None
-        self._energy, self._known = 0.0, True
+        self._known = True
         self._found: dict[str, Departure] = {}
         self._square = [np.zeros(len(one.C)) for one in design.measurements]
         self._count = [0] * len(design.measurements)
         self._states = History()
         self._rate = [0.0] * len(design.measurements)
+        self._energies = [0.0] * len(design.measurements)  # of each, so that blocks do not matter
         self.reads_inputs = True
 
     def begin(self, instances: Sequence[ComponentInstance]) -> None:
@@ -110,7 +111,7 @@ class NoiseMeasure(Measure[MeasuredNoise]):
                 in_force = np.searchsorted(comes, np.arange(len(starts)), side="right") - 1
                 rates = np.where(in_force < 0, rates, found[in_force])
             self._rate[j] = float(rates[-1])
-            self._energy = float(np.cumsum(np.append(self._energy, lasted * rates))[-1])
+            self._energies[j] = float(_continued(self._energies[j], lasted * rates))
 
     def _rates_of(self, j: int, stamps: Integers, values: Reals) -> Reals:
         """Return |w_v|^2 of measurements that were taken at stamps [ns], and keep what is wrong."""
@@ -129,7 +130,7 @@ class NoiseMeasure(Measure[MeasuredNoise]):
             self._depart(f"{each.name}[{i + 1}]", int(stamps[k]), expected, f"{values[k, i]:.9g}")
         shares = np.where(silent, 0.0, noise / np.where(silent, 1.0, sizes))
         squares = shares * shares
-        self._square[j] += np.cumsum(squares, axis=0)[-1]
+        self._square[j] = _continued(self._square[j], squares)
         self._count[j] += len(stamps)
         return np.cumsum(squares, axis=1)[:, -1]
 
@@ -160,4 +161,9 @@ class NoiseMeasure(Measure[MeasuredNoise]):
         """Return the energy, and what is no measurement of the design."""
         del run
         found = [*self._found.values(), *self._too_great()]
-        return MeasuredNoise(self._energy if self._known else None, found)
+        return MeasuredNoise(sum(self._energies) if self._known else None, found)
+
+
+def _continued(known: Any, rows: Reals) -> Any:
+    """Return a sum with the rows of a block, added one by one: the same however they are cut."""
+    return np.cumsum(np.concatenate((np.array([known]), rows)), axis=0)[-1]
