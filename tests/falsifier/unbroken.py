@@ -78,6 +78,7 @@ def _(d: Draft) -> None:
 @variant("the plant has a step of its own", "the age grows by it, and is measured", quick=True)
 def _(d: Draft) -> None:
     d.needs(d.loop.name not in {"sampled", "station"})  # of a grid, and of little to spare
+    d.needs(d.loop.name not in {"auv-remote", "auv-survey"})  # they know when commands act
     d.components["plant"]["step"] = 2 * d.data["run"]["step"]
 
 
@@ -100,6 +101,7 @@ def _(d: Draft) -> None:
 def _beside_the_steps(d: Draft) -> str:
     """A link whose arrivals may lie between steps."""
     d.needs(d.loop.name != "sampled")  # its settings justify a sampled age on the grid alone
+    d.needs(d.loop.name != "auv-survey")  # what is measured on board is as old as it may be
     name: str = d.pick([x["link"] for x in d.received() if "link" in x])
     if d.loop.observed and d.links[name]["kind"] == "transport":
         d.links[name] = packet(d.links[name]["delay"], 0.02)  # the other kind interpolates
@@ -175,7 +177,10 @@ def _(d: Draft) -> None:
 @variant("another initial estimate", "the proof is of every initial state")
 def _(d: Draft) -> None:
     d.needs(d.loop.observed and "inputs" not in d.data)
-    d.parameters("controller")["initial.estimate[1]"] = -d.size(0.5)
+    taken_for = d.parameters("controller")
+    first = taken_for.get("initial.estimate[1]", 0.0)
+    # a vehicle that is taken to be far from where it is leaves its envelope
+    taken_for["initial.estimate[1]"] = round(first - d.size(0.1), 6)
 
 
 @variant("another seed", "every noise that is declared is covered")
