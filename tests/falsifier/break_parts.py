@@ -152,7 +152,7 @@ def _(d: Draft) -> None:
     d.needs(not d.loop.observed)  # a stamp that is zero is older than the one in use
     wire = d.pick([x for x in d.received() if "link" in x])
     delay = d.links[wire["link"]]["delay"]
-    d.links[wire["link"]] = packet(delay, 0.15) | {"greatest_age": round(delay + 0.05, 3)}
+    d.links[wire["link"]] = packet(delay, 0.25) | {"greatest_age": round(delay + 0.05, 3)}
 
 
 @fault(PARTS, "a sensor's noise on a connection", quick=True)

@@ -52,7 +52,8 @@ class Draft:
     def measured(self) -> list[Data]:
         """The wires out of the plant's state into sensors or controller."""
         states = {f"plant.{x}" for x in self.loop.states}
-        return [x for x in self.wires if x["from"] in states]
+        aside = ("listener.", "twin.")  # beside the loop, where nothing can be broken
+        return [x for x in self.wires if x["from"] in states and not x["to"].startswith(aside)]
 
     def received(self) -> list[Data]:
         """The wires that carry measurements into the controller."""

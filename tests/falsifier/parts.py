@@ -37,7 +37,9 @@ def make_parts_of(data: Any, folder: Path) -> None:
     for name in sorted(wanted):
         if (SYSTEMS / name).exists() or (DESIGNS / name).exists():
             source = (SYSTEMS if name.endswith(".toml") else DESIGNS) / name
-            (folder / name).write_text(source.read_text("utf-8"), "utf-8")
+            text, target = source.read_text("utf-8"), folder / name
+            if not target.exists() or target.read_text("utf-8") != text:  # others may read it now
+                target.write_text(text, "utf-8")
         elif name.endswith(".fmu") and not (folder / name).exists():
             _make_fmu(folder / name)
 

@@ -84,6 +84,7 @@ def _(d: Draft) -> None:
 
 @variant("half the communication step", "no proof is about it")
 def _(d: Draft) -> None:
+    d.needs(d.loop.name != "sampled")  # the step is a part of its least age
     d.data["run"]["step"] /= 2
 
 
