@@ -150,6 +150,7 @@ def _(d: Draft) -> None:
 
 @variant("another plant that listens to the command", "nothing of it acts on the loop")
 def _(d: Draft) -> None:
+    d.needs(d.loop.name != "inside")  # without [design], two that listen are no one's plant
     d.components["twin"] = deepcopy(d.components["plant"])
     for wire in d.commands():
         target = wire["to"].replace("plant.", "twin.", 1)
