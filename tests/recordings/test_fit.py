@@ -13,6 +13,7 @@ from cosim.network import Jitter, LossChain, PacketLink, Recording, schedule
 from cosim.recordings import HiddenChain, fit_link
 from cosim.recordings.delay_fit import delay_models
 from cosim.recordings.hidden_chain import fit_chain, fit_gilbert
+from cosim.recordings.identified import parameter
 from cosim.recordings.loss_fit import loss_models
 from cosim.recordings.range_fit import range_dependence
 
@@ -255,10 +256,8 @@ def test_a_parameter_that_cannot_be_identified_has_no_number() -> None:
 def test_intervals_of_a_share_cover_the_truth() -> None:
     """95 % intervals of a share of few losses, told in nearly all of 400 recordings."""
     random = np.random.default_rng(5)
-    shares = [
-        loss_models(random.random(200) < 0.04, np.zeros(50, bool), 2)[0].probabilities[0]
-        for _ in range(400)
-    ]
+    fits = [fit_chain(random.random(200) < 0.04, 1) for _ in range(400)]
+    shares = [parameter("loss", x.chain.loss[0].item(), x.loss_error[0].item()) for x in fits]
     known = [each for each in shares if each.low is not None and each.high is not None]
     assert len(known) >= 398
     inside = sum(each.low < 0.04 < each.high for each in known)

@@ -225,7 +225,7 @@ def test_blocks_of_scenarios(name: str, tmp_path: Path, monkeypatch: pytest.Monk
     blocks_are_nothing(load(name), tmp_path, monkeypatch)
 
 
-@pytest.mark.parametrize("seed", [5, 6, 7])
+@pytest.mark.parametrize("seed", [5, *(pytest.param(x, marks=pytest.mark.slow) for x in (6, 7))])
 def test_noise_of_several_measurements(
     seed: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

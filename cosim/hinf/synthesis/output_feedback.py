@@ -54,8 +54,9 @@ from cosim.hinf.synthesis.designs import rounded_gain
 from cosim.hinf.synthesis.pair_gain import PairGain, parts_of_plant
 from cosim.models import DelaySystem, Matrix, Measurement
 
-_LONGER = (1.0, 1.1, 1.4)
-"""Ages for which K and L are proposed, as multiples of those that vary."""
+_LONGER = (1.0, 1.1, 1.2, 1.4)
+"""Ages for which K and L are proposed, as multiples of those that vary; the longest for pairs
+whose proof is far from their loop, of which the first above it that is proved is the best."""
 _ENOUGH = 2
 """Proposals after which no more are made where one is certified."""
 _MULTIPLIERS = (0.3, 1.0, 3.0)
