@@ -138,7 +138,8 @@ class ComponentError(CosimError):
     """A component (an FMU) failed to load, initialise or step.
 
     `kind`, `component`, `call`, `detail` : how the process of an isolated component ended, and in
-    which FMI call, as in the cause of a run; None for a component that answered.
+    which FMI call, as in the cause of a run; None for a component that answered. Of a session that
+    has failed: the cause of its run.
     """
 
     exit_code = 4

@@ -37,7 +37,10 @@ from .recorder import (
     identifier as identifier,
 )
 from .routes import Route as Route
-from .run import Run as Run
+from .run import (
+    Run as Run,
+    RunStatus as RunStatus,
+)
 from .session import (
     Session as Session,
     simulate as simulate,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import product
 from typing import Any, NamedTuple
 
@@ -134,6 +134,16 @@ class ComponentInstance:
         """Its connected inputs, (points, inputs), a view of the rows."""
         first = self.input_column
         return self.rows[:, first : first + len(self.input_columns)]
+
+    def with_rows(self, rows: Rows) -> ComponentInstance:
+        """Return the instance with a copy of all of its rows so far, (points, columns)."""
+        first = self.output_column
+        return replace(
+            self,
+            rows=rows,
+            outputs=rows[:, first : first + len(self.output_columns)],
+            own_points=self.own_points.copied(len(rows)),
+        )
 
     def values(self, rows: Any, columns: Sequence[Column]) -> list[list[Any]]:
         """Convert rows of doubles to rows of values of the columns' own types."""

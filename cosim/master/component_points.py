@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from copy import copy
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -58,6 +60,14 @@ class ComponentPoints:
         self.following[own[:-1]] = own[1:]
         self.latest = int(own[-1])
         self.following[self.latest] = self.latest
+
+    def copied(self, count: int) -> ComponentPoints:
+        """Return a copy of what is known of the first `count` points of the run."""
+        found = copy(self)
+        found.last, found.following = self.last[:count].copy(), self.following[:count].copy()
+        found.latest = int(found.last[-1]) if count else -1
+        found._reserved = []
+        return found
 
     @property
     def own(self) -> Integers:

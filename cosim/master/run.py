@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Literal
 
@@ -56,7 +56,7 @@ class Run:
     kept: bool
     _points_ns: NDArray[np.int64]
     _links: Mapping[str, GrowingSchedule]
-    _wiring: Wiring = field(repr=False)
+    _wiring: Wiring | None = field(repr=False)
 
     @classmethod
     def of(
@@ -89,6 +89,19 @@ class Run:
             links,
             wiring,
         )
+
+    def owned(self) -> Run:
+        """Return the run with rows of its own; this one's are those of the session it is of."""
+        if not self.kept or self._wiring is None:
+            return self
+        self._wiring.make_whole(self.count)
+        rows = self._wiring.rows[: self.count].copy()
+        instances = tuple(instance.with_rows(rows) for instance in self.instances)
+        found = replace(
+            self, instances=instances, _points_ns=self._points_ns.copy(), _links={}, _wiring=None
+        )
+        vars(found)["schedules"] = self.schedules
+        return found
 
     @property
     def points_ns(self) -> NDArray[np.int64]:
@@ -136,7 +149,7 @@ class Run:
         self._check_kept()
         count = self.count
         number, _ = instance.place(variable)
-        if number >= self._wiring.outputs:
+        if self._wiring is not None and number >= self._wiring.outputs:
             self._wiring.make_whole(count)
         values = instance.rows[:count, number]
         return values if instance.own_points.always else values[instance.own_points.last[:count]]

@@ -10,6 +10,10 @@
 
 At any time the rows up to the last complete one are fixed, and every slave is at `time_s`, the
 point after it. Values are those at `time_s`, and what is set takes effect there.
+
+What a call may do depends on the state of the session: loading, running, ended, failed, closed;
+docs/reference/outcomes.md has the table. The call in which a session fails raises, and so does
+every later one. Results own their rows, and are valid after the session.
 """
 
 from __future__ import annotations
@@ -18,7 +22,7 @@ import functools
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from fractions import Fraction
-from typing import TYPE_CHECKING, Any, Self, get_args
+from typing import TYPE_CHECKING, Any, Literal, Self, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,7 +40,7 @@ from cosim.master.observers import Observer, ObserverDispatch
 from cosim.master.order import receiving_order
 from cosim.master.pacing import Pace
 from cosim.master.parts import LogLevel
-from cosim.master.run import Run
+from cosim.master.run import Run, RunStatus
 from cosim.master.snapshot import Snapshot, fingerprint
 from cosim.master.structure import can_be_reset, same_structure
 from cosim.master.system import System
@@ -49,6 +53,8 @@ if TYPE_CHECKING:
 
 _LEVELS = get_args(LogLevel)
 _MOST_KEPT = 20_000_000
+_PARTS = ("kind", "component", "call", "detail")
+"""What an error has of the cause of a run."""
 
 Condition = Callable[["Session"], bool]
 
@@ -115,6 +121,7 @@ class Session:
         self._dispatch = dispatch or ObserverDispatch(observers)
         self._stack = ExitStack()
         self._loop: Loop | None = None
+        self._closed = False
         self._initialisation = Initialisation(self._wiring)
         self.initial_passes = 0
 
@@ -222,6 +229,7 @@ class Session:
 
     def close(self) -> None:
         """Terminate the slaves and deliver their last log lines."""
+        self._closed = True
         try:
             if self._loop is not None:
                 self._loop.close()
@@ -275,11 +283,24 @@ class Session:
     @property
     def ended(self) -> bool:
         """Whether the run is at its end or cannot continue."""
-        return self._opened().status is not None
+        return self.status not in (None, "running")
+
+    @property
+    def status(self) -> RunStatus | Literal["running"] | None:
+        """How the run stands: "running", or as `Run.status`; None before it is loaded."""
+        return None if self._loop is None else self._loop.status or "running"
 
     def step(self, points: int = 1) -> None:
-        """Continue by so many communication points, or to the end."""
-        self._opened().run(most=points)
+        """Continue by so many communication points, or to the end.
+
+        Raises
+        ------
+        ComponentError : the run fails here, or has failed.
+        InputError : it has ended, or the session is not open.
+        """
+        self._check_running()
+        self.go_on(most=points)
+        self._check_not_failed()
 
     def run_until(
         self,
@@ -298,10 +319,33 @@ class Session:
         Returns
         -------
         stopped : whether `stop` ended the call.
+
+        Raises
+        ------
+        ComponentError : the run fails on the way, or has failed.
+        InputError : it has ended before, or the session is not open.
         """
         until = self.instant_ns(seconds)
+        reached = self.status == "finished" or (until is not None and until <= self.time_ns)
+        self._check_running(or_ended=reached)
+        stopped = not self.ended and self.go_on(until, stop=stop, pace=pace)
+        self._check_not_failed()
+        return stopped
+
+    def go_on(
+        self,
+        until_ns: int | None = None,
+        *,
+        most: int | None = None,
+        stop: Condition | None = None,
+        pace: Pace | None = None,
+    ) -> bool:
+        """Continue to an instant, by `most` points, or to the end; for those who look at `status`.
+
+        As `run_until` and `step`, but for an end or a failure, which raise nothing.
+        """
         look = None if stop is None else functools.partial(stop, self)
-        return self._opened().run(until, stop=look, pace=pace)
+        return self._opened().run(until_ns, most=most, stop=look, pace=pace)
 
     def instant_ns(self, seconds: float | None) -> int | None:
         """Return the instant of the run [ns] at a time of the slaves [s]."""
@@ -309,6 +353,7 @@ class Session:
 
     def read(self, component: str, variable: str) -> Any:
         """Return the present value of any variable, read from the slave."""
+        self._alive()
         slave = self._instance(component).slave
         return slave.read([variable])[variable]
 
@@ -319,7 +364,7 @@ class Session:
         under Gauss-Seidel, and at a point that decides the delay of a message whatever is not
         sent there.
         """
-        loop, instance = self._opened(), self._instance(component)
+        loop, instance = self._alive(), self._instance(component)
         number, column = instance.place(variable)
         row = loop.complete - (not loop.exchange(number))
         self._wiring.make_whole(row + 1)
@@ -333,7 +378,7 @@ class Session:
         ------
         InputError : a variable that cannot be set now, or a connected input.
         """
-        instance = self._instance(component)
+        loop, instance = self._alive(), self._instance(component)
         if any(column.name == variable for column in instance.input_columns):
             raise InputError(
                 "this input is connected: its value would be overwritten at the next point",
@@ -343,7 +388,7 @@ class Session:
         instance.slave.write({variable: value})
         for one in self._in_event_mode.values():
             one.event_needed |= one.instance is instance  # what is set may be an event
-        self._opened().forget_exchange()
+        loop.forget_exchange()
 
     def override(self, component: str, variable: str, value: float) -> None:
         """Replace an output or connected input by `value`, until it is released."""
@@ -362,7 +407,7 @@ class Session:
 
         NaN ends it. The link must be adjustable (`PacketLink.adjustable`).
         """
-        loop = self._opened()
+        loop = self._alive()
         self._comm_points.event_values.set(name, self.time_ns, value)
         if name in self.system.modes:
             self._wiring.change_mode(name, loop.complete)
@@ -375,7 +420,7 @@ class Session:
         ------
         ComponentError : its FMU cannot be reset.
         """
-        instance = self._instance(component)
+        loop, instance = self._alive(), self._instance(component)
         end = self._comm_points.at_s(self.system.comm_schedule.end_ns)
         instance.slave.reset()
         instance.slave.set_start(instance.component.parameters)
@@ -384,7 +429,7 @@ class Session:
             if one.instance is instance:
                 one.prepare(Fraction(self.time_ns, 10**9))
         instance.slave.exit_initialisation()
-        self._opened().forget_exchange()
+        loop.forget_exchange()
 
     def note(self, level: str, name: str, message: str, *, time_ns: int | None = None) -> None:
         """Log a message to the observers, at the time of the slaves or at another one [ns]."""
@@ -400,6 +445,7 @@ class Session:
 
     def link_state(self, link: str) -> LinkState:
         """Return the state of a packet link at the last complete row, arrays of shape (1,)."""
+        self._alive()
         return self._comm_points.state(link, self.rows - 1, self.rows)
 
     def make_rows_whole(self) -> None:
@@ -425,10 +471,10 @@ class Session:
         ------
         InputError : a component whose FMU cannot save its state, or serialise it, named.
         """
-        loop = self._opened()
+        loop = self._alive()
         self._check_without_events()
         self._check_kept("there is no snapshot of a run whose rows are not kept")
-        if loop.status in ("failed", "diverged"):
+        if loop.status == "diverged":
             raise InputError(
                 "the run cannot go on: there is no state to save", where="Session", got=loop.reason
             )
@@ -449,27 +495,36 @@ class Session:
         ------
         InputError : a snapshot of another system; an observer, such as a trace, that has
             received rows which would be computed anew.
+        ComponentError : the run has failed, and with it a component.
         """
         loop = self._opened()
+        if any(instance.slave.phase in ("failed", "closed") for instance in self.instances):
+            self._check_not_failed()
         snapshot.check(fingerprint(self.system, self._wiring))
         self._dispatch.rewind(snapshot.complete)
         snapshot.restore_into(self._wiring)
         loop.go_back(snapshot.complete, snapshot.adjustments)
 
-    def result(self, *, complete: bool = False, whole: bool = True) -> Run:
+    def result(self, *, complete: bool = False) -> Run:
         """Return the run so far; its status is "stopped" if it has not ended by itself.
 
-        Its rows are those of the session: `restore` and what follows writes over them. It includes
-        the values at `time_s`, where they are known before the run continues (see
-        `value`); `complete` : rows that are complete only, as the observers have them; `whole` : as
-        in `Run.of`.
+        Its rows are its own. It includes the values at `time_s`, where they are known before the
+        run continues (see `value`); `complete` : rows that are complete only, as the observers
+        have them.
+        """
+        return self.run_so_far(complete=complete).owned()
+
+    def run_so_far(self, *, complete: bool = False, whole: bool = True) -> Run:
+        """Return `result` with the rows of the session, which it writes over when it goes on.
+
+        whole : as in `Run.of`.
         """
         loop = self._opened()
         known = not complete and loop.exchange(self._wiring.rows.shape[1] - 1)
         return loop.result(loop.complete + known, whole=whole)
 
     def _adjust(self, component: str, variable: str, by: Adjustment | None) -> None:
-        loop, column = self._opened(), self._column(component, variable)
+        loop, column = self._alive(), self._column(component, variable)
         loop.adjust(column, by)
 
     def _column(self, component: str, variable: str) -> int:
@@ -499,9 +554,43 @@ class Session:
         return self._wiring.instance(component)
 
     def _opened(self) -> Loop:
+        if self._closed:
+            raise InputError(
+                "the session is closed",
+                where="Session",
+                hint="take values and result() inside its `with` block",
+            )
         if self._loop is None:
             raise InputError("the session is not open", where="Session", hint="with Session(...)")
         return self._loop
+
+    def _alive(self) -> Loop:
+        loop = self._opened()
+        self._check_not_failed()
+        return loop
+
+    def _check_running(self, *, or_ended: bool = False) -> None:
+        self._alive()
+        if self.ended and not or_ended:
+            raise InputError(
+                "the run has ended",
+                where="Session",
+                got=self.end_reason,
+                hint="ask session.ended before going on; restore() goes back to a snapshot",
+            )
+
+    @property
+    def end_reason(self) -> str:
+        """Why the run does not go on, in words."""
+        loop = self._opened()
+        return loop.reason or f"the end is reached at t = {self.time_s:g} s"
+
+    def _check_not_failed(self) -> None:
+        loop = self._opened()
+        if loop.status == "failed":
+            cause = loop.cause
+            parts = {} if cause is None else {k: getattr(cause, k) for k in _PARTS}
+            raise ComponentError(loop.reason or "the run has failed", **parts)
 
 
 def simulate(
@@ -518,8 +607,8 @@ def simulate(
     InputError, ComponentError : as `Session`.
     """
     with Session(system, observers, engine=engine) as session:
-        session.run_until()
-        return session.result()
+        session.go_on()
+        return session.run_so_far()
 
 
 def _note(

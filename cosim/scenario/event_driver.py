@@ -136,7 +136,7 @@ class EventDriver:
         stop: Callable[[Session], bool] | None = None,
         pace: Pace | None = None,
     ) -> bool:
-        """Continue as `Session.run_until`, and execute the events on the way."""
+        """Continue as `Session.go_on`, and execute the events on the way."""
         watched = [e for e in self._events if e.condition is not None]
         looks = bool(watched or self._machines) or stop is not None
         stopped = False
@@ -147,19 +147,14 @@ class EventDriver:
             stopped = stop is not None and stop(now)
             return found or stopped
 
-        while not session.ended and self.stopped is None:
+        while session.status == "running" and self.stopped is None:
             self.execute_due(session)
             reached = until_ns is not None and session.time_ns >= until_ns
             if self.stopped is not None or reached or stopped:
                 break
             instants = [*(due.time_ns for due in self._due[:1]), until_ns]
             until = min((each for each in instants if each is not None), default=None)
-            Session.run_until(
-                session,
-                None if until is None else session.system.comm_schedule.at_s(until),
-                stop=look if looks else None,
-                pace=pace,
-            )
+            Session.go_on(session, until, stop=look if looks else None, pace=pace)
         return stopped
 
     def execute_due(self, session: Session) -> None:
@@ -319,7 +314,7 @@ class EventDriver:
             self._plan(session.time_ns + event.lasts_ns, event.number, begins=False)
         if event.stop is not None:
             if event.condition is None:
-                Session.step(session)  # the point of its time is the last one
+                Session.go_on(session, most=1)  # the point of its time is the last one
             self.stopped = f"stopped at t = {session.row_time_s:g} s by {event.words}" + (
                 f": {event.stop}" if event.stop else ""
             )

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Self
+from typing import Literal, Self
 
-from cosim.core import CosimError
-from cosim.master import EngineName, Observer, Pace, Run, Session, Snapshot, System
+from cosim.core import CosimError, InputError
+from cosim.master import EngineName, Observer, Pace, Run, RunStatus, Session, Snapshot, System
 from cosim.scenario.event_driver import EventDriver, LatestValues, ended_by_event
 from cosim.scenario.scope import RunScope
 from cosim.scenario.script import Event, Machine
@@ -31,44 +32,60 @@ class ScenarioSession(Session):
     ) -> None:
         super().__init__(system, observers, engine=engine)
         self._events = events
-        self._driver: EventDriver
+        self._driver: EventDriver | None = None
 
     def __enter__(self) -> Self:
         super().__enter__()
-        rows = LatestValues(RunScope(self.system), self.instances)
-        self._driver = EventDriver(self.system, self._events, rows)
-        self._driver.execute_due(self)
+        try:
+            rows = LatestValues(RunScope(self.system), self.instances)
+            self._driver = EventDriver(self.system, self._events, rows)
+            self._driver.execute_due(self)
+        except BaseException as error:
+            self._break_off(error)
+            raise
         return self
 
     @property
-    def ended(self) -> bool:
-        """Whether the run is at its end, cannot continue, or was ended by an event."""
-        return super().ended or self._driver.stopped is not None
+    def status(self) -> RunStatus | Literal["running"] | None:
+        """How the run stands; "stopped" also where an event has ended it."""
+        found = super().status
+        return "stopped" if found == "running" and self._stopped is not None else found
 
-    def step(self, points: int = 1) -> None:
-        """Continue by so many communication points, or to the end."""
-        target = self.rows + points
-        self.run_until(stop=lambda now: now.rows >= target)
+    @property
+    def end_reason(self) -> str:
+        """Why the run does not go on, in words."""
+        return self._stopped or super().end_reason
 
-    def run_until(
+    @property
+    def _stopped(self) -> str | None:
+        return self._driver.stopped if self._driver is not None else None
+
+    def go_on(
         self,
-        seconds: float | None = None,
+        until_ns: int | None = None,
         *,
+        most: int | None = None,
         stop: Callable[[Session], bool] | None = None,
         pace: Pace | None = None,
     ) -> bool:
-        """Continue as `Session.run_until`, through the events on the way."""
-        return self._driver.advance(self, self.instant_ns(seconds), stop=stop, pace=pace)
+        """Continue as `Session.go_on`, through the events on the way."""
+        if self._driver is None:
+            raise InputError("the session is not open", where="Session", hint="with open_session")
+        if most is not None:
+            target = self.rows + most
+            stop = functools.partial(_has_rows, target)
+        return self._driver.advance(self, until_ns, stop=stop, pace=pace)
 
-    def result(self, *, complete: bool = False, whole: bool = True) -> Run:
-        """Return the run so far, as `Session.result`; an event that ended it is the reason."""
-        stopped = self._driver.stopped
-        run = super().result(complete=complete or stopped is not None, whole=whole)
+    def run_so_far(self, *, complete: bool = False, whole: bool = True) -> Run:
+        """Return the run so far, as `Session.run_so_far`; an event that ended it is the reason."""
+        stopped = self._stopped
+        run = super().run_so_far(complete=complete or stopped is not None, whole=whole)
         return ended_by_event(run, stopped)
 
     def snapshot(self, *, portable: bool = False) -> Snapshot:
         """Save the present state of the run as `Session.snapshot`, with that of the events."""
-        return replace(super().snapshot(portable=portable), events=self._driver.state())
+        found = super().snapshot(portable=portable)
+        return found if self._driver is None else replace(found, events=self._driver.state())
 
     def restore(self, snapshot: Snapshot) -> None:
         """Return to a snapshot as `Session.restore`, with the events as they were.
@@ -77,6 +94,9 @@ class ScenarioSession(Session):
         ------
         InputError : also a snapshot of a session with other events.
         """
+        if self._driver is None:
+            super().restore(snapshot)  # which refuses it
+            return
         before = self._driver.state()
         self._driver.restore(snapshot.events)
         try:
@@ -84,3 +104,7 @@ class ScenarioSession(Session):
         except CosimError:
             self._driver.restore(before)
             raise
+
+
+def _has_rows(target: int, session: Session) -> bool:
+    return session.rows >= target

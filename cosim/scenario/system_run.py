@@ -149,6 +149,6 @@ def run_system(
                 )
             found = conduct(session)
             session.deliver()
-            run = session.result(complete=True, whole=series is None)
+            run = session.run_so_far(complete=True, whole=series is None)
     run = ended_by_event(run, found.stopped)
     return CompletedRun(run, found.altered, found.event_counts)

@@ -193,7 +193,7 @@ class _Executor:
     def _tell_end(self, number: int, session: Session, found: Any) -> None:
         end: tuple[Any, ...] = ("stopped", "stopped before the first communication point", None, 0)
         if session.opened:
-            run = session.result(complete=True)
+            run = session.run_so_far(complete=True)
             end = (run.status, run.reason, run.cause, run.count)
         self._send(number, messages.CONDUCTED, *end, session.engine, found)
 
