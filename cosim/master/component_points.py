@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from copy import copy
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -63,10 +61,9 @@ class ComponentPoints:
 
     def copied(self, count: int) -> ComponentPoints:
         """Return a copy of what is known of the first `count` points of the run."""
-        found = copy(self)
-        found.last, found.following = self.last[:count].copy(), self.following[:count].copy()
+        found = ComponentPoints(self._every_ns, count)
+        found.last[:], found.following[:] = self.last[:count], self.following[:count]
         found.latest = int(found.last[-1]) if count else -1
-        found._reserved = []
         return found
 
     @property

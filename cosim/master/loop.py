@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from types import MappingProxyType
 
 import numpy as np
@@ -224,6 +225,13 @@ class Loop:
             kept=self._keep,
             whole=whole,
         )
+
+    def fail(self, error: ComponentError, component: str) -> None:
+        """End the run by an error of a component in a call between two points."""
+        now = self._comm_points.at_s(self.time_ns)
+        self.status, self.reason = "failed", error.text()
+        self.cause = replace(Cause.of_error(error, now), component=component)
+        self._conclude()
 
     def _advance(self, first: int, last: int) -> None:
         began = time.perf_counter()

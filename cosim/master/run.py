@@ -21,6 +21,7 @@ from cosim.network import GrowingSchedule, PacketSchedule
 from cosim.trace import Cause, CauseKind
 
 RunStatus = Literal["finished", "stopped", "diverged", "failed"]
+"""How a run ended; see `Run`."""
 
 _CALLS = {"get": "Get", "set": "Set", "step": "DoStep", "end": "DoStep"}
 

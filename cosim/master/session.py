@@ -19,8 +19,8 @@ every later one. Results own their rows, and are valid after the session.
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Sequence
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any, Literal, Self, get_args
 
@@ -326,7 +326,7 @@ class Session:
         InputError : it has ended before, or the session is not open.
         """
         until = self.instant_ns(seconds)
-        reached = self.status == "finished" or (until is not None and until <= self.time_ns)
+        reached = self.status == "finished" if until is None else until <= self.time_ns
         self._check_running(or_ended=reached)
         stopped = not self.ended and self.go_on(until, stop=stop, pace=pace)
         self._check_not_failed()
@@ -355,7 +355,8 @@ class Session:
         """Return the present value of any variable, read from the slave."""
         self._alive()
         slave = self._instance(component).slave
-        return slave.read([variable])[variable]
+        with self._called():
+            return slave.read([variable])[variable]
 
     def value(self, component: str, variable: str) -> Any:
         """Return the value of an output or connected input at `time_s`.
@@ -385,7 +386,8 @@ class Session:
                 where=f"{component}.{variable}",
                 hint="override() it, or set its source",
             )
-        instance.slave.write({variable: value})
+        with self._called():
+            instance.slave.write({variable: value})
         for one in self._in_event_mode.values():
             one.event_needed |= one.instance is instance  # what is set may be an event
         loop.forget_exchange()
@@ -422,13 +424,14 @@ class Session:
         """
         loop, instance = self._alive(), self._instance(component)
         end = self._comm_points.at_s(self.system.comm_schedule.end_ns)
-        instance.slave.reset()
-        instance.slave.set_start(instance.component.parameters)
-        instance.slave.enter_initialisation(self.time_s, end)
-        for one in self._in_event_mode.values():
-            if one.instance is instance:
-                one.prepare(Fraction(self.time_ns, 10**9))
-        instance.slave.exit_initialisation()
+        with self._called():
+            instance.slave.reset()
+            instance.slave.set_start(instance.component.parameters)
+            instance.slave.enter_initialisation(self.time_s, end)
+            for one in self._in_event_mode.values():
+                if one.instance is instance:
+                    one.prepare(Fraction(self.time_ns, 10**9))
+            instance.slave.exit_initialisation()
         loop.forget_exchange()
 
     def note(self, level: str, name: str, message: str, *, time_ns: int | None = None) -> None:
@@ -446,6 +449,8 @@ class Session:
     def link_state(self, link: str) -> LinkState:
         """Return the state of a packet link at the last complete row, arrays of shape (1,)."""
         self._alive()
+        if link not in self.system.links:
+            raise InputError.unknown("link", link, self.system.links)
         return self._comm_points.state(link, self.rows - 1, self.rows)
 
     def make_rows_whole(self) -> None:
@@ -478,13 +483,14 @@ class Session:
             raise InputError(
                 "the run cannot go on: there is no state to save", where="Session", got=loop.reason
             )
-        found = Snapshot.take(
-            fingerprint(self.system, self._wiring),
-            self._wiring,
-            loop.complete,
-            loop.adjustments.all(),
-            portable=portable,
-        )
+        with self._called():
+            found = Snapshot.take(
+                fingerprint(self.system, self._wiring),
+                self._wiring,
+                loop.complete,
+                loop.adjustments.all(),
+                portable=portable,
+            )
         loop.table.no_way_back[0] = 0  # FMI: each step must announce this to the slaves
         return found
 
@@ -498,11 +504,12 @@ class Session:
         ComponentError : the run has failed, and with it a component.
         """
         loop = self._opened()
-        if any(instance.slave.phase in ("failed", "closed") for instance in self.instances):
+        if self._dead():
             self._check_not_failed()
         snapshot.check(fingerprint(self.system, self._wiring))
         self._dispatch.rewind(snapshot.complete)
-        snapshot.restore_into(self._wiring)
+        with self._called():
+            snapshot.restore_into(self._wiring)
         loop.go_back(snapshot.complete, snapshot.adjustments)
 
     def result(self, *, complete: bool = False) -> Run:
@@ -584,6 +591,21 @@ class Session:
         """Why the run does not go on, in words."""
         loop = self._opened()
         return loop.reason or f"the end is reached at t = {self.time_s:g} s"
+
+    def _dead(self) -> ComponentInstance | None:
+        """Return a component that can only be closed."""
+        found = (one for one in self.instances if one.slave.phase in ("failed", "closed"))
+        return next(found, None)
+
+    @contextmanager
+    def _called(self) -> Iterator[None]:
+        """Note that the run has failed where a call of a component kills it."""
+        try:
+            yield
+        except ComponentError as error:
+            if (dead := self._dead()) is not None:
+                self._opened().fail(error, dead.name)
+            raise
 
     def _check_not_failed(self) -> None:
         loop = self._opened()

@@ -59,7 +59,7 @@ def test_loop_that_grows_beyond_a_gain_of_one_later_is_named(fmu: Path, engine: 
     with Session(loop(fmu, (0.5, -0.8)), engine=engine) as session:
         session.run_until(0.5)
         session.bias("a", "u", 0.0, factor=3.0)  # the gain is -1.2 from now on
-        session.run_until()
+        session.go_on()
         run = session.result()
     assert run.status == "failed"
     assert run.reason is not None

@@ -91,7 +91,7 @@ def everything(
     with TraceWriter(trace, run={}) as writer:
         recorder = TraceRecorder(writer, system)
         with Session(system, [seen, recorder], engine=engine, keep=keep) as session:
-            session.run_until()
+            session.go_on()
             run = session.result()
         writer.finish({})
     found = (run.status, run.reason, run.cause, run.count, run.end_ns, run.statistics)
@@ -157,7 +157,7 @@ def test_delays_that_follow_signals_give_the_same_rows(
 def test_rows_that_are_not_kept_are_refused(fmus: tuple[FmuDescription, FmuDescription]) -> None:
     system = scalars(fmus[0].path, {"p": {}}, (), step=0.1, stop=1.0)
     with Session(system, keep=False) as session:
-        session.run_until()
+        session.go_on()
         run = session.result()
         for ask in (
             lambda: run.points_ns,

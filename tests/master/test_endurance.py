@@ -37,18 +37,20 @@ def test_run_is_freed_without_garbage_collection(tiny: Path, tmp_path: Path, eng
             with Session(system, [recorder], engine=engine) as session:
                 session.bias("a", "x[1]", 0.5)
                 session.run_until()
+                run = session.result()
             writer.finish({})
-        instance = session.result().instances[0]
+        instance = session.instances[0]
         objects = [
             session,
             recorder,
+            run,
             instance,
             instance.rows,
             instance.slave,
             session._loop._engine,
         ]
         left = {type(one).__name__: weakref.ref(one) for one in objects}
-        del session, recorder, instance, objects, writer
+        del session, recorder, run, instance, objects, writer
         assert [name for name, found in left.items() if found() is not None] == []
     finally:
         gc.enable()

@@ -158,7 +158,7 @@ def test_bias_acts_on_inputs_not_received_before_the_failure(
     system = ring(faulty, "2.0", "gauss-seidel", **fault("step", ERROR))
     with Session(seeded(system), engine=engine) as session:
         session.bias("last", "u", 10.0)
-        session.run_until()
+        session.go_on()
         run = session.result()
     assert run.signal("middle", "x")[-1] > 0
     assert run.signal("last", "u")[-1] == run.signal("middle", "x")[-1] + 10.0
@@ -208,7 +208,7 @@ def test_after_fatal_no_instance_of_that_fmu_is_called(faulty: dict[str, Path]) 
     parts = {**system.components, "first": twin}
     given = System(parts, system.connections, {}, {}, system.comm_schedule, 1e6)
     with Session(given, [ear]) as session:
-        session.run_until()
+        session.go_on()
     assert ("last", "freed") in ear.heard
     assert not any(name in ("first", "middle") and text == "freed" for name, text in ear.heard)
 

@@ -218,7 +218,7 @@ def test_death_in_the_loop_fails_the_run(
         folder = tmp_path / version
         folder.mkdir()
         with Session(pair(folder, version, fault, call, at=0.5), engine=engine) as session:
-            session.run_until()
+            session.go_on()
             run = session.result()
             assert session.instances[1].slave.phase == "stepping"
         name = f"fmi{version[0]}{function}"
@@ -266,7 +266,7 @@ def test_death_is_noticed_though_a_child_of_the_slave_lives(tmp_path: Path) -> N
         (number,) = (set(children()) - others) & mine
         (left,) = psutil.Process(number).children()
         os.kill(number, signal.SIGKILL)
-        session.run_until()
+        session.go_on()
         run = session.result()
         left.kill()
     assert run.cause is not None
@@ -280,7 +280,7 @@ def test_death_between_two_calls_is_that_of_the_next(tmp_path: Path) -> None:
         session.run_until(0.5)
         (number,) = set(children()) - others
         os.kill(number, signal.SIGKILL)
-        session.run_until()
+        session.go_on()
         run = session.result()
     assert run.cause is not None
     assert (run.status, run.cause.kind, run.cause.component) == ("failed", "crashed", "h")
@@ -308,7 +308,8 @@ def test_hang_is_ended_at_the_limit_and_names_the_slave(tmp_path: Path) -> None:
         system = replace(pair(tmp_path, "2.0", "hang-deaf", "step", at=0.5), threads=threads)
         began = time.monotonic()
         with Session(system, call_limit=0.3) as session:
-            session.run_until()
+            with pytest.raises(ComponentError, match=r"no answer within 0\.3 s"):
+                session.run_until()
             run = session.result()
         assert time.monotonic() - began < 5.0
         assert run.cause == Cause("timed-out", "h", "fmi2DoStep", 0.5, "no answer within 0.3 s")

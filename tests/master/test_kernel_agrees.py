@@ -130,7 +130,7 @@ def run_random(
         log = Log()
         with Session(system, [log], engine=engine) as session:
             for _ in range(r.randint(0, 3)):
-                session.run_until(r.uniform(0, session.system.comm_schedule.points_ns[-1] / 1e9))
+                session.go_on(round(r.uniform(0, session.system.comm_schedule.points_ns[-1])))
                 target = r.choice(system.connections).target
                 if session.ended:
                     break
@@ -138,7 +138,7 @@ def run_random(
                     session.override(*target, r.uniform(-1, 1))
                 else:
                     session.bias(*target, r.uniform(-1, 1), r.uniform(0.5, 2))
-            session.run_until()
+            session.go_on()
             run = session.result()
     except InputError as error:
         return error.text()

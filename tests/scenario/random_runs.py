@@ -66,7 +66,7 @@ class RandomRuns:
             system = self._vehicle(r) if r.random() < 0.5 else self._scalars(r)
             end_s = float(system.comm_schedule.points_ns[-1]) / 1e9
             with Session(system, engine="python") as session:
-                session.run_until(r.uniform(0, end_s) if r.random() < 0.3 else None)
+                session.go_on(session.instant_ns(r.uniform(0, end_s) if r.random() < 0.3 else None))
                 return system, session.result(complete=r.random() < 0.5)
         except InputError:
             return None
