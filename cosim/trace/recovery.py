@@ -10,10 +10,9 @@ from typing import Any
 from mcap.opcode import Opcode
 from mcap.records import Attachment, Header, Metadata
 
-from cosim.core import InputError, LossError, Progress, copy_whole, silent
+from cosim.core import InputError, LossError, Progress, copy_whole, silent, written_beside
 from cosim.trace.checks.of_file import FileChecks
 from cosim.trace.checks.verification import verification_of
-from cosim.trace.file.disk import PartialFile
 from cosim.trace.file.records import chunk_head, parsed
 from cosim.trace.file.stream import McapStream
 from cosim.trace.file.walk import Damage, Policy, Record, Walk
@@ -216,24 +215,19 @@ class _Counts:
 
 
 def _written(found: _Found, source: Path, target: Path, report_progress: Progress) -> Recovery:
-    sink = PartialFile(target, fsync=False, suffix=".recovering")
     counts = _Counts()
     try:
-        stream = McapStream(sink, 256 * 1024, found.compression or "zstd", early=True)
-        _copy(found, source, stream, counts, report_progress)
-        recovery = _recovery(found, counts, source, target, found.mendable)
-        sink.finish()
+        with written_beside(target) as partial, partial.open("wb") as file:
+            stream = McapStream(file, 256 * 1024, found.compression or "zstd", early=True)
+            _copy(found, source, stream, counts, report_progress)
+            recovery = _recovery(found, counts, source, target, found.mendable)
     except OSError as error:
-        sink.discard()
         raise LossError(
             "the recovered file could not be written",
             where=str(target),
             got=str(error),
             hint="make room on the disk, or choose another place: --out; the original is kept",
         ) from error
-    except BaseException:
-        sink.discard()
-        raise
     return recovery
 
 

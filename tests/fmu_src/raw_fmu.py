@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 import tempfile
 from contextlib import chdir
+from threading import Lock
 from typing import TYPE_CHECKING, Any, Self
 
 import fmpy
@@ -12,6 +13,10 @@ from fmpy import fmi2, read_model_description
 
 if TYPE_CHECKING:
     from pathlib import Path
+
+
+_loading = Lock()
+"""The working folder is the process's: FMPy enters a library's folder to load it."""
 
 
 class RawFmu:
@@ -28,7 +33,7 @@ class RawFmu:
         self._folder = tempfile.mkdtemp() if beside is None else beside._folder
         if beside is None:
             fmpy.extract(str(path), unzipdir=self._folder)
-        with chdir("."):  # FMPy stays in the folder of a library that does not load
+        with _loading, chdir("."):  # FMPy stays in the folder of a library that does not load
             self.fmu = fmi2.FMU2Slave(
                 guid=self.model.guid,
                 unzipDirectory=self._folder,

@@ -2,16 +2,25 @@
 
 from __future__ import annotations
 
-import errno
 import os
 import stat
 import sys
 import threading
 from contextlib import suppress
+from itertools import count
 from pathlib import Path
 
-from cosim.core import InputError, LossError, lock_file
+from cosim.core import (
+    CosimError,
+    InputError,
+    LossError,
+    copy_whole,
+    lock_file,
+    output_place,
+    say_once,
+)
 from cosim.trace.file.stream import McapStream
+from cosim.trace.file.walk import Walk
 
 
 class PartialFile:
@@ -21,44 +30,92 @@ class PartialFile:
 
     Parameters
     ----------
-    path : final path.
+    path : final path; a symlink stands for what it names.
     fsync : flush to the disk itself, so that data survive a power cut.
-    suffix : of the name until it is finished.
+
+    A partial file with rows that a run left which has died is set aside: `<path>.partial.1` and so
+    on.
 
     Raises
     ------
-    InputError : it cannot be created, or another process is writing it.
+    InputError : it cannot be created, is no regular file, or another process is writing it.
     """
 
-    def __init__(self, path: Path, *, fsync: bool, suffix: str = ".partial") -> None:
-        self.path = path
-        self.partial_path = path.with_name(path.name + suffix)
+    def __init__(self, path: Path, *, fsync: bool) -> None:
         self._fsync = fsync
-        if path.is_dir():
-            raise InputError("the trace's path is a directory", where=str(path))
         try:
-            # emptied below, once it is locked
-            handle = os.open(self.partial_path, os.O_WRONLY | os.O_CREAT | _FLAGS, 0o666)
-        except (OSError, ValueError) as error:  # ValueError: a null character in the path
+            self.path = output_place(path).path
+            self.partial_path = self.path.with_name(f"{self.path.name}.partial")
+            handle = self._new()
+        except OSError as error:
             raise InputError(
                 "the trace cannot be created",
-                where=str(self.partial_path),
+                where=str(path),
                 expected="a writable folder",
                 got=str(error),
             ) from error
         self._raw = os.fdopen(handle, "wb", buffering=0)
-        try:
-            _lock(handle)
-        except OSError as error:
-            self._raw.close()
+
+    def _new(self) -> int:
+        """Make the partial file, in place of what a dead run left; return its descriptor."""
+        for _ in range(_TRIES):
+            try:
+                handle = os.open(self.partial_path, _NEW | _FLAGS, 0o666)
+            except FileExistsError:
+                self._make_room()
+                continue
+            if lock_file(handle):
+                return handle
+            os.close(handle)  # another run that begins just now was quicker
+            break
+        raise self._taken()
+
+    def _make_room(self) -> None:
+        """Set aside what a run that has died left under the name, or remove it if it has no rows.
+
+        Raises
+        ------
+        InputError : it is another run's, another user's, or nothing that a run writes.
+        """
+        what = os.lstat(self.partial_path)
+        if not stat.S_ISREG(what.st_mode) or what.st_uid != os.geteuid():
             raise InputError(
-                "the trace is being written by another run",
+                "what stands in the place of the trace was not made by a run of yours",
                 where=str(self.partial_path),
-                got=str(error),
-                hint="give this run another file, or wait until the other one has ended",
-            ) from error
-        if stat.S_ISREG(os.fstat(handle).st_mode):
-            os.ftruncate(handle, 0)
+                got="a file of another user" if stat.S_ISREG(what.st_mode) else "no regular file",
+                hint="another name, or another folder",
+            )
+        handle = os.open(self.partial_path, os.O_RDWR | _FLAGS)
+        try:
+            if not lock_file(handle):
+                raise self._taken()
+            there = os.lstat(self.partial_path)
+            if (there.st_dev, there.st_ino) != (what.st_dev, what.st_ino):
+                return
+            if there.st_size and _has_rows(self.partial_path):
+                aside = self._set_aside()
+                say_once(
+                    f"{aside} has the rows of a run that did not end: cosim trace recover {aside}"
+                )
+            else:
+                self.partial_path.unlink()
+        finally:
+            os.close(handle)
+
+    def _set_aside(self) -> Path:
+        for number in count(1):
+            aside = self.partial_path.with_name(f"{self.partial_path.name}.{number}")
+            if not os.path.lexists(aside):
+                self.partial_path.rename(aside)
+                return aside
+        raise AssertionError
+
+    def _taken(self) -> InputError:
+        return InputError(
+            "the trace is being written by another run",
+            where=str(self.partial_path),
+            hint="give this run another file, or wait until the other one has ended",
+        )
 
     def write(self, data: bytes | memoryview) -> int:
         """Write all the data and return their number of bytes."""
@@ -80,8 +137,13 @@ class PartialFile:
         """
         if self._fsync or self.path.exists():
             os.fsync(self._raw.fileno())
+        if sys.platform == "win32":  # where no open file has another name
+            self._raw.close()
+        try:
+            self.partial_path.replace(self.path)
+        except FileNotFoundError:  # somebody has removed it; its content is still open
+            copy_whole(Path(f"/proc/self/fd/{self._raw.fileno()}"), self.path)
         self._raw.close()
-        self.partial_path.replace(self.path)
         if self._fsync and sys.platform != "win32":
             folder = os.open(self.path.parent, os.O_RDONLY)
             try:
@@ -93,11 +155,6 @@ class PartialFile:
         """Close under the name `.partial`."""
         self._raw.close()
 
-    def discard(self) -> None:
-        """Close and remove the file."""
-        self._raw.close()
-        self.partial_path.unlink(missing_ok=True)
-
     def cut(self, size: int) -> None:
         """Close the file, cut to `size`: without the half record left by a disk that failed."""
         try:
@@ -108,13 +165,18 @@ class PartialFile:
             self._raw.close()
 
 
-_FLAGS = getattr(os, "O_BINARY", 0) | getattr(os, "O_CLOEXEC", 0)
+_TRIES = 10
+_NEW = os.O_WRONLY | os.O_CREAT | os.O_EXCL
+_FLAGS = getattr(os, "O_BINARY", 0) | getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_NOFOLLOW", 0)
 
 
-def _lock(handle: int) -> None:
-    """Lock the file against a second writer until it is closed or the process ends."""
-    if not lock_file(handle):
-        raise BlockingIOError(errno.EAGAIN, os.strerror(errno.EAGAIN))
+def _has_rows(path: Path) -> bool:
+    """Whether a file has messages, or may have some in what is damaged or no trace at all."""
+    try:
+        walk = Walk(path, "skip")
+        return any(record.messages for record in walk) or bool(walk.damage)
+    except CosimError:
+        return True
 
 
 class Guard:
