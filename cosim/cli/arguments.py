@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from cosim import hinf, scenario
-from cosim.core import InputError
+from cosim.core import InputError, write_whole
 
 
 def named_problem(name: str) -> tuple[hinf.NamedSystem, Any]:
@@ -82,8 +82,7 @@ def names(option: str, text: str) -> tuple[str, ...]:
 def write(path: Path, text: str) -> None:
     """Write a text file and the folders it needs; raise InputError if that fails."""
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(text, "utf-8")
+        write_whole(path, text.encode())
     except OSError as error:
         raise InputError("the file cannot be written", where=str(path), got=str(error)) from error
 

@@ -152,7 +152,6 @@ def inject(
     with progress() as report_progress:
         fmu = place.find(into)
         request = replace(request, parameters=_values(fmu, parameters))
-        target.parent.mkdir(parents=True, exist_ok=True)
         found = run_injection(file, fmu, target, request, progress=report_progress)
     answer(as_json, lambda: inject_json(found), lambda: inject_view(found))
     if found.status == "failed":

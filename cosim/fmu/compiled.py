@@ -64,8 +64,8 @@ def write_library(name: str, source: bytes, folder: Path, target: Platform) -> N
     InputError : no cross compiler, or it rejects the source.
     """
     path = folder / _prebuilt_name(name, source, target)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_bytes(shared_library(name, {f"{name}.c": source}, [f"{name}.c"], target, cross=True))
+    library = shared_library(name, {f"{name}.c": source}, [f"{name}.c"], target, cross=True)
+    write_whole(path, library)
 
 
 def _prebuilt_name(name: str, source: bytes, target: Platform) -> str:
@@ -76,7 +76,6 @@ def _prebuilt_name(name: str, source: bytes, target: Platform) -> str:
 
 def _kept(path: Path, library: bytes) -> Path:
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
         write_whole(path, library)
     except OSError as error:
         # what handles FMUs is loaded here: building a wheel does without it

@@ -12,7 +12,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from cosim.core import InputError
+from cosim.core import InputError, written_beside
 from cosim.fmu import FmuState
 from cosim.master.adjustments import Adjustment
 from cosim.master.component_instance import Rows
@@ -132,7 +132,7 @@ class Snapshot:
 
         Raises
         ------
-        InputError : it is not portable.
+        InputError : it is not portable, or the file cannot be written.
         """
         if not all(isinstance(state, bytes) for state in self.states.values()):
             raise InputError(
@@ -154,8 +154,13 @@ class Snapshot:
             f"state{i}": np.frombuffer(cast("bytes", state), np.uint8)
             for i, state in enumerate(self.states.values())
         }
-        with path.open("wb") as stream:
-            np.savez(stream, about=np.array(json.dumps(about)), rows=self.rows, **states)
+        try:
+            with written_beside(path) as partial, partial.open("wb") as stream:
+                np.savez(stream, about=np.array(json.dumps(about)), rows=self.rows, **states)
+        except OSError as error:
+            raise InputError(
+                "the snapshot cannot be written", where=str(path), got=str(error)
+            ) from error
 
     @classmethod
     def load(cls, path: Path) -> Snapshot:

@@ -26,7 +26,6 @@ def write_page(target: Path, html: str, kind: str, sources: Iterable[Path]) -> i
                 hint="another place: --out",
             )
     try:
-        target.parent.mkdir(parents=True, exist_ok=True)
         write_whole(target, text)
     except (OSError, ValueError) as error:
         raise InputError(

@@ -9,7 +9,7 @@ from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 
-from cosim.core import ComponentError, InputError, Progress, silent
+from cosim.core import ComponentError, InputError, Progress, output_place, silent
 from cosim.master import (
     EngineName,
     Observer,
@@ -117,12 +117,6 @@ def execute_recorded(
     began = time.perf_counter()
     system, events = assembled_system(prepared)
     check_writable(trace)
-    try:
-        trace.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(
-            "the folder of the trace cannot be made", where=str(trace.parent), got=str(error)
-        ) from error
     entries, attachments = run_metadata_of(prepared, system)
     with (
         supervision.open(system, list(prepared.fmus.values()), engine) as supervisor,
@@ -214,9 +208,16 @@ def check_writable(trace: Path) -> None:
 
     Raises
     ------
-    InputError : its folder, or the nearest existing one, cannot be written.
+    InputError : its folder, or the nearest existing one, cannot be written; or what stands there
+        is no file, or not to be replaced.
     """
-    nearest = next(folder for folder in trace.absolute().parents if folder.exists())
+    try:
+        place = output_place(trace).path
+        nearest = next(folder for folder in place.parents if folder.exists())
+    except OSError as error:
+        raise InputError(
+            "the trace cannot be created", where=str(trace), got=error.strerror or str(error)
+        ) from error
     if not nearest.is_dir() or not os.access(nearest, os.W_OK | os.X_OK):
         raise InputError(
             "the folder of the trace cannot be written",

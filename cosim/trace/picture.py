@@ -92,7 +92,6 @@ def save_picture(figure: Any, target: Path, dpi: int = 110) -> Path:
     InputError : it cannot be written, or its format is not known.
     """
     try:
-        target.parent.mkdir(parents=True, exist_ok=True)
         with written_beside(target) as partial:
             figure.savefig(partial, dpi=dpi, format=target.suffix[1:] or None)
     except (OSError, ValueError) as error:  # ValueError: no such format

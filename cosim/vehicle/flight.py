@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cosim import fmu as fmus, hinf, scenario
-from cosim.core import DESIGN_FILE, PLANT_NOTE, InputError, Progress, silent
+from cosim.core import DESIGN_FILE, PLANT_NOTE, InputError, Progress, silent, write_whole
 from cosim.trace import pyplot
 from cosim.vehicle.crossings import Crossing, crossing_lines, crossing_title, crossings
 from cosim.vehicle.diagnosis import not_observed
@@ -121,7 +121,7 @@ def fly(  # noqa: PLR0915 - one step after the other
     where.mkdir(parents=True, exist_ok=True)
     with steps("linear model at the trim, uncertainty proved over the envelope"):
         craft = as_designed_for(craft, steps.add)
-        (where / "vehicle.toml").write_text(craft.text, "utf-8")
+        write_whole(where / "vehicle.toml", craft.text.encode())
         for fault in not_observed(craft):
             raise fault
         model = linear_model(craft)
@@ -310,7 +310,7 @@ def _mission(model: LinearModel, design: hinf.OutputFeedback, settings: FlightSe
 
 def _save(design: hinf.OutputFeedback, path: Path) -> None:
     data = DESIGN_FILE.stamped(design.to_json())
-    path.write_text(json.dumps(data, indent=1, allow_nan=False) + "\n", "utf-8")
+    write_whole(path, f"{json.dumps(data, indent=1, allow_nan=False)}\n".encode())
 
 
 def _write_fmus(
@@ -355,7 +355,7 @@ def _write_scenario(
         kept = path.with_suffix(".before.toml")
         path.replace(kept)
         steps.add(f"the scenario that was there is kept: {kept}")
-    path.write_text(text, "utf-8")
+    write_whole(path, text.encode())
     if mission.wave_height:
         sea = f"a sea of {mission.wave_height:g} m and {mission.wave_period:g} s"
         steps.add(f"{sea}, met {mission.wave_depth:g} m down")

@@ -57,7 +57,7 @@ DESIGNS = [
     ),
     (["paper", "--order", "-1"], 2, "not an order"),
     (["paper", "--order", "13"], 2, "not an order"),
-    (["paper", "--save", "folder.toml"], 2, "the file cannot be written"),
+    (["paper", "--save", "folder.toml"], 2, "the output is a folder"),
 ]
 
 

@@ -209,7 +209,7 @@ REFUSED = [
     (["open.json"], "there is no gain to pack"),
     (["paper.json", "-o", "é.fmu"], "gives no model name"),
     (["paper.json", "-o", "/proc/none/x.fmu"], "the FMU cannot be written"),
-    (["paper.json", "-o", "taken"], "the FMU cannot be written"),
+    (["paper.json", "-o", "taken"], "the output is a folder"),
     (["paper.json", "--limits", "1,2"], "the limits do not fit the controller"),
     (["paper.json", "--limits", "-1"], "the limits do not fit the controller"),
     (["paper.json", "--limits", "nan"], "the limits do not fit the controller"),

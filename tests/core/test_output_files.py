@@ -38,8 +38,8 @@ def as_user(number: int, do: Callable[[], None]) -> str:
             code = 0
         os._exit(code)
     os.close(writes)
-    with os.fdopen(reads) as said:
-        text = said.read()
+    with os.fdopen(reads) as output:
+        text = output.read()
     assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0
     return text
 

@@ -227,7 +227,7 @@ def test_link_fmus_of_the_archive_are_in_order(native_fmus: Path, tmp_path: Path
 
 def test_archive_that_cannot_be_written_is_refused(native_fmus: Path, tmp_path: Path) -> None:
     (tmp_path / "test.ssp").mkdir()
-    with pytest.raises(InputError, match="cannot be written"):
+    with pytest.raises(InputError, match="the output is a folder"):
         export(LINKED.format(events="grid"), native_fmus, tmp_path)
 
 

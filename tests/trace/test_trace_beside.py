@@ -35,14 +35,14 @@ def test_rows_of_a_run_that_died_are_set_aside(
     for value in (1.0, 2.0, 3.0):
         write(path, [value], finish=False)
     write(path, [4.0])
-    said = capfd.readouterr().err
+    printed = capfd.readouterr().err
     assert {x.name for x in tmp_path.iterdir()} == {
         *("a.mcap", "a.mcap.partial.1", "a.mcap.partial.2", "a.mcap.partial.3")
     }
     assert values(path) == [4.0]
     for number, value in ((1, 1.0), (2, 2.0), (3, 3.0)):
         aside = tmp_path / f"a.mcap.partial.{number}"
-        assert f"cosim trace recover {aside}" in said
+        assert f"cosim trace recover {aside}" in printed
         recover(aside, tmp_path / "mended.mcap", force=True)
         assert values(tmp_path / "mended.mcap") == [value]
 

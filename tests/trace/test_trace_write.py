@@ -273,8 +273,9 @@ def test_writer_refuses_invalid_calls(tmp_path: Path) -> None:
 
 
 def test_path_that_cannot_be_written_is_refused(tmp_path: Path) -> None:
-    """A missing folder, a directory and an unknown compression are bad input."""
+    """A file in place of a folder, a directory and an unknown compression are bad input."""
     (tmp_path / "d.mcap").mkdir()
+    (tmp_path / "no").write_bytes(b"")
     with pytest.raises(InputError, match="cannot be created"):
         TraceWriter(tmp_path / "no" / "a.mcap", run={})
     with pytest.raises(InputError, match="a folder"):

@@ -112,7 +112,6 @@ def build_fmu(
         ready = prebuilt_file(f"{flavour}/{component}.fmu") if prebuilt and not platforms else None
         if ready is not None:
             target = Path(folder) / ready.name
-            target.parent.mkdir(parents=True, exist_ok=True)
             copy_whole(ready, target)
             return target
     # what packs FMUs is loaded here: a run rarely makes one

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import keyword
 import re
-import shutil
 import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from cosim.core import InputError
+from cosim.core import InputError, copy_whole
 from cosim.fmu.export.build import build_fmu
 from cosim.fmu.export.flavours import FMI_VERSION, Flavour
 from cosim.fmu.export.native.platforms import Platform, platforms_named
@@ -89,8 +88,7 @@ def write_fmu(spec: ComponentSpec, path: Path, kind: FmuTarget) -> None:
                 prebuilt=kind.prebuilt,
                 clocked=kind.clocked,
             )
-            path.parent.mkdir(parents=True, exist_ok=True)
-            shutil.copyfile(built, path)
+            copy_whole(built, path)
     except OSError as error:
         raise InputError("the FMU cannot be written", where=str(path), got=str(error)) from error
 

@@ -43,7 +43,6 @@ def kept_guid(key: str, folder: Path, compute: Callable[[], str]) -> str:
     found = compute()
     content = {"sources": now, "guids": {**known, key: found}}
     with suppress(OSError):
-        folder.mkdir(parents=True, exist_ok=True)
         write_whole(path, json.dumps(content, indent=1).encode())
     return found
 

@@ -12,7 +12,7 @@ from typing import Any
 
 import tomli_w
 
-from cosim.core import SCENARIO_FILE, InputError
+from cosim.core import SCENARIO_FILE, InputError, write_whole
 from cosim.fmu import FmuDescription, describe_fmu
 from cosim.master import receiving_order
 from cosim.scenario.assembly import assemble
@@ -122,7 +122,7 @@ def import_ssp(
             folder.mkdir(exist_ok=True)
             for file in files.values():
                 (unpacked / file).replace(folder / file)
-            path.write_text(text, "utf-8")
+            write_whole(path, text.encode())
         except OSError as error:
             raise _unwritten(path, error) from error
     return SspImport(

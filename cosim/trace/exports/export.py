@@ -150,7 +150,6 @@ def _write_mat(
         "content_hash_version": str(CONTENT_HASH_VERSION),
         "run": json.dumps(trace.run, sort_keys=True),
     }
-    target.parent.mkdir(parents=True, exist_ok=True)
     with (
         written_beside(target) as partial,
         MatFile(partial, about, [topic or _WIDE for topic, _ in jobs]) as file,
@@ -204,7 +203,6 @@ def _write(
                 topic = sheet.topic
                 if topic not in files:
                     target = targets[topic]
-                    target.parent.mkdir(parents=True, exist_ok=True)
                     files[topic] = file_of(stack.enter_context(written_beside(target)), sheet)
                     opened.callback(files[topic].close)
                     columns[topic] = tuple(column.name for column in sheet.columns)

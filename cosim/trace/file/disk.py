@@ -45,6 +45,7 @@ class PartialFile:
         self._fsync = fsync
         try:
             self.path = output_place(path).path
+            self.path.parent.mkdir(parents=True, exist_ok=True)
             self.partial_path = self.path.with_name(f"{self.path.name}.partial")
             handle = self._new()
         except OSError as error:
@@ -78,7 +79,8 @@ class PartialFile:
         InputError : it is another run's, another user's, or nothing that a run writes.
         """
         what = os.lstat(self.partial_path)
-        if not stat.S_ISREG(what.st_mode) or what.st_uid != os.geteuid():
+        me = os.geteuid() if hasattr(os, "geteuid") else what.st_uid  # Windows has no users here
+        if not stat.S_ISREG(what.st_mode) or what.st_uid != me:
             raise InputError(
                 "what stands in the place of the trace was not made by a run of yours",
                 where=str(self.partial_path),

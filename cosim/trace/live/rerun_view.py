@@ -158,7 +158,6 @@ def _check_display() -> None:
 def _saved_beside(save: Path) -> Iterator[Path]:
     """Give a path to write a recording to; it becomes `save` when it is complete."""
     try:
-        save.parent.mkdir(parents=True, exist_ok=True)
         with written_beside(save) as partial:
             partial.write_bytes(b"")  # the SDK says nothing of a place that cannot be written
             yield partial

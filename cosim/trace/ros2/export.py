@@ -103,7 +103,6 @@ def export_bag(
         raise InputError("the bag would overwrite its trace", where=str(target), hint="use --out")
     latest = max(high for _, high in trace.spans.values())
     try:
-        target.parent.mkdir(parents=True, exist_ok=True)
         with written_beside(target) as beside, beside.open("wb") as file:
             bag = _Bag(McapStream(file, _CHUNK_BYTES, "zstd"), trace)
             for tables in trace.parts(list(made), start=start, end=end, part_bytes=_PART_BYTES):

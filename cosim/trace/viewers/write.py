@@ -77,7 +77,6 @@ def write_layout(trace: Path, viewer: Viewer, target: Path | None = None) -> Wri
     if target.exists() and target.samefile(found.path):
         raise InputError("the layout would overwrite its trace", where=str(target))
     try:
-        target.parent.mkdir(parents=True, exist_ok=True)
         write_whole(target, layout(found.topics, tabs).encode())
     except OSError as error:
         raise InputError(
