@@ -12,7 +12,7 @@ DEV := $(VENV)/.ready-dev
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help demo test lint bench docs fmus clean release
+.PHONY: help demo test lint bench chaos docs fmus clean release
 
 help: ## show this list
 	@echo "make <target>   [PYTHON=$(PYTHON)] [VENV=$(VENV)] [JOBS=$(JOBS)]"
@@ -44,6 +44,10 @@ bench: $(DEV) ## run every benchmark; each prints its table and its JSON
 	@set -e; for script in tests/benchmarks/[!_]*.py; do \
 		echo "== $$script"; $(BIN)/python -m tests.benchmarks.$$(basename $$script .py); \
 	done
+
+chaos: $(DEV) ## trouble at random through every door [SEED=NUMBER MINUTES=20]
+	$(BIN)/python -m tests.chaos --jobs $(JOBS) \
+		$(if $(SEED),--seed $(SEED)) $(if $(MINUTES),--minutes $(MINUTES))
 
 docs: $(READY) ## build the documentation into site/, which needs no network
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check \

@@ -26,7 +26,7 @@ def compile_fmu(
     *flags: str,
     resources: Mapping[str, str] | None = None,
 ) -> Path:
-    """Make the FMU `path` of one C file and its model description, and return its path.
+    """Make the FMU `path` of one file in C or C++ and its model description, and return its path.
 
     flags : of the compiler, beside those that make every warning an error.
     resources : name -> text of the files in the folder of that name.
@@ -38,7 +38,7 @@ def compile_fmu(
     library = f"binaries/{platform}/{identifier}{fmpy.sharedLibraryExtension}"
     files: dict[str, str | bytes] = {
         "modelDescription.xml": description,
-        library: _library(source.read_text("utf-8"), source.parent, flags),
+        library: _library(source.read_text("utf-8"), source.parent, flags, source.suffix),
         **{f"resources/{name}": text for name, text in (resources or {}).items()},
     }
     with zipfile.ZipFile(path, "w") as archive:
@@ -50,14 +50,15 @@ def compile_fmu(
 
 
 @cache
-def _library(text: str, home: Path, flags: tuple[str, ...]) -> bytes:
-    """The shared library of a C file that stands in `home`, compiled once per process."""
-    compiler = shutil.which("cc")
+def _library(text: str, home: Path, flags: tuple[str, ...], suffix: str) -> bytes:
+    """The shared library of a C or C++ file that stands in `home`, compiled once per process."""
+    name = {".c": "cc", ".cpp": "c++"}[suffix]
+    compiler = shutil.which(name)
     if compiler is None:
-        pytest.skip("needs a C compiler (cc)")
+        pytest.skip(f"needs a compiler ({name})")
     strict = ("-O1", "-Wall", "-Wextra", "-Werror", *(f"-I{p}" for p in (_HEADERS, _SHARED, home)))
     with tempfile.TemporaryDirectory() as folder:
-        source, library = Path(folder) / "source.c", Path(folder) / "library"
+        source, library = Path(folder) / f"source{suffix}", Path(folder) / "library"
         source.write_text(text, "utf-8")
         line = [compiler, *strict, "-shared", "-fPIC", *flags, source, "-lm", "-o", library]
         subprocess.run(line, check=True)  # noqa: S603 - our own source

@@ -22,7 +22,7 @@ _WHOLE, _SLASH = ".whole", "~"
 _session: list[Path] = []
 
 
-_EACH = 4
+_EACH = 64
 """One slow test of so many is run per commit; a family of them has been cut to its share before."""
 
 

@@ -19,6 +19,7 @@ typedef struct { /* where an instance writes its messages: one of two and three 
     const fmi2CallbackFunctions *two;
     fmi3LogMessageCallback three;
     void *environment; /* of FMI 3.0 */
+    fmi3IntermediateUpdateCallback update; /* of FMI 3.0; NULL: nothing is read within steps */
     const char *category;
     char name[200];
 } Log;
@@ -98,8 +99,8 @@ fmi3Instance fmi3InstantiateCoSimulation(fmi3String name, fmi3String token, fmi3
                                          fmi3InstanceEnvironment environment,
                                          fmi3LogMessageCallback logger,
                                          fmi3IntermediateUpdateCallback update) {
-    return instantiate(
-        name, (Log){.three = logger, .environment = environment, .category = "logAll"});
+    return instantiate(name, (Log){.three = logger, .environment = environment,
+                                   .update = n ? update : NULL, .category = "logAll"});
 }
 fmi3Status fmi3EnterInitializationMode(fmi3Instance c, fmi3Boolean t, fmi3Float64 tolerance,
                                        fmi3Float64 time, fmi3Boolean s, fmi3Float64 stop) {

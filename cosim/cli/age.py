@@ -11,7 +11,12 @@ import typer
 from cosim import hinf, trace
 from cosim.cli.age_view import age_json, age_view, draw_ages
 from cosim.cli.arguments import gain_from, named_problem, numbers
-from cosim.cli.common import JsonOption, answer, progress
+from cosim.cli.common import (
+    JsonOption,
+    answer,
+    output_file,
+    progress,
+)
 from cosim.cli.design import DelayLimitOption, SystemArgument
 from cosim.core import InputError
 
@@ -86,7 +91,10 @@ def age(
     delay_limit: DelayLimitOption = hinf.DELAY_LIMIT,
     picture: Annotated[
         Path | None,
-        typer.Option(help="Also draw the table: a .png, .svg or .pdf file (needs the extra plot)."),
+        typer.Option(
+            help="Also draw the table: a .png, .svg or .pdf file (needs the extra plot).",
+            callback=output_file,
+        ),
     ] = None,
     as_json: JsonOption = False,
 ) -> None:

@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import signal
 import sys
-import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import suppress
 from typing import Annotated, Any
 
 import typer
 
 from cosim.cli.first_hour import FIRST_HOUR
 from cosim.cli.help_text import HelpTyper
+from cosim.cli.interruptions import interruptions
 from cosim.cli.verbs import STYLE, VerbsOnUse
-from cosim.core import CosimError, InputError
+from cosim.core import CosimError, InputError, LossError
 
 app = HelpTyper(
     name="cosim",
@@ -32,6 +32,8 @@ app = HelpTyper(
 _UsageError: Any = typer.BadParameter.__base__
 _INTERRUPTED = 130  # typer returns it after a KeyboardInterrupt
 _TERMINATED = 128 + signal.SIGTERM
+_UNEXPECTED = 4
+_DESCRIPTORS = 256  # enough for the usual run
 _LEFT_BEHIND = "if a run had begun: cosim trace recover turns the .partial file into a trace"
 
 
@@ -61,59 +63,83 @@ def main() -> None:
     """Run the command line; turn errors into messages and exit codes, never tracebacks."""
     as_json = "--json" in sys.argv[1:]
     try:
-        with _sigterm_as_interrupt():
-            code = app(standalone_mode=False, prog_name="cosim") or 0
-    except _Ended:
-        code = _TERMINATED
-    except CosimError as error:
-        _complain(error, error.exit_code, as_json=as_json)
-        sys.exit(error.exit_code)
-    except _UsageError as error:
-        sys.exit(_misused(error, as_json=as_json))
-    except SystemExit as end:  # typer raises it on a BrokenPipeError, with code 1
-        if not isinstance(end.__context__, BrokenPipeError):
-            raise
-        # the reader of the output is gone: nobody is left to print a message for
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        sys.exit(141)
-    except Exception as error:
-        if os.environ.get("COSIM_DEBUG"):
-            raise
-        unexpected = CosimError(
-            f"unexpected {type(error).__name__}: {error}",
-            hint="set COSIM_DEBUG=1 to see the traceback, and report it",
-        )
-        _complain(unexpected, 4, as_json=as_json)
-        sys.exit(4)
-    if code in (_INTERRUPTED, _TERMINATED):
-        what = "interrupted" if code == _INTERRUPTED else "terminated"
-        _complain(CosimError(what, hint=_LEFT_BEHIND), code, as_json=as_json)
+        with interruptions.raised():
+            code = app(standalone_mode=False, prog_name="cosim") or _printed()
+        if code in (0, _INTERRUPTED) and (number := interruptions.number or code):
+            # of a signal that was dropped, the command has ended before it came again
+            code = _interrupted(number % 128, as_json=as_json)
+    except SystemExit as end:
+        code = _left(end, as_json=as_json)
+    except (Exception, KeyboardInterrupt) as error:  # noqa: BLE001 - each has its message
+        code = _failed(error, as_json=as_json)
     sys.exit(code)
 
 
-class _Ended(SystemExit):
-    """Raised on SIGTERM, so that traces are closed and temporary folders removed."""
+def _left(end: SystemExit, *, as_json: bool) -> Any:
+    """Return the exit code of a command that has left by itself."""
+    if isinstance(end.__context__, BrokenPipeError):  # typer raises code 1 then
+        return _unheard()
+    return _interrupted(signal.SIGTERM, as_json=as_json) if end.code == _TERMINATED else end.code
 
 
-@contextmanager
-def _sigterm_as_interrupt() -> Iterator[None]:
-    """Make SIGTERM end the command in an orderly way, as Ctrl-C does."""
+def _failed(error: BaseException, *, as_json: bool) -> int:
+    """Say what is wrong; return the exit code."""
+    if isinstance(error, CosimError):
+        _complain(error, error.exit_code, as_json=as_json)
+        return error.exit_code
+    if isinstance(error, _UsageError):
+        return _misused(error, as_json=as_json)
+    # any other error after a signal comes of it
+    if isinstance(error, KeyboardInterrupt) or interruptions.number:
+        return _interrupted(interruptions.number or signal.SIGINT, as_json=as_json)
+    if isinstance(error, OSError) and (refused := _refused(error)) is not None:
+        _complain(refused, refused.exit_code, as_json=as_json)
+        return refused.exit_code
+    if os.environ.get("COSIM_DEBUG"):
+        raise error
+    unexpected = CosimError(
+        f"unexpected {type(error).__name__}: {error}",
+        hint="set COSIM_DEBUG=1 to see the traceback, and report it",
+    )
+    _complain(unexpected, _UNEXPECTED, as_json=as_json)
+    return _UNEXPECTED
 
-    def leave(_number: int, _frame: object) -> None:
-        raise _Ended(_TERMINATED)
 
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    before = signal.signal(signal.SIGTERM, leave)
+def _printed() -> int:
+    """Return the exit code of a command that went well, once its output is where it goes."""
     try:
-        yield
-    except SystemExit as end:
-        if end.code == _TERMINATED:
-            raise _Ended(_TERMINATED) from None
-        raise
-    finally:
-        signal.signal(signal.SIGTERM, before)
+        print(end="", flush=True)
+    except BrokenPipeError:
+        return _unheard()
+    return 0
+
+
+def _unheard() -> int:
+    """The reader of the output is gone: nobody is left to print a message for."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    return 141
+
+
+def _refused(error: OSError) -> CosimError | None:
+    """Return the error of a system that has no more of something; None for any other fault."""
+    if error.errno in (errno.EMFILE, errno.ENFILE):
+        return InputError(
+            "too few file descriptors: no more files can be opened",
+            where=None if error.filename is None else str(error.filename),
+            expected=f"a limit of at least {_DESCRIPTORS} for this process",
+            got=error.strerror,
+            hint=f"ulimit -n {_DESCRIPTORS}, in the shell before this command; or fewer workers",
+        )
+    if error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
+        return LossError("the output has no room", got=str(error), hint="make room on the disk")
+    return None
+
+
+def _interrupted(number: int, *, as_json: bool) -> int:
+    """Say that a signal has ended the command; return the exit code."""
+    what = "terminated" if number == signal.SIGTERM else "interrupted"
+    _complain(CosimError(what, hint=_LEFT_BEHIND), 128 + number, as_json=as_json)
+    return 128 + number
 
 
 def _misused(error: Any, *, as_json: bool) -> int:
@@ -163,5 +189,7 @@ def _hint(error: Any, path: str) -> str:
 def _complain(error: CosimError, code: int, *, as_json: bool) -> None:
     if as_json:
         content = error.to_json() | {"exit_code": code}
-        print(json.dumps({"error": content}, allow_nan=False))
-    print(error.text(), file=sys.stderr)
+        with suppress(OSError, ValueError):  # where nothing can be printed the exit code says it
+            print(json.dumps({"error": content}, allow_nan=False), flush=True)
+    with suppress(OSError, ValueError):
+        print(error.text(), file=sys.stderr, flush=True)

@@ -13,7 +13,12 @@ from rich.text import Text
 from cosim import hinf, replay
 from cosim.cli.arguments import named_problem, write_json
 from cosim.cli.certificate_view import certificate_view, system_facts
-from cosim.cli.common import JsonOption, answer, progress
+from cosim.cli.common import (
+    JsonOption,
+    answer,
+    output_file,
+    progress,
+)
 from cosim.cli.design_answers import design_json
 from cosim.cli.design_view import design_view
 from cosim.cli.help_text import HelpTyper
@@ -116,7 +121,9 @@ def prove(
             "that takes seconds, and for an observer of many states at the order of the old proof."
         ),
     ] = "auto",
-    save: Annotated[Path | None, typer.Option(help="Write the new design to this file.")] = None,
+    save: Annotated[
+        Path | None, typer.Option(help="Write the new design to this file.", callback=output_file)
+    ] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Prove the gains of a design again, for ages that a run can have; K and L stay as they are.

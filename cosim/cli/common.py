@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from importlib import resources
@@ -12,7 +14,7 @@ from typing import Annotated, Any, Literal
 import typer
 
 from cosim.cli.terminal import console
-from cosim.core import reported_to, silent
+from cosim.core import check_output, check_output_folder, reported_to, silent
 
 FMUS = Path("fmus")
 TRACES = Path("traces")
@@ -27,6 +29,33 @@ JsonOption = Annotated[
 FmusOption = Annotated[
     Path, typer.Option("--fmus", help="Folder of the FMUs; missing FMUs are built there.")
 ]
+
+
+def output_file(path: Path | None) -> Path | None:
+    """Check, while options are read, where a file is to go; a device or a pipe will do."""
+    if path is not None:
+        check_output(path, streams=True)
+    return path
+
+
+def output_trace(path: Path | None) -> Path | None:
+    """Check where a trace is to go: no device, since it grows under another name."""
+    if path is not None:
+        check_output(path)
+    return path
+
+
+def output_folder(path: Path | None) -> Path | None:
+    """Check the folder for all that a command makes, there or not."""
+    if path is not None:
+        check_output_folder(path)
+    return path
+
+
+def output_file_or_folder(path: Path | None) -> Path | None:
+    """Check where one file or several are to go."""
+    is_folder = path is not None and os.path.isdir(path)  # noqa: PTH112 - Path raises
+    return output_folder(path) if is_folder else output_file(path)
 
 
 def completed_from(room: str) -> Callable[[str], list[str]]:
@@ -60,6 +89,8 @@ SetOption = Annotated[
     ),
 ]
 
+_REFRESH_S = 0.1
+
 
 def answer(as_json: bool, data: Callable[[], Any], view: Callable[[], Any]) -> None:  # noqa: FBT001
     """Print `data` as JSON, or `view` as text for people."""
@@ -84,21 +115,25 @@ def progress() -> Iterator[Callable[[str, float], None]]:
     )
 
     with Progress(
-        TextColumn("{task.description}"),
+        TextColumn("{task.description}", markup=False),
         BarColumn(),
         TimeRemainingColumn(),
         console=terminal,
         transient=True,
+        auto_refresh=False,  # by a thread, with which no process can be forked from this one
     ) as bar:
         task = bar.add_task("", total=1.0)
-        doing = ""
+        doing, refreshed_at = "", 0.0
 
         def report_progress(what: str, share: float) -> None:
-            nonlocal doing
+            nonlocal doing, refreshed_at
             if what != doing:  # the remaining time is estimated anew for each part
                 doing = what
                 bar.reset(task, total=1.0)
             bar.update(task, description=what, completed=share)
+            if (now := time.monotonic()) - refreshed_at > _REFRESH_S:
+                refreshed_at = now
+                bar.refresh()
 
         with reported_to(report_progress):
             yield report_progress

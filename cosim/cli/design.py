@@ -14,7 +14,12 @@ import typer
 
 from cosim import hinf
 from cosim.cli.arguments import gain_from, named_problem, numbers, with_weights, write_json
-from cosim.cli.common import JsonOption, answer, progress
+from cosim.cli.common import (
+    JsonOption,
+    answer,
+    output_file,
+    progress,
+)
 from cosim.cli.design_answers import analysis_json, design_json
 from cosim.cli.design_view import analysis_view, design_view
 from cosim.cli.output_feedback import answer_output_feedback
@@ -24,7 +29,8 @@ from cosim.models import DelaySystem
 SaveNormOption = Annotated[
     Path | None,
     typer.Option(
-        help="Write the proof of the upper bound of the exact norm to this file, if there is one."
+        help="Write the proof of the upper bound of the exact norm to this file, if there is one.",
+        callback=output_file,
     ),
 ]
 SystemArgument = Annotated[
@@ -194,12 +200,18 @@ def design(
     integral_age: IntegralAgeOption = None,
     outages: OutagesOption = False,
     save: Annotated[
-        Path | None, typer.Option(help="Write the design and its exact certificate to this file.")
+        Path | None,
+        typer.Option(
+            help="Write the design and its exact certificate to this file.", callback=output_file
+        ),
     ] = None,
     save_norm: SaveNormOption = None,
     save_refutation: Annotated[
         Path | None,
-        typer.Option(help="Write the proof that no solution exists to this file, if there is one."),
+        typer.Option(
+            help="Write the proof that no solution exists to this file, if there is one.",
+            callback=output_file,
+        ),
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
@@ -425,7 +437,10 @@ def analyse(
     within: WithinOption = None,
     outages: OutagesOption = False,
     save: Annotated[
-        Path | None, typer.Option(help="Write the exact certificate to this file, if there is one.")
+        Path | None,
+        typer.Option(
+            help="Write the exact certificate to this file, if there is one.", callback=output_file
+        ),
     ] = None,
     save_norm: SaveNormOption = None,
     as_json: JsonOption = False,

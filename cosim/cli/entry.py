@@ -1,7 +1,7 @@
 """Entry point of the command: what must be so before any module loads.
 
 Output is UTF-8 wherever it goes: a pipe or a file of Windows has a code page without Greek
-letters. An interruption while modules are loading gives no traceback.
+letters. From the first line on an interruption gives no traceback (`cosim.cli.interruptions`).
 
 A short command spends its time on loading, so that three habits of Python are changed: linear
 algebra has one thread, since its matrices are small and starting threads costs a third of loading
@@ -10,26 +10,29 @@ NumPy; what is loaded is looked through for garbage less often, and not once mor
 
 from __future__ import annotations
 
-import gc
-import io
-import os
-import sys
+try:
+    import gc
+    import io
+    import os
+    import sys
+
+    from cosim.cli.interruptions import interruptions
+except KeyboardInterrupt:
+    raise SystemExit(130) from None
 
 _OBJECTS_BETWEEN_COLLECTIONS = 50_000
 
 
 def main() -> None:
     """Load the command line and run it."""
+    interruptions.take()
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # not where a test or a notebook captures it
             stream.reconfigure(encoding="utf-8", errors="backslashreplace")
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     gc.set_threshold(_OBJECTS_BETWEEN_COLLECTIONS)
-    try:
-        from cosim.cli.application import main as run  # noqa: PLC0415 - to catch Ctrl-C while loading
-    except KeyboardInterrupt:
-        print("interrupted while loading, before any work began", file=sys.stderr)
-        sys.exit(130)
+    from cosim.cli.application import main as run  # noqa: PLC0415 - the signals are taken before
+
     try:
         run()
     finally:

@@ -10,7 +10,11 @@ import typer
 
 from cosim import fmu as fmus, replay, vehicle as vehicles
 from cosim.cli.arguments import numbers
-from cosim.cli.common import JsonOption, answer
+from cosim.cli.common import (
+    JsonOption,
+    answer,
+    output_file,
+)
 from cosim.cli.design_view import packed_view, plant_view, vehicle_plant_view
 from cosim.cli.fmu_view import check_view, info_view, rule_view
 from cosim.cli.help_text import HelpTyper
@@ -24,7 +28,12 @@ fmu_app = HelpTyper(
 FileArgument = Annotated[Path, typer.Argument(help="Any FMU: FMI 1.0, 2.0 or 3.0.")]
 OutOption = Annotated[
     Path | None,
-    typer.Option("--out", "-o", help="File to write the FMU to (default: FILE with .fmu)."),
+    typer.Option(
+        "--out",
+        "-o",
+        help="File to write the FMU to (default: FILE with .fmu).",
+        callback=output_file,
+    ),
 ]
 NameOption = Annotated[
     str | None, typer.Option("--name", help="Name of the model (default: the FMU's file name).")

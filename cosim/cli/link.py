@@ -8,7 +8,12 @@ from typing import Annotated
 import typer
 
 from cosim import hinf, recordings, trace
-from cosim.cli.common import JsonOption, answer, progress
+from cosim.cli.common import (
+    JsonOption,
+    answer,
+    output_file,
+    progress,
+)
 from cosim.cli.help_text import HelpTyper
 from cosim.cli.link_fit_view import fit_json, fit_view
 from cosim.cli.link_verdict_view import verdict_json, verdict_view
@@ -21,21 +26,25 @@ link_app = HelpTyper(
 )
 
 FileArgument = Annotated[
-    Path, typer.Argument(help="A CSV file of messages, a trace, or another MCAP file.")
+    Path, typer.Argument(help="A CSV or Parquet file of messages, a trace, or another MCAP file.")
 ]
 NodeOption = Annotated[
     str | None, typer.Option("--node", help="Only this link of a file with several.")
 ]
 PictureOption = Annotated[
     Path | None,
-    typer.Option(help="Also draw it: a .png, .svg or .pdf file (needs the extra plot)."),
+    typer.Option(
+        help="Also draw it: a .png, .svg or .pdf file (needs the extra plot).", callback=output_file
+    ),
 ]
 
 
 @link_app.command()
 def record(
     file: Annotated[Path, typer.Argument(help="A trace, or another MCAP file.")],
-    out: Annotated[Path, typer.Option("--out", "-o", help="CSV file to write.")],
+    out: Annotated[
+        Path, typer.Option("--out", "-o", help="CSV file to write.", callback=output_file)
+    ],
     link: Annotated[
         str | None, typer.Option("--link", help="Only this link (default: every packet link).")
     ] = None,
@@ -86,7 +95,10 @@ def fit(
     file: FileArgument,
     node: NodeOption = None,
     out: Annotated[
-        Path | None, typer.Option("--out", "-o", help="Also write the [links.NAME] as TOML.")
+        Path | None,
+        typer.Option(
+            "--out", "-o", help="Also write the [links.NAME] as TOML.", callback=output_file
+        ),
     ] = None,
     name: Annotated[
         str, typer.Option(help="NAME of the link, where the file names none.")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import Annotated
 
@@ -10,15 +9,20 @@ import typer
 
 from cosim import trace
 from cosim.cli.arguments import write
-from cosim.cli.common import JsonOption, answer, progress
-from cosim.core import InputError
+from cosim.cli.common import (
+    JsonOption,
+    answer,
+    output_file,
+    progress,
+)
 
 
 def paper(
     html: Annotated[
         Path | None,
         typer.Option(
-            help="Also write the report as one HTML page with pictures (needs the extra plot)."
+            help="Also write the report as one HTML page with pictures (needs the extra plot).",
+            callback=output_file,
         ),
     ] = None,
     as_json: JsonOption = False,
@@ -36,21 +40,9 @@ def paper(
     from cosim.paper import page, paper_view, reproduce  # noqa: PLC0415
 
     if html is not None:
-        _check(html)
+        trace.pyplot()  # before the long computation begins
     with progress() as report_progress:
         report = reproduce(report_progress)
     if html is not None:
         write(html, page(report))
     answer(as_json, report.to_json, lambda: paper_view(report))
-
-
-def _check(html: Path) -> None:
-    """Check that the page can be drawn and written, before the long computation begins."""
-    trace.pyplot()
-    nearest = next(folder for folder in html.absolute().parents if folder.exists())
-    if html.is_dir() or not nearest.is_dir() or not os.access(nearest, os.W_OK | os.X_OK):
-        raise InputError(
-            "the page cannot be written here",
-            where=str(html),
-            expected="a file name in a folder that can be written to",
-        )

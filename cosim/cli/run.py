@@ -18,18 +18,23 @@ from cosim.cli.common import (
     ScenarioArgument,
     SetOption,
     answer,
+    output_folder,
+    output_trace,
     progress,
 )
 from cosim.cli.run_view import demo_view
 from cosim.cli.runs import interruptions_reported, make_fmu_cache, report_outcome
 from cosim.cli.step_check_view import step_check_view
-from cosim.core import CheckFailedError, InputError
+from cosim.core import CheckFailedError, InputError, check_output
 from cosim.fmu import DEFAULT_FLAVOUR
 
 
 def demo(
     out: Annotated[
-        Path, typer.Option("--out", "-o", help="Folder for the traces and the picture.")
+        Path,
+        typer.Option(
+            "--out", "-o", help="Folder for the traces and the picture.", callback=output_folder
+        ),
     ] = TRACES,
     fmus: FmusOption = FMUS,
     as_json: JsonOption = False,
@@ -54,7 +59,12 @@ def run(
     name: ScenarioArgument,
     out: Annotated[
         Path | None,
-        typer.Option("--out", "-o", help="File of the trace (default: traces/NAME.mcap)."),
+        typer.Option(
+            "--out",
+            "-o",
+            help="File of the trace (default: traces/NAME.mcap).",
+            callback=output_trace,
+        ),
     ] = None,
     fmus: FmusOption = FMUS,
     engine: Annotated[
@@ -176,7 +186,7 @@ def run(
             hint="add --check-step",
         )
     trace = out or TRACES / f"{loaded.name}.mcap"
-    scenario.check_writable(trace)
+    check_output(trace)
     with progress() as report_progress, interruptions_reported():
         prepared = scenario.prepare(
             loaded, make_fmu_cache(fmus, loaded.folder, flavour), progress=report_progress

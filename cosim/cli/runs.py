@@ -37,7 +37,7 @@ def interruptions_reported() -> Iterator[None]:
         raise kind(
             "interrupted" if kind is StoppedError else "terminated",
             where=None if outcome.trace is None else str(outcome.trace),
-            got=f"{outcome.headline}: {outcome.reason}",
+            got=": ".join(filter(None, (outcome.headline, outcome.reason))),
             hint=f"the trace is complete up to t = {outcome.simulated_s:g} s",
         ) from None
 

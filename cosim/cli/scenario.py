@@ -21,7 +21,7 @@ from cosim.cli.common import (
 from cosim.cli.help_text import HelpTyper
 from cosim.cli.runs import make_fmu_cache
 from cosim.cli.terminal import console, titles_table
-from cosim.core import CosimError, InputError, counted
+from cosim.core import CosimError, InputError, counted, printable
 from cosim.scenario import (
     NAME_PATTERN,
     as_mermaid,
@@ -124,7 +124,7 @@ def check(
         for name, problems in found.items():
             for problem in problems:
                 print(problem.text())
-            print(f"{name}: {counted(len(problems), 'error') if problems else 'ok'}")
+            print(printable(f"{name}: {counted(len(problems), 'error') if problems else 'ok'}"))
     if any(found.values()):
         raise typer.Exit(InputError.exit_code)
 
@@ -163,8 +163,7 @@ def show(
     if as_json:
         print(json.dumps(data, indent=1, allow_nan=False))
     else:
-        # nothing in a scenario is markup
-        console().print(text, markup=False, soft_wrap=True)
+        console().print(text, soft_wrap=True)
 
 
 @scenario_app.command()

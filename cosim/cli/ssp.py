@@ -16,6 +16,7 @@ from cosim.cli.common import (
     JsonOption,
     RunFlavour,
     answer,
+    output_file,
     progress,
 )
 from cosim.cli.help_text import HelpTyper
@@ -50,7 +51,10 @@ def export_verb(
         str, typer.Argument(metavar="SCENARIO", help="Name of a built-in scenario, or FILE.toml.")
     ],
     out: Annotated[
-        Path | None, typer.Option("--out", "-o", help="File of the archive (default: NAME.ssp).")
+        Path | None,
+        typer.Option(
+            "--out", "-o", help="File of the archive (default: NAME.ssp).", callback=output_file
+        ),
     ] = None,
     links: Annotated[
         Literal["annotate", "fmu"],
@@ -109,7 +113,10 @@ def import_verb(
     out: Annotated[
         Path | None,
         typer.Option(
-            "--out", "-o", help="File of the scenario (default: NAME.toml in this folder)."
+            "--out",
+            "-o",
+            help="File of the scenario (default: NAME.toml in this folder).",
+            callback=output_file,
         ),
     ] = None,
     step: Annotated[

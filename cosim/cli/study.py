@@ -22,6 +22,9 @@ from cosim.cli.common import (
     answer,
     built_in_or_file,
     completed_from,
+    output_file,
+    output_folder,
+    output_trace,
     progress,
 )
 from cosim.cli.help_text import HelpTyper
@@ -37,7 +40,7 @@ from cosim.cli.study_view import (
     summary_view,
 )
 from cosim.cli.terminal import titles_table
-from cosim.core import InputError, LossError, StoppedError
+from cosim.core import InputError, LossError, StoppedError, check_output
 from cosim.fmu import DEFAULT_FLAVOUR
 
 STUDIES = Path("studies")
@@ -102,6 +105,7 @@ def check(
     """
     loaded = studies.load_study(name)
     plan, study = _plan(loaded, fmus, flavour), loaded.study
+    studies.check_runs(plan)
     data = {
         "study": loaded.name,
         "title": loaded.study.title,
@@ -121,7 +125,12 @@ def run(
     name: StudyArgument,
     out: Annotated[
         Path | None,
-        typer.Option("--out", "-o", help="Folder for the results (default: studies/NAME)."),
+        typer.Option(
+            "--out",
+            "-o",
+            help="Folder for the results (default: studies/NAME).",
+            callback=output_folder,
+        ),
     ] = None,
     workers: Annotated[
         str,
@@ -228,7 +237,9 @@ def merge(
     folders: Annotated[
         list[Path], typer.Argument(help="Folders of one study, each with a part of its runs.")
     ],
-    out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the whole study.")],
+    out: Annotated[
+        Path, typer.Option("--out", "-o", help="Folder of the whole study.", callback=output_folder)
+    ],
     as_json: JsonOption = False,
 ) -> None:
     """Merge parts of one study, executed in different places, into one folder.
@@ -258,7 +269,8 @@ def repeat(
     ],
     number: Annotated[int, typer.Argument(help="Number of the run, counted from 0.")],
     out: Annotated[
-        Path | None, typer.Option(help="Trace (default: traces/STUDY-run-NUMBER.mcap).")
+        Path | None,
+        typer.Option(help="Trace (default: traces/STUDY-run-NUMBER.mcap).", callback=output_trace),
     ] = None,
     results: Annotated[
         Path | None,
@@ -287,7 +299,7 @@ def repeat(
     plan = _plan(loaded, fmus, flavour)
     studies.check_unchanged(plan, loaded)
     trace = out or TRACES / f"{loaded.name}-run-{number}.mcap"
-    scenario.check_writable(trace)
+    check_output(trace)
     folder = results or (STUDIES / loaded.name if loaded.digest is None else Path(name))
     with interruptions_reported():
         outcome = studies.repeat_run(
@@ -320,7 +332,8 @@ def show(
         Path | None,
         typer.Option(
             help="Draw the study to this .png, .svg or .pdf file, in the way that fits it: the "
-            "stability boundary, a map or a curve over its grid, sensitivity, a distribution."
+            "stability boundary, a map or a curve over its grid, sensitivity, a distribution.",
+            callback=output_file,
         ),
     ] = None,
     kind: Annotated[
@@ -394,7 +407,12 @@ def report(
     path: Annotated[Path, typer.Argument(help="Folder of a study, or its results.parquet.")],
     out: Annotated[
         Path | None,
-        typer.Option("--out", "-o", help="File to write (default: report.html in the folder)."),
+        typer.Option(
+            "--out",
+            "-o",
+            help="File to write (default: report.html in the folder).",
+            callback=output_file,
+        ),
     ] = None,
     confidence: Annotated[float, typer.Option(help="Confidence level of the intervals.")] = 0.95,
     *,

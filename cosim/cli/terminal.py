@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
-from rich.console import Console
+from collections.abc import Iterable
+
+from rich.console import Console, ConsoleOptions, RenderableType
+from rich.segment import Segment
 from rich.table import Table
 from rich.text import Text
+
+from cosim.core import printable
 
 NONE = "–"
 
@@ -28,13 +33,24 @@ def titles_table(of: str, title: str, rows: list[dict[str, str]]) -> Table:
     return table
 
 
+class _Terminal(Console):
+    """A console on which nothing that is printed steers the terminal but rich itself."""
+
+    def render(
+        self, renderable: RenderableType, options: ConsoleOptions | None = None
+    ) -> Iterable[Segment]:
+        """Yield the parts of what is printed, names of others made harmless."""
+        for text, style, control in super().render(renderable, options):
+            yield Segment(text if control else printable(text), style, control)
+
+
 def console(*, error: bool = False) -> Console:
     """Return the console for standard output, or for standard error (progress, messages)."""
-    return Console(stderr=error, highlight=False)
+    return _Terminal(stderr=error, highlight=False, markup=False, emoji=False)
 
 
 def plain(text: object) -> Text:
-    """Return text without markup and control characters, so that it cannot steer the terminal."""
+    """Return text on one line, without control characters."""
     return Text("".join(c if c.isprintable() else "\ufffd" for c in str(text)))
 
 

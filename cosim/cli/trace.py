@@ -13,7 +13,12 @@ from typing import Annotated
 import typer
 from rich.text import Text
 
-from cosim.cli.common import JsonOption, answer, progress
+from cosim.cli.common import (
+    JsonOption,
+    answer,
+    output_file,
+    progress,
+)
 from cosim.cli.help_text import HelpTyper
 from cosim.cli.terminal import console
 from cosim.cli.trace_diff import diff
@@ -21,7 +26,7 @@ from cosim.cli.trace_export import export
 from cosim.cli.trace_layout import layout
 from cosim.cli.trace_view import comparison_view, recovery_view, report_view, verification_view
 from cosim.cli.verbs import TraceVerbs
-from cosim.core import CheckFailedError, LossError
+from cosim.core import CheckFailedError, LossError, printable
 from cosim.trace import (
     Player,
     cite,
@@ -73,7 +78,10 @@ def report(
     out: Annotated[
         Path | None,
         typer.Option(
-            "--out", "-o", help="File to write (default: run.html beside the trace run.mcap)."
+            "--out",
+            "-o",
+            help="File to write (default: run.html beside the trace run.mcap).",
+            callback=output_file,
         ),
     ] = None,
     compare: Annotated[
@@ -119,39 +127,39 @@ def recover(
     out: Annotated[
         Path | None,
         typer.Option(
-            "--out", "-o", help="File to write (default: NAME.recovered.mcap beside FILE)."
+            "--out",
+            "-o",
+            help="File to write (default: NAME.recovered.mcap beside FILE).",
+            callback=output_file,
         ),
     ] = None,
     *,
     force: Annotated[
         bool, typer.Option("--force", help="Overwrite an output file that exists.")
     ] = False,
-    keep_suspect: Annotated[
+    strict: Annotated[
         bool,
         typer.Option(
-            "--keep-suspect",
-            help="Keep what can be read of damaged chunks too, though values may be wrong; "
-            "cosim.recovered in the output names it.",
+            "--strict", help="Leave out damaged chunks whole: what is kept is as it was recorded."
         ),
     ] = False,
     as_json: JsonOption = False,
 ) -> None:
     """Make a complete trace of what a crash left, and report what was lost.
 
-    Every intact message, metadata record and attachment is kept. A chunk whose checksum does not
-    match is left out, unless --keep-suspect is given. The original file is not changed.
+    Every message, metadata record and attachment that can be read is kept. What comes from a
+    damaged chunk may have wrong values: it is marked, in the record cosim.recovered, and info,
+    report and verify say so; --strict leaves it out. The original file is not changed.
 
     Exit code 0: nothing was lost; 3: something was lost, is suspect, or may have been lost, since
     a file without its end does not show what was still to come.
 
     \b
     cosim trace recover traces/auv-acoustic.mcap.partial
-    cosim trace recover traces/auv-acoustic.mcap.partial -o mended.mcap --keep-suspect
+    cosim trace recover traces/auv-acoustic.mcap.partial -o mended.mcap --strict
     """
     with progress() as report_progress:
-        result = recover_trace(
-            file, out, force=force, keep_suspect=keep_suspect, progress=report_progress
-        )
+        result = recover_trace(file, out, force=force, strict=strict, progress=report_progress)
     answer(as_json, result.to_json, lambda: recovery_view(result))
     if result.lost:
         raise typer.Exit(LossError.exit_code)
@@ -202,7 +210,7 @@ def cite_verb(file: FileArgument, *, as_json: JsonOption = False) -> None:
     found = cite(file)
     # as it is to be pasted: not wrapped
     text = f"{found.methods}\n\n{found.bibtex}"
-    print(json.dumps(found.to_json(), indent=1) if as_json else text)
+    print(json.dumps(found.to_json(), indent=1) if as_json else printable(text))
 
 
 @trace_app.command()
@@ -277,7 +285,10 @@ def view(
     file: FileArgument,
     *,
     save: Annotated[
-        Path | None, typer.Option(help="Write an .rrd file instead of opening the viewer.")
+        Path | None,
+        typer.Option(
+            help="Write an .rrd file instead of opening the viewer.", callback=output_file
+        ),
     ] = None,
     as_json: JsonOption = False,
 ) -> None:

@@ -7,7 +7,12 @@ from typing import Annotated
 
 import typer
 
-from cosim.cli.common import JsonOption, answer, progress
+from cosim.cli.common import (
+    JsonOption,
+    answer,
+    output_file,
+    progress,
+)
 from cosim.cli.trace_view import diff_view
 from cosim.core import CheckFailedError, InputError
 from cosim.trace import Tolerance, Tolerances, diff as compare, diff_json, draw_diff
@@ -34,7 +39,10 @@ def diff(
     ] = None,
     picture: Annotated[
         Path | None,
-        typer.Option(help="Draw the signals that differ most to this .png, .svg or .pdf file."),
+        typer.Option(
+            help="Draw the signals that differ most to this .png, .svg or .pdf file.",
+            callback=output_file,
+        ),
     ] = None,
     *,
     as_json: JsonOption = False,

@@ -9,7 +9,12 @@ import typer
 from rich.console import Group
 from rich.table import Table
 
-from cosim.cli.common import JsonOption, answer, progress
+from cosim.cli.common import (
+    JsonOption,
+    answer,
+    output_file_or_folder,
+    progress,
+)
 from cosim.core import InputError
 from cosim.trace import WrittenBag, WrittenTable, export as write_tables, export_bag
 
@@ -31,6 +36,7 @@ def export(
             "--out",
             "-o",
             help="Folder to write to; or the file: of one table, .mat, or .mcap (a bag).",
+            callback=output_file_or_folder,
         ),
     ] = None,
     topics: Annotated[

@@ -15,15 +15,16 @@ from cosim.cli.common import (
     JsonOption,
     RunFlavour,
     answer,
+    output_trace,
     progress,
 )
 from cosim.cli.replay_view import inject_json, inject_view
 from cosim.cli.runs import make_fmu_cache
-from cosim.core import CheckFailedError, ComponentError, InputError
+from cosim.core import CheckFailedError, ComponentError, InputError, check_output
 from cosim.fmu import DEFAULT_FLAVOUR, FmuDescription
 from cosim.network import Jitter, PacketLink, TransportLink
 from cosim.replay import InjectionRequest, SignalMapping, inject as run_injection
-from cosim.scenario import check_writable, link_of, load, nanoseconds
+from cosim.scenario import link_of, load, nanoseconds
 from cosim.trace import Tolerance, Tolerances
 
 
@@ -96,7 +97,12 @@ def inject(
     ] = None,
     out: Annotated[
         Path | None,
-        typer.Option("--out", "-o", help="File of the new trace (default: traces/...)."),
+        typer.Option(
+            "--out",
+            "-o",
+            help="File of the new trace (default: traces/...).",
+            callback=output_trace,
+        ),
     ] = None,
     compare: Annotated[
         str | None,
@@ -148,7 +154,7 @@ def inject(
     target = out or TRACES / f"{file.name.partition('.')[0]}-into-{Path(into).stem}.mcap"
     if target.resolve() == file.resolve():
         raise InputError("the new trace would overwrite the recorded one", where=str(target))
-    check_writable(target)
+    check_output(target)
     with progress() as report_progress:
         fmu = place.find(into)
         request = replace(request, parameters=_values(fmu, parameters))

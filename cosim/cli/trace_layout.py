@@ -9,7 +9,11 @@ import typer
 from rich.console import Group
 from rich.table import Table
 
-from cosim.cli.common import JsonOption, answer
+from cosim.cli.common import (
+    JsonOption,
+    answer,
+    output_file,
+)
 from cosim.trace import Viewer, WrittenLayout, write_layout
 
 
@@ -22,7 +26,10 @@ def layout(
     out: Annotated[
         Path | None,
         typer.Option(
-            "--out", "-o", help="File to write (default: NAME.VIEWER.json or .xml beside FILE)."
+            "--out",
+            "-o",
+            help="File to write (default: NAME.VIEWER.json or .xml beside FILE).",
+            callback=output_file,
         ),
     ] = None,
     as_json: JsonOption = False,

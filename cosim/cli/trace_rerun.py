@@ -8,7 +8,14 @@ from typing import Annotated
 import typer
 
 from cosim import replay
-from cosim.cli.common import FMUS, FmusOption, JsonOption, answer, progress
+from cosim.cli.common import (
+    FMUS,
+    FmusOption,
+    JsonOption,
+    answer,
+    output_trace,
+    progress,
+)
 from cosim.cli.replay_view import rerun_view
 from cosim.cli.runs import make_fmu_cache
 from cosim.core import CheckFailedError
@@ -17,7 +24,8 @@ from cosim.core import CheckFailedError
 def rerun(
     file: Annotated[Path, typer.Argument(help="A trace written by cosim run.")],
     out: Annotated[
-        Path | None, typer.Option("--out", "-o", help="File to keep the new trace in.")
+        Path | None,
+        typer.Option("--out", "-o", help="File to keep the new trace in.", callback=output_trace),
     ] = None,
     fmus: FmusOption = FMUS,
     as_json: JsonOption = False,

@@ -144,7 +144,8 @@ def recovery_view(found: Recovery) -> Table:
         f"{found.attachments} attachments",
     )
     if found.suspect_messages:
-        view.add_row("suspect", f"{found.suspect_messages} of these messages are of damaged chunks")
+        words = f"{found.suspect_messages} of these messages are of damaged chunks: they are marked"
+        view.add_row("suspect", f"{words}, and may be wrong (--strict leaves them out)")
     unknown = "an unknown number of messages" if found.lost else "nothing"
     lost = unknown if found.lost_messages is None else f"{found.lost_messages} messages"
     view.add_row("lost", f"{lost if found.lost else 'nothing'}; {found.lost_bytes} bytes unused")

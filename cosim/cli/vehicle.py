@@ -10,7 +10,15 @@ import typer
 
 from cosim import scenario, vehicle as vehicles
 from cosim.cli.arguments import write
-from cosim.cli.common import FMUS, FmusOption, JsonOption, answer, progress
+from cosim.cli.common import (
+    FMUS,
+    FmusOption,
+    JsonOption,
+    answer,
+    output_file,
+    output_folder,
+    progress,
+)
 from cosim.cli.help_text import HelpTyper
 from cosim.cli.run_view import outcome_view
 from cosim.cli.runs import exit_with, interruptions_reported, make_fmu_cache
@@ -132,7 +140,9 @@ def show(
     ] = None,
     picture: Annotated[
         Path | None,
-        typer.Option(help="Draw actuators, poles and drag into this PNG, SVG or PDF."),
+        typer.Option(
+            help="Draw actuators, poles and drag into this PNG, SVG or PDF.", callback=output_file
+        ),
     ] = None,
     parameters: Annotated[
         bool, typer.Option("--parameters", help="List every parameter of the plant as well.")
@@ -168,7 +178,7 @@ def show(
         if as_json:
             print(json.dumps({"vehicle": name, "text": text}))
         else:
-            console().print(text, markup=False, soft_wrap=True)
+            console().print(text, soft_wrap=True)
         return
     found = vehicles.overview(vehicles.load_vehicle(name))
     if picture is not None:
@@ -199,7 +209,12 @@ def fly(
     seed: Annotated[int, typer.Option(help="Of the sea, the losses and the noise.")] = 2,
     out: Annotated[
         Path | None,
-        typer.Option("--out", "-o", help="Folder for everything made (default: flights/NAME)."),
+        typer.Option(
+            "--out",
+            "-o",
+            help="Folder for everything made (default: flights/NAME).",
+            callback=output_folder,
+        ),
     ] = None,
     fmus: FmusOption = FMUS,
     as_json: JsonOption = False,
@@ -239,7 +254,7 @@ def fly(
             folder,
             settings,
             fmu_cache=make_fmu_cache(fmus, folder),
-            say=lambda line: lines.print(line, markup=False),
+            say=lines.print,
             progress=report_progress,
         )
     answer(

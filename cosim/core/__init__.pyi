@@ -1,4 +1,5 @@
 from .arrays import distinct as distinct
+from .blas_threads import one_blas_thread as one_blas_thread
 from .descriptions import with_field_docs as with_field_docs
 from .errors import (
     CheckFailedError as CheckFailedError,
@@ -30,13 +31,13 @@ from .file_kinds import (
 from .files import (
     cache_folder as cache_folder,
     copy_whole as copy_whole,
-    output_place as output_place,
     similar_files as similar_files,
     unreadable as unreadable,
     write_whole as write_whole,
     written_beside as written_beside,
 )
 from .locks import has_locks as has_locks, lock_file as lock_file
+from .made_once import once as once
 from .migration import (
     migrate as migrate,
     write_migrated as write_migrated,
@@ -45,11 +46,22 @@ from .notebook import (
     html_table as html_table,
     matrix_text as matrix_text,
 )
-from .notices import say_once as say_once
+from .notices import (
+    printable as printable,
+    say_at_once as say_at_once,
+    say_once as say_once,
+)
+from .output_places import (
+    check_output as check_output,
+    check_output_folder as check_output_folder,
+    output_place as output_place,
+)
 from .processes import (
     DEATH_HINTS as DEATH_HINTS,
     death_of as death_of,
     flush_output as flush_output,
+    has_foreign_code as has_foreign_code,
+    note_foreign_code as note_foreign_code,
     prepare_for_foreign_code as prepare_for_foreign_code,
     private_memory as private_memory,
 )
@@ -63,4 +75,16 @@ from .rounding import (
     at_least as at_least,
     at_most as at_most,
 )
+from .surroundings import Surroundings as Surroundings
 from .toml_text import parse_toml as parse_toml
+from .worker import (
+    MOST_LINES as MOST_LINES,
+    FrameError as FrameError,
+    Frames as Frames,
+    Method as Method,
+    Output as Output,
+    RaisedError as RaisedError,
+    SharedMemory as SharedMemory,
+    Worker as Worker,
+    default_method as default_method,
+)

@@ -11,6 +11,8 @@ from collections.abc import Iterable
 from functools import partial
 from typing import Any, ClassVar
 
+from cosim.core.notices import printable
+
 
 class CosimError(Exception):
     """Base of every error raised on purpose.
@@ -46,7 +48,7 @@ class CosimError(Exception):
         head = f"{self.where}: {self.what}" if self.where else self.what
         labelled = {"expected": self.expected, "got": self.got, "try": self.hint}
         lines = (f"  {label}: {text}" for label, text in labelled.items() if text is not None)
-        return "\n".join([head, *lines])
+        return printable("\n".join([head, *lines]))
 
     def to_json(self) -> dict[str, str | None]:
         """Return the parts of the message, as `--json` prints them."""
@@ -137,9 +139,9 @@ class LossError(CosimError):
 class ComponentError(CosimError):
     """A component (an FMU) failed to load, initialise or step.
 
-    `kind`, `component`, `call`, `detail` : how the process of an isolated component ended, and in
-    which FMI call, as in the cause of a run; None for a component that answered. Of a session that
-    has failed: the cause of its run.
+    `kind`, `component`, `call`, `detail` : as in the cause of a run; None where they are not known.
+    `kind` is how the process of an isolated component ended, None for a component that answered;
+    of a session that has failed, the kind of the cause of its run.
     """
 
     exit_code = 4

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-import errno
 import os
 import re
 import shutil
-import stat
 import sys
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Final
 
 from cosim.core.errors import InputError, did_you_mean, nearest
+from cosim.core.locks import has_locks, lock_file
+from cosim.core.output_places import output_place
 
 _MOST_FILES = 10_000
 
@@ -64,94 +64,6 @@ def similar_files(path: Path) -> str | None:
     return did_you_mean(f"{stem}{path.suffix}" for stem in found)
 
 
-class OutputPlace(NamedTuple):
-    """Where an output goes.
-
-    Attributes
-    ----------
-    path : what the given path stands for, symlinks resolved once; a new name, or a regular file.
-    stream : descriptor of a device or a pipe in its place, which the caller closes; None: a file.
-    """
-
-    path: Path
-    stream: int | None
-
-
-def output_place(path: Path, *, streams: bool = False) -> OutputPlace:
-    """Find where an output of this name goes, before any work is done for it.
-
-    streams : devices and pipes are opened, and written straight into; else they are refused.
-
-    Raises
-    ------
-    InputError : a folder, a socket, a disk; a device or pipe that is not wanted, or that nobody
-        reads; a file of somebody else in a folder where only its owner may replace it.
-    OSError : the path cannot be followed.
-    """
-    try:
-        found = path.stat()
-    except FileNotFoundError:
-        return OutputPlace(Path(os.path.realpath(path)), None)
-    except ValueError as error:  # a null character
-        raise OSError(errno.EINVAL, str(error)) from error
-    kind = next((words for test, words in _KINDS if test(found.st_mode)), None)
-    own = _own_descriptor(path)
-    if kind is None and own is None:
-        real = Path(os.path.realpath(path))
-        _check_replaceable(real, found)
-        return OutputPlace(real, None)
-    if not streams or kind in _NEVER:
-        raise InputError(
-            f"the output is {kind or 'a stream of this process'}",
-            where=str(path),
-            expected="the name of a file",
-        )
-    if own is not None:
-        return OutputPlace(path, os.dup(own))
-    try:
-        stream = os.open(path, os.O_WRONLY | getattr(os, "O_NONBLOCK", 0))
-    except OSError as error:
-        if error.errno != errno.ENXIO:
-            raise
-        raise InputError(
-            "nobody reads the pipe", where=str(path), hint="start its reader first"
-        ) from error
-    os.set_blocking(stream, True)
-    return OutputPlace(path, stream)
-
-
-_KINDS: Final = (
-    (stat.S_ISDIR, "a folder"),
-    (stat.S_ISBLK, "a disk"),
-    (stat.S_ISSOCK, "a socket"),
-    (stat.S_ISCHR, "a device"),
-    (stat.S_ISFIFO, "a pipe"),
-)
-_NEVER: Final = ("a folder", "a disk", "a socket")
-_STREAMS: Final = re.compile(r"/(?:dev|proc/self)/fd/(\d+)")
-
-
-def _own_descriptor(path: Path) -> int | None:
-    """Return the descriptor of this process that a path is, such as /dev/stdout."""
-    text = os.path.abspath(path)  # noqa: PTH100 - its links are what is asked for
-    for number, name in enumerate(("stdin", "stdout", "stderr")):
-        text = f"/dev/fd/{number}" if text == f"/dev/{name}" else text
-    found = _STREAMS.fullmatch(text)
-    return None if found is None else int(found[1])
-
-
-def _check_replaceable(path: Path, found: os.stat_result) -> None:
-    """Refuse a file of another user in a sticky folder of another user: it cannot be replaced."""
-    me = os.geteuid() if hasattr(os, "geteuid") else 0
-    folder = path.parent.stat()
-    if folder.st_mode & stat.S_ISVTX and me not in (0, folder.st_uid, found.st_uid):
-        raise InputError(
-            "the output is another user's, in a folder where only its owner may replace it",
-            where=str(path),
-            hint="another name, or another folder",
-        )
-
-
 @contextmanager
 def written_beside(path: Path) -> Iterator[Path]:
     """Give a path to write to; what is there replaces `path` when the block ends.
@@ -183,18 +95,49 @@ def written_beside(path: Path) -> Iterator[Path]:
 
 @contextmanager
 def _own_folder(beside: Path | None) -> Iterator[Path]:
-    """Make a folder that only this user can write to, in another one (None: that of the system)."""
+    """Make a folder that only this user can write to, in another one (None: that of the system).
+
+    Those that a process has left which was killed are removed: nobody holds their lock any more.
+    """
     if beside is None:
         import tempfile  # noqa: PLC0415 - few outputs are streams
 
         beside = Path(tempfile.gettempdir())
     beside.mkdir(parents=True, exist_ok=True)  # that of what a link names
-    folder = beside / f".{os.urandom(6).hex()}.partial"
-    folder.mkdir(0o700)
-    try:
+    name = f".{os.urandom(6).hex()}"
+    draft, folder = beside / f"{name}.new", beside / f"{name}{_PARTIAL}"
+    draft.mkdir(0o700)
+    with ExitStack() as stack:
+        if _FOLDERS_HAVE_LOCKS:
+            _remove_left(beside)
+            lock = os.open(draft, os.O_RDONLY)
+            stack.callback(os.close, lock)
+            lock_file(lock)
+        draft.rename(folder)  # locked before it has the name that is looked for
+        stack.callback(shutil.rmtree, folder, ignore_errors=True)
         yield folder
-    finally:
-        shutil.rmtree(folder, ignore_errors=True)
+
+
+_PARTIAL: Final = ".partial"
+_LEFT: Final = re.compile(r"\.[0-9a-f]{12}\.partial")
+_FOLDERS_HAVE_LOCKS: Final = has_locks() and os.name == "posix"
+
+
+def _remove_left(beside: Path) -> None:
+    with suppress(OSError), os.scandir(beside) as entries:
+        for entry in entries:
+            if _LEFT.fullmatch(entry.name):
+                _remove_if_left(Path(entry.path))
+
+
+def _remove_if_left(folder: Path) -> None:
+    with suppress(OSError):  # another user's, or no folder
+        lock = os.open(folder, os.O_RDONLY | os.O_NOFOLLOW | os.O_DIRECTORY)
+        try:
+            if os.fstat(lock).st_uid == os.geteuid() and lock_file(lock):
+                shutil.rmtree(folder, ignore_errors=True)
+        finally:
+            os.close(lock)
 
 
 def write_whole(path: Path, content: bytes) -> None:

@@ -1,12 +1,37 @@
-"""Say what a user should know although nothing failed: on standard error, once per process."""
+"""What is printed: notices, and text of others that cannot steer a terminal."""
 
 from __future__ import annotations
 
+import re
 import sys
-from functools import cache
+from contextlib import suppress
+
+from cosim.core.made_once import once
+
+_STEERING = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff]")
+"""Control characters other than tab and line feed, and marks that hide or turn round text."""
 
 
-@cache
+def printable(text: str) -> str:
+    """Return text with a mark in place of every character that would steer a terminal.
+
+    Names of files and names inside files are written by others.
+    """
+    return _STEERING.sub("\ufffd", text)
+
+
+@once
 def say_once(text: str) -> None:
     """Print a line on standard error; the same text a second time is left out."""
-    print(f"cosim: {text}", file=sys.stderr, flush=True)  # noqa: T201 - that is what it is for
+    _print(text)
+
+
+def say_at_once(text: str) -> None:
+    """Print a line on standard error from a signal handler, in the middle of whatever is done."""
+    with suppress(OSError, RuntimeError, ValueError):  # nobody hears it, or it interrupts a print
+        _print(text)
+
+
+def _print(text: str) -> None:
+    line = f"cosim: {printable(text)}"
+    print(line, file=sys.stderr, flush=True)  # noqa: T201 - that is what it is for

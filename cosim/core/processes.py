@@ -46,6 +46,22 @@ def death_of(status: int) -> Death:
     return Death("exited", f"left with exit code {status}")
 
 
+_foreign: list[str] = []
+
+
+def note_foreign_code(what: str) -> None:
+    """Note that foreign code is loaded into this process: its library, or module, by a name."""
+    _foreign[:] = [what]
+
+
+def has_foreign_code() -> bool:
+    """Whether this process, or one that it was forked from, has loaded foreign code.
+
+    Whatever that left is in every fork: static variables, a Python module of a name.
+    """
+    return bool(_foreign)
+
+
 def prepare_for_foreign_code() -> None:
     """Make this child process ready to run foreign code for its parent.
 

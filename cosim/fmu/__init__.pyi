@@ -1,7 +1,6 @@
 from .binary import (
     ACCEPTED_STATUSES as ACCEPTED_STATUSES,
     SlaveOptions as SlaveOptions,
-    exactly as exactly,
 )
 from .call_watch import (
     calling as calling,
@@ -22,7 +21,6 @@ from .description import (
     FmuDescription as FmuDescription,
     describe_fmu as describe_fmu,
 )
-from .event_mode import INTERVAL_CHANGED as INTERVAL_CHANGED
 from .export.archive import deterministic_zip as deterministic_zip
 from .export.build import (
     build_fmu as build_fmu,
@@ -108,6 +106,7 @@ from .inspect.rules import (
     rule_named as rule_named,
 )
 from .inspect.run import run_findings as run_findings
+from .instance import require_loadable as require_loadable
 from .isolation import SlaveProcess as SlaveProcess
 from .messages import LogSink as LogSink
 from .port import (
@@ -121,6 +120,11 @@ from .prebuilt import (
     prebuilt_folder as prebuilt_folder,
     why_none_prebuilt as why_none_prebuilt,
     write_manifest as write_manifest,
+)
+from .returned import (
+    LEAST_INTERVAL as LEAST_INTERVAL,
+    Returned as Returned,
+    exactly as exactly,
 )
 from .slave import (
     FmuSlave as FmuSlave,

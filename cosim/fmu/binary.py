@@ -2,11 +2,25 @@
 
 from __future__ import annotations
 
-import math
 import os
+import re
+import sys
 import threading
-from collections.abc import Mapping, Sequence
-from ctypes import c_double, c_int, c_uint64, c_void_p, cast
+from collections import deque
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from ctypes import (
+    CDLL,
+    POINTER,
+    byref,
+    c_double,
+    c_int,
+    c_size_t,
+    c_uint64,
+    c_void_p,
+    cast,
+    create_string_buffer,
+)
 from fractions import Fraction
 from functools import cache
 from inspect import signature
@@ -16,34 +30,36 @@ from typing import Any, Final, NamedTuple, Self, get_args
 
 from fmpy import freeLibrary
 from fmpy.fmi1 import FMICallException
-from fmpy.fmi2 import FMU2Slave
-from fmpy.fmi3 import FMU3ScheduledExecution, FMU3Slave, fmi3String, fmi3ValueReference
+from fmpy.fmi2 import FMU2Slave, fmi2String, fmi2ValueReference
+from fmpy.fmi3 import (
+    FMU3ScheduledExecution,
+    FMU3Slave,
+    fmi3Binary,
+    fmi3String,
+    fmi3ValueReference,
+)
 
-from cosim.core import ComponentError
+from cosim.core import ComponentError, note_foreign_code
 from cosim.fmu.call_watch import calling
 from cosim.fmu.description import FmuDescription
 from cosim.fmu.float_mode import call_with_own_float_mode
 from cosim.fmu.inspect.platforms import FMI2, this_machine
 from cosim.fmu.messages import fmi2_callbacks, fmi3_logger
 from cosim.fmu.port import FmiVersion
+from cosim.fmu.returned import RawInterval, Returned
 
 ACCEPTED_STATUSES: Final = frozenset({0, 1})
 """OK and Warning, with which a call has done its work. Every other status, also one below zero or
 one that FMI does not know, is a failure."""
-_load_guard: Final = threading.Lock()
+_load_guard: Final = threading.RLock()
+"""One library at a time is loaded or unloaded."""
 _abandoned: list[Any] = []
 """Slaves that are not freed, after Fatal: their libraries stay, and may call back."""
-
-
-_loaded: list[str] = []
-
-
-def has_loaded() -> bool:
-    """Whether this process, or the one that it was forked from, has loaded an FMU.
-
-    Whatever that left is in every fork: its static variables, a Python module of its name.
-    """
-    return bool(_loaded)
+_CALLBACKS: Final = ("callbacks", "logMessage", "intermediateUpdate", "clockUpdate")
+"""Attributes by which FMPy's slaves keep what an FMU may call."""
+_callbacks: Final[deque[list[Any]]] = deque(maxlen=1000)
+"""Of the last slaves that were freed. A library that stays, as many in C++ do, may call those of an
+earlier instance."""
 
 
 class Binary(NamedTuple):
@@ -96,8 +112,8 @@ NO_OPTIONS: Final = SlaveOptions()
 """It runs by steps alone."""
 IntermediateValues = tuple[float, list[float]]
 """A time [s] and the values of `SlaveOptions.intermediate` there."""
-ClockInterval = tuple[Fraction, int]
-"""An interval [s] and its qualifier: fmi3IntervalNotYetKnown, -Unchanged or -Changed (0, 1, 2)."""
+ClockInterval = tuple[RawInterval, int]
+"""An interval and its qualifier, as the FMU gives them."""
 
 
 class CheckedCalls:
@@ -111,23 +127,31 @@ class CheckedCalls:
     - FMPy looks up every function of the standard when it loads a library. Here each is looked up
       when it is first used: an FMU may lack what nobody calls.
     - FMPy takes a status below zero for success, and says nothing of rounding modes.
-    - FMPy loads a library with its folder as the working directory, and leaves the process there
-      if loading fails (`load_slave`).
+    - FMPy loads a library with its folder as the working directory, which is that of all threads.
+      Here it is loaded before (`load_slave`), and the working directory stays as it is.
     - FMPy's FMI 3.0 texts are decoded strictly, and NULL is an exception (`Fmi3Slave`).
+    - FMPy believes every size that an FMU returns, and reads or allocates so much.
 
     Attributes
     ----------
     where : the component, in messages.
     component : address of the instance, None before it is made.
-    death : None: the slave is in this process (`cosim.fmu.isolation`).
+    death, false_text : None: the slave is in this process (`cosim.fmu.isolation`).
     """
 
-    death = None
+    death = false_text = None
     where: str
     component: int | None
     instanceName: str
     dll: Any
     _functions: dict[str, Any]
+
+    def __init__(self, library: CDLL, binary: Binary, name: str) -> None:
+        """Set the attributes that FMPy's methods use; its own `__init__` loads a library."""
+        self.dll, self.component, self.callbacks = library, None, None
+        self.guid, self.modelIdentifier = binary.token, binary.identifier
+        self.unzipDirectory, self.instanceName = str(binary.folder), name
+        self.fmiCallLogger, self.requireFunctions, self._functions = None, False, {}
 
     def function(self, name: str) -> Any:
         """Return a function of the library, with the types that FMPy declares for it.
@@ -154,9 +178,6 @@ class CheckedCalls:
         """Return the address of a function."""
         return int(cast(self.function(name), c_void_p).value or 0)
 
-    def _loadFunctions(self) -> None:
-        """Look up nothing yet."""
-
     def _call(self, fname: str, *args: Any) -> Any:
         """Call a function of the library: the one place through which every call passes.
 
@@ -172,13 +193,34 @@ class CheckedCalls:
             raise FMICallException(function=fname, status=result)
         return result
 
+    def returned(self, call: str) -> Returned:
+        """Return what judges the numbers that a call returned."""
+        return Returned(call, self.instanceName, self.where)
+
+    def _serialised(self, state: c_void_p, prefix: str) -> bytes:
+        """Return a saved state as bytes; `prefix` : of the functions, such as fmi2FMUstate."""
+        version, name, size = prefix[:4], prefix[4:], c_size_t()
+        asked = f"{version}Serialized{name}Size"
+        self._call(asked, self.component, state, byref(size))
+        content = create_string_buffer(self.returned(asked).size_of_state(size.value))
+        call = f"{version}Serialize{name}"
+        bytes_of = self.function(call).argtypes[2]  # FMPy declares another type in each version
+        self._call(call, self.component, state, cast(content, bytes_of), size)
+        return content.raw
+
+    def _texts(self, call: str, values: Any) -> list[bytes | None]:
+        """Return the texts of an array of pointers that a call has filled."""
+        judge, addresses = self.returned(call), cast(values, POINTER(c_void_p))
+        return [judge.text(addresses[i]) for i in range(len(values))]
+
     def abandon(self) -> None:
         """Keep the library, which may call back, and call nothing of it any more."""
         _abandoned.append(self)
 
     def freeLibrary(self) -> None:
         """Unload the library; nothing of it may be called afterwards."""
-        with calling(self.instanceName, "unloading the library"):
+        _callbacks.append([getattr(self, name, None) for name in _CALLBACKS])
+        with _load_guard, calling(self.instanceName, "unloading the library"):
             call_with_own_float_mode(freeLibrary, self.dll._handle)  # noqa: SLF001 - as FMPy does
 
 
@@ -193,6 +235,16 @@ class Fmi2Slave(CheckedCalls, FMU2Slave):  # type: ignore[misc]
         callbacks = fmi2_callbacks(environment, formats=formats)
         self.instantiate(callbacks=callbacks, loggingOn=logging_on)
 
+    def getString(self, vr: list[int]) -> list[bytes | None]:
+        """Return texts."""
+        references, values = (fmi2ValueReference * len(vr))(*vr), (fmi2String * len(vr))()
+        self._call("fmi2GetString", self.component, references, len(vr), values)
+        return self._texts("fmi2GetString", values)
+
+    def serializeFMUstate(self, state: c_void_p) -> bytes:
+        """Return a saved state as bytes."""
+        return self._serialised(state, "fmi2FMUstate")
+
 
 class ClockedCalls(CheckedCalls):
     """Calls of FMI 3.0 that FMPy leaves to its user, with plain results."""
@@ -203,34 +255,29 @@ class ClockedCalls(CheckedCalls):
     getShiftFraction: Any
     setIntervalDecimal: Any
     setIntervalFraction: Any
-    fmi3GetString: Any
 
     def intervals(self, clocks: Sequence[int], fractions: bool) -> list[ClockInterval]:  # noqa: FBT001
-        """Return the exact interval of each Clock [s], and its qualifier (fmi3GetInterval...)."""
+        """Return the interval of each Clock, and its qualifier (fmi3GetInterval...)."""
         count, references = len(clocks), (fmi3ValueReference * len(clocks))(*clocks)
         qualifiers = (c_int * count)()
         if fractions:
             counters, resolutions = (c_uint64 * count)(), (c_uint64 * count)()
             self.getIntervalFraction(references, counters, resolutions, qualifiers)
-            pairs = zip(counters, resolutions, strict=True)
-            values = [Fraction(a, b) if b else Fraction(0) for a, b in pairs]
-        else:
-            decimals = (c_double * count)()
-            self.getIntervalDecimal(references, decimals, qualifiers)
-            values = [exactly(one) for one in decimals]
-        return list(zip(values, qualifiers, strict=True))
+            return list(zip(zip(counters, resolutions, strict=True), qualifiers, strict=True))
+        decimals = (c_double * count)()
+        self.getIntervalDecimal(references, decimals, qualifiers)
+        return list(zip(decimals, qualifiers, strict=True))
 
-    def shifts(self, clocks: Sequence[int], fractions: bool) -> list[Fraction]:  # noqa: FBT001
-        """Return the shift of each Clock [s], exactly (fmi3GetShift...)."""
+    def shifts(self, clocks: Sequence[int], fractions: bool) -> list[RawInterval]:  # noqa: FBT001
+        """Return the shift of each Clock (fmi3GetShift...)."""
         count, references = len(clocks), (fmi3ValueReference * len(clocks))(*clocks)
         if fractions:
             counters, resolutions = (c_uint64 * count)(), (c_uint64 * count)()
             self.getShiftFraction(references, counters, resolutions)
-            pairs = zip(counters, resolutions, strict=True)
-            return [Fraction(a, b) if b else Fraction(0) for a, b in pairs]
+            return list(zip(counters, resolutions, strict=True))
         decimals = (c_double * count)()
         self.getShiftDecimal(references, decimals)
-        return [exactly(one) for one in decimals]
+        return list(decimals)
 
     def set_interval(self, clock: int, interval: Fraction, fractions: bool) -> None:  # noqa: FBT001
         """Set the interval of a Clock [s] (fmi3SetInterval...)."""
@@ -242,11 +289,24 @@ class ClockedCalls(CheckedCalls):
             self.setIntervalDecimal(references, (c_double * 1)(float(interval)))
 
     def getString(self, vr: list[int], nValues: int) -> list[bytes | None]:
-        """Return texts as they come, like FMPy's slave of FMI 2.0."""
+        """Return texts."""
         references = (fmi3ValueReference * len(vr))(*vr)
         values = (fmi3String * nValues)()
-        self.fmi3GetString(self.component, references, len(vr), values, nValues)
-        return list(values)
+        self._call("fmi3GetString", self.component, references, len(vr), values, nValues)
+        return self._texts("fmi3GetString", values)
+
+    def getBinary(self, vr: list[int], nValues: int) -> list[bytes]:
+        """Return values of type Binary."""
+        references = (fmi3ValueReference * len(vr))(*vr)
+        sizes, values = (c_size_t * nValues)(), (fmi3Binary * nValues)()
+        given = (self.component, references, len(vr), sizes, values, nValues)
+        self._call("fmi3GetBinary", *given)
+        judge, addresses = self.returned("fmi3GetBinary"), cast(values, POINTER(c_void_p))
+        return [judge.content(addresses[i], size) for i, size in enumerate(sizes)]
+
+    def serializeFMUState(self, state: c_void_p) -> bytes:
+        """Return a saved state as bytes."""
+        return self._serialised(state, "fmi3FMUState")
 
 
 class Fmi3Slave(ClockedCalls, FMU3Slave):  # type: ignore[misc]
@@ -254,6 +314,9 @@ class Fmi3Slave(ClockedCalls, FMU3Slave):  # type: ignore[misc]
 
     _taken: list[IntermediateValues]
     _intermediate: tuple[int, ...]
+    _freed = False
+    _raised: BaseException | None = None
+    """Raised while values within steps were taken: nothing can be raised through the FMU."""
 
     def make_instance(
         self, environment: int, *, formats: bool, logging_on: bool, options: SlaveOptions
@@ -283,14 +346,25 @@ class Fmi3Slave(ClockedCalls, FMU3Slave):  # type: ignore[misc]
     ) -> None:
         """Take the values within a step that belong to a finished step of the FMU's solver."""
         early_return_requested[0] = False
-        if get_allowed and finished:
+        if get_allowed and finished and self._raised is None and not self._freed:
             references = list(self._intermediate)
-            self._taken.append((time, self.getFloat64(references, len(references))))
+            try:
+                self._taken.append((time, self.getFloat64(references, len(references))))
+            except BaseException as error:  # noqa: BLE001 - raised when they are asked for
+                self._raised = error
 
     def taken(self) -> list[IntermediateValues]:
         """Return the values within steps since the last call, with their times [s]."""
         found, self._taken = self._taken, []
+        raised, self._raised = self._raised, None
+        if raised is not None:
+            raise raised
         return found
+
+    def freeInstance(self) -> None:
+        """Free the instance and unload the library, which may call back as long as it is there."""
+        self._freed = True
+        super().freeInstance()
 
 
 class Fmi3Scheduled(ClockedCalls, FMU3ScheduledExecution):  # type: ignore[misc]
@@ -341,11 +415,6 @@ class Fmi3Scheduled(ClockedCalls, FMU3ScheduledExecution):  # type: ignore[misc]
         self._ticking += [clock for clock, ticks in zip(vr, values, strict=True) if ticks]
 
 
-def exactly(seconds: float) -> Fraction:
-    """Return the number that a double stands for: 1/10 for 0.1, the shortest that rounds to it."""
-    return Fraction(repr(seconds)) if math.isfinite(seconds) else Fraction(-1)
-
-
 _CLASSES: Final[Mapping[FmiVersion, type[Any]]] = MappingProxyType(
     {"2.0": Fmi2Slave, "3.0": Fmi3Slave}
 )
@@ -361,6 +430,37 @@ def _prototype(method: Any) -> tuple[list[Any], Any]:
     return types, c_int if result is int else result
 
 
+@contextmanager
+def _cannot_be_loaded(binary: Binary, where: str) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        here = this_machine()
+        sources = (binary.folder / "sources").is_dir()
+        raise ComponentError(
+            "the FMU cannot be loaded",
+            where=where,
+            expected=f"a library for {here.architecture} {here.system} that loads",
+            got=str(error),
+            hint="it brings its C sources: fmpy compile" if sources else None,
+        ) from error
+
+
+def require_library(binary: Binary, component: str) -> None:
+    """Check that there is a library for this machine; nothing is loaded.
+
+    Raises
+    ------
+    ComponentError : as `load_slave`.
+    """
+    with _cannot_be_loaded(binary, _place(binary, component)):
+        _library_of(binary)
+
+
+def _place(binary: Binary, component: str) -> str:
+    return f"component {component!r} ({binary.path})"
+
+
 def load_slave(binary: Binary, component: str, where: str) -> Any:
     """Return FMPy's slave of an FMU; it is not instantiated yet.
 
@@ -368,35 +468,52 @@ def load_slave(binary: Binary, component: str, where: str) -> Any:
     ------
     ComponentError : no library for this machine, one of another name, or it does not load.
     """
-    _loaded[:] = [component]
-    try:
+    note_foreign_code(component)
+    with _cannot_be_loaded(binary, _place(binary, component)):
+        path = _library_of(binary).absolute()
         with _load_guard, calling(component, "loading the library"):
-            before = Path.cwd()
-            try:
-                slave = call_with_own_float_mode(
-                    Fmi3Scheduled if binary.scheduled else _CLASSES[binary.version],
-                    instanceName=component,
-                    guid=binary.token,
-                    modelIdentifier=binary.identifier,
-                    unzipDirectory=str(binary.folder),
-                    libraryPath=str(_library_of(binary)),
-                )
-            finally:
-                os.chdir(before)
-    except Exception as error:
-        if not isinstance(error, OSError) and type(error) is not Exception:
-            raise
-        here = this_machine()
-        sources = (binary.folder / "sources").is_dir()
-        raise ComponentError(
-            "the FMU cannot be loaded",
-            where=f"component {component!r} ({binary.path})",
-            expected=f"a library for {here.architecture} {here.system} that loads",
-            got=str(error.__context__ or error),  # FMPy raises a bare Exception for an OSError
-            hint="it brings its C sources: fmpy compile" if sources else None,
-        ) from error
+            library = call_with_own_float_mode(_loaded_library, path)
+    slave_class = Fmi3Scheduled if binary.scheduled else _CLASSES[binary.version]
+    slave = slave_class(library, binary, component)
     slave.where = where
     return slave
+
+
+_MISSING: Final = re.compile(r"([^/:]+): cannot open shared object file")
+
+
+def _loaded_library(path: Path, tried: frozenset[Path] = frozenset()) -> CDLL:
+    """Load a library, and what it needs of the libraries beside it, wherever this process is.
+
+    One that would look for them in the working directory finds them loaded; `tried` did not help.
+
+    Raises
+    ------
+    OSError : it does not load.
+    """
+    with _searched(path.parent):
+        try:
+            return CDLL(str(path))
+        except OSError as error:
+            found = _MISSING.match(str(error))
+            beside = path.with_name(found[1]) if found else path
+            if beside in {path, *tried} or not beside.is_file():
+                raise
+        needed = _loaded_library(beside, tried | {path})
+        try:
+            return _loaded_library(path, tried | {beside})
+        finally:
+            freeLibrary(needed._handle)  # noqa: SLF001 - the other library keeps it
+
+
+@contextmanager
+def _searched(folder: Path) -> Iterator[None]:
+    """Let Windows look for needed libraries in a folder."""
+    if sys.platform != "win32":
+        yield
+        return
+    with os.add_dll_directory(str(folder)):
+        yield
 
 
 def _library_of(binary: Binary) -> Path:

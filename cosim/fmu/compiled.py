@@ -6,10 +6,9 @@ import ctypes
 import hashlib
 import platform
 import shlex
-from functools import cache
 from pathlib import Path
 
-from cosim.core import cache_folder, say_once, write_whole
+from cosim.core import cache_folder, once, say_once, write_whole
 from cosim.fmu.export.native.compiler import STANDARD, host_compiler, shared_library
 from cosim.fmu.export.native.platforms import Platform, host
 from cosim.fmu.prebuilt import prebuilt_file
@@ -26,7 +25,7 @@ def library_source(name: str, *, futex: bool = True) -> bytes:
     return source if futex else b"#define WITHOUT_FUTEX\n" + source
 
 
-@cache
+@once
 def compiled_library(name: str, source: bytes) -> ctypes.CDLL:
     """Return the library of a C file: prebuilt, from the user's cache, or compiled now.
 

@@ -131,7 +131,7 @@ class FmuDescription:
 
         Raises
         ------
-        InputError : a length that is not a natural number.
+        InputError : a length that is not a natural number, or too many elements.
         """
         lengths = {d for p in self.ports.values() for d in p.dimensions if isinstance(d, str)}
         if not lengths & set(parameters):
@@ -148,7 +148,12 @@ class FmuDescription:
                     got=repr(value),
                 )
             values[name] = int(value)
-        ports = {name: port.resized(values) for name, port in self.ports.items()}
+        try:
+            ports = {name: port.resized(values) for name, port in self.ports.items()}
+        except ValueError as error:
+            raise InputError(
+                "an array is too long", where=str(self.path), got=str(error)
+            ) from error
         return replace(self, ports=MappingProxyType(ports))
 
     def without_events(self) -> FmuDescription:

@@ -11,14 +11,13 @@ from collections.abc import Sequence
 from fractions import Fraction
 from typing import Any, NamedTuple
 
-from cosim.fmu.binary import ClockInterval
 from cosim.fmu.port import Port
+from cosim.fmu.returned import LEAST_INTERVAL
 from cosim.fmu.state import FmuState, StateAccess
 
-INTERVAL_NOT_YET_KNOWN, INTERVAL_UNCHANGED = 0, 1
-INTERVAL_CHANGED = 2
-"""The interval of a Clock is another one since it was asked for; the other two: not known yet, the
-same (fmi3IntervalQualifier)."""
+_INTERVAL_CHANGED = 2
+"""The interval of a Clock is another one since it was asked for (fmi3IntervalQualifier); 0 and 1:
+not known yet, the same."""
 
 
 class DiscreteStates(NamedTuple):
@@ -28,12 +27,12 @@ class DiscreteStates(NamedTuple):
     ----------
     need_update : another super-dense instant is needed.
     terminate : the slave asks for the end of the run.
-    next_event : the instant of its next time event, as it gave it [s]; None: there is none.
+    next_event : the instant of its next time event [s]; None: there is none.
     """
 
     need_update: bool
     terminate: bool
-    next_event: float | None
+    next_event: Fraction | None
 
 
 class EventAccess(StateAccess):
@@ -63,11 +62,19 @@ class EventAccess(StateAccess):
         self._do("entering step mode", "enterStepMode")
         self.in_event_mode = False
 
-    def update_discrete_states(self) -> DiscreteStates:
-        """End the super-dense instant; a ComponentError if the slave refuses."""
+    def update_discrete_states(self, now: Fraction) -> DiscreteStates:
+        """End the super-dense instant at `now` [s].
+
+        Raises
+        ------
+        ComponentError : the slave refuses, or its next event is at no instant to come.
+        """
         found = self._do("updating discrete states", "updateDiscreteStates")
         need, terminate, _, _, defined, time = found
-        return DiscreteStates(bool(need), bool(terminate), time if defined else None)
+        following = None
+        if defined:
+            following = self._returned("fmi3UpdateDiscreteStates").next_event(time, now)
+        return DiscreteStates(bool(need), bool(terminate), following)
 
     def advance(self, time: float) -> None:
         """Let time go on to `time` [s], of an FMU for scheduled execution."""
@@ -84,19 +91,30 @@ class EventAccess(StateAccess):
         found = self._do(f"reading {_listed(clocks)}", "getClock", references)
         return [bool(one) for one in found]
 
-    def interval(self, clock: Port) -> ClockInterval:
-        """Return the interval of a Clock [s] and its qualifier."""
-        what = f"reading the interval of {clock.name}"
-        found: list[ClockInterval] = self._do(
-            what, "intervals", [clock.reference], _fractions(clock)
-        )
-        return found[0]
+    def interval(self, clock: Port, *, always: bool = False) -> Fraction | None:
+        """Return the interval of a Clock [s] if it is another one since it was asked for.
+
+        `always` : also if it is the same.
+
+        Raises
+        ------
+        ComponentError : the slave refuses, or gives what is no interval.
+        """
+        what, fractions = f"reading the interval of {clock.name}", _fractions(clock)
+        raw, number = self._do(what, "intervals", [clock.reference], fractions)[0]
+        judge = self._returned(f"fmi3GetInterval{'Fraction' if fractions else 'Decimal'}")
+        if judge.qualifier(clock.name, number) != _INTERVAL_CHANGED and not always:
+            return None
+        periodic = clock.clock is not None and clock.clock.periodic
+        least = LEAST_INTERVAL if periodic else Fraction(0)
+        return judge.interval(clock.name, raw, least=least)
 
     def shift(self, clock: Port) -> Fraction:
-        """Return the shift of a Clock [s]."""
-        what = f"reading the shift of {clock.name}"
-        found: list[Fraction] = self._do(what, "shifts", [clock.reference], _fractions(clock))
-        return found[0]
+        """Return the shift of a Clock [s]; a ComponentError if it is none."""
+        what, fractions = f"reading the shift of {clock.name}", _fractions(clock)
+        raw = self._do(what, "shifts", [clock.reference], fractions)[0]
+        judge = self._returned(f"fmi3GetShift{'Fraction' if fractions else 'Decimal'}")
+        return judge.interval(clock.name, raw, what="a shift")
 
     def set_interval(self, clock: Port, interval: Fraction) -> None:
         """Give a Clock its interval [s]; a ComponentError if the slave refuses."""

@@ -5,6 +5,7 @@ FMPy's slave classes load the library and own the instance (`cosim.fmu.binary`).
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable, Mapping, Sequence
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Final, Literal
@@ -13,7 +14,14 @@ from weakref import WeakSet
 from fmpy.fmi1 import FMICallException
 
 from cosim.core import ComponentError, InputError
-from cosim.fmu.binary import ACCEPTED_STATUSES, NO_OPTIONS, Binary, SlaveOptions, load_slave
+from cosim.fmu.binary import (
+    ACCEPTED_STATUSES,
+    NO_OPTIONS,
+    Binary,
+    SlaveOptions,
+    load_slave,
+    require_library,
+)
 from cosim.fmu.description import FmuDescription
 from cosim.fmu.messages import (
     LEVELS,
@@ -23,6 +31,7 @@ from cosim.fmu.messages import (
     with_names,
 )
 from cosim.fmu.port import FmiVersion, Phase
+from cosim.fmu.returned import Returned
 from cosim.fmu.unpacking import unpack_fmu
 
 if TYPE_CHECKING:
@@ -46,6 +55,18 @@ _PYTHONFMU: Final = "slavemodule.txt"
 arguments: formatting a per cent sign would read memory at random, or crash. And it reports every
 failed step as a slave that asks for the end."""
 _open_instances: WeakSet[Instance] = WeakSet()
+_open_guard: Final = threading.RLock()
+
+
+def require_loadable(description: FmuDescription, component: str) -> None:
+    """Ask what `FmuSlave` asks of an FMU before any of its code runs.
+
+    Raises
+    ------
+    InputError : it cannot be unpacked.
+    ComponentError : it has no library for this machine.
+    """
+    require_library(Binary.of(description, unpack_fmu(description)), component)
 
 
 class Instance:
@@ -87,26 +108,29 @@ class Instance:
         self._check_categories()
         self._process = process
         self.end_failure: ComponentError | None = None
-        self._check_alone()
-        folder = unpack_fmu(description)
-        self._of_pythonfmu = (folder / "resources" / _PYTHONFMU).is_file()
-        binary = Binary.of(description, folder)
-        self._fmu: Any
-        if process is None:
-            self._fmu = load_slave(binary, name, self._where)
-        else:
-            from cosim.fmu.isolation.proxy import IsolatedSlave  # noqa: PLC0415 - few are isolated
-
-            self._fmu = IsolatedSlave(process, binary, name, self._where)
-        self._environment = register_sink(name, self._on_message)
+        self._fmu: Any = None
+        self._environment = 0
+        with _open_guard:  # of two threads that begin at the same time one is refused
+            self._check_alone()
+            _open_instances.add(self)
         try:
+            folder = unpack_fmu(description)
+            self._of_pythonfmu = (folder / "resources" / _PYTHONFMU).is_file()
+            self._fmu = self._loaded(Binary.of(description, folder))
+            self._environment = register_sink(name, self._on_message)
             self._instantiate()
         except BaseException:
             self.end(terminate=False)
             raise
-        _open_instances.add(self)
         for departure in description.departures:
             self._log("warning", f"modelDescription.xml: {departure}", "")
+
+    def _loaded(self, binary: Binary) -> Any:
+        if self._process is None:
+            return load_slave(binary, self.name, self._where)
+        from cosim.fmu.isolation.proxy import IsolatedSlave  # noqa: PLC0415 - few are isolated
+
+        return IsolatedSlave(self._process, binary, self.name, self._where)
 
     def _check_categories(self) -> None:
         known = {category.name for category in self.description.model.logCategories}
@@ -131,11 +155,12 @@ class Instance:
         if self._process is not None:  # isolated: it is there alone
             return []
         digest = self.description.sha256
-        return [
-            other
-            for other in _open_instances
-            if other._process is None and other.description.sha256 == digest  # noqa: SLF001
-        ]
+        with _open_guard:
+            return [
+                other
+                for other in _open_instances
+                if other._process is None and other.description.sha256 == digest  # noqa: SLF001
+            ]
 
     def _instantiate(self) -> None:
         try:
@@ -192,8 +217,15 @@ class Instance:
         ------
         ComponentError : the FMU has no such function.
         """
+        return int(self._fmu.address(self._function(way, getter_type)))
+
+    def returned(self, way: Literal["get", "set", "step"], getter_type: str = "") -> Returned:
+        """Return what judges the numbers that such a function returned."""
+        return self._returned(self._function(way, getter_type))
+
+    def _function(self, way: Literal["get", "set", "step"], getter_type: str) -> str:
         name = {"get": f"Get{getter_type}", "set": f"Set{getter_type}", "step": "DoStep"}[way]
-        return int(self._fmu.address(PREFIX[self.version] + name))
+        return PREFIX[self.version] + name
 
     def _do(self, what: str, method: str, *arguments: Any) -> Any:
         """Call a method of FMPy's slave and return its result.
@@ -205,7 +237,11 @@ class Instance:
         try:
             return self._attempt(method, *arguments)
         except FMICallException as error:
-            raise self.refused(what, error.status) from error
+            raise self.refused(what, error.status, call=error.function) from error
+
+    def _returned(self, call: str) -> Returned:
+        """Return what judges the numbers that a call returned."""
+        return Returned(call, self.name, self._where)
 
     def _attempt(self, method: str, *arguments: Any) -> Any:
         """Call a method of FMPy's slave; a status that means failure is an FMICallException."""
@@ -224,16 +260,22 @@ class Instance:
                 self.phase = "failed"
             raise
 
-    def refused(self, what: str, status: int, detail: str = "") -> ComponentError:
+    def refused(
+        self, what: str, status: int, detail: str = "", *, call: str | None = None
+    ) -> ComponentError:
         """Return the error of a refused call; only `close` is allowed after it.
 
         After Fatal no instance of the FMU may be called. A call with an accepted status is refused
-        for an error that it has logged. `detail` is added to the sentence.
+        for an error that it has logged. `detail` is added to the sentence; `call` : the function.
         """
         self.phase = "failed"
         if self._fmu.death is not None:
             death: ComponentError = self._fmu.death.error(what)
             return death
+        if self._fmu.false_text is not None:
+            judged: ComponentError = self._fmu.false_text
+            judged.what = f"{what}: {judged.what}"
+            return judged
         self._abandon_all(status)
         word = _STATUS[self.version].get(status)
         returned = f"returned status {status}, which FMI does not know"
@@ -248,6 +290,8 @@ class Instance:
             hint="steps that go on in the background are not supported"
             if word == "Pending"
             else None,
+            component=self.name,
+            call=call,
         )
 
     def _abandon_all(self, status: int) -> None:
@@ -262,14 +306,16 @@ class Instance:
         self.phase = "closed"
         if terminate:
             self._finish("terminating", self._fmu.terminate)
-        if self.component:
-            self._finish("freeing", self._fmu.freeInstance)  # and unloads
-        else:
-            self._finish("unloading", self._fmu.freeLibrary)
-        if self._fatal:
-            self._fmu.abandon()
+        if self._fmu is not None:
+            if self.component:
+                self._finish("freeing", self._fmu.freeInstance)  # and unloads
+            else:
+                self._finish("unloading", self._fmu.freeLibrary)
+            if self._fatal:
+                self._fmu.abandon()
         unregister_sink(self._environment)
-        _open_instances.discard(self)
+        with _open_guard:
+            _open_instances.discard(self)
 
     def _finish(self, what: str, call: Callable[[], Any]) -> None:
         """Make a call at the end, unless the FMU may not be called; a failure is logged."""

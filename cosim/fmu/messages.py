@@ -11,17 +11,19 @@ import ctypes
 import os
 import re
 import shutil
+import threading
 from collections.abc import Callable
-from functools import cache
 from itertools import count
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import fmpy
 import fmpy.logging
 from fmpy import fmi2
 
+from cosim.core import once
+from cosim.fmu.returned import shortened
 from cosim.fmu.unpacking import own_folder
 
 LogSink = Callable[[str, str, str], None]
@@ -31,14 +33,22 @@ MessageSink = Callable[[int, str, str], None]
 """Takes (status, category, message)."""
 
 LEVELS: Final = MappingProxyType({0: "info", 1: "warning", 2: "warning", 3: "error", 4: "fatal"})
-_sinks: dict[int, tuple[str, MessageSink]] = {}
+_sinks: dict[int, _Receiver] = {}
 _numbers = count(1)
+
+
+class _Receiver(NamedTuple):
+    """A sink, the name of its instance, and the thread that made that."""
+
+    name: str
+    sink: MessageSink
+    thread: int
 
 
 def register_sink(name: str, sink: MessageSink) -> int:
     """Pass the messages of an instance to `sink`; return the number to use as its environment."""
     number = next(_numbers)
-    _sinks[number] = (name, sink)
+    _sinks[number] = _Receiver(name, sink, threading.get_ident())
     return number
 
 
@@ -50,7 +60,7 @@ def unregister_sink(number: int) -> None:
 def sink_of(number: int) -> MessageSink | None:
     """Return the sink of this number; None if its messages are passed on no longer."""
     found = _sinks.get(number)
-    return None if found is None else found[1]
+    return None if found is None else found.sink
 
 
 @fmi2.fmi2CallbackLoggerTYPE  # type: ignore[untyped-decorator]
@@ -65,14 +75,13 @@ def _dispatch(
 ) -> None:
     found = _sinks.get(environment or 0)
     if found is None:  # some FMUs do not pass the environment that they were given
-        called = _text(name)
-        found = next((one for one in _sinks.values() if one[0] == called), None)
+        called = shortened(name)
+        alike = [one for one in list(_sinks.values()) if one.name == called]
+        # several threads may run components of one name
+        alike.sort(key=lambda one: one.thread != threading.get_ident())
+        found = alike[0] if alike else None
     if found is not None:
-        found[1](status, _text(category), _text(text))
-
-
-def _text(raw: bytes | None) -> str:
-    return raw.decode("utf-8", "replace") if raw else ""
+        found.sink(status, shortened(category), shortened(text))
 
 
 def fmi3_logger(environment: int) -> Callable[[int | None, int, bytes, bytes], None]:
@@ -84,11 +93,12 @@ def fmi3_logger(environment: int) -> Callable[[int | None, int, bytes, bytes], N
     return receive
 
 
-@cache
+@once
 def _formatting(folder: Path) -> Any:
     """Load a copy of FMPy's formatting library from `folder`, which belongs to this process."""
     source = Path(fmpy.logging.logging._name)  # noqa: SLF001 - where it was loaded from
-    copy = folder / f"logger-{os.getpid()}{source.suffix}"  # the folder may be another process's
+    # the folder may be another process's; a library that is loaded is never written again
+    copy = folder / f"logger-{os.getpid()}{source.suffix}"
     shutil.copyfile(source, copy)
     return ctypes.CDLL(str(copy))
 

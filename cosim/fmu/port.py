@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import prod
 from types import MappingProxyType
-from typing import Any, Literal, NamedTuple
+from typing import Any, Final, Literal, NamedTuple
 
 from cosim.fmu.clock import Clock
 
@@ -121,13 +121,30 @@ class Port:
         """Return the variable with these values of the structural parameters in its dimensions.
 
         Start values that differ from each other hold for the declared shape only: None in another.
+
+        Raises
+        ------
+        ValueError : see `checked_shape`.
         """
-        shape = tuple(d if isinstance(d, int) else lengths[d] for d in self.dimensions)
+        lengths_now = (d if isinstance(d, int) else lengths[d] for d in self.dimensions)
+        shape = checked_shape(self.name, tuple(lengths_now))
         if shape == self.shape:
             return self
         uniform = self.start is not None and len(set(self.start)) == 1
         start = (self.start[0],) * prod(shape) if uniform else None
         return replace(self, shape=shape, start=start)
+
+
+MOST_ELEMENTS: Final = 1 << 20
+"""Elements of one array. Each has a name and a column in the rows of a run."""
+
+
+def checked_shape(name: str, shape: tuple[int, ...]) -> tuple[int, ...]:
+    """Return the shape of an array; a ValueError if it has too many elements."""
+    if prod(shape) > MOST_ELEMENTS:
+        lengths = " x ".join(map(str, shape))
+        raise ValueError(f"{name} has {lengths} elements; at most {MOST_ELEMENTS} are exchanged")
+    return shape
 
 
 def parse_start(kind: SignalKind | None, texts: Sequence[str], shape: tuple[int, ...]) -> Any:

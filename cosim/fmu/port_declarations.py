@@ -7,7 +7,15 @@ from math import prod
 
 from cosim.fmu.clock import declared_clock
 from cosim.fmu.inspect.declared_model import DeclaredModel, Variable, integer, usual_initial
-from cosim.fmu.port import TYPE_MAPPINGS, FmiVersion, Port, SignalKind, parse_start, parse_value
+from cosim.fmu.port import (
+    TYPE_MAPPINGS,
+    FmiVersion,
+    Port,
+    SignalKind,
+    checked_shape,
+    parse_start,
+    parse_value,
+)
 
 
 def declared_ports(model: DeclaredModel, version: FmiVersion) -> dict[str, Port]:
@@ -24,7 +32,7 @@ def declared_ports(model: DeclaredModel, version: FmiVersion) -> dict[str, Port]
     for variable, name, description in _named(model):
         type_mapping = TYPE_MAPPINGS[version][variable.type]
         kind = type_mapping.kind
-        shape = tuple(_sizes(variable, by_reference))
+        shape = checked_shape(name, tuple(_sizes(variable, by_reference)))
         start = variable.starts or ()
         if len(start) > 1 and len(start) != prod(shape):
             raise ValueError(f"{name} has {len(start)} start values for {prod(shape)} elements")

@@ -28,6 +28,7 @@ from cosim.fmu.description import FmuDescription
 from cosim.fmu.event_mode import EventAccess
 from cosim.fmu.instance import DISCARD
 from cosim.fmu.messages import LogSink
+from cosim.fmu.returned import within
 
 if TYPE_CHECKING:
     from cosim.fmu.isolation import SlaveProcess
@@ -181,7 +182,7 @@ class FmuSlave(EventAccess):
             last = self._results.last_successful_time
             self._asked = bool(self._results.terminate_simulation)
             if self._asked:
-                return wish + _computed_until(last, end)
+                return wish + _unless_whole(last, time, end)
             if self._results.early_return and not self.options.early_return:
                 self.phase = "failed"
                 raise ComponentError(
@@ -195,12 +196,12 @@ class FmuSlave(EventAccess):
             if self._logged_error is None and not self._of_pythonfmu:
                 self._asked = bool(self._status_of_step("getBooleanStatus", fmi2Terminated))
                 if self._asked:
-                    return wish + _computed_until(reached, end)
-                if _same(reached, self._stop):
+                    return wish + _unless_whole(reached, time, end)
+                if reached is not None and _same(within(reached, time, end), self._stop):
                     self._asked = True
                     return f"component {self.name!r} discarded the {what} at the end of the run"
             if reached is not None:
-                detail = f", having computed until t = {reached:g} s"
+                detail = f", having {_computed_until(reached, time, end)}"
         raise self.refused(what, status, detail)
 
     @property
@@ -213,10 +214,31 @@ class FmuSlave(EventAccess):
         """Address of the four out-arguments of fmi3DoStep, laid out as `StepResults`."""
         return ctypes.addressof(self._results)
 
-    def taken_within_steps(self) -> list[IntermediateValues]:
-        """Return the outputs read within steps since the last call, with their times [s]."""
+    def time_reached(self, begin: float, end: float) -> float:
+        """Return where the last step, from `begin` to `end` [s], returned early, in FMI 3.
+
+        Raises
+        ------
+        ComponentError : at no time of the step.
+        """
+        last = self._results.last_successful_time
+        return self._returned("fmi3DoStep").time_reached(last, begin, end)
+
+    def taken_within_steps(self, begin: float, end: float) -> list[IntermediateValues]:
+        """Return the outputs read within the last steps, from `begin` to `end`, with times [s].
+
+        Raises
+        ------
+        ComponentError : values for a time that is not in the steps.
+        """
         found: list[IntermediateValues] = self._do("values within steps", "taken")
-        return found
+        judge = self._returned("fmi3DoStep")
+        times = judge.times_within((time for time, _ in found), begin, end)
+        return list(zip(times, (values for _, values in found), strict=True))
+
+    def forget_within_steps(self) -> None:
+        """Forget the outputs read within the last step: it is taken back."""
+        self._do("values within steps", "taken")
 
     def note_wish_to_end(self, time: float) -> None:
         """Note that the slave asked for the end in an event at `time` [s], as if in a step."""
@@ -254,6 +276,15 @@ def _same(time: float | None, other: float | None) -> bool:
     return time is not None and other is not None and round(time * _NS) == round(other * _NS)
 
 
-def _computed_until(reached: float | None, end: float) -> str:
-    """Say until when a step was computed, if that is not its end."""
-    return "" if reached is None or _same(reached, end) else f", computed until t = {reached:g} s"
+def _unless_whole(reached: float | None, begin: float, end: float) -> str:
+    """Say until when a step was computed, if that is known and not its end."""
+    whole = reached is None or _same(within(reached, begin, end), end)
+    return "" if reached is None or whole else f", {_computed_until(reached, begin, end)}"
+
+
+def _computed_until(reached: float, begin: float, end: float) -> str:
+    """Say until when a step was computed, as the slave has it."""
+    found = within(reached, begin, end)
+    if found is None:
+        return f"computed until t = {reached:g} s as it says, which is not in the step"
+    return f"computed until t = {found:g} s"

@@ -15,10 +15,13 @@ import tempfile
 import threading
 import time
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from cosim.core import InputError, has_locks, lock_file
-from cosim.fmu.description import FmuDescription
 from cosim.fmu.inspect.archive import open_archive
+
+if TYPE_CHECKING:
+    from cosim.fmu.description import FmuDescription
 
 PREFIX = "cosim-fmus-"
 _WITHOUT_LOCK = "cosim-kept-"
@@ -55,6 +58,16 @@ class _ProcessFolder:
         self._lock.close()
         if self.process == os.getpid():
             shutil.rmtree(self.folder, ignore_errors=True)
+            _remove_one_by_one(self.folder)
+
+
+def _remove_one_by_one(folder: Path) -> None:
+    """Remove what is left: `rmtree` holds a descriptor for each level, and there may be too few."""
+    for place, _, files in os.walk(folder, topdown=False):
+        with contextlib.suppress(OSError):
+            for name in files:
+                Path(place, name).unlink()
+            Path(place).rmdir()
 
 
 class _AdoptedFolder:
@@ -69,33 +82,37 @@ class _AdoptedFolder:
 
 
 _process_folder: _ProcessFolder | _AdoptedFolder | None = None
-_guard = threading.Lock()
+_guard = threading.RLock()
 
 
 def own_folder() -> Path:
     """Return the folder of this process; the first call makes it."""
     global _process_folder  # noqa: PLW0603 - there is one process
-    if _process_folder is None or not _process_folder.is_own:
-        if _process_folder is not None:
-            _process_folder.remove_unpacked()
-        else:
-            atexit.register(remove_unpacked)
-        _process_folder = _ProcessFolder()
-    return _process_folder.folder
+    with _guard:
+        if _process_folder is None or not _process_folder.is_own:
+            if _process_folder is not None:
+                _process_folder.remove_unpacked()
+            else:
+                atexit.register(remove_unpacked)
+            _process_folder = _ProcessFolder()
+        return _process_folder.folder
 
 
 def adopt_folder(folder: Path) -> None:
     """Use the folder of another process, which outlives this one and removes the folder."""
     global _process_folder  # noqa: PLW0603 - there is one process
-    _process_folder = _AdoptedFolder(folder)
+    with _guard:
+        remove_unpacked()  # in a fork that is the other process's: its file is closed
+        _process_folder = _AdoptedFolder(folder)
 
 
 def remove_unpacked() -> None:
     """Remove what this process has unpacked; it is unpacked again when needed."""
     global _process_folder  # noqa: PLW0603 - there is one process
-    if _process_folder is not None:
-        _process_folder.remove_unpacked()
-        _process_folder = None
+    with _guard:
+        if _process_folder is not None:
+            _process_folder.remove_unpacked()
+            _process_folder = None
 
 
 def unpack_fmu(description: FmuDescription) -> Path:

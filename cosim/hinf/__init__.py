@@ -1,15 +1,17 @@
 """H-infinity design over delays: the LMI, its exact proof, figures of the nominal loop.
 
-Six rooms, each with a face of its own; imports point one way, `models` and `core` below all:
+Eight rooms, each with a face of its own; imports point one way, `models` and `core` below all:
 
-    response -> synthesis -> lmi -> problem -> certificate
+    response -> synthesis -> lmi -> problem -> certificate -> theorems -> exact
     response -> synthesis -> nominal -> certificate
 
 `response` is for systems with delays by themselves, as `DelayLTI`: what python-control and SciPy do
 for systems without.
 
-`certificate` is the prover. It loads no solver and no other room, so that a proof can be checked
-by less code than found it; the JSON of systems is there because a certificate contains one.
+`exact` are numbers without rounding, `theorems` what is proved with them, each theorem once, as
+terms over named rows. `certificate` is the prover. These three load no solver and no other room,
+so that a proof can be checked by less code than found it; the JSON of systems is there because a
+certificate contains one.
 """
 
 import lazy_loader as _lazy

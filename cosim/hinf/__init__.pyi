@@ -1,7 +1,6 @@
 from .certificate import (
     Certificate as Certificate,
     CertificateCheck as CertificateCheck,
-    ExactVariables as ExactVariables,
     Guarantees as Guarantees,
     ObserverPair as ObserverPair,
     Outages as Outages,
@@ -11,11 +10,9 @@ from .certificate import (
     check_certificate as check_certificate,
     constant_ages_claimed as constant_ages_claimed,
     differences as differences,
-    first_bad_pivot as first_bad_pivot,
     first_difference as first_difference,
     matrix_from_rows as matrix_from_rows,
     measurement_differences as measurement_differences,
-    minus_omega as minus_omega,
     output_feedback_to_json as output_feedback_to_json,
     pair_from_json as pair_from_json,
     pair_of as pair_of,
@@ -25,6 +22,7 @@ from .certificate import (
     system_from_json as system_from_json,
     theorem_of as theorem_of,
 )
+from .exact import first_bad_pivot as first_bad_pivot
 from .nominal import (
     ClosedLoop as ClosedLoop,
     MeanSquare as MeanSquare,
@@ -135,4 +133,8 @@ from .synthesis import (
     proved_again as proved_again,
     quickly_proved as quickly_proved,
     with_outages as with_outages,
+)
+from .theorems import (
+    ExactVariables as ExactVariables,
+    minus_omega as minus_omega,
 )

@@ -1,3 +1,4 @@
+from .adjustments import Adjustment as Adjustment
 from .checks import LINK_STATE as LINK_STATE
 from .communication_schedule import (
     CommunicationSchedule as CommunicationSchedule,
@@ -18,7 +19,7 @@ from .order import (
     ReceivingOrder as ReceivingOrder,
     receiving_order as receiving_order,
 )
-from .pacing import Pace as Pace
+from .pacing import Pace as Pace, PaceFigures as PaceFigures
 from .parts import (
     MODE_NUMBER as MODE_NUMBER,
     Algorithm as Algorithm,
@@ -45,13 +46,21 @@ from .session import (
     Session as Session,
     simulate as simulate,
 )
+from .session_base import (
+    SessionBase as SessionBase,
+    error_of as error_of,
+    one_thread_at_a_time as one_thread_at_a_time,
+)
 from .snapshot import Snapshot as Snapshot
 from .supervision import (
     BROKEN as BROKEN,
     OVERDUE as OVERDUE,
+    AskedError as AskedError,
+    BrokenOffError as BrokenOffError,
     Calls as Calls,
+    FollowedSession as FollowedSession,
     Limits as Limits,
+    SessionState as SessionState,
     Supervisor as Supervisor,
 )
-from .supervision.process import default_method as default_method
 from .system import System as System

@@ -363,7 +363,14 @@ class CommunicationPoints:
         return self.links[name].arrivals(first)
 
     def state(self, name: str, first: int, last: int) -> LinkState:
-        """Return the state of a packet link at the points first to last - 1."""
+        """Return the state of a packet link at the points first to last - 1.
+
+        Raises
+        ------
+        InputError : there is no packet link of this name.
+        """
+        if name not in self.links:
+            raise InputError.unknown("packet link", name, self.links)
         return self.links[name].state(self.points_ns[first:last])
 
     def give_back(self, before: int) -> None:

@@ -6,14 +6,15 @@ what falls on the same nanosecond happens at the same instant.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from fractions import Fraction
 from typing import Any, Literal
 
 import numpy as np
 
 from cosim.core import ComponentError
-from cosim.fmu import INTERVAL_CHANGED, FmuSlave, Port, exactly
+from cosim.fmu import LEAST_INTERVAL, FmuSlave, Port, exactly
 from cosim.master.component_instance import ComponentInstance, Group, Rows
 from cosim.master.exchange import OK, exchange_of
 
@@ -34,6 +35,8 @@ class EventInstance:
     next_event : instant of its next time event [s]; None: there is none.
     event_needed : its last step ended with an event.
     time : where its slave is [s], as it was told.
+    word : of the loop, as `Table.word`: calls that are made within an operation and are another one
+        than the operation's are told as calls outside the loop.
     """
 
     def __init__(self, number: int, instance: ComponentInstance) -> None:
@@ -46,9 +49,11 @@ class EventInstance:
         self._intervals: dict[str, Fraction] = {}
         self._given: dict[str, list[Fraction]] = {}
         self._ticking: dict[str, bool] = {}
+        self._needs_update = False
         self.next_event: Fraction | None = None
         self.event_needed = False
         self.time = 0.0
+        self.word = np.zeros(2, np.int64)
 
     def prepare(self, start: Fraction) -> None:
         """Read and set the intervals of its Clocks, in the initialisation, from `start` [s].
@@ -76,9 +81,10 @@ class EventInstance:
                     interval = given if isinstance(given, Fraction) else exactly(float(given))
                     self.slave.set_interval(port, interval)
                 elif interval is None:
-                    interval, shift = self.slave.interval(port)[0], self.slave.shift(port)
-                self._intervals[name] = self._checked(port, interval, least=Fraction(1, SECOND_NS))
-                self._next[name] = start + self._checked(port, shift)
+                    interval = self.slave.interval(port, always=True)
+                    shift = self.slave.shift(port)
+                self._intervals[name] = self._checked(port, interval)
+                self._next[name] = start + shift
             else:
                 self._ask(port, start, first=True)
 
@@ -103,6 +109,11 @@ class EventInstance:
         timed = self.next_event is not None and nanosecond_of(self.next_event) <= now_ns
         return self.event_needed or timed
 
+    def is_busy(self, now_ns: int) -> bool:
+        """Whether it asks for an event now, or within a nanosecond."""
+        soon = any(nanosecond_of(instant) <= now_ns + 1 for instant in self.instants())
+        return self.event_needed or self._needs_update or soon
+
     def instants(self) -> Iterable[Fraction]:
         """Return its next time event and ticks [s]."""
         timed = () if self.next_event is None else (self.next_event,)
@@ -111,7 +122,8 @@ class EventInstance:
     def enter_event_mode(self) -> None:
         """Enter event mode, unless it is there."""
         if not self.slave.in_event_mode:
-            self.slave.enter_event_mode()
+            with self._outside_the_loop():
+                self.slave.enter_event_mode()
         self.event_needed = False
 
     def tick(self, clocks: Sequence[Port]) -> None:
@@ -119,7 +131,8 @@ class EventInstance:
         new = [clock for clock in clocks if not self._ticking.get(clock.name)]
         if new:
             self.enter_event_mode()
-            self.slave.tick(new)
+            with self._outside_the_loop():
+                self.slave.tick(new)
             self._ticking.update((clock.name, True) for clock in new)
 
     def update(self, now: Fraction) -> tuple[bool, bool]:
@@ -129,11 +142,12 @@ class EventInstance:
         -------
         need_update, terminate : as in `DiscreteStates`.
         """
-        found = self.slave.update_discrete_states()
+        found = self.slave.update_discrete_states(now)
+        self._needs_update = found.need_update
         self.next_event = None
         if found.next_event is not None:  # never at this instant again, though its clock may lag
             least = Fraction(nanosecond_of(now) + 1, SECOND_NS)
-            self.next_event = max(Fraction(found.next_event), least)
+            self.next_event = max(found.next_event, least)
         for port in self._time_based:
             clock, ticked = port.clock, self._ticking.get(port.name, False)
             if clock is None:
@@ -141,30 +155,28 @@ class EventInstance:
             if clock.variability == "countdown" or (clock.variability == "changing" and ticked):
                 self._ask(port, now)
             elif clock.variability == "tunable" and clock.interval is None:
-                interval, qualifier = self.slave.interval(port)
-                if qualifier == INTERVAL_CHANGED:
-                    least = Fraction(1, SECOND_NS)
-                    self._intervals[port.name] = self._checked(port, interval, least=least)
+                interval = self.slave.interval(port)
+                if interval is not None:
+                    self._intervals[port.name] = interval
                     self._next[port.name] = now + interval
         self._ticking.clear()
         return found.need_update, found.terminate
 
     def _ask(self, port: Port, now: Fraction, *, first: bool = False) -> None:
         """Ask for the next interval of an aperiodic Clock, which begins now."""
-        interval, qualifier = self.slave.interval(port)
         changing = port.clock is not None and port.clock.variability == "changing"
-        if qualifier == INTERVAL_CHANGED or (changing and not first):
-            self._next[port.name] = now + self._checked(port, interval)
+        interval = self.slave.interval(port, always=changing and not first)
+        if interval is not None:
+            self._next[port.name] = now + interval
 
-    def _checked(
-        self, port: Port, interval: Fraction, *, least: Fraction = Fraction(0)
-    ) -> Fraction:
-        if interval < least:
+    def _checked(self, port: Port, interval: Fraction | None) -> Fraction:
+        """Return the interval of a periodic Clock, as declared, given by the scenario or read."""
+        if interval is None or interval < LEAST_INTERVAL:
             raise ComponentError(
                 f"the interval of {port.name} is none",
                 where=f"component {self.instance.name!r}",
-                expected=f"at least {float(least):g} s",
-                got=f"{float(interval):g} s",
+                expected=f"at least {float(LEAST_INTERVAL):g} s",
+                got="none" if interval is None else f"{float(interval):g} s",
             )
         return interval
 
@@ -175,10 +187,20 @@ class EventInstance:
         for name in names:
             port = self._ports[name]
             if not self._ticking.get(name) and port.causality != "input":
-                self._ticking[name] = self.slave.ticking([port])[0]
+                with self._outside_the_loop():
+                    self._ticking[name] = self.slave.ticking([port])[0]
             if self._ticking.get(name):
                 return True
         return False
+
+    @contextmanager
+    def _outside_the_loop(self) -> Iterator[None]:
+        """Context of a call that is not that of the operation in progress, if one is."""
+        before, self.word[1] = self.word[1], 0
+        try:
+            yield
+        finally:
+            self.word[1] = before
 
     def column_of(self, name: str) -> int:
         """Return the column of an input Clock in the rows."""

@@ -30,8 +30,9 @@ from cosim.master.system import System
 from cosim.master.table import ENDED, WORD_BITS, EarlyStop, Step, Table
 from cosim.master.wiring import Wiring
 
-MOST_ITERATIONS: Final = 1000
-"""Super-dense instants at one time after which event iteration counts as one that does not end."""
+MOST_POINTS: Final = 1000
+"""Points of events within `_PROGRESS_NS` after which events count as ones that do not end."""
+_PROGRESS_NS: Final = 1000
 
 
 class EventPoints:
@@ -44,13 +45,16 @@ class EventPoints:
         table: Table,
         events: Mapping[int, EventInstance],
         run: Callable[[int, int, int, int], EarlyStop | None],
+        row_complete: Callable[[int], None],
     ) -> None:
         self._wiring, self._table, self._events, self._run = wiring, table, events, run
+        self._row_complete = row_complete
         self._points = wiring.comm_points
         self._end_ns = system.comm_schedule.end_ns
         self._instances = list(events.values())
         self._now = Fraction(0)
-        self._iterations = 0
+        self._begin_ns = self._crowded = 0
+        self._busy: dict[str, None] = {}
         self._asked_to_end: EventInstance | None = None
         self._steps = [
             (number, operation.instance)
@@ -61,6 +65,8 @@ class EventPoints:
         self._calls = {
             one.number: step_call(one.slave, table.no_way_back.data) for one in self._instances
         }
+        for one in self._instances:
+            one.word = table.word
         if len(self._first) > 1:
             table.no_way_back[0] = 0  # a step may be taken back for an event of another component
 
@@ -82,9 +88,12 @@ class EventPoints:
             one.tick(clocks)
             for clock in clocks:
                 self._table.rows[k, one.column_of(clock.name)] = 1.0
-        early_stop = self._run(0, self._table.complete + 1, k, k + 1)
+        complete = self._table.complete + 1
+        early_stop = self._run(0, complete, k, k + 1)
         if early_stop is not None:
             return early_stop
+        self._table.word[0] = k << WORD_BITS | complete
+        self._row_complete(k)
         if self._asked_to_end is not None:  # what its last event left is in the row
             self._note(self._asked_to_end.number, k)
             return EarlyStop(k, k + 1, "end", self._asked_to_end.number, 0)
@@ -97,16 +106,24 @@ class EventPoints:
         return self._step(k, now_ns)
 
     def _count(self, k: int, now_ns: int) -> None:
-        """Count the points of one instant; too many are a ComponentError."""
-        again = k > 0 and now_ns == int(self._points.points_ns[k - 1])
-        self._iterations = self._iterations + 1 if again else 0
-        if self._iterations > MOST_ITERATIONS:
-            busy = [one for one in self._instances if one.slave.in_event_mode or one.event_needed]
+        """Count the points with hardly any time between them; too many are a ComponentError."""
+        if k == 0 or now_ns >= self._begin_ns + _PROGRESS_NS:
+            self._begin_ns, self._crowded = now_ns, 0
+            self._busy.clear()
+            return
+        self._crowded += 1
+        if self._crowded >= MOST_POINTS:  # an event and what it left are two points
+            names = (one.instance.name for one in self._instances if one.is_busy(now_ns))
+            self._busy.update(dict.fromkeys(names))
+        if self._crowded > MOST_POINTS:
+            busy = list(self._busy) or [one.instance.name for one in self._instances]
             raise ComponentError(
-                f"the events at t = {now_ns / 1e9:g} s do not come to an end",
-                where=", ".join(one.instance.name for one in busy or self._instances),
-                expected=f"at most {MOST_ITERATIONS} super-dense instants at one time",
-                hint="events that cause each other at once, or a Clock with an interval of zero",
+                "the events do not come to an end",
+                where=", ".join(f"component {name!r}" for name in busy),
+                expected=f"at most {MOST_POINTS} points within {_PROGRESS_NS} ns",
+                hint="events that cause each other at once, a Clock with an interval of zero, or "
+                "an event that is announced again when it has come",
+                component=busy[0] if len(busy) == 1 else None,
             )
 
     def _update(self, k: int, now_ns: int, handling: list[EventInstance]) -> EarlyStop | None:
@@ -193,10 +210,9 @@ class EventPoints:
             size = (round(target * 1e9) - int(self._points.points_ns[k])) / 1e9
         if one.next_event is not None and nanosecond_of(one.next_event) == round(target * 1e9):
             until = max(target, float(one.next_event))
-            while one.time + size < until:  # rounded down, it would not come to its event
-                size = math.nextafter(size, math.inf)
-        self._note(one.number, k)
-        status = self._calls[one.number](one.time, size)
+            if one.time + size < until:  # rounded down, it would not come to its event
+                size = math.nextafter(until - one.time, math.inf)
+        status = self._call(one, k, size)
         results = one.slave.results
         if status in ACCEPTED_STATUSES and results.terminate_simulation:
             status = ENDED
@@ -205,8 +221,18 @@ class EventPoints:
         if status not in ACCEPTED_STATUSES:
             return self._table.early_stop(status, 0)
         one.event_needed = bool(results.event_handling_needed)
-        one.time = results.last_successful_time if results.early_return else target
+        one.time = one.slave.time_reached(one.time, target) if results.early_return else target
         return None
+
+    def _call(self, one: EventInstance, k: int, size: float) -> int:
+        """Step a component by a size [s]; return the status. The call in progress is noted."""
+        word = self._table.word
+        self._note(one.number, k)
+        word[1] = 1
+        try:
+            return self._calls[one.number](one.time, size)
+        finally:
+            word[1] = 0
 
     def _is_whole(self, k: int) -> bool:
         """Whether point k is told to the components as its whole nanoseconds."""
@@ -224,5 +250,5 @@ class EventPoints:
             one.slave.restore(saved)
             one.slave.free(saved)
         if one.slave.options.intermediate:
-            one.slave.taken_within_steps()  # they were not
+            one.slave.forget_within_steps()
         one.time, one.event_needed = begun, False

@@ -5,7 +5,6 @@ Calls go through cffi with plain addresses, which costs a third less than ctypes
 
 from __future__ import annotations
 
-import ctypes
 from collections.abc import Callable
 from typing import Any, Final, Literal
 
@@ -96,6 +95,7 @@ class Exchange:
         self._references = group.references  # the arguments are addresses
         self._columns = slice(group.column, group.column + group.size)
         self._texts = instance.texts
+        self._judge = slave.returned(way, group.getter_type)
         self._kept: Any = None
         text = group.c_type == "S"
         self.scratch: NDArray[Any] = np.zeros(group.size, "u8" if text else group.c_type)
@@ -148,9 +148,7 @@ class Exchange:
         status = self._call()
         if status in ACCEPTED_STATUSES:
             row[self._columns] = [
-                self._texts.number(ctypes.string_at(address).decode("utf-8", "replace"))
-                if address
-                else 0
+                self._texts.number((self._judge.text(address) or b"").decode("utf-8", "replace"))
                 for address in self.scratch.tolist()
             ]
         return status

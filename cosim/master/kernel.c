@@ -47,6 +47,7 @@ enum { F8, F4, I1, U1, I2, U2, I4, U4, I8, U8 };
 #define ENDED (TOO_LARGE + 1)
 #define UNSETTLED (TOO_LARGE + 2)
 #define OUT_OF_RANGE (TOO_LARGE + 3)
+#define ROW_SUM 260 /* where the word has the sum of the complete rows, see table.py */
 #define EXACT 9007199254740992.0 /* 2^53 */
 
 /* One operation; the names are explained in table.py. Every field has eight bytes. */
@@ -207,11 +208,15 @@ static inline int64_t step(const Run *r, const Operation *o, int64_t k, int64_t 
 
 /* Whether an output of a complete row is out of range. The magnitudes of doubles are in the order
    of their bits as integers, with infinity and NaN, which are in no range, above all bounds. */
-static int64_t outside(Run *r, const double *row) {
+static int64_t outside(Run *r, const double *row, int64_t k) {
     const Bits *values = (const Bits *)row, *bounds = (const Bits *)r->bounds;
     int64_t found = 0, n = r->outputs;
-    for (int64_t j = 0; j < n; j++)
+    uint64_t sum = 0; /* of the row, see row_sums.py */
+    for (int64_t j = 0; j < n; j++) {
         found |= bounds[j] - (values[j] & INT64_MAX);
+        sum += (uint64_t)values[j] * (uint64_t)(2 * j + 1);
+    }
+    r->word[ROW_SUM] = (int64_t)((uint64_t)r->word[ROW_SUM] + sum * (uint64_t)(2 * k + 1));
     if (found >= 0)
         return 0;
     for (r->column = 0; fabs(row[r->column]) <= r->bounds[r->column]; r->column++)
@@ -274,7 +279,7 @@ static int64_t carry_out_any(Run *r, const Operation *table, const Operation **a
             move(r, o, k, row);
         break;
     case STEP: status = step(r, o, k, following); break;
-    case COMPLETE: status = outside(r, row); break;
+    case COMPLETE: status = outside(r, row, k); break;
     case GUESS: guess(r, o, k, row); break;
     case SETTLE:
         if (!unsettled(r, o, row))
@@ -312,7 +317,7 @@ static int64_t carry_out(Run *r, const Operation *table, int64_t begin, int64_t 
                 continue;
             status = ((Step2)o->function)(o->component, now, size, final);
         } else if (kind == USUAL_COMPLETE) {
-            if ((status = outside(r, here)))
+            if ((status = outside(r, here, k)))
                 return status;
             continue;
         } else

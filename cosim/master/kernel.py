@@ -18,6 +18,7 @@ from cosim.master.component_instance import Group
 from cosim.master.routes import Route
 from cosim.master.rows_in_use import RowsInUse
 from cosim.master.table import (
+    ROW_SUM,
     Complete,
     EarlyStop,
     Get,
@@ -126,7 +127,7 @@ class KernelLoop:
         ends = [i + 1 for i, o in enumerate(table.operations) if isinstance(o, Step)]
         begins = [table.complete + 1, *ends[:-1]]
         groups = np.column_stack([self._places[begins], self._places[ends]])
-        threads = min(table.threads, len(ends), table.word.size - _OF_TEAM - 1)
+        threads = min(table.threads, len(ends), ROW_SUM - _OF_TEAM - 1)
         team: int | None = self._library.make_team(
             *(threads, self._address(groups.astype(np.int64)), len(groups)),
             self._address(table.word[_OF_TEAM:]),

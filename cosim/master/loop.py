@@ -19,6 +19,8 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
+from contextlib import suppress
+from copy import copy
 from dataclasses import replace
 from types import MappingProxyType
 
@@ -34,9 +36,10 @@ from cosim.master.exchange import TOO_LARGE
 from cosim.master.observers import ObserverDispatch
 from cosim.master.pacing import Pace
 from cosim.master.plain_loop import PlainLoop
+from cosim.master.row_sums import sum_of_rows
 from cosim.master.run import Run, RunStatus, run_status_of
 from cosim.master.system import System
-from cosim.master.table import WORDS, EarlyStop, make_table
+from cosim.master.table import ROW_SUM, WORDS, EarlyStop, make_table
 from cosim.master.unreceived_inputs import fill_unreceived_inputs
 from cosim.master.wiring import Wiring
 from cosim.trace import Cause
@@ -94,7 +97,9 @@ class Loop:
         self._engine = build_engine(choice.name, self.table, events)
         self._events: EventPoints | None = None
         if events:
-            self._events = EventPoints(system, wiring, self.table, events, self._execute)
+            self._events = EventPoints(
+                system, wiring, self.table, events, self._execute, self._complete_row
+            )
         self.complete = 0
         self.status: RunStatus | None = None
         self.reason: str | None = None
@@ -162,11 +167,15 @@ class Loop:
 
     def go_back(self, complete: int, adjustments: Mapping[int, Adjustment]) -> None:
         """Continue from `complete` rows, to which slaves and wiring have been restored."""
+        self._word[ROW_SUM] = sum_of_rows(self._wiring.rows, self._wiring.outputs, 0, complete)
         self.complete, self._exchanged = complete, None
         self.adjustments.restore(adjustments)
         self._copy_if_adjusted()
         self.status = self.reason = self.cause = self._early_stop = None
         self._dispatch.where = self._where
+        if complete > self._comm_points.final:  # back to the end: nothing is left to be done
+            self.status = "finished"
+            self._conclude()
 
     def exchange(self, column: int) -> bool:
         """Exchange values at the point of the slaves; return whether that of `column` is known.
@@ -237,12 +246,17 @@ class Loop:
         began = time.perf_counter()
         ready = self._comm_points.ready
         self.forget_exchange()
-        if first == ready:
-            last = first + 1
-            early_stop = self._cross(ready)
-        else:
-            last = min(last, ready)
-            early_stop = self._execute(0, len(self.table.operations), first, last)
+        last = first + 1 if first == ready else min(last, ready)
+        early_stop: EarlyStop | None = None
+        try:
+            if first == ready:
+                early_stop = self._cross(ready)
+            else:
+                early_stop = self._execute(0, len(self.table.operations), first, last)
+            if early_stop is None:
+                self._take_within_steps(first, last)
+        except (ComponentError, InputError) as error:
+            self._break_off(error, first)
         if self.status is None:
             self.complete = last if early_stop is None else early_stop.complete
         if early_stop is not None:
@@ -250,21 +264,32 @@ class Loop:
             found = run_status_of(self._wiring, early_stop)
             self.status, self.reason, self.cause = found
             fill_unreceived_inputs(self.table, early_stop)
+            with suppress(ComponentError):  # the run has failed already
+                self._take_within_steps(first, early_stop.k + 1)
         elif self.status is None and self.complete > self._comm_points.final:
             self.status = "finished"
-        self._take_within_steps()
         self._dispatch.deliver(self.complete)
         self._segment.took(last - first, time.perf_counter() - began)
         if self.status is not None:
             self._conclude()
 
-    def _take_within_steps(self) -> None:
-        """Pass on what the components' outputs were within the steps of the segment."""
+    def _take_within_steps(self, first: int, last: int) -> None:
+        """Pass on what the components' outputs were within the steps from points first to last - 1.
+
+        Raises
+        ------
+        ComponentError : values for a time that is not in these steps.
+        """
+        seconds = self._comm_points.seconds
         for instance in self._wiring.instances:
             dead = instance.slave.phase in ("failed", "closed")
-            found = instance.component.intermediate and not dead
-            if found and (taken := instance.slave.taken_within_steps()):
+            if not instance.component.intermediate or dead:
+                continue
+            begin = int(instance.own_points.last[first])
+            end = max(begin, int(instance.own_points.following[first:last].max()))
+            if taken := instance.slave.taken_within_steps(seconds[begin], seconds[end]):
                 times = np.array([round(time * 1e9) for time, _ in taken], np.int64)
+                times -= self._comm_points.start_ns
                 values = np.array([values for _, values in taken])
                 self._dispatch.within_steps(instance.name, times, values)
 
@@ -287,7 +312,7 @@ class Loop:
     def _cross(self, k: int) -> EarlyStop | None:
         """Carry out point k, at which events may occur, or what is sent decides a delay."""
         if self._events is not None:
-            return self._cross_with_events(self._events, k)
+            return self._events.execute(k)
         sent = self.table.sent
         early_stop = self._execute(0, sent, k, k + 1)
         if early_stop is not None:
@@ -303,18 +328,24 @@ class Loop:
         self._wiring.begin_rows(k, self._comm_points.ready)
         return self._execute(sent, len(self.table.operations), k, k + 1)
 
-    def _cross_with_events(self, events: EventPoints, k: int) -> EarlyStop | None:
-        try:
-            return events.execute(k)
-        except (ComponentError, InputError) as error:
-            time_s = self._comm_points.points_ns[k] / 1e9
-            self.status, self.reason = "failed", error.text()
-            self.complete = k + (self.table.place() > (k, self.table.complete))
-            if isinstance(error, ComponentError) and error.kind is not None:
-                self.cause = Cause.of_error(error, time_s)
-            else:
-                self.cause = Cause("refused", time_s=time_s, detail=error.what)
-            return None
+    def _complete_row(self, k: int) -> None:
+        """Deliver row k before its events are handled: they may end the process."""
+        self.complete = k + 1
+        self._dispatch.deliver(self.complete)
+
+    def _break_off(self, error: ComponentError | InputError, first: int) -> None:
+        """End the run by an error at a point, of an FMI call or of what it returned."""
+        place = self.table.place()
+        k = max(first, place[0])
+        time_s = self._comm_points.at_s(self._comm_points.points_ns[k])
+        with_time = copy(error)
+        with_time.what = f"{error.what} at t = {time_s:g} s"
+        self.status, self.reason = "failed", with_time.text()
+        self.complete = k + (place >= (k, self.table.complete))
+        self.cause = Cause("refused", time_s=time_s, detail=error.what)
+        if isinstance(error, ComponentError):
+            cause = Cause.of_error(error, time_s)
+            self.cause = replace(cause, detail=error.detail or error.what)
 
     def _conclude(self) -> None:
         points, early_stop = self._comm_points.points_ns, self._early_stop

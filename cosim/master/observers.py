@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.core import InputError
+from cosim.master.communication_points import CommunicationPoints
 from cosim.master.component_instance import ComponentInstance
 
 
@@ -29,7 +30,11 @@ class Observer(Protocol):
         """Rows first to last - 1 of every instance are complete; called in order, no gaps."""
 
     def log(self, time_ns: int, level: str, name: str, message: str) -> None:
-        """A component, or the loop, has logged a message."""
+        """A component, or the loop, has logged a message.
+
+        Lines come in order: none is before the last complete row, or the line before it, or after
+        the row that is next.
+        """
 
     def within_steps(
         self, component: str, times_ns: NDArray[np.int64], values: NDArray[np.float64]
@@ -48,18 +53,24 @@ class Observer(Protocol):
 
 
 class ObserverDispatch:
-    """Collects the log lines of a segment and delivers them to observers between its rows."""
+    """Collects the log lines of a segment and delivers them to observers between its rows.
+
+    It has the clock of all log lines. Their instants come from loops, FMUs' threads and pipes,
+    which are not of one mind; each line gets an instant that keeps its place among the rows.
+    """
 
     def __init__(self, observers: Sequence[Observer]) -> None:
         self.turn: Callable[[str], int] | None = None
         """Returns the place of a component while several step side by side, else 0."""
+        self.points: CommunicationPoints | None = None
+        """The points of the rows; None as long as there are none."""
         self.begin(observers)
 
     def begin(self, observers: Sequence[Observer]) -> None:
         """Begin a run with these observers: the first one, or another one."""
         self._observers = observers
         self._lines: list[tuple[int, int, int, str, str, str]] = []
-        self._latest_ns = 0
+        self._now_ns = 0
         self.delivered = 0
         """Number of rows that the observers have."""
         self.where: Callable[[], tuple[int, int]] = lambda: (0, 0)
@@ -86,11 +97,9 @@ class ObserverDispatch:
             if take is not None:
                 take(component, times_ns, values)
 
-    def log_now(self, points_ns: NDArray[np.int64], name: str, level: str, message: str) -> None:
+    def log_now(self, name: str, level: str, message: str) -> None:
         """Log a message after the rows that the observers have, before all lines not delivered."""
-        self._latest_ns = max(self._latest_ns, int(points_ns[max(self.delivered - 1, 0)]))
-        for observer in self._observers:
-            observer.log(self._latest_ns, level, name, message)
+        self._log(self._now_ns, level, name, message)
 
     def check_stop(self) -> None:
         """Raise an exception if the run is to end between two steps."""
@@ -101,21 +110,21 @@ class ObserverDispatch:
         if self.turn is not None:  # threads log in any order
             lines.sort(key=lambda line: line[:3])
         for rows, time_ns, _turn, level, name, message in lines:
-            if rows > complete:
-                break
-            self._span(rows)
-            self._latest_ns = max(self._latest_ns, time_ns)
-            for observer in self._observers:
-                observer.log(time_ns, level, name, message)
+            self._span(min(rows, complete))  # the row that a call breaks off is not complete
+            self._log(time_ns, level, name, message)
         self._span(complete)
 
     def rewind(self, complete: int) -> None:
-        """Prepare the observers for rows from `complete` on to be computed anew."""
+        """Prepare the observers for rows from `complete` on to be computed anew.
+
+        What was logged until now has been: they receive it first.
+        """
+        self.deliver(self.delivered)
         if self.delivered > complete:
             for observer in self._observers:
                 observer.rewind(complete)
         self._lines = []
-        self.delivered = complete
+        self.delivered, self._now_ns = complete, 0
 
     @property
     def unread(self) -> int:
@@ -132,6 +141,17 @@ class ObserverDispatch:
         self._observers = ()
         self.make_whole = _nothing
 
+    def _log(self, time_ns: int, level: str, name: str, message: str) -> None:
+        """Log a line at its instant [ns], or as near to it as its place among the rows allows."""
+        time_ns = max(time_ns, self._now_ns)
+        if self.points is None:
+            time_ns = 0
+        elif self.delivered < self.points.count:
+            time_ns = min(time_ns, int(self.points.points_ns[self.delivered]))
+        self._now_ns = time_ns
+        for observer in self._observers:
+            observer.log(time_ns, level, name, message)
+
     def _span(self, until: int) -> None:
         if until > self.delivered:
             if any(getattr(each, "reads_inputs", True) for each in self._observers):
@@ -139,6 +159,8 @@ class ObserverDispatch:
             for observer in self._observers:
                 observer.rows_complete(self.delivered, until)
             self.delivered = until
+            if self.points is not None:
+                self._now_ns = max(self._now_ns, int(self.points.points_ns[until - 1]))
 
 
 def _nothing(_count: int) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,15 @@ from cosim.core import InputError
 
 _NAP_S = 0.05
 """Longest sleep at a time, so that an interrupt takes effect soon."""
+
+
+class PaceFigures(NamedTuple):
+    """How a pace was kept; as the attributes of `Pace`."""
+
+    points: int
+    late: int
+    largest_s: float
+    total_s: float
 
 
 @dataclass
@@ -79,10 +89,14 @@ class Pace:
         self.largest_s = max(self.largest_s, float(late.max(initial=0.0)))
         self.late += int(np.count_nonzero(now > due[1:]))
 
-    def take(self, other: Pace) -> None:
+    @property
+    def figures(self) -> PaceFigures:
+        """How it was kept."""
+        return PaceFigures(self.points, self.late, self.largest_s, self.total_s)
+
+    def take(self, figures: PaceFigures) -> None:
         """Take over the figures of a pace that was kept elsewhere."""
-        self.points, self.late = other.points, other.late
-        self.largest_s, self.total_s = other.largest_s, other.total_s
+        self.points, self.late, self.largest_s, self.total_s = figures
 
     def _due(self, time_ns: int) -> float:
         assert self._began is not None  # noqa: S101 - set by `wait`

@@ -20,9 +20,11 @@ from cosim.master.exchange import (
     pointer,
     step_function,
 )
+from cosim.master.row_sums import column_weights, signed
 from cosim.master.table import (
     ENDED,
     OUT_OF_RANGE,
+    ROW_SUM,
     UNSETTLED,
     WORD_BITS,
     AlgebraicLoop,
@@ -55,6 +57,8 @@ class PlainLoop:
         self._table, self._rows, self._events = table, table.rows, events
         self._calls = [self._call(operation) for operation in table.operations]
         self._column = self._passes = 0
+        self._bits = table.rows.view(np.uint64)[:, : table.outputs]
+        self._weights = column_weights(table.outputs)
         self._restore_float_mode = float_mode_restorer()
 
     def run(  # noqa: C901, PLR0912 - the algorithm, in one place
@@ -89,6 +93,7 @@ class PlainLoop:
                     case Step():
                         status = call(k, following)
                     case Complete():
+                        self._add_to_sum(k)
                         status = self._range_status(k)
                     case Guess(loop=loop):
                         self._guess(loop, k)
@@ -156,6 +161,11 @@ class PlainLoop:
             return ENDED if results[1] or results[2] else status
 
         return step_3
+
+    def _add_to_sum(self, k: int) -> None:
+        """Add the row that is complete to the sum of the rows."""
+        word = self._table.word.data
+        word[ROW_SUM] = signed(word[ROW_SUM] + int(self._bits[k] @ self._weights) * (2 * k + 1))
 
     def _range_status(self, k: int) -> int:
         inside = np.abs(self._rows[k, : self._table.outputs]) <= self._table.bounds

@@ -221,7 +221,8 @@ class TraceRecorder(Observer):
         found = self._events(until_ns) if self._events is not None else ()
         if not found:
             return []
-        times = np.array([event.time_ns for event in found], np.int64)
+        # one that is found late comes after what is written
+        times = np.array([max(event.time_ns, self._latest_ns) for event in found], np.int64)
         lines = [(event.level, event.subject, event.message) for event in found]
         return [Lines(times, lines, rank=(_LOGGED,))]
 
@@ -242,13 +243,11 @@ class TraceRecorder(Observer):
         if self.run_ended or self._writer.ended:
             self.log_after_end.append({"level": level, "name": name, "message": message})
             return
-        if time_ns > self._latest_ns:  # messages that were due before come before
-            drops = [
-                rows
-                for number, traffic in enumerate(self._traffic)
-                for rows in traffic.until(time_ns - 1, _DELIVERED + number)
-            ]
-            self._write_rows(drops)
+        if time_ns > self._latest_ns:  # what was due before comes before
+            before: list[Rows | Poses | Lines] = [*self._within_until(time_ns - 1)]
+            for number, traffic in enumerate(self._traffic):
+                before += traffic.until(time_ns - 1, _DELIVERED + number)
+            self._write_rows(before)
             self._latest_ns = time_ns
         self._writer.log(time_ns + self._start_ns, level, name, message)
 

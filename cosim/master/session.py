@@ -22,7 +22,13 @@ import functools
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from fractions import Fraction
-from typing import TYPE_CHECKING, Any, Literal, Self, get_args
+from typing import (
+    TYPE_CHECKING,
+    Any,
+    Literal,
+    Self,
+    get_args,
+)
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,25 +47,24 @@ from cosim.master.order import receiving_order
 from cosim.master.pacing import Pace
 from cosim.master.parts import LogLevel
 from cosim.master.run import Run, RunStatus
+from cosim.master.session_base import SessionBase, one_thread_at_a_time
 from cosim.master.snapshot import Snapshot, fingerprint
 from cosim.master.structure import can_be_reset, same_structure
 from cosim.master.system import System
 from cosim.master.wire import wire
 from cosim.master.wiring import Wiring
 from cosim.network import LinkState
+from cosim.trace import Cause
 
 if TYPE_CHECKING:
     from cosim.fmu import SlaveProcess
 
 _LEVELS = get_args(LogLevel)
 _MOST_KEPT = 20_000_000
-_PARTS = ("kind", "component", "call", "detail")
-"""What an error has of the cause of a run."""
-
 Condition = Callable[["Session"], bool]
 
 
-class Session:
+class Session(SessionBase):
     """A run of a system that the caller controls; use as a context manager.
 
     Parameters
@@ -96,7 +101,7 @@ class Session:
         call_limit: float | None = None,
         process_started: Callable[[SlaveProcess], None] | None = None,
     ) -> None:
-        self.system = system
+        super().__init__(system)
         self._call_limit, self._process_started = call_limit, process_started
         self._observers = observers
         self._wiring = wiring or wire(system)
@@ -119,9 +124,9 @@ class Session:
         self._choice = choose_engine(engine, texts=texts, events=events, threads=system.threads)
         self._in_event_mode: dict[int, EventInstance] = {}
         self._dispatch = dispatch or ObserverDispatch(observers)
+        self._dispatch.points = self._comm_points
         self._stack = ExitStack()
         self._loop: Loop | None = None
-        self._closed = False
         self._initialisation = Initialisation(self._wiring)
         self.initial_passes = 0
 
@@ -167,6 +172,7 @@ class Session:
             self._dispatch.note("master", "error", error.text())
         self.close()
 
+    @one_thread_at_a_time
     def begin_again(self, system: System, observers: Sequence[Observer] = ()) -> None:
         """Begin another run from its start, with the same slaves; its rows replace those there are.
 
@@ -229,16 +235,17 @@ class Session:
 
     def close(self) -> None:
         """Terminate the slaves and deliver their last log lines."""
-        self._closed = True
-        try:
-            if self._loop is not None:
-                self._loop.close()
-            self._stack.close()
-        finally:
-            self.release_observers()
-            # the function refers to the session, which would keep the rows in memory
-            place = self._dispatch.where()
-            self._dispatch.where = lambda: place
+        with self.in_use:  # a call of another thread returns first
+            self._closed = True
+            try:
+                if self._loop is not None:
+                    self._loop.close()
+                self._stack.close()
+            finally:
+                self.release_observers()
+                # the function refers to the session, which would keep the rows in memory
+                place = self._dispatch.where()
+                self._dispatch.where = lambda: place
 
     def release_observers(self) -> None:
         """Deliver the last log lines to the observers; they receive nothing more."""
@@ -271,25 +278,26 @@ class Session:
         return 0 if self._loop is None else self._loop.time_ns
 
     @property
-    def time_s(self) -> float:
-        """The time of the slaves [s]."""
-        return self._comm_points.at_s(self.time_ns)
-
-    @property
     def rows(self) -> int:
         """The number of complete rows."""
         return 0 if self._loop is None else self._loop.complete
 
     @property
-    def ended(self) -> bool:
-        """Whether the run is at its end or cannot continue."""
-        return self.status not in (None, "running")
+    def reason(self) -> str | None:
+        """As `Run.reason`; None while it runs."""
+        return None if self._loop is None else self._loop.reason
+
+    @property
+    def cause(self) -> Cause | None:
+        """As `Run.cause`; None while it runs."""
+        return None if self._loop is None else self._loop.cause
 
     @property
     def status(self) -> RunStatus | Literal["running"] | None:
         """How the run stands: "running", or as `Run.status`; None before it is loaded."""
         return None if self._loop is None else self._loop.status or "running"
 
+    @one_thread_at_a_time
     def step(self, points: int = 1) -> None:
         """Continue by so many communication points, or to the end.
 
@@ -300,8 +308,9 @@ class Session:
         """
         self._check_running()
         self.go_on(most=points)
-        self._check_not_failed()
+        self.check_not_failed()
 
+    @one_thread_at_a_time
     def run_until(
         self,
         seconds: float | None = None,
@@ -325,13 +334,19 @@ class Session:
         ComponentError : the run fails on the way, or has failed.
         InputError : it has ended before, or the session is not open.
         """
+        self.check_can_run_until(seconds)
+        until = self.instant_ns(seconds)
+        stopped = not self.ended and self.go_on(until, stop=stop, pace=pace)
+        self.check_not_failed()
+        return stopped
+
+    def check_can_run_until(self, seconds: float | None) -> None:
+        """Raise what `run_until` raises before it begins."""
         until = self.instant_ns(seconds)
         reached = self.status == "finished" if until is None else until <= self.time_ns
         self._check_running(or_ended=reached)
-        stopped = not self.ended and self.go_on(until, stop=stop, pace=pace)
-        self._check_not_failed()
-        return stopped
 
+    @one_thread_at_a_time
     def go_on(
         self,
         until_ns: int | None = None,
@@ -347,10 +362,7 @@ class Session:
         look = None if stop is None else functools.partial(stop, self)
         return self._opened().run(until_ns, most=most, stop=look, pace=pace)
 
-    def instant_ns(self, seconds: float | None) -> int | None:
-        """Return the instant of the run [ns] at a time of the slaves [s]."""
-        return None if seconds is None else round(seconds * 1e9) - self._comm_points.start_ns
-
+    @one_thread_at_a_time
     def read(self, component: str, variable: str) -> Any:
         """Return the present value of any variable, read from the slave."""
         self._alive()
@@ -358,6 +370,7 @@ class Session:
         with self._called():
             return slave.read([variable])[variable]
 
+    @one_thread_at_a_time
     def value(self, component: str, variable: str) -> Any:
         """Return the value of an output or connected input at `time_s`.
 
@@ -372,6 +385,7 @@ class Session:
         k = int(instance.own_points.last[max(row, 0)])
         return instance.values(instance.rows[k : k + 1, number : number + 1], [column])[0][0]
 
+    @one_thread_at_a_time
     def set(self, component: str, variable: str, value: Any) -> None:
         """Set a tunable parameter, or an input that is not connected.
 
@@ -404,6 +418,7 @@ class Session:
         """End the override or bias of an output or connected input."""
         self._adjust(component, variable, None)
 
+    @one_thread_at_a_time
     def set_event_value(self, name: str, value: float) -> None:
         """Set a value that holds from now on: `LINK.delay` [ns], `LINK.loss`, a machine's mode.
 
@@ -415,6 +430,7 @@ class Session:
             self._wiring.change_mode(name, loop.complete)
             loop.forget_exchange()
 
+    @one_thread_at_a_time
     def reset(self, component: str) -> None:
         """Reset one component to its start values and parameters, at the present time.
 
@@ -449,8 +465,6 @@ class Session:
     def link_state(self, link: str) -> LinkState:
         """Return the state of a packet link at the last complete row, arrays of shape (1,)."""
         self._alive()
-        if link not in self.system.links:
-            raise InputError.unknown("link", link, self.system.links)
         return self._comm_points.state(link, self.rows - 1, self.rows)
 
     def make_rows_whole(self) -> None:
@@ -458,15 +472,11 @@ class Session:
         self._wiring.make_whole(self.rows)
 
     @property
-    def row_time_s(self) -> float:
-        """The time of the slaves at the last complete row [s]."""
-        return self._comm_points.at_s(self.row_time_ns)
-
-    @property
     def row_time_ns(self) -> int:
         """The time of the run at the last complete row [ns]."""
         return int(self._comm_points.points_ns[max(self.rows - 1, 0)])
 
+    @one_thread_at_a_time
     def snapshot(self, *, portable: bool = False) -> Snapshot:
         """Save the present state of the run: of every slave, the rows, the overrides.
 
@@ -494,6 +504,7 @@ class Session:
         loop.table.no_way_back[0] = 0  # FMI: each step must announce this to the slaves
         return found
 
+    @one_thread_at_a_time
     def restore(self, snapshot: Snapshot) -> None:
         """Return to a snapshot, of this session or of another one of the same system.
 
@@ -505,7 +516,7 @@ class Session:
         """
         loop = self._opened()
         if self._dead():
-            self._check_not_failed()
+            self.check_not_failed()
         snapshot.check(fingerprint(self.system, self._wiring))
         self._dispatch.rewind(snapshot.complete)
         with self._called():
@@ -521,6 +532,7 @@ class Session:
         """
         return self.run_so_far(complete=complete).owned()
 
+    @one_thread_at_a_time
     def run_so_far(self, *, complete: bool = False, whole: bool = True) -> Run:
         """Return `result` with the rows of the session, which it writes over when it goes on.
 
@@ -530,6 +542,7 @@ class Session:
         known = not complete and loop.exchange(self._wiring.rows.shape[1] - 1)
         return loop.result(loop.complete + known, whole=whole)
 
+    @one_thread_at_a_time
     def _adjust(self, component: str, variable: str, by: Adjustment | None) -> None:
         loop, column = self._alive(), self._column(component, variable)
         loop.adjust(column, by)
@@ -561,19 +574,13 @@ class Session:
         return self._wiring.instance(component)
 
     def _opened(self) -> Loop:
-        if self._closed:
-            raise InputError(
-                "the session is closed",
-                where="Session",
-                hint="take values and result() inside its `with` block",
-            )
-        if self._loop is None:
-            raise InputError("the session is not open", where="Session", hint="with Session(...)")
+        self.check_open()
+        assert self._loop is not None  # noqa: S101 - it is open
         return self._loop
 
     def _alive(self) -> Loop:
         loop = self._opened()
-        self._check_not_failed()
+        self.check_not_failed()
         return loop
 
     def _check_running(self, *, or_ended: bool = False) -> None:
@@ -606,13 +613,6 @@ class Session:
             if (dead := self._dead()) is not None:
                 self._opened().fail(error, dead.name)
             raise
-
-    def _check_not_failed(self) -> None:
-        loop = self._opened()
-        if loop.status == "failed":
-            cause = loop.cause
-            parts = {} if cause is None else {k: getattr(cause, k) for k in _PARTS}
-            raise ComponentError(loop.reason or "the run has failed", **parts)
 
 
 def simulate(

@@ -42,8 +42,10 @@ ENDED, UNSETTLED, OUT_OF_RANGE = range(TOO_LARGE + 1, TOO_LARGE + 4)
 values of an algebraic loop do not settle; an output is out of range."""
 WORD_BITS = 20
 """The word in progress is point << WORD_BITS | number of the operation."""
-WORDS = 260
+WORDS = 261
 """Length of `Table.word`."""
+ROW_SUM = WORDS - 1
+"""Where in it the sum of the complete rows is (`cosim.master.row_sums`)."""
 _CRASHED, _THREADS = 2, 3
 _NONE = -1
 
@@ -183,7 +185,8 @@ class Table:
     direct_routes : those whose values may be set from the sender's row, without a move.
     copying : whether all moves must be made: something is adjusted; int64 (1,).
     word : int64 (WORDS,): the word in progress (see `WORD_BITS`), whether an engine is at work on
-        it, and with `threads` the word that crashed, and those of the threads, -1 for none.
+        it, with `threads` the word that crashed, and those of the threads, -1 for none; and the
+        sum of the complete rows.
     threads : on so many the steps of a point are carried out side by side.
     no_way_back : whether no saved state of a slave may be restored; int64 (1,).
     """
@@ -210,7 +213,8 @@ class Table:
     def begin_again(self) -> None:
         """Prepare for a run: the first one, or another one."""
         self.copying[0], self.no_way_back[0] = 0, 1
-        self.word[_CRASHED:] = _NONE
+        self.word[_CRASHED:ROW_SUM] = _NONE
+        self.word[ROW_SUM] = 0
 
     @cached_property
     def columns_sent(self) -> frozenset[int]:
@@ -225,7 +229,7 @@ class Table:
 
     def place_in_team(self) -> int | None:
         """Return the number of the step in progress on the only thread that steps, or crashed."""
-        crashed, words = int(self.word[_CRASHED]), self.word[_THREADS:]
+        crashed, words = int(self.word[_CRASHED]), self.word[_THREADS:ROW_SUM]
         found = [crashed] if crashed != _NONE else words[words != _NONE].tolist()
         return found[0] & ((1 << WORD_BITS) - 1) if len(found) == 1 else None
 

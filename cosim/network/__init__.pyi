@@ -23,12 +23,12 @@ from .arrivals import (
     Arrivals as Arrivals,
 )
 from .checks import MAX_NS as MAX_NS
-from .csv_columns import (
+from .delay_signal import DelaySignal as DelaySignal
+from .file_rows import (
     Row as Row,
     no_rows as no_rows,
     read_rows as read_rows,
 )
-from .delay_signal import DelaySignal as DelaySignal
 from .growing_schedule import GrowingSchedule as GrowingSchedule
 from .impairment import (
     GilbertElliott as GilbertElliott,

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cosim.core import InputError
 from cosim.network.checks import MAX_NS, check_choice
-from cosim.network.csv_columns import read_columns
+from cosim.network.file_rows import read_columns
 
 Interpolation = Literal["previous", "linear"]
 """What a recorded delay is between two samples."""

@@ -154,7 +154,8 @@ def _own_lmi(v: Proof) -> Row:
         eps=rational(u.eps),
         gamma=rational(s.gamma),
     )
-    lower = minus_omega(system, rational_matrix(u.Y), variables).lower
+    form = minus_omega(system, variables.k1, variables.k2, bounded=True)
+    lower = form.at(variables.by_name() | {"Y": rational_matrix(u.Y)})
     rows = len(lower)
     entries = [fraction(lower[max(i, j)][min(i, j)]) for i in range(rows) for j in range(rows)]
     ours = np.array(entries, dtype=object).reshape(rows, rows)

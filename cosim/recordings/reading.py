@@ -1,6 +1,7 @@
-"""Read recordings of links from CSV files and MCAP files, and write them as CSV.
+"""Read recordings of links from CSV, Parquet and MCAP files, and write them as CSV.
 
-A CSV file has a line for each message, in order of sending, and these columns in any order:
+A CSV or Parquet file has a row for each message, in order of sending, and these columns in any
+order:
 
 * `sent`: when it was sent [s], by any clock;
 * `delivered`: when it arrived [s], by the same clock; nothing, or "lost"; or "in flight" when the
@@ -44,9 +45,9 @@ _LOST = {"": False, "0": False, "false": False, "1": True, "true": True}
 
 
 def read_recordings(path: str | PathLike[str]) -> dict[str, Recording]:
-    """Read the recordings in a CSV file, a trace or another MCAP file, by the name of the link.
+    """Read the recordings in a CSV, Parquet or MCAP file, by the name of the link.
 
-    The name is "" in a CSV file without the column `node`; in an MCAP file that is no trace the
+    The name is "" in a file of rows without the column `node`; in an MCAP file that is no trace the
     topics take the place of links: publish time is sending, log time arrival, and a gap in the
     sequence numbers is a loss.
 
@@ -69,7 +70,7 @@ def read_recordings(path: str | PathLike[str]) -> dict[str, Recording]:
         if sum(len(each.sent) for each in found.values()) >= MOST_ROWS:
             raise InputError(
                 "too many messages in one file",
-                where=f"{path}, line {row.line}",
+                where=f"{path}, {row.place}",
                 expected=f"at most {MOST_ROWS}",
                 hint="split the file",
             )

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from cosim.core import CosimError, InputError, Progress
-from cosim.fmu import CATALOGUE, FMI_VERSION, ensure_fmu
+from cosim.fmu import CATALOGUE, FMI_VERSION, ensure_fmu, own_folder
 from cosim.hinf import design_from_json
 from cosim.replay.trace_attachments import design_in, scenario_in, worst_case_in
 from cosim.scenario import (
@@ -79,7 +79,7 @@ def rerun(
     trace = Trace(path)
     before = content_hash(path)
     prepared = _prepared(trace, path, fmu_cache, progress)
-    with tempfile.TemporaryDirectory(prefix="cosim-rerun-") as folder:
+    with tempfile.TemporaryDirectory(prefix="rerun-", dir=own_folder()) as folder:
         target = output or Path(folder, "rerun.mcap")
         outcome = execute_run(prepared, target, progress=progress)
         whole = trace.finished

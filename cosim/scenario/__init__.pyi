@@ -3,7 +3,10 @@ from .binding import (
     formula as formula,
 )
 from .channels import link_of as link_of
-from .check import problems_of as problems_of
+from .check import (
+    problems_of as problems_of,
+    problems_of_loaded as problems_of_loaded,
+)
 from .demo import (
     Demo as Demo,
     demonstrate as demonstrate,
@@ -19,7 +22,6 @@ from .diagram import (
 )
 from .editor_schema import json_schema as json_schema
 from .execute import (
-    check_writable as check_writable,
     execute_recorded as execute_recorded,
     execute_run as execute_run,
     execute_unrecorded as execute_unrecorded,
@@ -30,6 +32,7 @@ from .extend import (
     open_source as open_source,
 )
 from .fields import (
+    COLUMN_PATTERN as COLUMN_PATTERN,
     NAME_PATTERN as NAME_PATTERN,
     NotNegative as NotNegative,
     Number as Number,

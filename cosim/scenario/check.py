@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 
 import numpy as np
 from pydantic import ValidationError
 
 from cosim import hinf
-from cosim.core import CosimError, InputError
+from cosim.core import ComponentError, CosimError, InputError
+from cosim.fmu import FmuDescription, require_loadable
 from cosim.master import System
 from cosim.scenario.assembly import (
     SystemParts,
@@ -45,12 +47,17 @@ def problems_of(source: Source, fmu_cache: FmuCache) -> list[CosimError]:
     if broken:
         return [*broken]
     try:
-        loaded = loaded_of(source)
+        return problems_of_loaded(loaded_of(source), fmu_cache)
     except CosimError as error:
         return [error]
+
+
+def problems_of_loaded(loaded: LoadedScenario, fmu_cache: FmuCache) -> list[CosimError]:
+    """Return every error of a scenario whose keys are right, as `problems_of`."""
     findings = Findings(loaded.origin, collect=True)
-    _look(loaded, fmu_cache, findings)
-    return list(findings.errors)
+    unloaded: list[CosimError] = []
+    _look(loaded, fmu_cache, findings, unloaded)
+    return [*unloaded, *findings.errors]
 
 
 def schema_problems(source: Source) -> list[InputError]:
@@ -66,9 +73,12 @@ def schema_problems(source: Source) -> list[InputError]:
     return []
 
 
-def _look(loaded: LoadedScenario, fmu_cache: FmuCache, findings: Findings) -> None:
+def _look(
+    loaded: LoadedScenario, fmu_cache: FmuCache, findings: Findings, unloaded: list[CosimError]
+) -> None:
     scenario = loaded.scenario
     fmus = find_fmus(scenario, fmu_cache, findings)
+    unloaded += _not_loadable(fmus, findings)
     scenario, fmus, _ = lowered(scenario, fmus, fmu_cache, findings)
     with findings.at("disturbance"):
         check_disturbance(loaded)
@@ -111,6 +121,18 @@ def _look(loaded: LoadedScenario, fmu_cache: FmuCache, findings: Findings) -> No
         return
     script_of(scenario, system, findings)
     bind_assertions(scenario, system, findings)
+
+
+def _not_loadable(
+    fmus: Mapping[str, FmuDescription], findings: Findings
+) -> Iterator[ComponentError]:
+    """Ask of every FMU what a run asks before any code of it runs."""
+    for name, described in fmus.items():
+        try:
+            with findings.at("components", name, "fmu"):
+                require_loadable(described, name)
+        except ComponentError as error:
+            yield error
 
 
 def _has_wrong_delays(scenario: Scenario, parts: SystemParts, findings: Findings) -> bool:

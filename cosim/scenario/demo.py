@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from cosim.core import InputError, Progress, silent
-from cosim.scenario.execute import check_writable, execute_run
+from cosim.core import InputError, Progress, check_output_folder, silent
+from cosim.scenario.execute import execute_run
 from cosim.scenario.fmu_cache import FmuCache
 from cosim.scenario.outcome import Outcome
 from cosim.scenario.preparation import prepare
@@ -47,7 +47,7 @@ def demonstrate(fmu_cache: FmuCache, folder: Path, progress: Progress | None = N
         pyplot()
     except InputError as error:
         no_picture = error.hint
-    check_writable(folder / "demo.png")
+    check_output_folder(folder)
     report = progress or silent
     outcomes, drawn = {}, []
     for name, label in DEMO_RUNS:

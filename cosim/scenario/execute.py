@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import os
 import time
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 
-from cosim.core import ComponentError, InputError, Progress, output_place, silent
+from cosim.core import ComponentError, Progress, check_output, silent
 from cosim.master import (
     EngineName,
     Observer,
@@ -116,7 +115,7 @@ def execute_recorded(
     """
     began = time.perf_counter()
     system, events = assembled_system(prepared)
-    check_writable(trace)
+    check_output(trace)
     entries, attachments = run_metadata_of(prepared, system)
     with (
         supervision.open(system, list(prepared.fmus.values()), engine) as supervisor,
@@ -201,30 +200,6 @@ def execute_unrecorded(
         outcome = made.outcome(None, began)
     raise_if_interrupted(outcome, supervisor)
     return outcome, run
-
-
-def check_writable(trace: Path) -> None:
-    """Check that a trace can be written, before anything takes time; creates nothing.
-
-    Raises
-    ------
-    InputError : its folder, or the nearest existing one, cannot be written; or what stands there
-        is no file, or not to be replaced.
-    """
-    try:
-        place = output_place(trace).path
-        nearest = next(folder for folder in place.parents if folder.exists())
-    except OSError as error:
-        raise InputError(
-            "the trace cannot be created", where=str(trace), got=error.strerror or str(error)
-        ) from error
-    if not nearest.is_dir() or not os.access(nearest, os.W_OK | os.X_OK):
-        raise InputError(
-            "the folder of the trace cannot be written",
-            where=str(trace.parent),
-            expected=f"{nearest} to be a folder that can be written",
-            hint="another place: --out",
-        )
 
 
 def assembled_system(

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import ast
 import re
+import threading
 import warnings
 from typing import Any
 
@@ -32,6 +33,7 @@ _TOKENS = re.compile(
     rf"{_FACTOR}(?:[*/.·]{_WORDS}{_FACTOR})*)(?![\w.(\[])"
     rf"|(?P<number>{NUMBER.removeprefix('[-+]?')})"
 )
+_filters_guard = threading.Lock()
 _FIRST = 0x4E00
 """First of the letters that replace quantities while Python parses: one letter each."""
 
@@ -114,7 +116,8 @@ class Expression:
 
     def _parsed(self) -> ast.expr:
         try:
-            with warnings.catch_warnings():
+            # the filters are the process's: two threads would put each other's back
+            with _filters_guard, warnings.catch_warnings():
                 warnings.simplefilter("ignore")
                 return ast.parse(self._readable, mode="eval").body
         except SyntaxError as error:

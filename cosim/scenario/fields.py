@@ -34,6 +34,9 @@ NAME_PATTERN = r"^[A-Za-z][A-Za-z0-9_-]*$"
 """Regular expression of the name of a component or a link."""
 
 REFERENCE_PATTERN = r"^[A-Za-z][A-Za-z0-9_-]*\..+$"
+COLUMN_PATTERN = r"^[A-Za-z][A-Za-z0-9_.-]*$"
+"""Regular expression of the name of a column in the table of a study."""
+OUTPUT_PATTERN = r"^[A-Za-z_][A-Za-z0-9_.\[\],]*$"
 Name = Annotated[str, StringConstraints(pattern=NAME_PATTERN)]
 Reference = Annotated[str, StringConstraints(pattern=REFERENCE_PATTERN)]
 Text = Annotated[str, StringConstraints(min_length=1)]

@@ -44,6 +44,11 @@ class FmuCache:
     wanted: Mapping[str, str] = field(default_factory=dict)
     flavour: str = DEFAULT_FLAVOUR
 
+    def __post_init__(self) -> None:
+        # wherever the process goes afterwards
+        object.__setattr__(self, "root", self.root.absolute())
+        object.__setattr__(self, "folder", self.folder.absolute())
+
     def find(self, fmu: str) -> FmuDescription:
         """Find an FMU by its hash if one is wanted, else by catalogue name, design or path."""
         if fmu in self.wanted:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.core import InputError, optional
+from cosim.core import InputError
 from cosim.fmu import FmuDescription, Port
 from cosim.master import CommunicationSchedule, Endpoint
 from cosim.network import no_rows, read_rows
@@ -34,13 +34,13 @@ def with_values(part: InputsPart, folder: Path) -> InputsPart:
         return part
     path = folder / part.file
     wanted = list(dict.fromkeys(part.columns.values()))
-    found = (_of_parquet if path.suffix == ".parquet" else _of_csv)(path, part.time, wanted)
+    found = _series(path, part.time, wanted)
     rest = {k: getattr(part, k) for k in part.model_fields_set - {"file", "time", "columns"}}
     values = {name: found[1][column] for name, column in part.columns.items()}
     return InputsPart(**rest, times=found[0], values=values)
 
 
-def _of_csv(path: Path, time: str, columns: Sequence[str]) -> tuple[list[float], dict[str, Any]]:
+def _series(path: Path, time: str, columns: Sequence[str]) -> tuple[list[float], dict[str, Any]]:
     times: list[float] = []
     values: dict[str, list[float]] = {name: [] for name in columns}
     for row in read_rows(path, [*dict.fromkeys((time, *columns))], whole=True):
@@ -52,56 +52,6 @@ def _of_csv(path: Path, time: str, columns: Sequence[str]) -> tuple[list[float],
     if not times:
         raise no_rows(path, f"lines of {', '.join((time, *columns))}")
     return times, values
-
-
-def _of_parquet(path: Path, time: str, columns: Sequence[str]) -> tuple[list[float], Any]:
-    arrow = optional(
-        "pyarrow",
-        "pyarrow.parquet",
-        extra="tables",
-        what="Parquet files need pyarrow",
-        otherwise="write the series as CSV",
-    )
-    try:
-        file = arrow.parquet.ParquetFile(path)
-        names = list(file.schema_arrow.names)
-        for name in (time, *columns):
-            if name not in names:
-                raise InputError.unknown("column", name, names, where=str(path))
-        table = file.read(columns=[*dict.fromkeys((time, *columns))])
-    except (OSError, arrow.ArrowException) as error:
-        raise InputError("the file cannot be read", where=str(path), got=str(error)) from error
-    found = {name: _numbers(arrow, table, name, path) for name in (time, *columns)}
-    times = (np.round(found[time] * 1e9) / 1e9).tolist()
-    if not times:
-        raise no_rows(path, f"rows of {', '.join((time, *columns))}")
-    late = np.flatnonzero(np.diff(times) <= 0)
-    if late.size:
-        where = f"{path}, row {late[0] + 2}, column {time}"
-        raise _not_increasing(where, times[: int(late[0]) + 2])
-    return times, {name: found[name].tolist() for name in columns}
-
-
-def _numbers(arrow: Any, table: Any, name: str, path: Path) -> Reals:
-    column = table.column(name)
-    kind = column.type
-    if not (arrow.types.is_floating(kind) or arrow.types.is_integer(kind)):
-        raise InputError(
-            "this column has no numbers",
-            where=f"{path}, column {name}",
-            expected="integers or floating point",
-            got=str(kind),
-        )
-    values = np.array(column.cast(arrow.float64()).to_pylist(), np.float64)  # None becomes NaN
-    wrong = np.flatnonzero(~np.isfinite(values))
-    if wrong.size:
-        raise InputError(
-            "this is not a finite number",
-            where=f"{path}, row {wrong[0] + 1}, column {name}",
-            expected="a finite number",
-            got=str(values[wrong[0]]),
-        )
-    return values
 
 
 def _not_increasing(where: str, times: Sequence[float]) -> InputError:

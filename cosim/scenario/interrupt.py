@@ -2,8 +2,8 @@
 
 A Python FMU runs in this interpreter: a `KeyboardInterrupt` raised within its step would be
 swallowed there and reported as a failed component. During a run the first signal is therefore
-only noted, and raised between two steps; a second one, for a step that never returns, acts at
-once.
+only noted, said, and raised between two steps; a second one, for a step that never returns, acts
+at once.
 """
 
 from __future__ import annotations
@@ -13,12 +13,17 @@ import threading
 from types import FrameType
 from typing import TYPE_CHECKING, Any, Self
 
+from cosim.core import say_at_once
+
 if TYPE_CHECKING:
     from cosim.scenario.outcome import Outcome
 
 
 class DeferredInterrupt:
-    """Note Ctrl-C and SIGTERM during a step; `raise_if_requested()` raises them after it."""
+    """Note Ctrl-C and SIGTERM during a step; `raise_if_requested()` raises them after it.
+
+    A context manager that can be entered again: it notes what comes from then on.
+    """
 
     def __init__(self) -> None:
         self._requested = 0
@@ -37,6 +42,7 @@ class DeferredInterrupt:
             raise SystemExit(128 + self._requested)
 
     def __enter__(self) -> Self:
+        self._requested, self._before = 0, {}
         # Python allows signal handlers in the main thread only
         if threading.current_thread() is threading.main_thread() and not _ignored():
             for number in (signal.SIGINT, signal.SIGTERM):
@@ -46,6 +52,10 @@ class DeferredInterrupt:
     def _note(self, number: int, _frame: FrameType | None) -> None:
         self._requested = number
         self._restore()
+        say_at_once(
+            "interrupted: the run ends between two steps, and what it recorded is kept; "
+            "a second time ends it at once"
+        )
 
     def _restore(self) -> None:
         for number, handler in self._before.items():

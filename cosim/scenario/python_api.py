@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
-from cosim.core import InputError
+from cosim.core import InputError, default_method, say_once
 from cosim.fmu import DEFAULT_FLAVOUR
 from cosim.master import EngineName, Observer, Pace
 from cosim.scenario.execute import assembled_system, execute_run
@@ -16,6 +16,7 @@ from cosim.scenario.preparation import PreparedScenario, prepare
 from cosim.scenario.read import load, of_scenario
 from cosim.scenario.scenario_session import ScenarioSession
 from cosim.scenario.schema import Scenario
+from cosim.scenario.supervised_session import SupervisedSession
 from cosim.scenario.supervision import supervision_of
 
 FMUS = Path("fmus")
@@ -68,19 +69,39 @@ def open_session(
     flavour: str = DEFAULT_FLAVOUR,
     engine: EngineName = "auto",
     observers: Sequence[Observer] = (),
-) -> Iterator[ScenarioSession]:
+    supervise: bool | None = None,
+    limits: Sequence[str] = (),
+) -> Iterator[ScenarioSession | SupervisedSession]:
     """Open a scenario as a session at its start, designed and initialised.
 
     Its events happen as in a run. Parameters as for `run`; `observers` receive its rows and log
-    lines.
+    lines. As those of a run, its components are in a child process, within the limits, unless
+    `supervise` or the scenario says otherwise, or the system has no way to it (Windows).
 
     Raises
     ------
-    InputError : as `run`.
+    InputError, ComponentError : as `run`; a ComponentError too where closing it ends the process
+        of a component.
     """
-    system, events = assembled_system(_prepared(scenario, settings, fmus, flavour))
-    with ScenarioSession(system, events, observers, engine=engine) as session:
+    prepared = _prepared(scenario, settings, fmus, flavour)
+    supervision = supervision_of(prepared.loaded.scenario, limits, supervise=supervise)
+    system, events = assembled_system(prepared)
+    session: ScenarioSession | SupervisedSession
+    supervised = supervision.supervised
+    if supervised and default_method() == "spawn" and supervise is None:
+        say_once("sessions run in this process on this system; supervise=True asks for a child")
+        supervised = False
+    if supervised:
+        session = SupervisedSession(
+            system, events, observers, engine=engine, limits=supervision.limits
+        )
+    else:
+        limit = supervision.limits.call
+        session = ScenarioSession(system, events, observers, engine=engine, call_limit=limit)
+    with session:
         yield session
+    if session.end_failure is not None:
+        raise session.end_failure
 
 
 def _prepared(

@@ -5,10 +5,20 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Literal, Self
+from typing import Any, Literal, Self
 
 from cosim.core import CosimError, InputError
-from cosim.master import EngineName, Observer, Pace, Run, RunStatus, Session, Snapshot, System
+from cosim.master import (
+    EngineName,
+    Observer,
+    Pace,
+    Run,
+    RunStatus,
+    Session,
+    Snapshot,
+    System,
+    one_thread_at_a_time,
+)
 from cosim.scenario.event_driver import EventDriver, LatestValues, ended_by_event
 from cosim.scenario.scope import RunScope
 from cosim.scenario.script import Event, Machine
@@ -20,6 +30,8 @@ class ScenarioSession(Session):
     An event at the time of the session has happened when a call returns; one that ends the run
     ends the session. What events override can be overridden by the caller, and the other way
     round: the last one counts.
+
+    of_session : more arguments of `Session`.
     """
 
     def __init__(
@@ -29,8 +41,9 @@ class ScenarioSession(Session):
         observers: Sequence[Observer] = (),
         *,
         engine: EngineName = "auto",
+        **of_session: Any,
     ) -> None:
-        super().__init__(system, observers, engine=engine)
+        super().__init__(system, observers, engine=engine, **of_session)
         self._events = events
         self._driver: EventDriver | None = None
 
@@ -60,6 +73,7 @@ class ScenarioSession(Session):
     def _stopped(self) -> str | None:
         return self._driver.stopped if self._driver is not None else None
 
+    @one_thread_at_a_time
     def go_on(
         self,
         until_ns: int | None = None,
@@ -82,11 +96,13 @@ class ScenarioSession(Session):
         run = super().run_so_far(complete=complete or stopped is not None, whole=whole)
         return ended_by_event(run, stopped)
 
+    @one_thread_at_a_time
     def snapshot(self, *, portable: bool = False) -> Snapshot:
         """Save the present state of the run as `Session.snapshot`, with that of the events."""
         found = super().snapshot(portable=portable)
         return found if self._driver is None else replace(found, events=self._driver.state())
 
+    @one_thread_at_a_time
     def restore(self, snapshot: Snapshot) -> None:
         """Return to a snapshot as `Session.restore`, with the events as they were.
 

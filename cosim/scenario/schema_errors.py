@@ -9,7 +9,7 @@ from pydantic import BaseModel, ValidationError
 
 from cosim.core import InputError, did_you_mean
 from cosim.scenario.events import ConditionError
-from cosim.scenario.fields import NAME_PATTERN, REFERENCE_PATTERN
+from cosim.scenario.fields import COLUMN_PATTERN, NAME_PATTERN, OUTPUT_PATTERN, REFERENCE_PATTERN
 from cosim.scenario.known_keys import suggestion
 from cosim.scenario.origin import Origin, Path, key
 
@@ -124,6 +124,8 @@ _PLAIN = {
 _PATTERNS = {
     NAME_PATTERN: "a name: a letter, then letters, digits, _ or -",
     REFERENCE_PATTERN: "component.variable",
+    COLUMN_PATTERN: "the name of a column: a letter, then letters, digits, _ . or -",
+    OUTPUT_PATTERN: "the name of an output: a letter or _, then letters, digits and _ . [ ] ,",
 }
 
 

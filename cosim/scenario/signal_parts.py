@@ -11,6 +11,7 @@ from cosim.scenario.binding import AnyName, bind
 from cosim.scenario.events import ConditionError
 from cosim.scenario.expression import Expression, ExpressionError
 from cosim.scenario.fields import (
+    OUTPUT_PATTERN,
     Delay,
     Instant,
     Number,
@@ -21,7 +22,7 @@ from cosim.scenario.fields import (
     Text,
 )
 
-OutputName = Annotated[str, StringConstraints(pattern=r"^[A-Za-z_][A-Za-z0-9_.\[\],]*$")]
+OutputName = Annotated[str, StringConstraints(pattern=OUTPUT_PATTERN)]
 
 
 def _expression(text: str) -> str:

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Any
 
-from cosim.core import InputError
-from cosim.master import EngineName, Limits, Supervisor, System, default_method, load_kernel
+from cosim.core import InputError, Method, default_method
+from cosim.master import EngineName, Limits, Supervisor, System, load_kernel
 from cosim.scenario.interrupt import DeferredInterrupt, InterruptedRun, TerminatedRun
 from cosim.scenario.outcome import Outcome
 from cosim.scenario.run_limits import LimitsPart, parse_limits
@@ -22,11 +22,13 @@ class Supervision:
     Attributes
     ----------
     limits : of the run.
-    method : how the child process is started; None: the components run in this process.
+    supervised : whether the components run in a child process; else in this one.
+    method : how that is started; None: as is best then.
     """
 
     limits: Limits
-    method: Literal["fork", "spawn"] | None
+    supervised: bool
+    method: Method | None = None
 
     @contextmanager
     def open(
@@ -39,7 +41,7 @@ class Supervision:
 
         `first`, `known` : see `Supervisor`.
         """
-        if self.method is None:
+        if not self.supervised:
             yield None
             return
         if engine != "python":
@@ -80,7 +82,7 @@ def supervision_of(
     if found.get("memory"):
         found["memory"] = int(found["memory"])
     wanted = scenario.run.supervise if supervise is None else supervise
-    return Supervision(replace(Limits(), **found), default_method() if wanted else None)
+    return Supervision(replace(Limits(), **found), wanted and default_method() is not None)
 
 
 def raise_if_interrupted(outcome: Outcome, supervisor: Supervisor | None) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
+from typing import ClassVar
 
 from cosim.core import Progress
 from cosim.master import (
@@ -12,6 +13,7 @@ from cosim.master import (
     EngineName,
     Observer,
     Pace,
+    PaceFigures,
     Run,
     Session,
     Supervisor,
@@ -58,12 +60,12 @@ class ProgressObserver(Observer):
 
 @dataclass(frozen=True)
 class EventResults:
-    """What the events of a run did (`EventDriver`), and the pace as it was kept."""
+    """What the events of a run did (`EventDriver`), and how its pace was kept (`Pace.figures`)."""
 
     stopped: str | None = None
     altered: tuple[str, ...] = ()
     event_counts: tuple[int, ...] = ()
-    pace: Pace | None = None
+    pace: PaceFigures | None = None
 
 
 @dataclass(frozen=True)
@@ -72,6 +74,7 @@ class DriveEvents:
 
     events: Sequence[Event | Machine] = ()
     pace: Pace | None = None
+    result: ClassVar[type] = EventResults
 
     def __call__(self, session: Session) -> EventResults:
         """Run it."""
@@ -79,7 +82,8 @@ class DriveEvents:
         driver = EventDriver(session.system, self.events, rows)
         driver.drive(session, self.pace)
         counts = tuple(driver.event_counts)
-        return EventResults(driver.stopped, tuple(driver.altered), counts, self.pace)
+        figures = None if self.pace is None else self.pace.figures
+        return EventResults(driver.stopped, tuple(driver.altered), counts, figures)
 
 
 @dataclass(frozen=True)

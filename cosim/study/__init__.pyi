@@ -12,7 +12,10 @@ from .picture_kinds import (
     draw_study as draw_study,
 )
 from .pictures import draw as draw
-from .plan import Plan as Plan
+from .plan import (
+    Plan as Plan,
+    check_runs as check_runs,
+)
 from .rare_events import (
     Level as Level,
     RareEstimate as RareEstimate,

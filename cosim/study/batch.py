@@ -111,6 +111,8 @@ class _KeptChild:
         """Begin a batch, in a new child for another key; a runner that has a child keeps it."""
         if self._timer is not None:
             self._timer.cancel()
+            self._timer.join()  # no process is forked from one with threads
+            self._timer = None
         if runner.is_supervised and self._key in (None, key):
             return
         self.close()
@@ -126,8 +128,11 @@ class _KeptChild:
         self._timer.start()
 
     def _end_idle(self) -> None:
-        with _alone:
-            self.close()
+        if _alone.acquire(blocking=False):  # else another batch has begun, and ends it later
+            try:
+                self.close()
+            finally:
+                _alone.release()
 
     def close(self) -> None:
         """End the child."""
@@ -147,7 +152,7 @@ def run_batch(job: Job, runs: Sequence[int]) -> list[Row]:
         try:
             rows: Iterable[Row | None] = repeat(None, len(runs))
             if job.traces is None:
-                rows = runner.in_child(_row_here, runs)
+                rows = runner.in_child(_row_here, runs, Row)
             return [_row(job, runner, *found) for found in zip(runs, rows, strict=True)]
         finally:
             _kept.end()

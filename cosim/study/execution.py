@@ -12,8 +12,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from cosim.core import LossError, Progress, silent
-from cosim.master import default_method
+from cosim.core import LossError, Progress, default_method, silent
 from cosim.study.batch import (
     INCOMPLETE,
     LOST,

@@ -7,7 +7,9 @@
                       parts if there are many
     traces/           the traces of chosen runs
 
-An incomplete last line of the run log is removed, and its run is repeated.
+An incomplete last line of the run log is removed, and its run is repeated; so is the run of a line
+that was changed: each has a checksum. A log of an earlier release, without, gets them when its
+study is continued.
 """
 
 from __future__ import annotations
@@ -20,13 +22,23 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, Self
 
-from cosim.core import InputError, LossError, lock_file, write_whole, written_beside
+from cosim.core import (
+    InputError,
+    LossError,
+    counted,
+    lock_file,
+    say_once,
+    write_whole,
+    written_beside,
+)
 from cosim.study.batch import Row
 from cosim.study.run_log import RunLog, line_of
 from cosim.study.schema import Study
 
 MANIFEST, RUN_LOG, RESULTS, TRACES = "study.json", "journal.jsonl", "results.parquet", "traces"
 LOCK = ".lock"
+CHECKED = "run_log_checked"
+"""Key of a manifest whose run log has a checksum in every line."""
 
 
 class Folder:
@@ -87,12 +99,10 @@ class Folder:
             if fresh:
                 self._forget()
                 before = None
-            manifest = manifest | {"run_log": RUN_LOG if before is None else _run_log_of(before)}
-            if before is not None and before["digest"] != manifest["digest"]:
-                number = extended(before)
-                if number is None:
-                    raise _another(self.path, before, manifest)  # noqa: TRY301
-                manifest |= {"run_log": self._extend(manifest["count"], number)}
+            name = RUN_LOG if before is None else _run_log_of(before)
+            if before is not None:
+                name = self._continued(name, before, manifest, extended)
+            manifest = manifest | {"run_log": name, CHECKED: True}
             # the same study may have another title, or keep other traces
             self._write(manifest)
             for old in self.path.glob("journal*.jsonl"):
@@ -101,26 +111,42 @@ class Folder:
             run_log = self.path / manifest["run_log"]
             if before is None:
                 run_log.unlink(missing_ok=True)
-            self.rows = RunLog(run_log, append=True, fits=_fits(manifest))
+            self.rows = RunLog(run_log, manifest["digest"], append=True, fits=_fits(manifest))
+            if self.rows.unread:
+                lines = counted(self.rows.unread, "line")
+                say_once(f"{run_log}: {lines} not as written; what they were about is run again")
         except BaseException:
             self.close()
             raise
 
-    def _extend(self, count: int, number: Callable[[int], int]) -> str:
-        """Write the runs of a study with fewer samples under their new numbers; return the file.
-
-        It counts once the manifest names it. Traces and table have the former numbers: they go.
-        """
-        self._forget_results()
-        path = self.path / f"journal-{count}.jsonl"
+    def _continued(
+        self,
+        name: str,
+        before: dict[str, Any],
+        manifest: dict[str, Any],
+        extended: Callable[[dict[str, Any]], Callable[[int], int] | None],
+    ) -> str:
+        """Return the run log to continue with: the one of the folder, or written again from it."""
+        log = self.path / name
+        number: Callable[[int], int] = int
+        if before["digest"] != manifest["digest"]:
+            found = extended(before)
+            if found is None:
+                raise _another(self.path, before, manifest)
+            self._forget_results()  # they have the former numbers
+            name, number = f"journal-{manifest['count']}.jsonl", found
+        elif CHECKED in before or not log.exists():
+            return name
+        # it counts once the manifest names it
+        path, digest = self.path / name, manifest["digest"]
         with (
-            read_rows(self.path) as rows,
+            _open_log(log, before) as rows,
             not_written(path),
             written_beside(path) as partial,
             partial.open("wb") as file,
         ):
-            file.writelines(line_of(row._replace(run=number(row.run))) for row in rows)
-        return path.name
+            file.writelines(line_of(row._replace(run=number(row.run)), digest) for row in rows)
+        return name
 
     def describe(self, manifest: dict[str, Any]) -> None:
         """Write the manifest again, of which more is known now.
@@ -129,7 +155,7 @@ class Folder:
         ------
         LossError : it cannot be written.
         """
-        self._write(manifest | {"run_log": self.rows.path.name})
+        self._write(manifest | {"run_log": self.rows.path.name, CHECKED: True})
 
     def _write(self, manifest: dict[str, Any]) -> None:
         with not_written(self.path / MANIFEST):
@@ -224,20 +250,25 @@ def read_rows(path: Path) -> RunLog:
     """
     manifest = read_manifest(path) if (path / MANIFEST).exists() else {}
     file = path / _run_log_of(manifest)
-    try:
-        log = RunLog(file, fits=_fits(manifest))
-    except OSError as error:
-        raise InputError("the run log cannot be read", where=str(path), got=str(error)) from error
+    log = _open_log(file, manifest)
     if log.unread and not len(log):
         log.close()
         raise InputError(
             "the run log is damaged",
             where=str(file),
-            expected="a line per run: [run, status, reason, seconds, metrics ...]",
-            got=f"{log.unread} lines that cannot be read",
+            expected="a line per run, with its checksum, of the study in this folder",
+            got=f"{counted(log.unread, 'line')} that cannot be believed",
             hint="the command that runs the study executes all runs again",
         )
     return log
+
+
+def _open_log(file: Path, manifest: dict[str, Any]) -> RunLog:
+    digest, bare = manifest.get("digest"), CHECKED not in manifest
+    try:
+        return RunLog(file, digest, bare=bare, fits=_fits(manifest))
+    except OSError as error:
+        raise InputError("the run log cannot be read", where=str(file), got=str(error)) from error
 
 
 def _fits(manifest: dict[str, Any]) -> Callable[[Row], bool] | None:

@@ -13,7 +13,7 @@ from typing import Any
 from cosim.core import InputError, copy_whole
 from cosim.study.batch import Row
 from cosim.study.execution import chosen_runs
-from cosim.study.folder import Folder, read_manifest, read_rows
+from cosim.study.folder import CHECKED, Folder, read_manifest, read_rows
 from cosim.study.plan import BESIDE
 from cosim.study.run_log import RunLog
 from cosim.study.schema import Study
@@ -73,7 +73,8 @@ def merge_studies(folders: Sequence[Path], out: Path) -> MergedStudy:
     for path, other in manifests.items():
         check_same_study(parts[0], manifest, path, other)
         manifest["stability"] = manifest.get("stability") or other.get("stability")
-    manifest.pop("run_log", None)
+    for key in ("run_log", CHECKED):
+        manifest.pop(key, None)
     study, count = Study.model_validate(manifest["study"]), int(manifest["count"])
     with ExitStack() as opened, Folder(out) as folder:
         logs = {path: opened.enter_context(read_rows(path)) for path in parts}

@@ -6,7 +6,7 @@ import hashlib
 import importlib.metadata
 import json
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -144,7 +144,7 @@ def trial_run(plan: Plan, runs: range, traces: Path | None = None) -> tuple[Row 
     """
     first: CosimError | None = None
     plan.runner.run_limit_s = TRIAL_S
-    for run in dict.fromkeys((runs[0], runs[-1], runs[len(runs) // 2])):
+    for run in _tried(runs):
         began = time.perf_counter()
         try:
             if traces is None:
@@ -170,6 +170,28 @@ def trial_run(plan: Plan, runs: range, traces: Path | None = None) -> tuple[Row 
             return Row(run, status, reason, seconds, values), seconds
     assert first is not None  # noqa: S101 - the loop ran
     raise first
+
+
+def _tried(runs: range) -> Iterable[int]:
+    """Return the runs of which one at least has to be possible."""
+    return dict.fromkeys((runs[0], runs[-1], runs[len(runs) // 2]))
+
+
+def check_runs(plan: Plan) -> None:
+    """Ask of the runs that `trial_run` tries what can be asked without running them.
+
+    Raises
+    ------
+    CosimError : the first error of the first of them, if all of them have errors.
+    """
+    first: CosimError | None = None
+    for run in _tried(range(plan.count)):
+        problems = plan.runner.problems(run)
+        if not problems:
+            return
+        first = first or problems[0]
+    if first is not None:
+        raise first
 
 
 def _check_not_designed(path: str, base: BaseScenario, where: str) -> None:

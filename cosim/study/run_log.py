@@ -1,20 +1,25 @@
 """The run log of a study: a line per finished run, in the order of completion.
 
 In memory is only where the line of each run begins, 8 bytes per run; the rows stay in the file.
+A line is a row and its checksum, over the row and the hash of what the study's results depend on: a
+changed line, or one of another study, is no row. Logs of earlier releases have rows alone.
 """
 
 from __future__ import annotations
 
 import contextlib
+import hashlib
 import json
 import os
 from array import array
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
-from typing import Self
+from typing import Any, Self
 
+from cosim.core import LossError
 from cosim.study.batch import TIMED_OUT, Row
+from cosim.study.measurement import Value
 from cosim.study.schema import MAX_RUNS
 
 _NOWHERE = -1
@@ -29,6 +34,8 @@ class RunLog:
     Parameters
     ----------
     path : the file.
+    digest : hash of what the study's results depend on; None: the checksums are not compared.
+    bare : whether rows without a checksum are read, as earlier releases wrote them.
     append : open it for appending too; an incomplete last line is removed.
     fits : whether a row may be one of the study; None: any may.
 
@@ -48,11 +55,14 @@ class RunLog:
     def __init__(
         self,
         path: Path,
+        digest: str | None,
         *,
+        bare: bool = False,
         append: bool = False,
         fits: Callable[[Row], bool] | None = None,
     ) -> None:
         self.path, self.unread = path, 0
+        self._digest, self._bare = digest, bare
         self.statuses: Counter[str] = Counter()
         self.types: list[set[type]] = []
         self.seconds = self.longest = 0.0
@@ -63,7 +73,7 @@ class RunLog:
         for line in self._file:
             if not line.endswith(b"\n"):
                 break
-            row = _row(line)
+            row = self._row(line)
             if row is not None and (fits is None or fits(row)):
                 self._enter(row)
             else:
@@ -81,7 +91,7 @@ class RunLog:
         """
         self._file.seek(0, os.SEEK_END)
         for row in rows:
-            line = line_of(row)
+            line = line_of(row, self._digest or "")
             self._file.write(line)
             self._enter(row)
             self._end += len(line)
@@ -110,11 +120,36 @@ class RunLog:
         return run < len(self._places) and self._places[run] != _NOWHERE
 
     def __getitem__(self, run: int) -> Row:
-        """Return the row of a run, which is there."""
+        """Return the row of a run, which is there.
+
+        Raises
+        ------
+        LossError : somebody has changed its line since it was read.
+        """
         self._file.seek(self._places[run])
-        row = _row(self._file.readline())
-        assert row is not None  # noqa: S101 - it was read before
+        row = self._row(self._file.readline())
+        if row is None or row.run != run:
+            raise LossError(
+                "the run log was changed while it was read",
+                where=f"{self.path}: run {run}",
+                hint="the command that runs the study executes this run again",
+            )
         return row
+
+    def _row(self, line: bytes) -> Row | None:
+        """Return the row of a line; None for one that is damaged, changed, or of another study."""
+        try:
+            found = json.loads(line)
+        except ValueError:
+            return None
+        if isinstance(found, list):
+            return _checked(found) if self._bare else None
+        if not isinstance(found, dict) or not isinstance(found.get("row"), list):
+            return None
+        row = _checked(found["row"])
+        if row is None or self._digest is None:
+            return row
+        return row if found.get("check") == _check(row, self._digest) else None
 
     def __iter__(self) -> Iterator[Row]:
         return (self[run] for run in range(len(self._places)) if run in self)
@@ -131,17 +166,24 @@ class RunLog:
         self.close()
 
 
-def line_of(row: Row) -> bytes:
-    """Return the line of a row."""
-    values = [row.run, row.status, row.reason, row.seconds, *row.values]
-    return f"{json.dumps(values)}\n".encode()
+def line_of(row: Row, digest: str) -> bytes:
+    """Return the line of a row in the run log of the study with this `digest`."""
+    return f"{json.dumps({'row': _cells(row), 'check': _check(row, digest)})}\n".encode()
 
 
-def _row(line: bytes) -> Row | None:
-    """Return the row of a line; None for one that is damaged."""
+def _cells(row: Row) -> list[Value]:
+    return [row.run, row.status, row.reason, row.seconds, *row.values]
+
+
+def _check(row: Row, digest: str) -> str:
+    return hashlib.sha256(json.dumps([digest, *_cells(row)]).encode()).hexdigest()[:16]
+
+
+def _checked(cells: list[Any]) -> Row | None:
+    """Return the row with these cells; None if they are none."""
     try:
-        run, status, reason, seconds, *values = json.loads(line)
-    except (ValueError, TypeError):
+        run, status, reason, seconds, *values = cells
+    except ValueError:
         return None
     row = Row(run, status, reason, seconds, tuple(values))
     whole = (

@@ -17,10 +17,10 @@ from pydantic import (
 )
 
 from cosim.core import SCHEMA, STUDY_FILE, InputError, with_field_docs
-from cosim.scenario import BoundExpression, ExpressionError, formula, split
+from cosim.scenario import COLUMN_PATTERN, BoundExpression, ExpressionError, formula, split
 
 Text = Annotated[str, StringConstraints(min_length=1)]
-ColumnName = Annotated[str, StringConstraints(pattern=r"^[A-Za-z][A-Za-z0-9_.-]*$")]
+ColumnName = Annotated[str, StringConstraints(pattern=COLUMN_PATTERN)]
 Number = Annotated[float, Field(allow_inf_nan=False)]
 Integer = Annotated[int, Field(ge=-(2**53), le=2**53)]
 Seed = Annotated[int, Field(ge=0, lt=2**31)]

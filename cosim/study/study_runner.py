@@ -16,10 +16,10 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from cosim.core import InputError, NotAchievableError
+from cosim.core import CosimError, InputError, NotAchievableError, default_method
 from cosim.fmu import FmuDescription
 from cosim.hinf import Design, design_from_json, design_to_json
-from cosim.master import BROKEN, OVERDUE, Calls, Run, Supervisor, default_method
+from cosim.master import BROKEN, OVERDUE, Calls, Run, Supervisor
 from cosim.scenario import (
     ALL_FIGURES,
     MADE_BEFORE,
@@ -39,6 +39,7 @@ from cosim.scenario import (
     parse_limits,
     prepare,
     problem_about,
+    problems_of_loaded,
     supervision_of,
 )
 from cosim.study.consistency import Place, nowhere
@@ -135,7 +136,7 @@ class StudyRunner:
         supervisor = self._supervisor
         if supervisor is not None:
             supervision = self._supervision(prepared.loaded.scenario)
-            supervisor = supervisor if supervision.method is not None else None
+            supervisor = supervisor if supervision.supervised else None
         if supervisor is not None:
             supervisor.begin(supervision.limits, prepared.fmus.values())
         return execute_unrecorded(
@@ -165,7 +166,7 @@ class StudyRunner:
             self._series = series
             if default_method() is not None:
                 self._supervisor = opened.enter_context(Supervisor())
-            if default_method() == "fork":
+            if default_method() in ("fork", "fresh"):
                 self._calls = opened.enter_context(closing(Calls([self])))
             try:
                 yield
@@ -173,21 +174,21 @@ class StudyRunner:
                 self._series = self._supervisor = self._calls = None
 
     def in_child(
-        self, function: Callable[[StudyRunner, int], Any], runs: Sequence[int]
+        self, function: Callable[[StudyRunner, int], Any], runs: Sequence[int], result: Any
     ) -> Iterator[Any]:
         """Call a function of this runner and each run in a child process that is kept for all runs.
 
-        Yield what it returns, in order; None where there is no such child, or the run ended it, or
-        exceeded a limit.
+        Yield what it returns, of the type `result`, in order; None where there is no such child, or
+        the run ended it, or exceeded a limit.
         """
         supervision = self._supervision(self._first_scenario)
         limits = supervision.limits
         # only a supervised run knows how long a call takes
         of_calls = limits.call is not None and limits.call < (limits.run or math.inf)
-        if self._calls is None or supervision.method is None or of_calls:
+        if self._calls is None or not supervision.supervised or of_calls:
             yield from (None for _ in runs)
             return
-        for found in self._calls(limits, _unsupervised, function, self, each=runs):
+        for found in self._calls(limits, _unsupervised, function, self, each=runs, result=result):
             self._overdue = found is OVERDUE
             yield None if found in (BROKEN, OVERDUE) else found
         self._overdue = False
@@ -253,6 +254,13 @@ class StudyRunner:
         scenario = self.variations.scenario(self.points[run])
         name = f"{self.base.name}, run {run} of a study"
         return LoadedScenario(name, scenario, text, self.base.folder)
+
+    def problems(self, run: int) -> list[CosimError]:
+        """Return every error of the scenario of a run; nothing is run, and no gain designed."""
+        try:
+            return problems_of_loaded(self._loaded(run, ""), self.fmu_cache)
+        except CosimError as error:
+            return [error]
 
     def _prepared(self, loaded: LoadedScenario) -> PreparedScenario:
         if self._last is not None and _differ_in_numbers(self._last[0], loaded.scenario):

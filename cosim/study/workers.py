@@ -266,19 +266,41 @@ def local(workers: int, wait_s: float | None = WAIT_S) -> Iterator[WorkerPool]:
             }
         ),
         _silent(),
-        distributed.LocalCluster(
+        _local_cluster(distributed, workers) as cluster,
+        distributed.Client(cluster) as client,
+    ):
+        cluster.loop.add_callback(_watch, cluster, workers)
+        with contextlib.closing(DaskPool(client, wait_s)) as pool:
+            yield pool
+
+
+@contextlib.contextmanager
+def _local_cluster(distributed: Any, workers: int) -> Iterator[Any]:
+    """Open a cluster of this machine; one that is interrupted while it starts is closed as well."""
+    cluster = distributed.LocalCluster.__new__(distributed.LocalCluster)
+    try:
+        cluster.__init__(
             n_workers=workers,
             threads_per_worker=1,
             processes=True,
             host="127.0.0.1",
             dashboard_address=None,
             silence_logs=logging.CRITICAL,
-        ) as cluster,
-        distributed.Client(cluster) as client,
-    ):
-        cluster.loop.add_callback(_watch, cluster, workers)
-        with contextlib.closing(DaskPool(client, wait_s)) as pool:
-            yield pool
+        )
+    except BaseException as error:
+        with contextlib.suppress(Exception):  # Dask cannot close all that has half begun
+            cluster.close(timeout=_CONNECT_S)
+        cluster.shutdown_on_close = False  # nor at the end of the process
+        if not isinstance(error, (RuntimeError, OSError)):
+            raise
+        raise ComponentError(
+            "the worker processes cannot be started",
+            where="workers",
+            got=str(error),
+            hint="one worker: --workers 1",
+        ) from error
+    with cluster:
+        yield cluster
 
 
 def _watch(cluster: Any, workers: int) -> None:

@@ -13,6 +13,7 @@ from cosim.trace.content import content_hash_of
 from cosim.trace.digest import CONTENT_HASH_VERSION
 from cosim.trace.outcome.run_outcome import outcome_of
 from cosim.trace.reader import TopicInfo, Trace
+from cosim.trace.recovered import Recovered
 from cosim.trace.rows import foxglove
 from cosim.trace.rows.layout import LOG_TOPIC, certificate_of, parsed_json
 
@@ -29,15 +30,15 @@ def describe(
 ) -> dict[str, Any]:
     """Summarise a trace as JSON values (no NaN; None for what is absent).
 
-    Keys: `path`, `bytes`, `library`, `complete`, `damage`, `finished`, `run`, `result` (entries
-    but those of links; JSON parsed), `links` (figures by link
-    name), `log` (the last warnings and errors), `start_ns`, `end_ns`, `message_count`,
-    `outcome` (as of `RunOutcome.to_json`, and `tone`; None without a result),
-    `certificate` (`claim`, `sha256`, `attachment`, `gain`; None without one), `topics` (list of
-    `topic`, `schema`, `encoding`, `count`, `start_ns`, `end_ns`, `rate_hz`, `signals`),
-    `attachments` (list of `name`, `media_type`, `bytes`), `verified` (`verdict`, and `failed`, the
-    details of checks that failed; None if the file was not read whole), `content_hash`,
-    `content_hash_version`.
+    Keys: `path`, `bytes`, `library`, `complete`, `damage`, `finished`, `recovered` (what a
+    recovered file lost, and what in it is marked as suspect; None for another), `run`, `result`
+    (entries but those of links; JSON parsed), `links` (figures by link name), `log` (the last
+    warnings and errors), `start_ns`, `end_ns`, `message_count`, `outcome` (as of
+    `RunOutcome.to_json`, and `tone`; None without a result), `certificate` (`claim`, `sha256`,
+    `attachment`, `gain`; None without one), `topics` (list of `topic`, `schema`, `encoding`,
+    `count`, `start_ns`, `end_ns`, `rate_hz`, `signals`), `attachments` (list of `name`,
+    `media_type`, `bytes`), `verified` (`verdict`, and `failed`, the details of checks that failed;
+    None if the file was not read whole), `content_hash`, `content_hash_version`.
 
     Parameters
     ----------
@@ -76,7 +77,7 @@ def description_of(trace: Trace, *, hashed: bool) -> dict[str, Any]:
     starts = [t["start_ns"] for t in topics if t["start_ns"] is not None]
     ends = [t["end_ns"] for t in topics if t["end_ns"] is not None]
     links, result = _split(trace.result or {})
-    outcome = outcome_of(trace.result)
+    outcome, recovered = outcome_of(trace.result), Recovered.of(trace.metadata)
     return {
         "path": str(trace.path),
         "bytes": trace.path.stat().st_size,
@@ -84,6 +85,7 @@ def description_of(trace: Trace, *, hashed: bool) -> dict[str, Any]:
         "complete": trace.complete,
         "damage": trace.damage,
         "finished": trace.finished,
+        "recovered": None if recovered is None else recovered.to_json(),
         "run": dict(trace.run),
         "result": None if trace.result is None else result,
         "links": links,

@@ -1,8 +1,7 @@
-"""Recover a trace that was cut short or damaged: write a finished file of its whole records."""
+"""Recover a trace that was cut short or damaged: write a finished file of its records."""
 
 from __future__ import annotations
 
-import json
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -16,6 +15,7 @@ from cosim.trace.checks.verification import verification_of
 from cosim.trace.file.records import chunk_head, parsed
 from cosim.trace.file.stream import McapStream
 from cosim.trace.file.walk import Damage, Policy, Record, Walk
+from cosim.trace.recovered import Recovered
 from cosim.trace.rows import layout
 
 
@@ -63,6 +63,7 @@ class Recovery:
         }
 
 
+_MOST_DAMAGE = 20
 _PLAIN = (
     "complete",
     "finished",
@@ -81,20 +82,20 @@ def recover(
     output: Path | None = None,
     *,
     force: bool = False,
-    keep_suspect: bool = False,
+    strict: bool = False,
     progress: Progress | None = None,
 ) -> Recovery:
-    """Write a finished file with every message, metadata record and attachment that is whole.
+    """Write a finished file with every message, metadata record and attachment that is one.
 
-    A chunk whose checksum does not match is left out. The source is not changed. If it is whole,
-    nothing is written, or a copy if an output is given.
+    What can be read of a damaged chunk or attachment is kept, and marked: values may be wrong, and
+    the record `cosim.recovered` names them. The source is not changed. If it is whole, nothing is
+    written, or a copy if an output is given.
 
     Parameters
     ----------
     output : by default NAME.recovered.mcap beside NAME.mcap or NAME.mcap.partial.
     force : replace an output that exists.
-    keep_suspect : keep what can be read of damaged chunks and attachments too. Their values may
-        be wrong; the record `cosim.recovered` names them.
+    strict : leave out damaged chunks and attachments whole.
 
     Raises
     ------
@@ -104,7 +105,7 @@ def recover(
     """
     report_progress = progress or silent
     report_progress("reading", 0.0)
-    found = _look(source, "keep" if keep_suspect else "skip", report_progress)
+    found = _look(source, "skip" if strict else "keep", report_progress)
     whole = found.walk.whole and not found.walk.damage
     if whole and not found.mendable:
         return _as_it_is(found, source, output, force=force)
@@ -189,7 +190,7 @@ def _check_target(source: Path, target: Path, *, force: bool) -> None:
             where=str(target),
             hint="another place: --out; the original is kept",
         )
-    if target.exists() and not force:
+    if target.is_file() and not force:  # a device or a pipe is not overwritten
         raise InputError(
             "the output exists already", where=str(target), hint="another place: --out; or --force"
         )
@@ -314,16 +315,15 @@ def _copy_messages(
 
 def _recovery_record(found: _Found, counts: _Counts) -> tuple[str, dict[str, str]]:
     """The record that says that, and of what, a file was recovered."""
-    lost, damage = _lost_messages(found, counts), found.walk.damage
-    entries = {
-        "host.lost_bytes": str(sum(d.length for d in damage if d.outcome == "lost")),
-        "host.lost_messages": "unknown" if lost is None else str(lost),
-        "host.damage": "; ".join(f"byte {d.position}: {d.reason}" for d in damage[:20]),
-    }
-    if found.policy == "keep":
-        entries["host.suspect_messages"] = str(counts.suspect_messages)
-        entries["host.suspect"] = json.dumps(counts.suspect)
-    return layout.RECOVERED, entries
+    damage = found.walk.damage
+    record = Recovered(
+        _lost_messages(found, counts),
+        sum(d.length for d in damage if d.outcome == "lost"),
+        "; ".join(f"byte {d.position}: {d.reason}" for d in damage[:_MOST_DAMAGE]),
+        counts.suspect_messages,
+        tuple(counts.suspect),
+    )
+    return layout.RECOVERED, record.entries()
 
 
 def _declared(stream: McapStream, found: _Found, number: int, schemas: dict[int, int]) -> int:

@@ -151,10 +151,20 @@ class TraceWriter:
 
         Raises
         ------
-        InputError : a topic or signal is declared twice, or a name is invalid.
+        InputError : a topic or signal is declared twice, a name is invalid, or there are more
+            signals than protobuf has room for.
         """
         files = FileDescriptorSet(file=[layout.file_descriptor(schema_name, signals)])
-        message = layout.message_class(files, schema_name)
+        try:
+            message = layout.message_class(files, schema_name)
+        except TypeError as error:  # Google's implementation, beyond 65,535 bytes of fields
+            raise InputError(
+                "a topic of a trace has no room for so many signals",
+                where=topic,
+                expected="about 8,000 numbers at most",
+                got=str(len(signals)),
+                hint="in Python, cosim.run(..., trace=None) runs without a trace",
+            ) from error
         entries = layout.channel_metadata(signals) | _strings(topic, metadata or {})
         topic_id = self._register(topic, schema_name, files, entries)
         self._encoders[topic_id] = RowEncoder(topic, signals, message)

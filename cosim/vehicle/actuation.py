@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from cosim.core import InputError
 from cosim.models import FloatFunctions
+from cosim.vehicle.computable import computable, finite
 from cosim.vehicle.trim import Trim
 from cosim.vehicle.vehicle import Vehicle
 
@@ -70,6 +71,7 @@ class Actuation:
         return np.asarray(shares.min(axis=0))
 
 
+@computable("actuators")
 def actuation_of(vehicle: Vehicle, trim: Trim, velocities: Sequence[str]) -> Actuation:
     """Return how the controlled velocities ("nu.u", ...) of a vehicle are commanded.
 
@@ -122,6 +124,7 @@ def _rank(matrix: Matrix) -> int:
     )
 
 
+@computable("actuators")
 def command_effect(vehicle: Vehicle, trim: Trim) -> Matrix:
     """Return the acceleration of each velocity per thrust or angle at the trim, (velocities, k).
 
@@ -143,4 +146,4 @@ def command_effect(vehicle: Vehicle, trim: Trim) -> Matrix:
             rates = vehicle.rates(y, x if vehicle.damping else (), v, FloatFunctions)
             ends.append(np.array([rates[i] for i in rows]) / (2 * step))
         columns.append(ends[0] + ends[1])
-    return np.array(columns).T.reshape(len(rows), len(vehicle.actuators))
+    return finite(np.array(columns).T.reshape(len(rows), len(vehicle.actuators)), "actuators")

@@ -7,18 +7,20 @@ comes from nowhere, or an actuator is too weak. Notes: what is good to know.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.core import CosimError, InputError, NotAchievableError
+from cosim.core import CosimError, InputError
 from cosim.models import VELOCITIES
 from cosim.scenario import all_refusals
 from cosim.vehicle.actuation import command_effect
 from cosim.vehicle.check import Faults
-from cosim.vehicle.linearisation import linear_model
+from cosim.vehicle.computable import computable
+from cosim.vehicle.flight_model import as_designed_for, flight_model
 from cosim.vehicle.read import vehicle_data, vehicle_from_toml
 from cosim.vehicle.schema import VehicleFile
 from cosim.vehicle.trim import Trim, find_trim
@@ -50,11 +52,18 @@ def diagnose(text: str, where: str) -> list[Finding]:
 
     Errors of the file come alone: without it there is no vehicle to look at.
     """
-    errors = list(_file_errors(text, where))
-    if errors:
-        return [Finding("error", error) for error in errors]
-    vehicle = vehicle_from_toml(text, where=where)
-    return [*_of_motion(vehicle), *_of_sensors(vehicle)]
+    found: list[Finding] = []
+    try:
+        for error in _file_errors(text, where):
+            found.append(Finding("error", error))  # noqa: PERF401 - what is found before one raises
+        if found:
+            return found
+        vehicle = vehicle_from_toml(text, where=where)
+        found.extend(_of_motion(vehicle))
+        found.extend(_of_sensors(vehicle))
+    except CosimError as beyond:
+        found.append(Finding("error", beyond))
+    return found
 
 
 def _file_errors(text: str, where: str) -> Iterator[InputError]:
@@ -67,7 +76,8 @@ def _file_errors(text: str, where: str) -> Iterator[InputError]:
     if refused:
         yield from refused
         return
-    yield from Faults(VehicleFile.model_validate(data), text, where).all()
+    with computable(where):
+        yield from Faults(VehicleFile.model_validate(data), text, where).all()
 
 
 def _of_motion(vehicle: Vehicle) -> Iterator[Finding]:
@@ -78,25 +88,18 @@ def _of_motion(vehicle: Vehicle) -> Iterator[Finding]:
             "the file gives no bound for some states" if where == "envelope" else "not in the file"
         )
         yield _finding("note", f"{what}: a default is taken", where=where, got=taken)
-    if vehicle.attitude == "quaternion":
-        yield _finding(
-            "note",
-            "a vehicle with a quaternion is simulated, not designed for",
-            where="attitude",
-            hint='attitude = "euler" for a design',
-        )
-        return
-    try:
-        trim = find_trim(vehicle)
-    except CosimError as error:
-        yield Finding("error", error)
-        return
-    yield from _actuators(vehicle, trim)
-    yield from _stability(vehicle, trim)
-    try:
-        linear_model(vehicle)
-    except (InputError, NotAchievableError) as error:
-        yield Finding("error", error)
+    remarks: list[str] = []
+    craft = as_designed_for(vehicle, remarks.append)
+    for line in remarks:
+        yield _finding("note", line, where="a flight")
+    trim = None
+    with suppress(CosimError):  # what has no trim has no linear model for the same reason
+        trim = find_trim(craft)
+    if trim is not None:
+        yield from _actuators(craft, trim)
+        yield from _stability(craft, trim)
+    for refusal in flight_model(craft)[1]:
+        yield Finding("error", refusal)
 
 
 def _energy(vehicle: Vehicle) -> Iterator[Finding]:
@@ -114,6 +117,7 @@ def _energy(vehicle: Vehicle) -> Iterator[Finding]:
         )
 
 
+@computable("hydro")
 def greatest_power(vehicle: Vehicle) -> tuple[float, dict[str, float]]:
     """Return the greatest power of the water's forces [W] and the velocity there.
 
@@ -180,6 +184,7 @@ def _actuators(vehicle: Vehicle, trim: Trim) -> Iterator[Finding]:
             )
 
 
+@computable("envelope")
 def drag_shares(vehicle: Vehicle, trim: Trim) -> dict[str, float]:
     """Return by velocity which share of the limits holds it at its bound, beside the trim.
 
@@ -217,6 +222,7 @@ def _rates_at(vehicle: Vehicle, state: Mapping[str, float], trim: Trim) -> Matri
     return np.array(vehicle.rates(x, x if vehicle.damping else (), u))
 
 
+@computable("trim")
 def poles(vehicle: Vehicle, trim: Trim) -> NDArray[np.complex128]:
     """Return the poles at the trim without control, the damping on board taken at once."""
     n = len(vehicle.states)
@@ -245,9 +251,7 @@ def _stability(vehicle: Vehicle, trim: Trim) -> Iterator[Finding]:
 
 
 def _of_sensors(vehicle: Vehicle) -> Iterator[Finding]:
-    """Look at what is measured of the controlled states, and at ages against intervals."""
-    for error in not_observed(vehicle):
-        yield Finding("error", error)
+    """Look at ages against intervals, and for what comes over the link."""
     for i, sensor in enumerate(vehicle.sensors):
         least = max(sensor.interval, _STEP_OF_RUNS) + _STEP_OF_RUNS
         if sensor.over == "onboard" and sensor.age < least:
@@ -266,29 +270,6 @@ def _of_sensors(vehicle: Vehicle) -> Iterator[Finding]:
             where="sensors",
             hint='over = "link" for fixes that come from outside',
         )
-
-
-def not_observed(vehicle: Vehicle) -> Iterator[InputError]:
-    """Yield the controlled states that are neither measured nor follow from what is.
-
-    A velocity follows from its position or angle; at speed, pitch and heave from the depth, and
-    sway from the turn.
-    """
-    measured = {name for sensor in vehicle.sensors for name in sensor.measures}
-    of_rate = {"u": "x", "v": "y", "w": "z", "p": "phi", "q": "theta", "r": "psi"}
-    observed = {f"nu.{rate}" for rate, place in of_rate.items() if f"eta.{place}" in measured}
-    if vehicle.trim and "eta.z" in measured:
-        observed |= {"eta.theta", "nu.w", "nu.q"}
-    if vehicle.trim and measured & {"eta.psi", "nu.r"}:
-        observed.add("nu.v")
-    for name in vehicle.control.states:
-        if name not in measured | observed:
-            yield InputError(
-                "a controlled state cannot be estimated from what the sensors measure",
-                where=f"sensors: {name}",
-                expected="a sensor that measures it, or a position or angle that follows from it",
-                hint=f'measures = ["{name}"] in a [[sensors]], or [control] states without it',
-            )
 
 
 def _finding(level: Level, what: str, **parts: Any) -> Finding:

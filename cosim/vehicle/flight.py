@@ -13,21 +13,28 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cosim import fmu as fmus, hinf, scenario
-from cosim.core import DESIGN_FILE, PLANT_NOTE, InputError, Progress, silent, write_whole
+from cosim.core import (
+    DESIGN_FILE,
+    PLANT_NOTE,
+    InputError,
+    Progress,
+    check_output_folder,
+    silent,
+    write_whole,
+)
 from cosim.trace import pyplot
 from cosim.vehicle.crossings import Crossing, crossing_lines, crossing_title, crossings
-from cosim.vehicle.diagnosis import not_observed
 from cosim.vehicle.flight_design import (
     DESIGN,
-    as_designed_for,
     certified_design,
     measurements_of,
     proved_for,
 )
+from cosim.vehicle.flight_model import as_designed_for, flight_model
 from cosim.vehicle.flight_picture import PictureSubject, draw_flight
 from cosim.vehicle.flight_plan import FlightSettings, PlannedSensor
 from cosim.vehicle.flight_scenario import Mission, scenario_text
-from cosim.vehicle.linearisation import LinearModel, linear_model
+from cosim.vehicle.linearisation import LinearModel
 from cosim.vehicle.mission import plan_mission
 from cosim.vehicle.read import load_vehicle
 from cosim.vehicle.vehicle import Vehicle
@@ -117,14 +124,14 @@ def fly(  # noqa: PLR0915 - one step after the other
     chosen, where = settings or FlightSettings(), Path(folder)
     craft = vehicle if isinstance(vehicle, Vehicle) else load_vehicle(vehicle)
     steps = _Steps(say or silent_line, progress or silent)
-    scenario.check_writable(where / TRACE)
+    check_output_folder(where)
     where.mkdir(parents=True, exist_ok=True)
     with steps("linear model at the trim, uncertainty proved over the envelope"):
         craft = as_designed_for(craft, steps.add)
         write_whole(where / "vehicle.toml", craft.text.encode())
-        for fault in not_observed(craft):
-            raise fault
-        model = linear_model(craft)
+        model, refused = flight_model(craft, chosen)
+        if model is None or refused:
+            raise refused[0]
         steps.add(_model_line(model))
         for place, taken in craft.defaults.items():
             steps.add(f"not in the file, {place}: {taken}")

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -11,18 +10,14 @@ from typing import Any
 import numpy as np
 
 from cosim import hinf
-from cosim.core import InputError, NotAchievableError, parse_toml
+from cosim.core import InputError, NotAchievableError
 from cosim.models import DelaySystem, Measurement
+from cosim.vehicle.flight_model import Say
 from cosim.vehicle.flight_plan import FlightSettings, PlannedSensor, planned_sensors
 from cosim.vehicle.linearisation import LinearModel, linear_model
-from cosim.vehicle.read import vehicle_from_toml
-from cosim.vehicle.vehicle import Vehicle
 
 DESIGN = "design.json"
 """The design in the folder of a flight."""
-
-LAG_OF_FINS = 0.1
-"""Lag of a fin whose file gives none [s]."""
 
 _SHARES = (1.0, 0.7, 0.5, 0.35, 0.25, 0.18, 0.125, 0.09, 0.06)
 """Shares of the envelope, of which the greatest is sought that is certified."""
@@ -34,30 +29,6 @@ _POOR = 4.0
 """Gamma over the exact norm above which half of the envelope is tried as well."""
 
 Certified = tuple[LinearModel, tuple[PlannedSensor, ...], hinf.OutputFeedback]
-Say = Callable[[str], None]
-
-
-def as_designed_for(vehicle: Vehicle, say: Say) -> Vehicle:
-    """Return a vehicle that can be designed for: Euler angles, and a lag of every fin.
-
-    The effect of a fin without a lag would depend on the speed, and commands must not.
-    """
-    text = vehicle.text
-    if vehicle.attitude == "quaternion":
-        text = re.sub(r'(?m)^attitude\s*=\s*"quaternion"', 'attitude = "euler"', text)
-        say("Euler angles in place of the quaternion: they are defined within the envelope")
-    fins = iter(parse_toml(text, vehicle.name).get("fins", []))
-    lines = []
-    for line in text.splitlines():
-        lines.append(line)
-        if line.strip().startswith("[[fins]]") and "lag" not in next(fins, {"lag": 0}):
-            lines.append(f"lag = {LAG_OF_FINS}")
-    if len(lines) > len(text.splitlines()):
-        say(f"the file gives fins no lag: {LAG_OF_FINS:g} s")
-    text = "\n".join(lines) + "\n"
-    if text.strip() == vehicle.text.strip():
-        return vehicle
-    return vehicle_from_toml(text, where=vehicle.name)
 
 
 def certified_design(

@@ -25,6 +25,7 @@ from cosim.core import InputError
 from cosim.hinf import Box, LinearEnclosure, enclose
 from cosim.models import Delay, DelaySystem
 from cosim.vehicle.actuation import Actuation, actuation_of
+from cosim.vehicle.computable import computable
 from cosim.vehicle.trim import Trim, find_trim
 from cosim.vehicle.vehicle import Vehicle
 
@@ -67,6 +68,7 @@ class LinearModel:
     actuation: Actuation = field(repr=False)
 
 
+@computable("envelope")
 def linear_model(
     vehicle: Vehicle,
     *,

@@ -11,6 +11,7 @@ from typing import Any, Final
 from cosim.core import VEHICLE_FILE, InputError, unreadable
 from cosim.scenario import validated
 from cosim.vehicle.check import Faults, motion_names
+from cosim.vehicle.computable import computable
 from cosim.vehicle.defaults import with_defaults
 from cosim.vehicle.parameters import parameters_of, terms_of
 from cosim.vehicle.schema import VehicleFile
@@ -67,8 +68,9 @@ def vehicle_from_toml(text: str, *, where: str) -> Vehicle:
     """
     data = vehicle_data(text, where)
     file = validated(VehicleFile, text, data, where)
-    Faults(file, text, where).check()
-    return _vehicle(file, text)
+    with computable(where):
+        Faults(file, text, where).check()
+        return _vehicle(file, text)
 
 
 def vehicle_data(text: str, where: str) -> dict[str, Any]:

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.core import InputError, NotAchievableError
+from cosim.vehicle.computable import computable, finite
 from cosim.vehicle.vehicle import Vehicle
 
 _TURNS = 60
@@ -40,6 +41,7 @@ class Trim:
     residual: float
 
 
+@computable("trim")
 def find_trim(vehicle: Vehicle) -> Trim:
     """Return the trim of a vehicle, verified with its equations.
 
@@ -60,11 +62,11 @@ def find_trim(vehicle: Vehicle) -> Trim:
     y = np.zeros(len(motion.scale))
     for _ in range(_TURNS):
         now = motion.left(y)
-        if np.abs(now).max() <= 1e-14:
+        if np.abs(now).max() <= 1e-14 or not np.isfinite(now).all():
             break
         pairs = [(y + step, y - step) for step in _STEP * np.eye(len(y))]
         slopes = [(motion.left(a) - motion.left(b)) / (2 * _STEP) for a, b in pairs]
-        y = y - np.linalg.lstsq(np.array(slopes).T, now, rcond=1e-10)[0]
+        y = y - np.linalg.lstsq(finite(np.array(slopes).T, "trim"), now, rcond=1e-10)[0]
     residual = motion.left(y)
     worst = int(np.argmax(np.abs(residual)))
     if not abs(residual[worst]) <= _LARGEST_RATE:

@@ -30,9 +30,9 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from cosim.hinf import as_cvxpy
 from cosim.hinf.lmi.assembly import Scalars
 from cosim.hinf.lmi.problem import Answer, Problem
-from cosim.hinf.lmi.theorem_2_lmi import omega, unknowns
 from cosim.hinf.nominal.threads import one_thread
 from cosim.hinf.problem.auv import DEFAULT_K1, DEFAULT_K2, auv_system
 from cosim.models import paper_example
@@ -68,16 +68,13 @@ def loop(
     """Least gammas by the loop a user writes with cvxpy."""
     values = []
     for k1, k2 in points:
-        v = unknowns(system, gain=None, gamma=None)
-        whole, positive = omega(system, k1, k2, v)
-        constraints = [(whole + whole.T) / 2 << 0, *(matrix >> 0 for matrix in positive)]
-        problem: Any = cp.Problem(cp.Minimize(v.gamma), constraints)
+        asked = as_cvxpy(system, k1, k2)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # what is inaccurate shows in the deviation
-            problem.solve(
+            asked.problem.solve(
                 solver=solver, **({"time_limit_secs": PATIENCE} if solver == "SCS" else {})
             )
-        values.append(np.nan if v.gamma.value is None else float(v.gamma.value))
+        values.append(np.nan if asked.gamma.value is None else float(asked.gamma.value))
     return values
 
 

@@ -19,7 +19,7 @@ from rich.table import Table
 
 from cosim.hinf import Delay, DelaySystem, analyse
 from cosim.hinf.certificate import standalone, supports_of
-from cosim.hinf.lmi import AgesLmi, AnalysisLmi
+from cosim.hinf.lmi import Condition
 from tests.benchmarks._cpu import cpu_s
 from tests.benchmarks._show import show
 
@@ -59,11 +59,11 @@ def pair(axes: int, lags: int = 0, seed: int = 0) -> tuple[DelaySystem, Any]:
 def solved(system: DelaySystem, K: Any, supports: Any) -> dict[str, Any]:
     """Return what one solve for the least gamma takes at order 0; `supports` None: Theorem 1."""
     before, delays = cpu_s(), [x.d for x in system.delays]
-    lmi: AgesLmi | AnalysisLmi
+    lmi: Condition
     if supports is None:
-        lmi = AnalysisLmi(system, K, 0, performance=True)
+        lmi = Condition(system, K, 0, performance=True)
     else:
-        lmi = AgesLmi(system, K, 0, ["interval"] * 3, performance=True, supports=supports)
+        lmi = Condition(system, K, 0, ["interval"] * 3, performance=True, supports=supports)
     least = lmi.least_gamma(delays, 8.0)
     return {
         "unknowns": lmi.unknowns(delays),

@@ -102,6 +102,39 @@ def test_show_says_what_the_link_was_like(folder: Path) -> None:
         assert words in text
 
 
+def test_a_parquet_file_is_read_as_csv_is(folder: Path) -> None:
+    """What a data frame writes: NaN for a lost message; a scenario replays it, too."""
+    frames = pytest.importorskip("pandas")
+    pytest.importorskip("pyarrow")
+    frame = frames.read_csv(log(folder))
+    assert frame["delivered"].isna().any()
+    frame.to_parquet(folder / "buoy.parquet")
+    frame.to_parquet(folder / "other.name")
+    for verb in ("show", "fit"):
+        answers = []
+        for name in ("buoy.csv", "buoy.parquet", "other.name"):
+            answer = cosim("link", verb, name, "--json", cwd=folder)
+            assert answer.code in (0, 1), answer.err
+            answers.append(answer.out.replace(name, "FILE"))
+        assert answers[0] == answers[1] == answers[2]
+    flight = FLIGHT.replace("20 ms", "2 s").replace(
+        'on_loss = "zero"', 'recording = "buoy.parquet"'
+    )
+    (folder / "flight.toml").write_text(flight)
+    run = cosim("run", "flight.toml", "-o", "flight.mcap", cwd=folder)
+    assert run.code == 0, run.err
+    wrong = frame.rename(columns={"sent": "when"})
+    wrong.to_parquet(folder / "wrong.parquet")
+    (folder / "cut.parquet").write_bytes((folder / "buoy.parquet").read_bytes()[:-20])
+    for name, words in (
+        ("wrong.parquet", "there is no column 'sent'"),
+        ("cut.parquet", "cannot be"),
+    ):
+        refused = cosim("link", "show", name, "--json", cwd=folder)
+        assert refused.code == 2
+        assert words in refused.error["what"]
+
+
 def test_a_fitted_link_is_one_that_a_scenario_takes(folder: Path) -> None:
     """Exit code 0, what it found as text and JSON, and a table [links.uplink]."""
     path = log(folder)

@@ -173,6 +173,24 @@ def test_closed_output_pipe_exits_quietly(tmp_path: Path, more: list[str]) -> No
     assert "Exception" not in message
 
 
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="a device of Linux")
+@pytest.mark.parametrize("more", [[], ["--json"]], ids=["for people", "for programs"])
+def test_output_without_room_is_an_error(tmp_path: Path, more: list[str]) -> None:
+    """Named, and exit code 3, not 0 or that of a comparison."""
+    with Path("/dev/full").open("wb") as nowhere:
+        done = subprocess.run(  # noqa: S603 - the command under test
+            [COMMAND, "scenario", "list", *more],
+            cwd=tmp_path,
+            stdout=nowhere,
+            stderr=subprocess.PIPE,
+            text=True,
+            check=False,
+        )
+    assert done.returncode == 3
+    assert done.stderr.startswith("the output has no room\n")
+    assert "Exception" not in done.stderr
+
+
 def test_command_gives_its_error_as_json(tmp_path: Path) -> None:
     """The installed command leaves with the code of its error and no traceback."""
     done = subprocess.run(  # noqa: S603 - the command under test

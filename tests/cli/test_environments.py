@@ -99,13 +99,20 @@ def test_a_folder_that_cannot_be_written_is_named(line: str, tmp_path: Path) -> 
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "line",
-    ["design paper --k1 0.6 --k2 0.2", "fmu check {fmu} --run", "scenario list", "study list"],
+    ["design paper --k1 0.6 --k2 0.2", "fmu check {fmu}", "scenario list", "study list"],
 )
 def test_other_verbs_need_no_calls_of_posix(line: str, tmp_path: Path) -> None:
     """Without fork, process groups and locks."""
     fmu = fmu_store() / "python" / "WaveField.fmu"
     code, text = cosim(*line.format(fmu=fmu).split(), cwd=tmp_path, without=True)
     assert code == 0, text
+
+
+def test_a_check_with_a_run_is_refused_by_name_where_there_is_no_child(tmp_path: Path) -> None:
+    fmu = fmu_store() / "python" / "WaveField.fmu"
+    words = ("fmu", "check", str(fmu), "--run")
+    code, text = cosim(*words, cwd=tmp_path, without=True)
+    assert (code, "without --run" in text) == (2, True), text
 
 
 def test_paths_of_windows_are_pointed_out(tmp_path: Path) -> None:

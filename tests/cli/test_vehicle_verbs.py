@@ -9,7 +9,7 @@ import pytest
 from cli.shell import cosim
 from shared import fmu_store
 
-from cosim.vehicle import VEHICLES
+from cosim.vehicle import VEHICLES, vehicle_text
 
 
 @pytest.mark.parametrize("like", VEHICLES)
@@ -100,3 +100,24 @@ def test_a_flight_keeps_everything_it_made_and_can_be_run_again(tmp_path: Path) 
         cwd=tmp_path,
     ).json
     assert again["metrics"]["assumptions"]["age_of_usbl_within_design"] is False
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("length = 1.6", "length = 1e12"),
+        ("length = 1.6", "length = 1.7e308"),
+        ("lag = 0.1", "lag = 1e12"),
+    ],
+)
+def test_numbers_beyond_all_vehicles_are_named(old: str, new: str, tmp_path: Path) -> None:
+    """Whatever overflows or does not converge: no traceback, nothing of LAPACK on any stream."""
+    text = vehicle_text("remus100")
+    assert old in text
+    (tmp_path / "mine.toml").write_text(text.replace(old, new))
+    for verb in ("check", "show"):
+        found = cosim("vehicle", verb, "mine.toml", "--json", cwd=tmp_path)
+        assert found.code in (0, 2), found.err
+        assert isinstance(found.json, dict)
+        assert "unexpected" not in found.err
+        assert "Warning" not in found.err

@@ -161,3 +161,28 @@ def test_a_file_that_cannot_be_replaced_is_refused_before_the_work(tmp_path: Pat
     assert as_user(ANOTHER, lambda: write_whole(own, b"new")) == ""
     assert (theirs.read_bytes(), own.read_bytes()) == (b"old", b"new")
     assert names(folder) == {"theirs", "own"}
+
+
+_KILLED = """
+import os, signal, sys
+from pathlib import Path
+from cosim.core import written_beside
+with written_beside(Path(sys.argv[1])) as partial:
+    partial.write_bytes(b"half")
+    os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+@pytest.mark.skipif(os.name != "posix", reason="folders have no locks there")
+def test_what_a_killed_one_left_is_removed_by_the_next(tmp_path: Path) -> None:
+    """And nothing of one that is still writing, nor what only has such a name."""
+    path = tmp_path / "out"
+    subprocess.run([sys.executable, "-c", _KILLED, str(path)], check=False)  # noqa: S603 - ours
+    (left,) = names(tmp_path)
+    (tmp_path / ".0123456789ab.partial").write_bytes(b"a file")
+    with written_beside(path) as partial:
+        partial.write_bytes(b"one")
+        write_whole(tmp_path / "other", b"two")
+    assert left not in names(tmp_path)
+    assert names(tmp_path) == {"out", "other", ".0123456789ab.partial"}
+    assert path.read_bytes() == b"one"

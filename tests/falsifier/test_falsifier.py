@@ -11,7 +11,7 @@ from falsifier.faults import FAULTS
 from falsifier.flight import Field, Flight, claims
 from falsifier.kinds import LOOPS
 from falsifier.loop import Loop
-from shared import share_of
+from shared import sampled, share_of
 
 SEED = 1
 
@@ -32,10 +32,11 @@ def run_all(cases: list[Case], field: Field) -> list[Cell]:
     return [cell for case in cases if (cell := case(field)) is not None]
 
 
-def test_no_claim_of_the_quick_share_is_wrong(field: Field) -> None:
-    """Each hypothesis broken alone in three kinds of loops, and the same loops unbroken."""
-    cells = run_all(matrix(quick=True, kinds=QUICK), field)
-    assert len(cells) > 100
+@pytest.mark.parametrize("kind", sampled(QUICK, 2))
+def test_no_claim_of_the_quick_share_is_wrong(kind: str, field: Field) -> None:
+    """Each hypothesis broken alone in a kind of loop, and the same loop unbroken."""
+    cells = run_all(matrix(quick=True, kinds=(kind,)), field)
+    assert len(cells) > 20
     assert all(x.verdict == GOOD for x in cells), words_of(cells)
 
 

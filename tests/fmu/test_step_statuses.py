@@ -95,6 +95,9 @@ def test_pending_is_a_failure_of_fmi_2_only(steered: Fmus) -> None:
             slave.step(0.0, 0.25)
 
 
+NOT_IN_IT = "computed until t = 1e+300 s as it says, which is not in the step"
+
+
 @pytest.mark.parametrize(
     ("at", "until", "reason"),
     [
@@ -102,6 +105,7 @@ def test_pending_is_a_failure_of_fmi_2_only(steered: Fmus) -> None:
         (0.5, 0.75, "in the step from t = 0.5 s"),
         (0.5, -1.0, "in the step from t = 0.5 s"),
         (1.75, 2.0, "in the step from t = 1.75 s"),
+        (0.5, 1e300, f"in the step from t = 0.5 s, {NOT_IN_IT}"),
     ],
 )
 @pytest.mark.parametrize("version", VERSIONS)

@@ -164,3 +164,23 @@ def test_fork_leaves_the_files_of_its_parent(described: FmuDescription, scratch:
     done = subprocess.run(line, env=environment, check=False)  # noqa: S603 - ourselves
     assert done.returncode == 0
     assert list(scratch.iterdir()) == []
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
+def test_a_fork_uses_the_folder_of_its_parent_without_a_word() -> None:
+    """It closes the file that the parent has locked, which stays locked; nothing is removed."""
+    script = """
+import gc, os
+from cosim.fmu import adopt_folder, own_folder
+folder = own_folder()
+if os.fork() == 0:
+    adopt_folder(folder)
+    gc.collect()
+    assert own_folder() == folder
+    os._exit(0)
+assert os.wait()[1] == 0
+assert own_folder() == folder and folder.is_dir()
+"""
+    line = [sys.executable, "-W", "error", "-c", script]
+    done = subprocess.run(line, capture_output=True, text=True, check=False)  # noqa: S603 - ours
+    assert (done.returncode, done.stderr) == (0, "")

@@ -1,6 +1,6 @@
 """Systems and solutions that several tests of the certificate start from.
 
-The solutions come from the solver's LMI, which the certificate shares no code with.
+The solutions come from cvxpy's form of the inequality.
 """
 
 from __future__ import annotations
@@ -13,7 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.hinf.certificate.proof import Variables
-from cosim.hinf.lmi.theorem_2_lmi import omega, unknowns
+from cosim.hinf.exact import exact
+from cosim.hinf.lmi import in_cvxpy
+from cosim.hinf.theorems import minus_omega, positive, shapes_of
 from cosim.models.delay_system import Delay, DelaySystem
 
 Array = NDArray[np.float64]
@@ -28,21 +30,34 @@ def solved(
     system: DelaySystem, k1: tuple[float, ...], k2: tuple[float, ...], gamma: float | None
 ) -> tuple[str, Array, Variables]:
     """Solver's word, gain and variables of greatest margin."""
-    v = unknowns(system, gain=None, gamma=gamma)
-    whole, positive = omega(system, k1, k2, v)
-    n, margin = system.A.shape[0], cp.Variable()
-    constraints = [(whole + whole.T) / 2 << -margin * np.eye(whole.shape[0]), margin <= 1]
-    constraints += [v.X << 100 * np.eye(n), *(p >> margin * np.eye(n) for p in positive)]
+    k = [exact(x) for x in k1], [exact(x) for x in k2]
+    form = minus_omega(system, *k, bounded=system.has_performance)
+    v: dict[str, Any] = {
+        name: cp.Variable()
+        if shape.is_number
+        else cp.Variable((shape.height, shape.width), symmetric=shape.symmetric)
+        for name, shape in shapes_of([form, *positive(system)]).items()
+    }
+    n, margin, N = system.A.shape[0], cp.Variable(), len(system.delays)
+    unit = {f"x{j}": 1 / k for j, k in enumerate(k2, 1)}
+    late = [(j, x.d**-0.5) for j, x in enumerate(system.delays, 1) if x.d > 0]
+    unit |= {f"{row}{j}": size for j, size in late for row in "rm"}
+    D = np.diag([unit.get(name, 1.0) for name, size in form.rows.items() for _ in range(size)])
+    whole = in_cvxpy(form, v)
+    constraints = [D @ (whole + whole.T) @ D / 2 >> margin * np.eye(len(D)), margin <= 1]
+    constraints += [] if gamma is None else [v["gamma"] == gamma]
+    constraints += [v["X"] << 100 * np.eye(n)]
+    constraints += [M >> margin * np.eye(n) for name, M in v.items() if name[0] in "XQR"]
     problem = cp.Problem(cp.Maximize(margin), constraints)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # an inaccurate solution is a case like any other
         problem.solve(solver=cp.CLARABEL)  # type: ignore[no-untyped-call]
-    X = value(v.X)
+    X, none = value(v["X"]), np.zeros((n, n))
     K: Array = np.zeros((0, n))
     if system.B.shape[1]:
-        K = np.asarray(np.linalg.solve(X.T, value(v.Y).T).T, dtype=np.float64)
-    eps = None if v.eps.value is None else float(v.eps.value)
-    Q, R = tuple(map(value, v.Q)), tuple(map(value, v.R))
+        K = np.asarray(np.linalg.solve(X.T, value(v["Y"]).T).T, dtype=np.float64)
+    eps = float(v["eps[0]"].value) if "eps[0]" in v else None
+    Q, R = (tuple(value(v.get(f"{name}[{j}]", none)) for j in range(N)) for name in "QR")
     return problem.status, K, Variables(X, Q, R, eps, k1, k2, gamma)
 
 

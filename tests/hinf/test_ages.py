@@ -28,7 +28,7 @@ from cosim.hinf import (
     greatest_delay,
 )
 from cosim.hinf.certificate.system_json import system_from_json, system_to_json
-from cosim.hinf.lmi import AgesLmi
+from cosim.hinf.lmi import Condition
 from cosim.hinf.problem.system_toml import system_from_toml
 from cosim.models.delay_system import Delay, DelaySystem
 
@@ -100,12 +100,12 @@ def test_wirtinger_beside_looped(eta: float) -> None:
     longest = {0.2: 1.091, 0.6: 0.609, 1.0: 0.173}[eta]
     system = networked(eta + longest, sampled=True, least_age=eta)
     for functional in ("wirtinger", "looped"):
-        lmi = AgesLmi(system, NETWORKED, 2, [functional], performance=False)
+        lmi = Condition(system, NETWORKED, 2, [functional], performance=False)
         found = lmi.margin([eta + longest], None)
         assert found is not None
         assert found[0] > 0, functional
     longer = networked(eta + 1.2 * longest, sampled=True, least_age=eta)
-    lmi = AgesLmi(longer, NETWORKED, 2, ["wirtinger"], performance=False)
+    lmi = Condition(longer, NETWORKED, 2, ["wirtinger"], performance=False)
     margin = lmi.margin([eta + 1.2 * longest], None)
     assert margin is None or margin[0] <= 1e-7
 
@@ -290,7 +290,7 @@ def test_parts_of_a_loop_are_solved_apart_without_loss() -> None:
             H=0.3 * T.T,
             delays=[Delay(0.7, T @ G @ T.T, H=0.1 * T.T, any_age=True)],
         )
-        lmi = AgesLmi(system, np.zeros((0, 2)), 1, ["interval"], performance=True)
+        lmi = Condition(system, np.zeros((0, 2)), 1, ["interval"], performance=True)
         found = lmi.least_gamma([0.7], 1.0)
         assert found is not None
         return lmi.largest_part([0.7]), found

@@ -16,17 +16,22 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cosim.hinf.certificate.ages_certificate import exact_ages
-from cosim.hinf.certificate.ages_proof import _Forms, corners_of
+from cosim.hinf.certificate import ages_of, exact_ages
 from cosim.hinf.certificate.ages_terms import (
     AgesVariables,
     AgeTerms,
-    Support,
     is_symmetric_unknown,
     late_delays,
-    rows_of,
-    state_blocks,
-    unknowns_of,
+)
+from cosim.hinf.theorems import (
+    UNKNOWNS,
+    Age,
+    Inequality,
+    Loop,
+    Support,
+    age_inequalities,
+    minus_phi,
+    shapes_of_ages,
 )
 from cosim.models.delay_system import Delay, DelaySystem
 
@@ -83,10 +88,13 @@ def random_variables(
     rng = np.random.default_rng(seed)
     terms = []
     supports = [support] * len(own)
-    every = unknowns_of(system, order, own, gamma=True, supports=supports)
-    for functional, names in zip(own, every, strict=True):
+    loop = Loop.of(system, np.zeros(system.B.T.shape), supports)
+    ages = [Age(loop, j, functional, order) for j, functional in enumerate(own)]
+    every = shapes_of_ages(loop, ages, bounded=True)
+    for j, functional in enumerate(own):
         matrices = {}
-        for name, shape in names.items():
+        for name in (name for name in UNKNOWNS if f"{name}[{j}]" in every):
+            shape = every[f"{name}[{j}]"][:2]
             if name in {"Q", "R", "S", "S_1", "S_2", "Z", "W", "N", "U"}:
                 matrices[name] = positive(rng, shape[0])
             else:
@@ -101,14 +109,16 @@ def random_variables(
         if "Y" in matrices and kept is not None:
             matrices["Y"] = difference_rows(system, order, own).T @ matrices["U"] / kept
         terms.append(AgeTerms(functional, matrices, support))
-    rows = sum(state_blocks(system, order, own, supports).values())
+    rows = every["P"].height
     P = rng.standard_normal((rows, rows))
     return AgesVariables(order, P + P.T, tuple(terms), None, 2.0)
 
 
 def difference_rows(system: DelaySystem, order: int, own: tuple[Any, ...]) -> Any:
     """z of the looped functional of the first delay, as a map of all rows."""
-    sizes = rows_of(system, order, own, gamma=True)
+    loop = Loop.of(system, np.zeros(system.B.T.shape))
+    names = [name for j, one in enumerate(own) for name in Age(loop, j, one, order).names]
+    sizes = {"x": N_STATES} | dict.fromkeys(names, N_STATES) | {"w": system.C.shape[1]}
     places = dict(zip(sizes, np.cumsum([0, *sizes.values()]), strict=False))
     pairs = [("x", "t0"), ("h0", "x0")] if system.delays[0].least_age else [("x", "x0")]
     found = np.zeros((N_STATES * len(pairs), sum(sizes.values())))
@@ -145,7 +155,7 @@ class Functional:
         return total / (end - start)
 
     def rows(self, t: float) -> dict[str, Any]:
-        """Every row of -Phi but w, by the letters of `rows_of`."""
+        """Every row of -Phi but w, by the names of `Age`."""
         x, found = self.y, {"x": self.motion.x(t)}
         for j, (own, delay) in enumerate(zip(self.v.functionals, self.late, strict=True)):
             tau, a, d = self.age(t), delay.least_age, delay.d
@@ -236,9 +246,10 @@ def delay_of(own: str, least: float, support: Support | None = None) -> Delay:
     return Delay(1.1, G, least_age=least, sampled=True)
 
 
-def floats(form: Any) -> tuple[Any, list[str]]:
+def floats(form: Inequality, v: AgesVariables) -> tuple[Any, list[str]]:
     """A form of the proof as a symmetric array, and the names of its rows."""
-    lower, names = form.lower()
+    lower = form.at(v.by_name())
+    names = [name for name, size in form.rows.items() for _ in range(size)]
     size = len(lower)
     rows = [[float(e.p) / float(e.q) for e in row] + [0.0] * (size - len(row)) for row in lower]
     M = np.array(rows)
@@ -247,11 +258,11 @@ def floats(form: Any) -> tuple[Any, list[str]]:
 
 def phi_at(system: DelaySystem, v: AgesVariables, shares: dict[int, float], slope: float) -> Any:
     """Phi between its corners, as floats, without the rows v: the form after a Schur complement."""
-    forms = _Forms(system, np.zeros((0, 2)), v)
-    corners = corners_of(system, v)
+    loop = Loop.of(system, np.zeros((0, 2)), v.supports)
+    ages = ages_of(loop, v)
     found = {}
-    for corner in corners:
-        M, names = floats(forms.minus_phi(corner))
+    for corner in itertools.product(*(age.corners() for age in ages)):
+        M, names = floats(minus_phi(loop, ages, corner, bounded=v.gamma is not None), v)
         M = -M
         keep = np.array([not name.startswith("v") for name in names])
         base, more = M[np.ix_(keep, keep)], M[np.ix_(~keep, ~keep)]
@@ -262,17 +273,14 @@ def phi_at(system: DelaySystem, v: AgesVariables, shares: dict[int, float], slop
     total = 0.0
     for corner, (M, _) in found.items():
         weight = 1.0
-        for j, at in enumerate(corner):
-            if at is None:
-                continue
-            delay = late_delays(system)[j]
-            last = float(at[0].p) / float(at[0].q) == delay.d
-            if not (len(at) == 2 and v.order == 0):
-                weight *= shares[j] if last else 1 - shares[j]
-            if len(at) == 2:
-                up = float(at[1].p) > 0
-                share = (slope + (delay.rate or 0.0)) / (2 * (delay.rate or 1.0))
-                weight *= share if up else 1 - share
+        for age, (at, rate) in zip(ages, corner, strict=True):
+            moves = age.functional == "rate"
+            if len({each for each, _ in age.corners()}) > 1:
+                weight *= shares[age.j] if at == age.d else 1 - shares[age.j]
+            if moves:
+                most = float(age.bound.p) / float(age.bound.q)
+                share = (slope + most) / (2 * most)
+                weight *= share if rate > 0 else 1 - share
         total = total + weight * M
     return total, next(iter(found.values()))[1]
 
@@ -369,9 +377,10 @@ def test_the_other_forms_bound_v_from_below(
             rows["ab0"] = rows["a0"] + rows["b0"]
         exact = exact_ages(system, v)
         bounds = []
-        for name, form in _Forms(system, np.zeros((0, 2)), exact).positive():
-            if name.startswith("P"):
-                M, names = floats(form)
+        loop = Loop.of(system, np.zeros((0, 2)), exact.supports)
+        for form in age_inequalities(loop, ages_of(loop, exact), bounded=exact.gamma is not None):
+            if form.name.startswith("P"):
+                M, names = floats(form, exact)
                 vector = np.concatenate([rows[name] for name in dict.fromkeys(names)])
                 bounds.append(float(vector @ M @ vector))
         share = (late.d - at) / (late.d - least) if own == "looped" else 0.0

@@ -10,7 +10,6 @@ import copy
 import json
 import warnings
 from collections.abc import Callable
-from dataclasses import replace
 from fractions import Fraction
 from typing import Any
 
@@ -24,9 +23,10 @@ from solver_points import Array, benchmark, random_system
 
 from cosim.core.errors import InputError
 from cosim.hinf import analyse, auv_system, certified_delay, check_certificate, close, hinf_norm
-from cosim.hinf.certificate.analysis_proof import ExactAnalysis, exact_loop, minus_phi
+from cosim.hinf.certificate.analysis_proof import ExactAnalysis
 from cosim.hinf.certificate.analysis_variables import variables_from_json
-from cosim.hinf.certificate.rational import exact, exact_matrix, first_bad_pivot
+from cosim.hinf.exact import exact, exact_matrix
+from cosim.hinf.theorems import Age, Loop, minus_phi
 from cosim.models import paper_example
 from cosim.models.delay_system import Delay, DelaySystem
 
@@ -303,7 +303,11 @@ def test_phi_is_the_derivative_of_the_functional() -> None:
     v = ExactAnalysis(
         N, fractions[0], (fractions[1],), (fractions[2],), flint.fmpq(1, 2), flint.fmpq(3)
     )
-    lower, names = minus_phi(exact_loop(system, K, [N]), v)
+    loop = Loop.of(system, K)
+    form = minus_phi(
+        loop, [Age(loop, 0, "constant", N)], [(exact(d), 0)], bounded=v.gamma is not None
+    )
+    lower = form.at(v.by_name())
     Phi = np.zeros((len(lower), len(lower)))
     for i, row in enumerate(lower):
         for j, entry in enumerate(row):
@@ -335,7 +339,7 @@ def test_phi_is_the_derivative_of_the_functional() -> None:
     truth += d**2 * f @ R @ f - d * integral(lambda s: rate(s) @ R @ rate(s))
     truth += z @ z / gamma - gamma * w @ w + eps * (q @ q - p @ p)
     xi = np.concatenate([x(0), x(-d), *means, w, p])
-    assert len(xi) == len(names)
+    assert len(xi) == len(lower)
     assert xi @ Phi @ xi == pytest.approx(truth, rel=1e-9)
 
 
@@ -351,11 +355,11 @@ def test_a_box_of_delays_is_proved_at_its_corners() -> None:
     proof = check_certificate(found.certificate)
     assert [delay["age"] for delay in proof.claim["delays"]] == ["constant, up to d"] * 2
     v = variables_from_json(system, json.loads(json.dumps(found.certificate))["variables"])
-    loop = exact_loop(system, K, [1, 1])
+    loop = Loop.of(system, K)
+    ages = [Age(loop, j, "constant", 1) for j in range(2)]
     for shares in ((0, 0), (0, 1), (1, 1), (0.3, 0.8), (0.5, 0.5), (0.9, 0.1)):
-        d = [exact(share * x.d) for share, x in zip(shares, system.delays, strict=True)]
-        lower, _ = minus_phi(replace(loop, d=d), v)
-        assert first_bad_pivot(lower) is None
+        d = [(exact(share * x.d), 0) for share, x in zip(shares, system.delays, strict=True)]
+        assert minus_phi(loop, ages, d, bounded=v.gamma is not None).failure(v.by_name()) is None
 
 
 def test_a_delay_box_with_too_small_a_lower_end_is_refused() -> None:
@@ -377,7 +381,7 @@ def test_a_delay_box_with_too_small_a_lower_end_is_refused() -> None:
     assert check_certificate(down_to("5/4")).valid
     refused = check_certificate(down_to("1/10"))
     assert not refused.valid
-    assert "at delays 1/10" in str(refused.reason)
+    assert "at age 0.1" in str(refused.reason)
     for lower in ("2", "-1/10", None, 0.5):
         with pytest.raises(InputError):
             check_certificate(down_to(lower))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import replace
-from typing import Any
 
 import cvxpy as cp
 import numpy as np
@@ -12,11 +11,14 @@ import pytest
 from numpy.typing import NDArray
 from solver_points import random_system
 
+from cosim.hinf import as_cvxpy
+from cosim.hinf.exact import exact
+from cosim.hinf.lmi import in_cvxpy
 from cosim.hinf.lmi.assembly import Scalars, Structure
 from cosim.hinf.lmi.conic import Constraint, solve
 from cosim.hinf.lmi.problem import Answer, Problem
 from cosim.hinf.lmi.svec import smat, svec
-from cosim.hinf.lmi.theorem_2_lmi import Unknowns, omega, unknowns
+from cosim.hinf.theorems import minus_omega
 from cosim.models import paper_example
 from cosim.models.delay_system import DelaySystem
 
@@ -31,20 +33,17 @@ def _reference_gamma(
     system: DelaySystem, k1: tuple[float, ...], k2: tuple[float, ...], gain: Array | None = None
 ) -> float:
     """Least gamma by the reference formulation and Clarabel."""
-    v = unknowns(system, gain=gain, gamma=None)
-    whole, positive = omega(system, k1, k2, v)
-    constraints = [(whole + whole.T) / 2 << 0, *(matrix >> 0 for matrix in positive)]
+    asked = as_cvxpy(system, k1, k2, gain=gain)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        problem: Any = cp.Problem(cp.Minimize(v.gamma), constraints)
-        problem.solve(solver=cp.CLARABEL)
-    assert problem.status == "optimal"
-    return float(v.gamma.value)
+        asked.problem.solve(solver=cp.CLARABEL)
+    assert asked.problem.status == "optimal"
+    return float(asked.gamma.value)
 
 
 @pytest.mark.parametrize("case", range(8))
 def test_assembly_equals_the_reference_without_rows_m(case: int) -> None:
-    """Any point, k1, k2 of either sign: equal to the Schur complement of `omega`, to rounding."""
+    """Any point, k1, k2 of either sign: equal to the Schur complement of Omega, to rounding."""
     rng = np.random.default_rng(case)
     system = random_system(
         rng,
@@ -57,15 +56,13 @@ def test_assembly_equals_the_reference_without_rows_m(case: int) -> None:
     k1, k2 = (tuple(float(x) for x in rng.standard_normal(2)) for _ in range(2))
     y = rng.standard_normal(s.size)
     ours = -s.at(Scalars(k1, k2, _delays(system))).at(y)
-    v = Unknowns(
-        X=s.X.of(y),
-        Y=s.Y.of(y),
-        Q=tuple(np.zeros((n, n)) if Q is None else Q.of(y) for Q in s.Q),
-        R=tuple(R.of(y) for R in s.R if R is not None),
-        eps=0.0 if s.eps is None else np.squeeze(s.eps.of(y)),
-        gamma=0.0 if s.gamma is None else s.gamma.of(y)[0, 0],
-    )
-    whole = np.asarray(omega(system, k1, k2, v)[0].value)
+    assert s.gamma is not None
+    v = {"X": s.X.of(y), "Y": s.Y.of(y), "gamma": s.gamma.of(y)[0, 0]}
+    v |= {f"Q[{j}]": Q.of(y) for j, Q in enumerate(s.Q) if Q is not None}
+    v |= {f"R[{j}]": R.of(y) for j, R in enumerate(s.R) if R is not None}
+    v |= {} if s.eps is None else {f"eps[{b}]": x for b, x in enumerate(s.eps.of(y)[0])}
+    k = [exact(x) for x in k1], [exact(x) for x in k2]
+    whole = -in_cvxpy(minus_omega(system, *k, bounded=True), v)
     # x, x1, x2, w, z, r1, r2, then m1, m2, then h
     m = 3 * n + 4 + 2 * n + np.arange(2 * n)
     kept = np.setdiff1d(np.arange(len(whole)), m)
@@ -74,15 +71,18 @@ def test_assembly_equals_the_reference_without_rows_m(case: int) -> None:
     )
     scale = np.ones(len(kept))
     for j, value in enumerate(k2, 1):
-        scale[j * n : (j + 1) * n] = value / abs(value) ** 0.5
-    whole_scale = np.diag(scale)
+        scale[j * n : (j + 1) * n] = abs(value) ** -0.5
+        at = 3 * n + 4 + (j - 1) * n
+        scale[at : at + n] = system.delays[j - 1].d ** -0.5
+    whole_scale = np.eye(len(kept))
     # rows r: those of the longest delay stay, and are taken off the others
     base, other = (0, 1) if s.base == 1 else (1, 0)
     ratio = system.delays[other].d / system.delays[base].d
     r = [slice(start, start + n) for start in (3 * n + 4, 4 * n + 4)]
     whole_scale[r[other], r[base]] = -np.sqrt(ratio / (1 + ratio)) * np.eye(n)
     whole_scale[r[other], r[other]] = np.eye(n) / np.sqrt(1 + ratio)
-    np.testing.assert_allclose(ours, whole_scale @ schur @ whole_scale.T, atol=1e-12)
+    schur = scale[:, None] * schur * scale
+    np.testing.assert_allclose(ours, whole_scale @ schur @ whole_scale.T, atol=1e-11)
 
 
 def test_least_gamma_of_the_paper_is_the_published_correction() -> None:

@@ -22,8 +22,7 @@ from cosim.hinf import (
     greatest_delay,
     spectral_abscissa,
 )
-from cosim.hinf.lmi.analysis_lmi import AnalysisLmi
-from cosim.hinf.lmi.bessel_legendre_lmi import BesselLegendreLmi, multipliers_of, scalar_multipliers
+from cosim.hinf.lmi import Condition, GainLmi, multiplier_of, scalar_multiplier
 from cosim.models import paper_example
 from cosim.models.delay_system import Delay, DelaySystem
 
@@ -58,20 +57,18 @@ def test_multipliers_of_a_gain_do_not_raise_its_gamma(
         K = 0.1 * rng.standard_normal((1, 2))
         if not spectral_abscissa(close(system, K)) < 0:
             continue  # the solver may take what is no solution for one
-        analysis = AnalysisLmi(system, K, order, performance=True)
+        analysis = Condition(system, K, order, performance=True)
         gamma = analysis.least_gamma(delays, 1.0)
         if gamma is None:
             continue
         found = analysis.margin(delays, 1.01 * gamma)
         assert found is not None
         assert found[0] > 0
-        made = BesselLegendreLmi(system, order, K, gamma).least_gamma(
-            multipliers_of(found[1], system)
-        )
+        made = GainLmi(system, order, K, gamma).least_gamma(multiplier_of(found[1], system))
         assert made is not None
         least, gain = made
         assert least < 1.0101 * gamma
-        again = AnalysisLmi(system, gain, order, performance=True).least_gamma(delays, gamma)
+        again = Condition(system, gain, order, performance=True).least_gamma(delays, gamma)
         assert again is not None
         assert again < least * (1 + 1e-4)
         met += 1
@@ -81,11 +78,11 @@ def test_multipliers_of_a_gain_do_not_raise_its_gamma(
 def test_scalar_multipliers_are_sound_and_lose_something() -> None:
     """The usual choice S_0 = b I: its gain has, by its analysis, at most the gamma it says."""
     for b in (0.1, 0.5, 2.0):
-        lmi = BesselLegendreLmi(LINK, 1, np.zeros((1, 2)), 1.0)
-        found = lmi.least_gamma(scalar_multipliers(b, LINK, 1))
+        lmi = GainLmi(LINK, 1, np.zeros((1, 2)), 1.0)
+        found = lmi.least_gamma(scalar_multiplier(b, LINK))
         if found is None:
             continue
-        least = AnalysisLmi(LINK, found[1], 1, performance=True).least_gamma([1.0], found[0])
+        least = Condition(LINK, found[1], 1, performance=True).least_gamma([1.0], found[0])
         assert least is not None
         assert least < found[0] * (1 + 1e-4)
     assert found is None or found[0] > 3.2

@@ -18,7 +18,7 @@ from cosim.hinf.certificate.certificate import (
     check_certificate,
     read_certificate,
 )
-from cosim.hinf.certificate.rational import MAX_DIGITS
+from cosim.hinf.exact import MAX_DIGITS
 from cosim.models import paper_example
 
 

@@ -83,14 +83,18 @@ K = np.array([[-0.2086, -1.056]])
 @pytest.mark.parametrize(
     ("system", "ages"),
     [
-        (integrators(link()), {"feedback": 0.5}),
-        (integrators(), {"feedback": 0.0}),
-        (integrators(link(any_age=True, rate=0.1)), {"feedback": 0.5}),
-        (integrators(link(any_age=True)), {}),
-        (integrators(link(least_age=0.2, sampled=True)), {}),
-        (integrators(Delay(0.3, np.diag([0.0, -0.1])), link(any_age=True)), {}),
+        pytest.param(integrators(link()), {"feedback": 0.5}, id="constant"),
+        pytest.param(integrators(), {"feedback": 0.0}, id="at once"),
+        pytest.param(integrators(link(any_age=True, rate=0.1)), {"feedback": 0.5}, id="continuous"),
+        pytest.param(integrators(link(any_age=True)), {}, id="any"),
+        pytest.param(integrators(link(least_age=0.2, sampled=True)), {}, id="sampled"),
+        pytest.param(
+            integrators(Delay(0.3, np.diag([0.0, -0.1])), link(any_age=True)),
+            {},
+            id="inside the plant",
+            marks=pytest.mark.slow,
+        ),
     ],
-    ids=["constant", "at once", "continuous", "any", "sampled", "inside the plant"],
 )
 def test_ages_of_a_feedback_that_no_run_has_are_named(
     system: DelaySystem, ages: dict[str, float]
@@ -211,6 +215,7 @@ def test_the_verb_names_guarantees_that_it_does_not_prove_again(tmp_path: Path) 
     assert (refused.code, "--order" in refused.err) == (2, True)
 
 
+@pytest.mark.slow
 def test_commands_of_a_new_design_are_of_any_age_where_that_costs_little(tmp_path: Path) -> None:
     """Both checkers prove it; a file that says at once keeps its claim, and the remark."""
     file = tmp_path / "late.toml"

@@ -5,16 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from fractions import Fraction
 
-import cvxpy as cp
 import numpy as np
 import pytest
 from scipy.linalg import block_diag
 from solver_points import Array, random_system, value
 
-from cosim.hinf.certificate.exact_lmi import ExactLmi, minus_omega
+from cosim.hinf import as_cvxpy
 from cosim.hinf.certificate.proof import Variables, exact_variables
-from cosim.hinf.certificate.rational import exact_matrix
-from cosim.hinf.lmi.theorem_2_lmi import Unknowns, omega
+from cosim.hinf.theorems import minus_omega
 from cosim.models.delay_system import DelaySystem
 
 
@@ -41,14 +39,17 @@ def _random_variables(rng: np.random.Generator, system: DelaySystem) -> Variable
     return Variables(positive(), Q, R, eps, k1, k2, 50.0)
 
 
-def _dense(lmi: ExactLmi) -> Array:
-    """Omega in doubles."""
-    size = len(lmi.lower)
-    result = np.zeros((size, size))
-    for i, row in enumerate(lmi.lower):
+def _omega(system: DelaySystem, K: Array, v: Variables) -> tuple[Array, list[str]]:
+    """Omega in doubles, and the block name of every row."""
+    values = exact_variables(system, v)
+    bounded = values.gamma is not None
+    form = minus_omega(system, values.k1, values.k2, bounded=bounded, gain=K)
+    lower = form.at(values.by_name())
+    result = np.zeros((len(lower), len(lower)))
+    for i, row in enumerate(lower):
         for j, entry in enumerate(row):
             result[i, j] = result[j, i] = -float(Fraction(int(entry.p), int(entry.q)))
-    return result
+    return result, [name for name, size in form.rows.items() for _ in range(size)]
 
 
 def _eliminated(matrix: Array, keep: list[int]) -> Array:
@@ -129,10 +130,9 @@ def test_the_table_is_the_functionals_derivative(
         system = _system(rng, late=late, any_age=any_age, blocks=blocks)
         v = _random_variables(rng, system)
         K = rng.standard_normal((1, 2))
-        lmi = minus_omega(system, exact_matrix(K) * exact_matrix(v.X), exact_variables(system, v))
-        names = lmi.row_names
+        whole, names = _omega(system, K, v)
         kept = [i for i, name in enumerate(names) if name in ("x", "x1", "x2", "w")]
-        ours = _eliminated(_dense(lmi), kept)
+        ours = _eliminated(whole, kept)
         bound = _form(_derivative_bound(system, K, v), 8 + system.E.shape[1])
         truth = _eliminated(bound, list(range(8)))
         # x = X xhat in every x row: P does not stand in Omega
@@ -142,28 +142,26 @@ def test_the_table_is_the_functionals_derivative(
 
 
 @pytest.mark.parametrize(("late", "any_age", "blocks"), CASES)
-def test_the_solvers_lmi_is_the_same_up_to_a_congruence(
+def test_the_cvxpy_form_is_the_exact_one(
     late: bool,  # noqa: FBT001
     any_age: bool,  # noqa: FBT001
     blocks: list[list[int]],
 ) -> None:
-    """Rows x_j times k2_j, rows r_j and m_j times sqrt(d_j) turn the solver's LMI into this one."""
+    """With constants of cvxpy for the unknowns, and with Y = K X beside the gain itself."""
     rng = np.random.default_rng(11)
     system = _system(rng, late=late, any_age=any_age, blocks=blocks)
     v = _random_variables(rng, system)
     K = rng.standard_normal((1, 2))
-    exactly = minus_omega(system, exact_matrix(K) * exact_matrix(v.X), exact_variables(system, v))
-    constants = Unknowns(
-        cp.Constant(v.X),
-        cp.Constant(K @ v.X),
-        tuple(map(cp.Constant, v.Q)),
-        tuple(map(cp.Constant, v.R)),
-        v.eps,
-        v.gamma,
-    )
-    solvers = value(omega(system, v.k1, v.k2, constants)[0])
-    factor = {"x1": v.k2[0], "x2": v.k2[1]}
-    for j, delay in enumerate(system.delays, 1):
-        factor |= {f"r{j}": delay.d**0.5, f"m{j}": delay.d**0.5}
-    S = np.diag([factor.get(name, 1.0) for name in exactly.row_names])
-    np.testing.assert_allclose(_dense(exactly), S @ solvers @ S, rtol=0, atol=1e-12 * 50)
+    exactly, _ = _omega(system, K, v)
+    asked = as_cvxpy(system, v.k1, v.k2)
+    given = [(asked.X, v.X), (asked.Y, K @ v.X), (asked.eps, v.eps), (asked.gamma, v.gamma)]
+    given += [*zip(asked.R, v.R, strict=True)]
+    given += [
+        pair
+        for pair, x in zip(zip(asked.Q, v.Q, strict=True), system.delays, strict=True)
+        if not x.any_age
+    ]
+    for variable, number in given:
+        variable.value = np.asarray(number)
+    found = value(asked.constraints[0].args[0])
+    np.testing.assert_allclose(exactly, -found, rtol=0, atol=1e-12 * 50)

@@ -8,7 +8,7 @@ from typing import Any
 import flint
 import numpy as np
 
-from cosim.hinf.certificate.rational import first_bad_pivot, from_text
+from cosim.hinf.exact import first_bad_pivot, from_text
 
 
 def _lower(rows: list[list[Fraction]]) -> list[list[Any]]:

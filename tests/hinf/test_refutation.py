@@ -19,15 +19,16 @@ from cosim.cli.application import main
 from cosim.core.errors import InputError, NotAchievableError
 from cosim.fmu.export.controller import export_controller
 from cosim.hinf import auv_system, check_certificate, design, greatest_delay, with_delays
-from cosim.hinf.certificate.rational import exact
+from cosim.hinf.certificate import Place, conditions, fixed_at, kept_rows, lifted
 from cosim.hinf.certificate.refutation_certificate import gamma_floor
-from cosim.hinf.certificate.refutation_proof import AffineLmi, Place
+from cosim.hinf.exact import exact, exact_matrix
+from cosim.hinf.lmi import in_cvxpy
 from cosim.hinf.lmi.assembly import Scalars
 from cosim.hinf.lmi.problem import Answer, Problem
 from cosim.hinf.lmi.refutation import refute
-from cosim.hinf.lmi.theorem_2_lmi import Unknowns, omega
 from cosim.hinf.problem.auv import DEFAULT_K1, DEFAULT_K2
 from cosim.hinf.synthesis.greatest_delays import greatest_delay as delay_of_theorem_2
+from cosim.hinf.theorems import minus_omega, products, shapes_of
 from cosim.models import paper_example
 from cosim.models.delay_system import Delay, DelaySystem
 
@@ -72,12 +73,9 @@ def test_multipliers_leave_one_constant_of_the_reference_lmi(case: int) -> None:
     for j in range(2):
         m = slice(before + j * n, before + (j + 1) * n)
         T[:n, m], T[(j + 1) * n : (j + 2) * n, m] = k1[j] * np.eye(n), k2[j] * np.eye(n)
-    rows = np.ones(len(T.T))
-    for j, delay in enumerate(system.delays):
-        rows[(j + 1) * n : (j + 2) * n] = k2[j]
-        r, m = before - 2 * n + j * n, before + j * n
-        rows[r : r + n] = rows[m : m + n] = np.sqrt(delay.d)
-    W = rows[:, None] * (T.T @ Z @ T) * rows
+    W = T.T @ Z @ T
+    at = [exact(x) for x in k1], [exact(x) for x in k2]
+    form = minus_omega(system, *at, bounded=True)
 
     def value(scale: float) -> tuple[float, float]:
         def sym() -> Array:
@@ -87,8 +85,9 @@ def test_multipliers_leave_one_constant_of_the_reference_lmi(case: int) -> None:
         X, R, Y = sym(), (sym(), sym()), scale * rng.standard_normal((1, n))
         Q = tuple(np.zeros((n, n)) if x.any_age else sym() for x in system.delays)
         eps = scale * float(rng.standard_normal())
-        v = Unknowns(X=X, Y=Y, Q=Q, R=R, eps=eps, gamma=gamma)
-        whole = -np.asarray(omega(system, k1, k2, v)[0].value)
+        v = {"X": X, "Y": Y, "eps[0]": eps, "gamma": gamma}
+        v |= {f"{name}[{j}]": M for name, each in (("Q", Q), ("R", R)) for j, M in enumerate(each)}
+        whole = in_cvxpy(form, v)
         parts = [np.vdot(W, whole), np.vdot(_matrix(multipliers["X"], unit), X)]
         parts += [
             np.vdot(_matrix(own, unit), M)
@@ -169,11 +168,18 @@ def test_k1_k2_without_a_feasible_delay_are_refused_with_their_proof() -> None:
 
 def _entries_that_count(system: DelaySystem) -> set[tuple[int, int]]:
     """Entries of Z where Omega depends on an unknown; the others multiply nothing."""
-    lmi = AffineLmi(system, _place(Scalars((0.6,), (0.2,), ()), 6.0))
-    whole = {entry for entries in lmi.parts.values() for entry in entries}
-    m = lmi.rows.index("r1") + 2  # rows m1 stand before row h, in no row of Z
-    kept = {(i, j) for i, j in whole if not {i, j} & {m, m + 1}}
-    return {(i - 2 * (i > m), j - 2 * (j > m)) for i, j in kept}
+    place = _place(Scalars((0.6,), (0.2,), ()), 6.0)
+    form, *others = conditions(system, place)
+    size = sum(kept_rows(form).values())
+    none = [flint.fmpq_mat(2, 2) for _ in others]
+
+    def counts(i: int, j: int) -> bool:
+        Z = flint.fmpq_mat(size, size)
+        Z[i, j] = Z[j, i] = 1
+        left, _ = products([form, *others], [lifted(form, place, Z), *none], fixed_at(place))
+        return any(C != 0 * C for C in left.values())
+
+    return {(i, j) for i in range(size) for j in range(i + 1) if counts(i, j)}
 
 
 def test_changing_any_entry_invalidates_the_proof() -> None:  # noqa: C901 - one change after the other
@@ -262,15 +268,31 @@ def test_malformed_refutation_is_bad_input(damage: Callable[[dict[str, Any]], An
         check_certificate(proof)
 
 
-def test_the_affine_parts_rebuild_the_exact_lmi() -> None:
-    """A sum over unit vectors is the matrix that the proof of a design looks at."""
-    system = random_system(np.random.default_rng(3), late=True, any_age=False, uncertain=True)
-    lmi = AffineLmi(system, _place(Scalars((-0.5, 0.25), (0.75, 1.5), ()), 3.0))
-    assert lmi.rows == ["x", "x", "x1", "x1", "x2", "x2", *"wwzz", *["r1", "r1", "r2", "r2"], *"hh"]
-    ones = flint.fmpq_mat(len(lmi.rows), len(lmi.rows))
-    ones[6, 6] = 1  # the row of w_1: -Omega is gamma there, and nothing else
-    assert lmi.against(ones, lmi.constant) == 3
-    assert all(lmi.against(ones, entries) == 0 for entries in lmi.parts.values())
+def test_the_products_are_those_of_the_inequalities() -> None:
+    """At random unknowns and multipliers <W, -Omega> + <Z, X> + .. is the sum over the unknowns."""
+    rng = np.random.default_rng(3)
+
+    def drawn(height: int, width: int) -> Any:
+        whole = exact_matrix(np.round(rng.standard_normal((height, width)), 3))
+        return whole + whole.transpose() if height == width else whole
+
+    system = random_system(rng, late=True, any_age=False, uncertain=True)
+    inequalities = conditions(system, _place(Scalars((-0.5, 0.25), (0.75, 1.5), ()), 3.0))
+    values = {"gamma": flint.fmpq(3)}
+    for name, shape in shapes_of(inequalities).items():
+        whole = drawn(shape.height, shape.width)
+        values.setdefault(name, whole[0, 0] if shape.is_number else whole)
+    multipliers = [drawn(*[sum(one.rows.values())] * 2) for one in inequalities]
+    total = flint.fmpq(0)
+    for one, W in zip(inequalities, multipliers, strict=True):
+        for i, row in enumerate(one.at(values)):
+            total += sum(x * W[i, j] * (1 + (i != j)) for j, x in enumerate(row))
+    parts, constant = products(inequalities, multipliers, {"gamma": flint.fmpq(3)})
+    for name, C in parts.items():
+        U = values[name]
+        entries = [U] if isinstance(U, flint.fmpq) else U.entries()
+        constant += sum(a * b for a, b in zip(C.entries(), entries, strict=True))
+    assert constant == total
 
 
 @pytest.mark.parametrize("gamma", [4.0, 5.0])

@@ -7,10 +7,10 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
-import clarabel
 import cvxpy as cp
 import numpy as np
 import pytest
+from broken_solvers import break_all
 from cli.shell import cosim
 from shared import sampled, share_of
 from truth_of_loops import loop_of, norm
@@ -19,7 +19,7 @@ from varied_systems import FRIDMAN_SHAKED, NOMOTO_SHIP, chain, varied_system
 from cosim.core.errors import InputError, NotAchievableError
 from cosim.hinf import as_cvxpy, auv_system, check_certificate, design, with_delays
 from cosim.hinf.lmi import Answer, Problem, Scalars, scaling_of
-from cosim.hinf.lmi.loop_lmi import own_units
+from cosim.hinf.lmi.loop_units import own_units
 from cosim.hinf.problem.auv import DEFAULT_K1, DEFAULT_K2
 from cosim.hinf.synthesis import search as searching
 from cosim.hinf.synthesis.analysis import preferred
@@ -174,16 +174,7 @@ def test_an_unknown_order_is_refused(tmp_path: Path) -> None:
 
 def test_the_error_names_every_route(monkeypatch: pytest.MonkeyPatch) -> None:
     """A solver that always fails: its failure is called that, and the routes are listed."""
-
-    class Failing:
-        def __init__(self, _P: Any, q: Any, _A: Any, b: Any, *_: Any) -> None:
-            at = {"x": 0 * q, "z": 0 * b, "obj_val": 0.0, "solve_time": 0.0, "iterations": 0}
-            self._at = SimpleNamespace(**at, status="NumericalError")
-
-        def solve(self) -> Any:
-            return self._at
-
-    monkeypatch.setattr(clarabel, "DefaultSolver", Failing)
+    break_all(monkeypatch, "NumericalError")
     with pytest.raises(NotAchievableError) as refused:
         design(FRIDMAN_SHAKED)
     text = str(refused.value)

@@ -5,12 +5,11 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
-import clarabel
 import numpy as np
 import pytest
+from broken_solvers import break_all, break_clarabel
 from cli.shell import cosim
 from shared import sampled
 
@@ -42,17 +41,8 @@ NEVER = ("has no solution", "cannot be", "not feasible", "does not exist", "ther
 
 @pytest.fixture(params=["NumericalError", "MaxIterations", "InsufficientProgress", "AlmostSolved"])
 def status(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
-    """The solver stops at the first point, zero, and says so with this status."""
-
-    class Failing:
-        def __init__(self, _P: Any, q: Any, _A: Any, b: Any, *_: Any) -> None:
-            at = {"x": 0 * q, "z": 0 * b, "obj_val": 0.0, "solve_time": 0.0, "iterations": 0}
-            self._at = SimpleNamespace(**at, status=request.param)
-
-        def solve(self) -> Any:
-            return self._at
-
-    monkeypatch.setattr(clarabel, "DefaultSolver", Failing)
+    """Clarabel stops at zero and says so with this status; the dense solver gets stuck."""
+    break_all(monkeypatch, request.param)
     return str(request.param)
 
 
@@ -104,6 +94,18 @@ def test_an_analysis_is_not_certified_because_the_solver_failed(order: int, stat
         assert not [words for words in NEVER if words in one.reason]
         if status == "NumericalError":
             assert f"{FAILED} (status {status}" in one.reason
+
+
+@pytest.mark.parametrize("order", [0, 1])
+def test_what_clarabel_fails_at_the_dense_solver_tries_again(
+    order: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A small analysis does not hang on one solver: the same gamma is proved."""
+    usual = analyse(paper_example.system(), PRINTED, order=order)
+    break_clarabel(monkeypatch, "NumericalError")
+    found = analyse(paper_example.system(), PRINTED, order=order)
+    assert found.certified
+    assert found.gamma == pytest.approx(usual.gamma, rel=1e-3)
 
 
 def test_constrained_design_reports_a_solver_failure(status: str) -> None:

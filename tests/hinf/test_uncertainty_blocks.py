@@ -17,7 +17,7 @@ from cosim.hinf import Delay, DelaySystem, analyse, check_certificate, close, de
 from cosim.hinf.certificate import certificate_bytes, differences, standalone, theorem_of
 from cosim.hinf.certificate.standalone_numbers import RefusedError
 from cosim.hinf.certificate.system_json import system_from_json, system_to_json
-from cosim.hinf.lmi import AgesLmi, AgesSynthesisLmi
+from cosim.hinf.lmi import Condition, GainLmi, scalar_multiplier
 from cosim.hinf.problem.feedback_structure import with_integral, without_integrals
 from cosim.hinf.problem.other_delays import without_uncertainty
 from cosim.hinf.problem.system_toml import system_from_toml
@@ -155,9 +155,13 @@ def test_the_gain_of_the_lmi_of_the_ages_is_confirmed_by_its_analysis() -> None:
     """The two LMIs are written apart: what a design says of its gain holds for that gain."""
     late = [Delay(0.3, [[0, 0], [-0.5, 0]], any_age=True)]
     system = replace(spring(), delays=late)
-    made = AgesSynthesisLmi(system, 1, ["interval"], NO_GAIN, 1.0).least_gamma(0.3)
+    made = GainLmi(system, 1, NO_GAIN, 1.0, ["interval"]).least_gamma(
+        scalar_multiplier(0.3, system)
+    )
     assert made is not None
-    again = AgesLmi(system, made[1], 1, ["interval"], performance=True).least_gamma([0.3], made[0])
+    again = Condition(system, made[1], 1, ["interval"], performance=True).least_gamma(
+        [0.3], made[0]
+    )
     assert again is not None
     assert again < made[0] * (1 + 1e-4)
 

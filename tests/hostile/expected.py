@@ -26,6 +26,12 @@ HANGS = ("hang", "hang-deaf")
 _LEAKS = ("leak", "leak-slowly")
 _NOT_FINITE = {"not-a-number": "nan|not a number", "infinite": "inf"}
 _NUMBERS = ("not-a-number", "infinite", "grow", "huge-constant")
+_ALTERED = {
+    "intrude": r"complete.*changed by a component",
+    # whose call it was may be seen later only
+    **dict.fromkeys(("garbage", "close-all"), r"closed its connection|what is no message"),
+}
+"""Faults that reach for what belongs to the program, and what it says of them."""
 _STATUSES = {
     "negative": "-1",
     "discard": "Discard",
@@ -39,8 +45,16 @@ _OF_STEPS = ("pending", "return-early", "end", "leak-slowly")
 _NO_HARM = (
     *("sleep", "flood-stdout", "flood-stderr", "print", "rounding", "flush-to-zero", "signals"),
     *("thread", "close-output", "child", "change-folder", "delete-resources"),
+    *("delete-folder", "surroundings"),
+    *("daemon", "trace-me", "truncate"),
 )
 """The run goes on, as if nothing had happened. What a thread writes after the end may crash."""
+_ONLY_IN = {
+    **dict.fromkeys(_NUMBERS, ("get", "step")),
+    **dict.fromkeys(_OF_STEPS, ("step",)),
+    "intrude": _LOOP,  # what is written into rows before they are complete is written over
+}
+"""Calls in which a fault makes sense, if it does not in all."""
 _WORDS = {
     "load": "load",
     "instantiate": "instantiat",
@@ -105,10 +119,8 @@ def _makes_sense(row: Row) -> bool:
         return False  # FMI 3.0 has no such function
     if call not in RUN_CALLS:
         return fault in CRASHES or fault == "hang"
-    if fault in _NUMBERS:
-        return call in ("get", "step")
-    if fault in _OF_STEPS:
-        return call == "step"
+    if fault in _ONLY_IN:
+        return call in _ONLY_IN[fault]
     if fault in _STATUSES or fault == "warning":
         # a constructor and fmiNFreeInstance return nothing, and an instance is there or is not
         return call not in ("load", "free") and (
@@ -132,6 +144,8 @@ def expectation(row: Row) -> Expectation:
     growing beyond all numbers         0          diverged: component, variable, time
     a huge constant                    0          nothing: the run is finished
     asks for the end                   0          stopped, and who asked
+    writes to rows of others           4          that complete rows were changed
+    breaks the connection              4          what is wrong with it
     anything else                      0          nothing: the run is finished
     the same in reset, get state       1          `cosim fmu check`: the call and the cause
     ================================== ========== ==============================================
@@ -141,17 +155,7 @@ def expectation(row: Row) -> Expectation:
     if call not in RUN_CALLS:
         words = (_WORDS[call], CRASHES.get(fault, "no answer within"))
         return Expectation((1,), (), words)
-    failed: tuple[str, ...] | None = None
-    if fault in CRASHES:
-        failed = (*place, CRASHES[fault])
-    elif fault in HANGS:
-        failed = (*place, "limit")
-    elif fault in _LEAKS:
-        failed = ("'h'", _WORDS[call], "memory", "limit")
-    elif fault in _NOT_FINITE:
-        failed = (r"\bh\b", r"\bx\b", _NOT_FINITE[fault], r"t = 1(\.0\d*)? s")
-    elif fault in _STATUSES and call != "terminate":
-        failed = (*place, "refuses" if call == "instantiate" else _STATUSES[fault])
+    failed = _failure(row, place)
     if failed is not None:
         # after its last row the run itself is finished
         over = call in ("terminate", "free")
@@ -162,6 +166,22 @@ def expectation(row: Row) -> Expectation:
         return Expectation((0,), ("stopped",), ("'h'", "end"))
     codes = (0, 4) if fault == "thread" else (0,)
     return Expectation(codes, ("finished", "failed")[: len(codes)], whole=True)
+
+
+def _failure(row: Row, place: tuple[str, ...]) -> tuple[str, ...] | None:
+    """What is printed of a run that fails; None if it does not."""
+    fault, call = row.fault, row.call
+    if fault in CRASHES:
+        return (*place, CRASHES[fault])
+    if fault in HANGS:
+        return (*place, "limit")
+    if fault in _LEAKS:
+        return ("'h'", _WORDS[call], "memory", "limit")
+    if fault in _NOT_FINITE:
+        return (r"\bh\b", r"\bx\b", _NOT_FINITE[fault], r"t = 1(\.0\d*)? s")
+    if fault in _STATUSES and call != "terminate":
+        return (*place, "refuses" if call == "instantiate" else _STATUSES[fault])
+    return (_ALTERED[fault],) if fault in _ALTERED else None
 
 
 def at(row: Row) -> float:

@@ -3,7 +3,8 @@
    x' = u - decay x from x0 by Euler steps.
 
    The parameters `fault` and `call` count along the lists below; the fault happens in that call
-   from the time `at` on, from the `nth` call of that function on, and only while |u| > beyond.
+   from the time `at` on, from the `nth` call of that function on, and only while |u| > beyond;
+   else that call is an error where another instance has changed what belongs to the process.
    resources/hostile.txt has the values before any is set, for calls before that, and the path of
    a file of Counts, which outlives the process. */
 
@@ -15,6 +16,10 @@
 #include <pthread.h>
 #include <signal.h>
 #include <sys/mman.h>
+#include <sys/ptrace.h>
+#include <sys/resource.h>
+#include <sys/stat.h>
+#include <sys/time.h>
 #include <time.h>
 #include <unistd.h>
 
@@ -37,7 +42,10 @@ enum { /* faults */
     /* statuses */
     NEGATIVE, WARNING, DISCARD, ERROR, FATAL, PENDING, UNKNOWN, RETURN_EARLY, END,
     /* what belongs to the process */
-    ROUNDING, FLUSH_TO_ZERO, SIGNALS, THREAD, CLOSE_OUTPUT, CHILD, CHANGE_FOLDER, DELETE_RESOURCES
+    ROUNDING, FLUSH_TO_ZERO, SIGNALS, THREAD, CLOSE_OUTPUT, CHILD, CHANGE_FOLDER, DELETE_RESOURCES,
+    DELETE_FOLDER, SURROUNDINGS,
+    /* what belongs to the program that runs it */
+    DAEMON, TRACE_ME, TRUNCATE, GARBAGE, CLOSE_ALL, INTRUDE
 };
 
 typedef struct { /* steps begun and done, gets and sets after the initialisation, and faults */
@@ -126,6 +134,91 @@ static void delete_resources(void) {
         return;
 }
 
+/* A process that has left everything: session, group and parent. */
+static void begin_daemon(void) {
+    if (fork() == 0) {
+        setsid();
+        if (fork() == 0) {
+            alarm(120);
+            for (;;) pause();
+        }
+        _exit(0);
+    }
+}
+
+/* Do something with every descriptor but the standard streams and the file of counts. */
+static void with_descriptors(int fault) {
+    char garbage[4096];
+    memset(garbage, 'x', sizeof garbage);
+    for (int number = 3; number < 1024; number++) {
+        if (fault == TRUNCATE && ftruncate(number, 0))
+            continue;
+        if (fault == GARBAGE && write(number, garbage, sizeof garbage) < 0)
+            continue;
+        if (fault == CLOSE_ALL)
+            close(number);
+    }
+}
+
+/* Write a number over all memory without a name that this process maps, but for its first page. */
+static void intrude(void) {
+    char line[4300];
+    unsigned long first, last;
+    FILE *maps = fopen("/proc/self/maps", "r");
+    while (maps && fgets(line, sizeof line, maps))
+        if (strstr(line, "memfd:") && strstr(line, "rw-s") &&
+            sscanf(line, "%lx-%lx", &first, &last) == 2)
+            for (double *x = (double *)(first + 4096); x < (double *)last; x++)
+                *x = 123.456;
+    if (maps)
+        fclose(maps);
+}
+
+static void delete_folder(void) {
+    char folder[4200];
+    if (!getcwd(folder, sizeof folder) || rmdir(folder))
+        return;
+}
+
+enum { FEW_FILES = 200, AN_HOUR = 3600 };
+
+static void change_surroundings(void) {
+    sigset_t blocked;
+    struct rlimit files;
+    struct itimerval timer = {{0, 0}, {AN_HOUR, 0}};
+    sigemptyset(&blocked);
+    sigaddset(&blocked, SIGUSR2);
+    sigprocmask(SIG_BLOCK, &blocked, NULL);
+    getrlimit(RLIMIT_NOFILE, &files);
+    files.rlim_cur = FEW_FILES;
+    setrlimit(RLIMIT_NOFILE, &files);
+    setitimer(ITIMER_REAL, &timer, NULL);
+    setenv("LEFT_BY_A_HOSTILE_FMU", "1", 1);
+    umask(0777);
+}
+
+/* What of the process is not as it is at first; NULL: all is. */
+static const char *changed(void) {
+    char folder[4200];
+    sigset_t blocked;
+    struct rlimit files;
+    struct itimerval timer;
+    struct sigaction action;
+    mode_t mask = umask(022);
+    umask(mask);
+    sigprocmask(SIG_BLOCK, NULL, &blocked);
+    getrlimit(RLIMIT_NOFILE, &files);
+    getitimer(ITIMER_REAL, &timer);
+    sigaction(SIGUSR1, NULL, &action);
+    return !getcwd(folder, sizeof folder) || !strcmp(folder, "/") ? "the folder is changed"
+        : getenv("LEFT_BY_A_HOSTILE_FMU") ? "the environment is changed"
+        : mask == 0777 ? "the umask is changed"
+        : sigismember(&blocked, SIGUSR2) ? "a signal is blocked"
+        : action.sa_handler != SIG_DFL ? "a signal is ignored"
+        : files.rlim_cur == FEW_FILES ? "a limit is changed"
+        : timer.it_value.tv_sec ? "a timer runs" : NULL;
+}
+
 static void die(int signal_number) {
     signal(signal_number, SIG_DFL);
     raise(signal_number);
@@ -179,6 +272,13 @@ static int misbehave(Model *m, int fault) {
         m->number = CHILD; break;
     case CHANGE_FOLDER: if (chdir("/")) return fmi2Error; break;
     case DELETE_RESOURCES: delete_resources(); break;
+    case DAEMON: if (m->number != DAEMON) begin_daemon();
+        m->number = DAEMON; break;
+    case TRACE_ME: ptrace(PTRACE_TRACEME, 0, NULL, NULL); break;
+    case TRUNCATE: case GARBAGE: case CLOSE_ALL: with_descriptors(fault); break;
+    case INTRUDE: intrude(); break;
+    case DELETE_FOLDER: delete_folder(); break;
+    case SURROUNDINGS: change_surroundings(); break;
     }
     return fmi2OK;
 }
@@ -187,9 +287,10 @@ static int misbehave(Model *m, int fault) {
 static int call(Model *m, int which) {
     m->calls[which]++;
     if (INTEGER(m, FAULT_) == NOTHING || INTEGER(m, CALL_) != which ||
-        m->time < REAL(m, AT) - 1e-9 || m->calls[which] < INTEGER(m, NTH) ||
-        fabs(m->u) <= REAL(m, BEYOND))
+        m->time < REAL(m, AT) - 1e-9 || m->calls[which] < INTEGER(m, NTH))
         return fmi2OK;
+    if (fabs(m->u) <= REAL(m, BEYOND)) /* it suffers from what another one has left */
+        return changed() ? say(&m->log, fmi2Error, changed()) : fmi2OK;
     return misbehave(m, INTEGER(m, FAULT_));
 }
 

@@ -14,17 +14,17 @@ _SOURCE = Path(__file__).with_name("hostile.c")
 
 
 @cache
-def _enumeration(comment: str) -> tuple[str, ...]:
-    """The names of an enumeration of hostile.c, such as stack-overflow for STACK_OVERFLOW."""
-    text = _SOURCE.read_text("utf-8")
+def enumeration(source: Path, comment: str) -> tuple[str, ...]:
+    """The names of an enumeration of a C file, such as stack-overflow for STACK_OVERFLOW."""
+    text = source.read_text("utf-8")
     body = re.findall(rf"^enum {{ /\* {comment} \*/(.*?)}};", text, re.DOTALL | re.MULTILINE)[0]
     names = re.findall(r"[A-Z_0-9]+", re.sub(r"/\*.*?\*/", "", body))
     return tuple(name.lower().replace("_", "-") for name in names)
 
 
-CALLS = _enumeration("calls")
+CALLS = enumeration(_SOURCE, "calls")
 """The functions of FMI in which a fault may happen; `load` is before any of them."""
-FAULTS = _enumeration("faults")
+FAULTS = enumeration(_SOURCE, "faults")
 """What may happen there; the first one is nothing."""
 
 _REALS = (

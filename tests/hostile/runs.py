@@ -16,7 +16,7 @@ import time
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import psutil
@@ -25,13 +25,13 @@ from hostile.hostile_fmu import counts_in, hostile_fmu
 
 import cosim
 from cosim.scenario import Scenario
-from cosim.trace import Trace, recover
+from cosim.trace import Trace, recover, verify
 
 STEP_S, STEPS = 0.05, 40
 DECAY = {"h": 0.7, "s": 0.3, "d": 0.4}
 X0 = {"h": 1.0 / 3.0, "s": 0.1, "d": 3e-310}
 CALL_LIMIT_S, MEMORY_LIMIT = 2.0, "600 MB"
-PATIENCE_S = 15.0
+PATIENCE_S = 30.0
 """After that a command that has not ended is ended, and its row has no exit code."""
 
 _SCENARIO = """title = "A hostile FMU"
@@ -61,8 +61,12 @@ start = "{CALL_LIMIT_S:g} s"
 end = "{CALL_LIMIT_S:g} s"
 memory = "{MEMORY_LIMIT}"
 """
-_SAME_PROJECT = {"PYTHONPATH": str(Path(cosim.__file__).parents[1])}
-"""The command is that of the project which is imported here."""
+_SAME_PROJECT = {
+    "PYTHONPATH": os.pathsep.join(str(Path(f).parents[1]) for f in (cosim.__file__, __file__))
+}
+"""The commands are those of the project which is imported here, and of its tests."""
+Door = Literal["run"] | int
+"""The verb, or a session that goes by this number of points at a time; 0: to its end at once."""
 
 
 class Interrupt(NamedTuple):
@@ -86,7 +90,7 @@ class Found:
     rows_run : rows that were complete, as the FMU counted its steps.
     finished : whether the trace is finished.
     status : of the outcome in the trace.
-    wrong_rows : what is wrong with the rows that were kept.
+    wrong_rows : what is wrong with the rows that were kept, and with the trace, as `verify` has it.
     files_left : in the temporary folder, and in the folder of the run beside the trace.
     processes_left : command lines.
     """
@@ -118,6 +122,7 @@ def run_row(
     interrupt: Interrupt | None = None,
     limits: bool = True,
     isolate: bool = False,
+    door: Door = "run",
 ) -> Found:
     """Run the scenario with the fault of a row in its own process, and look at what is left.
 
@@ -128,16 +133,50 @@ def run_row(
     interrupt : sent when the fault has begun.
     limits : whether the scenario limits the time of calls and the memory.
     isolate : whether the hostile component is in a process of its own.
+    door : through which it is run.
     """
-    home, scratch, out = folder / "run", folder / "tmp", folder / "printed"
+    home = folder / "run"
     home.mkdir()
-    scratch.mkdir()
     counts = folder / "counts"
     _write_scenario(row, home, counts, limits=limits, isolate=isolate)
-    line = [sys.executable, "-m", "cosim", "run", "s.toml", "--out", "t.mcap", *options]
+    line = [*line_of(door), *options]
     if row.call not in RUN_CALLS:
         line = [sys.executable, "-m", "cosim", "fmu", "check", "h.fmu", "--run"]
         line += ["--time", f"{CALL_LIMIT_S:g}"]
+    done = run_command(line, folder, counts=counts, interrupt=interrupt)
+    kept, finished, status, wrong = _look_at(home / "t.mcap", row, folder)
+    run = counts_in(counts)
+    return Found(
+        **asdict(row),
+        **done,
+        rows_kept=kept,
+        rows_run=run.begun if run.done < STEPS else STEPS + 1,
+        finished=finished,
+        status=status,
+        wrong_rows=wrong,
+    )
+
+
+def line_of(door: Door) -> list[str]:
+    """Return the command that runs s.toml through a door into t.mcap."""
+    if door == "run":
+        return [sys.executable, "-m", "cosim", "run", "s.toml", "--out", "t.mcap"]
+    return [sys.executable, "-m", "hostile.session", "s.toml", "t.mcap", str(door)]
+
+
+def run_command(
+    line: list[str],
+    folder: Path,
+    *,
+    counts: Path | None = None,
+    interrupt: Interrupt | None = None,
+) -> dict[str, Any]:
+    """Run a command in `folder`/run; return the fields of `Found` that are not of its trace.
+
+    `counts` : of the FMU that misbehaves, for the interrupt.
+    """
+    home, scratch, out = folder / "run", folder / "tmp", folder / "printed"
+    scratch.mkdir()
     before = set(home.iterdir())
     began = time.monotonic()
     with out.open("w") as stream:
@@ -151,7 +190,7 @@ def run_row(
             start_new_session=True,
         )
         try:
-            if interrupt is not None:
+            if interrupt is not None and counts is not None:
                 _interrupt(process, counts, interrupt)
             code: int | None = process.wait(PATIENCE_S)
         except subprocess.TimeoutExpired:
@@ -160,26 +199,17 @@ def run_row(
             seconds = time.monotonic() - began
             left = tuple(_end_all(scratch, process.pid))
             process.wait()
-    trace = home / "t.mcap"
-    kept, finished, status, wrong = _look_at(trace, row, folder)
     printed = out.read_text("utf-8", "replace")
-    run = counts_in(counts)
     files = [path.relative_to(folder) for path in scratch.iterdir()]
-    files += [path.relative_to(folder) for path in set(home.iterdir()) - before - {trace}]
-    return Found(
-        **asdict(row),
-        code=code,
-        seconds=round(seconds, 2),
-        printed=printed,
-        seen=_seen(printed),
-        rows_kept=kept,
-        rows_run=run.begun if run.done < STEPS else STEPS + 1,
-        finished=finished,
-        status=status,
-        wrong_rows=wrong,
-        files_left=tuple(sorted(map(str, files))),
-        processes_left=left,
-    )
+    files += [p.relative_to(folder) for p in set(home.iterdir()) - before - {home / "t.mcap"}]
+    return {
+        "code": code,
+        "seconds": round(seconds, 2),
+        "printed": printed,
+        "seen": _seen(printed),
+        "files_left": tuple(sorted(map(str, files))),
+        "processes_left": left,
+    }
 
 
 def _write_scenario(row: Row, home: Path, counts: Path, *, limits: bool, isolate: bool) -> None:
@@ -231,8 +261,13 @@ def _look_at(
         return None, False, None, ()
     try:
         trace = Trace(path if path.exists() else recover(folder / partial.name).output)
+        unsound = tuple(
+            f"verify: {check.name}: {check.detail}"
+            for check in verify(trace.path).checks
+            if check.verdict == "failed"
+        )
         if "/h/output" not in trace.topics:  # it failed before its first row
-            return 0, trace.finished, (trace.result or {}).get("status"), ()
+            return 0, trace.finished, (trace.result or {}).get("status"), unsound
         columns = {
             (name, variable): trace.read(f"/{name}/{direction}")[variable].tolist()
             for name in DECAY
@@ -243,7 +278,7 @@ def _look_at(
         return 0, False, None, (f"{type(error).__name__}: {error}",)
     kept = len(columns["h", "x"])
     result = trace.result or {}
-    wrong = tuple(_wrong(columns, row))
+    wrong = (*_wrong(columns, row), *unsound)
     return kept, path.exists() and trace.finished, result.get("status"), wrong
 
 

@@ -26,10 +26,27 @@ def test_fault_is_named_and_nothing_is_lost_or_left(tmp_path: Path, row: Row) ->
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("row", share_of([r for r in rows() if r.call in RUN_CALLS][::3]), ids=str)
+@pytest.mark.parametrize(
+    "row",
+    share_of([r for r in rows() if r.call in RUN_CALLS and r.fault != "intrude"][::3]),
+    ids=str,
+)
 def test_every_third_row_of_the_table(tmp_path: Path, row: Row) -> None:
     """As where the component is not isolated."""
     assert departures(run_row(row, tmp_path, isolate=True)) == []
+
+
+OF_THE_PROGRAM = ("intrude", "truncate", "garbage", "close-all", "daemon", "trace-me")
+
+
+@pytest.mark.parametrize("fault", sampled(OF_THE_PROGRAM, 2))
+@pytest.mark.parametrize("isolate", [True, False])
+def test_component_has_no_way_to_the_others(tmp_path: Path, fault: str, *, isolate: bool) -> None:
+    """Isolated, it does not have the rows of others, and cannot write to them."""
+    row = Row(fault, "step", "2.0")
+    found = run_row(row, tmp_path, isolate=isolate)
+    harmless = Expectation((0,), ("finished",), whole=True)
+    assert departures(found, harmless if isolate and fault == "intrude" else None) == []
 
 
 @pytest.mark.slow

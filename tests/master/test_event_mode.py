@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zipfile
 from collections.abc import Mapping
 from fractions import Fraction
 from itertools import pairwise
@@ -251,6 +252,20 @@ def test_binary_passes_and_arrays_have_the_given_size(tmp_path: Path) -> None:
         assert session.value("a", "echo") == "636261ff00"
         run = session.result(complete=True)
     assert [run.signal("b", f"doubled[{i}]")[-1] for i in range(1, 5)] == [4.0, 8.0, 12.0, 16.0]
+
+
+def test_array_that_is_too_long_is_refused_before_it_is_made(tmp_path: Path) -> None:
+    """By the parameter, and by the start value in the model description."""
+    path = event_fmu(tmp_path, ["n", "row", "doubled"])
+    with pytest.raises(InputError, match="row has 1099511627776 elements"):
+        Component(describe_fmu(path), {"n": 2**40})
+    long = tmp_path / "long.fmu"
+    with zipfile.ZipFile(path) as archive, zipfile.ZipFile(long, "w") as made:
+        for name in archive.namelist():
+            text = archive.read(name).replace(b'start="2"', b'start="%d"' % 2**40)
+            made.writestr(name, text)
+    with pytest.raises(InputError, match="row has 1099511627776 elements"):
+        describe_fmu(long)
 
 
 def test_links_send_what_events_left(tmp_path: Path) -> None:

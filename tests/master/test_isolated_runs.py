@@ -25,7 +25,6 @@ from test_engines import Diary
 from test_foreign_slaves import system_of
 from test_kernel_agrees import random_system, run_random
 
-import cosim.fmu.isolation.process as process_module
 from cosim.core import ComponentError
 from cosim.fmu import FmuDescription, describe_fmu
 from cosim.master import (
@@ -42,9 +41,8 @@ from cosim.trace import Cause
 
 
 @pytest.fixture(autouse=True)
-def forked(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """As in a process that has loaded no FMU; and nothing is left."""
-    monkeypatch.setattr(process_module, "start_method", lambda: "fork")
+def nothing_left() -> Iterator[None]:
+    """No process is left behind."""
     before = children()
     yield
     assert children() <= before
@@ -259,27 +257,26 @@ def test_nobody_spins(tmp_path: Path) -> None:
 
 def test_death_is_noticed_though_a_child_of_the_slave_lives(tmp_path: Path) -> None:
     """It has the other end of the pipe, which is not closed then."""
-    others = set(children())
-    with Session(pair(tmp_path, "2.0", "child", "step")) as session:
+    started: list[Any] = []
+    system = pair(tmp_path, "2.0", "child", "step")
+    with Session(system, process_started=started.append) as session:
         session.run_until(0.5)
-        mine = {one.pid for one in psutil.Process().children()}
-        (number,) = (set(children()) - others) & mine
-        (left,) = psutil.Process(number).children()
-        os.kill(number, signal.SIGKILL)
+        (left,) = psutil.Process(started[0].number).children()
+        os.kill(started[0].number, signal.SIGKILL)
         session.go_on()
         run = session.result()
-        left.kill()
+        assert not left.is_running()
     assert run.cause is not None
     assert (run.status, run.cause.kind, run.cause.component) == ("failed", "crashed", "h")
 
 
 def test_death_between_two_calls_is_that_of_the_next(tmp_path: Path) -> None:
     """A process that somebody else kills."""
-    others = set(children())
-    with Session(pair(tmp_path, "2.0", "nothing", "step")) as session:
+    started: list[Any] = []
+    system = pair(tmp_path, "2.0", "nothing", "step")
+    with Session(system, process_started=started.append) as session:
         session.run_until(0.5)
-        (number,) = set(children()) - others
-        os.kill(number, signal.SIGKILL)
+        os.kill(started[0].number, signal.SIGKILL)
         session.go_on()
         run = session.result()
     assert run.cause is not None

@@ -23,6 +23,7 @@ from cosim.master import (
     System,
     make_schedule,
 )
+from cosim.scenario.supervised_session import SupervisedSession
 
 PAGE = Path(__file__).parents[2] / "docs" / "reference" / "outcomes.md"
 FAULTS = {
@@ -31,7 +32,7 @@ FAULTS = {
     "nan": misbehaviour("not-a-number", "get", at=0.5),
     "segfault": misbehaviour("segfault", "step", at=0.5),
 }
-"""How a component fails; the last one isolated."""
+"""How a component fails."""
 
 
 def table() -> dict[str, dict[str, str]]:
@@ -47,7 +48,7 @@ def table() -> dict[str, dict[str, str]]:
 
 
 TABLE = table()
-CALLS: dict[str, Callable[[Session, Snapshot], Any]] = {
+CALLS: dict[str, Callable[[Any, Snapshot], Any]] = {
     "step": lambda s, _: s.step(),
     "run_until": lambda s, _: s.run_until(2.0),
     "read": lambda s, _: s.read("s", "x"),
@@ -69,12 +70,19 @@ CALLS: dict[str, Callable[[Session, Snapshot], Any]] = {
 }
 
 
-def pair(folder: Path, fault: str = "") -> System:
+MAKERS: dict[str, Callable[[System], Session | SupervisedSession]] = {
+    "here": Session,
+    "child": SupervisedSession,
+}
+"""Sessions whose components are in this process, and in a child."""
+
+
+def pair(folder: Path, fault: str = "", *, isolate: bool = False) -> System:
     """`h` may misbehave; `s` gets its output."""
     fmu = describe_fmu(hostile_fmu(folder, "2.0"))
     bad = {**FAULTS[fault], "x0": 1.0} if fault else {"x0": 1.0}
     components = {
-        "h": Component(fmu, bad, isolate=fault == "segfault"),
+        "h": Component(fmu, bad, isolate=isolate),
         "s": Component(fmu, {"x0": 0.5}),
     }
     wires = [Connection(end("h.x"), end("s.u")), Connection(end("s.x"), end("h.u"))]
@@ -82,9 +90,12 @@ def pair(folder: Path, fault: str = "") -> System:
 
 
 @contextmanager
-def in_state(state: str, folder: Path, fault: str) -> Iterator[tuple[Session, Snapshot | None]]:
+def in_state(
+    state: str, folder: Path, fault: str, place: str = "here"
+) -> Iterator[tuple[Session | SupervisedSession, Snapshot | None]]:
     """A session in a state, and a snapshot that it took."""
-    session = Session(pair(folder, fault if state == "failed" else ""))
+    isolate = (fault, place) == ("segfault", "here")  # else it would end the tests
+    session = MAKERS[place](pair(folder, fault if state == "failed" else "", isolate=isolate))
     if state == "loading":
         yield session, None
         return
@@ -102,7 +113,7 @@ def in_state(state: str, folder: Path, fault: str) -> Iterator[tuple[Session, Sn
         yield session, kept
 
 
-def answer(call: str, session: Session, kept: Any) -> str:
+def answer(call: str, session: Any, kept: Any) -> str:
     """What a call does, in the words of the table."""
     try:
         CALLS[call](session, kept)
@@ -118,17 +129,19 @@ def test_the_table_has_every_call() -> None:
     assert list(TABLE) == list(CALLS)
 
 
+@pytest.mark.parametrize("place", MAKERS)
 @pytest.mark.parametrize("state", ["loading", "running", "ended", "closed"])
-def test_each_call_does_what_the_table_says(state: str, tmp_path: Path) -> None:
+def test_each_call_does_what_the_table_says(state: str, place: str, tmp_path: Path) -> None:
     for call in CALLS:
-        with in_state(state, tmp_path, "") as (session, kept):
+        with in_state(state, tmp_path, "", place) as (session, kept):
             assert (call, answer(call, session, kept)) == (call, TABLE[call][state])
 
 
+@pytest.mark.parametrize("place", MAKERS)
 @pytest.mark.parametrize("fault", FAULTS)
-def test_a_failed_session_raises_from_every_call(fault: str, tmp_path: Path) -> None:
+def test_a_failed_session_raises_from_every_call(fault: str, place: str, tmp_path: Path) -> None:
     """Again and again; what it has recorded is there."""
-    with in_state("failed", tmp_path, fault) as (session, kept):
+    with in_state("failed", tmp_path, fault, place) as (session, kept):
         assert session.status == "failed"
         for call in [*CALLS, *CALLS]:
             if call == "restore" and fault == "nan":
@@ -144,8 +157,9 @@ def test_a_failed_session_raises_from_every_call(fault: str, tmp_path: Path) -> 
         assert run.signal("s", "x").size == run.count
 
 
-def test_what_is_alive_can_go_back_from_a_failure(tmp_path: Path) -> None:
-    with in_state("failed", tmp_path, "nan") as (session, kept):
+@pytest.mark.parametrize("place", MAKERS)
+def test_what_is_alive_can_go_back_from_a_failure(place: str, tmp_path: Path) -> None:
+    with in_state("failed", tmp_path, "nan", place) as (session, kept):
         assert kept is not None
         session.restore(kept)
         assert session.status == "running"

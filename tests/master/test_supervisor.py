@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
+import signal
+import time
+from collections.abc import Iterator
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
@@ -12,6 +14,7 @@ from typing import Any
 import numpy as np
 import psutil
 import pytest
+from diary import Diary
 from foreign.c_fmu import c_fmu, every
 from hostile.hostile_fmu import hostile_fmu, misbehaviour
 from scalar import end, ns, scalar_fmu, scalars
@@ -23,33 +26,17 @@ from cosim.master import (
     Connection,
     DelaySource,
     Endpoint,
+    Limits,
     Observer,
     Run,
+    Session,
     Supervisor,
     System,
     make_schedule,
     simulate,
 )
 from cosim.network import DelaySignal, PacketLink
-from cosim.scenario.system_run import DriveEvents
-
-
-class Diary(Observer):
-    """What an observer receives, in order."""
-
-    def __init__(self) -> None:
-        self.lines: list[tuple[Any, ...]] = []
-        self.rows = 0
-
-    def begin(self, instances: Sequence[Any]) -> None:
-        self.lines.append(("begin", len(instances)))
-
-    def rows_complete(self, first: int, last: int) -> None:
-        assert first == self.rows
-        self.rows = last
-
-    def log(self, time_ns: int, level: str, name: str, message: str) -> None:
-        self.lines.append((self.rows, time_ns, level, name, message))
+from cosim.scenario.system_run import DriveEvents, EventResults
 
 
 def supervised(supervisor: Supervisor, system: System, *observers: Observer) -> Run:
@@ -78,23 +65,24 @@ def pump(folder: Path, fault: str, call: str = "step", at: float = 0.45) -> Syst
 
 
 def children() -> set[int]:
-    return {child.pid for child in psutil.Process(os.getpid()).children()}
+    return {child.pid for child in psutil.Process(os.getpid()).children(recursive=True)}
 
 
 def test_child_flies_many_runs_and_is_replaced_after_its_death(tmp_path: Path) -> None:
     """Two runs in one process, one that ends it, and one more in another; then none is left."""
     before = children()
-    with Supervisor() as opened:
+    with Supervisor(method="fork") as opened:
         sound, deadly = pump(tmp_path, "nothing"), pump(tmp_path, "segfault")
         assert supervised(opened, sound).status == "finished"
-        (first,) = children() - before
+        first = children() - before
         assert supervised(opened, sound).status == "finished"
-        assert children() - before == {first}
+        assert children() - before == first
         died = supervised(opened, deadly)
         assert (died.status, died.points_ns.size) == ("failed", 6)
         assert supervised(opened, sound).signal("pump", "x")[-1] == pytest.approx(2.0)
-        (second,) = children() - before
-        assert second != first
+        second = children() - before
+        assert len(first) == len(second) == 2  # the child and its keeper
+        assert second.isdisjoint(first)
     assert children() == before
 
 
@@ -221,3 +209,69 @@ def test_crash_between_two_sent_values_keeps_the_rows_before(tmp_path: Path) -> 
     assert run.cause is not None
     assert (run.cause.component, run.cause.call) == ("bad", "fmi3GetFloat64")
     np.testing.assert_allclose(run.signal("good", "x"), np.arange(5) * 0.1)
+
+
+class Slow(Diary):
+    """An observer that the child is ahead of, and a Ctrl-C after its first rows."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.requested = self.after = 0
+
+    def rows_complete(self, first: int, last: int) -> None:
+        super().rows_complete(first, last)
+        self.after += bool(self.requested)
+        self.requested = signal.SIGINT
+        time.sleep(0.1)
+
+
+def test_interruption_is_answered_before_the_messages_that_wait(tmp_path: Path) -> None:
+    """However far the child is ahead of the observers: what it has told is one piece more."""
+    slow = Slow()
+    system = replace(pump(tmp_path, "nothing"), comm_schedule=_LONG, divergence=1e12)
+    with Supervisor(interruption=slow) as supervisor, ExitStack() as living:
+        run = supervisor.run(
+            system, [slow], DriveEvents(), living=living, engine="python", keep=False
+        ).run
+    assert run.cause is not None
+    assert run.cause.kind == "interrupted"
+    assert run.status == "stopped"
+    assert slow.rows == run.count < _LONG.points_ns.size
+    assert slow.after <= 3
+
+
+_LONG = make_schedule({}, ns(0.1), ns(100_000), "grid")
+
+
+@pytest.mark.parametrize("fault", ["surroundings", "change-folder", "signals", "delete-folder"])
+def test_what_a_run_has_changed_is_not_there_for_the_next(tmp_path: Path, fault: str) -> None:
+    """It is put back, or the child is replaced: an FMU that looks finds what there was at first."""
+    with Supervisor() as opened:
+        assert supervised(opened, pump(tmp_path, fault)).status == "finished"
+        parameters = {**misbehaviour("nothing"), "fault": 1.0, "beyond": 1e9, "u": 2.0}
+        looks = pump(tmp_path, "nothing")
+        watching = replace(looks.components["pump"], parameters=parameters)
+        found = supervised(opened, replace(looks, components={"pump": watching}))
+        assert (found.status, found.reason) == ("finished", None)
+
+
+class Idle:
+    """Runs half of a session, and then does something else that does not end."""
+
+    result = EventResults
+
+    def __call__(self, session: Session) -> EventResults:
+        session.run_until(0.5)
+        time.sleep(600.0)
+        return EventResults()
+
+
+def test_a_limit_of_calls_bounds_the_time_between_two_as_well(tmp_path: Path) -> None:
+    """What the child does by itself must not take as long as a call may."""
+    with Supervisor(Limits(call=0.5)) as opened, ExitStack() as living:
+        system = pump(tmp_path, "nothing")
+        run = opened.run(system, [], Idle(), living=living).run
+    assert run.cause is not None
+    assert (run.status, run.cause.kind, run.cause.call) == ("failed", "timed-out", None)
+    assert "no answer within 0.5 s at t = 0.5 s" in str(run.reason)
+    assert run.count == 5

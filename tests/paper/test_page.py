@@ -163,10 +163,10 @@ def test_unwritable_page_is_refused_before_the_computation(
 
     monkeypatch.setattr(cosim.paper, "reproduce", computed)
     (tmp_path / "file").write_text("", "utf-8")
-    for place in (".", "file/page.html"):
+    for place, words in ((".", "is a folder"), ("file/page.html", "cannot be written")):
         result = command("paper", "--html", place, "--json", cwd=tmp_path)
         assert result.code == 2
-        assert "cannot be written" in result.error["what"]
+        assert words in result.error["what"]
     monkeypatch.setattr(cosim.trace, "pyplot", missing)
     result = command("paper", "--html", "page.html", "--json", cwd=tmp_path)
     assert result.code == 2

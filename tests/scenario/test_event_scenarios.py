@@ -66,7 +66,7 @@ def executed(path: Path, trace: str, supervision: Supervision | None, *settings:
 def test_trace_has_the_points_of_events(scenario: Path) -> None:
     """All of them, (t, 0), (t, 1), ..., in one process, in a child and with isolated slaves."""
     here = executed(scenario, "here.mcap", None)
-    supervised = executed(scenario, "child.mcap", Supervision(Limits(), "fork"))
+    supervised = executed(scenario, "child.mcap", Supervision(Limits(), supervised=True))
     assert (supervised.status, supervised.content_hash) == ("finished", here.content_hash)
     isolated = [f"components.{name}.isolate=true" for name in ("cause", "sampler")]
     assert executed(scenario, "isolated.mcap", None, *isolated).status == "finished"

@@ -64,6 +64,16 @@ def with_entries(*names: str, zeros: int = 0, mode: int = 0o100644) -> Change:
     return change
 
 
+def with_other_content(name: str) -> Change:
+    def change(fmu: Path, _folder: Path) -> None:
+        with warnings.catch_warnings(), zipfile.ZipFile(fmu, "a") as archive:
+            warnings.simplefilter("ignore")
+            archive.writestr(name, b"one")
+            archive.writestr(name, b"another")
+
+    return change
+
+
 def called(identifier: str) -> Change:
     """A model identifier that leads to a library which leaves a mark when it is loaded."""
 
@@ -137,7 +147,7 @@ HOSTILE: dict[str, tuple[Change, str, str]] = {
         "at most 250 times as many",
     ),
     "backslash": (with_entries("resources\\mark"), "resources\\mark", "has a backslash"),
-    "twice": (with_entries("resources/a", "resources/a"), "resources/a", "there twice"),
+    "twice": (with_other_content("resources/a"), "resources/a", "there twice"),
     "case": (with_entries("resources/a", "resources/A"), "resources/A", "differs from resources/a"),
     "composed": (
         with_entries("resources/\u00e9", "resources/e\u0301"),

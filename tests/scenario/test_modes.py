@@ -172,12 +172,13 @@ def test_restored_session_goes_on_in_its_mode(fmus: Path, tmp_path: Path) -> Non
         session.restore(before)
         session.run_until()
         assert np.array_equal(session.result().signal("plant", "eta.x"), rows)
-        assert session.instances[0].comm_points.event_values.all() == modes
+        found = session.instances[0].comm_points.event_values.all()
+        assert repr(found) == repr(modes)  # NaN is not equal to itself
     with open_session(path, fmus=fmus.parent) as other:
         other.restore(type(before).load(tmp_path / "s.npz"))
         other.run_until()
         assert np.array_equal(other.result().signal("plant", "eta.x"), rows)
-        assert other.instances[0].comm_points.event_values.all() == modes
+        assert repr(other.instances[0].comm_points.event_values.all()) == repr(modes)
         with pytest.raises(InputError, match="other events"):
             other.restore(replace(before, events={**before.events, "events": []}))
 

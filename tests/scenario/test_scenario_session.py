@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from cli.shell import SCENARIOS
 from test_events import LOOP as PLAIN
 
 from cosim import open_session
@@ -121,6 +122,22 @@ def test_snapshots_contain_what_events_have_done(
             other.restore(Snapshot.load(tmp_path / "s.npz"))
             other.run_until()
             assert rows(other.result()) == expected
+
+
+@pytest.mark.parametrize("supervise", [False, True])
+def test_who_goes_back_to_the_end_has_ended(supervise: bool, fmus: Path) -> None:  # noqa: FBT001 - drawn
+    """Nothing is left to be done: no call runs for ever, and closing asks for no further point."""
+    path = str(SCENARIOS / "valid" / "grid-events.toml")
+    with open_session(path, fmus=fmus.parent, flavour=fmus.name, supervise=supervise) as session:
+        session.run_until()
+        end = session.snapshot()
+        rows = session.rows
+        session.restore(end)
+        assert (session.status, session.rows) == ("finished", rows)
+        with pytest.raises(InputError, match="the run has ended"):
+            session.step(3)
+        session.run_until()
+        assert session.result().status == "finished"
 
 
 def test_a_snapshot_of_other_events_is_refused(fmus: Path, tmp_path: Path) -> None:

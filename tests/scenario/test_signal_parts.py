@@ -200,7 +200,7 @@ def test_parquet_is_read_as_csv_is(tmp_path: Path) -> None:
         (table | {"w": [1.0, math.nan, 2.0]}, "row 2, column w"),
         (table | {"w": [1.0, None, 2.0]}, "row 2, column w"),
         (table | {"time": [0.0, 0.2, 0.1]}, "row 3, column time"),
-        (table | {"w": table["word"]}, "this column has no numbers"),
+        (table | {"w": table["word"]}, "row 1, column w: this is not a number"),
     ):
         parquet.write_table(arrow.table(wrong), tmp_path / "waves.parquet")
         with pytest.raises(InputError, match=words):

@@ -41,6 +41,7 @@ SAYS = {
     "set-nowhere": (13, "did you mean end"),
     "set-wrong-value": (13, "run.end"),
     "settling-without-band": (10, "within is the band"),
+    "strange-name": (6, "the name of a column: a letter, then"),
     "stability-of-nothing": (13, "there is no axis 'dely'"),
     "too-many": (7, "100000000"),
     "traces-by-nothing": (3, "did you mean gain"),

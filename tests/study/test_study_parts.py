@@ -12,8 +12,9 @@ from study.deadly import plan
 
 from cosim.core.errors import InputError
 from cosim.study.execution import execute_study
-from cosim.study.folder import MANIFEST, RESULTS, RUN_LOG
+from cosim.study.folder import MANIFEST, RESULTS, RUN_LOG, read_manifest, read_rows
 from cosim.study.merge import merge_studies
+from cosim.study.run_log import line_of
 from cosim.study.table import read_table
 
 VALUES = [0.1 * i for i in range(6)]
@@ -85,9 +86,11 @@ def test_parts_of_different_studies_are_refused_by_what_differs(
 def test_a_run_with_two_results_is_refused(parts: Path, tmp_path: Path) -> None:
     """The last bit of one value: run and folders are named, and nothing is merged."""
     other = shutil.copytree(parts / "second", tmp_path / "other")
-    lines = [json.loads(line) for line in (other / RUN_LOG).read_text().splitlines()]
-    lines[0][4] = lines[0][4] * (1 + 2**-52)
-    (other / RUN_LOG).write_text("".join(f"{json.dumps(line)}\n" for line in lines))
+    with read_rows(other) as rows:
+        first, *rest = rows
+    changed = first._replace(values=(first.values[0] * (1 + 2**-52), *first.values[1:]))
+    digest = read_manifest(other)["digest"]
+    (other / RUN_LOG).write_bytes(b"".join(line_of(row, digest) for row in (changed, *rest)))
     with pytest.raises(InputError, match="run 2 has other results") as refused:
         merge_studies([parts / "first", other], tmp_path / "out")
     assert str(other) in refused.value.text()

@@ -12,7 +12,7 @@ from study.deadly import DEADLY, U, plan, truth
 from cosim.core.errors import InputError, LossError
 from cosim.study import batch
 from cosim.study.execution import execute_study
-from cosim.study.folder import RESULTS, RUN_LOG, Folder
+from cosim.study.folder import MANIFEST, RESULTS, RUN_LOG, Folder, read_rows
 from cosim.study.manifest import manifest_of
 from cosim.study.study_runner import StudyRunner
 from cosim.study.table import read_table
@@ -48,6 +48,54 @@ def test_every_run_agrees_with_the_closed_form(tmp_path: Path) -> None:
     assert found["x"] == pytest.approx([truth(u) for u in values], rel=1e-14)
     assert set(found["status"]) == {"finished"}
     assert (done.runs, done.executed, done.statuses) == (10, 10, {"finished": 10})
+
+
+def test_a_line_of_the_run_log_counts_as_it_was_written_or_not_at_all(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A changed value, number or status, and a line of another study: these runs are done again."""
+    values = [0.5 * i for i in range(6)]
+    execute_study(plan(values), tmp_path / "one")
+    execute_study(plan([9.0] * 6), tmp_path / "other")
+    log = tmp_path / "one" / RUN_LOG
+    lines = sorted(log.read_bytes().splitlines(), key=lines_run)
+    foreign = sorted((tmp_path / "other" / RUN_LOG).read_bytes().splitlines(), key=lines_run)
+    value = json.loads(lines[1])["row"][4]
+    lines[1] = lines[1].replace(repr(value).encode(), repr(value + 1.0).encode())
+    lines[2] = lines[2].replace(b"[2,", b"[3,")
+    lines[4] = foreign[4]
+    lines[5] = lines[5].replace(b'"finished"', b'"diverged"')
+    log.write_bytes(b"\n".join([lines[0], lines[2], *lines[1:2], *lines[3:], b""]))
+    with read_rows(tmp_path / "one") as rows:
+        assert ([row.run for row in rows], rows.unread) == ([0, 3], 4)
+    capsys.readouterr()
+    executed = counted(monkeypatch)
+    done = execute_study(plan(values), tmp_path / "one")
+    assert sorted(executed) == [1, 2, 4, 5]
+    assert "4 lines not as written" in capsys.readouterr().err
+    assert (done.runs, done.statuses) == (6, {"finished": 6})
+    assert table(tmp_path / "one")["x"] == pytest.approx([truth(u) for u in values], rel=1e-14)
+
+
+def lines_run(line: bytes) -> int:
+    """The number of the run that a line of a run log is about."""
+    return int(json.loads(line)["row"][0])
+
+
+def test_a_run_log_without_checksums_is_continued_and_gets_them(tmp_path: Path) -> None:
+    """As earlier releases wrote it."""
+    values = [0.5 * i for i in range(4)]
+    execute_study(plan(values), tmp_path)
+    log, file = tmp_path / RUN_LOG, tmp_path / MANIFEST
+    bare = [json.dumps(json.loads(line)["row"]) for line in log.read_text().splitlines()[:3]]
+    log.write_text("\n".join([*bare, ""]))
+    manifest = json.loads(file.read_text())
+    del manifest["run_log_checked"]
+    file.write_text(json.dumps(manifest))
+    with read_rows(tmp_path) as rows:
+        assert (len(rows), rows.unread) == (3, 0)
+    assert execute_study(plan(values), tmp_path).executed == 1
+    assert len([json.loads(line)["check"] for line in log.read_text().splitlines()]) == 4
 
 
 def test_axes_change_the_places_they_name(tmp_path: Path) -> None:

@@ -105,6 +105,13 @@ def run_peer(tool: Tool, peer_run: PeerRun, folder: Path) -> dict[str, NDArray[n
     return answered(tool.file, tool.modules, asdict(peer_run), folder)
 
 
+def skip_without(modules: Sequence[str]) -> None:
+    """Skip the test where a tool cannot be had, before what it is to read is made."""
+    missing = [name for name in modules if not installed(name)]
+    if missing:
+        pytest.skip(f"needs {', '.join(missing)}: pip install auv-cosim[{EXTRA}]")
+
+
 def answered(
     file: str, modules: Sequence[str], request: Mapping[str, Any], folder: Path
 ) -> dict[str, NDArray[np.float64]]:
@@ -113,9 +120,7 @@ def answered(
     request : JSON values, `steps` among them; `modules` : what the file needs, or the test is
     skipped.
     """
-    missing = [name for name in modules if not installed(name)]
-    if missing:
-        pytest.skip(f"needs {', '.join(missing)}: pip install auv-cosim[{EXTRA}]")
+    skip_without(modules)
     question, answer = folder / "question.json", folder / "answer.json"
     question.write_text(json.dumps(request), "utf-8")
     path = os.pathsep.join([str(HERE.parent), *sys.path])

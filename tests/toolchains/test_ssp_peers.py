@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from toolchains.peer_run import skip_without
 from toolchains.ssp_peer_run import PEERS, Archive, Peer, label, run_peer
 
 from cosim.master import simulate
@@ -124,6 +125,7 @@ def test_archive_runs_elsewhere_as_here(
     native_fmus: Path, tmp_path: Path, peer: Peer, links: str
 ) -> None:
     """Without links, and with links that lose, delay and quantize as FMUs."""
+    skip_without(peer.modules)
     linked = links == "link FMUs"
     text = scenario("from rest" if peer.bound else "defaults", linked=linked)
     archive, ours = exported(text, "fmu", native_fmus, tmp_path)
@@ -135,6 +137,7 @@ def test_vehicle_over_its_acoustic_links_runs_elsewhere_as_here(
     native_fmus: Path, tmp_path: Path, peer: Peer
 ) -> None:
     """A designed gain, a sea, a path to follow, and two lossy links with jitter."""
+    skip_without(peer.modules)
     from cosim.scenario.read import load  # noqa: PLC0415
 
     text = load("auv-acoustic").text.replace("end = 180.0", "end = 60.0")
@@ -153,6 +156,7 @@ def test_other_tools_run_annotated_links_as_direct_connections(
     native_fmus: Path, tmp_path: Path
 ) -> None:
     """As the warning of the export says: the archive runs as if there were no links."""
+    skip_without(PEERS["ecos"].modules)
     archive, linked = exported(
         scenario("from rest", linked=True), "annotate", native_fmus, tmp_path
     )

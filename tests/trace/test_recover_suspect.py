@@ -1,4 +1,4 @@
-"""`recover --keep-suspect` loses nothing that a plain reader has, and `verify` agrees with it."""
+"""`recover` loses nothing that a plain reader has, and `verify` agrees with it."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def test_no_flipped_bit_loses_what_a_plain_reader_has(
     for at, damaged in flips(whole, count, seed=count):
         bad.write_bytes(damaged)
         try:
-            result = recover(bad, out, force=True, keep_suspect=True)
+            result = recover(bad, out, force=True)
         except InputError:
             assert at < 30
             continue
@@ -92,8 +92,8 @@ def test_a_flipped_byte_costs_one_value(tmp_path: Path) -> None:
     damaged = bytearray(whole)
     damaged[whole.index(everything[15][-1], start, end) + 5] ^= 0x10
     path.write_bytes(damaged)
-    assert recover(path, tmp_path / "b.mcap").lost_messages == count
-    result = recover(path, tmp_path / "c.mcap", keep_suspect=True)
+    assert recover(path, tmp_path / "b.mcap", strict=True).lost_messages == count
+    result = recover(path, tmp_path / "c.mcap")
     assert (result.lost, result.lost_messages, result.suspect_messages) == (True, 0, count)
     assert [d.outcome for d in result.damage] == ["suspect"]
     messages = contents(result.output)[0]
@@ -120,7 +120,7 @@ def test_a_zstd_frame_is_kept_up_to_its_damage(tmp_path: Path) -> None:
     damaged = bytearray(path.read_bytes())
     damaged[end - 2000 : end] = bytes(2000)
     path.write_bytes(damaged)
-    result = recover(path, tmp_path / "b.mcap", keep_suspect=True)
+    result = recover(path, tmp_path / "b.mcap")
     assert start < end
     messages = contents(result.output)[0]
     assert 0.4 * count < len(messages) < count == len(everything)
@@ -210,7 +210,7 @@ def test_cuts_lose_nothing_that_a_plain_reader_has(tmp_path: Path) -> None:
     for length in range(9, len(whole), len(whole) // 40):
         cut.write_bytes(whole[:length])
         try:
-            result = recover(cut, tmp_path / "b.mcap", force=True, keep_suspect=True)
+            result = recover(cut, tmp_path / "b.mcap", force=True)
         except CosimError:
             assert not plain(cut, seeking=False)
             continue

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import errno
 import os
+import shutil
 import stat
 from pathlib import Path
 
 import pytest
 
-from cosim.core import InputError
-from cosim.trace import Signal, Trace, TraceWriter, recover
+from cosim.core import InputError, LossError
+from cosim.trace import Signal, Trace, TraceWriter, recover, verify
 
 
 def write(path: Path, values: list[float], *, finish: bool = True) -> None:
@@ -119,14 +121,66 @@ def test_the_partial_file_of_another_user_is_not_written_into(tmp_path: Path) ->
     assert partial.read_bytes() == b""
 
 
-@pytest.mark.skipif(not Path("/proc/self/fd").exists(), reason="needs open files by number")
-def test_a_partial_file_that_is_removed_meanwhile_is_written_all_the_same(tmp_path: Path) -> None:
-    path = tmp_path / "a.mcap"
-    with TraceWriter(path, run={}) as writer:
+@pytest.mark.skipif(os.name == "nt", reason="no open file can be removed there")
+@pytest.mark.parametrize("fsync", [False, True])
+@pytest.mark.parametrize("there", [False, True])
+@pytest.mark.parametrize("what", ["file", "folder", "another"])
+def test_a_partial_file_that_is_removed_meanwhile_is_written_all_the_same(
+    tmp_path: Path, what: str, *, fsync: bool, there: bool
+) -> None:
+    """With its folder, or for another run of the same name, whose file stays its own."""
+    path = tmp_path / "in" / "a.mcap"
+    if there:
+        write(path, [0.0])
+    with TraceWriter(path, run={}, fsync=fsync) as writer:
         topic = writer.add_topic("/x", [Signal("x")], schema_name="t.X")
         writer.write(topic, 0, [1.0])
         writer.flush()
-        writer.partial_path.unlink()
+        if what == "folder":
+            shutil.rmtree(path.parent)
+        else:
+            writer.partial_path.unlink()
+        if what == "another":
+            writer.partial_path.write_text("another's")
         writer.write(topic, 1, [2.0])
         writer.finish({})
     assert values(path) == [1.0, 2.0]
+    assert verify(path).verdict == "ok"
+    beside = {x.name: x for x in path.parent.iterdir()}
+    assert beside.pop("a.mcap")
+    assert [x.read_text() for x in beside.values()] == ["another's"] * (what == "another")
+
+
+@pytest.mark.skipif(os.name == "nt", reason="no open file can be removed there")
+def test_a_partial_file_that_cannot_be_written_again_is_a_named_loss(tmp_path: Path) -> None:
+    """It is not said to be there."""
+    path = tmp_path / "in" / "a.mcap"
+    writer = TraceWriter(path, run={})
+    writer.partial_path.unlink()
+    path.parent.rmdir()
+    path.parent.write_text("no folder")
+    with pytest.raises(LossError, match="could not be written") as caught:
+        writer.finish({})
+    assert caught.value.hint is not None
+    assert "is gone" in caught.value.hint
+    writer.close()
+
+
+@pytest.mark.skipif(not hasattr(os, "O_DIRECTORY"), reason="no folders are flushed there")
+def test_a_folder_that_cannot_be_flushed_is_a_named_loss(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The trace is complete by then, and stays."""
+    path = tmp_path / "a.mcap"
+    real = os.fsync
+
+    def fsync(descriptor: int) -> None:
+        if stat.S_ISDIR(os.fstat(descriptor).st_mode):
+            raise OSError(errno.EIO, "no luck")
+        real(descriptor)
+
+    with TraceWriter(path, run={}, fsync=True) as writer:
+        monkeypatch.setattr(os, "fsync", fsync)
+        with pytest.raises(LossError, match="no luck"):
+            writer.finish({})
+    assert verify(path).verdict == "ok"

@@ -160,7 +160,7 @@ def chunks_of(path: Path) -> list[tuple[int, int, int]]:
 def test_damaged_chunk_is_left_out_whole_and_counted(
     tmp_path: Path, compression: str, *, with_end: bool
 ) -> None:
-    """Also the first, which others of its kind declare their channels in."""
+    """With --strict. Also the first, which others of its kind declare their channels in."""
     path = a_trace(tmp_path / "a.mcap", compression=compression)
     whole = path.read_bytes()
     everything = contents(path)
@@ -172,7 +172,7 @@ def test_damaged_chunk_is_left_out_whole_and_counted(
         damaged[(start + 60 + end) // 2] ^= 0x10
         bad = tmp_path / "bad.mcap"
         bad.write_bytes(damaged if with_end else damaged[:-30])
-        result = recover(bad, tmp_path / "out.mcap", force=True)
+        result = recover(bad, tmp_path / "out.mcap", force=True, strict=True)
         assert (result.lost, result.lost_messages) == (True, count)
         first = result.damage[0]
         assert (first.position, first.length) == (start, end - start)
@@ -200,7 +200,7 @@ def test_messages_on_a_channel_that_is_not_declared_are_counted(tmp_path: Path) 
 
 @pytest.mark.slow
 def test_overwritten_bytes_lose_no_other_message(tmp_path: Path) -> None:
-    """Overwritten bytes, also in lengths: kept messages are unchanged, losses reported."""
+    """Also in lengths, with --strict: kept messages are unchanged, losses reported."""
     choose = random.Random(3)  # noqa: S311 - to be repeatable
     out = tmp_path / "out.mcap"
     for compression in ("zstd", "none"):
@@ -216,7 +216,7 @@ def test_overwritten_bytes_lose_no_other_message(tmp_path: Path) -> None:
             if damaged == whole:
                 continue
             try:
-                result = recover(bad, out, force=True)
+                result = recover(bad, out, force=True, strict=True)
             except InputError:
                 continue
             found = contents(out)[0]

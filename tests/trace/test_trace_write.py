@@ -272,6 +272,16 @@ def test_writer_refuses_invalid_calls(tmp_path: Path) -> None:
     writer.close()
 
 
+def test_topic_with_more_signals_than_protobuf_has_room_for_is_refused(tmp_path: Path) -> None:
+    """By its name and their number."""
+    signals = [Signal(f"x[{i}]") for i in range(9000)]
+    with (
+        TraceWriter(tmp_path / "a.mcap", run={}) as writer,
+        pytest.raises(InputError, match=r"/plant/output: .* no room(.|\n)*got: 9000"),
+    ):
+        writer.add_topic("/plant/output", signals, schema_name="cosim.plant.Output")
+
+
 def test_path_that_cannot_be_written_is_refused(tmp_path: Path) -> None:
     """A file in place of a folder, a directory and an unknown compression are bad input."""
     (tmp_path / "d.mcap").mkdir()

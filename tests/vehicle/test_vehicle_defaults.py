@@ -12,8 +12,8 @@ import pytest
 from cosim import hinf
 from cosim.core import NotAchievableError
 from cosim.vehicle import FlightSettings, fly, linear_model, vehicle_from_toml, vehicle_text
-from cosim.vehicle.diagnosis import not_observed
-from cosim.vehicle.flight_design import as_designed_for, certified_design
+from cosim.vehicle.flight_design import certified_design
+from cosim.vehicle.flight_model import as_designed_for, flight_model
 from cosim.vehicle.flight_scenario import Mission
 
 HOVER = ("eta.x", "eta.y", "eta.z", "eta.psi", "nu.u", "nu.v", "nu.w", "nu.r")
@@ -56,9 +56,9 @@ def test_what_no_sensor_shows_is_not_controlled_by_default_and_refused_by_name()
     text = bare("bluerov2-heavy") + kept
     found = vehicle_from_toml(text, where="x")
     assert set(found.control.states) == {"eta.z", "nu.u", "nu.w", "nu.r"}
-    assert not [*not_observed(found)]
+    assert flight_model(found)[1] == []
     asked = vehicle_from_toml(text + '[control]\nstates = ["eta.x", "nu.u"]\n', where="x")
-    (error,) = not_observed(asked)
+    error = flight_model(asked)[1][0]
     assert "eta.x" in str(error)
 
 

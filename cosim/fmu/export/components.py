@@ -43,5 +43,5 @@ def component_module(module: str) -> ModuleType:
     if PACKAGE not in sys.modules:
         spec = ModuleSpec(PACKAGE, None, is_package=True)
         spec.submodule_search_locations = [str(components_folder())]
-        sys.modules[PACKAGE] = module_from_spec(spec)
+        sys.modules.setdefault(PACKAGE, module_from_spec(spec))  # of two threads the first one's
     return importlib.import_module(f"{PACKAGE}.{module}")

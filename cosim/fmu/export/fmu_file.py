@@ -15,6 +15,7 @@ from cosim.fmu.export.flavours import FMI_VERSION, Flavour
 from cosim.fmu.export.native.platforms import Platform, platforms_named
 from cosim.fmu.export.spec import ComponentSpec
 from cosim.fmu.prebuilt import why_none_prebuilt
+from cosim.fmu.unpacking import own_folder
 
 LONGEST_NAME = 80
 """Greatest length of a model name, which is a file name inside the FMU."""
@@ -82,7 +83,7 @@ def write_fmu(spec: ComponentSpec, path: Path, kind: FmuTarget) -> None:
     InputError : no compiler for a native one, or a file that cannot be written.
     """
     try:
-        with tempfile.TemporaryDirectory(prefix="cosim-fmu-") as folder:
+        with tempfile.TemporaryDirectory(prefix="fmu-", dir=own_folder()) as folder:
             built = build_fmu(
                 *(spec, Path(folder, "fmu"), kind.flavour, kind.platforms),
                 prebuilt=kind.prebuilt,

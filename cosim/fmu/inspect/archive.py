@@ -10,7 +10,8 @@ import struct
 import unicodedata
 import zipfile
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
@@ -24,6 +25,10 @@ _BOMB_BYTES = 64 << 20  # below this size no ratio harms
 _BOMB_RATIO = 250  # deflate reaches 1032; text of numbers about 10
 _BOMB = f"at most {_BOMB_RATIO} times as many, where it is more than {_BOMB_BYTES}"
 _CHUNK = 1 << 20
+_MOST_OF_NAME = 255  # bytes of one name, on every usual file system
+_MOST_OF_PATH = 800  # bytes; macOS allows 1024, with the temporary folder before it
+_FOLDERS = ("resources",)
+"""Folders of every FMU and system: made where none is packed, so that no file can have the name."""
 _ALLOWED = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 _LEADING = re.compile(r"^(?:[A-Za-z]:|[/\\])")
 # what zipfile raises for damaged files
@@ -40,7 +45,7 @@ class CheckedArchive:
     Attributes
     ----------
     path : the file.
-    entries : path inside -> entry, files only, the first of each name.
+    entries : path inside -> entry, files only, the first of each place that is unpacked to.
     findings : what is wrong with the ZIP itself.
     size : of the file [bytes].
     sha256 : of the bytes that were checked, which all else is read from.
@@ -52,24 +57,20 @@ class CheckedArchive:
         self._content = content
         zipped = self._zip = zipfile.ZipFile(io.BytesIO(content))
         self.findings: list[Finding] = []
-        entries: dict[str, zipfile.ZipInfo] = {}
-        folded: dict[str, str] = {}
         every = zipped.infolist()
         for info in every:
-            name = info.orig_filename
-            self.findings += _path_findings(name)
+            self.findings += _path_findings(info.orig_filename)
             self.findings += _entry_findings(info)
-            if name.endswith("/"):
-                continue
-            if name in entries:
-                self.findings.append(finding("entry-twice", name, "the entry is there twice"))
-                continue
-            entries[name] = info
-            # macOS also takes composed and decomposed letters for the same
-            same = unicodedata.normalize("NFC", name.casefold())
-            other = folded.setdefault(same, name)
-            if other != name:
-                self.findings.append(finding("entry-case", name, f"differs from {other} by case"))
+        files: dict[str, zipfile.ZipInfo] = {}
+        again: list[tuple[zipfile.ZipInfo, zipfile.ZipInfo]] = []
+        for info in every:
+            if not info.orig_filename.endswith("/"):
+                first = files.setdefault(_place(info), info)
+                again += [(first, info)] if first is not info else []
+        folders = {_place(info) for info in every if info.orig_filename.endswith("/")} - {""}
+        self._folders = sorted(folders)
+        self.findings += _clashes(files, folders)
+        entries = {info.orig_filename: info for info in files.values()}
         self.entries = MappingProxyType(entries)
         self.unpacked_bytes = sum(info.file_size for info in every)
         if self.unpacked_bytes > MOST_BYTES or len(every) > MAX_ENTRIES:
@@ -78,6 +79,7 @@ class CheckedArchive:
             self.findings.append(finding("archive-bomb", path.name, f"{size}; {limit}"))
         # many small entries can be a bomb together, and several can lie on the same bytes
         self.findings += _bomb(path.name, self.size, self.unpacked_bytes)
+        self.findings += [self._doubled(*pair) for pair in again]
 
     @cached_property
     def sha256(self) -> str:  # noqa: D102 - see the class
@@ -106,14 +108,34 @@ class CheckedArchive:
             return
         for name, info in self.entries.items():
             try:
-                with self._zip.open(info) as stream:
-                    read = 0
-                    while chunk := stream.read(_CHUNK):
-                        read += len(chunk)
-                if read != info.file_size:
-                    raise EOFError(f"{read} bytes instead of {info.file_size}")
+                for _ in self._pieces(info):
+                    pass
             except BROKEN_ARCHIVE as error:
                 self.findings.append(finding("entry-damaged", name, str(error)))
+
+    def _pieces(self, info: zipfile.ZipInfo) -> Iterator[bytes]:
+        """Yield the content of an entry, piece by piece; one of `BROKEN_ARCHIVE` if damaged."""
+        with self._zip.open(info) as stream:
+            read = 0
+            while piece := stream.read(_CHUNK):
+                read += len(piece)
+                yield piece
+        if read != info.file_size:
+            raise EOFError(f"{read} bytes instead of {info.file_size}")
+
+    def _doubled(self, first: zipfile.ZipInfo, second: zipfile.ZipInfo) -> Finding:
+        """Judge two entries of one place: harmless where their bytes are alike."""
+        alike = False
+        if self.may_be_unpacked and first.file_size == second.file_size:
+            with suppress(*BROKEN_ARCHIVE):
+                pairs = zip(self._pieces(first), self._pieces(second), strict=True)
+                alike = all(one == other for one, other in pairs)
+        what = (
+            "the entry is there twice, with the same bytes" if alike else "the entry is there twice"
+        )
+        return finding(
+            "entry-twice", second.orig_filename, what, level="warning" if alike else "error"
+        )
 
     def require_sound(self) -> None:
         """Refuse an archive that is not safe to unpack.
@@ -135,7 +157,13 @@ class CheckedArchive:
         """
         self.require_sound()
         try:
-            self._zip.extractall(folder)
+            for place in self._folders:
+                (folder / place).mkdir(parents=True, exist_ok=True)
+            for info in self.entries.values():
+                target = folder / _place(info)
+                target.parent.mkdir(parents=True, exist_ok=True)
+                with target.open("xb") as file:
+                    file.writelines(self._pieces(info))
         except BROKEN_ARCHIVE as error:
             raise InputError(
                 "the FMU cannot be unpacked", where=str(self.path), got=printable(str(error))
@@ -201,8 +229,43 @@ def _path_findings(name: str) -> Iterator[Finding]:
         yield finding("path-backslash", name, "the path has a backslash")
     if _LEADING.match(name) or ".." in parts:
         yield finding("path-escapes", name, "the path leaves the folder of the archive")
-    if not name or any(ord(c) < 32 or ord(c) == 127 for c in name):
+    if not _parts(name) or any(ord(c) < 32 or ord(c) == 127 for c in name):
         yield finding("path-control", name, "the path is empty or has a control character")
+    longest = max((len(part.encode("utf-8", "replace")) for part in parts), default=0)
+    size = len(name.encode("utf-8", "replace"))
+    if longest > _MOST_OF_NAME or size > _MOST_OF_PATH:
+        what = f"{size} bytes, {longest} between slashes; at most {_MOST_OF_PATH}, {_MOST_OF_NAME}"
+        yield finding("path-long", name, what)
+
+
+def _parts(name: str) -> list[str]:
+    return [part for part in name.split("/") if part not in ("", ".")]
+
+
+def _place(info: zipfile.ZipInfo) -> str:
+    """Return where an entry is unpacked to: ./a//b is a/b."""
+    return "/".join(_parts(info.orig_filename))
+
+
+def _clashes(places: Iterable[str], folders: Iterable[str]) -> Iterator[Finding]:
+    """Find files that take the place of another file or of a folder on some system."""
+    inside = {_folded(folder) for folder in (*folders, *_FOLDERS)}
+    for place in (*places, *folders):
+        parts = _folded(place).split("/")
+        inside.update("/".join(parts[:n]) for n in range(1, len(parts)))
+    known: dict[str, str] = {}
+    for place in places:
+        other = known.setdefault(_folded(place), place)
+        if other != place:
+            yield finding("entry-case", place, f"differs from {other} by case")
+        if _folded(place) in inside:
+            yield finding("entry-folder", place, "a file where a folder of this name has to be")
+
+
+def _folded(place: str) -> str:
+    """Return what is alike for names that one file system or another takes for the same."""
+    # macOS also takes composed and decomposed letters for the same
+    return unicodedata.normalize("NFC", place.casefold())
 
 
 def _entry_findings(info: zipfile.ZipInfo) -> Iterator[Finding]:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import threading
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from lxml import etree
 
@@ -47,11 +48,17 @@ def schema_findings(root: Any, schema: str, name: str) -> list[Finding]:
     encoding = root.getroottree().docinfo.encoding
     if encoding is not None and encoding.upper() not in ("UTF-8", "UTF8"):
         found.append(finding("xml-encoding", name, f"the encoding is {encoding}"))
-    xsd = _schema(schema)
-    if not xsd.validate(root):
-        places = [(f"{name}:{e.line}", printable(e.message)) for e in xsd.error_log]
+    with _guard:
+        xsd = _schema(schema)
+        valid, errors = xsd.validate(root), list(xsd.error_log)
+    if not valid:
+        places = [(f"{name}:{e.line}", printable(e.message)) for e in errors]
         found += [finding("xml-schema", where, what) for where, what in places]
     return found
+
+
+_guard: Final = threading.Lock()
+"""Two threads cannot validate with one schema: libxml2 keeps its state in it."""
 
 
 @cache

@@ -1,42 +1,77 @@
-"""Run one FMU and record what happens; `run` starts this in a process of its own.
+"""Run one FMU and tell what happens; `run` starts this in a process of its own.
 
-    python -P probe.py FOLDER REQUEST EVENTS
-
-REQUEST is a JSON file (see `run.request`). Each event is appended to EVENTS as one line of
-JSON and flushed at once, so that the last line shows where the FMU ended the process. This file
-imports nothing of the project, and no other process loads the FMU.
+Each event is told at once, so that the last one shows where the FMU ended the process. No other
+process loads the FMU.
 """
 
 from __future__ import annotations
 
 import ctypes
-import json
 import math
 import os
-import sys
-from collections.abc import Callable
-from pathlib import Path
+import socket
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from typing import Any
 
 import fmpy
+import msgspec
 from fmpy import fmi1, fmi2, fmi3
 from fmpy.logging import addLoggerProxy
+
+from cosim.core import Frames
 
 _LEVELS = ("info", "warning", "warning", "error", "fatal", "info")
 _MOST_MESSAGES = 50
 
 
-class EventLog:
-    """The events of a run, written to disk as they happen."""
+class Event(msgspec.Struct, kw_only=True, omit_defaults=True):
+    """What happens; what is None does not.
 
-    def __init__(self, path: str) -> None:
-        self._file = os.open(path, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o600)
+    Attributes
+    ----------
+    stage : of the run, which begins if there is nothing else.
+    refused, broken : a call that was refused, or raised an exception.
+    log, text : level and text of a message of the FMU.
+    steps, t, finite : how many steps were taken, to which time [s], with finite outputs.
+    differs : after what the outputs are not what they were before.
+    start, described, got : name of a parameter, its described and its real start value.
+    end : the run is over.
+    """
+
+    stage: str | None = None
+    refused: str | None = None
+    broken: str | None = None
+    log: str | None = None
+    text: str = ""
+    steps: int | None = None
+    t: float = 0.0
+    finite: bool = True
+    differs: str | None = None
+    start: str | None = None
+    described: float = 0.0
+    got: str = ""
+    end: bool = False
+
+    @property
+    def begins_stage(self) -> bool:
+        """Whether a stage begins with it."""
+        others = self.refused, self.broken, self.log
+        return self.stage is not None and all(other is None for other in others)
+
+
+class EventLog:
+    """The events of a run, told as they happen."""
+
+    def __init__(self, frames: Frames) -> None:
+        self._frames = frames
         self._messages = 0
         self.stage = ""
 
     def write(self, **event: Any) -> None:
-        """Append an event."""
-        os.write(self._file, json.dumps(event).encode() + b"\n")
+        """Tell an event; its parts are those of `Event`."""
+        with suppress(OSError):  # the process that listens will say so
+            self._frames.send(Event(**event))
 
     def enter(self, stage: str) -> None:
         """Record the stage that begins."""
@@ -176,11 +211,13 @@ class Driver:
         return getattr(self.fmu, f"{action.replace('deserialize', 'deSerialize')}FMUstate")
 
 
-def main() -> None:
-    """Run the request and record the events."""
-    folder, request_file, events = sys.argv[1:]
-    request = json.loads(Path(request_file).read_text("utf-8"))
-    event_log = EventLog(events)
+def main(
+    end: socket.socket, descriptors: Sequence[int], request: dict[str, Any], folder: str
+) -> None:
+    """Run the request (see `run.request`) and tell the events."""
+    del descriptors
+    os.chdir(folder)
+    event_log = EventLog(Frames(end, None))
     try:
         _run(request, folder, event_log)
     except fmi1.FMICallException as error:
@@ -265,7 +302,3 @@ def _same(a: list[float], b: list[float]) -> bool:
     return len(a) == len(b) and all(
         x == y or (math.isnan(x) and math.isnan(y)) for x, y in zip(a, b, strict=True)
     )
-
-
-if __name__ == "__main__":
-    main()

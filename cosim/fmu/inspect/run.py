@@ -6,18 +6,15 @@ alone and becomes a finding.
 
 from __future__ import annotations
 
-import json
-import os
 import signal
-import subprocess
-import sys
 import tempfile
+import time
 from collections import defaultdict
 from collections.abc import Iterator
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from cosim.core import FrameError, Output, Worker
 from cosim.fmu.inspect.archive import open_archive
 from cosim.fmu.inspect.binaries import ROOT, missing_binary, platform_of
 from cosim.fmu.inspect.declared_model import DeclaredModel, Interface, Variable, integer, number
@@ -25,10 +22,14 @@ from cosim.fmu.inspect.definitions import identifier_findings
 from cosim.fmu.inspect.findings import Finding, Level, finding
 from cosim.fmu.inspect.inspection import Inspection
 from cosim.fmu.inspect.platforms import this_machine
+from cosim.fmu.inspect.probe import Event
 from cosim.fmu.port import TYPE_MAPPINGS
+from cosim.fmu.unpacking import own_folder
 
 STEPS = 5
-_PROBE = Path(__file__).with_name("probe.py")
+_PROBE = "cosim.fmu.inspect.probe:main"
+_TICK_S = 0.05
+_MOST_EVENTS = 10_000
 _USUAL_STEP = 0.01
 _MOST_OUTPUTS = 1000
 _AFTER_WORK = ("terminate", "free")
@@ -52,7 +53,7 @@ def run_findings(inspection: Inspection, seconds: float) -> list[Finding]:
         return [finding("run-absent", inspection.path.name, "it cannot be unpacked or read")]
     findings: list[Finding] = []
     archive = open_archive(inspection.path, inspection.sha256)
-    with tempfile.TemporaryDirectory(prefix="cosim-") as scratch:
+    with tempfile.TemporaryDirectory(prefix="check-", dir=own_folder()) as scratch:
         folder = Path(scratch) / "fmu"
         archive.unpack(folder)
         for interface in model.interfaces:
@@ -65,7 +66,7 @@ def run_findings(inspection: Inspection, seconds: float) -> list[Finding]:
                 findings.append(finding("run-absent", interface.kind, missing_binary()))
                 continue
             asked = request(model, interface, library)
-            findings += _run(asked, folder, Path(scratch), seconds)
+            findings += _run(asked, folder, seconds)
     return findings
 
 
@@ -152,59 +153,49 @@ def _starts(model: DeclaredModel) -> list[list[Any]]:
     return found[:_MOST_OUTPUTS]
 
 
-def _run(asked: dict[str, Any], folder: Path, scratch: Path, seconds: float) -> list[Finding]:
+def _run(asked: dict[str, Any], folder: Path, seconds: float) -> list[Finding]:
     kind = asked["kind"]
-    slug = kind.replace(" ", "-")
-    question, events = scratch / f"{slug}.json", scratch / f"{slug}.events"
-    question.write_text(json.dumps(asked), "utf-8")
-    command = [sys.executable, "-P", str(_PROBE), str(folder), str(question), str(events)]
-    ended = _wait(command, folder, seconds)
-    happened = _events(events)
-    return list(_judge(kind, happened, ended, seconds))
-
-
-def _wait(command: list[str], folder: Path, seconds: float) -> int | None:
-    """Return the exit code, or None after the time limit; end the process and its children."""
-    process = subprocess.Popen(  # noqa: S603 - this interpreter, our own file
-        command,
-        cwd=folder,
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-        start_new_session=True,
-    )
+    worker = Worker(_PROBE, (asked, str(folder)), received=Event)
     try:
-        return process.wait(seconds)
-    except subprocess.TimeoutExpired:
-        return None
+        events, ended = _followed(worker, seconds)
     finally:
-        if hasattr(os, "killpg"):
-            with suppress(ProcessLookupError, PermissionError):
-                os.killpg(process.pid, signal.SIGKILL)
-        process.kill()
-        process.wait()
+        worker.close(0.0)
+    return list(_judge(kind, events, ended, seconds))
 
 
-def _events(path: Path) -> list[dict[str, Any]]:
-    if not path.exists():
-        return []
-    lines = path.read_text("utf-8", "replace").splitlines()
-    events = []
-    for line in lines:
+def _followed(worker: Worker, seconds: float) -> tuple[list[Event], int | str | None]:
+    """Return the events of a run, and how it ended: exit code, words, or None after its time."""
+    events: list[Event] = []
+    outputs = [Output(descriptor, "", "") for descriptor in (worker.stdout, worker.stderr)]
+    until = time.monotonic() + seconds
+    ended: int | str | None = None
+    while ended is None and time.monotonic() < until:
+        ended = worker.exit_status()
+        for output in outputs:
+            output.read(_forget)
         try:
-            event = json.loads(line)
-        except ValueError:
-            continue  # cut off by the end of the process
-        if isinstance(event, dict):
-            events.append(event)
-    return events
+            event = worker.frames.receive(_TICK_S)
+            while event is not None and len(events) < _MOST_EVENTS:
+                events.append(event)
+                event = worker.frames.take()
+        except EOFError:
+            if ended is None:
+                ended = worker.ended_within(_TICK_S)
+        except (FrameError, OSError):
+            ended = "what is no message of this program"
+    return events, ended
+
+
+def _forget(_name: str, _level: str, _line: str) -> None:
+    """Nobody reads what it prints."""
 
 
 def _judge(
-    kind: str, events: list[dict[str, Any]], ended: int | None, seconds: float
+    kind: str, events: list[Event], ended: int | str | None, seconds: float
 ) -> Iterator[Finding]:
-    stage = next((e["stage"] for e in reversed(events) if set(e) == {"stage"}), "load")
-    finished = any("end" in e for e in events)
+    stages = [event.stage for event in events if event.begins_stage and event.stage is not None]
+    stage = stages[-1] if stages else "load"
+    finished = any(event.end for event in events)
     where = f"{kind}: {stage}"
     if ended is None:
         yield finding("run-timeout", where, f"no answer within {seconds:g} s")
@@ -216,36 +207,37 @@ def _judge(
     for event in events:
         yield from _event(kind, event)
     if finished and stage == _AFTER_WORK[-1]:
-        did = ", ".join(e["stage"] for e in events if set(e) == {"stage"})
-        steps = next((e for e in events if "steps" in e), None)
-        count = f"; {steps['steps']} steps to t = {steps['t']:g} s" if steps else ""
-        yield finding("run-done", kind, f"{did}{count}")
+        steps = next((event for event in events if event.steps is not None), None)
+        count = f"; {steps.steps} steps to t = {steps.t:g} s" if steps else ""
+        yield finding("run-done", kind, f"{', '.join(stages)}{count}")
     if kind == "scheduled execution":
         yield finding("run-kind", kind, "no model partition was activated")
 
 
-def _event(kind: str, event: dict[str, Any]) -> Iterator[Finding]:
-    where = f"{kind}: {event.get('stage', 'run')}"
-    if "refused" in event:
-        yield finding("run-refused", where, event["refused"])
-    elif "broken" in event:
-        loading = event["stage"] == "load"
-        yield finding("run-load" if loading else "run-broken", where, event["broken"])
-    elif "log" in event:
-        level = _LOG_LEVELS.get(event["log"], "note")
-        yield finding("run-log", where, f"{event['log']}: {event['text']}", level=level)
-    elif "differs" in event:
+def _event(kind: str, event: Event) -> Iterator[Finding]:
+    where = f"{kind}: {event.stage or 'run'}"
+    if event.refused is not None:
+        yield finding("run-refused", where, event.refused)
+    elif event.broken is not None:
+        loading = event.stage == "load"
+        yield finding("run-load" if loading else "run-broken", where, event.broken)
+    elif event.log is not None:
+        level = _LOG_LEVELS.get(event.log, "note")
+        yield finding("run-log", where, f"{event.log}: {event.text}", level=level)
+    elif event.differs is not None:
         code = {"state": "run-state", "serialized": "run-serialized"}
-        what = f"the outputs after {event['differs']} are not those before"
-        yield finding(code.get(event["differs"], "run-reset"), kind, what)
-    elif "start" in event:
-        what = f"{event['start']} is {event['got']}, described as {event['described']:g}"
+        what = f"the outputs after {event.differs} are not those before"
+        yield finding(code.get(event.differs, "run-reset"), kind, what)
+    elif event.start is not None:
+        what = f"{event.start} is {event.got}, described as {event.described:g}"
         yield finding("run-start", f"{kind}: start values", what)
-    elif event.get("finite") is False:
+    elif not event.finite:
         yield finding("run-not-finite", f"{kind}: step", "some outputs are not finite numbers")
 
 
-def _cause(code: int) -> str:
+def _cause(code: int | str) -> str:
+    if isinstance(code, str):
+        return code
     if code >= 0:
         return f"exit code {code}"
     try:

@@ -11,8 +11,6 @@
 #include <fenv.h>
 #include <errno.h>
 #include <poll.h>
-#include <pthread.h>
-#include <signal.h>
 #include <stdint.h>
 #include <stdlib.h>
 #include <string.h>
@@ -274,28 +272,4 @@ EXPORT void serve(Server *v) {
 EXPORT void announce_line(Server *v) {
     __atomic_add_fetch(&v->shared->lines, 1, __ATOMIC_SEQ_CST);
     answer(v);
-}
-
-static void *end_with_parent(void *given) {
-    pid_t parent = (pid_t)(intptr_t)given;
-#if defined(__linux__) && defined(SYS_pidfd_open)
-    struct pollfd one = {(int)syscall(SYS_pidfd_open, parent, 0), POLLIN, 0};
-    while (one.fd >= 0 && getppid() == parent && !(one.revents & (POLLERR | POLLNVAL)))
-        poll(&one, 1, -1);
-#endif
-    while (getppid() == parent)
-        nanosleep(&(struct timespec){0, 200000000}, NULL);
-    kill(getpid(), SIGKILL);
-    return NULL;
-}
-
-/* End this process, whatever it does then, as soon as its parent is gone; 0: it will. */
-EXPORT int watch_parent(int64_t parent) {
-    pthread_t thread;
-    sigset_t all, before;
-    sigfillset(&all);
-    pthread_sigmask(SIG_SETMASK, &all, &before);
-    int failed = pthread_create(&thread, NULL, end_with_parent, (void *)(intptr_t)parent);
-    pthread_sigmask(SIG_SETMASK, &before, NULL);
-    return failed;
 }

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import ctypes
-import mmap
-import os
 import sys
-import tempfile
-from ctypes import c_char_p, c_int32, c_int64, c_uint32, c_uint64, c_void_p
+from ctypes import c_char_p, c_int32, c_uint32, c_uint64, c_void_p
 from functools import cache
 from typing import Any, Final
 
-from cosim.core import InputError
+from cosim.core import InputError, SharedMemory
 from cosim.fmu.compiled import compiled_library, library_source
 
 GONE: Final = -2147483647
@@ -83,42 +80,21 @@ def declared(library: Any) -> Any:
     library.function_number.argtypes = [c_char_p]
     library.proxy_of.argtypes, library.proxy_of.restype = [c_int32], c_void_p
     library.function_name.argtypes, library.function_name.restype = [c_int32], c_char_p
-    library.watch_parent.argtypes = [c_int64]
     for name in ("announce_message", "announce_line", "serve"):
         function = getattr(library, name)
         function.argtypes, function.restype = [c_void_p], None
     return library
 
 
-class SharedMemory:
-    """Memory of a channel, which has no name and is gone with the processes that map it.
-
-    Attributes
-    ----------
-    size : [bytes].
-    address : of the memory in this process.
-    """
-
-    def __init__(self, descriptor: int, size: int) -> None:
-        self.size = size
-        self._memory = mmap.mmap(descriptor, size)
-        self.address = ctypes.addressof(ctypes.c_char.from_buffer(self._memory))
-
-
-def reserve(size: int) -> int:
-    """Reserve memory for a channel; return its file descriptor.
+def reserve(size: int) -> tuple[SharedMemory, int]:
+    """Reserve memory for a channel; return it and its file descriptor.
 
     Raises
     ------
     InputError : there is not so much.
     """
     try:
-        if sys.platform == "linux":
-            descriptor = os.memfd_create("cosim-channel")
-        else:
-            with tempfile.TemporaryFile(prefix="cosim-channel-") as file:
-                descriptor = os.dup(file.fileno())
-        os.ftruncate(descriptor, size)
+        return SharedMemory.reserve("cosim-channel", size)
     except OSError as error:
         raise InputError(
             "an isolated component has no memory to share",
@@ -127,14 +103,17 @@ def reserve(size: int) -> int:
             got=str(error),
             hint="a greater limit of file sizes (ulimit -f), or isolate = false",
         ) from error
-    return descriptor
+
+
+def _address_of(memory: SharedMemory) -> int:
+    return ctypes.addressof(ctypes.c_char.from_buffer(memory.mapping))
 
 
 def make_channel(memory: SharedMemory, bells: tuple[int, int], look: int) -> Channel:
     """Make the master's side; `look` : address of int(int64_t), see `Channel` of channel.c."""
-    return Channel(memory.address, memory.size - DATA, *bells, look)
+    return Channel(_address_of(memory), len(memory.mapping) - DATA, *bells, look)
 
 
 def make_server(memory: SharedMemory, bells: tuple[int, int]) -> Server:
     """Make the side of the slave."""
-    return Server(shared=memory.address, own=bells[0], other=bells[1])
+    return Server(shared=_address_of(memory), own=bells[0], other=bells[1])

@@ -1,49 +1,126 @@
-"""The messages between the process of the master and that of an isolated slave, pickled tuples.
+"""The messages between the process of the master and that of an isolated slave.
 
-To the slave: `(number, method, arguments, options)`: a method of FMPy's slave, or one of the
-server.
-To the master, in order: see the names below.
+What the slave says is one of the `FromSlave`s and nothing else: it runs foreign code. What it is
+asked for is pickled in an `Asked`: a method of FMPy's slave, or one of the server.
 """
 
 from __future__ import annotations
 
 import copyreg
 import pickle
+from collections.abc import Mapping
 from ctypes import c_void_p
 from io import BytesIO
-from typing import Any, Final
+from typing import Any
 
+import msgspec
 from fmpy.fmi1 import FMICallException
 
-READY: Final = "ready"
-"""The process is there."""
-LINE: Final = "line"
-"""status, category, message: a log line of the FMU, as a `MessageSink` takes it."""
-BEGIN, END = "begin", "end"
-"""name of a call: a call that is none of the loop begins; it has returned."""
-RETURNED: Final = "returned"
-"""number, result of a method."""
-RAISED: Final = "raised"
-"""number, exception of a method."""
-
-
-def _refusal(function: str, status: int) -> FMICallException:
-    return FMICallException(function=function, status=status)
+from cosim.core import RaisedError
 
 
 class _Pickler(pickle.Pickler):
     dispatch_table = copyreg.dispatch_table.copy()
-    dispatch_table[c_void_p] = lambda one: (c_void_p, (one.value,))
-    dispatch_table[FMICallException] = lambda one: (_refusal, (one.function, one.status))
+    dispatch_table[c_void_p] = lambda one: (c_void_p, (one.value,))  # states of FMUs
 
 
-def packed(*message: Any) -> bytes:
-    """Pickle a message: states of FMUs are sent as the addresses that they are."""
-    stream = BytesIO()
-    _Pickler(stream, pickle.HIGHEST_PROTOCOL).dump(message)
-    return stream.getvalue()
+class Asked(msgspec.Struct, array_like=True):
+    """To the slave: number, method, arguments and options, pickled."""
+
+    content: bytes
+
+    @classmethod
+    def of(
+        cls, number: int, method: str, arguments: tuple[Any, ...], options: Mapping[str, Any]
+    ) -> Asked:
+        """Return the message."""
+        stream = BytesIO()
+        _Pickler(stream).dump((number, method, arguments, dict(options)))
+        return cls(stream.getvalue())
+
+    def parts(self) -> tuple[int, str, tuple[Any, ...], dict[str, Any]]:
+        """Return what was given to `of`."""
+        found: tuple[int, str, tuple[Any, ...], dict[str, Any]] = pickle.loads(self.content)  # noqa: S301 - from who asks
+        return found
 
 
-def unpacked(data: bytes) -> Any:
-    """Return the message."""
-    return pickle.loads(data)  # noqa: S301 - from our own other process
+class FromSlave(msgspec.Struct, array_like=True, tag=True):
+    """From the slave, in order."""
+
+
+class Ready(FromSlave):
+    """The process is there."""
+
+
+class Line(FromSlave):
+    """A log line of the FMU, as a `MessageSink` takes it."""
+
+    status: int
+    category: str
+    message: str
+
+
+class CallBegun(FromSlave):
+    """A call begins that is none of the loop; its name."""
+
+    call: str
+
+
+class CallEnded(FromSlave):
+    """It has returned."""
+
+
+class Returned(FromSlave):
+    """The result of a method."""
+
+    number: int
+    result: Any
+
+
+class Refused(FromSlave):
+    """A method has ended with a status of FMI that means failure."""
+
+    number: int
+    function: str
+    status: int
+
+    def exception(self) -> Exception:
+        """Return what FMPy raises."""
+        found: Exception = FMICallException(function=self.function, status=self.status)
+        return found
+
+
+class Null(FromSlave):
+    """A method has got NULL where the FMU owes an instance."""
+
+    number: int
+    words: str
+
+    def exception(self) -> Exception:
+        """Return what FMPy raises: a bare Exception."""
+        return Exception(self.words)
+
+
+class Raised(FromSlave):
+    """A method has raised another exception."""
+
+    number: int
+    error: RaisedError
+
+    def exception(self) -> Exception:
+        """Return it."""
+        found: Exception = self.error.error()
+        return found
+
+
+def failure(number: int, error: Exception) -> Refused | Null | Raised:
+    """Return the message that tells an exception of a method."""
+    if isinstance(error, FMICallException):
+        return Refused(number, error.function, error.status)
+    if type(error) is Exception:
+        return Null(number, str(error))
+    return Raised(number, RaisedError.of(error))
+
+
+Answer = Returned | Refused | Null | Raised
+Message = Ready | Line | CallBegun | CallEnded | Returned | Refused | Null | Raised

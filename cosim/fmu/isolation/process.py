@@ -1,49 +1,27 @@
-"""The process of an isolated slave: forked where that is clean, else a fresh interpreter.
-
-A fork has whatever FMUs have left in this process: their static variables, and the Python modules
-of pythonfmu slaves. So it is taken only as long as no FMU has been loaded here.
-"""
+"""The process of an isolated slave: a worker with memory for what is exchanged in the loop."""
 
 from __future__ import annotations
 
 import contextlib
 import ctypes
 import os
-import signal
-import subprocess
-import sys
-import threading
-import time
-import warnings
-from collections.abc import Iterable
-from multiprocessing.connection import Pipe
-from typing import Any, Final, Literal
+from typing import Final
 
-import cosim.fmu.isolation.server as of_server
-from cosim.core import ComponentError, death_of, flush_output, private_memory
-from cosim.fmu.binary import has_loaded
+from cosim.core import ComponentError, FrameError, Worker, death_of
 from cosim.fmu.description import FmuDescription
 from cosim.fmu.isolation.channel import (
     DATA,
     FUTEX,
     Channel,
-    SharedMemory,
     channel_library,
     make_channel,
     reserve,
 )
-from cosim.fmu.isolation.messages import READY, unpacked
+from cosim.fmu.isolation.messages import Message, Ready
 
 TICK_S: Final = 0.02
 """Between two looks at whether a process that is waited for still lives."""
 _PATIENCE_S: Final = 1.0
-_SPAWN: Final = "import sys; from cosim.fmu.isolation.server import main; main(*sys.argv[1:])"
-
-
-def start_method() -> Literal["fork", "spawn"]:
-    """Return how the process of a slave is started here and now."""
-    can_fork = sys.platform == "linux" and hasattr(os, "fork")
-    return "fork" if can_fork and not has_loaded() else "spawn"
 
 
 class SlaveProcess:
@@ -61,39 +39,41 @@ class SlaveProcess:
 
     Attributes
     ----------
-    connection : messages (`cosim.fmu.isolation.messages`).
-    number : of the process.
-    memory_at_start : that it has before it loads anything [bytes]; None if unknown.
+    worker : the process, which maps the values of this slave and no others.
     """
 
     def __init__(
         self, component: str, description: FmuDescription, *, call_limit: float | None = None
     ) -> None:
         self.component, self.call_limit = component, call_limit
-        self.memory_at_start: int | None = None
-        self._status: int | None = None
-        self._process: subprocess.Popen[bytes] | None = None
-        self._guard = threading.Lock()
         library = channel_library()
         ports = description.ports.values()
         size = DATA + 8 + sum(4 + 8 * port.size for port in ports)
-        descriptor = reserve(size)
-        self._memory = SharedMemory(descriptor, size)
-        self.connection, theirs = Pipe(duplex=True)
+        self._memory, descriptor = reserve(size)
+        self._memory.keep_from_forks()  # it is this slave's, and this process's
         self._bells, bells_there = _bells()
-        ends = (theirs.fileno(), descriptor, *bells_there)
-        given = (*ends, size, os.getpid(), library._name)  # noqa: SLF001 - where it was loaded from
-        if start_method() == "fork":
-            self.number = _forked(ends, given)
-        else:
-            self._process = subprocess.Popen(  # noqa: S603 - ourselves
-                [sys.executable, "-c", _SPAWN, *map(str, given)],
-                pass_fds=[end for end in ends if end >= 0],
-                stdin=subprocess.DEVNULL,
+        try:
+            self.worker = Worker(
+                "cosim.fmu.isolation.server:main",
+                (size, library._name),  # noqa: SLF001 - where it was loaded from
+                received=Message,
+                descriptors=[descriptor, *(bell for bell in bells_there if bell >= 0)],
+                captured=False,
+                patience_s=0.0,
             )
-            self.number = self._process.pid
-        theirs.close()
-        _close(descriptor, *bells_there)
+        finally:
+            _close(descriptor, *bells_there)
+
+    @property
+    def number(self) -> int:
+        """The number of the process."""
+        number: int = self.worker.number
+        return number
+
+    @property
+    def memory_at_start(self) -> int | None:
+        """The memory that it had before it loaded anything [bytes]; None if unknown."""
+        return self.worker.memory_at_start
 
     def wait_until_ready(self) -> None:
         """Wait until it can be asked for something.
@@ -102,18 +82,13 @@ class SlaveProcess:
         ------
         ComponentError : it has ended.
         """
-        with contextlib.suppress(EOFError, OSError):
-            while not self.connection.poll(TICK_S):
-                if self.exit_status() is not None:
-                    break
-            else:
-                if unpacked(self.connection.recv_bytes()) == (READY,):
-                    self.memory_at_start = private_memory(self.number)
-                    return
+        with contextlib.suppress(EOFError, OSError, FrameError):
+            if isinstance(self.worker.frames.receive(), Ready):
+                return
         raise ComponentError(
             "the process of an isolated component did not start",
             where=f"component {self.component!r}",
-            got=f"it {death_of(self.kill()).words}",
+            got=f"it {death_of(self.worker.wait(_PATIENCE_S)).words}",
             hint="its standard error may say why; or isolate = false",
         )
 
@@ -121,43 +96,14 @@ class SlaveProcess:
         """Make the master's side of its channel; see `make_channel`."""
         return make_channel(self._memory, self._bells, look)
 
-    def exit_status(self) -> int | None:
-        """Return None while it lives, then its exit code, or minus the signal that ended it."""
-        with self._guard:
-            if self._status is None and self._process is not None:
-                self._status = self._process.poll()
-            elif self._status is None:
-                try:
-                    number, status = os.waitpid(self.number, os.WNOHANG)
-                except ChildProcessError:  # somebody else has waited for it
-                    number, status = self.number, 255 << 8
-                if number:
-                    self._status = os.waitstatus_to_exitcode(status)
-            return self._status
-
-    def wait(self, patience_s: float) -> int:
-        """Return its exit status as soon as it has ended; end it after `patience_s`."""
-        until = time.monotonic() + patience_s
-        while (status := self.exit_status()) is None and time.monotonic() < until:
-            time.sleep(0.001)
-        return self.kill() if status is None else status
-
-    def kill(self) -> int:
-        """End it at once, if it still lives; return its exit status."""
-        while (status := self.exit_status()) is None:
-            with contextlib.suppress(ProcessLookupError):
-                os.kill(self.number, signal.SIGKILL)
-            time.sleep(0.001)
-        return status
-
     def close(self) -> None:
         """Let it leave, or end it."""
-        if self.connection.closed:
+        if self.worker.frames.closed:
             return
-        self.connection.close()
+        self.worker.let_go()
         channel = self.channel()
         channel_library().announce_message(ctypes.addressof(channel))
-        self.wait(_PATIENCE_S)
+        self.worker.close(_PATIENCE_S)
         _close(*self._bells)
 
 
@@ -169,25 +115,6 @@ def _bells() -> tuple[tuple[int, int], tuple[int, int]]:
     for end in (*of_master, *of_slave):
         os.set_blocking(end, False)
     return (of_master[0], of_slave[1]), (of_slave[0], of_master[1])
-
-
-def _forked(ends: Iterable[int], given: tuple[Any, ...]) -> int:
-    """Fork the process; return its number."""
-    flush_output()  # else both would write what is kept
-    with warnings.catch_warnings():
-        # other threads do not exist in the child, which uses none of their locks
-        warnings.simplefilter("ignore", DeprecationWarning)
-        number = os.fork()
-    if number:
-        return number
-    try:
-        kept = {0, 1, 2, *ends}
-        for name in os.listdir("/dev/fd"):  # noqa: PTH208 - names are numbers
-            if int(name) not in kept:
-                _close(int(name))
-        of_server.main(*given)
-    finally:
-        os._exit(70)
 
 
 def _close(*descriptors: int) -> None:

@@ -2,26 +2,39 @@
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import time
 import weakref
-from collections.abc import Callable
-from ctypes import c_char_p, c_uint32
+from collections.abc import Callable, Mapping
+from ctypes import c_char_p, c_uint32, c_void_p
 from functools import partial
 from itertools import count
 from types import MappingProxyType
 from typing import Any, Final
 
+import msgspec
 from _cffi_backend import FFI  # reads C types itself: no parser of C has to be loaded
 from fmpy.fmi1 import FMICallException
 
-from cosim.core import DEATH_HINTS, ComponentError, death_of
-from cosim.fmu.binary import Binary
+from cosim.core import DEATH_HINTS, ComponentError, FrameError, death_of
+from cosim.fmu.binary import Binary, ClockInterval
 from cosim.fmu.call_watch import calling
 from cosim.fmu.isolation.channel import GONE, channel_library
-from cosim.fmu.isolation.messages import BEGIN, END, LINE, RETURNED, packed, unpacked
+from cosim.fmu.isolation.messages import (
+    Answer,
+    Asked,
+    CallBegun,
+    CallEnded,
+    Line,
+    Null,
+    Raised,
+    Refused,
+    Returned,
+)
 from cosim.fmu.isolation.process import TICK_S, SlaveProcess
 from cosim.fmu.messages import sink_of
+from cosim.fmu.returned import RawInterval
 
 _LIMIT_HINT: Final = (
     "a greater limit: --limit call=..., or limits.call in the scenario; none for no limit"
@@ -35,6 +48,34 @@ _TEXT_FUNCTIONS: Final = MappingProxyType(
         "fmi3": "int(void *, uintptr_t, size_t, uintptr_t, size_t)",
     }
 )
+
+_MUTE: Final = "the process of the component has closed its connection to this program"
+_STRANGE: Final = "the process of the component sent what is no message of this program"
+_Times = tuple[float, list[float]]
+_RESULTS: Final[Mapping[str, Any]] = MappingProxyType(
+    {
+        "getReal": list[float],
+        "getInteger": list[int],
+        "getBoolean": list[bool | int],
+        "getString": list[bytes | None],
+        "getBinary": list[bytes | None],
+        "getClock": list[bool | int],
+        **{f"getFloat{bits}": list[float] for bits in (32, 64)},
+        **{f"get{u}Int{bits}": list[int] for u in ("", "U") for bits in (8, 16, 32, 64)},
+        "doStep": tuple[bool, bool, bool, float] | None,
+        "updateDiscreteStates": tuple[bool, bool, bool, bool, bool, float],
+        "intervals": list[ClockInterval],
+        "shifts": list[RawInterval],
+        "taken": list[_Times],
+        "getRealStatus": float,
+        "getBooleanStatus": bool | int,
+        **{f"{what}FMU{s}tate": c_void_p for what in ("get", "deSerialize") for s in "sS"},
+        "deserializeFMUState": c_void_p,
+        "serializeFMUstate": bytes,
+        "serializeFMUState": bytes,
+    }
+)
+"""What methods of FMPy's slaves return; what others do nobody looks at."""
 
 
 class Death:
@@ -96,11 +137,13 @@ class IsolatedSlave:
     ----------
     where, instanceName : as of `CheckedCalls`.
     death : how the process ended; None while it lives, and after `freeInstance`.
+    false_text : why a String of the last exchange is not believed.
     """
 
     def __init__(self, process: SlaveProcess, binary: Binary, component: str, where: str) -> None:
         self.where, self.instanceName = where, component
         self.death: Death | None = None
+        self.false_text: ComponentError | None = None
         self._process, self._library = process, channel_library()
         this = weakref.ref(self)  # a reference to itself would leave it to the garbage collector
         self._kept: list[Any] = []  # the addresses of functions point to these
@@ -180,49 +223,71 @@ class IsolatedSlave:
         """
         if self.death is not None:
             raise self.death.error(method)
-        number = next(self._numbers)
+        number, frames = next(self._numbers), self._process.worker.frames
         try:
-            self._library.announce_message(self._address)  # first: a long message must be read
-            self._process.connection.send_bytes(packed(number, method, arguments, options))
-            kind, content = self._answer_to(number, relayed=relayed)
+            frames.send(Asked.of(number, method, arguments, options), wait=False)
+            self._library.announce_message(self._address)
+            answer = self._answer_to(number, relayed=relayed)
         except (EOFError, OSError):
-            self._note_end(self._process.wait(_PATIENCE_S))
+            answer = None
+            self._note_silence()
+        except FrameError:
+            answer = None
+            self._give_up("refused", _STRANGE)
         except BaseException as error:
             self._give_up("interrupted", "interrupted", error)
             raise
-        if self.death is not None:
+        if answer is None or self.death is not None:
+            assert self.death is not None  # noqa: S101 - without an answer it is dead
             raise self.death.error()
-        if kind == RETURNED:
-            return content
-        raise content
+        if isinstance(answer, Returned):
+            return self._checked(method, answer.result)
+        raised = answer.exception()
+        if isinstance(raised, ComponentError):
+            raised.component = self.instanceName
+        raise raised
 
-    def _answer_to(self, number: int, *, relayed: bool) -> tuple[str, Any]:
-        began, connection = time.monotonic(), self._process.connection
+    def _checked(self, method: str, result: Any) -> Any:
+        """Return a result as what the method returns."""
+        if method not in _RESULTS:
+            return None
+        try:
+            return msgspec.convert(result, _RESULTS[method])
+        except msgspec.ValidationError:
+            self._give_up("refused", _STRANGE)
+            assert self.death is not None  # noqa: S101 - just given up
+            raise self.death.error() from None
+
+    def _answer_to(self, number: int, *, relayed: bool) -> Answer | None:
+        """Return the answer to a request; None if the process is ended or gone."""
+        began, frames = time.monotonic(), self._process.worker.frames
         stop: BaseException | None = None
         while True:
-            if connection.poll(TICK_S):
-                kind, *content = unpacked(connection.recv_bytes())
-                if kind == LINE:
-                    self._log(*content)
-                elif kind in (BEGIN, END):
-                    self._call = content[0] if kind == BEGIN else None
+            frames.flush()
+            message = frames.receive(TICK_S)
+            match message:
+                case Line():
+                    self._log(message.status, message.category, message.message)
+                case CallBegun() | CallEnded():
+                    self._call = message.call if isinstance(message, CallBegun) else None
                     if relayed:
-                        stop = stop or self._relayed(kind)
-                elif content[0] == number:
+                        stop = stop or self._relayed(begins=self._call is not None)
+                case Returned() | Refused() | Null() | Raised() if message.number == number:
                     if stop is not None:  # the call was under way already
                         raise stop
-                    return kind, content[1]
-            elif (status := self._process.exit_status()) is not None:
-                self._note_end(status)
-                return "", None
-            elif self._exceeds(time.monotonic() - began):
-                return "", None
+                    return message
+                case None:
+                    if (status := self._process.worker.exit_status()) is not None:
+                        self._note_end(status)
+                        return None
+            if self._exceeds(time.monotonic() - began):
+                return None
 
-    def _relayed(self, kind: str) -> BaseException | None:
+    def _relayed(self, *, begins: bool) -> BaseException | None:
         """Tell the watcher of calls of this process; return the exception by which it stops."""
         context = calling(self.instanceName, self._call or "")
         try:
-            if kind == BEGIN:
+            if begins:
                 context.__enter__()
             else:
                 context.__exit__()
@@ -234,19 +299,22 @@ class IsolatedSlave:
         """Take log lines, and return whether to give up a call of the loop that lasts so long."""
         try:
             self._take_lines()
-            status = self._process.exit_status() if waited_ns else None
+            status = self._process.worker.exit_status() if waited_ns else None
         except (EOFError, OSError):
-            status = self._process.wait(_PATIENCE_S)
+            self._note_silence()
+            return 1
+        except FrameError:
+            self._give_up("refused", _STRANGE)
+            return 1
         if status is not None:
             self._note_end(status)
         return int(status is not None or self._exceeds(waited_ns / 1e9))
 
     def _take_lines(self) -> None:
-        connection = self._process.connection
-        while connection.poll():
-            kind, *content = unpacked(connection.recv_bytes())
-            if kind == LINE:
-                self._log(*content)
+        frames = self._process.worker.frames
+        while (message := frames.take()) is not None:
+            if isinstance(message, Line):
+                self._log(message.status, message.category, message.message)
 
     def _log(self, status: int, category: str, message: str) -> None:
         sink = sink_of(self._environment)
@@ -267,15 +335,21 @@ class IsolatedSlave:
             death = death_of(status)
             self._give_up(death.kind, f"the process of the component {death.words}")
 
+    def _note_silence(self) -> None:
+        """Note that the process has ended, or has closed its connection and is ended for it."""
+        status = self._process.worker.ended_within(_PATIENCE_S)
+        if status is not None:
+            self._note_end(status)
+        elif self.death is None:
+            self._give_up("refused", _MUTE)
+
     def _give_up(self, kind: str, words: str, interruption: BaseException | None = None) -> None:
         call = self._call or self._library.function_name(self._channel.function).decode() or None
         self.death = Death(self, kind, words, call, interruption)
         self._channel.given_up = 1
-        self._process.kill()
-        try:
+        self._process.worker.kill()
+        with contextlib.suppress(EOFError, OSError, FrameError):
             self._take_lines()
-        except (EOFError, OSError):
-            return
 
     def _callback(self, form: str, function: Callable[..., int], given_up: int) -> int:
         """Return the address of a function in Python that C calls.
@@ -325,7 +399,8 @@ class IsolatedSlave:
                 self._request("setString", references, given, relayed=False)
         except FMICallException as error:
             return int(error.status)
-        except ComponentError:
+        except ComponentError as error:
+            self.false_text = error
             return GONE
         return 0
 

@@ -5,49 +5,45 @@ from __future__ import annotations
 import contextlib
 import ctypes
 import os
-import pickle
+import socket
 import threading
-from multiprocessing.connection import Connection
+from collections.abc import Sequence
 from typing import Any, Final
 
-from cosim.core import flush_output, prepare_for_foreign_code
+from cosim.core import FrameError, Frames, SharedMemory
 from cosim.fmu.binary import Binary, load_slave
 from cosim.fmu.call_watch import watch_calls
-from cosim.fmu.isolation.channel import SharedMemory, declared, make_server
-from cosim.fmu.isolation.messages import BEGIN, END, LINE, RAISED, READY, RETURNED, packed, unpacked
+from cosim.fmu.isolation.channel import declared, make_server
+from cosim.fmu.isolation.messages import (
+    Asked,
+    CallBegun,
+    CallEnded,
+    FromSlave,
+    Line,
+    Ready,
+    Returned,
+    failure,
+)
 from cosim.fmu.messages import register_sink
 from cosim.fmu.unpacking import adopt_folder
 
 
-def main(
-    connection: int | str,
-    memory: int | str,
-    own_bell: int | str,
-    other_bell: int | str,
-    size: int | str,
-    parent: int | str,
-    library: str,
-) -> None:
-    """Serve one slave until the master closes the connection, then leave; never returns.
+def main(end: socket.socket, descriptors: Sequence[int], size: int, library: str) -> None:
+    """Serve one slave until the master closes the connection.
 
     Parameters
     ----------
-    connection, memory, own_bell, other_bell : file descriptors; -1 for no bell.
+    end : the connection to the master.
+    descriptors : of the memory, and of own and other bell where there is no futex.
     size : of the memory [bytes].
-    parent : number of the process of the master; this one ends with it, even in a call.
     library : path of the compiled channel.c.
     """
-    prepare_for_foreign_code()
+    memory, *bells = descriptors
+    shared = SharedMemory(memory, size)
+    os.close(memory)
+    own, other = bells or (-1, -1)
     calls = declared(ctypes.CDLL(library))
-    try:
-        if not calls.watch_parent(int(parent)):
-            shared = SharedMemory(int(memory), int(size))
-            os.close(int(memory))
-            bells = int(own_bell), int(other_bell)
-            _Servant(Connection(int(connection)), calls, shared, bells).serve()
-    finally:
-        flush_output()
-        os._exit(0)
+    _Servant(Frames(end, Asked), calls, shared, (own, other)).serve()
 
 
 _OWN: Final = ("load", "make_instance", "provide")
@@ -58,9 +54,9 @@ class _Servant:
     """Serves one slave."""
 
     def __init__(
-        self, connection: Connection, calls: Any, memory: SharedMemory, bells: tuple[int, int]
+        self, frames: Frames, calls: Any, memory: SharedMemory, bells: tuple[int, int]
     ) -> None:
-        self._connection, self._calls, self._memory = connection, calls, memory
+        self._frames, self._calls, self._memory = frames, calls, memory
         self._server = make_server(memory, bells)
         self._address = ctypes.addressof(self._server)
         self._guard = threading.Lock()
@@ -69,27 +65,27 @@ class _Servant:
     def serve(self) -> None:
         """Do what the master asks for, until it closes the connection."""
         watch_calls(self)
-        self._send(READY)
+        self._send(Ready())
         while True:
             self._calls.serve(self._address)
             try:
-                number, method, arguments, options = unpacked(self._connection.recv_bytes())
-            except (EOFError, OSError):
+                asked = self._frames.receive()
+            except (EOFError, OSError, FrameError):
                 return
+            number, method, arguments, options = asked.parts()
             try:
                 do = getattr(self if method in _OWN else self._slave, method)
-                reply = packed(RETURNED, number, do(*arguments, **options))
+                self._send(Returned(number, do(*arguments, **options)))
             except Exception as error:  # noqa: BLE001 - raised in the other process
-                reply = _raised(number, error)
-            self._write(reply)
+                self._send(failure(number, error))
 
     def begin(self, _component: str, call: str) -> None:
         """Tell that a call begins that is none of the loop."""
-        self._send(BEGIN, call)
+        self._send(CallBegun(call))
 
     def end(self) -> None:
         """Tell that it has returned."""
-        self._send(END)
+        self._send(CallEnded())
 
     def load(self, binary: Binary, component: str, where: str) -> None:
         """Load the FMU, from the folder where the master has unpacked it."""
@@ -110,19 +106,9 @@ class _Servant:
 
     def _line(self, status: int, category: str, message: str) -> None:
         """Tell a log line; an FMU may log from a thread of its own."""
-        self._send(LINE, status, category, message)
+        self._send(Line(status, category, message))
         self._calls.announce_line(self._address)
 
-    def _send(self, *message: Any) -> None:
-        self._write(packed(*message))
-
-    def _write(self, data: bytes) -> None:
+    def _send(self, message: FromSlave) -> None:
         with self._guard, contextlib.suppress(OSError):  # the master is gone, and soon this one
-            self._connection.send_bytes(data)
-
-
-def _raised(number: int, error: Exception) -> bytes:
-    try:
-        return packed(RAISED, number, error)
-    except (pickle.PicklingError, TypeError, AttributeError):
-        return packed(RAISED, number, RuntimeError(f"{type(error).__name__}: {error}"))
+            self._frames.send(message)

@@ -4,23 +4,17 @@ from .ages_certificate import (
 )
 from .ages_proof import (
     MAX_CORNERS as MAX_CORNERS,
+    ages_of as ages_of,
     ages_proved as ages_proved,
-    corners_of as corners_of,
 )
 from .ages_terms import (
     AgeFunctional as AgeFunctional,
     AgesVariables as AgesVariables,
     AgeTerms as AgeTerms,
-    Support as Support,
-    Supports as Supports,
     choices as choices,
     is_symmetric_unknown as is_symmetric_unknown,
     late_delays as late_delays,
-    rows_of as rows_of,
-    state_blocks as state_blocks,
     supports_of as supports_of,
-    unknowns_of as unknowns_of,
-    widths_of as widths_of,
 )
 from .analysis_certificate import (
     analysis_to_json as analysis_to_json,
@@ -35,17 +29,9 @@ from .analysis_proof import (
     analysis_proved as analysis_proved,
     covers_smaller as covers_smaller,
 )
-from .ball_matrices import (
-    balls as balls,
-    below as below,
-    exact_terms as exact_terms,
-    floats as floats,
-    size as size,
-)
 from .block_multipliers import (
     exact_eps as exact_eps,
     joined as joined,
-    separated as separated,
 )
 from .certificate import (
     certificate_bytes as certificate_bytes,
@@ -89,10 +75,6 @@ from .document import (
     claim_words as claim_words,
     theorem_rows as theorem_rows,
 )
-from .exact_lmi import (
-    ExactVariables as ExactVariables,
-    minus_omega as minus_omega,
-)
 from .guarantees import (
     KEY as KEY,
     Guarantees as Guarantees,
@@ -105,6 +87,7 @@ from .norm_proof import (
     NormPoint as NormPoint,
     NormProof as NormProof,
     bend as bend,
+    exact_terms as exact_terms,
 )
 from .observer_pair import (
     ObserverPair as ObserverPair,
@@ -115,7 +98,6 @@ from .observer_pair import (
 from .outages import (
     Outages as Outages,
     outage_delay as outage_delay,
-    varies as varies,
 )
 from .output_feedback_certificate import (
     measurement_differences as measurement_differences,
@@ -129,22 +111,17 @@ from .proof import (
     exact_variables as exact_variables,
     failure as failure,
 )
-from .rational import (
-    exact as exact,
-    exact_matrix as exact_matrix,
-    exact_symmetric as exact_symmetric,
-    first_bad_pivot as first_bad_pivot,
-    norm_is_below as norm_is_below,
-    rounded_up as rounded_up,
-)
 from .refutation_certificate import (
     gamma_floor as gamma_floor,
     refutation_to_json as refutation_to_json,
 )
 from .refutation_proof import (
-    AffineLmi as AffineLmi,
     Multipliers as Multipliers,
     Place as Place,
+    conditions as conditions,
+    fixed_at as fixed_at,
+    kept_rows as kept_rows,
+    lifted as lifted,
     refuted as refuted,
 )
 from .state_peaks import (
@@ -160,7 +137,6 @@ from .system_json import (
     delay_from as delay_from,
     differences as differences,
     first_difference as first_difference,
-    format_value as format_value,
     known_keys as known_keys,
     matrix_from_rows as matrix_from_rows,
     number as number,

@@ -5,7 +5,7 @@
                    "down_to_zero": false,
                    "terms": [{"functional": "looped", "matrices": {"U": ..., "X_a": ...}}]}}
 
-`terms` has one entry per positive delay; the matrices are those of `ages_terms.unknowns_of`. Beside
+`terms` has one entry per positive delay; the matrices are those of the inequalities. Beside
 them "states" or "controls", numbers from 1, is the support of the delay; without it the terms are
 about the whole state. The claim lists the theorem's hypotheses in full.
 """
@@ -15,37 +15,32 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, Literal
 
 from cosim.core import InputError
-from cosim.hinf.certificate.ages_proof import ages_claim, ages_proved
+from cosim.hinf.certificate.ages_proof import ages_claim, ages_proved, shapes_of_proof
 from cosim.hinf.certificate.ages_terms import (
     AgesVariables,
     AgeTerms,
-    Support,
     check_functionals,
     check_supports,
     is_symmetric_unknown,
     late_delays,
-    state_blocks,
-    unknowns_of,
 )
 from cosim.hinf.certificate.analysis_certificate import loop_from_json
 from cosim.hinf.certificate.analysis_variables import check_null, order_from_json
 from cosim.hinf.certificate.block_multipliers import eps_from_json, eps_to_json, exact_eps
 from cosim.hinf.certificate.proof import CertificateCheck
-from cosim.hinf.certificate.rational import (
+from cosim.hinf.certificate.system_json import known_keys, system_to_json
+from cosim.hinf.certificate.theorem import theorem_of
+from cosim.hinf.exact import (
     exact,
     exact_matrix,
     exact_symmetric,
+    format_value,
     from_text,
     matrix_from_text,
     matrix_to_text,
     to_text,
 )
-from cosim.hinf.certificate.system_json import (
-    format_value,
-    known_keys,
-    system_to_json,
-)
-from cosim.hinf.certificate.theorem import theorem_of
+from cosim.hinf.theorems import UNKNOWNS, Support
 
 if TYPE_CHECKING:
     from cosim.models import DelaySystem, Matrix
@@ -168,20 +163,22 @@ def _variables(system: DelaySystem, gain: Matrix, data: Any) -> AgesVariables:
     if not system.has_performance:
         check_null("gamma", data["gamma"], expected=True)
     gamma = None if data["gamma"] is None else from_text(data["gamma"], "variables.gamma")
-    every = unknowns_of(system, order, functionals, gamma=gamma is not None, supports=supports)
+    every = shapes_of_proof(system, gain, order, functionals, supports, bounded=gamma is not None)
     terms = []
-    for j, (table, own, shapes) in enumerate(zip(tables, supports, every, strict=True)):
+    for j, (table, own) in enumerate(zip(tables, supports, strict=True)):
+        shapes = {name: s for name in UNKNOWNS if (s := every.get(f"{name}[{j}]")) is not None}
         where = f"variables.terms[{j}].matrices"
         known_keys(table["matrices"], where, tuple(shapes), required=tuple(shapes))
         matrices = {
-            name: matrix_from_text(table["matrices"][name], f"{where}.{name}", *shape)
+            name: matrix_from_text(
+                table["matrices"][name], f"{where}.{name}", shape.height, shape.width
+            )
             for name, shape in shapes.items()
         }
         terms.append(AgeTerms(table["functional"], matrices, own))
-    rows = sum(state_blocks(system, order, functionals, supports).values())
     return AgesVariables(
         order=order,
-        P=matrix_from_text(data["P"], "variables.P", rows, rows),
+        P=matrix_from_text(data["P"], "variables.P", every["P"].height, every["P"].width),
         terms=tuple(terms),
         eps=eps_from_json(system, data["eps"], "variables.eps"),
         gamma=gamma,

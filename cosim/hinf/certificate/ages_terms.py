@@ -1,4 +1,4 @@
-"""What the functional of `ages_proof` consists of: its unknowns and the rows of its inequality.
+"""What is chosen of each delay for `cosim.hinf.theorems.ages`, and the unknowns of a proof.
 
 Each positive delay has one of five functionals:
 
@@ -8,8 +8,8 @@ Each positive delay has one of five functionals:
     wirtinger   sampled: the age is least_age, then grows at rate one to d at most
     looped      the same; sharper, with more unknowns
 
-An age with a known rate is one of any variation as well, and so is a sampled one. The unknowns
-and the equations are those of `ages_proof`; docs/explanation/theory.md derives them.
+An age with a known rate is one of any variation as well, and so is a sampled one.
+docs/explanation/theory.md derives the equations.
 
 The terms of a delay are about y(t) = C x(t): the whole state, or its `Support`. Its rows and
 unknowns then have the size of y instead of n.
@@ -17,13 +17,13 @@ unknowns then have the size of y instead of n.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 
 from cosim.core import InputError
+from cosim.hinf.theorems import NOT_SYMMETRIC, Support, Supports, eps_by_name, gamma_by_name
 
 if TYPE_CHECKING:
     from cosim.models import Delay, DelaySystem, Matrix
@@ -33,30 +33,12 @@ FUNCTIONALS: tuple[str, ...] = get_args(AgeFunctional)
 
 
 @dataclass(frozen=True)
-class Support:
-    """What of x is needed late, y(t - age) with y = C x: the support of one delay.
-
-    Attributes
-    ----------
-    of : "states": C selects states, the others have no entry in A_i + B K S_i, H_i and D2 K S_i.
-        "controls": C is rows of K S_i, where A_i = 0 and H_i = 0, and the delay acts through u.
-    numbers : of the states or controls, from 0, ascending.
-    """
-
-    of: Literal["states", "controls"]
-    numbers: tuple[int, ...]
-
-
-Supports = Sequence[Support | None]
-"""The support of every positive delay; None: the whole state."""
-
-
-@dataclass(frozen=True)
 class AgeTerms:
     """The part of one positive delay: its functional, and its matrices by name.
 
-    The names and shapes are those of `unknowns_of`; the matrices are arrays of floats from a
-    solver, `fmpq_mat` in a proof. `support`: what they are about; None: the whole state.
+    The names are those of the inequalities without the delay's number; the matrices are arrays of
+    floats from a solver, `fmpq_mat` in a proof. `support`: what they are about; None: the whole
+    state.
     """
 
     functional: AgeFunctional
@@ -89,6 +71,13 @@ class AgesVariables:
     def supports(self) -> tuple[Support | None, ...]:
         """The support of every positive delay; None: the whole state."""
         return tuple(own.support for own in self.terms)
+
+    def by_name(self) -> dict[str, Any]:
+        """Return the unknowns of the inequalities by name."""
+        found = {"P": self.P} | gamma_by_name(self.gamma)
+        for j, own in enumerate(self.terms):
+            found |= {f"{name}[{j}]": M for name, M in own.matrices.items()}
+        return found | eps_by_name(self.eps)
 
     def symmetric_matrices(self) -> list[tuple[str, Any]]:
         """Return every matrix that must be symmetric, with its name."""
@@ -197,111 +186,6 @@ def check_supports(system: DelaySystem, gain: Matrix, supports: Supports) -> Non
             )
 
 
-def widths_of(system: DelaySystem, supports: Supports | None) -> list[int]:
-    """Return the size of y of every positive delay."""
-    n, late = len(system.A), late_delays(system)
-    each = [None] * len(late) if supports is None else supports
-    return [n if own is None else len(own.numbers) for own in each]
-
-
-def rows_of(
-    system: DelaySystem,
-    order: int,
-    functionals: tuple[AgeFunctional, ...],
-    *,
-    gamma: bool,
-    supports: Supports | None = None,
-) -> dict[str, int]:
-    """Return the rows of -Phi by name, in order, without those that one corner adds.
-
-    x(t) is "x", y(t - tau_j) is "x{j}"; "h{j}" and "d{j}" are y(t - least_age), y(t - d);
-    "W{j},{k}" the means over the constant part, "a{j}" and "b{j}" those over
-    [t - tau, t - least_age] and [t - d, t - tau]; "t{j}" is y(s_k + least_age) and "r{j}"
-    y'(t - least_age). `gamma`: with a row for w.
-    """
-    sizes = {"x": len(system.A)}
-    widths = widths_of(system, supports)
-    each = zip(functionals, late_delays(system), widths, strict=True)
-    for j, (own, delay, width) in enumerate(each):
-        means = [f"W{j},{k}" for k in range(order)]
-        if own == "constant":
-            sizes |= dict.fromkeys([f"x{j}", *means], width)
-            continue
-        names = [f"h{j}", *means] if delay.least_age > 0 else []
-        names.append(f"x{j}")
-        if own in {"interval", "rate"}:
-            names += [f"d{j}", *((f"a{j}", f"b{j}") if order else ())]
-        if own == "looped" and delay.least_age > 0:
-            names += [f"t{j}", f"r{j}"]
-        sizes |= dict.fromkeys(names, width)
-    if gamma:
-        sizes["w"] = system.C.shape[1]
-    if system.E.size:
-        sizes["p"] = system.E.shape[1]
-    return sizes
-
-
-def state_blocks(
-    system: DelaySystem,
-    order: int,
-    functionals: tuple[AgeFunctional, ...],
-    supports: Supports | None = None,
-) -> dict[str, int]:
-    """Return the blocks of the vector of V: "x", then the name and index of each further one.
-
-    With the size of each.
-    """
-    blocks = {"x": len(system.A)}
-    widths = widths_of(system, supports)
-    each = zip(functionals, late_delays(system), widths, strict=True)
-    for j, (own, delay, width) in enumerate(each):
-        names = []
-        if own == "constant" or delay.least_age > 0:
-            names += [f"W{j},{k}" for k in range(order)]
-        if own == "looped" and delay.least_age > 0:
-            names.append(f"h{j}")
-        if own == "interval" and order:
-            names.append(f"ab{j}")
-        if own == "rate" and order:
-            names += [f"a{j}", f"b{j}"]
-        blocks |= dict.fromkeys(names, width)
-    return blocks
-
-
-def unknowns_of(
-    system: DelaySystem,
-    order: int,
-    functionals: tuple[AgeFunctional, ...],
-    *,
-    gamma: bool,
-    supports: Supports | None = None,
-) -> list[dict[str, tuple[int, int]]]:
-    """Return the name and shape of the matrices of every positive delay.
-
-    All are symmetric but M, X_b and Y (`is_symmetric_unknown`).
-    """
-    rows = sum(rows_of(system, order, functionals, gamma=gamma, supports=supports).values())
-    found = []
-    widths = widths_of(system, supports)
-    for own, delay, n in zip(functionals, late_delays(system), widths, strict=True):
-        names: dict[str, tuple[int, int]] = {}
-        first = own == "constant" or delay.least_age > 0
-        if first:
-            names |= {"Q": (n, n), "R": (n, n)}
-        if own in {"interval", "rate"}:
-            m = 2 * n if order else n
-            names |= {"S": (n, n)} if own == "interval" else {"S_1": (n, n), "S_2": (n, n)}
-            names |= {"Z": (n, n), "M": (m, m)}
-        if own == "wirtinger":
-            names["W"] = (n, n)
-        if own == "looped":
-            m = 2 * n if first else n
-            names |= {"N": (n, n)} if first else {}
-            names |= {"U": (m, m), "X_a": (m, m), "X_b": (m, m), "Y": (rows, m)}
-        found.append(names)
-    return found
-
-
 def is_symmetric_unknown(name: str) -> bool:
     """Whether the unknown of that name is a symmetric matrix."""
-    return name not in {"M", "X_b", "Y"}
+    return name not in NOT_SYMMETRIC

@@ -12,14 +12,15 @@ from typing import TYPE_CHECKING, Any
 from cosim.core import InputError
 from cosim.hinf.certificate.analysis_proof import MAX_ORDER, ExactAnalysis, orders_of
 from cosim.hinf.certificate.block_multipliers import eps_from_json, eps_to_json
-from cosim.hinf.certificate.rational import (
+from cosim.hinf.certificate.system_json import known_keys
+from cosim.hinf.exact import (
     exact,
+    format_value,
     from_text,
     matrix_from_text,
     matrix_to_text,
     to_text,
 )
-from cosim.hinf.certificate.system_json import format_value, known_keys
 
 if TYPE_CHECKING:
     from cosim.models import Delay, DelaySystem

@@ -16,12 +16,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-import flint
 import numpy as np
 
 from cosim.core import InputError
-from cosim.hinf.certificate.rational import exact, from_text, to_text
-from cosim.hinf.certificate.system_json import format_value
+from cosim.hinf.exact import exact, format_value, from_text, to_text
+from cosim.hinf.theorems import separated
 
 if TYPE_CHECKING:
     from cosim.models import DelaySystem
@@ -33,22 +32,6 @@ Blocks = tuple[tuple[slice, slice], ...]
 def joined(values: Sequence[Any]) -> Any:
     """Return one number per block as the variables have them: one alone, several as a tuple."""
     return values[0] if len(values) == 1 else tuple(values) or None
-
-
-def separated(eps: Any) -> tuple[Any, ...]:
-    """Return one number per block of what `joined` returned."""
-    return () if eps is None else eps if isinstance(eps, tuple) else (eps,)
-
-
-def scalings(blocks: Blocks, eps: Any) -> tuple[Any, Any]:
-    """Return L_p (s, s) and L_q (r, r) of the module's text as `fmpq_mat`."""
-    p, q = (blocks[-1][side].stop if blocks else 0 for side in (0, 1))
-    found = flint.fmpq_mat(p, p), flint.fmpq_mat(q, q)
-    for block, value in zip(blocks, separated(eps), strict=True):
-        for matrix, rows in zip(found, block, strict=True):
-            for i in range(rows.start, rows.stop):
-                matrix[i, i] = value
-    return found
 
 
 def exact_eps(system: DelaySystem, eps: Any) -> Any:

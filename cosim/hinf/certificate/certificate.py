@@ -27,7 +27,6 @@ from numpy.typing import ArrayLike
 
 from cosim.core import DESIGN_FILE, SCHEMA, InputError, unreadable
 from cosim.hinf.certificate.document import Certificate
-from cosim.hinf.certificate.exact_lmi import ExactVariables
 from cosim.hinf.certificate.guarantees import Guarantees, guarantees_from_json
 from cosim.hinf.certificate.not_read import not_read
 from cosim.hinf.certificate.proof import (
@@ -37,9 +36,7 @@ from cosim.hinf.certificate.proof import (
     exact_variables,
     proved,
 )
-from cosim.hinf.certificate.rational import exact_matrix, matrix_from_text, matrix_to_text
 from cosim.hinf.certificate.system_json import (
-    format_value,
     known_keys,
     matrix_from_rows,
     system_from_json,
@@ -47,6 +44,8 @@ from cosim.hinf.certificate.system_json import (
 )
 from cosim.hinf.certificate.theorem import theorem_of
 from cosim.hinf.certificate.variables_json import variables_from_json, variables_to_json
+from cosim.hinf.exact import exact_matrix, format_value, matrix_from_text, matrix_to_text
+from cosim.hinf.theorems import ExactVariables
 from cosim.models import DelaySystem, Matrix
 
 _OTHERS = {

@@ -3,7 +3,7 @@
 **Gain.** |K| <= k, the largest singular value, is k^2 I - K K' >= 0 with the deployed K; the
 proof needs no LMI.
 
-**Peak.** Without z, the LMI of `cosim.hinf.certificate.exact_lmi` at some mu (its gamma) implies
+**Peak.** Without z, the LMI of `cosim.hinf.theorems.theorem_2` at some mu (its gamma) implies
 V' <= mu w'w for the functional V and every admissible F(t). From an initial state x0, constant
 before t = 0 (the terms of x' in V are zero then), and with a disturbance of finite energy,
 
@@ -30,10 +30,12 @@ import numpy as np
 
 from cosim.core import InputError
 from cosim.hinf.certificate.document import ProvedValue
-from cosim.hinf.certificate.exact_lmi import ExactVariables
 from cosim.hinf.certificate.proof import failure
-from cosim.hinf.certificate.rational import (
+from cosim.hinf.certificate.system_json import known_keys
+from cosim.hinf.certificate.variables_json import variables_from_json, variables_to_json
+from cosim.hinf.exact import (
     asymmetric,
+    ball_precision,
     exact,
     exact_matrix,
     from_text,
@@ -42,8 +44,7 @@ from cosim.hinf.certificate.rational import (
     rounded_up,
     to_text,
 )
-from cosim.hinf.certificate.system_json import known_keys
-from cosim.hinf.certificate.variables_json import variables_from_json, variables_to_json
+from cosim.hinf.theorems import ExactVariables
 from cosim.models import DelaySystem, Matrix
 
 MAX_OFFSETS = 8
@@ -195,7 +196,7 @@ def squared_peaks(
     starts = flint.fmpq_mat(n, len(corners), [corner[i] for i in range(n) for corner in corners])
     KXK = K * v.X * K.transpose()
     for bits in _PRECISIONS:
-        with flint.ctx.workprec(bits):
+        with ball_precision(bits):
             level = flint.arb(0)
             if corners:
                 try:
@@ -261,5 +262,5 @@ def proved_peaks(
 
 
 def _square_is_above(bound: Any, square: Any) -> bool:
-    with flint.ctx.workprec(_PRECISIONS[0]):
+    with ball_precision(_PRECISIONS[0]):
         return bool(flint.arb(bound * bound) >= square)

@@ -39,10 +39,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import flint
 
 from cosim.core import InputError
-from cosim.hinf.certificate.ball_matrices import balls, exact_terms, size
 from cosim.hinf.certificate.document import ProvedValue
-from cosim.hinf.certificate.rational import exact, from_text, to_text
+from cosim.hinf.certificate.norm_proof import exact_terms
 from cosim.hinf.certificate.system_json import known_keys
+from cosim.hinf.exact import ball_precision, balls, exact, from_text, size, to_text
 
 if TYPE_CHECKING:
     from cosim.models import DelaySystem, Matrix
@@ -88,7 +88,7 @@ class Damping(ProvedValue):
             return "a sampled age is not constant: its loop has no characteristic roots"
         if exceeds_growth(self.within, system):
             return "within is too great for the longest delay"
-        with flint.ctx.workprec(_BITS):
+        with ball_precision(_BITS):
             try:
                 return _Sector(system, gain, self).failure()
             except (ZeroDivisionError, OverflowError):  # H is singular at a point, or as good as

@@ -6,7 +6,7 @@ xi(t) = e^{alpha t} x(t) obeys
 
 s_j = e^{alpha tau_j} on everything that acts through delay j, dA_j = E F(t) H_j and the control
 included. Whatever tau_j is between 0 and d_j, and however it varies where any age is allowed,
-s_j stays in [1, e^{alpha dj}]. The LMI of `cosim.hinf.certificate.exact_lmi` is affine in each
+s_j stays in [1, e^{alpha dj}]. The LMI of `cosim.hinf.theorems.theorem_2` is affine in each
 s_j: proved at all corners of that box, with the same X, Q, R and eps, it holds everywhere in it,
 and the functional of xi, which bounds xi'Pxi, never rises. Hence |x(t)| <= c e^{-alpha t}.
 
@@ -25,11 +25,11 @@ import flint
 
 from cosim.core import InputError
 from cosim.hinf.certificate.document import ProvedValue
-from cosim.hinf.certificate.exact_lmi import ExactVariables, Shift
 from cosim.hinf.certificate.proof import failure
-from cosim.hinf.certificate.rational import asymmetric, exact, from_text, to_text
 from cosim.hinf.certificate.system_json import known_keys
 from cosim.hinf.certificate.variables_json import variables_from_json, variables_to_json
+from cosim.hinf.exact import asymmetric, ball_precision, exact, from_text, to_text
+from cosim.hinf.theorems import ExactVariables, Shift
 
 if TYPE_CHECKING:
     from cosim.models import DelaySystem, Matrix
@@ -175,5 +175,5 @@ def growth_of(system: DelaySystem, rate: float) -> tuple[float, ...]:
 
 def is_above_exponential(value: Any, power: Any) -> bool:
     """Prove that the rational `value` is at least e^power."""
-    with flint.ctx.workprec(256):
+    with ball_precision(256):
         return bool(flint.arb(value) >= flint.arb(power).exp())

@@ -11,22 +11,19 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-import flint
-
 from cosim.core import InputError
 from cosim.hinf.certificate.analysis_certificate import gain_from_json
 from cosim.hinf.certificate.analysis_proof import EXACTLY
 from cosim.hinf.certificate.norm_proof import MAX_STEPS, NORM_BITS, NormProof
 from cosim.hinf.certificate.proof import CertificateCheck, claim_of, judged
-from cosim.hinf.certificate.rational import exact, from_text, to_text
 from cosim.hinf.certificate.system_json import (
-    format_value,
     known_keys,
     number,
     system_from_json,
     system_to_json,
 )
 from cosim.hinf.certificate.theorem import theorem_of
+from cosim.hinf.exact import ball_precision, exact, format_value, from_text, to_text
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -86,7 +83,7 @@ def check_norm(data: dict[str, Any]) -> CertificateCheck:
     def reason() -> str | None:
         if not gamma > 0:
             return "gamma is not positive"
-        with flint.ctx.workprec(NORM_BITS):
+        with ball_precision(NORM_BITS):
             return NormProof(system, gain, gamma).failure(steps, end)
 
     return judged(data, _claim(system, gamma), [], reason, makers="system and gamma")

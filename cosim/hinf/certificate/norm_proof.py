@@ -37,15 +37,24 @@ from typing import Any, NamedTuple
 
 import flint
 
-from cosim.hinf.certificate.ball_matrices import balls, below, exact_terms, floats, size
-from cosim.hinf.certificate.rational import exact_matrix
-from cosim.models import DelaySystem
+from cosim.hinf.exact import balls, below, exact_matrix, floats, size
+from cosim.hinf.theorems import Loop
+from cosim.models import DelaySystem, Matrix
 
 NORM_BITS = 128
 """Working precision of the balls."""
 
 MAX_STEPS = 1000
 """Most intervals of a proof."""
+
+
+def exact_terms(system: DelaySystem, gain: Matrix) -> dict[float, tuple[Any, Any]]:
+    """Return (A_i, D_i) of u = K x by delay, `fmpq_mat`: d = 0 first, equal delays merged."""
+    loop = Loop.of(system, gain)
+    terms: dict[float, tuple[Any, Any]] = {}
+    for d, A, D in zip([0.0, *(x.d for x in loop.delays)], loop.A, loop.D, strict=True):
+        terms[d] = (terms[d][0] + A, terms[d][1] + D) if d in terms else (A, D)
+    return terms
 
 
 class NormProof:

@@ -1,58 +1,28 @@
-"""Proved growth and decay of a loop whose link drops out: one functional for both modes.
+"""Proved growth and decay of a loop whose link drops out: the guarantee, its words and its JSON.
 
-In touch, u = K x(t - tau), every tau(t) at most d however it varies. Out of touch, by age d, the
-receiver falls back: u = K_o x(t - o), o(t) at most `fallback_age`; K_o = 0 is zero input. A value
-that is held beyond age d belongs to neither mode: x(s_k) is not in the functional.
-
-With the positive delays d_j, r_j rational, 0 < r_j <= e^{-2 alpha d_j}, |v|_R^2 = v'R v, and k(s)
-= e^{2 alpha (s - t)}, the same kernels in both modes,
-
-    V = x'P x + sum_j (int_{t-d_j}^t k x'S_j x + d_j int_{-d_j}^0 int_{t+h}^t k x''R_j x' ds dh).
-
-Along x' = f, by Jensen's inequality, and for a delay that varies by the reciprocally convex
-combination (Park, Ko, Jeong, Automatica 47 (2011) 235), V' + 2 alpha V is at most
-
-    He(x'P f) + 2 alpha |x|_P^2 + sum_j (|x|_Sj^2 - r_j |x_dj|_Sj^2 + d_j^2 |f|_Rj^2 - r_j J_j),
-    J_j = |x - x_dj|_Rj^2 of a constant delay,
-    J_j = [x - x_j; x_j - x_dj]'[R_j M_j; M_j' R_j][..] of one that varies, x_j = x(t - tau_j).
-
-Out of touch, with f_o, the terms of the integrals are the same, since 2 beta >= -2 alpha:
-V' - 2 beta V is at most this with -2 beta in place of 2 alpha, and, for the delay of the feedback,
-
-    J = |x - x_d|_R^2 where the fallback acts at once, or is zero; otherwise
-    J = (d / fallback_age) |x - x_o|_R^2 + |x_o - x_d|_R^2,  x_o = x(t - o).
-
-With eps (q'q - p'p) + z'z/gamma - gamma w'w added, both forms are shown to be negative definite;
-eps may differ from mode to mode, gamma may not. Nothing is added when touch is regained: V is taken
-on the real past. A delay below d_j, constant or not, is covered: each term only grows with d_j.
+The inequalities are those of `cosim.hinf.theorems.outages`.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from cosim.core import InputError
-from cosim.hinf.certificate.analysis_proof import ExactLoop, exact_loop, orders_of
-from cosim.hinf.certificate.block_multipliers import eps_from_json, eps_to_json, scalings
+from cosim.hinf.certificate.block_multipliers import eps_from_json, eps_to_json
 from cosim.hinf.certificate.decay import is_above_exponential
 from cosim.hinf.certificate.document import ProvedValue
 from cosim.hinf.certificate.proof import require_size
-from cosim.hinf.certificate.quadratic_form import Form, Map
-from cosim.hinf.certificate.rational import (
-    asymmetric,
-    exact,
-    exact_matrix,
-    first_bad_matrix,
-    from_text,
-    identity,
-    matrix_from_text,
-    matrix_to_text,
-    to_text,
-)
 from cosim.hinf.certificate.system_json import known_keys, matrix_from_rows, number
+from cosim.hinf.exact import asymmetric, exact, from_text, matrix_from_text, matrix_to_text, to_text
+from cosim.hinf.theorems import (
+    Modes,
+    eps_by_name,
+    first_failure,
+    gamma_by_name,
+    outage_inequalities,
+    varies,
+)
 
 if TYPE_CHECKING:
     from cosim.models import Delay, DelaySystem, Matrix
@@ -73,25 +43,13 @@ _GAIN_WORDS = (
 
 
 @dataclass(frozen=True, eq=False)
-class Outages(ProvedValue):
+class Outages(Modes, ProvedValue):
     """What is proved of a loop whose link drops out; exact numbers (`fmpq`, `fmpq_mat`).
 
-    alpha, beta : V falls at least as e^{-2 alpha t} in touch, and grows at most as e^{2 beta t}
-        out of touch [1/s]; beta may be negative.
-    gamma : bound of the weighted gain from w to z; None for stability alone.
-    rho : r_j per positive delay, at most e^{-2 alpha d_j}.
-    fallback : (m, n) K_o of the fallback, doubles; zero for zero input.
-    fallback_age : its greatest age [s], a double; 0: it acts at once.
     P, S, R, M : of the functional, S, R and M one per positive delay; M None where it is constant.
     eps, eps_out : multipliers of the uncertainty in each mode, as of an analysis.
     """
 
-    alpha: Any
-    beta: Any
-    gamma: Any
-    rho: tuple[Any, ...]
-    fallback: Matrix
-    fallback_age: float
     P: Any
     S: tuple[Any, ...]
     R: tuple[Any, ...]
@@ -144,9 +102,14 @@ class Outages(ProvedValue):
         feedback = outage_delay(system)
         rows = len(system.A) * (1 + 2 * len(system.delays))
         require_size(rows + system.C.shape[1] + system.E.shape[1])
-        reason = self._scalar_failure(system, feedback) or self._matrix_failure()
-        forms = self._forms(system, gain) if reason is None else []
-        return reason or next(filter(None, (form.failure(name) for name, form in forms)), None)
+        reason = self._scalar_failure(system, feedback)
+        if reason is not None:
+            return reason
+        values = self.by_name()
+        bad = asymmetric([(k, M) for k, M in values.items() if k[:1] in "PSR"])
+        if bad is not None:
+            return f"{bad} is not symmetric"
+        return first_failure(outage_inequalities(system, gain, self), values)
 
     def _scalar_failure(self, system: DelaySystem, feedback: Delay) -> str | None:
         """Return what is wrong with a number; None if nothing is."""
@@ -162,97 +125,12 @@ class Outages(ProvedValue):
                 return f"rho[{j}] is not positive, or not at most exp(-2 alpha d)"
         return None
 
-    def _matrix_failure(self) -> str | None:
-        """Return which of P, S, R is not positive definite; None if all are."""
-        named = [("P", self.P)]
-        for name, each in (("S", self.S), ("R", self.R)):
-            named += [(f"{name}[{j}]", x) for j, x in enumerate(each)]
-        bad = asymmetric(named)
-        if bad is not None:
-            return f"{bad} is not symmetric"
-        bad = first_bad_matrix(named)
-        return None if bad is None else f"{bad} is not positive definite"
-
-    def _forms(self, system: DelaySystem, gain: Matrix) -> list[tuple[str, Form]]:
-        """Return every other form that must be positive, with its name."""
-        found, n = [], len(system.A)
-        for j, M in enumerate(self.M):
-            if M is None:
-                continue
-            form = Form({"v": n, "u": n})
-            v, u = {"v": identity(n)}, {"u": identity(n)}
-            form.square(v, self.R[j])
-            form.square(u, self.R[j])
-            form.twice(v, M, u)
-            found.append((f"[R M[{j}]; M' R]", form))
-        orders = orders_of(system, 0)
-        touch = exact_loop(system, gain, orders)
-        out = exact_loop(system, np.zeros_like(gain), orders)
-        K, late = exact_matrix(self.fallback), self.fallback_age > 0
-        acting = exact_matrix(system.B) * K, exact_matrix(system.D2) * K
-        if not late:
-            out = replace(
-                out,
-                A=[out.A[0] + acting[0], *out.A[1:]],
-                D=[out.D[0] + acting[1], *out.D[1:]],
-            )
-        found.append(("-Phi in touch", self._minus_phi(system, touch, self.eps, None)))
-        more = acting if late else ()
-        return [*found, ("-Phi out of touch", self._minus_phi(system, out, self.eps_out, more))]
-
-    def _minus_phi(
-        self, system: DelaySystem, loop: ExactLoop, eps: Any, fallback: tuple[Any, ...] | None
-    ) -> Form:
-        """Return -Phi of one mode; `fallback` : B K_o and D2 K_o if it is late; None: in touch."""
-        n, lost = len(system.A), fallback is not None
-        late = [x for x in system.delays if x.d > 0]
-        sizes, now = {"x": n}, []
-        for j, delay in enumerate(late):
-            there = varies(delay) and not (lost and delay.feedback and not fallback)
-            now.append(f"x{j}" if there else f"d{j}")
-            sizes |= dict.fromkeys([now[-1], f"d{j}"], n)
-        f = {"x": loop.A[0]} | dict(zip(now, loop.A[1:], strict=True))
-        z = {"x": loop.D[0]} | dict(zip(now, loop.D[1:], strict=True))
-        q = {"x": loop.H[0]} | dict(zip(now, loop.H[1:], strict=True))
-        if fallback:
-            own = now[next(j for j, x in enumerate(late) if x.feedback)]
-            f[own], z[own] = fallback
-        if self.gamma is not None:
-            sizes["w"], f["w"], z["w"] = loop.C.ncols(), loop.C, loop.D1
-        if loop.blocks:
-            sizes["p"], f["p"] = loop.E.ncols(), loop.E
-        form, one = Form(sizes), identity(n)
-        x = {"x": one}
-        form.twice(x, -self.P, f)
-        form.square(x, 2 * (self.beta if lost else -self.alpha) * self.P)
-        for j, (delay, d) in enumerate(zip(late, loop.d, strict=True)):
-            r, S, R, end = self.rho[j], self.S[j], self.R[j], {f"d{j}": one}
-            form.square(x, -S)
-            form.square(end, r * S)
-            form.square(f, -d * d * R)
-            if now[j] == f"d{j}":
-                form.square({"x": one, f"d{j}": -one}, r * R)
-                continue
-            young, old = {"x": one, f"x{j}": -one}, {f"x{j}": one, f"d{j}": -one}
-            again = lost and bool(delay.feedback)
-            form.square(young, r * (d / exact(self.fallback_age) if again else 1) * R)
-            form.square(old, r * R)
-            if not again:
-                form.twice(young, r * self.M[j], old)
-        if loop.blocks:
-            L_p, L_q = scalings(loop.blocks, eps)
-            form.square(q, -L_q)
-            form.square({"p": identity(sizes["p"])}, L_p)
-        if self.gamma is not None:
-            form.square(z, -1 / self.gamma * identity(loop.D1.nrows()))
-            w: Map = {"w": identity(sizes["w"])}
-            form.square(w, self.gamma * identity(sizes["w"]))
-        return form
-
-
-def varies(delay: Delay) -> bool:
-    """Whether a delay is one of any age here: the plant's, if it is so given, or the feedback's."""
-    return delay.any_age or bool(delay.feedback)
+    def by_name(self) -> dict[str, Any]:
+        """Return the unknowns of the inequalities by name."""
+        found = {"P": self.P} | gamma_by_name(self.gamma)
+        for name in ("S", "R", "M"):
+            found |= {f"{name}[{j}]": x for j, x in enumerate(getattr(self, name))}
+        return found | eps_by_name(self.eps) | eps_by_name(self.eps_out, "eps_out")
 
 
 def outage_delay(system: DelaySystem) -> Delay:

@@ -23,10 +23,8 @@ import numpy as np
 from cosim.core import InputError
 from cosim.hinf.certificate.observer_pair import ObserverPair, pair_of
 from cosim.hinf.certificate.proof import CertificateCheck, judged
-from cosim.hinf.certificate.rational import exact_matrix
 from cosim.hinf.certificate.system_json import (
     differences,
-    format_value,
     known_keys,
     matrix_from_rows,
     number,
@@ -36,6 +34,7 @@ from cosim.hinf.certificate.system_json import (
     system_to_json,
 )
 from cosim.hinf.certificate.theorem import theorem_of
+from cosim.hinf.exact import exact_matrix, format_value
 from cosim.models import Measurement, Over
 
 KIND = "output-feedback"

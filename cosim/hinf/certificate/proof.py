@@ -19,18 +19,10 @@ import numpy as np
 from cosim.core import InputError, html_table
 from cosim.hinf.certificate.block_multipliers import exact_eps
 from cosim.hinf.certificate.document import claim_words, theorem_rows
-from cosim.hinf.certificate.exact_lmi import ExactVariables, Shift, minus_omega
-from cosim.hinf.certificate.rational import (
-    asymmetric,
-    exact,
-    exact_matrix,
-    exact_symmetric,
-    first_bad_matrix,
-    first_bad_pivot,
-    to_text,
-)
 from cosim.hinf.certificate.system_json import feedback_to_json
 from cosim.hinf.certificate.theorem import theorem_of
+from cosim.hinf.exact import asymmetric, exact, exact_symmetric, to_text
+from cosim.hinf.theorems import ExactVariables, Shift, first_failure, minus_omega, positive
 from cosim.models import DelaySystem, Matrix
 
 MAX_ROWS = 400
@@ -198,22 +190,9 @@ def failure(
             return f"k2[{j}] is 0"
         if delay.any_age and v.Q[j] != 0 * v.Q[j]:
             return f"Q[{j}] is not exactly 0, as a delay of any age needs"
-    positive = [("X", v.X)]
-    positive += [(f"Q[{j}]", v.Q[j]) for j, x in enumerate(system.delays) if not x.any_age]
-    # where dj > 0, R is a diagonal block of -Omega
-    positive += [(f"R[{j}]", v.R[j]) for j, x in enumerate(system.delays) if x.d == 0]
-    name = first_bad_matrix(positive)
-    if name is not None:
-        return f"{name} is not positive definite"
-    lmi = minus_omega(system, exact_matrix(gain) * v.X, v, shift)
-    bad = first_bad_pivot(lmi.lower)
-    if bad is not None:
-        total = len(lmi.lower)
-        return (
-            f"-Omega is not positive definite: pivot {bad + 1} of {total}, "
-            f"in the rows of {lmi.row_names[bad]}, is not positive"
-        )
-    return None
+    bounded = v.gamma is not None
+    form = minus_omega(system, v.k1, v.k2, bounded=bounded, gain=gain, shift=shift)
+    return first_failure([*positive(system), form], v.by_name())
 
 
 def exact_variables(system: DelaySystem, v: Variables) -> ExactVariables:

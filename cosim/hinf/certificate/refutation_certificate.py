@@ -21,22 +21,18 @@ import numpy as np
 
 from cosim.core import InputError
 from cosim.hinf.certificate.proof import CertificateCheck, judged, uncertainty_claim
-from cosim.hinf.certificate.rational import (
+from cosim.hinf.certificate.refutation_proof import Multipliers, Place, refutation_claim, refuted
+from cosim.hinf.certificate.system_json import known_keys, system_from_json, system_to_json
+from cosim.hinf.certificate.theorem import theorem_of
+from cosim.hinf.exact import (
     exact,
     exact_matrix,
+    format_value,
     from_text,
     matrix_from_text,
     matrix_to_text,
     to_text,
 )
-from cosim.hinf.certificate.refutation_proof import Multipliers, Place, refutation_claim, refuted
-from cosim.hinf.certificate.system_json import (
-    format_value,
-    known_keys,
-    system_from_json,
-    system_to_json,
-)
-from cosim.hinf.certificate.theorem import theorem_of
 
 if TYPE_CHECKING:
     from cosim.models import DelaySystem

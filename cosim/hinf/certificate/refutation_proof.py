@@ -1,6 +1,6 @@
 """Farkas' lemma for the LMI of Theorem 2, in rational arithmetic: that it has no solution.
 
-At fixed k1, k2, delays and gamma, -Omega of `exact_lmi` is affine in v = (X, Y, Qbar, Rbar, eps).
+At fixed k1, k2, delays and gamma, -Omega of `theorem_2` is affine in v = (X, Y, Qbar, Rbar, eps).
 Multipliers W >= 0, Z_X > 0 and Z_Qj > 0 (none where any age is allowed: Qbar_j = 0) with
 
     <W, -Omega(v)> + <Z_X, X> + sum_j <Z_Qj, Qbar_j> = c   for every v,   c <= 0,
@@ -12,8 +12,7 @@ dj Rbar_j at (x,mj), (xj,mj) and (mj,mj): row m_j times k1j on row x, times k2j 
 rows m_j out. So with T = [I, M], M[x, mj] = k1j I, M[xj, mj] = k2j I, a Z > 0 makes
 W = T'Z T >= 0, and not zero.
 
-The equalities are not taken from any table here: -Omega is evaluated exactly at the unit vectors
-of v by the very function that proves solutions.
+The equalities follow from the very terms of -Omega that prove solutions.
 
 Other k1, k2 are another matter. But where there is no solution there is none at greater delays or
 a smaller gamma either: rows r_j and m_j taken out, Omega grows with every dj, and falls with
@@ -22,22 +21,18 @@ gamma.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import itertools
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import flint
 
-from cosim.hinf.certificate.block_multipliers import joined
-from cosim.hinf.certificate.exact_lmi import ExactVariables, minus_omega
 from cosim.hinf.certificate.proof import CertificateCheck, require_size, uncertainty_claim
-from cosim.hinf.certificate.rational import first_bad_matrix, to_text
+from cosim.hinf.exact import first_bad_matrix, to_text
+from cosim.hinf.theorems import Inequality, farkas_failure, minus_omega, positive
 
 if TYPE_CHECKING:
     from cosim.models import DelaySystem
-
-Entries = dict[tuple[int, int], Any]
-"""Entries of a symmetric matrix on and below the diagonal, zeros left out."""
 
 
 @dataclass(frozen=True)
@@ -63,94 +58,38 @@ class Multipliers:
         return [("Z", self.Z), ("X", self.X), *several]
 
 
-class AffineLmi:
-    """-Omega at a place, entry by entry: its constant, and its part by each unknown.
+def conditions(system: DelaySystem, place: Place) -> list[Inequality]:
+    """Return the inequalities that have no solution: -Omega at a place, X and every Qbar_j."""
+    form = minus_omega(system, place.k1, place.k2, bounded=place.gamma is not None)
+    return [form, *(one for one in positive(system) if not one.name.startswith("R"))]
 
-    Attributes
-    ----------
-    rows : the block of every row that Z has, those of m_j left out.
-    constant : entries where all unknowns are zero.
-    parts : by (name, i, j), an entry on or below the diagonal of a symmetric unknown: X, Q1..,
-        R1.., or any entry of Y, or (eps, i, 0) for block i of F.
-    """
 
-    def __init__(self, system: DelaySystem, place: Place) -> None:
-        self._system, self._place = system, place
-        self._lift: list[list[tuple[int, Any]]] = []
-        zero = self._at(None, 0, 0)
-        self.constant = zero
-        self.parts: dict[tuple[str, int, int], Entries] = {}
-        for key in self._keys():
-            there = self._at(*key)
-            changed = {k: there.get(k, 0) - zero.get(k, 0) for k in {*there, *zero}}
-            self.parts[key] = {k: value for k, value in changed.items() if value != 0}
+def kept_rows(form: Inequality) -> dict[str, int]:
+    """Return the rows of -Omega that Z has, those of m_j left out."""
+    return {name: size for name, size in form.rows.items() if not name.startswith("m")}
 
-    def against(self, Z: Any, entries: Entries) -> Any:
-        """Return <T'Z T, these entries>."""
-        total = flint.fmpq(0)
-        for (i, j), value in entries.items():
-            there = flint.fmpq(0)
-            for a, left in self._lift[i]:
-                for b, right in self._lift[j]:
-                    there += left * right * Z[a, b]
-            total += value * there * (1 if i == j else 2)
-        return total
 
-    def _keys(self) -> Iterator[tuple[str, int, int]]:
-        n, m = self._system.B.shape
-        late = [delay.d > 0 for delay in self._system.delays]
-        names = ["X"]
-        names += [f"Q{j}" for j, x in enumerate(self._system.delays, 1) if not x.any_age]
-        names += [f"R{j}" for j, is_late in enumerate(late, 1) if is_late]
-        for name in names:
-            yield from ((name, i, j) for i in range(n) for j in range(i + 1))
-        yield from (("Y", i, j) for i in range(m) for j in range(n))
-        yield from (("eps", i, 0) for i in range(len(self._system.blocks)))
-
-    def _at(self, name: str | None, i: int, j: int) -> Entries:
-        """-Omega where one unknown is a unit (of a symmetric one, two entries), the others zero."""
-        n, m = self._system.B.shape
-
-        def unit(own: str, rows: int) -> Any:
-            matrix = flint.fmpq_mat(rows, n)
-            if own == name:
-                matrix[i, j] = 1
-                if own != "Y":
-                    matrix[j, i] = 1
-            return matrix
-
-        N = len(self._system.delays)
-        blocks = range(len(self._system.blocks))
-        eps = joined([flint.fmpq(int(name == "eps" and i == k)) for k in blocks])
-        variables = ExactVariables(
-            X=unit("X", n),
-            Q=tuple(unit(f"Q{k}", n) for k in range(1, N + 1)),
-            R=tuple(unit(f"R{k}", n) for k in range(1, N + 1)),
-            eps=eps,
-            k1=self._place.k1,
-            k2=self._place.k2,
-            gamma=self._place.gamma,
-        )
-        lmi = minus_omega(self._system, unit("Y", m), variables)
-        if not self._lift:
-            self._make_lift(lmi.row_names)
-        rows = enumerate(lmi.lower)
-        return {(a, b): x for a, row in rows for b, x in enumerate(row) if x != 0}
-
-    def _make_lift(self, names: list[str]) -> None:
-        """Columns of T: what each row of the LMI is in rows of Z."""
-        kept = [index for index, name in enumerate(names) if not name.startswith("m")]
-        self.rows = [names[index] for index in kept]
-        n = self._system.A.shape[0]
-        seen: dict[str, int] = {}
-        for name in names:
-            a = seen.get(name, 0)
-            seen[name] = a + 1
+def lifted(form: Inequality, place: Place, Z: Any) -> Any:
+    """Return W = T'Z T of all rows of -Omega."""
+    kept, n = kept_rows(form), form.rows["x"]
+    starts = dict(zip(kept, itertools.accumulate(kept.values(), initial=0), strict=False))
+    T = flint.fmpq_mat(sum(kept.values()), sum(form.rows.values()))
+    column = 0
+    for name, size in form.rows.items():
+        for i in range(size):
             if name.startswith("m"):
                 j = int(name[1:])
-                self._lift.append([(a, self._place.k1[j - 1]), (j * n + a, self._place.k2[j - 1])])
+                T[i, column] = place.k1[j - 1]
+                T[j * n + i, column] = place.k2[j - 1]
             else:
-                self._lift.append([(self.rows.index(name) + a, flint.fmpq(1))])
+                T[starts[name] + i, column] = 1
+            column += 1
+    return T.transpose() * Z * T
+
+
+def fixed_at(place: Place) -> dict[str, Any]:
+    """Return the numbers of a place that are no unknowns of its inequalities."""
+    return {} if place.gamma is None else {"gamma": place.gamma}
 
 
 def refutation_claim(system: DelaySystem, place: Place) -> dict[str, Any]:
@@ -195,18 +134,10 @@ def _failure(system: DelaySystem, place: Place, multipliers: Multipliers) -> str
     bad = first_bad_matrix(multipliers.matrices())
     if bad is not None:
         return f"the multiplier {bad} is not positive definite"
-    lmi = AffineLmi(system, place)
-    if multipliers.Z.nrows() != len(lmi.rows):
-        return f"the multiplier Z has {multipliers.Z.nrows()} rows, the LMI {len(lmi.rows)}"
-    for (name, i, j), entries in lmi.parts.items():
-        total = lmi.against(multipliers.Z, entries)
-        own = multipliers.X if name == "X" else None
-        if name.startswith("Q"):
-            own = multipliers.Q[int(name[1:]) - 1]
-        if own is not None:
-            total += own[i, j] * (1 if i == j else 2)
-        if total != 0:
-            return f"the multipliers do not cancel {name}[{i}][{j}]"
-    if lmi.against(multipliers.Z, lmi.constant) > 0:
-        return "the multipliers leave a positive constant"
-    return None
+    form, *others = conditions(system, place)
+    height = sum(kept_rows(form).values())
+    if multipliers.Z.nrows() != height:
+        return f"the multiplier Z has {multipliers.Z.nrows()} rows, the LMI {height}"
+    own = [multipliers.X, *(Q for Q in multipliers.Q if Q is not None)]
+    W = lifted(form, place, multipliers.Z)
+    return farkas_failure([form, *others], [W, *own], fixed_at(place))

@@ -328,4 +328,5 @@ if __name__ == "__main__":
     except sn.RefusedError as refused:
         sys.exit(f"not proved: {refused}")
     print("proved:", *(f"  {key}: {value}" for key, value in proved.items()), sep="\n")
-    print("not read:", ", ".join(not_read(sn.loaded(content))) or "nothing")
+    names = ", ".join(not_read(sn.loaded(content)))
+    print("not read:", repr(names)[1:-1] or "nothing")  # a name may steer the terminal

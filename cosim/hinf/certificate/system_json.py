@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 
 from cosim.core import InputError
+from cosim.hinf.exact import format_value
 from cosim.models import Delay, DelaySystem, Feedback, Matrix
 
 MATRICES = ("A", "B", "C", "D", "D1", "D2", "E", "H")
@@ -346,15 +347,6 @@ def differences(one: DelaySystem, other: DelaySystem, *, close: float = 0.0) -> 
         allowed = (close if key[0] in "EH" else 0.0) * np.abs(b)
         for i, j in np.argwhere(np.abs(a - b) > allowed).tolist():
             yield f"{key}[{i + 1},{j + 1}]: {float(a[i, j])!r} and {float(b[i, j])!r}"
-
-
-def format_value(value: Any) -> str:
-    """Return the `repr` of a value from a file, at most 60 characters, for a message."""
-    try:
-        text = repr(value)
-    except ValueError:  # the interpreter refuses to print an integer of thousands of digits
-        return "a number of thousands of digits"
-    return text if len(text) <= 60 else f"{text[:50]}... ({len(text)} characters)"
 
 
 def _kind(value: Any) -> str:

@@ -12,14 +12,9 @@ from typing import Any
 
 from cosim.core import InputError
 from cosim.hinf.certificate.block_multipliers import eps_from_json, eps_to_json
-from cosim.hinf.certificate.exact_lmi import ExactVariables
-from cosim.hinf.certificate.rational import (
-    from_text,
-    matrix_from_text,
-    matrix_to_text,
-    to_text,
-)
-from cosim.hinf.certificate.system_json import format_value, known_keys
+from cosim.hinf.certificate.system_json import known_keys
+from cosim.hinf.exact import format_value, from_text, matrix_from_text, matrix_to_text, to_text
+from cosim.hinf.theorems import ExactVariables
 from cosim.models import DelaySystem
 
 _KEYS = ("X", "Q", "R", "eps", "k1", "k2", "gamma")

@@ -1,17 +1,20 @@
-from .ages_lmi import AgesLmi as AgesLmi
-from .ages_synthesis_lmi import AgesSynthesisLmi as AgesSynthesisLmi
-from .analysis_lmi import AnalysisLmi as AnalysisLmi
 from .assembly import Scalars as Scalars
-from .bessel_legendre_lmi import (
-    BesselLegendreLmi as BesselLegendreLmi,
-    multipliers_of as multipliers_of,
-    scalar_multipliers as scalar_multipliers,
+from .condition import (
+    Condition as Condition,
+    LoopPoint as LoopPoint,
 )
 from .conic import Solution as Solution
 from .constrained_problem import ConstrainedProblem as ConstrainedProblem
+from .cvxpy_form import in_cvxpy as in_cvxpy
 from .decay_lmi import (
     CornersProblem as CornersProblem,
     shifted_systems as shifted_systems,
+)
+from .gain_lmi import (
+    GainLmi as GainLmi,
+    Multiplier as Multiplier,
+    multiplier_of as multiplier_of,
+    scalar_multiplier as scalar_multiplier,
 )
 from .injection_lmi import InjectionLmi as InjectionLmi
 from .outage_lmi import OutageLmi as OutageLmi
@@ -27,6 +30,7 @@ from .problem import (
     exact_point as exact_point,
     without_performance as without_performance,
 )
+from .program import Program as Program
 from .refutation import refute as refute
 from .scaling import (
     Scaling as Scaling,
@@ -42,8 +46,3 @@ from .solver_status import (
 )
 from .state_peak_lmi import proved_state_peaks as proved_state_peaks
 from .svec import Array as Array
-from .theorem_2_lmi import (
-    Unknowns as Unknowns,
-    omega as omega,
-    unknowns as unknowns,
-)

@@ -1,6 +1,6 @@
 """The LMI of Theorem 2, assembled once per system for any delays, k1 and k2.
 
-The inequality is that of `cosim.hinf.lmi.theorem_2_lmi`, smaller and scaled for the solver:
+The inequality is that of `cosim.hinf.theorems.theorem_2`, smaller and scaled for the solver:
 
 * rows mj are taken out by their Schur complement: (x,mj), (xj,mj), (mj,mj) become
   dj [k1j; k2j] Rbar_j [k1j, k2j] on (x, xj), which is linear in Rbar_j as well; Rbar_j > 0
@@ -157,7 +157,7 @@ class Structure:
             self.rows += size
 
     def _write(self) -> None:  # noqa: C901 - one table, read from top to bottom
-        """Write the table of `theorem_2_lmi` entry by entry, with its symbols, in its order."""
+        """Write the table of Theorem 2 entry by entry, with its symbols, in its order."""
         system, N = self.system, len(self.system.delays)
         n = system.A.shape[0]
         one, later = np.eye(n), range(1, N + 1)

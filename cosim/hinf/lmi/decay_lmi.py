@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cosim.hinf.certificate import acting_delays, corners, exact, growth_of
+from cosim.hinf.certificate import acting_delays, corners, growth_of
+from cosim.hinf.exact import exact
 from cosim.hinf.lmi.assembly import Scalars
 from cosim.hinf.lmi.conic import Constraint
 from cosim.hinf.lmi.problem import Problem, without_performance

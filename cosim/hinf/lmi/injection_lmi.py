@@ -2,7 +2,7 @@
 
 The error of an observer, e' = sum_j A_j e(t-d_j) - sum_i L_i (C_i e(t-tau_i) + N_i w_i) + C w, is
 no state feedback, and a transposed design is none of it where an age varies. As in
-`ages_synthesis_lmi`, e' is kept as a row r, tied to the loop by a multiplier, here in front:
+`cosim.hinf.theorems.design`, e' is kept as a row r, tied to the loop by a multiplier in front:
 
     2 (e + b r)'U (sum_j A_j e_j + C w - r) - 2 (e + b r)'sum_i W_i (C_i e_i + N_i w_i),
 
@@ -15,18 +15,28 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from cosim.hinf.certificate import AgeFunctional, Support, rows_of, state_blocks, unknowns_of
-from cosim.hinf.lmi.ages_forms import Form, LateAge, PartOfLoop, count_of
+from cosim.hinf.exact import exact, exact_matrix
 from cosim.hinf.lmi.conic import Constraint, solve
+from cosim.hinf.lmi.margin import TOLERANCE
+from cosim.hinf.lmi.program import Program
 from cosim.hinf.lmi.svec import Array, svec
+from cosim.hinf.theorems import (
+    Age,
+    Inequality,
+    Loop,
+    Support,
+    corners_of,
+    positive_of_ages,
+    subtract_derivative,
+)
 from cosim.models import DelaySystem, Measurement
 
-_TOLERANCE = 1e-8
 _NOISE = 0.01  # least noise, in units of what is measured: without any, L may have no bound
 _LEVEL = 1e-3  # of every positive matrix, at least: U must be far from singular
 
@@ -56,6 +66,10 @@ class InjectionLmi:
             *(replace(x, A=x.A[own], H=np.zeros((0, n))) for x in plant.delays),
             *(x.delay(n) for x in measurements),
         ]
+        delays = [
+            replace(x, d=x.d / T, least_age=x.least_age / T, rate=None, sampled=False)
+            for x in delays
+        ]
         outer = T / unit[:, None]
         self._A = [outer * A * unit for A in (plant.A[own], *(x.A for x in delays))]
         self._T, self._state, self._estimated = T, unit, estimated
@@ -69,81 +83,79 @@ class InjectionLmi:
         first = outer * plant.C[estimated]
         self._w = [first, *(np.zeros((n, len(x))) for x in self._noise)]
         system = DelaySystem(plant.A[own], C=np.hstack(self._w), D=np.eye(n), delays=delays)
-        kinds: tuple[AgeFunctional, ...] = tuple(
-            "interval" if x.any_age else "constant" for x in delays if x.d > 0
-        )
-        late = [(i, x) for i, x in enumerate(delays) if x.d > 0]
-        ages = [
-            LateAge(i, kind, x.d / T, x.least_age / T, 0.0)
-            for (i, x), kind in zip(late, kinds, strict=True)
-        ]
-        self._on = {i: f"x{j}" for j, (i, _) in enumerate(late)}
+        late = [x for x in delays if x.d > 0]
         # of each delay only what acts through it
         acting = [*self._A[1 : 1 + len(plant.delays)], *self._C]
         needed = [np.flatnonzero(x.any(axis=0)) for x in acting]
-        self._S = [np.eye(n)[own] for own in needed]
-        supports = [Support("states", tuple(map(int, needed[i]))) for i, _ in late]
-        rows = rows_of(system, 0, kinds, gamma=True, supports=supports) | {"r": n}
-        blocks = state_blocks(system, 0, kinds, supports)
-        self._forms = PartOfLoop(0, 0, ages, {"S": self._S}, rows, blocks)
-        shapes = {"gain U": (n, n), "0 P": (sum(blocks.values()),) * 2}
-        asked = system, 0, kinds
-        shapes |= {f"gain W{i}": (n, len(x)) for i, x in enumerate(self._C)}
-        for j, names in enumerate(unknowns_of(*asked, gamma=True, supports=supports)):
-            shapes |= {f"0 {j} {name}": shape for name, shape in names.items()}
-        self._at, self._width = {}, 0
-        for name, shape in shapes.items():
-            self._at[name] = slice(self._width, self._width + count_of(name, shape))
-            self._width = self._at[name].stop
+        self._needed = [
+            x if delay.d > 0 else np.arange(n) for x, delay in zip(needed, delays, strict=True)
+        ]
+        supports = [
+            Support("states", tuple(map(int, x)))
+            for x, delay in zip(needed, delays, strict=True)
+            if delay.d > 0
+        ]
+        loop = Loop.of(system, np.zeros((0, n)), supports)
+        self._ages = [
+            Age(loop, j, "interval" if delay.any_age else "constant", 0)
+            for j, delay in enumerate(late)
+        ]
+        places = iter(range(len(late)))
+        self._on = [f"x{next(places)}" if delay.d > 0 else "x" for delay in delays]
 
     def _measured(self, measurements: Sequence[Measurement]) -> list[tuple[Measurement, Array]]:
         return list(zip(measurements, self._outputs, strict=True))
 
     def least_gamma(self, b: float) -> tuple[float, list[Array]] | None:
         """Return the solver's least gamma, in own units, and every L (n, k_i); None without one."""
-        (corner,) = self._forms.corners()
-        at = self._forms.rows_at(corner)
-        form = Form(at["x"].shape[1])
-        self._forms.add_functional(form, at, at["r"], corner)
-        M = at["x"] + b / self._T * at["r"]
-        late = [at[self._on[i]] if i in self._on else S @ at["x"] for i, S in enumerate(self._S)]
-        first = len(late) - len(self._C)
-        ends = np.cumsum([x.shape[1] for x in self._w])
-        w = np.split(at["w"], ends[:-1])
-        flow = self._A[0] @ at["x"] + self._w[0] @ w[0]
-        for A, S, x in zip(self._A[1 : 1 + first], self._S, late, strict=False):
-            flow = flow + A @ S.T @ x
-        form.twice("gain U", M, np.asarray(flow - at["r"]))
-        for i, (C, noise) in enumerate(zip(self._C, self._noise, strict=True)):
-            sensed = C @ self._S[first + i].T @ late[first + i] + noise[:, None] * w[1 + i]
-            form.twice(f"gain W{i}", M, sensed, -1.0)
-        form.constant = at["x"].T @ at["x"]
-        own = form.constraint(self._at, self._width + 1)
-        phi = Constraint(own.size, -own.constant, -own.columns)
-        phi.columns[:, -1] += svec(at["w"].T @ at["w"])
-        positive = [x.constraint(self._at, self._width + 1) for x in self._forms.positive()]
-        positive = [
-            Constraint(x.size, x.constant - _LEVEL * svec(np.eye(x.size)), x.columns)
-            for x in positive
-        ]
-        cost = np.zeros(self._width + 1)
-        cost[-1] = 1.0
-        found = solve([phi, *positive], cost, tolerance=_TOLERANCE)
-        if not (found.usable and found.y[-1] > 0):
-            return None
         n = len(self._state)
-        U = found.y[self._at["gain U"]].reshape(n, n)
+        positive = positive_of_ages(n, self._ages)
+        program = Program([self._minus_phi(exact(b / self._T))], list(positive), {})
+        main, others = program.constraints()
+        level = [
+            Constraint(c.size, c.constant - _LEVEL * svec(np.eye(c.size)), c.columns)
+            for c in others
+        ]
+        found = solve([*main, *level], program.cost(["gamma"]), tolerance=TOLERANCE)
+        values = program.values(found.y)
+        if not (found.usable and values["gamma"] > 0):
+            return None
         try:
-            factors = scipy.linalg.lu_factor(U)
+            factors = scipy.linalg.lu_factor(values["U"])
         except (ValueError, np.linalg.LinAlgError):
             return None
         injections = []
         for i, size in enumerate(self._outputs):
-            W = found.y[self._at[f"gain W{i}"]].reshape(n, len(size))
             L = np.zeros((len(self._estimated), len(size)))
-            own_units = scipy.linalg.lu_solve(factors, W)
-            L[self._estimated] = self._state[:, None] * own_units / size / self._T
+            inside = scipy.linalg.lu_solve(factors, values[f"W[{i}]"])
+            L[self._estimated] = self._state[:, None] * inside / size / self._T
             injections.append(L)
         if not all(np.isfinite(L).all() for L in injections):
             return None
-        return float(np.sqrt(found.y[-1])), injections
+        return float(np.sqrt(values["gamma"])), injections
+
+    def _minus_phi(self, b: Any) -> Inequality:
+        """Return -Phi in U, W[i], the square of gamma, and what the ages have."""
+        n, widths = len(self._state), [w.shape[1] for w in self._w]
+        rows = {"x": n} | {name: age.width for age in self._ages for name in age.names}
+        of_w = {f"w{i}": width for i, width in enumerate(widths) if width}
+        form = Inequality("-Phi of an error", rows | of_w | {"r": n})
+        x, r = form.row("x"), form.row("r")
+        (corner,) = corners_of(self._ages)
+        subtract_derivative(form, self._ages, corner, r, [x])
+        m, first = x + b * r, len(self._on) - len(self._C)
+        flow = exact_matrix(self._A[0]) * x - r
+        for i, A in enumerate(self._A[1 : 1 + first]):
+            flow = flow + exact_matrix(A[:, self._needed[i]]) * form.row(self._on[i])
+        if "w0" in of_w:
+            flow = flow + exact_matrix(self._w[0]) * form.row("w0")
+        form.twice("U", m, flow, -1)
+        for i, (C, noise) in enumerate(zip(self._C, self._noise, strict=True)):
+            seen = C[:, self._needed[first + i]]
+            sensed = exact_matrix(seen) * form.row(self._on[first + i])
+            sensed = sensed + exact_matrix(np.diag(noise)) * form.row(f"w{1 + i}")
+            form.twice(f"W[{i}]", m, sensed)
+        form.number(None, x, -1)
+        for name in of_w:
+            form.number("gamma", form.row(name))
+        return form

@@ -22,8 +22,8 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 from numpy.typing import NDArray
-from threadpoolctl import threadpool_limits
 
+from cosim.core import one_blas_thread
 from cosim.hinf.lmi.conic import TOLERANCE, Constraint, Solution
 from cosim.hinf.lmi.solver_status import count, status_of
 from cosim.hinf.lmi.svec import Array, places, smat
@@ -113,7 +113,7 @@ def solve_dense(
     constraints: Sequence[Constraint], q: Array, *, tolerance: float = TOLERANCE
 ) -> Solution:
     """Minimise q'y over the constraints, as `cosim.hinf.lmi.conic.solve` does."""
-    with threadpool_limits(limits=1, user_api="blas"):  # the last digits must not depend on it
+    with one_blas_thread():  # the last digits must not depend on it
         return _solved(constraints, q, tolerance)
 
 

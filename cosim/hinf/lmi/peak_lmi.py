@@ -19,14 +19,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cosim.hinf.certificate import (
-    PeakControl,
-    exact,
-    failure,
-    offset_corners,
-    peak_system,
-    proved_peaks,
-)
+from cosim.hinf.certificate import PeakControl, failure, offset_corners, peak_system, proved_peaks
+from cosim.hinf.exact import exact
 from cosim.hinf.lmi.affine import Affine
 from cosim.hinf.lmi.assembly import Scalars, Structure
 from cosim.hinf.lmi.conic import TOLERANCE, Constraint, Solution

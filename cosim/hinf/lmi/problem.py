@@ -16,12 +16,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy
 
-from cosim.hinf.certificate import ExactVariables, Variables, exact_variables, joined
+from cosim.hinf.certificate import Variables, exact_variables, joined
 from cosim.hinf.lmi.assembly import Scalars, Structure, Unknown, unit_of_R
 from cosim.hinf.lmi.conic import TOLERANCE, Constraint, Solution, solve
 from cosim.hinf.lmi.parts import parts_of_system, solve_in_parts
 from cosim.hinf.lmi.scaling import Scaling, units_of
 from cosim.hinf.lmi.svec import Array, places, svec
+from cosim.hinf.theorems import ExactVariables
 from cosim.models import DelaySystem, Matrix
 
 _LARGEST_X = 1e3  # X <= this I bounds the margin

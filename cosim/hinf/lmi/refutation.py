@@ -11,6 +11,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from typing import TYPE_CHECKING, Any
 
 import flint
@@ -18,18 +19,21 @@ import numpy as np
 import scipy
 
 from cosim.hinf.certificate import (
-    AffineLmi,
     Multipliers,
     Place,
-    exact,
-    exact_symmetric,
+    conditions,
+    fixed_at,
+    kept_rows,
+    lifted,
     refutation_to_json,
     refuted,
 )
+from cosim.hinf.exact import exact, exact_symmetric
 from cosim.hinf.lmi.assembly import Scalars, unit_of_R
 from cosim.hinf.lmi.conic import Constraint, solve
 from cosim.hinf.lmi.problem import Problem
 from cosim.hinf.lmi.svec import Array, svec
+from cosim.hinf.theorems import Inequality, products
 
 if TYPE_CHECKING:
     from cosim.models import DelaySystem
@@ -130,58 +134,63 @@ def _rows(problem: Problem, p: Scalars) -> Array:
 
 def _made_exact(system: DelaySystem, place: Place, Z: Array) -> Multipliers | None:
     """Multipliers near Z that meet the equalities exactly."""
-    lmi = AffineLmi(system, place)
+    inequalities = conditions(system, place)
+    form, names = inequalities[0], [one.name for one in inequalities[1:]]
+    none = [flint.fmpq_mat(len(system.A), len(system.A)) for _ in names]
     W = exact_symmetric(np.asarray(Z / np.abs(Z).max(), dtype=np.float64))
-    if not _cancel_Y(system, lmi, W):
+    rows = [name for name, size in kept_rows(form).items() for _ in range(size)]
+
+    def left() -> dict[str, Any]:
+        """What the product with W leaves of each unknown."""
+        every = [lifted(form, place, W), *none]
+        return products(inequalities, every, fixed_at(place))[0]
+
+    if not _cancel_Y(system, form, rows, W, left()["Y"]):
         return None
-    first = {name: lmi.rows.index(name) for name in reversed(lmi.rows)}
-    n, N = system.A.shape[0], len(system.delays)
-    own = {name: flint.fmpq_mat(n, n) for name in ("X", *(f"Q{j}" for j in range(1, N + 1)))}
-    for (name, i, j), entries in lmi.parts.items():
-        if name == "Y":
-            continue
-        left = lmi.against(W, entries)
-        share = 1 if i == j else 2
-        if name.startswith("R"):
-            at = first[f"r{name[1:]}"]
-            coefficient = entries[at + i, at + j]
-            _put(W, at + i, at + j, W[at + i, at + j] - left / (share * coefficient))
-        elif name == "eps":
-            at = first["h"] + system.blocks[i][1].start
-            W[at, at] -= left
-        else:
-            _put(own[name], i, j, -left / share)
-    Q = tuple(None if x.any_age else own[f"Q{j}"] for j, x in enumerate(system.delays, 1))
+    over = left()
+    for j in (j for j, x in enumerate(system.delays) if x.d > 0):
+        _add(W, rows.index(f"r{j + 1}"), -1 / exact(system.delays[j].d) * over[f"R[{j}]"])
+    over = left()
+    for b, (_, of_H) in enumerate(system.blocks):
+        at = rows.index("h") + of_H.start
+        W[at, at] -= over[f"eps[{b}]"][0, 0]
+    over = left()
+    own = {name: -1 * over[name] for name in names}
+    Q = tuple(None if x.any_age else own[f"Q[{j}]"] for j, x in enumerate(system.delays))
     return _integers(Multipliers(W, own["X"], Q))
 
 
-def _cancel_Y(system: DelaySystem, lmi: AffineLmi, W: Any) -> bool:
+def _cancel_Y(system: DelaySystem, form: Inequality, rows: list[str], W: Any, left: Any) -> bool:
     """Correct W so that nothing is left of Y, in the rows of the fed-back state alone."""
     n, m = system.B.shape
     acting = next((j for j, x in enumerate(system.delays, 1) if x.feedback), 0)
-    name = f"x{acting}" if acting else "x"
-    start = lmi.rows.index(name)
+    start = rows.index(f"x{acting}" if acting else "x")
     late = [(x.d, j) for j, x in enumerate(system.delays, 1) if x.d > 0]
-    columns = [k for k, row in enumerate(lmi.rows) if row == "z"]
+    columns = [k for k, row in enumerate(rows) if row == "z"]
     if late:
-        columns += [k for k, row in enumerate(lmi.rows) if row == f"r{max(late)[1]}"]
+        columns += [k for k, row in enumerate(rows) if row == f"r{max(late)[1]}"]
+    # every term of Y is He(left'Y x_f): what W[x_f, column] is multiplied by
+    kept = dict(Counter(rows))
+    acts = [2 * t.weight * t.left.on(kept) for t in form.terms if t.unknown == "Y"]
+    total = sum(acts[1:], acts[0])
+    G = flint.fmpq_mat(m, len(columns), [total[i, k] for i in range(m) for k in columns])
+    if left == 0 * left:
+        return True
+    gram = G * G.transpose()
+    if gram.det() == 0:
+        return False
+    change = G.transpose() * gram.solve(left)
     for a in range(n):
-        rows = flint.fmpq_mat(m, len(columns))
-        left = flint.fmpq_mat(m, 1)
-        for i in range(m):
-            entries = lmi.parts["Y", i, a]
-            left[i, 0] = lmi.against(W, entries)
-            for k, column in enumerate(columns):
-                rows[i, k] = 2 * entries.get((max(column, start + a), min(column, start + a)), 0)
-        if left == 0 * left:
-            continue
-        gram = rows * rows.transpose()
-        if gram.det() == 0:
-            return False
-        change = rows.transpose() * gram.solve(left)
         for k, column in enumerate(columns):
-            _put(W, start + a, column, W[start + a, column] - change[k, 0])
+            _put(W, start + a, column, W[start + a, column] - change[k, a])
     return True
+
+
+def _add(matrix: Any, first: int, block: Any) -> None:
+    """Add a symmetric block to a diagonal block."""
+    for i in range(block.nrows()):
+        for j in range(block.ncols()):
+            matrix[first + i, first + j] += block[i, j]
 
 
 def _put(matrix: Any, i: int, j: int, value: Any) -> None:

@@ -12,6 +12,7 @@ computed exactly.
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -21,87 +22,94 @@ from cosim.hinf.certificate import (
     AnalysisVariables,
     StatePeaks,
     bounds_above,
-    exact,
     exact_analysis,
     half_of_corners,
     peak_system,
     squared_state_peaks,
 )
-from cosim.hinf.lmi.analysis_lmi import AnalysisLmi
+from cosim.hinf.exact import exact, exact_matrix
+from cosim.hinf.lmi.condition import Condition
 from cosim.hinf.lmi.conic import Constraint, solve
-from cosim.hinf.lmi.svec import Array, product, svec
+from cosim.hinf.lmi.margin import TOLERANCE
+from cosim.hinf.lmi.program import Program
+from cosim.hinf.lmi.svec import Array, svec
+from cosim.hinf.theorems import Age, Inequality
 
 if TYPE_CHECKING:
     from cosim.models import DelaySystem, Matrix
 
 _MARGINS = (1e-6, 1e-5, 1e-4, 1e-3)
-_TOLERANCE = 1e-8
 
 
-class _PeakLmi(AnalysisLmi):
-    """The analysis of a loop without z, with its peaks."""
+class _PeakCondition(Condition):
+    """The analysis of a loop without z, with its peaks.
 
-    def least(
-        self, lengths: list[float], rows: Array, starts: Array, energy: float, margin: float
-    ) -> AnalysisVariables | None:
-        """Return the point of least peaks; None if the solver finds none.
+    Parameters
+    ----------
+    bare, gain : the loop.
+    rows, starts, energy : as in `StatePeaks`.
+    """
 
-        lengths : the delays [s]. The others as in `StatePeaks`.
-        """
-        own_rows, own_starts = rows / self._back, self._back[:, None] * starts
-        constraints = self._at(lengths, 1.0, fixed=False)
-        width, count = constraints[0].columns.shape[1], len(rows)
-        n = len(self._back)
-        size = float(np.linalg.norm(own_starts)) or 1.0
-        level = 1.0 / size**2
-        asked = []
-        for i, c in enumerate(constraints):
-            off = level * margin * svec(np.eye(c.size))
-            columns = np.asarray(c.columns)
-            wider = np.hstack([columns, np.zeros((len(c.constant), count))])
-            asked.append(Constraint(c.size, c.constant - (off if i <= 1 else 0.0), wider))
-        places, first = {}, 0
-        for name, own in self._unknowns(lengths).items():
-            places[name] = slice(first, first + own * (own + 1) // 2)
-            first = places[name].stop
-        k = own_starts.shape[1]
-        for signs in half_of_corners(k):
-            on = _quadratic(own_starts @ np.array(signs, float))
-            column = np.zeros((1, width + count))
-            column[0, places["P"]] -= on
-            for i, d, _ in self._times(lengths):
-                if f"Q{i}" in places:
-                    column[0, places[f"Q{i}"]] -= d * on
-            if self._performance:
-                column[0, width - 1] -= energy**2 / self._T
-            asked.append(Constraint(1, np.ones(1), column))
-        select = np.eye(n, n + 1)
-        P = product(select, select, weight=0.5)
-        for i, row in enumerate(own_rows):
-            constant = np.zeros((n + 1, n + 1))
-            constant[n, :n] = constant[:n, n] = row
-            columns = np.zeros(((n + 1) * (n + 2) // 2, width + count))
-            columns[:, places["P"]] = P
-            last = np.zeros((n + 1, n + 1))
-            last[n, n] = 1.0
-            columns[:, width + i] = svec(last)
-            asked.append(Constraint(n + 1, svec(constant), columns))
-        cost = np.zeros(width + count)
-        cost[width:] = 1.0 / (np.maximum((own_rows**2).sum(axis=1), 1e-300) * size**2)
-        found = solve(asked, cost, tolerance=_TOLERANCE)
+    def __init__(
+        self, bare: DelaySystem, gain: Array, rows: Array, starts: Array, energy: float
+    ) -> None:
+        super().__init__(bare, gain, 0, performance=energy > 0)
+        self._rows, self._starts, self._energy = rows, starts, energy
+        self._delays = [x.d for x in bare.delays]
+
+    def least(self, margin: float) -> AnalysisVariables | None:
+        """Return the point of least peaks; None if the solver finds none."""
+        loop, ages = self._at(self._delays)
+        main, others = self._inequalities(loop, ages)
+        size = float(np.linalg.norm(self._back[:, None] * self._starts)) or 1.0
+        expected = np.sum((self._rows / self._back) ** 2, axis=1) * size**2
+        units = {f"beta[{i}]": max(float(x), 1e-300) for i, x in enumerate(expected)}
+        program = Program(
+            main,
+            [*others, *self._started(ages), *self._above_rows()],
+            self._row_units(loop, ages),
+            numbers=self._numbers() | units,
+        )
+        own = np.linalg.norm(program.unit_of("P")[:, None] * self._starts) or 1.0
+        known = {"1/gamma": 1.0} if self.performance else {}  # there is no z
+        asked, rest = program.constraints(known)
+        off = margin / float(own) ** 2
+        inside = [
+            Constraint(c.size, c.constant - off * svec(np.eye(c.size)), c.columns) for c in asked
+        ]
+        found = solve([*inside, *rest], program.cost([*units], known), tolerance=TOLERANCE)
         if not found.usable:
             return None
-        gamma = float(found.y[width - 1]) if self._performance else None
+        values = program.values(found.y, known)
+        gamma = values.get("gamma")
         if gamma is not None and not gamma > 0:
             return None
-        return self._variables(found.y, lengths, gamma, down_to_zero=False)
+        point = self._point(values, self._delays, gamma, down_to_zero=False)
+        assert isinstance(point, AnalysisVariables)  # noqa: S101 - every age is constant or any
+        return point
 
+    def _started(self, ages: Sequence[Age]) -> Iterator[Inequality]:
+        """Yield 1 - x0'(P + sum_j dj Qj) x0 - mu energy^2 for every corner x0, up to its sign."""
+        for signs in half_of_corners(self._starts.shape[1]):
+            form = Inequality("1 - V(x0)", {"one": 1})
+            x0 = exact_matrix((self._starts @ np.array(signs, float))[:, None]) * form.row("one")
+            form.number(None, form.row("one"))
+            form.square("P", x0, -1)
+            for age in ages:
+                if age.functional == "constant":
+                    form.square(f"Q[{age.j}]", x0, -age.d)
+            if self.performance:
+                form.number("gamma", form.row("one"), -(exact(self._energy) ** 2))
+            yield form
 
-def _quadratic(x: Array) -> Array:
-    """Return the coefficients of x'P x in the unknowns of a symmetric P."""
-    n = len(x)
-    both = np.outer(x, x)
-    return np.asarray(product(np.eye(n), np.eye(n), weight=0.5).T @ svec(both))
+    def _above_rows(self) -> Iterator[Inequality]:
+        """Yield [P g_i'; g_i beta_i]."""
+        for i, row in enumerate(self._rows):
+            form = Inequality("[P g'; g beta]", {"x": len(row), "one": 1})
+            form.square("P", form.row("x"))
+            form.twice(None, form.row("one"), exact_matrix(row[None, :]) * form.row("x"))
+            form.number(f"beta[{i}]", form.row("one"))
+            yield form
 
 
 def proved_state_peaks(
@@ -117,10 +125,9 @@ def proved_state_peaks(
     energy : int w'w <= energy^2.
     """
     bare = peak_system(system, energy=energy > 0)
-    lmi = _PeakLmi(bare, gain, 0, performance=energy > 0)
-    lengths = [x.d for x in system.delays]
+    condition = _PeakCondition(bare, gain, rows, starts, energy)
     for margin in _MARGINS:
-        point = lmi.least(lengths, rows, starts, energy, margin)
+        point = condition.least(margin)
         if point is None:
             continue
         v = exact_analysis(bare, point)

@@ -16,13 +16,13 @@ import math
 from typing import Any, Literal
 
 import flint
-from numpy.typing import ArrayLike
 
 from cosim.core import NotAchievableError
-from cosim.hinf.certificate import balls, exact_terms
+from cosim.hinf.certificate import exact_terms
+from cosim.hinf.exact import ball_precision, balls
 from cosim.hinf.nominal.closed_loop import close
 from cosim.hinf.nominal.roots import characteristic_roots
-from cosim.models import DelaySystem
+from cosim.models import DelaySystem, Matrix
 
 Verdict = Literal["unstable", "undecided"]
 
@@ -30,7 +30,7 @@ _BITS = 256
 _ARCS = (32, 256, 2048)
 
 
-def verdict_of(system: DelaySystem, K: ArrayLike, abscissa: float) -> tuple[Verdict, str]:
+def verdict_of(system: DelaySystem, K: Matrix, abscissa: float) -> tuple[Verdict, str]:
     """Return what is known of a loop u = K x (m, n) whose abscissa is not negative, and why."""
     if abscissa > 0 and unstable_proved(system, K):
         return "unstable", (
@@ -45,20 +45,20 @@ def verdict_of(system: DelaySystem, K: ArrayLike, abscissa: float) -> tuple[Verd
     )
 
 
-def root_at_zero(system: DelaySystem, K: ArrayLike) -> bool:
+def root_at_zero(system: DelaySystem, K: Matrix) -> bool:
     """Whether 0 is a root of the loop: the sum of all its A_i is singular, in rationals."""
     first, *others = (A for A, _ in exact_terms(system, K).values())
     return bool(sum(others, first).det() == 0)
 
 
-def unstable_proved(system: DelaySystem, K: ArrayLike) -> bool:
+def unstable_proved(system: DelaySystem, K: Matrix) -> bool:
     """Prove that the loop has a root with a positive real part; False decides nothing."""
     try:
         root = complex(characteristic_roots(close(system, K), 1)[0])
     except NotAchievableError:
         return False
     terms = [(flint.arb(d), A) for d, (A, _) in exact_terms(system, K).items()]
-    with flint.ctx.workprec(_BITS):
+    with ball_precision(_BITS):
         middle, radius = flint.acb(root.real, root.imag), flint.arb(root.real) / 2
         if not radius > 0:
             return False

@@ -27,7 +27,8 @@ import scipy.linalg
 from numpy.typing import ArrayLike, NDArray
 
 from cosim.core import InputError
-from cosim.hinf.certificate import exact, exact_matrix, first_bad_pivot, outage_delay
+from cosim.hinf.certificate import outage_delay
+from cosim.hinf.exact import ball_precision, exact, exact_matrix, first_bad_pivot
 
 if TYPE_CHECKING:
     from cosim.hinf.certificate import Outages
@@ -132,7 +133,7 @@ def jump_mean_square(
             expected="one delay, that of the feedback, and 0 <= playout < 100 periods",
             got=f"{len(system.delays)} delays, playout {playout:g} s",
         )
-    with flint.ctx.workprec(_BITS):
+    with ball_precision(_BITS):
         modes = _lifted(system, np.asarray(gain, np.float64), period, playout, hold=lost == "hold")
         floats = [_floats(mode) for mode in modes]
         k, n = chance.size, len(floats[0])

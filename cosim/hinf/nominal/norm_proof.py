@@ -10,14 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cosim.core import InputError
-from cosim.hinf.certificate import (
-    MAX_STEPS,
-    NORM_BITS,
-    NormPoint,
-    NormProof,
-    bend,
-    norm_to_json,
-)
+from cosim.hinf.certificate import MAX_STEPS, NORM_BITS, NormPoint, NormProof, bend, norm_to_json
+from cosim.hinf.exact import ball_precision
 from cosim.hinf.nominal.closed_loop import checked_matrix
 from cosim.models import DelaySystem
 
@@ -43,7 +37,7 @@ def norm_proved(system: DelaySystem, K: ArrayLike, level: float) -> bool:
     InputError : no w or no z, K that does not fit, or a level that is no positive number.
     """
     gain = _checked(system, K, level)
-    with flint.ctx.workprec(NORM_BITS):
+    with ball_precision(NORM_BITS):
         return _Search(system, gain, level).steps() is not None
 
 
@@ -55,7 +49,7 @@ def norm_certificate(system: DelaySystem, K: ArrayLike, level: float) -> dict[st
     InputError : as `norm_proved`.
     """
     gain = _checked(system, K, level)
-    with flint.ctx.workprec(NORM_BITS):
+    with ball_precision(NORM_BITS):
         found = _Search(system, gain, level).steps()
     return None if found is None else norm_to_json(system, gain, level, *found)
 

@@ -7,10 +7,10 @@ last digits must not depend on the number of threads.
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import cache, wraps
+from functools import wraps
 from typing import ParamSpec, TypeVar
 
-from threadpoolctl import ThreadpoolController
+from cosim.core import one_blas_thread
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -21,12 +21,7 @@ def one_thread(function: Callable[P, T]) -> Callable[P, T]:
 
     @wraps(function)
     def on_one_thread(*args: P.args, **kwargs: P.kwargs) -> T:
-        with _pools().limit(limits=1, user_api="blas"):
+        with one_blas_thread():
             return function(*args, **kwargs)
 
     return on_one_thread
-
-
-@cache
-def _pools() -> ThreadpoolController:
-    return ThreadpoolController()

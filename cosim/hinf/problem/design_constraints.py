@@ -12,11 +12,11 @@ from cosim.hinf.certificate import (
     MAX_OFFSETS,
     Damping,
     checked_damping,
-    exact,
     growth_of,
     number,
     too_many_offsets,
 )
+from cosim.hinf.exact import exact
 from cosim.models import DelaySystem
 
 KEYS = ("decay", "damping", "within", "gain_limit", "peak_control", "offset", "energy")

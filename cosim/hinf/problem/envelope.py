@@ -40,7 +40,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.core import InputError
-from cosim.hinf.certificate import exact, norm_is_below
+from cosim.hinf.exact import exact, norm_is_below
 from cosim.models import total, velocity_coefficients
 
 _AXES = "uvwr"

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from cosim.core import InputError
-from cosim.hinf.certificate import rounded_up
+from cosim.hinf.exact import rounded_up
 from cosim.hinf.problem.affine_form import Bounds
 from cosim.hinf.problem.dependence import DEPENDENCE, Dependence, variables_of
 from cosim.hinf.problem.mean_jacobian import PIECES, Function, change_of, jacobian, mean_jacobian

@@ -20,7 +20,6 @@ import numpy as np
 from cosim.core import InputError
 from cosim.hinf.certificate import (
     checked_measurements,
-    format_value,
     known_keys,
     matrix_from_rows,
     measurements_from_json,
@@ -28,6 +27,7 @@ from cosim.hinf.certificate import (
     pair_of,
     seconds,
 )
+from cosim.hinf.exact import format_value
 from cosim.hinf.problem.system_keys import OBSERVER
 from cosim.models import DelaySystem, Matrix, Measurement
 

@@ -105,7 +105,7 @@ def loop_gains(A: Matrix, B: Matrix, weights: Matrix) -> Matrix | None:
     n, m = B.shape
     try:
         P = solve_continuous_are(A, B, np.diag(weights**2) + 1e-9 * np.eye(n), np.eye(m))
-    except np.linalg.LinAlgError:
+    except (ValueError, np.linalg.LinAlgError):  # SciPy's, where it cannot order the roots
         return None
     closed = A - B @ B.T @ P
     if not np.linalg.eigvals(closed).real.max() < 0:

@@ -88,13 +88,13 @@ from cosim.hinf import problem
 from cosim.hinf.certificate import (
     assembled,
     delay_from,
-    format_value,
     known_keys,
     matrix_from_rows,
     number,
     refused,
     seconds,
 )
+from cosim.hinf.exact import format_value
 from cosim.hinf.problem.design_constraints import (
     DesignConstraints,
     design_constraints_from_table,

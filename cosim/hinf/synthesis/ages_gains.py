@@ -17,7 +17,7 @@ import numpy as np
 
 from cosim.core import NotAchievableError
 from cosim.hinf.certificate import choices
-from cosim.hinf.lmi import AgesSynthesisLmi
+from cosim.hinf.lmi import GainLmi, Multiplier, scalar_multiplier
 from cosim.hinf.problem import of_any_age
 from cosim.hinf.synthesis import theorem_2
 from cosim.hinf.synthesis.analysis import Analysis
@@ -74,31 +74,40 @@ def gains_of_the_ages(
         reference = float(np.linalg.norm(system.D1, 2)) or 1.0
     if start is not None:
         K, reference = start
-    lmi = AgesSynthesisLmi(system, order, [choices(x)[0] for x in system.delays], K, reference)
+    lmi = GainLmi(system, order, K, reference, [choices(x)[0] for x in system.delays])
     if lmi.rows > MOST_ROWS:
         return
-    longest = max(delay.d for delay in system.delays)
-    tried: list[tuple[float, float, Matrix]] = []  # what is to be small, b, the gain
-    for step in (2.0, 0.5):
-        b = longest if step > 1 else longest * step
-        best = min((value for value, _, _ in tried), default=np.inf)
-        while _LEAST_B < b / longest < 1 / _LEAST_B:
-            found = lmi.least_gamma(b) if system.has_performance else _stable_gain(lmi, b)
-            if found is None or found[0] >= best:
-                break
-            best = found[0]
-            tried.append((best, b, found[1]))
-            b *= step
+    tried = _tried(lmi, system)
     tried.sort(key=lambda item: item[0])
     for value, b, gain in tried[:2]:
-        inside = lmi.central(b, _WELL_ABOVE * value) if system.has_performance else None
+        inside = None
+        if system.has_performance:
+            inside = lmi.central(scalar_multiplier(b, system), _WELL_ABOVE * value)
         for found in ((value, gain), inside):
             proposed = rounded(found)
             if proposed is not None:
                 yield proposed[1]
 
 
-def _stable_gain(lmi: AgesSynthesisLmi, b: float) -> tuple[float, Matrix] | None:
+def _stable_gain(lmi: GainLmi, multiplier: Multiplier) -> tuple[float, Matrix] | None:
     """Return minus the greatest margin of stability and its gain; None where it is not positive."""
-    found = lmi.central(b, None)
+    found = lmi.central(multiplier, None)
     return None if found is None or found[0] <= 0 else (-found[0], found[1])
+
+
+def _tried(lmi: GainLmi, system: DelaySystem) -> list[tuple[float, float, Matrix]]:
+    """Return what is to be small, b [s] and the gain, of every b on the way to the best."""
+    longest = max(delay.d for delay in system.delays)
+    tried: list[tuple[float, float, Matrix]] = []
+    for step in (2.0, 0.5):
+        b = longest if step > 1 else longest * step
+        best = min((value for value, _, _ in tried), default=np.inf)
+        while _LEAST_B < b / longest < 1 / _LEAST_B:
+            at = scalar_multiplier(b, system)
+            found = lmi.least_gamma(at) if system.has_performance else _stable_gain(lmi, at)
+            if found is None or found[0] >= best:
+                break
+            best = found[0]
+            tried.append((best, b, found[1]))
+            b *= step
+    return tried

@@ -28,7 +28,7 @@ from cosim.hinf.certificate import (
     checked_damping,
     covers_smaller,
 )
-from cosim.hinf.lmi import not_found, solver_words
+from cosim.hinf.lmi import Condition, not_found, solver_words
 from cosim.hinf.nominal import (
     BEYOND,
     NominalFigures,
@@ -40,7 +40,6 @@ from cosim.hinf.nominal import (
 from cosim.hinf.problem import ages_are_known
 from cosim.hinf.synthesis.conditions import (
     AFFORDABLE_ORDERS,
-    Condition,
     affordable_conditions,
     conditions_of,
     is_large,

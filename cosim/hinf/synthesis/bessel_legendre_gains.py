@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.core import InputError
-from cosim.hinf.certificate import MAX_ORDER, AnalysisVariables
-from cosim.hinf.lmi import AnalysisLmi, BesselLegendreLmi, multipliers_of, scalar_multipliers
+from cosim.hinf.certificate import MAX_ORDER
+from cosim.hinf.lmi import Condition, GainLmi, LoopPoint, multiplier_of, scalar_multiplier
 from cosim.hinf.nominal import checked_system
 from cosim.hinf.problem import with_delays
 from cosim.hinf.synthesis.designs import rounded_gain
@@ -101,23 +101,23 @@ class Loop:
         found = self._margin(K)
         if found is None:
             return None
-        lmi = BesselLegendreLmi((at or self).system, self.order, K, self.gamma)
-        return rounded(lmi.central(multipliers_of(found[1], self.system), self.gamma))
+        lmi = GainLmi((at or self).system, self.order, K, self.gamma)
+        return rounded(lmi.central(multiplier_of(found[1], self.system), self.gamma))
 
     def initial_gains(self) -> list[Gain]:
         """Return the gains found with scalar multipliers."""
         gains = []
         for scale in SCALES:
-            multipliers = scalar_multipliers(scale * max(self._delays), self.system, self.order)
+            multipliers = scalar_multiplier(scale * max(self._delays), self.system)
             K = np.zeros(self.system.B.T.shape)
-            lmi = BesselLegendreLmi(self.system, self.order, K, self.gamma)
+            lmi = GainLmi(self.system, self.order, K, self.gamma)
             found = rounded(lmi.central(multipliers, self.gamma))
             if found is not None and found[0] > 0:
                 gains.append(found[1])
         return gains
 
-    def _margin(self, K: Gain) -> tuple[float, AnalysisVariables] | None:
-        lmi = AnalysisLmi(self.system, K, self.order, performance=self.gamma is not None)
+    def _margin(self, K: Gain) -> tuple[float, LoopPoint] | None:
+        lmi = Condition(self.system, K, self.order, performance=self.gamma is not None)
         return lmi.margin(self._delays, self.gamma)
 
 
@@ -156,10 +156,10 @@ def _scalar_gains(system: DelaySystem, order: int) -> list[Gain]:
     K: Gain = np.zeros(system.B.T.shape)
     size = float(np.linalg.norm(system.D1, 2)) or 1.0
     for scale in SCALES:
-        multipliers = scalar_multipliers(scale * longest, system, order)
-        first = BesselLegendreLmi(system, order, K, size).least_gamma(multipliers)
+        multipliers = scalar_multiplier(scale * longest, system)
+        first = GainLmi(system, order, K, size).least_gamma(multipliers)
         if first is not None:
-            lmi = BesselLegendreLmi(system, order, K, first[0])
+            lmi = GainLmi(system, order, K, first[0])
             middle = rounded(lmi.central(multipliers, _WELL_ABOVE * first[0]))
             if middle is not None and middle[0] > 0:
                 gains.append(middle[1])
@@ -184,7 +184,7 @@ def _descended(
     delays = [delay.d for delay in system.delays]
 
     def least(K: Gain, reference: float) -> float:
-        lmi = AnalysisLmi(system, K, order, performance=True)
+        lmi = Condition(system, K, order, performance=True)
         return lmi.least_gamma(delays, reference) or np.inf
 
     size = float(np.linalg.norm(system.D1, 2)) or 1.0
@@ -208,12 +208,12 @@ def _descended(
 def _round(system: DelaySystem, order: int, gamma: float, K: Gain) -> Gain | None:
     """Return a gain of less gamma, by the multipliers of K, away from the edge; None: none."""
     delays = [delay.d for delay in system.delays]
-    analysis = AnalysisLmi(system, K, order, performance=True)
+    analysis = Condition(system, K, order, performance=True)
     found = analysis.margin(delays, (1 + _ABOVE) * gamma)
     if found is None:
         return None
-    multipliers = multipliers_of(found[1], system)
-    lmi = BesselLegendreLmi(system, order, K, gamma)
+    multipliers = multiplier_of(found[1], system)
+    lmi = GainLmi(system, order, K, gamma)
     least = lmi.least_gamma(multipliers)
     if least is None:
         return None

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cosim.hinf.lmi import Condition
 from cosim.hinf.nominal import figures_if_known
 from cosim.hinf.problem import DELAY_LIMIT, with_delay
 from cosim.hinf.synthesis.analysis import (
@@ -27,7 +28,6 @@ from cosim.hinf.synthesis.analysis import (
     gain_of,
 )
 from cosim.hinf.synthesis.conditions import (
-    Condition,
     affordable_conditions,
     affordable_order,
     conditions_of,

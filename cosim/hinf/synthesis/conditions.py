@@ -2,9 +2,9 @@
 
 Each is an LMI with a least gamma, a greatest margin and an exact proof of the point found:
 
-* Theorem 1 and the Bessel-Legendre conditions (`AnalysisLmi`), where an age that varies counts
-  as one of any age from zero to its bound;
-* those of ages as they are (`AgesLmi`): an interval, a bounded rate, sampled. They are used from
+* Theorem 1 and the Bessel-Legendre conditions (`is_plain`), where an age that varies counts as one
+  of any age from zero to its bound;
+* those of ages as they are: an interval, a bounded rate, sampled. They are used from
   order 1 on, and at every order where more is known of an age than its bound.
 
 Where a system has many states, those of ages as they are are stated on the support of each delay:
@@ -27,7 +27,6 @@ from cosim.hinf.certificate import (
     MAX_CORNERS,
     AgeFunctional,
     AgesVariables,
-    Supports,
     ages_proved,
     ages_to_json,
     analysis_proved,
@@ -37,7 +36,8 @@ from cosim.hinf.certificate import (
     exact_analysis,
     supports_of,
 )
-from cosim.hinf.lmi import AgesLmi, AnalysisLmi, not_found, solver_words
+from cosim.hinf.lmi import Condition, not_found, solver_words
+from cosim.hinf.theorems import Supports
 from cosim.models import DelaySystem
 
 MOST_ROWS = 60
@@ -63,8 +63,6 @@ A quarter of a minute in all on one core of 2024.
 AFFORDABLE_ORDERS = (0, 1, 2)
 """Orders that are tried where none is asked for."""
 
-Condition = AgesLmi | AnalysisLmi
-
 
 def conditions_of(
     system: DelaySystem, K: NDArray[Any], order: int, *, performance: bool
@@ -76,7 +74,7 @@ def conditions_of(
             *_of_ages(system, K, order, performance, supports_of(system, K, controls=True)),
         ]
     ages = any(x.ages_are_known or (order > 0 and x.any_age and x.d > 0) for x in system.delays)
-    plain = AnalysisLmi(system, K, order, performance=performance)
+    plain = Condition(system, K, order, performance=performance)
     if not ages:
         return [plain]
     return [*_of_ages(system, K, order, performance), plain]
@@ -84,7 +82,7 @@ def conditions_of(
 
 def is_large(system: DelaySystem, K: NDArray[Any]) -> bool:
     """Whether a condition about the whole state has too many unknowns at every order."""
-    plain = AnalysisLmi(system, K, 0, performance=system.has_performance)
+    plain = Condition(system, K, 0, performance=system.has_performance)
     by_entry = any(np.ndim(x) > 1 for x in system.selections)
     most = _LARGE_BY_ENTRY if by_entry else _LARGE
     many = plain.unknowns([x.d for x in system.delays]) > most
@@ -97,9 +95,9 @@ def _of_ages(
     order: int,
     performance: bool,  # noqa: FBT001
     supports: Supports | None = None,
-) -> list[AgesLmi]:
+) -> list[Condition]:
     """Return the conditions of ages as they are, the sharpest first."""
-    found: list[AgesLmi] = []
+    found: list[Condition] = []
     tried: list[tuple[AgeFunctional, ...]] = []
     most = max(len(choices(x)) for x in system.delays)
     for level in range(most):
@@ -107,7 +105,7 @@ def _of_ages(
         if own in tried:
             continue
         tried.append(own)
-        condition = AgesLmi(system, K, order, own, performance=performance, supports=supports)
+        condition = Condition(system, K, order, own, performance=performance, supports=supports)
         rows = condition.largest_part([x.d for x in system.delays])
         large = "looped" in own and rows > MOST_ROWS
         if not large and _corners(system, order, own, down_to_zero=False) <= MAX_CORNERS:
@@ -130,7 +128,7 @@ def affordable_conditions(
     delays = [x.d for x in system.delays]
 
     def cost(one: Condition) -> int:
-        if isinstance(one, AnalysisLmi):
+        if one.is_plain:
             return one.unknowns(delays)
         return one.unknowns(delays) * _corners(system, order, one.functionals, down_to_zero=False)
 
@@ -142,7 +140,7 @@ def affordable_conditions(
     if known and order > 1:
         return []
     if order and all(x.any_age for x in late):  # then this one is that of order 0
-        found = [x for x in found if not isinstance(x, AnalysisLmi)]
+        found = [x for x in found if not x.is_plain]
     most = (_MOST_FOR_RANKING if ranking else _MOST_WITH_AGES) if known else _MOST_UNKNOWNS
     return [x for x in found if cost(x) <= most] or ([] if order else found[-1:])
 
@@ -150,7 +148,7 @@ def affordable_conditions(
 def _work(one: Condition, system: DelaySystem) -> float:
     """Return what an iteration of `solve_dense` costs, in multiplications."""
     delays = [x.d for x in system.delays]
-    if isinstance(one, AnalysisLmi):
+    if one.is_plain:
         return math.inf
     corners = _corners(system, one.order, one.functionals, down_to_zero=False)
     return float(corners * (one.unknowns(delays) * one.largest_part(delays)) ** 2)
@@ -174,7 +172,7 @@ def prove(
     down_to_zero: bool = False,
 ) -> tuple[dict[str, Any] | None, str]:
     """Return the certificate at the delays of `system`, or None and why there is none."""
-    if isinstance(condition, AgesLmi):
+    if not condition.is_plain:
         count = _corners(system, condition.order, condition.functionals, down_to_zero=down_to_zero)
         if count > MAX_CORNERS:
             return None, f"its {count} corners are more than the {MAX_CORNERS} that are proved here"
@@ -205,9 +203,7 @@ def widened(
     return prove(condition, system, K, gamma, down_to_zero=True)[0]
 
 
-def _corners(
-    system: DelaySystem, order: int, own: Sequence[AgeFunctional], *, down_to_zero: bool
-) -> int:
+def _corners(system: DelaySystem, order: int, own: Sequence[str], *, down_to_zero: bool) -> int:
     """Return how many corners Phi has."""
     each = {"interval": 2 if order else 1, "rate": 4 if order else 2, "looped": 2}
     each["constant"] = 2 if down_to_zero else 1

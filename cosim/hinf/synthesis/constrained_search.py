@@ -15,7 +15,8 @@ from typing import Any
 import numpy as np
 
 from cosim.core import NotAchievableError
-from cosim.hinf.certificate import GainLimit, Guarantees, exact, norm_above
+from cosim.hinf.certificate import GainLimit, Guarantees, norm_above
+from cosim.hinf.exact import exact
 from cosim.hinf.lmi import (
     FAILED,
     Answer,

@@ -1,7 +1,7 @@
 """The LMI of Theorem 2 as a cvxpy problem, for constraints of a user's own on X, Y, Q, R.
 
-The LMI is `cosim.hinf.lmi.theorem_2_lmi`. cvxpy is imported when `as_cvxpy` is called; the
-project's own designs use `cosim.hinf.lmi.assembly` instead.
+The inequalities are those of `cosim.hinf.theorems.theorem_2`. cvxpy is imported when `as_cvxpy` is
+called; the project's own designs use `cosim.hinf.lmi.assembly` instead.
 """
 
 from __future__ import annotations
@@ -16,20 +16,22 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cosim.core import InputError, NotAchievableError
-from cosim.hinf.lmi import Unknowns, omega, scaling_of, unknowns
+from cosim.hinf.exact import exact
+from cosim.hinf.lmi import in_cvxpy, scaling_of
 from cosim.hinf.nominal import checked_system
 from cosim.hinf.synthesis.analysis import gain_of
 from cosim.hinf.synthesis.certified_design import Design
 from cosim.hinf.synthesis.designs import check_achievable, rounded_gain
 from cosim.hinf.synthesis.search import starts
 from cosim.hinf.synthesis.theorem_2 import checked_scalars, design
+from cosim.hinf.theorems import minus_omega, positive
 from cosim.models import DelaySystem, Matrix
 
 _SINGULAR = 1e14  # condition number of X beyond which Y X^-1 is noise
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class CvxpyLmi(Unknowns):
+class CvxpyLmi:
     """The LMI of one system at given k1, k2, as a cvxpy problem.
 
     X, Y, Q, R, eps, gamma are variables of these names (Q1, R1 for the first delay); Y is an
@@ -37,12 +39,20 @@ class CvxpyLmi(Unknowns):
 
     Attributes
     ----------
+    X, Y, Q, R, eps, gamma : (n, n), (m, n), Q and R one (n, n) per delay, eps and gamma scalars,
+        eps a vector with an entry per block of F where there are several.
     system, k1, k2 : of the LMI.
-    constraints : -Omega >= 0, X >= 0, and for a delay of zero R >= 0.
+    constraints : -Omega >= 0, X >= 0, Q >= 0, and for a delay of zero R >= 0.
     problem : minimise gamma over them; with a given gamma, or without w and z, maximise t with
         -Omega >= t I and X of trace n.
     """
 
+    X: Any
+    Y: Any
+    Q: tuple[Any, ...]
+    R: tuple[Any, ...]
+    eps: Any
+    gamma: Any
     system: DelaySystem
     k1: tuple[float, ...]
     k2: tuple[float, ...]
@@ -139,22 +149,46 @@ def as_cvxpy(
     p = checked_scalars(system, k1, k2)
     if gamma is not None:
         check_achievable(gamma, system)
-    v = unknowns(system, gain=None if gain is None else gain_of(system, gain), gamma=gamma)
-    whole, positive = omega(system, p.k1, p.k2, v)
-    least = gamma is None and system.has_performance
+    v = _unknowns(system, None if gain is None else gain_of(system, gain), gamma)
+    by_name = {"X": v["X"], "Y": v["Y"], "gamma": v["gamma"]}
+    by_name |= {f"{name}[{j}]": M for name in "QR" for j, M in enumerate(v[name])}
+    blocks = len(system.blocks)
+    by_name |= {f"eps[{b}]": v["eps"][b] if blocks > 1 else v["eps"] for b in range(blocks)}
+    k = [exact(x) for x in p.k1], [exact(x) for x in p.k2]
+    bounded = system.has_performance
+    whole = in_cvxpy(minus_omega(system, *k, bounded=bounded), by_name)
+    least = gamma is None and bounded
     margin = 0.0 if least else cp.Variable(name="margin")
-    constraints = [(whole + whole.T) / 2 << -margin * np.eye(whole.shape[0])]
-    constraints += [matrix >> 0 for matrix in positive]
+    constraints = [(whole + whole.T) / 2 >> margin * np.eye(whole.shape[0])]
+    constraints += [in_cvxpy(one, by_name) >> 0 for one in positive(system)]
     if least:
-        objective: Any = cp.Minimize(v.gamma)
+        objective: Any = cp.Minimize(v["gamma"])
     else:
         # without a free gamma the LMI is homogeneous: fix the size of the solution
-        constraints.append(sum(v.X[i, i] for i in range(len(system.A))) == len(system.A))
+        constraints.append(sum(v["X"][i, i] for i in range(len(system.A))) == len(system.A))
         objective = cp.Maximize(margin)
     problem = cp.Problem(objective, constraints)
-    return CvxpyLmi(
-        **vars(v), system=system, k1=p.k1, k2=p.k2, constraints=constraints, problem=problem
-    )
+    return CvxpyLmi(**v, system=system, k1=p.k1, k2=p.k2, constraints=constraints, problem=problem)
+
+
+def _unknowns(system: DelaySystem, gain: Matrix | None, gamma: float | None) -> dict[str, Any]:
+    """Return new variables; with a given `gain` Y = K X, a given `gamma` is a number."""
+    import cvxpy as cp  # noqa: PLC0415
+
+    n, m = system.B.shape
+    blocks, late = len(system.blocks), list(enumerate(system.delays, 1))
+    X = cp.Variable((n, n), symmetric=True, name="X")
+    return {
+        "X": X,
+        "Y": cp.Variable((m, n), name="Y") if gain is None else gain @ X,
+        "Q": tuple(
+            np.zeros((n, n)) if x.any_age else cp.Variable((n, n), symmetric=True, name=f"Q{j}")
+            for j, x in late
+        ),
+        "R": tuple(cp.Variable((n, n), symmetric=True, name=f"R{j}") for j, _ in late),
+        "eps": cp.Variable(blocks, name="eps") if blocks > 1 else cp.Variable(name="eps"),
+        "gamma": cp.Variable(name="gamma") if gamma is None else gamma,
+    }
 
 
 def cvxpy_design(

@@ -19,7 +19,8 @@ import numpy as np
 import scipy
 
 from cosim.core import NotAchievableError
-from cosim.hinf.certificate import Damping, exact
+from cosim.hinf.certificate import Damping
+from cosim.hinf.exact import exact
 from cosim.hinf.lmi import units_of
 from cosim.hinf.problem import DesignConstraints
 from cosim.hinf.synthesis.certified_design import Design

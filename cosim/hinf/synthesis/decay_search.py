@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from cosim.hinf.certificate import Decay, exact, growth_of
+from cosim.hinf.certificate import Decay, growth_of
+from cosim.hinf.exact import exact
 from cosim.hinf.lmi import (
     Answer,
     CornersProblem,

@@ -11,7 +11,8 @@ from typing import Any
 
 from cosim.core import InputError
 from cosim.hinf import nominal
-from cosim.hinf.certificate import format_value, number
+from cosim.hinf.certificate import number
+from cosim.hinf.exact import format_value
 from cosim.models import DelaySystem
 
 FIGURES = ("least_gamma", "abscissa", "exact_norm", "norm_frequency")

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from typing import TypeVar
 
-from cosim.hinf.certificate import rounded_up
+from cosim.hinf.exact import rounded_up
 
 NEAR = (1e-5, 5e-5, 1e-4, 3e-4, 2e-3, 1e-2, 5e-2)
 """Shares above a least gamma at which it is proved as a rule."""

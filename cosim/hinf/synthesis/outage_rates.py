@@ -150,7 +150,7 @@ class _Search:
         fallback_age: float,
     ) -> None:
         self._system, self._K, self._gamma = system, K, gamma
-        self._lmi = lmi.OutageLmi(system, K, fallback, fallback_age, performance=gamma is not None)
+        self._lmi = lmi.OutageLmi(system, K, fallback, fallback_age)
         self._delays = [delay.d for delay in system.delays]
         self.reason: str | None = None
 
@@ -187,7 +187,7 @@ class _Search:
         for above in _ABOVE:
             rounded = _decimal(beta + (above - 1) * step)
             self._lmi.set_rates(alpha, max(rounded, -alpha))
-            point = self._lmi.central(self._delays, self._gamma)
+            point = self._lmi.central(self._gamma)
             if point is None:
                 continue
             self.reason = point.failure(self._system, self._K)

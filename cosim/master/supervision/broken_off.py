@@ -60,6 +60,8 @@ def broken_off(
 _HINTS: Final[Mapping[str, str]] = MappingProxyType(
     {
         **DEATH_HINTS,
+        "altered": "a fault of an FMU, which writes to memory that is not its own: a component "
+        "with isolate = true cannot reach the rows of others",
         **{
             f"limits.{name}": f"a greater limit: --limit {name}=..., or limits.{name} in the "
             "scenario; none for no limit"

@@ -8,22 +8,25 @@ nothing more: `Supervisor` finds out more.
 from __future__ import annotations
 
 import math
-import mmap
+import os
 import selectors
 import time
 from collections.abc import Callable, Iterator, Sequence
 from itertools import count
 from typing import Any, Final
 
+import msgspec
 import numpy as np
 
+from cosim.core import FrameError, Output, SharedMemory, Worker
 from cosim.fmu import own_folder
 from cosim.master.supervision import messages
 from cosim.master.supervision.limits import Limits
-from cosim.master.supervision.output import Output
-from cosim.master.supervision.process import Worker
+from cosim.master.supervision.messages import Call, Called, Message, Raised
+from cosim.master.supervision.supervisor import CHILD
 
 _TICK_S: Final = 0.05
+_PAGE: Final = 4096
 BROKEN: Final = object()
 """In place of a result: the child died in this call, or was ended since it took too much memory."""
 OVERDUE: Final = object()
@@ -35,13 +38,14 @@ class Calls:
 
     Parameters
     ----------
-    known : objects that the child has as they are when it is forked; arguments refer to them.
+    known : objects that the child has as they are when it starts; arguments refer to them.
     """
 
     def __init__(self, known: Sequence[Any]) -> None:
         # number of the call in progress, and when it began, which the child writes
-        self._progress = np.frombuffer(mmap.mmap(-1, mmap.PAGESIZE), np.float64)[:2]
-        self._known = (*known, self._progress)
+        self._memory, self._descriptor = SharedMemory.reserve("cosim-calls", _PAGE)
+        self._progress = np.frombuffer(self._memory.mapping, np.float64)[:2]
+        self._known = known
         self._worker: Worker | None = None
         self._outputs: list[Output] = []
         self._numbers = count(1)
@@ -52,11 +56,12 @@ class Calls:
         function: Callable[..., Any],
         *arguments: Any,
         each: Sequence[Any],
+        result: Any,
     ) -> Iterator[Any]:
         """Call a function of a module there for each of some things, its last argument.
 
-        Yield each result in order, `BROKEN` or `OVERDUE`; `limits.run` and `limits.memory` are of
-        one call.
+        Yield each result in order, as this type, `BROKEN` or `OVERDUE`; `limits.run` and
+        `limits.memory` are of one call.
 
         Raises
         ------
@@ -65,23 +70,29 @@ class Calls:
         left = list(each)
         while left:
             done = 0
-            message = (function, arguments, left)
             try:
-                for results in self._results(message, limits):
+                for results in self._results(limits, function, arguments, left, result):
                     done += len(results)
                     yield from results
             except (EOFError, OSError) as error:
                 if self._worker is not None:
                     self._worker.kill()
-                self.close()
+                self._end_worker()
                 # what it had not sent yet is done again, in another child
-                broken = int(self._progress[0])
-                yield from self(limits, function, *arguments, each=left[done:broken])
+                broken = min(max(int(np.nan_to_num(self._progress[0])), done), len(left) - 1)
+                yield from self(limits, function, *arguments, each=left[done:broken], result=result)
                 yield OVERDUE if isinstance(error, TimeoutError) else BROKEN
                 done = broken + 1
             left = left[done:]
 
-    def _results(self, message: tuple[Any, ...], limits: Limits) -> Iterator[list[Any]]:
+    def _results(
+        self,
+        limits: Limits,
+        function: Callable[..., Any],
+        arguments: tuple[Any, ...],
+        each: Sequence[Any],
+        result: Any,
+    ) -> Iterator[list[Any]]:
         """Send calls to the child; yield their results, many at a time.
 
         Raises
@@ -89,33 +100,46 @@ class Calls:
         EOFError, OSError : the child is gone, or was just ended.
         """
         worker = self._alive()
-        number, left = next(self._numbers), len(message[-1])
+        number, left = next(self._numbers), len(each)
         self._progress[:] = 0.0, time.monotonic()
-        content = (messages.CALL, number, str(own_folder()), self._progress, *message)
-        worker.connection.send_bytes(messages.packed(content, worker.known))
+        call = Call(number, str(own_folder()), function, arguments, each)
+        worker.frames.send(messages.packed(call, worker.known), wait=False)
         while left:
-            kind, *found = self._answer(worker, number, limits)
-            if kind == messages.RAISED:
-                parts, trace = found
-                raised = messages.exception_of(parts)
-                raised.add_note(trace)
-                raise raised
-            left -= len(found[0])
-            yield found[0]
+            answer = self._answer(worker, number, limits)
+            if isinstance(answer, Raised):
+                raise answer.error.error()
+            try:
+                found = msgspec.convert(answer.results, list[result])
+            except msgspec.ValidationError as error:  # it is none of the function
+                raise EOFError from error
+            left -= len(found)
+            yield found
 
     def close(self) -> None:
-        """End the child."""
+        """End the child; no call follows."""
+        self._end_worker()
+        if self._descriptor >= 0:
+            os.close(self._descriptor)
+            self._descriptor = -1
+
+    def _end_worker(self) -> None:
         if self._worker is not None:
             self._worker.close(0.0)
         self._worker = None
 
     def _alive(self) -> Worker:
         if self._worker is None:
-            self._worker = worker = Worker("fork", self._known)
+            self._worker = worker = Worker(
+                CHILD,
+                received=Message,
+                descriptors=[self._descriptor],
+                known=self._known,
+                method="fork",  # also beside the threads of Dask: what is known cannot be sent
+            )
             self._outputs = [Output(d, "", "") for d in (worker.stdout, worker.stderr)]
         return self._worker
 
-    def _answer(self, worker: Worker, number: int, limits: Limits) -> tuple[Any, ...]:
+    def _answer(self, worker: Worker, number: int, limits: Limits) -> Raised | Called:
         """Wait for the next results; what the child prints is read and forgotten.
 
         Raises
@@ -124,7 +148,8 @@ class Calls:
         """
         longest = math.inf if limits.run is None else limits.run
         with selectors.DefaultSelector() as selector:
-            selector.register(worker.connection, selectors.EVENT_READ)
+            for source in worker.watched():
+                selector.register(source, selectors.EVENT_READ)
             for output in self._outputs:
                 selector.register(output.descriptor, selectors.EVENT_READ)
             while True:
@@ -134,11 +159,16 @@ class Calls:
                     if output.ended:
                         selector.unregister(output.descriptor)
                         self._outputs.remove(output)
-                if worker.connection.poll():
-                    answered, *content = messages.unpacked(worker.connection.recv_bytes())
-                    if answered == number:
-                        return tuple(content)
-                elif self._is_over(worker, longest, None if ready else limits.memory):
+                try:
+                    worker.frames.flush()
+                    message = worker.frames.take()
+                    if isinstance(message, Called | Raised) and message.run == number:
+                        return message
+                except FrameError as error:
+                    raise EOFError from error
+                if message is None and self._is_over(
+                    worker, longest, None if ready else limits.memory
+                ):
                     raise EOFError
 
     def _is_over(self, worker: Worker, longest: float, memory: int | None) -> bool:

@@ -8,11 +8,13 @@ import signal
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from multiprocessing.reduction import send_handle
 from types import MappingProxyType
 from typing import Any, Final, Protocol
 
-from cosim.core import InputError, death_of
+import msgspec
+import numpy as np
+
+from cosim.core import ComponentError, FrameError, InputError, Output, Worker, death_of
 from cosim.fmu import own_folder, unpack_fmu
 from cosim.master.adjustments import Adjustments
 from cosim.master.engine import EngineChoice, EngineName
@@ -21,10 +23,18 @@ from cosim.master.run import Run, RunStatus
 from cosim.master.session import Session
 from cosim.master.supervision import messages
 from cosim.master.supervision.broken_off import BrokenOffError, CallInProgress, broken_off
+from cosim.master.supervision.checksums import Checksums
+from cosim.master.supervision.child import CUT_OFF
 from cosim.master.supervision.limits import Limits, Timer
-from cosim.master.supervision.messages import Job
-from cosim.master.supervision.output import Output
-from cosim.master.supervision.process import Worker
+from cosim.master.supervision.messages import (
+    Answer,
+    Closed,
+    Conducted,
+    FromChild,
+    Job,
+    Raised,
+    Request,
+)
 from cosim.master.supervision.wired import Wired
 from cosim.master.system import System
 from cosim.master.table import Move, Set, make_table
@@ -34,9 +44,13 @@ _TICK_S: Final = 0.02
 GRACE_S: Final = 1.0
 """Time that the child has to stop between two steps, before it is killed."""
 _AT_ONCE: Final = 256
+_PATIENT_S: Final = 1.0
+"""How long a child that has closed its connection may take to end."""
 _SIGNALS: Final[Mapping[int, str]] = MappingProxyType(
     {signal.SIGINT: "Ctrl-C", signal.SIGTERM: "SIGTERM"}
 )
+_MUTE: Final = "the process of the components has closed its connection to this program"
+_STRANGE: Final = "the process of the components sent what is no message of this program"
 
 
 class Interruption(Protocol):
@@ -47,6 +61,26 @@ class Interruption(Protocol):
         """The number of the signal, or 0."""
 
 
+class _MessageError(Exception):
+    """A message that is none of the child."""
+
+
+class Conduct(Protocol):
+    """Runs a session in the child; picklable.
+
+    Attributes
+    ----------
+    result : the type of what it returns, which is sent as a message: a dataclass of plain values.
+    """
+
+    @property
+    def result(self) -> Any:
+        """See above."""
+
+    def __call__(self, session: Session) -> Any:
+        """Run it."""
+
+
 class FollowedRun:
     """A run in the child, followed from here; close it to end the slaves.
 
@@ -54,6 +88,7 @@ class FollowedRun:
     ----------
     end_failure : why the slaves could not be ended properly, typed and in words; None if they
         were.
+    child_leaves : whether the child cannot execute another run: it is not what it was before.
     """
 
     def __init__(
@@ -79,7 +114,7 @@ class FollowedRun:
         self._wiring, self._shared = wired.wiring, wired.shared
         self._points = self._wiring.comm_points
         self._dispatch = ObserverDispatch(observers)
-        self._dispatch.make_whole = self._wiring.make_whole
+        self._dispatch.make_whole, self._dispatch.points = self._wiring.make_whole, self._points
         if system.threads > 1:  # lines come with their turns
             self._dispatch.turn = lambda _name: 0
         adjustments = Adjustments(self._wiring.rows.shape[1])
@@ -92,44 +127,61 @@ class FollowedRun:
             Output(worker.stdout, "stdout", "info"),
             Output(worker.stderr, "stderr", "warning"),
         )
+        self._taken = 0
+        self._to_deliver: messages.Deliver | None = None
+        self._unfinished: Any = None
+        self._checksums = Checksums(self._wiring.outputs)
         self.end_failure: tuple[Cause, str] | None = None
+        self.child_leaves = False
 
-    def conduct(self, conduct: Callable[[Session], Any], engine: EngineName) -> tuple[Run, Any]:
+    def begin(
+        self,
+        conduct: Callable[[Session], Any] | None,
+        engine: EngineName,
+        make: Callable[..., Session] = Session,
+    ) -> None:
+        """Give the child the run; what the parameters are says `Job`."""
+        for component in self._system.components.values():
+            unpack_fmu(component.description)
+        there = any(thing is self._wiring for thing in self._worker.known)
+        job = Job(
+            *(self._number, self._system, conduct, make, self._limits.call, engine),
+            *(self._keep, self._wired.size, str(own_folder())),
+            (self._wiring, self._shared) if there else None,
+        )
+        try:
+            self._tell(job, () if there else (self._wired.descriptor,))
+        finally:
+            os.close(self._wired.descriptor)
+
+    def conduct(self, conduct: Conduct, engine: EngineName) -> tuple[Run, Any]:
         """Execute the run; return it and what `conduct` returned, None if it broke off.
 
         Raises
         ------
         CosimError : what the session raises.
         """
-        for component in self._system.components.values():
-            unpack_fmu(component.description)
-        there = any(thing is self._wiring for thing in self._worker.known)
-        known = (self._wiring, self._shared) if there else None
-        folder = str(own_folder())
-        self._send(
-            messages.RUN,
-            Job(
-                *(self._system, conduct, self._limits.call, engine),
-                *(self._keep, self._wired.size, folder, known),
-            ),
-        )
-        self._send_descriptor(send=not there)
+        self.begin(conduct, engine)
         try:
-            kind, *content = self._follow(messages.CONDUCTED, messages.RAISED)
+            ended = self._follow(Conducted, Raised)
+            if isinstance(ended, Conducted):
+                found = self._checked(ended.found, conduct.result)
         except BrokenOffError as broken:
-            return self._broken_off(broken), None
+            return self.broken_off(broken), None
         except BaseException as error:
             self._abandon(error)
             raise
-        self._deliver(self._shared.complete)
         self._end_output()
-        if kind == messages.RAISED:
-            parts, trace = content
-            raised = messages.exception_of(parts)
-            raised.add_note(trace)
-            raise raised
-        status, reason, cause, complete, self._engine, found = content
-        return self._run_of(status, reason, cause, complete), found
+        if isinstance(ended, Raised):
+            raise ended.error.error()
+        self._engine = ended.engine
+        complete = self._dispatch.delivered
+        try:
+            self._checksums.check(self._wiring.rows)
+        except ComponentError as error:
+            cause = Cause.of_error(error, None)
+            return self._run_of("failed", error.text(), cause, complete), found
+        return self._run_of(ended.status, ended.reason, ended.cause, complete), found
 
     def close(self) -> None:
         """Terminate and free the slaves, and deliver their last log lines."""
@@ -138,8 +190,9 @@ class FollowedRun:
         self._over = True
         self._stop_since = None  # a new time of grace
         try:
-            self._send(messages.CLOSE)
-            _, self.end_failure = self._follow(messages.CLOSED)
+            self._tell(messages.Close(self._number))
+            closed: Closed = self._follow(Closed)
+            self.end_failure, self.child_leaves = closed.failure, closed.leaves
         except BrokenOffError as broken:
             self.end_failure = broken.cause, broken.words
         self._end_output()
@@ -163,13 +216,19 @@ class FollowedRun:
         found = (self._wiring, complete, status, reason, self._engine, cause)
         return Run.of(*found, kept=self._keep)
 
-    def _broken_off(self, broken: BrokenOffError) -> Run:
+    def broken_off(self, broken: BrokenOffError) -> Run:
         """Return the run up to its last complete row, all of which the observers receive."""
         self._over = True
-        complete = self._complete()
-        self._make_ready(complete)
+        complete = self._dispatch.delivered
+        if broken.cause.kind != "altered":
+            complete = self._complete()
+            self._make_ready(complete)
         self._end_output()
-        self._deliver(complete)
+        try:
+            self._deliver(complete)
+            self._checksums.check(self._wiring.rows)
+        except (BrokenOffError, ComponentError) as error:  # beside what has broken it off
+            self._add("master", "error", str(error))
         status: RunStatus = "stopped" if broken.cause.kind == "interrupted" else "failed"
         self._add("master", "error" if status == "failed" else "info", broken.words)
         self._dispatch.close()
@@ -182,39 +241,33 @@ class FollowedRun:
         if isinstance(error, Exception):
             self._shared.request_stop()
             try:
-                self._follow(messages.CONDUCTED, messages.RAISED)
+                self._follow(Conducted, Answer, Raised)
             except BrokenOffError:
                 self._over = True
         else:
             self._worker.kill()
             self._over = True
 
-    def _send(self, kind: str, *content: Any) -> None:
+    def _tell(
+        self, content: Job | Request | messages.Close, descriptors: tuple[int, ...] = ()
+    ) -> None:
         try:
-            data = messages.packed((kind, self._number, *content), self._worker.known)
-            self._worker.connection.send_bytes(data)
+            command = messages.packed(content, self._worker.known)
+            self._worker.frames.send(command, descriptors, wait=False)
         except OSError:  # it is dead: following it says why
             return
 
-    def _send_descriptor(self, *, send: bool) -> None:
-        try:
-            if send:
-                send_handle(self._worker.connection, self._wired.descriptor, None)
-        except OSError:
-            return
-        finally:
-            os.close(self._wired.descriptor)
-
-    def _follow(self, *last: str) -> tuple[Any, ...]:
-        """Take messages until one of the kinds in `last`; return it.
+    def _follow(self, *last: type[FromChild]) -> Any:
+        """Take messages until one of these types; return it.
 
         Raises
         ------
         BrokenOffError : the child is dead, by itself or because it exceeded a limit.
         """
-        timer = Timer(self._patient, closing=last == (messages.CLOSED,))
+        timer = Timer(self._patient, closing=last == (Closed,))
         with selectors.DefaultSelector() as selector:
-            selector.register(self._worker.connection, selectors.EVENT_READ)
+            for source in self._worker.watched():
+                selector.register(source, selectors.EVENT_READ)
             for output in self._outputs:
                 if not output.ended:
                     selector.register(output.descriptor, selectors.EVENT_READ)
@@ -232,53 +285,132 @@ class FollowedRun:
                     return self._dead(last)
                 self._check(timer)
 
-    def _take_messages(self, last: Sequence[str]) -> tuple[tuple[Any, ...] | None, bool]:
-        """Take what has arrived; return the message that was waited for, and whether more comes."""
-        connection = self._worker.connection
+    def _take_messages(self, last: Sequence[type[FromChild]]) -> tuple[Any, bool]:
+        """Take what has arrived; return the message that was waited for, and whether more comes.
+
+        Raises
+        ------
+        BrokenOffError : what has arrived is none of the child.
+        """
+        frames, self._taken = self._worker.frames, 0
         try:
-            for _ in range(_AT_ONCE):
-                if not connection.poll():
-                    break
-                number, kind, *content = messages.unpacked(connection.recv_bytes())
-                if number == self._number and kind in last:
-                    return (kind, *content), True
-                if number == self._number and not self._muted:
-                    self._take(kind, content)
+            frames.flush()
+            while self._goes_on and (message := self._unfinished or frames.take()) is not None:
+                self._taken, self._unfinished = self._taken + 1, message
+                if message.run != self._number:
+                    self._unfinished = None
+                    continue
+                if not isinstance(message, messages.Deliver):  # it is after those rows
+                    self._deliver_waiting()  # if an observer raises an error, it is kept
+                self._unfinished = None
+                if isinstance(message, messages.Deliver):
+                    self._to_deliver = message  # one that comes later includes it
+                    continue
+                if isinstance(message, tuple(last)):
+                    return message, True
+                if not self._muted:
+                    self._take(message)
+            self._deliver_waiting()
         except (EOFError, OSError):
+            self._deliver_waiting()
             return None, False
+        except (FrameError, _MessageError) as error:
+            self._worker.kill()
+            raise self._broken("refused", _STRANGE) from error
         return None, True
 
-    def _take(self, kind: str, content: Sequence[Any]) -> None:  # noqa: C901 - one per kind
-        match kind:
-            case messages.LINE:
-                self._dispatch.add(content[0])
-            case messages.DELIVER:
-                self._deliver(content[0])
-            case messages.TEXT:
-                number, text = content
-                if self._wiring.texts.number(text) != number:
-                    raise ValueError(f"expected number {number} for {text!r}")
-            case messages.POINT:
-                self._points.add(*content)
-                self._wiring.fill_routes(self._points.ready, self._points.count)
-            case messages.SET:
-                self._points.event_values.set(*content)
-            case messages.WITHIN:
-                self._dispatch.within_steps(*content)
-            case messages.PROCESS:
-                self._worker.add_process(*content)
-            case messages.BEGUN:
-                self._engine = content[0]
+    @property
+    def _goes_on(self) -> bool:
+        """Whether more messages are taken now: not before a new interruption has its answer."""
+        interrupted = self._interruption is not None and self._interruption.requested
+        return self._taken < _AT_ONCE and (self._stop_since is not None or not interrupted)
+
+    def _deliver_waiting(self) -> None:
+        """Deliver the rows that the latest `Deliver` names."""
+        message, self._to_deliver = self._to_deliver, None
+        if message is not None and not self._muted:
+            self._deliver(message.complete, message.row_sum)
+
+    def _take(self, message: Any) -> None:
+        """Do what a message says that nobody waits for."""
+        match message:  # observers raise what they like
+            case messages.Within():
+                self._take_within(message)
+            case messages.Begun():
+                self._engine = message.engine
                 self._begun = True
                 for observer in self._observers:
                     observer.begin(self._wiring.instances)
+            case _:
+                try:
+                    self._note(message)
+                except (ArithmeticError, LookupError, TypeError, ValueError) as error:
+                    raise _MessageError from error
 
-    def _deliver(self, complete: int) -> None:
-        """Deliver the complete rows to the observers, and give back what nobody reads again."""
+    def _note(self, message: Any) -> None:
+        match message:
+            case messages.Line():
+                self._dispatch.add(message.line)
+            case messages.Text():
+                if self._wiring.texts.number(message.text) != message.number:
+                    raise _MessageError
+            case messages.Point():
+                self._points.add(message.instant_ns, message.seconds)
+                self._wiring.fill_routes(self._points.ready, self._points.count)
+            case messages.EventValue():
+                value = message.name, message.instant_ns, message.value
+                self._points.event_values.set(*value)
+            case messages.SlaveStarted():
+                self._worker.add_process(message.process, message.memory)
+
+    def _take_within(self, message: messages.Within) -> None:
+        instances = self._wiring.by_name
+        if message.component not in instances or len(message.times_ns) % 8:
+            raise _MessageError
+        times = np.frombuffer(message.times_ns, np.int64)
+        columns = len(instances[message.component].component.intermediate)
+        if len(message.values) != 8 * times.size * columns:
+            raise _MessageError
+        values = np.frombuffer(message.values).reshape(times.size, columns)
+        self._dispatch.within_steps(message.component, times, values)
+
+    def _checked(self, found: Any, result: Any) -> Any:
+        """Return what came with a message as its type.
+
+        Raises
+        ------
+        BrokenOffError : it is none.
+        """
+        try:
+            return None if result is None or found is None else msgspec.convert(found, result)
+        except msgspec.ValidationError as error:
+            self._worker.kill()
+            raise self._broken("refused", _STRANGE) from error
+
+    def _deliver(self, complete: int, row_sum: int | None = None) -> None:
+        """Deliver the complete rows to the observers, and give back what nobody reads again.
+
+        row_sum : of all of them, as the child tells it; None: it has died.
+
+        Raises
+        ------
+        BrokenOffError : rows are not what they were when they were complete.
+        """
+        complete = min(max(complete, self._dispatch.delivered), self._wiring.rows.shape[0])
         self._make_ready(complete)
-        self._dispatch.deliver(complete)
-        if not self._keep:
-            self._wiring.give_back(min(complete, self._dispatch.unread))
+        complete = min(complete, self._points.count)
+        try:
+            self._checksums.add(self._wiring.rows, complete, row_sum)
+            self._dispatch.deliver(complete)
+            if not self._keep:
+                before = min(complete, self._dispatch.unread)
+                checked = self._checksums.check(self._wiring.rows, before)
+                self._wiring.give_back(min(before, checked))
+        except ComponentError as error:
+            if error.kind != "altered":
+                raise
+            self._worker.kill()
+            raise self._broken("altered", error.what) from error
         self._shared.delivered = complete
 
     def _make_ready(self, complete: int) -> None:
@@ -296,14 +428,17 @@ class FollowedRun:
                 return
             self._wiring.fill_routes(first, points.ready)
 
-    def _dead(self, last: Sequence[str]) -> tuple[Any, ...]:
+    def _dead(self, last: Sequence[type[FromChild]]) -> Any:
         """Take what a dead child has left; return the message waited for, if it is there."""
-        alive = True
-        while alive and self._worker.connection.poll():
-            found, alive = self._take_messages(last)
+        status = self._worker.ended_within(_PATIENT_S)
+        self._worker.kill()
+        self._taken = 1
+        while self._taken:
+            found, _ = self._take_messages(last)
             if found is not None:
                 return found
-        status = self._worker.kill()
+        if status is None or status == CUT_OFF:
+            raise self._broken("refused", _MUTE)
         death = death_of(status)
         raise self._broken(death.kind, f"the process of the components {death.words}")
 
@@ -315,7 +450,7 @@ class FollowedRun:
         BrokenOffError : it was ended.
         """
         now = time.monotonic()
-        over = timer.exceeded(now, self._shared.in_call, begun=self._begun)
+        over = timer.exceeded(now, self._shared.sign_of_life, begun=self._begun)
         if over == "run" and self._stop_since is None:
             text = f"the run took longer than its limit of {self._limits.run:g} s"
             self._request_stop(now, Cause("timed-out", detail=text))
@@ -345,19 +480,21 @@ class FollowedRun:
         self._shared.request_stop()
 
     def _call_in_progress(self) -> CallInProgress:
-        points = self._points.points_ns
+        k, time_ns = self._shared.complete, None
         component = call = None
         if self._shared.in_loop:
             k, number = self._table.place()
-            self._make_ready(k)
-            if number >= len(self._table.operations):  # several step side by side
-                number = self._table.place_in_team() or number
-            component, call = self._table.call(number)
-            time_ns = int(points[k])
+            if 0 <= k < self._wiring.rows.shape[0]:
+                self._make_ready(k)
+                if number >= len(self._table.operations):  # several step side by side
+                    number = self._table.place_in_team() or number
+                component, call = self._table.call(number)
         elif (outside := self._shared.outside_call()) is not None:
             component, call, time_ns = outside
-        else:
-            time_ns = int(points[min(self._shared.complete, self._points.count - 1)])
+        if time_ns is None:
+            if not 0 <= k < self._wiring.rows.shape[0]:  # foreign code has written to the memory
+                k = self._dispatch.delivered
+            time_ns = int(self._points.points_ns[min(k, self._points.count - 1)])
         seconds = self._points.at_s(time_ns) if self._begun or time_ns else None
         return CallInProgress(component or None, call or None, seconds)
 
@@ -368,21 +505,29 @@ class FollowedRun:
         return broken_off(self._system, kind, what, at, limit=limit, printed=printed)
 
     def _complete(self) -> int:
-        """Return how many rows a child that is gone has completed."""
-        if not self._shared.in_loop:
-            return self._shared.complete
-        k, number = self._table.place()
-        operations = self._table.operations
-        receiving = [
-            i for i, o in enumerate(operations) if isinstance(o, Move | Set) and not o.spare
-        ]
-        return max(k + (number > max([self._table.complete, *receiving])), self._shared.complete)
+        """Return how many rows a child that is gone has completed.
+
+        Where its memory says what cannot be, foreign code has written to it: those delivered.
+        """
+        complete = self._shared.complete
+        if self._shared.in_loop:
+            k, number = self._table.place()
+            operations = self._table.operations
+            receiving = [
+                i for i, o in enumerate(operations) if isinstance(o, Move | Set) and not o.spare
+            ]
+            complete = max(k + (number > max([self._table.complete, *receiving])), complete)
+        rows, delivered = self._wiring.rows, self._dispatch.delivered
+        sound = delivered <= complete < rows.shape[0] and self._checksums.agree(
+            rows, complete, self._shared.row_sum
+        )
+        return complete if sound else delivered
 
     def _log_output(self, name: str, level: str, message: str) -> None:
         if self._muted:
             return
         if self._begun and not self._over:
-            self._dispatch.log_now(self._points.points_ns, name, level, message)
+            self._dispatch.log_now(name, level, message)
         else:
             self._dispatch.add((0, 0, 0, level, name, message))
 

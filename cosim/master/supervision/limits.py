@@ -27,7 +27,7 @@ class Limits:
 
     Attributes
     ----------
-    call : of one FMI call during the run [s of wall-clock time].
+    call : of one FMI call during the run, and of what is done between two [s of wall-clock time].
     run : of the whole run, from its start to its last point [s].
     start, end : of instantiation and initialisation, and of terminating and freeing [s].
     memory : of the process of the slaves beyond what it starts with [bytes]; Linux only.
@@ -43,25 +43,28 @@ class Limits:
 
 
 class Timer:
-    """Knows how long start, run, end and the call in progress have taken."""
+    """Knows how long start, run and end have taken, and how long the child has not gone on."""
 
     def __init__(self, limits: Limits, *, closing: bool) -> None:
         self._limits, self._closing = limits, closing
-        self._since = self._call_since = time.monotonic()
-        self._call: tuple[int, int] | None = None
+        self._since = self._seen_at = time.monotonic()
+        self._seen: tuple[int, ...] = ()
 
-    def exceeded(self, now: float, call: tuple[int, int] | None, *, begun: bool) -> str | None:
-        """Return the name of a limit that is exceeded."""
-        if call != self._call:
-            self._call, self._call_since = call, now
+    def exceeded(self, now: float, sign_of_life: tuple[int, ...], *, begun: bool) -> str | None:
+        """Return the name of a limit that is exceeded.
+
+        That of a call counts between two calls, too: nothing that the child does by itself takes
+        as long as a call may.
+        """
+        if sign_of_life != self._seen:
+            self._seen, self._seen_at = sign_of_life, now
         if self._closing:
             return "end" if _more(now - self._since, self._limits.end) else None
         if _more(self._limits.waited + now - self._since, self._limits.run):
             return "run"
         if not begun:
             return "start" if _more(now - self._since, self._limits.start) else None
-        taken = now - self._call_since
-        return "call" if call is not None and _more(taken, self._limits.call) else None
+        return "call" if _more(now - self._seen_at, self._limits.call) else None
 
 
 def _more(seconds: float, limit: float | None) -> bool:

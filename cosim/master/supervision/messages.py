@@ -1,62 +1,180 @@
-"""The messages between parent and child: plain tuples, pickled.
+"""The messages between a process and the child that executes its runs.
 
-To the child: `(RUN, number, Job)`, followed by the file descriptor of the rows unless they are
-there already, `(CLOSE, number)`, and `(CALL, number, folder, progress, function, arguments, each)`.
-To the parent, each with the number of the run: see the names below.
+What the child says is one of the `FromChild`s and nothing else: it runs foreign code. What it is
+told is pickled in a `Command`: it is a part of this process that only lives elsewhere.
 """
 
 from __future__ import annotations
 
 import copyreg
 import pickle
-import traceback
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from io import BytesIO
 from types import MappingProxyType
-from typing import Any, Final
+from typing import Any, Literal
 
-from cosim.core import ComponentError, CosimError
-from cosim.master.engine import EngineName
+import msgspec
+
+from cosim.core import RaisedError
+from cosim.master.engine import EngineChoice, EngineName
+from cosim.master.run import RunStatus
 from cosim.master.session import Session
 from cosim.master.supervision.shared import SharedRun
 from cosim.master.system import System
 from cosim.master.wiring import Wiring
+from cosim.trace import Cause
 
-RUN, CLOSE, CALL = "run", "close", "call"
-BEGUN: Final = "begun"
-"""engine choice: all slaves are initialised."""
-LINE: Final = "line"
-"""A log line, as `ObserverDispatch.add` takes it."""
-DELIVER: Final = "deliver"
-"""Number of complete rows: these, and the lines before them, are to be delivered."""
-TEXT: Final = "text"
-"""number, text: a new value that no double is."""
-POINT: Final = "point"
-"""Instant [ns] and [s] of a point that was added: a component has an event."""
-SET: Final = "set"
-"""name, instant [ns], value: what an event has set."""
-WITHIN: Final = "within"
-"""component, instants [ns], values: outputs within steps."""
-CONDUCTED: Final = "conducted"
-"""status, reason, cause, complete, engine choice, what `conduct` returned."""
-RAISED: Final = "raised"
-"""An exception and its traceback."""
-CLOSED: Final = "closed"
-"""All slaves are freed; cause and words of what ended the process of an isolated one, or None."""
-CALLED: Final = "called"
-"""What a function returned for the next things that it was called for, a list."""
-PROCESS: Final = "process"
-"""Number and memory [bytes] of the process of an isolated slave, before it loads anything."""
+
+class Command(msgspec.Struct, array_like=True):
+    """To the child: a `Job`, a `Request`, a `Close` or a `Call`, pickled."""
+
+    content: bytes
+
+
+class FromChild(msgspec.Struct, array_like=True, tag=True):
+    """From the child: `run` is the number of what it is about."""
+
+    run: int
+
+
+class Begun(FromChild):
+    """All slaves are initialised."""
+
+    engine: EngineChoice
+
+
+class Line(FromChild):
+    """A log line, as `ObserverDispatch.add` takes it."""
+
+    line: tuple[int, int, int, str, str, str]
+
+
+class Deliver(FromChild):
+    """So many rows are complete, and their sum; these and the lines before can be delivered."""
+
+    complete: int
+    row_sum: int
+
+
+class Text(FromChild):
+    """A new value that no double is, under its number."""
+
+    number: int
+    text: str
+
+
+class Point(FromChild):
+    """A point that was added, since a component has an event."""
+
+    instant_ns: int
+    seconds: float
+
+
+class EventValue(FromChild):
+    """What an event has set."""
+
+    name: str
+    instant_ns: int
+    value: float
+
+
+class Within(FromChild):
+    """What the outputs of a component were within steps: int64 [ns], and doubles."""
+
+    component: str
+    times_ns: bytes
+    values: bytes
+
+
+class SlaveStarted(FromChild):
+    """The process of an isolated slave, before it loads anything: its number, its memory [bytes].
+
+    None : unknown.
+    """
+
+    process: int
+    memory: int | None
+
+
+class Conducted(FromChild):
+    """A run is over; `found` : what `conduct` returned."""
+
+    status: RunStatus
+    reason: str | None
+    cause: Cause | None
+    complete: int
+    engine: EngineChoice
+    found: Any
+
+
+class Answer(FromChild):
+    """What a request of a session has led to; `state` : how the session stands then."""
+
+    found: Any
+    state: SessionState
+
+
+class SessionState(msgspec.Struct, array_like=True):
+    """How a session stands; see the attributes of `Session`."""
+
+    time_ns: int
+    rows: int
+    status: RunStatus | Literal["running"] | None
+    reason: str | None
+    cause: Cause | None
+    end_reason: str
+
+
+class Raised(FromChild):
+    """An exception, and how a session stands then."""
+
+    error: RaisedError
+    state: SessionState | None = None
+
+
+class Closed(FromChild):
+    """All slaves are freed.
+
+    failure : cause and words of what ended the process of an isolated one.
+    leaves : the child is not what it was before, and leaves: the next run has another one.
+    """
+
+    failure: tuple[Cause, str] | None
+    leaves: bool
+
+
+class Called(FromChild):
+    """What a function returned for the next things that it was called for."""
+
+    results: list[Any]
+
+
+Message = (
+    Begun
+    | Line
+    | Deliver
+    | Text
+    | Point
+    | EventValue
+    | Within
+    | SlaveStarted
+    | Conducted
+    | Answer
+    | Raised
+    | Closed
+    | Called
+)
 
 
 @dataclass(frozen=True)
 class Job:
-    """A run, for the child.
+    """A run, for the child; its shared memory comes with it, unless it has that.
 
     Attributes
     ----------
-    conduct : runs the session and returns what is to be known of it; picklable, both.
+    conduct : runs the session and returns what is to be known of it; None: it serves `Request`s.
+    make : makes the session, called as `Session`.
     keep : whether all rows stay in memory.
     call_limit : of one call of an isolated slave [s]; None: no limit.
     size : of the shared memory [bytes].
@@ -64,14 +182,43 @@ class Job:
     wired : the wiring and its shared memory, if the child was forked when they were there.
     """
 
+    run: int
     system: System
-    conduct: Callable[[Session], Any]
+    conduct: Callable[[Session], Any] | None
+    make: Callable[..., Session]
     call_limit: float | None
     engine: EngineName
     keep: bool
     size: int
     folder: str
     wired: tuple[Wiring, SharedRun] | None
+
+
+@dataclass(frozen=True)
+class Request:
+    """A call of a function with the session of a run and more arguments."""
+
+    run: int
+    function: Callable[..., Any]
+    arguments: tuple[Any, ...]
+
+
+@dataclass(frozen=True)
+class Close:
+    """The slaves of a run are to be ended."""
+
+    run: int
+
+
+@dataclass(frozen=True)
+class Call:
+    """A call of a function for each of some things, its last argument."""
+
+    run: int
+    folder: str
+    function: Callable[..., Any]
+    arguments: tuple[Any, ...]
+    each: Sequence[Any]
 
 
 class _Pickler(pickle.Pickler):
@@ -96,35 +243,17 @@ def _proxy(content: dict[Any, Any]) -> MappingProxyType[Any, Any]:
     return MappingProxyType(content)
 
 
-def packed(message: Any, known: Sequence[Any] = ()) -> bytes:
-    """Pickle a message, read-only mappings included; objects in `known` are only referred to."""
+def packed(content: Job | Request | Close | Call, known: Sequence[Any] = ()) -> Command:
+    """Return the message to the child; objects in `known` are only referred to."""
     stream = BytesIO()
     pickler = _Pickler(stream, pickle.HIGHEST_PROTOCOL)
     pickler.known = {id(thing): number for number, thing in enumerate(known)}
-    pickler.dump(message)
-    return stream.getvalue()
+    pickler.dump(content)
+    return Command(stream.getvalue())
 
 
-def unpacked(data: bytes, known: Sequence[Any] = ()) -> Any:
-    """Return the message; `known` as in `packed`."""
-    unpickler = _Unpickler(BytesIO(data))
+def unpacked(message: Command, known: Sequence[Any] = ()) -> Any:
+    """Return what the child is to do; `known` as in `packed`."""
+    unpickler = _Unpickler(BytesIO(message.content))
     unpickler.known = known
     return unpickler.load()
-
-
-def exception_parts(error: BaseException) -> tuple[Any, str]:
-    """Return an exception in a form that can be sent, and its traceback as text."""
-    trace = "".join(traceback.format_exception(error))
-    if isinstance(error, CosimError):
-        keys = ["where", "expected", "got", "hint"]
-        if isinstance(error, ComponentError):
-            keys += ["kind", "component", "call", "detail"]
-        kind = next(c for c in type(error).__mro__ if c.__module__ == CosimError.__module__)
-        return (kind, error.what, {key: getattr(error, key) for key in keys}), trace
-    return (CosimError, f"unexpected {type(error).__name__}: {error}", {}), trace
-
-
-def exception_of(parts: Any) -> CosimError:
-    """Return the exception that was sent."""
-    kind, what, more = parts
-    return kind(what, **more)  # type: ignore[no-any-return]

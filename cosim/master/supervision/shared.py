@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
+import errno
 import mmap
-import os
-import sys
-import tempfile
 from math import prod
 from typing import Final
 
 import numpy as np
 
-from cosim.core import InputError
+from cosim.core import InputError, SharedMemory
 from cosim.master.component_instance import Rows
 from cosim.master.reserved import forgettable
-from cosim.master.table import WORDS
+from cosim.master.table import ROW_SUM, WORDS
 
-_COMPLETE, _STOP, _TURN, _TIME, _LENGTH, _DELIVERED = range(6)
+_COMPLETE, _STOP, _TURN, _TIME, _LENGTH, _DELIVERED, _SIGNS = range(7)
 _CELL: Final = 64
 _TEXT: Final = 128
 _PROGRESS: Final = 1024
@@ -32,10 +30,15 @@ class SharedRun:
     word : what the loop is doing, as in `cosim.master.table.Table`.
     """
 
-    def __init__(self, descriptor: int, size: int) -> None:
-        self._memory = mmap.mmap(descriptor, size)
+    def __init__(self, memory: SharedMemory) -> None:
+        self._shared = memory
+        self._memory = memory.mapping
         self._words = memoryview(self._memory)[:_TEXT].cast("q")
         self.word = np.frombuffer(self._memory, np.int64, WORDS, _PROGRESS)
+
+    def keep_from_forks(self) -> None:
+        """Keep the memory out of the processes that are forked from this one from now on."""
+        self._shared.keep_from_forks()
 
     def rows(self, shape: tuple[int, int]) -> SharedRows:
         """Return the memory of a shape that `wire` asks for: the rows, or a single cell."""
@@ -68,6 +71,10 @@ class SharedRun:
         """Ask the child to stop between two steps."""
         self._words[_STOP] = 1
 
+    def clear_stop(self) -> None:
+        """Take the request to stop back."""
+        self._words[_STOP] = 0
+
     def begin_call(self, time_ns: int, component: str, call: str) -> None:
         """Note that a call outside the loop begins: at the start, by events, at the end."""
         text = f"{component}\0{call}".encode()[: _PROGRESS - _TEXT]
@@ -87,11 +94,21 @@ class SharedRun:
         component, _, call = raw.decode("utf-8", "replace").partition("\0")
         return component, call, self._words[_TIME]
 
+    def show_life(self) -> None:
+        """Note that the child goes on, where no call and no row shows it."""
+        self._words[_SIGNS] += 1
+
     @property
-    def in_call(self) -> tuple[int, int] | None:
-        """Something that is different for each FMI call in progress; None outside all calls."""
-        word, turn = int(self.word[0]), self._words[_TURN]
-        return (word, turn) if self.in_loop or turn % 2 else None
+    def sign_of_life(self) -> tuple[int, ...]:
+        """Something that is different whenever the child has gone on."""
+        words = self._words
+        loop = int(self.word[0]), int(self.word[1])
+        return (*loop, words[_TURN], words[_COMPLETE], words[_SIGNS])
+
+    @property
+    def row_sum(self) -> int:
+        """The sum of the complete rows, as the loop has found it (`cosim.master.row_sums`)."""
+        return int(self.word[ROW_SUM])
 
     @property
     def in_loop(self) -> bool:
@@ -125,14 +142,10 @@ def reserve(shape: tuple[int, int]) -> tuple[SharedRun, int, int]:
     """
     size = _HEAD + 8 * prod(shape)
     try:
-        if sys.platform == "linux":
-            descriptor = os.memfd_create("cosim-rows")
-        else:
-            with tempfile.TemporaryFile(prefix="cosim-rows-") as file:
-                descriptor = os.dup(file.fileno())
-        os.ftruncate(descriptor, size)
-        shared = SharedRun(descriptor, size)
+        memory, descriptor = SharedMemory.reserve("cosim-rows", size)
     except OSError as error:
+        if error.errno in (errno.EMFILE, errno.ENFILE):  # no lack of memory
+            raise
         raise InputError(
             "the rows of the run do not fit into memory that two processes share",
             where="run",
@@ -140,4 +153,4 @@ def reserve(shape: tuple[int, int]) -> tuple[SharedRun, int, int]:
             got=str(error),
             hint="a greater limit of file sizes (ulimit -f), or --no-supervise",
         ) from error
-    return shared, descriptor, size
+    return SharedRun(memory), descriptor, size

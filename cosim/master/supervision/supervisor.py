@@ -6,21 +6,24 @@ from collections.abc import Callable, Iterable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from itertools import count
-from typing import Any, Self
+from typing import Any, Self, TypeVar
 
-from cosim.core import InputError
+from cosim.core import InputError, Method, Worker, default_method
 from cosim.master.engine import EngineName
 from cosim.master.observers import Observer
 from cosim.master.run import Run
 from cosim.master.session import Session
-from cosim.master.supervision.follow import FollowedRun, Interruption
+from cosim.master.supervision.follow import Conduct, FollowedRun, Interruption
+from cosim.master.supervision.followed_session import FollowedSession
 from cosim.master.supervision.limits import Limits, most_memory
-from cosim.master.supervision.process import Method, Worker, default_method
+from cosim.master.supervision.messages import Message
 from cosim.master.supervision.wired import Wired
 from cosim.master.system import System
 from cosim.trace import Cause
 
 _PATIENCE_S = 1.0
+F = TypeVar("F", bound=FollowedRun)
+CHILD = "cosim.master.supervision.child:main"
 
 
 @dataclass(frozen=True)
@@ -37,10 +40,14 @@ class Supervisor:
     Parameters
     ----------
     limits : of each run.
-    method : "fork" or "spawn" (a fresh interpreter); None: what is safe on this system.
+    method : how the child is started; None: as is best when it is.
     interruption : asked during a run whether the user wants it to end.
     first : the system of the first run; a forked child then has it without being sent it.
     known : other objects that systems contain and that a forked child has.
+
+    Raises
+    ------
+    InputError : on a system where runs cannot be supervised.
 
     Attributes
     ----------
@@ -58,15 +65,13 @@ class Supervisor:
         known: Sequence[Any] = (),
     ) -> None:
         self.limits = limits or Limits()
-        found = method or default_method()
-        if found is None:
+        if default_method() is None:
             raise InputError(
                 "runs cannot be supervised on this system",
                 where="supervise",
                 hint="supervise = false: in this process",
             )
-        self.method: Method = found
-        self.interruption = interruption
+        self.interruption, self._method = interruption, method
         self.end_failure: tuple[Cause, str] | None = None
         self._worker: Worker | None = None
         self._numbers = count(1)
@@ -77,7 +82,7 @@ class Supervisor:
         self,
         system: System,
         observers: Sequence[Observer],
-        conduct: Callable[[Session], Any],
+        conduct: Conduct,
         *,
         living: ExitStack,
         engine: EngineName = "auto",
@@ -88,7 +93,7 @@ class Supervisor:
         Parameters
         ----------
         observers : receive rows and log lines, in this process.
-        conduct : runs the session in the child; it and what it returns are sent by pickle.
+        conduct : runs the session in the child.
         living : ends the slaves when it is closed.
         keep : whether all rows stay in memory, as in `Session`.
 
@@ -97,9 +102,29 @@ class Supervisor:
         CosimError : what the session raises. A child that dies is no exception: the run has
             failed, and says why.
         """
+        followed = self._followed(FollowedRun, system, observers, keep=keep)
+        living.callback(self._close, followed)
+        return Conducted(*followed.conduct(conduct, engine))
+
+    def open(
+        self,
+        system: System,
+        observers: Sequence[Observer],
+        make: Callable[..., Session],
+        *,
+        engine: EngineName = "auto",
+    ) -> FollowedSession:
+        """Have a session made in the child, to be asked; close it to end the slaves."""
+        followed = self._followed(FollowedSession, system, observers, keep=True)
+        followed.begin(None, engine, make)
+        return followed
+
+    def _followed(
+        self, kind: type[F], system: System, observers: Sequence[Observer], *, keep: bool
+    ) -> F:
         worker = self._alive()
         wired, self._wired = self._wired if system is self._first else None, None
-        followed = FollowedRun(
+        return kind(
             worker,
             next(self._numbers),
             system,
@@ -109,8 +134,15 @@ class Supervisor:
             wired or Wired.of(system),
             keep=keep,
         )
-        living.callback(self._close, followed)
-        return Conducted(*followed.conduct(conduct, engine))
+
+    @property
+    def _started_by(self) -> Method | None:
+        return self._method or default_method()
+
+    @property
+    def method(self) -> Method | None:
+        """How its child was started, or is going to be."""
+        return self._started_by if self._worker is None else self._worker.method
 
     def begin(self, limits: Limits, known: Iterable[Any] = ()) -> None:
         """Set the limits of the runs to come; a new child has the objects in `known`."""
@@ -130,7 +162,8 @@ class Supervisor:
 
     def __enter__(self) -> Self:
         if self._first is not None:
-            self._wired = Wired.of(self._first)
+            if self._started_by == "fork":
+                self._wired = Wired.of(self._first)
             self._alive()  # before there are more threads and files here
         return self
 
@@ -139,6 +172,8 @@ class Supervisor:
 
     def _close(self, followed: FollowedRun) -> None:
         followed.close()
+        if followed.child_leaves:
+            self.close()
         self.end_failure = self.end_failure or followed.end_failure
 
     def _alive(self) -> Worker:
@@ -147,7 +182,14 @@ class Supervisor:
         if self._worker is None:
             wired = () if self._wired is None else (self._wired.wiring, self._wired.shared)
             first = () if self._first is None else (self._first,)
-            self._worker = Worker(self.method, [*first, *self._known, *wired])
+            self._worker = Worker(
+                CHILD,
+                received=Message,
+                known=[*first, *self._known, *wired],
+                method=self._started_by,
+            )
+            if self._wired is not None:
+                self._wired.shared.keep_from_forks()  # of other children
             unknown = self._worker.memory_used() is None
             if unknown and self.limits.memory not in (None, most_memory()):
                 raise InputError(

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.core import InputError
-from cosim.fmu import ComponentSpec, Port, build_fmu, component_module
+from cosim.fmu import ComponentSpec, Port, build_fmu, component_module, own_folder
 from cosim.master import Connection, Endpoint, Session, System
 from cosim.network import PacketLink, TransportLink
 from cosim.scenario.ssp.link_fmu import link_spec
@@ -46,7 +46,7 @@ class Resources:
 
     def build(self, spec: ComponentSpec) -> str:
         """Build and add a native FMU; an InputError where nothing is prebuilt and no compiler."""
-        with tempfile.TemporaryDirectory(prefix="cosim-ssp-") as folder:
+        with tempfile.TemporaryDirectory(prefix="ssp-", dir=own_folder()) as folder:
             return self.add(spec.name, build_fmu(spec, Path(folder), "native").read_bytes())
 
 

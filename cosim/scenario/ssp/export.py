@@ -123,7 +123,17 @@ def export_ssp(
         start_s=system.comm_schedule.at_s(0),
         end_s=system.comm_schedule.at_s(system.comm_schedule.end_ns),
     )
-    content = {SSD: ssd_bytes(structure), **resources.files}
+    try:
+        content = {SSD: ssd_bytes(structure), **resources.files}
+    except InputError:
+        raise
+    except ValueError as error:  # lxml's, of a text parameter
+        raise InputError(
+            "a text of this scenario cannot be written to XML",
+            where=prepared.loaded.name,
+            expected="no control characters",
+            got=str(error),
+        ) from error
     _write(content, path)
     return SspExport(
         path=path,

@@ -8,7 +8,7 @@ from typing import Any
 import tomli_w
 from lxml import etree
 
-from cosim.core import InputError
+from cosim.core import InputError, printable
 from cosim.scenario.ssp.names import (
     FMU_TYPE,
     LINEAR,
@@ -49,7 +49,7 @@ def ssd_bytes(structure: Structure) -> bytes:
     )
     system = _sub(root, "ssd", "System", name=structure.name)
     if structure.description:
-        system.set("description", structure.description)
+        system.set("description", printable(structure.description))
     elements = _sub(system, "ssd", "Elements")
     for element in structure.elements:
         _element(elements, element, structure.version)

@@ -18,6 +18,7 @@ from cosim.trace.checks.of_links import Link, Sender, checks_of_links, sender_of
 from cosim.trace.checks.results import Check, check_result, with_missing
 from cosim.trace.file.walk import Walk
 from cosim.trace.reader import Table, Trace
+from cosim.trace.recovered import Recovered
 from cosim.trace.rows import layout
 from cosim.trace.tables.traffic import link_names
 
@@ -41,8 +42,8 @@ def checks_of_run(
     checks = [_beginning(found, run, cut=cut), *_fmus(run, found.attached, fmus, cut=cut)]
     result = next((entries for name, entries in found.metadata if name == layout.RESULT), None)
     checks.append(_result(found.metadata, result))
-    suspect = next((e for n, e in found.metadata if n == layout.RECOVERED), {}).get("host.suspect")
-    if suspect not in (None, "[]"):
+    recovered = Recovered.of(found.metadata)
+    if recovered is not None and recovered.marked:
         kept = "messages of damaged chunks were kept: cosim.recovered names them"
         checks.append(Check("suspect", "failed", kept))
     checks.append(_certificate(run, found, cut=cut))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import stat
 import sys
 import threading
@@ -14,10 +15,10 @@ from cosim.core import (
     CosimError,
     InputError,
     LossError,
-    copy_whole,
     lock_file,
     output_place,
     say_once,
+    written_beside,
 )
 from cosim.trace.file.stream import McapStream
 from cosim.trace.file.walk import Walk
@@ -55,7 +56,7 @@ class PartialFile:
                 expected="a writable folder",
                 got=str(error),
             ) from error
-        self._raw = os.fdopen(handle, "wb", buffering=0)
+        self._raw = os.fdopen(handle, "r+b", buffering=0)
 
     def _new(self) -> int:
         """Make the partial file, in place of what a dead run left; return its descriptor."""
@@ -135,23 +136,41 @@ class PartialFile:
         """Close the file and rename it to its final name.
 
         A file of this name is replaced only once the new one is on the disk itself: a power cut
-        leaves one of the two.
+        leaves one of the two. Where somebody has removed the file meanwhile, or has put another
+        one in its place, what is written is copied to the final name.
         """
-        if self._fsync or self.path.exists():
+        safely = self._fsync or self.path.exists()
+        if safely:
             os.fsync(self._raw.fileno())
-        if sys.platform == "win32":  # where no open file has another name
-            self._raw.close()
-        try:
+        if not self._is_in_place():
+            self._copy(safely=safely)
+        else:
+            if sys.platform == "win32":  # where no open file has another name
+                self._raw.close()
             self.partial_path.replace(self.path)
-        except FileNotFoundError:  # somebody has removed it; its content is still open
-            copy_whole(Path(f"/proc/self/fd/{self._raw.fileno()}"), self.path)
-        self._raw.close()
         if self._fsync and sys.platform != "win32":
             folder = os.open(self.path.parent, os.O_RDONLY)
             try:
                 os.fsync(folder)
             finally:
                 os.close(folder)
+        self._raw.close()
+
+    def _is_in_place(self) -> bool:
+        """Whether the open file is the one that has its name."""
+        try:
+            return os.path.samestat(os.fstat(self._raw.fileno()), os.lstat(self.partial_path))
+        except OSError:
+            return False
+
+    def _copy(self, *, safely: bool) -> None:
+        """Copy the open file, which has no name any more, to the final name."""
+        with written_beside(self.path) as beside, beside.open("wb") as copy:
+            self._raw.seek(0)
+            shutil.copyfileobj(self._raw, copy)
+            copy.flush()
+            if safely:
+                os.fsync(copy.fileno())
 
     def close(self) -> None:
         """Close under the name `.partial`."""
@@ -159,6 +178,8 @@ class PartialFile:
 
     def cut(self, size: int) -> None:
         """Close the file, cut to `size`: without the half record left by a disk that failed."""
+        if self._raw.closed:
+            return
         try:
             with suppress(OSError):  # a file with half a record at its end is readable, too
                 if self._raw.seek(0, os.SEEK_END) > size:
@@ -168,7 +189,7 @@ class PartialFile:
 
 
 _TRIES = 10
-_NEW = os.O_WRONLY | os.O_CREAT | os.O_EXCL
+_NEW = os.O_RDWR | os.O_CREAT | os.O_EXCL
 _FLAGS = getattr(os, "O_BINARY", 0) | getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_NOFOLLOW", 0)
 
 
@@ -237,10 +258,13 @@ class Guard:
         self._file.close()
 
     def _loss(self, error: OSError) -> LossError:
+        left = self._file.partial_path.exists()
         return LossError(
             "the trace could not be written",
-            where=str(self._file.partial_path),
+            where=str(self._file.partial_path if left else self._file.path),
             got=str(error),
             hint="make room on the disk; what was written before is in the .partial file "
-            "(cosim trace recover)",
+            "(cosim trace recover)"
+            if left
+            else "the .partial file is gone; cosim trace verify says whether the trace is whole",
         )

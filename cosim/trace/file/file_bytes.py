@@ -106,16 +106,9 @@ class FileBytes:
     def named(self) -> Iterator[tuple[int, NamedRecord]]:
         """Yield the position of each record that the summary names, and what it says of it.
 
-        Of chunks, attachments and metadata; nothing of a summary that no checksum proves.
+        Of chunks, attachments and metadata. `proves_summary` says whether it can be trusted.
         """
-        tail = HEAD.size + 20 + len(MAGIC)
-        at = self.size - tail
-        if at < len(MAGIC) or self.head(at) != (Opcode.FOOTER, self.size - len(MAGIC)):
-            return
-        footer = parsed(Footer, self(at + HEAD.size, 20))
-        start, checksum = footer.summary_start, footer.summary_crc
-        if not len(MAGIC) < start < at or checksum != self.checksum(start, at + 25):
-            return
+        start, at, _ = self._summary()
         while start < at and self.fault(start) is None:
             opcode, end = self.head(start)
             content = self.content(start, end)
@@ -131,3 +124,18 @@ class FileBytes:
                 metadata = parsed(MetadataIndex, content)
                 yield metadata.offset, (Opcode.METADATA, metadata.offset + metadata.length, None)
             start = end
+
+    def proves_summary(self) -> bool:
+        """Whether there is a summary that matches its checksum."""
+        start, at, checksum = self._summary()
+        return start < at and checksum == self.checksum(start, at + 25)
+
+    def _summary(self) -> tuple[int, int, int]:
+        """Return where the summary begins and ends, and its checksum; nothing without a footer."""
+        tail = HEAD.size + 20 + len(MAGIC)
+        at = self.size - tail
+        if at < len(MAGIC) or self.head(at) != (Opcode.FOOTER, self.size - len(MAGIC)):
+            return 0, 0, 0
+        footer = parsed(Footer, self(at + HEAD.size, 20))
+        inside = len(MAGIC) < footer.summary_start < at
+        return (footer.summary_start, at, footer.summary_crc) if inside else (0, 0, 0)

@@ -6,6 +6,7 @@ declarations between them cover the chunk without a gap; else the chunk is read 
 
 from __future__ import annotations
 
+import re
 import struct
 from bisect import bisect_right
 from collections.abc import Collection, Iterable, Iterator, Sequence
@@ -35,6 +36,7 @@ HEAD = np.dtype(
 )
 _BEFORE = 9  # opcode and length
 _INDEX = struct.Struct("<HI")
+_DECLARING = (Opcode.SCHEMA, Opcode.CHANNEL)
 Others = list[tuple[int, memoryview]]
 
 
@@ -278,41 +280,105 @@ def _from_scan(data: bytes) -> tuple[Messages, Others, DamageError | None]:
 def salvaged_messages(
     data: bytes, index: Sequence[bytes | memoryview], channels: Collection[int], *, cut: bool
 ) -> tuple[Messages, Others]:
-    """Return what is left of a damaged chunk: record by record, and where that fails, by the index.
+    """Return what is left of a damaged chunk: record by record, helped by its index.
 
-    Of a message that the index names, opcode, length, and a channel that is not among `channels`
-    are as the index has them. cut : whether the end of the chunk is missing.
+    A record whose length is false ends where the next one begins: where the index has one, or
+    where the first of two records lies that follow each other. Of a message that the index names,
+    the opcode, and a channel that is not among `channels`, are as the index has them. cut : whether
+    the end of the chunk is missing.
     """
     entries = [entries_of(content) for content in index]
-    known = [entry for entry in entries if entry is not None]
-    named = {int(at): channel for channel, pairs in known for at in pairs[:, 1]}
-    everything = bool(known) and len(known) == len(entries)
-    starts = sorted(named)
+    named = {int(at): entry[0] for entry in entries if entry is not None for at in entry[1][:, 1]}
+    starts = sorted(at for at in named if at < len(data))
+    found = _Damaged(data, channels, named)
     places: dict[int, int] = {}
     others: Others = []
     view, at, size = memoryview(data), 0, len(data)
     while at <= size - _BEFORE:
         place = bisect_right(starts, at)
         after = starts[place] if place < len(starts) else size
-        opcode, end = data[at], at + _BEFORE + int.from_bytes(data[at + 1 : at + _BEFORE], "little")
-        declares = opcode in (Opcode.SCHEMA, Opcode.CHANNEL)
-        follows = end == after or (end < after and data[end] in (Opcode.SCHEMA, Opcode.CHANNEL))
-        if at in named and not follows and after < size + (not cut):
+        opcode, end = found.head(at)
+        if found.begins(at):
+            end = found.end(at, after)
+        elif at in named:
             opcode, end = Opcode.MESSAGE, after
-        fits = end <= min(after, size)
-        if at in named or (opcode == Opcode.MESSAGE and not everything):
-            if fits and end - at >= HEAD.itemsize:
-                places[at] = end - at - _BEFORE
-        elif fits and declares:
+        elif opcode in _DECLARING or found.is_message(at):
+            end = found.next(at + _BEFORE, after)
+        else:
+            at = found.next(at + 1, after)
+            continue
+        whole = end < size or not cut or end == found.head(at)[1]
+        if opcode == Opcode.MESSAGE and whole and end - at >= HEAD.itemsize:
+            places[at] = end - at - _BEFORE
+        elif opcode in _DECLARING:
             with suppress(DamageError):
-                parsed(Schema if opcode == Opcode.SCHEMA else Channel, view[at + _BEFORE : end])
+                found.declare(opcode, view[at + _BEFORE : end])
                 others.append((opcode, view[at + _BEFORE : end]))
-        elif not named:
-            break
-        at = end if fits else after
+        at = end
     messages = Messages.at(data, np.array([*places], np.int64))
     messages.heads["length"] = [*places.values()]
     for k, at in enumerate(places):
-        if messages.heads["channel"][k] not in channels:
+        if messages.heads["channel"][k] not in found.channels:
             messages.heads["channel"][k] = named.get(at, messages.heads["channel"][k])
     return messages, others
+
+
+class _Damaged:
+    """The records of a damaged chunk.
+
+    `channels` : those declared so far; `named` : where the index has messages.
+    """
+
+    def __init__(self, data: bytes, channels: Collection[int], named: Collection[int]) -> None:
+        self._data, self._size, self._named = data, len(data), named
+        self.channels = set(channels)
+
+    def head(self, at: int) -> tuple[int, int]:
+        """Return opcode and end of the record at a place, as it has them."""
+        length = int.from_bytes(self._data[at + 1 : at + _BEFORE], "little")
+        return self._data[at], at + _BEFORE + length
+
+    def is_message(self, at: int) -> bool:
+        """Whether a message of a known channel lies at a place, whatever its length."""
+        channel = int.from_bytes(self._data[at + _BEFORE : at + _BEFORE + 2], "little")
+        return self._data[at] == Opcode.MESSAGE and channel in self.channels
+
+    def begins(self, at: int) -> bool:
+        """Whether a record lies at a place, and fits in the chunk."""
+        if at > self._size - _BEFORE:
+            return False
+        opcode, end = self.head(at)
+        least = HEAD.itemsize if opcode == Opcode.MESSAGE else _BEFORE + 1
+        return opcode in (*_DECLARING, Opcode.MESSAGE) and at + least <= end <= self._size
+
+    def end(self, at: int, after: int) -> int:
+        """Return where the record ends that lies at a place; `after` : the next that is named."""
+        end = self.head(at)[1]
+        if after < end:  # its length is false, or the index
+            return after if self.begins(after) else end
+        if end in (after, self._size) or self.begins(end):
+            return end
+        if at in self._named:
+            return after
+        return min(end, self.next(at + _BEFORE, end))
+
+    def next(self, first: int, last: int) -> int:
+        """Return where the first of two records lies that follow each other; else `last`."""
+        for match in _RECORD.finditer(self._data, first, min(last + _BEFORE, self._size)):
+            at = match.start()
+            if at < last and self.begins(at):
+                end = self.head(at)[1]
+                if end == self._size or self.begins(end):
+                    return at
+        return last
+
+    def declare(self, opcode: int, content: memoryview) -> None:
+        """Take note of a schema or channel; `DamageError` if it is none."""
+        if opcode == Opcode.CHANNEL:
+            self.channels.add(parsed(Channel, content).id)
+        else:
+            parsed(Schema, content)
+
+
+_RECORD = re.compile(rb"(?=[\x03-\x05].{4}\x00\x00\x00\x00)", re.DOTALL)
+"""Where a record within a chunk could begin."""

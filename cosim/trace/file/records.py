@@ -217,6 +217,14 @@ def chunk_head(content: bytes | memoryview) -> ChunkHead:
     return ChunkHead(first, last, size, checksum, compression, at, packed)
 
 
+def is_chunk(content: bytes | memoryview) -> bool:
+    """Whether bytes begin as a chunk, whatever is behind: with the name of a compression."""
+    if len(content) < _CHUNK.size:
+        return False
+    length = _CHUNK.unpack_from(content)[4]
+    return length <= 4 and bytes(content[_CHUNK.size :][:length]) in (b"", b"lz4", b"zstd")
+
+
 def chunk_data(content: bytes | memoryview) -> bytes:
     """Decompress a chunk record; `DamageError` if size or checksum are not as it claims."""
     head = chunk_head(content)

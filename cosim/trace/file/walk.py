@@ -30,11 +30,13 @@ from cosim.trace.file.messages import Messages, Others, find_messages, salvaged_
 from cosim.trace.file.records import (
     HEAD,
     MAGIC,
+    MAX_CHUNK_BYTES,
     DamageError,
     bytes_left,
     check_start,
     chunk_data,
     chunk_head,
+    is_chunk,
     open_trace,
     parsed,
     salvaged,
@@ -47,6 +49,8 @@ stop : raise `DamageError` at the first damage; the records before it are whole.
 skip : leave out what cannot be right, and go on at the next record that proves itself.
 keep : as skip, and yield what is left of damaged chunks and attachments, marked as suspect.
 """
+
+Outcome = Literal["lost", "suspect", "mended"]
 
 _CANDIDATE = re.compile(rb"(?=[\x02-\x06\x09\x0c\x0f].{4}\x00\x00\x00\x00)", re.DOTALL)
 """Where a record that can prove itself, of less than 4 GiB, could begin."""
@@ -78,7 +82,7 @@ class Damage:
     position: int
     length: int
     reason: str
-    outcome: Literal["lost", "suspect", "mended"] = "lost"
+    outcome: Outcome = "lost"
 
 
 @dataclass(slots=True)
@@ -225,9 +229,7 @@ class Walk:
             self._sure = self.position + 1
             return None
         record = self._named(position)
-        if self.position == position:
-            self._skip(position, None)
-        return record
+        return self._skip(position, None) if self.position == position else record
 
     def _is_mistaken(self, position: int, opcode: int) -> bool:
         """Whether the summary has another kind of record at a place: its opcode is damaged.
@@ -351,8 +353,7 @@ class Walk:
             record.content = self._file.content(record.position, end)
             record.end = end
         elif not self._file.plausible(record.end):
-            self._skip(record.position, reason)
-            return None
+            return self._skip(record.position, reason)
         record.indexes = self._indexes(record.end) if record.opcode == Opcode.CHUNK else []
         entries = [content for _, content in record.indexes]
         count = sum((len(content) - 6) // 16 for content in entries)
@@ -360,8 +361,8 @@ class Walk:
         if self._policy == "keep" and self._salvage(record, None if named is None else named[2]):
             record.suspect = reason
             kept = 0 if record.messages is None else len(record.messages)
-        outcome: Literal["lost", "suspect"] = "lost" if record.suspect is None else "suspect"
-        self.damage.append(Damage(record.position, record.end - record.position, reason, outcome))
+        outcome: Outcome = "lost" if record.suspect is None else "suspect"
+        self._lose(record.position, record.end, reason, outcome)
         if record.opcode == Opcode.CHUNK:
             unknown = self.lost is None or not entries
             self.lost = None if unknown else (self.lost or 0) + max(count - kept, 0)
@@ -388,13 +389,33 @@ class Walk:
     def _index(self) -> dict[int, NamedRecord]:
         """Return where chunks, attachments and metadata lie, as the summary has it, by position.
 
-        Only of a summary that its checksum proves; read at the first damage.
+        Of a summary that its checksum does not prove, where such a record is whole. Read at the
+        first damage.
         """
         if self._places is None:
-            self._places = {}
+            self._places, places, proved = {}, dict[int, NamedRecord](), False
             with suppress(DamageError):
-                self._places = dict(self._file.named())
+                for place, named in self._file.named():
+                    places[place] = named
+                proved = self._file.proves_summary()
+            if not proved:
+                places = {place: one for place, one in places.items() if self._is_at(place, one)}
+            self._places = places
         return self._places
+
+    def _is_at(self, position: int, named: NamedRecord) -> bool:
+        """Whether the record that an index names is at a place, whole, whatever its head says."""
+        opcode, end, _ = named
+        if not len(MAGIC) <= position < end <= self.size:
+            return False
+        noted = len(self.damage)
+        try:
+            self._open(Record(opcode, position, end, self._file.content(position, end)))
+        except DamageError:
+            return False
+        finally:
+            del self.damage[noted:]
+        return True
 
     def _finish(self) -> None:
         """Check what lies behind the footer, or that it is missing."""
@@ -422,22 +443,38 @@ class Walk:
         elif behind:
             self._lose(position + len(MAGIC), self.size, "bytes after the end of the file")
 
-    def _lose(self, first: int, last: int, reason: str) -> None:
-        self.damage.append(Damage(first, last - first, reason))
+    def _lose(self, first: int, last: int, reason: str, outcome: Outcome = "lost") -> None:
+        self.damage.append(Damage(first, last - first, reason, outcome))
 
-    def _skip(self, position: int, reason: str | None) -> None:
-        """Go on where the next record begins that proves itself, or at the end of the file."""
-        cut = self._file(position, 1)[0] == Opcode.CHUNK
-        bare = not self.chunked and not cut
+    def _skip(self, position: int, reason: str | None) -> Record | None:
+        """Go on where the next record begins that proves itself, or at the end of the file.
+
+        Return what is left of chunks before that, if that is wanted.
+        """
+        chunk = self._file(position, 1)[0] == Opcode.CHUNK
+        bare = not self.chunked and not chunk
         named = (place for place in self._index() if place > position)
         end = min(self._candidate(position + 1, bare=bare), min(named, default=self.size))
         if reason is None:
             at_end = end == self.size
             reason = "the file ends within a record" if at_end else "no record, or a damaged one"
-        self._lose(position, end, reason)
+        record = Record(Opcode.CHUNK, position, end, b"")
+        if self._policy == "keep" and self.ended is None and not bare:
+            raw = self._file(position, min(end - position, MAX_CHUNK_BYTES))
+            record.content = raw[HEAD.size :]
+            if not (chunk and is_chunk(record.content) and self._salvage(record, None)):
+                # of a chunk whose head is not there, or is no head, if it is not compressed
+                record.messages, record.others = salvaged_messages(raw, [], self._known, cut=True)
+            if len(record.messages or ()) or record.others:
+                record.suspect = reason
+        self._lose(position, end, reason, "lost" if record.suspect is None else "suspect")
         if self.ended is None:
             self.lost = None
+        if record.suspect is not None:
+            self._take(record)
+            return record
         self.position = end
+        return None
 
     def _candidate(self, position: int, *, bare: bool) -> int:
         for begin in range(position, self.size, WINDOW):

@@ -18,6 +18,7 @@ CauseKind = Literal[
     "not-finite",
     "delay",
     "unsettled",
+    "altered",
     "asked-to-end",
     "event",
 ]
@@ -27,7 +28,10 @@ VERSION: Final = 1
 """Of what `Cause.to_json` returns; it grows when a key changes its meaning."""
 _KINDS: Final = frozenset(get_args(CauseKind))
 _FAILURES: Final = frozenset(
-    {"refused", "crashed", "exited", "timed-out", "memory", "not-finite", "delay", "unsettled"}
+    {
+        *("refused", "crashed", "exited", "timed-out", "memory", "not-finite", "delay"),
+        *("unsettled", "altered"),
+    }
 )
 
 
@@ -41,7 +45,8 @@ class Cause:
         slaves; exited: it left by exit(); timed-out: it exceeded a limit of time; memory: it
         exceeded the limit of memory; interrupted: Ctrl-C or SIGTERM; diverged, not-finite: an
         output left its range, or is no number; delay: a signal gave no valid delay of a link;
-        unsettled: the values of an algebraic loop do not settle;
+        unsettled: the values of an algebraic loop do not settle; altered: a component has written
+        to rows that were complete;
         asked-to-end: a component; event: an event of the scenario stopped it.
     component, call : the component and the FMI call in progress; None where there is none.
     time_s : simulated time of the call [s]; None before the slaves are initialised.

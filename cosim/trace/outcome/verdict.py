@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from cosim.core import at_most
@@ -34,6 +34,14 @@ class Check:
 
 def status_of(info: Mapping[str, Any], outcome: RunOutcome | None) -> Check:
     """Return how the run ended; `info` : what `describe` says of the file."""
+    found = _status_of(info, outcome)
+    recovered = info["recovered"]
+    if recovered is None:
+        return found
+    return replace(found, why=f"{found.why} {recovered['words']}".strip())
+
+
+def _status_of(info: Mapping[str, Any], outcome: RunOutcome | None) -> Check:
     if not info["complete"]:
         return Check(BAD, "cut short", f"The file ends early or is damaged: {info['damage']}.")
     if outcome is None:

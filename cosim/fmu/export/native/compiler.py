@@ -18,6 +18,7 @@ from pathlib import Path
 from cosim.core import InputError
 from cosim.fmu.export.native.platforms import Platform
 from cosim.fmu.prebuilt import why_none_prebuilt
+from cosim.fmu.unpacking import own_folder
 
 STANDARD = ("-std=c99", "-O3", "-ffp-contract=off", "-fvisibility=hidden")
 
@@ -88,7 +89,7 @@ def shared_library(
     if target.suffix != ".dll":
         command += ["-fPIC", "-DOLDEST_LIBM"]
     command += ["-shared", *_link_options(name, target, cross=cross)]
-    with tempfile.TemporaryDirectory(prefix="cosim-native-") as folder:
+    with tempfile.TemporaryDirectory(prefix="native-", dir=own_folder()) as folder:
         for file, content in sources.items():
             Path(folder, file).write_bytes(content)
         library = f"{name}{target.suffix}"

@@ -27,6 +27,7 @@ from cosim.fmu.export.documentation import documentation_files
 from cosim.fmu.export.model_description import fmi2_xml
 from cosim.fmu.export.spec import SLAVE, ComponentSpec
 from cosim.fmu.export.terminals import terminal_files
+from cosim.fmu.unpacking import own_folder
 
 _IMPORT = re.compile(
     r"^from (?P<package>cosim[\w.]*) import (?P<names>\([^)]*\)|[^\n(]+)$", flags=re.MULTILINE
@@ -73,7 +74,7 @@ def build_python_fmu(spec: ComponentSpec, destination: Path) -> Path:
     tag = re.sub(r"[^0-9a-f]", "", identity)[:12]
     package = f"{spec.name}_{tag}_parts"
     renamed = {module: f"{package}.{_flat(module)}" for module in sources}
-    with tempfile.TemporaryDirectory(prefix="cosim-fmu-") as folder:
+    with tempfile.TemporaryDirectory(prefix="fmu-", dir=own_folder()) as folder:
         parts = Path(folder, package)
         parts.mkdir()
         (parts / "__init__.py").write_text(f'"""Modules of {spec.name}."""\n')

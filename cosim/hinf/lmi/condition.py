@@ -1,0 +1,280 @@
+"""A sufficient condition for a given loop: its least gamma, and its greatest margin.
+
+The inequalities are those of `cosim.hinf.theorems.ages`, for u = K x with K given linear in all
+unknowns. Where every age is constant or any one ("constant", "jensen"), order 0 is Theorem 1: its
+free M1j, M2j enter through Lemma 2 alone, [M1 M2]' + [M1 M2] + d [M1 M2]'R^-1 [M1 M2], which is
+least at M1 = -R/d, M2 = R/d (complete the square); there Lemma 2 is Jensen's inequality, and
+nothing is lost by putting them there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, cast
+
+import numpy as np
+
+from cosim.hinf.certificate import AgesVariables, AgeTerms, AnalysisVariables, joined
+from cosim.hinf.exact import exact
+from cosim.hinf.lmi.conic import Constraint, Solution, solve
+from cosim.hinf.lmi.interior_point import solve_dense
+from cosim.hinf.lmi.loop_units import channel_units, closed_loop, eps_units, own_units
+from cosim.hinf.lmi.margin import TOLERANCE, Solver, widest_margin
+from cosim.hinf.lmi.program import Program
+from cosim.hinf.lmi.svec import Array
+from cosim.hinf.theorems import (
+    UNKNOWNS,
+    Age,
+    Inequality,
+    Loop,
+    Supports,
+    corners_of,
+    itself,
+    minus_phi,
+    number_itself,
+    positive_of_ages,
+    widest_functional,
+)
+
+if TYPE_CHECKING:
+    from cosim.hinf.certificate import AgeFunctional
+    from cosim.models import DelaySystem
+
+BOUND = 1e3
+"""Largest of the positive matrices in the search for a margin, in the solver's own units.
+
+Where w acts weakly they are larger by themselves: P counts in gamma / |C|^2.
+"""
+_MANY_BLOCKS = 8
+"""Blocks of F above which there are few unknowns beside the rows that the blocks add."""
+_MOST_TRIED_AGAIN = 400
+"""Unknowns up to which the dense solver tries again what Clarabel has failed at: a second or two.
+
+It bears what is badly conditioned: long and short ages in one loop, at a gamma near the least.
+"""
+
+LoopPoint = AgesVariables | AnalysisVariables
+
+
+class Condition:
+    """The condition of one loop at one order, to be solved at any delays.
+
+    Parameters
+    ----------
+    system : Eq. (7).
+    K : (m, n) the gain, zero for the system as it is.
+    order : N.
+    functionals : by delay, of those that hold for it (`choices`); None: every age constant, or
+        any one from zero to its bound ("constant", "jensen").
+    performance : bound the gain from w to z, instead of stability alone.
+    supports : of every positive delay of `system`; None: the whole state of each.
+    dense : whether the normal equations are factorised as dense ones (`interior_point`); None:
+        where this is the quicker way.
+    """
+
+    def __init__(
+        self,
+        system: DelaySystem,
+        K: Array,
+        order: int,
+        functionals: Sequence[AgeFunctional] | None = None,
+        *,
+        performance: bool,
+        supports: Supports | None = None,
+        dense: bool | None = None,
+    ) -> None:
+        self.order, self.performance = order, performance
+        self.is_plain = functionals is None
+        self.functionals: tuple[str, ...] = (
+            tuple(map(widest_functional, system.delays))
+            if functionals is None
+            else tuple(functionals)
+        )
+        self._system, self._K = system, K
+        given = iter(supports or ())
+        self._supports = [
+            next(given) if supports is not None and x.d > 0 else None for x in system.delays
+        ]
+        if dense is None:
+            many = self.is_plain and len(system.blocks) > _MANY_BLOCKS
+            dense = many or supports is not None
+        self._solver: Solver = solve_dense if dense else _solve_steadily
+        self._back, self._T = own_units(closed_loop(system, K))
+        self._channel = channel_units(system, self._back, self._T)
+        self._loops: dict[tuple[int, ...], Loop] = {}
+        self._kept: dict[Any, tuple[list[Age], Program]] = {}
+
+    def unknowns(self, delays: Sequence[float]) -> int:
+        """Return the number of unknowns, a measure of what a solve costs.
+
+        With constant ages and any ones they are counted as if all was one part.
+        """
+        program = self._compiled(delays)[1]
+        if not self.is_plain:
+            return program.width - 2 * self.performance
+        return sum(
+            x.height * (x.width + 1) // 2
+            for name, x in program.shapes.items()
+            if name not in ("gamma", "1/gamma")
+        )
+
+    def largest_part(self, delays: Sequence[float]) -> int:
+        """Return the most rows that -Phi has in one part."""
+        return self._compiled(delays)[1].largest
+
+    def least_gamma(self, delays: Sequence[float], reference: float) -> float | None:
+        """Return the solver's least gamma near `reference`; None if it finds no point."""
+        program, known = self._compiled(delays)[1], {"1/gamma": 1.0 / reference}
+        main, others = program.constraints(known, multiples={"gamma": reference})
+        cost = program.cost(["gamma"], known)
+        found = self._solver([*main, *others], cost, tolerance=TOLERANCE)
+        if not (found.usable and found.value > 0):
+            return None
+        return float(reference * np.sqrt(found.value))
+
+    def central(
+        self, delays: Sequence[float], gamma: float | None, *, down_to_zero: bool = False
+    ) -> LoopPoint | None:
+        """Return a point of great margin at `gamma`; None if the solver finds none.
+
+        `down_to_zero` : for every constant delay up to `delays`, not exactly these.
+        """
+        found = self.margin(delays, gamma, down_to_zero=down_to_zero)
+        return None if found is None else found[1]
+
+    def margin(
+        self, delays: Sequence[float], gamma: float | None, *, down_to_zero: bool = False
+    ) -> tuple[float, LoopPoint] | None:
+        """Return the greatest margin at `gamma`, and its point; negative: it is not met."""
+        bound = greatest(gamma, self._T * self._back[:, None] * self._system.C)
+        program = self._compiled(delays, down_to_zero=down_to_zero)[1]
+        known = known_gamma(gamma) if self.performance else {}
+        found = widest_margin(*program.constraints(known), bound, solver=self._solver)
+        if found is None:
+            return None
+        values = program.values(found[1], known)
+        return found[0], self._point(values, delays, gamma, down_to_zero=down_to_zero)
+
+    def _at(self, delays: Sequence[float], *, down_to_zero: bool = False) -> tuple[Loop, list[Age]]:
+        """Return the loop with these delays, and the terms of the positive ones."""
+        changed = [
+            replace(x, d=d, least_age=x.least_age if d else 0.0)
+            for x, d in zip(self._system.delays, delays, strict=True)
+        ]
+        late = tuple(i for i, d in enumerate(delays) if d > 0)
+        if late not in self._loops:  # of the delays nothing but their lengths is in it
+            system = replace(self._system, delays=tuple(changed))
+            self._loops[late] = Loop.of(system, self._K, [self._supports[i] for i in late])
+        positive = [changed[i] for i in late]
+        lengths = [exact(x.d) for x in positive]
+        loop = replace(self._loops[late], delays=positive, d=lengths)
+        lower = exact(0.0) if down_to_zero and self.order else None
+        kinds = [self.functionals[i] for i in late]
+        ages = [
+            Age(loop, j, kind, self.order, lower if kind == "constant" else None)
+            for j, kind in enumerate(kinds)
+        ]
+        return loop, ages
+
+    def _compiled(
+        self, delays: Sequence[float], *, down_to_zero: bool = False
+    ) -> tuple[list[Age], Program]:
+        """Return the ages and the program; the last ones that were asked for are kept."""
+        key = tuple(delays), down_to_zero
+        if key not in self._kept:
+            loop, ages = self._at(delays, down_to_zero=down_to_zero)
+            units = self._row_units(loop, ages)
+            program = Program(*self._inequalities(loop, ages), units, numbers=self._numbers())
+            self._kept = {key: (ages, program)}
+        return self._kept[key]
+
+    def _inequalities(
+        self, loop: Loop, ages: Sequence[Age]
+    ) -> tuple[list[Inequality], list[Inequality]]:
+        """Return -Phi at every corner, and what is positive beside it."""
+        main = [
+            minus_phi(loop, ages, corner, bounded=self.performance) for corner in corners_of(ages)
+        ]
+        return main, [*positive_of_ages(len(self._back), ages), *bounded(self._system, ages)]
+
+    def _numbers(self) -> dict[str, float]:
+        """Return the units of the numbers."""
+        return eps_units(self._system, self._channel) | {"gamma": 1.0}
+
+    def _row_units(self, loop: Loop, ages: Sequence[Age]) -> Mapping[str, Array]:
+        units = {"x": 1.0 / self._back, "p": self._channel}
+        for age, C in zip(ages, loop.support, strict=True):
+            size = np.reshape([float(x) for x in C.entries()], (age.width, -1)) / self._back
+            own = np.linalg.norm(size, axis=1)
+            own = np.where(own > 0, own, 1.0)
+            units |= dict.fromkeys(age.names, own) | {f"r{age.j}": own / self._T}
+            units[f"v{age.j}"] = np.tile(own / self._T, 1 + age.late)
+        return units
+
+    def _point(
+        self,
+        values: dict[str, Any],
+        delays: Sequence[float],
+        gamma: float | None,
+        *,
+        down_to_zero: bool,
+    ) -> LoopPoint:
+        """Return the unknowns by name as the record that is proved."""
+        ages = self._compiled(delays, down_to_zero=down_to_zero)[0]
+        eps = joined([values[f"eps[{b}]"] for b in range(len(self._system.blocks))])
+        if self.is_plain:
+            free = [age.functional == "jensen" for age in ages]
+            return AnalysisVariables(
+                order=self.order,
+                P=values["P"],
+                Q=tuple(None if one else values[f"Q[{j}]"] for j, one in enumerate(free)),
+                R=tuple(values[f"R[{j}]"] for j in range(len(ages))),
+                eps=eps,
+                gamma=gamma,
+                lower=tuple(None if one else 0.0 for one in free) if down_to_zero else None,
+            )
+        supports = [own for own, d in zip(self._supports, delays, strict=True) if d > 0]
+        terms = [
+            AgeTerms(
+                cast("AgeFunctional", age.functional),
+                {name: values[key] for name in UNKNOWNS if (key := f"{name}[{age.j}]") in values},
+                own,
+            )
+            for age, own in zip(ages, supports, strict=True)
+        ]
+        return AgesVariables(
+            order=self.order,
+            P=values["P"],
+            terms=tuple(terms),
+            eps=eps,
+            gamma=gamma,
+            down_to_zero=down_to_zero,
+        )
+
+
+def known_gamma(gamma: float | None) -> dict[str, float]:
+    """Return what a given gamma fixes; one where there is none."""
+    return {"gamma": gamma or 1.0, "1/gamma": 1.0 / (gamma or 1.0)}
+
+
+def _solve_steadily(constraints: Sequence[Constraint], q: Array, *, tolerance: float) -> Solution:
+    """Minimise by Clarabel; where it fails and the problem is small, by normal equations."""
+    found = solve(constraints, q, tolerance=tolerance)
+    if found.status != "failed" or len(q) > _MOST_TRIED_AGAIN:
+        return found
+    return solve_dense(constraints, q, tolerance=tolerance)
+
+
+def greatest(gamma: float | None, C: Array) -> float:
+    """Return the bound of the other matrices in a search for a margin; `C` in units of the loop."""
+    if gamma is None or not C.any():
+        return BOUND
+    return BOUND * max(1.0, gamma / float(np.linalg.norm(C, 2)) ** 2)
+
+
+def bounded(system: DelaySystem, ages: Sequence[Age]) -> list[Inequality]:
+    """Return what -Phi implies to be positive, to be bounded as well: every eps, and U."""
+    looped = (age for age in ages if age.functional == "looped")
+    each_U = [itself(f"U[{age.j}]", age.width * (1 + age.late)) for age in looped]
+    return each_U + [number_itself(f"eps[{b}]") for b in range(len(system.blocks))]

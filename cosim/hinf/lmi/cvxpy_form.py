@@ -1,0 +1,36 @@
+"""Inequalities of `cosim.hinf.theorems` as cvxpy expressions, for constraints of a user's own.
+
+Slower to build and to solve than `program`, and open: what stands beside them may be anything that
+cvxpy knows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from cosim.hinf.theorems import Inequality
+
+
+def in_cvxpy(one: Inequality, unknowns: Mapping[str, Any]) -> Any:
+    """Return the matrix that must be positive definite, as an expression in the unknowns.
+
+    Parameters
+    ----------
+    unknowns : by name, cvxpy variables or expressions, or arrays and numbers.
+    """
+    size = sum(one.rows.values())
+    whole: Any = np.zeros((size, size))
+    for unknown, left, right, weight, is_number in one.terms:
+        L, R = left.floats_on(one.rows), right.floats_on(one.rows)
+        if unknown is None:
+            half: Any = float(weight) * (L.T @ R)
+        elif is_number:
+            half = unknowns[unknown] * (float(weight) * (L.T @ R))
+        else:
+            half = L.T @ unknowns[unknown] @ (float(weight) * R)
+        whole = whole + half + half.T
+    return whole

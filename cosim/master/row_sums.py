@@ -1,0 +1,33 @@
+"""Sums of complete rows, by which a process sees whether another one has altered them since.
+
+The sum of rows is that of the bits of every output times an odd number of its column, times an odd
+number of its row, modulo 2**64. The loop adds each row as soon as it is complete (`Table.word`),
+the reader adds the rows as it finds them; inputs are copies of outputs and do not count.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+_MODULUS: Final = 1 << 64
+_SIGN: Final = 1 << 63
+
+
+def column_weights(outputs: int) -> NDArray[np.uint64]:
+    """Return the number of each column, (outputs,)."""
+    return 2 * np.arange(outputs, dtype=np.uint64) + np.uint64(1)
+
+
+def sum_of_rows(rows: Any, outputs: int, first: int, last: int) -> int:
+    """Return the sum of rows first to last - 1, as a signed integer of 64 bits."""
+    bits = np.ascontiguousarray(rows[first:last, :outputs]).view(np.uint64)
+    of_rows = 2 * np.arange(first, last, dtype=np.uint64) + np.uint64(1)
+    return signed(int((bits @ column_weights(outputs) * of_rows).sum(dtype=np.uint64)))
+
+
+def signed(total: int) -> int:
+    """Return a sum modulo 2**64 as a signed integer of 64 bits."""
+    return (total + _SIGN) % _MODULUS - _SIGN

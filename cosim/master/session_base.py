@@ -1,0 +1,141 @@
+"""What sessions have in common, whether their slaves are in this process or in a child."""
+
+from __future__ import annotations
+
+import functools
+import threading
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from typing import ClassVar, Concatenate, Literal, ParamSpec, TypeVar
+
+from cosim.core import ComponentError, InputError
+from cosim.master.run import RunStatus
+from cosim.master.system import System
+from cosim.trace import Cause
+
+_PARTS = ("kind", "component", "call", "detail")
+"""What an error has of the cause of a run."""
+S = TypeVar("S", bound="SessionBase")
+P = ParamSpec("P")
+T = TypeVar("T")
+
+
+def one_thread_at_a_time(
+    method: Callable[Concatenate[S, P], T],
+) -> Callable[Concatenate[S, P], T]:
+    """Decorate a method of a session: it is refused while another thread is in such a call."""
+
+    @functools.wraps(method)
+    def guarded(self: S, /, *args: P.args, **kwargs: P.kwargs) -> T:
+        if not self.in_use.acquire(blocking=False):
+            raise InputError(
+                "another thread is in a call of this session",
+                where="Session",
+                expected="one call at a time, from whichever thread",
+                hint="a session for each thread",
+            )
+        try:
+            return method(self, *args, **kwargs)
+        finally:
+            self.in_use.release()
+
+    return guarded
+
+
+class SessionBase(ABC):
+    """How a session stands: its times, its status, and what it refuses.
+
+    Attributes
+    ----------
+    system : the system that runs.
+    in_use : held by the thread that is in a call: another one is refused, and closing waits.
+    """
+
+    _how_to_open: ClassVar = "with Session(...)"
+
+    def __init__(self, system: System) -> None:
+        self.system = system
+        self.in_use = threading.RLock()
+        self._closed = False
+
+    @property
+    @abstractmethod
+    def opened(self) -> bool:
+        """Whether its slaves are initialised."""
+
+    @property
+    @abstractmethod
+    def time_ns(self) -> int:
+        """The time of the run [ns]; it begins at 0, also where the slaves' time does not."""
+
+    @property
+    @abstractmethod
+    def row_time_ns(self) -> int:
+        """The time of the run at the last complete row [ns]."""
+
+    @property
+    @abstractmethod
+    def status(self) -> RunStatus | Literal["running"] | None:
+        """How the run stands: "running", or as `Run.status`; None before it is loaded."""
+
+    @property
+    @abstractmethod
+    def reason(self) -> str | None:
+        """As `Run.reason`; None while it runs."""
+
+    @property
+    @abstractmethod
+    def cause(self) -> Cause | None:
+        """As `Run.cause`; None while it runs."""
+
+    @property
+    @abstractmethod
+    def end_failure(self) -> ComponentError | None:
+        """What ended the process of a component as it was terminated or freed."""
+
+    @property
+    def time_s(self) -> float:
+        """The time of the slaves [s]."""
+        return self.system.comm_schedule.at_s(self.time_ns)
+
+    @property
+    def row_time_s(self) -> float:
+        """The time of the slaves at the last complete row [s]."""
+        return self.system.comm_schedule.at_s(self.row_time_ns)
+
+    @property
+    def ended(self) -> bool:
+        """Whether the run is at its end or cannot continue."""
+        return self.status not in (None, "running")
+
+    def instant_ns(self, seconds: float | None) -> int | None:
+        """Return the instant of the run [ns] at a time of the slaves [s]."""
+        start_ns = self.system.comm_schedule.start_ns
+        return None if seconds is None else round(seconds * 1e9) - start_ns
+
+    def check_open(self) -> None:
+        """Raise what calls raise before and after the `with` block."""
+        if self._closed:
+            raise InputError(
+                "the session is closed",
+                where="Session",
+                hint="take values and result() inside its `with` block",
+            )
+        if not self.opened:
+            raise InputError("the session is not open", where="Session", hint=self._how_to_open)
+
+    def check_not_failed(self) -> None:
+        """Raise what every call raises once the session has failed."""
+        self.check_open()
+        if self.status == "failed":
+            raise self._failure()
+
+    def _failure(self) -> ComponentError:
+        """Return the error of the run's failure, with the parts of its cause."""
+        return error_of(self.cause, self.reason or "the run has failed")
+
+
+def error_of(cause: Cause | None, words: str) -> ComponentError:
+    """Return a failure as an error with the parts of its cause."""
+    parts = {} if cause is None else {key: getattr(cause, key) for key in _PARTS}
+    return ComponentError(words, **parts)

@@ -1,0 +1,303 @@
+"""At unknowns at random, every inequality of the product is that of the standalone checker.
+
+The two share no line: whoever changes a weight in one of them is told here, whether or not a
+certificate becomes false by it. What neither reads, the words of an age, is executed.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import replace
+from fractions import Fraction
+from typing import Any
+
+import flint
+import numpy as np
+import pytest
+from shared import slow_share_of
+
+from cosim.hinf.certificate import (
+    AgesVariables,
+    AgeTerms,
+    AnalysisVariables,
+    Decay,
+    Guarantees,
+    Outages,
+    Variables,
+    ages_to_json,
+    analysis_to_json,
+    certificate_to_json,
+    check_certificate,
+    choices,
+    exact_ages,
+    exact_analysis,
+    exact_variables,
+    standalone,
+    standalone_numbers as sn,
+    supports_of,
+)
+from cosim.hinf.certificate.ages_proof import ages_claim
+from cosim.hinf.exact import exact, exact_matrix, exact_symmetric
+from cosim.hinf.theorems import UNKNOWNS, Age, Inequality, Loop, shapes_of_ages, varies
+from cosim.models import Delay, DelaySystem
+
+Rng = np.random.Generator
+Entries = dict[tuple[int, int], Fraction]
+
+
+def system_of(rng: Rng, *delays: Delay) -> DelaySystem:
+    """Three states, two controls, two blocks of F; entries of few digits, some of them zero."""
+
+    def r(*shape: int) -> Any:
+        return np.round(rng.normal(size=shape), 1) * (rng.random(shape) < 0.8)
+
+    return DelaySystem(
+        *(r(3, 3), r(3, 2), r(3, 2), r(2, 3)),
+        D1=r(2, 2),
+        D2=r(2, 2),
+        E=r(3, 3),
+        H=r(2, 3),
+        uncertainty_blocks=[(1, 1), (2, 1)],
+        delays=[
+            replace(x, A=r(3, 3) * bool(x.A.any()), H=r(2, 3) * bool(x.A.any())) for x in delays
+        ],
+    )
+
+
+def delay(d: float, **kinds: Any) -> Delay:
+    return Delay(d, np.zeros((3, 3)) if kinds.pop("bare", False) else np.eye(3), **kinds)
+
+
+def matrix(rng: Rng, *shape: int) -> Any:
+    return np.round(rng.normal(size=shape), 2)
+
+
+def symmetric(rng: Rng, n: int) -> Any:
+    half = matrix(rng, n, n)
+    return half + half.T
+
+
+def both(
+    document: dict[str, Any], patch: pytest.MonkeyPatch
+) -> tuple[list[Entries], list[Entries]]:
+    """What the product and the standalone checker show to be positive, but what stands alone."""
+    ours: list[Entries] = []
+    theirs: list[Entries] = []
+
+    def failure(form: Inequality, values: Any) -> None:
+        if len(form.rows) > 1 or form.name[:2] in ("P,", "-P"):
+            ours.append(entries(form, values))
+
+    def positive(A: Any, n: int, name: str) -> None:
+        del n
+        if name.startswith(("-", "[", "P with")):
+            theirs.append({key: x for key, x in A.items() if x})
+
+    with patch.context() as patched:
+        patched.setattr(Inequality, "failure", failure)
+        patched.setattr(sn, "positive", positive)
+        assert check_certificate(document).valid
+        standalone.check(json.dumps(document).encode())
+    return ours, theirs
+
+
+def entries(form: Inequality, values: Any) -> Entries:
+    """The matrix, those rows taken away that the other has not: m, by their Schur complement."""
+    lower = form.at(values)
+    n = len(lower)
+    whole = flint.fmpq_mat(n, n, [lower[max(i, j)][min(i, j)] for i in range(n) for j in range(n)])
+    names = [name for name, size in form.rows.items() for _ in range(size)]
+    kept = [i for i in range(n) if not re.fullmatch(r"m\d+", names[i])]
+    rest = [i for i in range(n) if i not in kept]
+
+    def cut(rows: list[int], columns: list[int]) -> Any:
+        return flint.fmpq_mat(len(rows), len(columns), [whole[i, j] for i in rows for j in columns])
+
+    found = cut(kept, kept)
+    if rest:
+        found -= cut(kept, rest) * cut(rest, rest).solve(cut(rest, kept))
+    return {
+        (i, j): Fraction(int(x.p), int(x.q))
+        for i in range(len(kept))
+        for j in range(len(kept))
+        if (x := found[i, j]) != 0
+    }
+
+
+def same(found: tuple[list[Entries], list[Entries]], count: int) -> None:
+    ours, theirs = (sorted(map(sorted, map(dict.items, each))) for each in found)
+    assert len(ours) >= count
+    assert ours == theirs
+
+
+def gain_of(rng: Rng) -> Any:
+    return matrix(rng, 2, 3)
+
+
+def theorem_2(rng: Rng, system: DelaySystem) -> Variables:
+    late = system.delays
+    return Variables(
+        X=symmetric(rng, 3) + 9 * np.eye(3),
+        Q=tuple(symmetric(rng, 3) * (not x.any_age) for x in late),
+        R=tuple(symmetric(rng, 3) + 9 * np.eye(3) for _ in late),
+        eps=(0.5, 0.25),
+        k1=tuple(-1.0 - j for j, _ in enumerate(late)),
+        k2=tuple(0.5 + j for j, _ in enumerate(late)),
+        gamma=3.0,
+    )
+
+
+SEEDS = [0, *slow_share_of(range(1, 20))]
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize("feedback", ["at once", "late"])
+def test_theorem_2_and_decay(seed: int, feedback: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also of a delay of zero, and at every corner of the growths."""
+    rng, late = np.random.default_rng(seed), feedback == "late"
+    delays = delay(0.5), delay(0.0), delay(0.25, any_age=True, feedback=late)
+    system = system_of(rng, *delays)
+    v = theorem_2(rng, system)
+    decay = Decay(exact(0.125), (exact(2.0), exact(2.0), exact(2.0)), exact_variables(system, v))
+    decay = replace(decay, variables=replace(decay.variables, gamma=None))
+    document = certificate_to_json(system, gain_of(rng), v, Guarantees(decay=decay))
+    same(both(document, monkeypatch), 3)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize("lower", [False, True])
+@pytest.mark.parametrize("order", [0, 1, 3])
+def test_constant_and_any_ages(
+    order: int,
+    lower: bool,  # noqa: FBT001 - drawn
+    seed: int,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    rng = np.random.default_rng(seed)
+    system = system_of(rng, delay(0.5), delay(0.25, any_age=True, feedback=True), delay(0.0))
+    v = AnalysisVariables(
+        order=order,
+        P=symmetric(rng, 3 * (1 + order)),
+        Q=(symmetric(rng, 3), None),
+        R=(symmetric(rng, 3), symmetric(rng, 3)),
+        eps=(0.5, 0.25),
+        gamma=3.0,
+        lower=(0.125, None) if lower and order else None,
+    )
+    document = analysis_to_json(system, gain_of(rng), exact_analysis(system, v))
+    same(both(document, monkeypatch), 2)
+
+
+KINDS: dict[str, dict[str, Any]] = {
+    "constant": {},
+    "interval": {"any_age": True},
+    "rate": {"any_age": True, "rate": 0.5},
+    "sampled": {"any_age": True, "sampled": True},
+}
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize("order", [0, 1, 2])
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("least", [0.0, 0.125])
+def test_ages_as_they_are(
+    kind: str, least: float, order: int, seed: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Every functional of the kind, beside another delay, about the whole state and on supports."""
+    rng = np.random.default_rng(seed)
+    more = KINDS[kind] | ({} if kind == "constant" else {"least_age": least})
+    beside = {"any_age": True, "sampled": True, "least_age": 0.125} if seed % 2 else {}
+    system = system_of(rng, delay(0.5, **beside), delay(0.25, bare=True, feedback=True, **more))
+    gain = gain_of(rng) * [[1], [0]]
+    for functional in choices(system.delays[1]):
+        own = choices(system.delays[0])[0], functional
+        for supports in ((None, None), supports_of(system, gain, controls=bool(seed % 3))):
+            v = random_ages(rng, system, gain, order, own, supports)
+            document = ages_to_json(system, gain, exact_ages(system, v))
+            same(both(document, monkeypatch), 2)
+
+
+def random_ages(
+    rng: Rng, system: DelaySystem, gain: Any, order: int, own: Any, supports: Any
+) -> AgesVariables:
+    loop = Loop.of(system, gain, supports)
+    ages = [Age(loop, j, kind, order) for j, kind in enumerate(own)]
+    shapes = shapes_of_ages(loop, ages, bounded=True)
+    terms = []
+    for j, (kind, support) in enumerate(zip(own, supports, strict=True)):
+        values = {}
+        for name in UNKNOWNS:
+            if (shape := shapes.get(f"{name}[{j}]")) is not None:
+                drawn = matrix(rng, shape.height, shape.width)
+                values[name] = drawn + drawn.T if shape.symmetric else drawn
+        terms.append(AgeTerms(kind, values, support))
+    down = bool(rng.random() < 0.5)
+    P = symmetric(rng, shapes["P"].height)
+    return AgesVariables(order, P, tuple(terms), (0.5, 0.25), 3.0, down_to_zero=down)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize("age", [0.0, 0.125, 0.25])
+@pytest.mark.parametrize("plant_age", [False, True])
+def test_outages(
+    age: float,
+    plant_age: bool,  # noqa: FBT001 - drawn
+    seed: int,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Both modes, a fallback at once and of every age up to the feedback's."""
+    rng = np.random.default_rng(seed)
+    system = system_of(
+        rng, delay(0.5, any_age=plant_age), delay(0.25, bare=True, feedback=True, any_age=True)
+    )
+    outages = Outages(
+        alpha=exact(0.125),
+        beta=exact(0.5),
+        gamma=exact(3.0),
+        rho=(exact(0.5), exact(0.75)),
+        fallback=gain_of(rng),
+        fallback_age=age,
+        P=exact_symmetric(symmetric(rng, 3)),
+        S=tuple(exact_symmetric(symmetric(rng, 3)) for _ in range(2)),
+        R=tuple(exact_symmetric(symmetric(rng, 3)) for _ in range(2)),
+        M=tuple(exact_matrix(matrix(rng, 3, 3)) if varies(x) else None for x in system.delays),
+        eps=(exact(0.5), exact(0.25)),
+        eps_out=(exact(0.25), exact(1.5)),
+    )
+    v = theorem_2(rng, system)
+    document = certificate_to_json(system, gain_of(rng), v, Guarantees(outages=outages))
+    same(both(document, monkeypatch), 4)
+
+
+def test_the_words_of_a_sampled_age_are_those_ages() -> None:
+    """Executed: exactly the ages from least_age on, at rate one, to below d, come out."""
+    system = system_of(
+        np.random.default_rng(0), delay(0.5, any_age=True, sampled=True, least_age=0.125)
+    )
+    v = AgesVariables(0, None, (AgeTerms("looped", {}),), None, None)
+    (words,) = (x for x in ages_claim(system, v)["hypotheses"] if x.startswith("a sampled age"))
+    named = re.fullmatch(
+        r"a sampled age, a = least_age: x\(t - age\) = x\(s_k\) for (.+?), (.+?), (.+?), finitely "
+        r"many s_k in any bounded time",
+        words,
+    )
+    assert named is not None
+    here, apart, first = (
+        text.replace("s_(k+1)", "following").replace("s_k", "now").replace("s_0", "now")
+        for text in named.groups()
+    )
+    a, d, unit = 0.125, 0.5, 1 / 64  # doubles without rounding
+    ages, gaps = set(), set()
+    for i in range(-64, 65):
+        for j in range(-64, 65):
+            place = {"a": a, "d": d, "now": i * unit, "following": j * unit}
+            if not eval(apart, {}, place):  # noqa: S307 - our own words
+                continue
+            gaps.add(j - i)
+            for k in range(-64, 65):
+                if eval(here, {}, place | {"t": k * unit}):  # noqa: S307
+                    ages.add(k - i)
+    assert gaps == set(range(1, 25))  # of (0, d - a] = (0, 24 / 64]
+    assert ages == set(range(8, 32))  # of [a, d) = [8 / 64, 32 / 64)
+    assert [eval(first, {}, {"a": a, "now": x}) for x in (-a, -a + unit)] == [True, False]  # noqa: S307
