@@ -17,6 +17,7 @@ import numpy as np
 import scipy
 
 from cosim.hinf.certificate import Variables, exact_variables, joined
+from cosim.hinf.lmi.affine import Affine
 from cosim.hinf.lmi.assembly import Scalars, Structure, Unknown, unit_of_R
 from cosim.hinf.lmi.conic import TOLERANCE, Constraint, Solution, solve
 from cosim.hinf.lmi.parts import parts_of_system, solve_in_parts
@@ -141,6 +142,32 @@ class Problem:
             return solution
         return self._answer(solution, inner, gain, 1.0 / self.scaling.a**2)
 
+    def priced(self, p: Scalars, price: float, tolerance: float = TOLERANCE) -> Answer | Solution:
+        """Minimise gamma + price |Y|, |Y| the largest singular value, both in inner units.
+
+        The least gamma alone is often approached as Y grows without bound; a price keeps the gain
+        of its order of magnitude. The solver's result if it finds no point; no slopes.
+        """
+        return self._in_some_units(lambda: self._priced(p, price, tolerance))
+
+    def _priced(self, p: Scalars, price: float, tolerance: float) -> Answer | Solution:
+        s, inner = self.structure, self._inner(p)
+        if s.gamma is None:
+            raise ValueError("expected a system with w and z, got one without")
+        (m, n), size = s.Y.place.shape, s.size
+        q = np.zeros(size + 1)
+        q[s.gamma.place[0, 0]], q[size] = 1.0, price
+        below = Affine(m + n).term(0, 0, size, np.eye(m)).term(m, m, size, np.eye(n))
+        below.unknown(0, m, s.Y.place)
+        whole = [self._omega(inner), *self._signs]
+        constraints = [c.less(np.zeros(len(c.constant))) for c in whole]
+        constraints.append(below.constraint(size + 1))
+        solution = self._solve(constraints, q, tolerance)
+        if not solution.usable:
+            return solution
+        found = self._answer(solution, inner, None, 1.0)
+        return replace(found, value=found.point.gamma or 0.0, slopes=np.zeros(0))
+
     def margin(
         self,
         p: Scalars,
@@ -227,8 +254,9 @@ class Problem:
             return solve(constraints, q, equal=equal, tolerance=tolerance)
         part = parts_of_system(self.structure.system, gain)
         rows = [part[name if name in part else "x"] for name in self.structure.offset]
-        by_size = {self._n: part["x"], self.structure.rows: np.concatenate(rows)}
-        labels = [by_size.get(c.size) for c in constraints]
+        labels = [np.concatenate(rows)] + [
+            part["x"] if c.size == self._n else None for c in constraints[1:]
+        ]
         return solve_in_parts(constraints, labels, q, equal=equal, tolerance=tolerance)
 
     def _omega(

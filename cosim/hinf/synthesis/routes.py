@@ -3,7 +3,8 @@
 Every route ends in a proved gain, or in the reason why it does not. They are tried in one order
 (`designed_by_some_route`), and an error lists all of them:
 
-1. Theorem 2, at the k1, k2 given or searched;
+1. Theorem 2, at the k1, k2 given or searched; where the least gamma asks for a gain out of all
+   proportion, its gains with a price on Y = K X (`priced_gains`) come first;
 2. Theorem 2 with k1, k2 searched, where those given fail;
 3. the gain of Theorem 2 for stability alone, and what the Bessel-Legendre condition of order 0
    makes of it;
@@ -24,6 +25,7 @@ conditions that are affordable, and the best proof is claimed.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import chain
@@ -44,6 +46,7 @@ from cosim.hinf.synthesis.certified_design import Design
 from cosim.hinf.synthesis.cvxpy_lmi import cvxpy_design
 from cosim.hinf.synthesis.designs import design_of_analysis, proved_by_analysis
 from cosim.hinf.synthesis.not_achievable import none_succeeded
+from cosim.hinf.synthesis.priced_gains import priced_gains
 from cosim.hinf.synthesis.stabilisability import NoGainError, unstabilisable_error
 from cosim.hinf.synthesis.structured_gains import descent_design
 from cosim.models import DelaySystem, Matrix
@@ -137,8 +140,17 @@ def _routes(asked: Request) -> Iterator[Route]:
     constant = any(x.d > 0 and not x.any_age for x in s.delays)
     late = any(x.d > 0 for x in s.delays)
 
+    # elsewhere an unbounded gain has no price, or order 1 does better
+    weighed = s.has_performance and bool(s.D2.any(axis=0).all())
+    in_proportion = gamma is None and weighed and late and not is_small(s)
+
     def theorem_2_at(found: Sequence[Design], *, search: bool) -> Design:
         del found
+        if search and in_proportion:
+            with suppress(theorem_2.OutOfProportionError):
+                return theorem_2.design(s, asked.k1, asked.k2, search=True, in_proportion=True)
+            with suppress(NotAchievableError):  # then one of whatever size
+                return proved_by_analysis(s, priced_gains(s), None, "auto")
         return theorem_2.design(s, asked.k1, asked.k2, gamma=gamma, search=search)
 
     def proposed(found: Sequence[Design], *, order: int, continued: bool) -> Design:

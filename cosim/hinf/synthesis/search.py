@@ -40,15 +40,22 @@ Ask = Callable[[Scalars], Answer | None]
 
 
 def least_gamma(
-    problem: Problem, p: Scalars, gain: Matrix | None = None
+    problem: Problem,
+    p: Scalars,
+    gain: Matrix | None = None,
+    *,
+    ends_at: Callable[[Answer], bool] = lambda _: False,
 ) -> list[tuple[Scalars, float]]:
     """Return the k1, k2 that were passed and their least gammas, the best first; [] if none.
 
     `p` has the delays, and k1, k2 to start from beside the fixed starts; with a `gain`, its
     least gamma is searched. The best may lie where the gain grows without bound and nothing can
     be proved, so the others are kept: each is worse than the one before by `_APART` at least.
+
+    ends_at : whether the best of the starts is enough.
     """
     passed: list[tuple[Scalars, float]] = []
+    best: list[Answer] = []
     asked = count()
     expected = len(starts(p)) + 2 * _STEPS_ALONG + _STEPS
 
@@ -57,11 +64,13 @@ def least_gamma(
         answer = _answer(problem.least_gamma(at, gain, ROUGH_TOLERANCE))
         if answer is not None and answer.value > 0:
             passed.append((at, answer.value))
+            if not best or answer.value < best[0].value:
+                best[:] = [answer]
         return answer
 
     size = problem.structure.size
     found = _feasible_starts(ask, p, valley=size >= _LARGE)
-    if size >= _VERY_LARGE:
+    if size >= _VERY_LARGE or (best and ends_at(best[0])):
         found = found[:0]
     # k1 = -k2 is a narrow valley: first along it, from two starts since the best may lead to a
     # worse local minimum, then across

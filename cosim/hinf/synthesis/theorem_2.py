@@ -16,7 +16,7 @@ The gamma of a design is the gamma of its proof.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -39,6 +39,7 @@ from cosim.hinf.problem import refuse_structure
 from cosim.hinf.synthesis.analysis import gain_of
 from cosim.hinf.synthesis.certified_design import Design
 from cosim.hinf.synthesis.designs import check_achievable, design_of_theorem_2, rounded_gain
+from cosim.hinf.synthesis.gain_size import gain_remark
 from cosim.hinf.synthesis.ladder import FAR, NEAR, first_proved, levels_above
 from cosim.hinf.synthesis.not_achievable import (
     gamma_below_least,
@@ -57,6 +58,10 @@ _ROOM = 2  # levels left out there: nearer ones take two solves to prove
 _COARSE = 4  # levels near the least gamma that are left out at all pairs but the best
 
 
+class OutOfProportionError(NotAchievableError):
+    """The least gamma is approached as the gain grows without bound: a price on it helps."""
+
+
 @one_thread
 def design(
     system: DelaySystem,
@@ -67,14 +72,17 @@ def design(
     gain: ArrayLike | None = None,
     search: bool = False,
     problem: Problem | None = None,
+    in_proportion: bool = False,
 ) -> Design:
     """Design and prove a gain by Theorem 2, as `gain_design.design` with k1, k2 given.
 
     problem : the LMI with further constraints; None for that of Theorem 2 alone.
+    in_proportion : refuse a least gamma with a gain out of all proportion (`gain_remark`).
 
     Raises
     ------
     InputError : numbers that do not fit the system.
+    OutOfProportionError : `in_proportion`, and the gain of the least gamma is not.
     NotAchievableError : the LMI has no certified solution at k1, k2 (and gamma).
     """
     scalars = checked_scalars(system, k1, k2)
@@ -82,8 +90,21 @@ def design(
     if gamma is not None:
         check_achievable(gamma, system)
     problem = problem or Problem(system)
-    points = _searched(problem, scalars, fixed) if search else [scalars]
-    first, *others = (Theorem2(system, problem, p, fixed) for p in points[:_POINTS])
+
+    def is_too_large(answer: Answer) -> bool:
+        remark = gain_remark(system, gain_at(answer.point, problem.scaling))
+        return remark is not None and not is_zero_gamma(problem, answer)
+
+    ends_at = is_too_large if in_proportion else lambda _: False
+    points = _searched(problem, scalars, fixed, ends_at) if search else [scalars]
+    first = Theorem2(system, problem, points[0], fixed)
+    if in_proportion and first.least is not None and is_too_large(first.least):
+        raise OutOfProportionError(
+            "the least gamma is approached as the gain grows without bound",
+            where=system.name or None,
+            hint="give u a larger weight in z (D2), or bound |K| with --gain-limit",
+        )
+    others = [Theorem2(system, problem, p, fixed) for p in points[1:_POINTS]]
     for conditions, shares in (
         ([first], NEAR if problem.structure.size < _LARGE else NEAR[_ROOM:]),
         (others, NEAR[_COARSE:]),
@@ -131,9 +152,14 @@ class Theorem2:
             self._least = problem.least_gamma(p, gain) if problem.has_gamma else None
 
     @property
+    def least(self) -> Answer | None:
+        """The solver's point of least gamma; None without w and z, or where it finds none."""
+        return self._least if isinstance(self._least, Answer) else None
+
+    @property
     def least_gamma(self) -> float | None:
-        """The solver's least gamma; None without w and z, or where it finds none."""
-        return self._least.value if isinstance(self._least, Answer) else None
+        """The solver's least gamma; None where there is no `least`."""
+        return None if self.least is None else self.least.value
 
     def levels(self, gamma: float | None, shares: Sequence[float]) -> list[float | None]:
         """Return the gammas to try in turn until one is proved; None stands for stability."""
@@ -226,10 +252,15 @@ def find_certified_gain(
     return None, reason
 
 
-def _searched(problem: Problem, p: Scalars, gain: NDArray[np.float64] | None) -> list[Scalars]:
+def _searched(
+    problem: Problem,
+    p: Scalars,
+    gain: NDArray[np.float64] | None,
+    ends_at: Callable[[Answer], bool],
+) -> list[Scalars]:
     """Return better k1, k2, the best first; those of `p` where none are found."""
     if problem.has_gamma:
-        return [at for at, _ in least_gamma(problem, p, gain)] or [p]
+        return [at for at, _ in least_gamma(problem, p, gain, ends_at=ends_at)] or [p]
     found = widest_margin(problem, p, None, gain)
     return [p if found is None else found[0]]
 
