@@ -140,18 +140,9 @@ def _routes(asked: Request) -> Iterator[Route]:
     constant = any(x.d > 0 and not x.any_age for x in s.delays)
     late = any(x.d > 0 for x in s.delays)
 
-    # elsewhere an unbounded gain has no price, or order 1 does better
-    weighed = s.has_performance and bool(s.D2.any(axis=0).all())
-    in_proportion = gamma is None and weighed and late and not is_small(s)
-
     def theorem_2_at(found: Sequence[Design], *, search: bool) -> Design:
         del found
-        if search and in_proportion:
-            with suppress(theorem_2.OutOfProportionError):
-                return theorem_2.design(s, asked.k1, asked.k2, search=True, in_proportion=True)
-            with suppress(NotAchievableError):  # then one of whatever size
-                return proved_by_analysis(s, priced_gains(s), None, "auto")
-        return theorem_2.design(s, asked.k1, asked.k2, gamma=gamma, search=search)
+        return _by_theorem_2(asked, search=search)
 
     def proposed(found: Sequence[Design], *, order: int, continued: bool) -> Design:
         starts = [one.K for one in found]
@@ -231,6 +222,20 @@ def _routes_with_ages(asked: Request, order: Order) -> Iterator[Route]:
     yield Route("the LMI of these ages", of_the_ages, improves=gamma is None)
     yield Route("the plain LMI in cvxpy, for any age", by_cvxpy)
     yield Route("a descent on the exact norm", lambda _: descent_design(s, gamma, order))
+
+
+def _by_theorem_2(asked: Request, *, search: bool) -> Design:
+    """Design by Theorem 2; where that asks for a gain out of all proportion, with a price on it."""
+    s, gamma = asked.system, asked.gamma
+    late = any(x.d > 0 for x in s.delays)
+    # where z does not contain every input a gain has no price; order 1 does it for small systems
+    weighed = s.has_performance and s.D2.any(axis=0).all()
+    if search and gamma is None and late and weighed and not is_small(s):
+        with suppress(theorem_2.OutOfProportionError):
+            return theorem_2.design(s, asked.k1, asked.k2, search=True, in_proportion=True)
+        with suppress(NotAchievableError):  # then with a gain of whatever size
+            return proved_by_analysis(s, priced_gains(s), None, "auto")
+    return theorem_2.design(s, asked.k1, asked.k2, gamma=gamma, search=search)
 
 
 def is_small(system: DelaySystem) -> bool:
