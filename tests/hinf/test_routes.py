@@ -23,7 +23,12 @@ from cosim.hinf.lmi.loop_units import own_units
 from cosim.hinf.problem.auv import DEFAULT_K1, DEFAULT_K2
 from cosim.hinf.synthesis import search as searching
 from cosim.hinf.synthesis.analysis import preferred
-from cosim.hinf.synthesis.ladder import first_proved, levels_above
+from cosim.hinf.synthesis.ladder import (
+    clearly_below,
+    first_proved,
+    least_proved,
+    levels_above,
+)
 from cosim.models import paper_example
 
 GRID = [float(x) for x in np.geomspace(0.02, 20.0, 20)]
@@ -201,6 +206,25 @@ def test_the_ladder() -> None:
     assert levels == [2.0, 3.0, 20.0]
     assert first_proved(levels, lambda x: (x if x > 2 else None, f"not {x}")) == (3.0, "")
     assert first_proved(levels, lambda x: (None, f"not {x}")) == (None, "not 20.0")
+
+
+def test_no_fruitless_proofs() -> None:
+    """What fails near its least gamma and far from it is not tried in between."""
+    levels = [float(x) for x in range(1, 8)]
+    for first in range(1, 9):
+        tried: list[float] = []
+
+        def prove(level: float, first: int = first, tried: list[float] = tried) -> Any:
+            tried.append(level)
+            return level if level >= first else None, f"not {level}"
+
+        found, reason = least_proved(levels, prove)
+        assert (found, reason) == (((first, first), "") if first < 8 else (None, "not 7.0"))
+        assert len(tried) <= (3 if first == 8 else first + (first > 2))
+        assert len(set(tried)) == len(tried)
+    assert clearly_below(levels, None) == levels
+    assert clearly_below(levels, 3.0) == [1.0, 2.0]
+    assert clearly_below([2.9999], 3.0) == []
 
 
 @pytest.mark.slow

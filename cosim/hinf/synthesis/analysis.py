@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any, Literal, Protocol, TypeVar
 
 import numpy as np
@@ -46,6 +47,7 @@ from cosim.hinf.synthesis.conditions import (
     prove,
     widened,
 )
+from cosim.hinf.synthesis.ladder import clearly_below, least_proved
 from cosim.hinf.synthesis.result_text import proved_words, result_rows
 from cosim.hinf.synthesis.same_as_proved import require_proved_gain
 from cosim.models import DelaySystem, Matrix, Value
@@ -232,10 +234,12 @@ def best_analysis(
     figures: NominalFigures,
     *,
     ranking: bool = False,
+    below: float | None = None,
 ) -> Analysis:
     """Return the best proof of this order or of all; where there is none, what came nearest.
 
-    `ranking` : of all orders only what is quick, to compare gains with each other.
+    ranking : of all orders only what is quick, to compare gains with each other.
+    below : a gamma that is proved already: only what is clearly less is tried.
     """
     made: list[Analysis] = []
     root = figures.abscissa
@@ -253,8 +257,10 @@ def best_analysis(
             conditions = conditions_of(system, K, own, performance=bounded)
         if not conditions and not excluded:
             continue
-        last = _analysed(system, K, gamma, own, conditions, figures)
+        last = _analysed(system, K, gamma, own, conditions, figures, below)
         made.append(last)
+        if last.gamma is not None:
+            below = min(_worth(last), np.inf if below is None else below)
         if last.certified and (known or gamma is not None or last.gamma is None or is_exact(last)):
             break
     certified = [one for one in made if one.certified]
@@ -291,12 +297,13 @@ def preferred(claims: Sequence[Claimed]) -> Claimed:
 
     So too one whose nominal figures can be computed: otherwise its gain is out of all proportion.
     """
+    return min(claims, key=_worth)
 
-    def value(one: Claimed) -> float:
-        worse = (not one.covers_smaller_delays) + 2 * (one.abscissa is None)
-        return (one.gamma or 0.0) * (1.0 + _MUCH) ** worse
 
-    return min(claims, key=value)
+def _worth(one: Claim) -> float:
+    """Return the gamma of a claim that covers smaller delays and is worth as much."""
+    worse = (not one.covers_smaller_delays) + 2 * (one.abscissa is None)
+    return (one.gamma or 0.0) * (1.0 + _MUCH) ** worse
 
 
 def is_exact(found: Claim) -> bool:
@@ -311,8 +318,12 @@ def _analysed(
     order: int,
     conditions: Sequence[Condition],
     figures: NominalFigures,
+    below: float | None,
 ) -> Analysis:
-    """Analyse a gain whose nominal figures are known, by conditions of one order."""
+    """Analyse a gain whose nominal figures are known, by conditions of one order.
+
+    below : as in `best_analysis`.
+    """
     delays = [delay.d for delay in system.delays]
     proof, level, reason = None, None, None
     leasts: list[float] = []
@@ -321,7 +332,7 @@ def _analysed(
     floor = float(np.linalg.norm(system.D1, 2))
     reference = max(floor, figures.exact_norm or 0.0) or 1.0
     for condition in conditions:
-        levels: list[float | None] = [gamma]
+        at_level = partial(prove, condition, system, K)
         if system.has_performance:
             with solver_words() as words:
                 found = condition.least_gamma(delays, reference)
@@ -329,17 +340,22 @@ def _analysed(
             if gamma is None and found is None:
                 reason = reason or f"no gamma was found: {not_found(words)}"
                 continue
-            if gamma is None and found is not None:
-                costly = condition.unknowns(delays) > _COSTLY
-                shares = _ABOVE_LEAST[_FIRST_IF_COSTLY:] if costly else _ABOVE_LEAST
-                levels = [float(f"{found * (1 + share):.7g}") for share in shares]
-        for level in levels:
-            proof, why_not = prove(condition, system, K, level)
-            if proof is not None:
-                proof = widened(condition, system, K, level) or proof
-                break
-            reason = why_not
+        if gamma is None and leasts:
+            costly = condition.unknowns(delays) > _COSTLY
+            shares = _ABOVE_LEAST[_FIRST_IF_COSTLY:] if costly else _ABOVE_LEAST
+            levels = clearly_below(
+                (float(f"{leasts[-1] * (1 + share):.7g}") for share in shares), below
+            )
+            reason = f"nothing clearly below gamma = {below} was found"
+            if not levels:
+                continue
+            proved, reason = least_proved(levels, at_level)
+            level, proof = proved or (None, None)
+        else:
+            level = gamma
+            proof, reason = at_level(gamma)
         if proof is not None:
+            proof = widened(condition, system, K, level) or proof
             break
     return Analysis(
         system=system,

@@ -1,14 +1,16 @@
 """The ladder of every design and analysis: from what a solver finds up to what is proved.
 
 A solver's optimum lies on the boundary, where nothing can be proved. So each condition is tried
-at levels a little above its least gamma, or below its greatest delay, until one is proved. The
-last levels are far off: where the optimum is approached only as the gain grows without bound,
-a proof needs room, and a proved bound of twice the optimum is better than none.
+at levels a little above its least gamma, or below its greatest delay, until one is proved. What
+holds at a gamma holds at a greater one: where the last level fails, the others would too. The
+last levels are far off: where the optimum is approached only as the gain grows without bound, a
+proof needs room, and a proved bound of twice the optimum is better than none. Where a gamma is
+proved already, only levels clearly below it are worth a proof.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from typing import TypeVar
 
 from cosim.hinf.exact import rounded_up
@@ -19,6 +21,12 @@ FAR = (0.3, 1.0, 9.0)
 """Shares tried where none of `NEAR` is proved."""
 BELOW = (1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 5e-2)
 """Shares below a greatest delay."""
+
+WORTH = 1e-3
+"""Share by which a gamma must be less than a proved one to be worth a proof."""
+
+_FAILURES = 2
+"""Failures at near levels after which the furthest is tried."""
 
 Level = TypeVar("Level")
 Found = TypeVar("Found")
@@ -48,3 +56,30 @@ def first_proved(
         if found is not None:
             return found, ""
     return None, reason
+
+
+def least_proved(
+    levels: Sequence[float], prove: Callable[[float], tuple[Found | None, str]]
+) -> tuple[tuple[float, Found] | None, str]:
+    """Return the least level that is proved with its proof, or None and why the last has none.
+
+    levels : one gamma or more, in ascending order. They are tried in turn, but the last one after
+        `_FAILURES`: where that is not proved either, the others are left out.
+    """
+    *near, last = levels
+    at_last: tuple[Found | None, str] | None = None
+    for failures, level in enumerate(near):
+        if failures == _FAILURES:
+            at_last = prove(last)
+            if at_last[0] is None:
+                break
+        found, _ = prove(level)
+        if found is not None:
+            return (level, found), ""
+    found, reason = at_last or prove(last)
+    return (None, reason) if found is None else ((last, found), "")
+
+
+def clearly_below(levels: Iterable[float], proved: float | None) -> list[float]:
+    """Return the levels that are worth a proof where a gamma is `proved` already."""
+    return [x for x in levels if proved is None or x < proved * (1 - WORTH)]

@@ -128,7 +128,7 @@ def analysed_again(found: Design) -> Design:
     if _unknowns(found.system, 0) > _MOST_UNKNOWNS or is_exact(found):
         return found
     report("the best proof of this gain", 0.0)
-    again = best_analysis(found.system, found.K, None, "auto", figures)
+    again = best_analysis(found.system, found.K, None, "auto", figures, below=found.gamma)
     if not again.certified:
         return found
     best = preferred([found, design_of_analysis(again, found.worst_case)])

@@ -40,7 +40,7 @@ from cosim.hinf.synthesis.analysis import gain_of
 from cosim.hinf.synthesis.certified_design import Design
 from cosim.hinf.synthesis.designs import check_achievable, design_of_theorem_2, rounded_gain
 from cosim.hinf.synthesis.gain_size import gain_remark
-from cosim.hinf.synthesis.ladder import FAR, NEAR, first_proved, levels_above
+from cosim.hinf.synthesis.ladder import FAR, NEAR, first_proved, least_proved, levels_above
 from cosim.hinf.synthesis.not_achievable import (
     gamma_below_least,
     is_zero_gamma,
@@ -111,7 +111,7 @@ def design(
         ([first, *others], FAR),
     ):
         for condition in conditions:
-            found, _ = first_proved(condition.levels(gamma, shares), condition.prove)
+            found = condition.first(gamma, shares)
             if found is not None:
                 return design_of_theorem_2(system, *found, condition.least_gamma)
     raise first.refusal(gamma)
@@ -178,6 +178,17 @@ class Theorem2:
         # a proof for less holds for gamma too; far above the least, the LMI is badly scaled
         own = [] if gamma in self._tried else [gamma]
         return [*own, *(level for level in above if level is not None and level < gamma)]
+
+    def first(
+        self, gamma: float | None, shares: Sequence[float]
+    ) -> tuple[NDArray[np.float64], Variables] | None:
+        """Return the gain and variables of the first of `levels` that is proved; or None."""
+        levels = self.levels(gamma, shares)
+        above = [level for level in levels if level is not None]
+        if gamma is None and above:
+            proved, _ = least_proved(above, self.prove)
+            return None if proved is None else proved[1]
+        return first_proved(levels, self.prove)[0]
 
     def prove(
         self, gamma: float | None
