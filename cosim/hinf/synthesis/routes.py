@@ -56,6 +56,8 @@ _MOST_UNKNOWNS = 240
 """Unknowns of the analysis up to which a design of this order takes seconds; minutes at most."""
 _CONTINUED_UNKNOWNS = 100
 _ORDERS = (1, 2)
+_CLOSE = 0.95
+"""Of a least gamma to a proved one, at which gains out of all proportion are not tried."""
 
 
 @dataclass(frozen=True)
@@ -124,10 +126,15 @@ def analysed_again(found: Design) -> Design:
     """Return a design of Theorem 2 with the best proof of its gain that is affordable."""
     if found.gamma is None or found.abscissa is None or found.order is not None:
         return found
-    figures = NominalFigures.of(found)
+    return _proved_again(found)
+
+
+def _proved_again(found: Design) -> Design:
+    """Return a design with a proof of its gain by an analysis, where that one is better."""
     if _unknowns(found.system, 0) > _MOST_UNKNOWNS or is_exact(found):
         return found
     report("the best proof of this gain", 0.0)
+    figures = NominalFigures.of(found)
     again = best_analysis(found.system, found.K, None, "auto", figures, below=found.gamma)
     if not again.certified:
         return found
@@ -230,12 +237,22 @@ def _by_theorem_2(asked: Request, *, search: bool) -> Design:
     late = any(x.d > 0 for x in s.delays)
     # where z does not contain every input a gain has no price; order 1 does it for small systems
     weighed = s.has_performance and s.D2.any(axis=0).all()
+    priced: Design | None = None
     if search and gamma is None and late and weighed and not is_small(s):
-        with suppress(theorem_2.OutOfProportionError):
+        try:
             return theorem_2.design(s, asked.k1, asked.k2, search=True, in_proportion=True)
-        with suppress(NotAchievableError):  # then with a gain of whatever size
-            return proved_by_analysis(s, priced_gains(s), None, "auto")
-    return theorem_2.design(s, asked.k1, asked.k2, gamma=gamma, search=search)
+        except theorem_2.OutOfProportionError as error:
+            with suppress(NotAchievableError):  # then with a gain of whatever size
+                priced = proved_by_analysis(s, priced_gains(s), None, 0)
+            if priced is not None and error.least > _CLOSE * (priced.gamma or 0.0):
+                return _proved_again(priced)
+    below = None if priced is None else priced.gamma
+    try:
+        return theorem_2.design(s, asked.k1, asked.k2, gamma=gamma, search=search, below=below)
+    except NotAchievableError:
+        if priced is None:
+            raise
+        return priced
 
 
 def is_small(system: DelaySystem) -> bool:

@@ -17,6 +17,7 @@ The gamma of a design is the gamma of its proof.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -40,7 +41,14 @@ from cosim.hinf.synthesis.analysis import gain_of
 from cosim.hinf.synthesis.certified_design import Design
 from cosim.hinf.synthesis.designs import check_achievable, design_of_theorem_2, rounded_gain
 from cosim.hinf.synthesis.gain_size import gain_remark
-from cosim.hinf.synthesis.ladder import FAR, NEAR, first_proved, least_proved, levels_above
+from cosim.hinf.synthesis.ladder import (
+    FAR,
+    NEAR,
+    clearly_below,
+    first_proved,
+    least_proved,
+    levels_above,
+)
 from cosim.hinf.synthesis.not_achievable import (
     gamma_below_least,
     is_zero_gamma,
@@ -59,7 +67,14 @@ _COARSE = 4  # levels near the least gamma that are left out at all pairs but th
 
 
 class OutOfProportionError(NotAchievableError):
-    """The least gamma is approached as the gain grows without bound: a price on it helps."""
+    """The least gamma is approached as the gain grows without bound: a price on it helps.
+
+    least : this gamma, at the best k1, k2 that were tried.
+    """
+
+    def __init__(self, what: str, *, least: float, **parts: Any) -> None:
+        super().__init__(what, **parts)
+        self.least = least
 
 
 @one_thread
@@ -73,11 +88,13 @@ def design(
     search: bool = False,
     problem: Problem | None = None,
     in_proportion: bool = False,
+    below: float | None = None,
 ) -> Design:
     """Design and prove a gain by Theorem 2, as `gain_design.design` with k1, k2 given.
 
     problem : the LMI with further constraints; None for that of Theorem 2 alone.
     in_proportion : refuse a least gamma with a gain out of all proportion (`gain_remark`).
+    below : a gamma that is proved already: only what is clearly less is tried.
 
     Raises
     ------
@@ -103,6 +120,7 @@ def design(
             "the least gamma is approached as the gain grows without bound",
             where=system.name or None,
             hint="give u a larger weight in z (D2), or bound |K| with --gain-limit",
+            least=first.least.value,
         )
     others = [Theorem2(system, problem, p, fixed) for p in points[1:_POINTS]]
     for conditions, shares in (
@@ -111,9 +129,11 @@ def design(
         ([first, *others], FAR),
     ):
         for condition in conditions:
-            found = condition.first(gamma, shares)
+            found = condition.first(gamma, shares, below)
             if found is not None:
                 return design_of_theorem_2(system, *found, condition.least_gamma)
+    if below is not None:
+        raise NotAchievableError(f"nothing clearly below gamma = {below:g} was proved")
     raise first.refusal(gamma)
 
 
@@ -180,13 +200,14 @@ class Theorem2:
         return [*own, *(level for level in above if level is not None and level < gamma)]
 
     def first(
-        self, gamma: float | None, shares: Sequence[float]
+        self, gamma: float | None, shares: Sequence[float], below: float | None
     ) -> tuple[NDArray[np.float64], Variables] | None:
         """Return the gain and variables of the first of `levels` that is proved; or None."""
         levels = self.levels(gamma, shares)
         above = [level for level in levels if level is not None]
         if gamma is None and above:
-            proved, _ = least_proved(above, self.prove)
+            worth = clearly_below(above, below)
+            proved = least_proved(worth, self.prove)[0] if worth else None
             return None if proved is None else proved[1]
         return first_proved(levels, self.prove)[0]
 
