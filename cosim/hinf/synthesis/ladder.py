@@ -22,7 +22,7 @@ FAR = (0.3, 1.0, 9.0)
 BELOW = (1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 5e-2)
 """Shares below a greatest delay."""
 
-WORTH = 1e-3
+_CLEARLY = 1e-3
 """Share by which a gamma must be less than a proved one to be worth a proof."""
 
 _FAILURES = 2
@@ -82,4 +82,4 @@ def least_proved(
 
 def clearly_below(levels: Iterable[float], proved: float | None) -> list[float]:
     """Return the levels that are worth a proof where a gamma is `proved` already."""
-    return [x for x in levels if proved is None or x < proved * (1 - WORTH)]
+    return [x for x in levels if proved is None or x < proved * (1 - _CLEARLY)]

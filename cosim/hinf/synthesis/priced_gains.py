@@ -16,9 +16,10 @@ from collections.abc import Iterator
 import numpy as np
 
 from cosim.core import NotAchievableError, report
-from cosim.hinf.lmi import ROUGH_TOLERANCE, Answer, Problem, Scalars
+from cosim.hinf.lmi import ROUGH_TOLERANCE, Answer, Problem
 from cosim.hinf.nominal import nominal_figures_of
 from cosim.hinf.synthesis.gain_size import gain_remark
+from cosim.hinf.synthesis.search import scalars_at
 from cosim.hinf.synthesis.theorem_2 import gain_at
 from cosim.models import DelaySystem, Matrix
 
@@ -35,13 +36,13 @@ def priced_gains(system: DelaySystem) -> Iterator[Matrix]:
 
     system : Eq. (7) with w, z and a positive delay.
     """
-    problem = Problem(system)
+    problem, d = Problem(system), tuple(x.d for x in system.delays)
     prices = _PRICES if problem.structure.size < _LARGE else _PRICES[-1:]
     made: list[tuple[float, Matrix]] = []
     gamma = None
     for k, (multiple, price) in enumerate((x, y) for x in _MULTIPLES for y in prices):
         report("gains with a price on Y", k / len(prices) / len(_MULTIPLES))
-        at = _valley(system, multiple)
+        at = scalars_at(d, multiple)
         if gamma is None:
             first = problem.least_gamma(at, tolerance=ROUGH_TOLERANCE)
             if not isinstance(first, Answer):
@@ -60,11 +61,3 @@ def priced_gains(system: DelaySystem) -> Iterator[Matrix]:
         if figures.exact_norm is not None:
             made.append((figures.exact_norm, K))
     yield from (K for _, K in sorted(made, key=lambda x: x[0]))
-
-
-def _valley(system: DelaySystem, multiple: float) -> Scalars:
-    """Return k2 = -k1 = multiple / d, for a delay of zero that of the shortest other one."""
-    d = tuple(x.d for x in system.delays)
-    shortest = min(x for x in d if x > 0)
-    k2 = tuple(multiple / (x or shortest) for x in d)
-    return Scalars(tuple(-x for x in k2), k2, d)

@@ -55,7 +55,7 @@ def least_gamma(
     ends_at : whether the best of the starts is enough.
     """
     passed: list[tuple[Scalars, float]] = []
-    best: list[Answer] = []
+    answers: list[Answer] = []
     asked = count()
     expected = len(starts(p)) + 2 * _STEPS_ALONG + _STEPS
 
@@ -64,13 +64,12 @@ def least_gamma(
         answer = _answer(problem.least_gamma(at, gain, ROUGH_TOLERANCE))
         if answer is not None and answer.value > 0:
             passed.append((at, answer.value))
-            if not best or answer.value < best[0].value:
-                best[:] = [answer]
+            answers.append(answer)
         return answer
 
     size = problem.structure.size
     found = _feasible_starts(ask, p, valley=size >= _LARGE)
-    if size >= _VERY_LARGE or (best and ends_at(best[0])):
+    if size >= _VERY_LARGE or (answers and ends_at(min(answers, key=lambda x: x.value))):
         found = found[:0]
     # k1 = -k2 is a narrow valley: first along it, from two starts since the best may lead to a
     # worse local minimum, then across
@@ -131,16 +130,19 @@ def initial_scalars(
 
 def starts(p: Scalars) -> list[Scalars]:
     """Return `p` itself, and k2 = c/d, k1 = r k2 for fixed c and r."""
-    late = [d for d in p.d if d > 0]
-    if not late:
+    if not any(d > 0 for d in p.d):
         return [p]
-    lengths = [d or min(late) for d in p.d]
-    made = []
-    for c in _SCALES:
-        for r in _RATIOS:
-            k2 = tuple(c / d for d in lengths)
-            made.append(Scalars(tuple(r * value for value in k2), k2, p.d))
-    return [p, *made]
+    return [p, *(scalars_at(p.d, c, r) for c in _SCALES for r in _RATIOS)]
+
+
+def scalars_at(d: tuple[float, ...], multiple: float, ratio: float = -1.0) -> Scalars:
+    """Return k2 = multiple / d, for a delay of zero that of the shortest other one, and k1 / k2.
+
+    d : one of them positive.
+    """
+    shortest = min(x for x in d if x > 0)
+    k2 = tuple(multiple / (x or shortest) for x in d)
+    return Scalars(tuple(ratio * value for value in k2), k2, d)
 
 
 def _feasible_starts(ask: Ask, p: Scalars, *, valley: bool = False) -> list[tuple[Scalars, float]]:
