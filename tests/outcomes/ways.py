@@ -161,8 +161,8 @@ WAYS = {
         reason="enough",
     ),
     "asked-to-end": Way(_pump("end"), 0, "stopped", "open", reason="asked for the end"),
-    "interrupted": Way(_pump(end=100.0), 130, "stopped", "open", sent=signal.SIGINT),
-    "killed": Way(_pump(end=100.0), -signal.SIGKILL, "cut short", "bad", sent=signal.SIGKILL),
+    "interrupted": Way(_pump(end=2000.0), 130, "stopped", "open", sent=signal.SIGINT),
+    "killed": Way(_pump(end=2000.0), -signal.SIGKILL, "cut short", "bad", sent=signal.SIGKILL),
     "saturated": Way(
         _WEAK,
         *(0, "finished, 2 of 11 assumptions not met", "open"),

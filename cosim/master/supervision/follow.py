@@ -196,6 +196,10 @@ class FollowedRun:
         except BrokenOffError as broken:
             self.end_failure = broken.cause, broken.words
         self._end_output()
+        try:
+            self._checksums.check(self._wiring.rows)
+        except ComponentError as error:
+            self.end_failure = self.end_failure or (Cause.of_error(error, None), error.text())
         if not self._muted:
             self._dispatch.close()
 
@@ -518,7 +522,7 @@ class FollowedRun:
             ]
             complete = max(k + (number > max([self._table.complete, *receiving])), complete)
         rows, delivered = self._wiring.rows, self._dispatch.delivered
-        sound = delivered <= complete < rows.shape[0] and self._checksums.agree(
+        sound = delivered <= complete <= rows.shape[0] and self._checksums.agree(
             rows, complete, self._shared.row_sum
         )
         return complete if sound else delivered

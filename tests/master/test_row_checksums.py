@@ -1,0 +1,45 @@
+"""Rows that were complete are noticed when they are changed, before more rows are taken."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hostile.expected import Row
+from hostile.judged import departures
+from hostile.runs import run_row
+
+from cosim.core import ComponentError
+from cosim.master.row_sums import sum_of_rows
+from cosim.master.supervision.checksums import Checksums
+
+
+def test_a_row_is_looked_at_before_the_next_is_taken() -> None:
+    """What is written everywhere while row 2 is made is in rows 0 and 1, too."""
+    rows = np.random.default_rng(1).standard_normal((4, 3))
+    sums = Checksums(3)
+    sums.add(rows, 2, sum_of_rows(rows, 3, 0, 2))
+    rows[:3] = 123.456
+    with pytest.raises(ComponentError, match="changed by a component"):
+        sums.add(rows, 3, None)
+
+
+def test_a_last_row_that_is_right_is_taken() -> None:
+    """One row at a time, two at once, and again after all are forgotten."""
+    rows = np.random.default_rng(2).standard_normal((5, 2))
+    sums = Checksums(2)
+    for complete in (1, 2, 4, 4):
+        sums.add(rows, complete, sum_of_rows(rows, 2, 0, complete))
+    sums.forget()
+    rows[0] = 1.0
+    sums.add(rows, 1, sum_of_rows(rows, 2, 0, 1))
+    assert sums.check(rows) == 1
+
+
+@pytest.mark.parametrize(
+    ("fault", "door"), [("close-all", "run"), ("intrude", 1)], ids=["rows of the end", "a session"]
+)
+def test_rows_of_processes_that_do_harm(tmp_path: Path, fault: str, door: object) -> None:
+    """All rows of one that is cut off after the last; none that is altered, point by point."""
+    assert departures(run_row(Row(fault, "set", "3.0"), tmp_path, door=door)) == []  # type: ignore[arg-type]
