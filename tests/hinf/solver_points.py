@@ -41,7 +41,7 @@ def solved(
     n, margin, N = system.A.shape[0], cp.Variable(), len(system.delays)
     unit = {f"x{j}": 1 / k for j, k in enumerate(k2, 1)}
     late = [(j, x.d**-0.5) for j, x in enumerate(system.delays, 1) if x.d > 0]
-    unit |= {f"{row}{j}": size for j, size in late for row in "rm"}
+    unit |= {f"s{j}": size for j, size in late}
     D = np.diag([unit.get(name, 1.0) for name, size in form.rows.items() for _ in range(size)])
     whole = in_cvxpy(form, v)
     constraints = [D @ (whole + whole.T) @ D / 2 >> margin * np.eye(len(D)), margin <= 1]

@@ -12,9 +12,9 @@ import pytest
 
 from cosim.core.errors import InputError, NotAchievableError
 from cosim.hinf import analyse, as_cvxpy, check_certificate
-from cosim.hinf.lmi.assembly import Scalars
 from cosim.hinf.lmi.problem import Answer, Problem
 from cosim.hinf.synthesis import cvxpy_lmi
+from cosim.hinf.theorems import Scalars
 from cosim.models import paper_example
 from cosim.models.delay_system import Delay, DelaySystem
 
@@ -42,7 +42,7 @@ def _two_delays() -> DelaySystem:
     [(paper_example.system(), K1, K2), (_two_delays(), (-1.0, -2.0), (1.0, 4.0))],
     ids=["paper", "two delays"],
 )
-def test_least_gamma_equals_that_of_the_assembly(
+def test_least_gamma_equals_that_of_the_solver_s_form(
     system: DelaySystem, k1: tuple[float, ...], k2: tuple[float, ...]
 ) -> None:
     """Two formulations, no line in common: for section 5 at k1 = .6, k2 = .2 it is 5.0132."""

@@ -13,12 +13,13 @@ from solver_points import random_system
 
 from cosim.core.errors import InputError, NotAchievableError
 from cosim.hinf import Delay, DelaySystem, close, design, spectral_abscissa, with_delays
+from cosim.hinf.certificate import acting_delays, corners
 from cosim.hinf.certificate.decay import growth_of, is_above_exponential
-from cosim.hinf.lmi.assembly import Scalars
-from cosim.hinf.lmi.decay_lmi import shifted_systems
+from cosim.hinf.exact import exact
 from cosim.hinf.nominal.closed_loop import ClosedLoop
 from cosim.hinf.synthesis.decay_search import proved_decay
 from cosim.hinf.synthesis.theorem_2 import checked_scalars
+from cosim.hinf.theorems import Scalars
 from cosim.models import paper_example
 
 
@@ -139,7 +140,11 @@ def test_the_box_of_growth_is_rounded_outward() -> None:
     assert is_above_exponential(flint.fmpq(*growth[0].as_integer_ratio()), power)
     below = math.exp(0.21) * (1 - 1e-12)
     assert not is_above_exponential(flint.fmpq(*below.as_integer_ratio()), power)
-    assert [x.delays[0].A[0, 0] for x in shifted_systems(system, 0.3)] == [0.1, 0.1 * growth[0]]
+    ends = corners(tuple(exact(s) for s in growth), acting_delays(system))
+    assert [[float(s.p) / float(s.q) for s in corner] for corner in ends] == [
+        [1, 1],
+        [growth[0], 1],
+    ]
 
 
 @pytest.mark.parametrize("rate", [0.0, -1.0, math.nan, math.inf, 1e5])

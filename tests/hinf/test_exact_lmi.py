@@ -12,6 +12,7 @@ from solver_points import Array, random_system, value
 
 from cosim.hinf import as_cvxpy
 from cosim.hinf.certificate.proof import Variables, exact_variables
+from cosim.hinf.exact import exact_matrix, identity
 from cosim.hinf.theorems import minus_omega
 from cosim.models.delay_system import DelaySystem
 
@@ -165,3 +166,9 @@ def test_the_cvxpy_form_is_the_exact_one(
         variable.value = np.asarray(number)
     found = value(asked.constraints[0].args[0])
     np.testing.assert_allclose(exactly, -found, rtol=0, atol=1e-12 * 50)
+
+
+def test_an_identity_is_written_to_without_harm() -> None:
+    """A proof that changes one leaves those of others as they are."""
+    identity(3)[0, 1] = 5
+    assert identity(3) == exact_matrix(np.eye(3))

@@ -19,16 +19,15 @@ from cosim.cli.application import main
 from cosim.core.errors import InputError, NotAchievableError
 from cosim.fmu.export.controller import export_controller
 from cosim.hinf import auv_system, check_certificate, design, greatest_delay, with_delays
-from cosim.hinf.certificate import Place, conditions, fixed_at, kept_rows, lifted
+from cosim.hinf.certificate import Place, conditions, fixed_at
 from cosim.hinf.certificate.refutation_certificate import gamma_floor
 from cosim.hinf.exact import exact, exact_matrix
 from cosim.hinf.lmi import in_cvxpy
-from cosim.hinf.lmi.assembly import Scalars
 from cosim.hinf.lmi.problem import Answer, Problem
 from cosim.hinf.lmi.refutation import refute
 from cosim.hinf.problem.auv import DEFAULT_K1, DEFAULT_K2
 from cosim.hinf.synthesis.greatest_delays import greatest_delay as delay_of_theorem_2
-from cosim.hinf.theorems import minus_omega, products, shapes_of
+from cosim.hinf.theorems import Scalars, minus_omega, products, rates_from_rows, shapes_of
 from cosim.models import paper_example
 from cosim.models.delay_system import Delay, DelaySystem
 
@@ -53,7 +52,7 @@ def _matrix(rows: list[list[str]], unit: Fraction) -> Array:
 
 @pytest.mark.parametrize("case", range(8))
 def test_multipliers_leave_one_constant_of_the_reference_lmi(case: int) -> None:
-    """<W, -Omega> + <Z_X, X> + <Z_Q, Q> by `omega`: the same c <= 0 at any unknowns whatever."""
+    """<Z, -Omega> + <Z_X, X> + <Z_Q, Q> by `omega`: the same c <= 0 at any unknowns whatever."""
     rng = np.random.default_rng(40 + case)
     late, any_age = bool(case & 1), bool(case & 2)
     system = random_system(rng, late=late, any_age=any_age, uncertain=bool(case & 4))
@@ -64,18 +63,12 @@ def test_multipliers_leave_one_constant_of_the_reference_lmi(case: int) -> None:
     gamma = float(Fraction(proof["at"]["gamma"]))
     multipliers = proof["multipliers"]
     unit = max(abs(Fraction(x)) for row in multipliers["Z"] for x in row)
-    Z, n, p = _matrix(multipliers["Z"], unit), 2, len(system.D)
-    # rows of the reference: x, x1, x2, w, z, r1, r2, m1, m2, h; Z has none of m1, m2
-    T = np.zeros((len(Z), len(Z) + 2 * n))
-    before = 3 * n + system.C.shape[1] + p + 2 * n
-    T[:before, :before] = np.eye(before)
-    T[before:, before + 2 * n :] = np.eye(len(Z) - before)
-    for j in range(2):
-        m = slice(before + j * n, before + (j + 1) * n)
-        T[:n, m], T[(j + 1) * n : (j + 2) * n, m] = k1[j] * np.eye(n), k2[j] * np.eye(n)
-    W = T.T @ Z @ T
+    Z, n = _matrix(multipliers["Z"], unit), 2
     at = [exact(x) for x in k1], [exact(x) for x in k2]
     form = minus_omega(system, *at, bounded=True)
+    G = rates_from_rows(system, form)
+    back = np.linalg.inv(np.reshape([float(flint.fmpq(x)) for x in G.entries()], Z.shape))
+    Z = back @ Z @ back.T  # of rows s_j
 
     def value(scale: float) -> tuple[float, float]:
         def sym() -> Array:
@@ -88,13 +81,13 @@ def test_multipliers_leave_one_constant_of_the_reference_lmi(case: int) -> None:
         v = {"X": X, "Y": Y, "eps[0]": eps, "gamma": gamma}
         v |= {f"{name}[{j}]": M for name, each in (("Q", Q), ("R", R)) for j, M in enumerate(each)}
         whole = in_cvxpy(form, v)
-        parts = [np.vdot(W, whole), np.vdot(_matrix(multipliers["X"], unit), X)]
+        parts = [np.vdot(Z, whole), np.vdot(_matrix(multipliers["X"], unit), X)]
         parts += [
             np.vdot(_matrix(own, unit), M)
             for own, M in zip(multipliers["Q"], Q, strict=True)
             if own is not None
         ]
-        return float(sum(parts)), float(np.linalg.norm(W) * np.linalg.norm(whole))
+        return float(sum(parts)), float(np.linalg.norm(Z) * np.linalg.norm(whole))
 
     c, _ = value(0.0)
     assert c < 0
@@ -170,13 +163,13 @@ def _entries_that_count(system: DelaySystem) -> set[tuple[int, int]]:
     """Entries of Z where Omega depends on an unknown; the others multiply nothing."""
     place = _place(Scalars((0.6,), (0.2,), ()), 6.0)
     form, *others = conditions(system, place)
-    size = sum(kept_rows(form).values())
+    size = sum(form.rows.values())
     none = [flint.fmpq_mat(2, 2) for _ in others]
 
     def counts(i: int, j: int) -> bool:
         Z = flint.fmpq_mat(size, size)
         Z[i, j] = Z[j, i] = 1
-        left, _ = products([form, *others], [lifted(form, place, Z), *none], fixed_at(place))
+        left, _ = products([form, *others], [Z, *none], fixed_at(place))
         return any(C != 0 * C for C in left.values())
 
     return {(i, j) for i in range(size) for j in range(i + 1) if counts(i, j)}

@@ -18,7 +18,7 @@ from varied_systems import FRIDMAN_SHAKED, NOMOTO_SHIP, chain, varied_system
 
 from cosim.core.errors import InputError, NotAchievableError
 from cosim.hinf import as_cvxpy, auv_system, check_certificate, design, with_delays
-from cosim.hinf.lmi import Answer, Problem, Scalars, scaling_of
+from cosim.hinf.lmi import Answer, Problem, scaling_of
 from cosim.hinf.lmi.loop_units import own_units
 from cosim.hinf.problem.auv import DEFAULT_K1, DEFAULT_K2
 from cosim.hinf.synthesis import search as searching
@@ -29,6 +29,7 @@ from cosim.hinf.synthesis.ladder import (
     least_proved,
     levels_above,
 )
+from cosim.hinf.theorems import Scalars
 from cosim.models import paper_example
 
 GRID = [float(x) for x in np.geomspace(0.02, 20.0, 20)]
@@ -118,14 +119,13 @@ def test_a_ship_by_every_condition(order: Any) -> None:
 
 @pytest.mark.parametrize("n", sampled([8, 12, 16, 20, 24], 1))
 def test_a_long_chain_is_certified(n: int) -> None:
-    """The solver fails in balanced units, which spread over many decades, and not in its own."""
+    """No accurate answer in balanced units, which spread over many decades, but in its own."""
     system = chain(n)
     k1, k2 = (-2.5,), (2.5,)
     balanced = Problem(system, scaling=scaling_of(system))
     p = Scalars(k1, k2, (0.1,))
-    failed = balanced.least_gamma(p)
-    assert not isinstance(failed, Answer)
-    assert failed.status == "failed"
+    poor = balanced.least_gamma(p)
+    assert not (isinstance(poor, Answer) and poor.accurate)
     found = design(system, k1, k2, order=None, search=False)
     assert found.gamma is not None
     assert found.least_gamma is not None

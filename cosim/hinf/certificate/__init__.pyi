@@ -120,8 +120,6 @@ from .refutation_proof import (
     Place as Place,
     conditions as conditions,
     fixed_at as fixed_at,
-    kept_rows as kept_rows,
-    lifted as lifted,
     refuted as refuted,
 )
 from .state_peaks import (

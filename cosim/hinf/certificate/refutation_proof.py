@@ -1,35 +1,27 @@
 """Farkas' lemma for the LMI of Theorem 2, in rational arithmetic: that it has no solution.
 
 At fixed k1, k2, delays and gamma, -Omega of `theorem_2` is affine in v = (X, Y, Qbar, Rbar, eps).
-Multipliers W >= 0, Z_X > 0 and Z_Qj > 0 (none where any age is allowed: Qbar_j = 0) with
+Multipliers Z > 0, Z_X > 0 and Z_Qj > 0 (none where any age is allowed: Qbar_j = 0) with
 
-    <W, -Omega(v)> + <Z_X, X> + sum_j <Z_Qj, Qbar_j> = c   for every v,   c <= 0,
+    <Z, -Omega(v)> + <Z_X, X> + sum_j <Z_Qj, Qbar_j> = c   for every v,   c <= 0,
 
-leave no v with -Omega > 0, X > 0, Qbar > 0: the left side would be positive.
-
-W is given as Z on the rows other than m_j. -Omega has -dj k1j Rbar_j, -dj k2j Rbar_j and
-dj Rbar_j at (x,mj), (xj,mj) and (mj,mj): row m_j times k1j on row x, times k2j on row xj, leaves
-rows m_j out. So with T = [I, M], M[x, mj] = k1j I, M[xj, mj] = k2j I, a Z > 0 makes
-W = T'Z T >= 0, and not zero.
+leave no v with -Omega > 0, X > 0, Qbar > 0: the left side would be positive. Z is written for rows
+r_j of Theorem 2 and converted to the rows of `theorem_2`.
 
 The equalities follow from the very terms of -Omega that prove solutions.
 
 Other k1, k2 are another matter. But where there is no solution there is none at greater delays or
-a smaller gamma either: rows r_j and m_j taken out, Omega grows with every dj, and falls with
-gamma.
+a smaller gamma either: rows s_j taken out, Omega grows with every dj, and falls with gamma.
 """
 
 from __future__ import annotations
 
-import itertools
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-import flint
-
 from cosim.hinf.certificate.proof import CertificateCheck, require_size, uncertainty_claim
 from cosim.hinf.exact import first_bad_matrix, to_text
-from cosim.hinf.theorems import Inequality, farkas_failure, minus_omega, positive
+from cosim.hinf.theorems import Inequality, farkas_failure, minus_omega, positive, rates_from_rows
 
 if TYPE_CHECKING:
     from cosim.models import DelaySystem
@@ -46,7 +38,7 @@ class Place:
 
 @dataclass(frozen=True)
 class Multipliers:
-    """`flint.fmpq_mat`: Z on the rows of the LMI but m_j; Q one per delay, None: any age."""
+    """`flint.fmpq_mat`: Z on rows r_j in place of s_j; Q one per delay, None: any age."""
 
     Z: Any
     X: Any
@@ -62,29 +54,6 @@ def conditions(system: DelaySystem, place: Place) -> list[Inequality]:
     """Return the inequalities that have no solution: -Omega at a place, X and every Qbar_j."""
     form = minus_omega(system, place.k1, place.k2, bounded=place.gamma is not None)
     return [form, *(one for one in positive(system) if not one.name.startswith("R"))]
-
-
-def kept_rows(form: Inequality) -> dict[str, int]:
-    """Return the rows of -Omega that Z has, those of m_j left out."""
-    return {name: size for name, size in form.rows.items() if not name.startswith("m")}
-
-
-def lifted(form: Inequality, place: Place, Z: Any) -> Any:
-    """Return W = T'Z T of all rows of -Omega."""
-    kept, n = kept_rows(form), form.rows["x"]
-    starts = dict(zip(kept, itertools.accumulate(kept.values(), initial=0), strict=False))
-    T = flint.fmpq_mat(sum(kept.values()), sum(form.rows.values()))
-    column = 0
-    for name, size in form.rows.items():
-        for i in range(size):
-            if name.startswith("m"):
-                j = int(name[1:])
-                T[i, column] = place.k1[j - 1]
-                T[j * n + i, column] = place.k2[j - 1]
-            else:
-                T[starts[name] + i, column] = 1
-            column += 1
-    return T.transpose() * Z * T
 
 
 def fixed_at(place: Place) -> dict[str, Any]:
@@ -135,9 +104,10 @@ def _failure(system: DelaySystem, place: Place, multipliers: Multipliers) -> str
     if bad is not None:
         return f"the multiplier {bad} is not positive definite"
     form, *others = conditions(system, place)
-    height = sum(kept_rows(form).values())
+    height = sum(form.rows.values())
     if multipliers.Z.nrows() != height:
         return f"the multiplier Z has {multipliers.Z.nrows()} rows, the LMI {height}"
-    own = [multipliers.X, *(Q for Q in multipliers.Q if Q is not None)]
-    W = lifted(form, place, multipliers.Z)
-    return farkas_failure([form, *others], [W, *own], fixed_at(place))
+    back = rates_from_rows(system, form).inv()
+    _, *of_others = (M for _, M in multipliers.matrices())
+    Z = back * multipliers.Z * back.transpose()
+    return farkas_failure([form, *others], [Z, *of_others], fixed_at(place))

@@ -137,9 +137,13 @@ def matrix_from_text(rows: Any, where: str, height: int, width: int) -> Any:
     return flint.fmpq_mat(height, width, entries)
 
 
-@functools.cache
 def identity(n: int) -> Any:
-    """Return the n x n identity as a `flint.fmpq_mat`, always the same: nobody may write to it."""
+    """Return the n x n identity as a new `flint.fmpq_mat`."""
+    return flint.fmpq_mat(_identity(n))  # whoever writes to it changes no other proof
+
+
+@functools.cache
+def _identity(n: int) -> Any:
     return flint.fmpq_mat(n, n, [int(i == j) for i in range(n) for j in range(n)])
 
 

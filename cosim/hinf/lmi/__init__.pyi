@@ -1,4 +1,3 @@
-from .assembly import Scalars as Scalars
 from .condition import (
     Condition as Condition,
     LoopPoint as LoopPoint,
@@ -6,10 +5,7 @@ from .condition import (
 from .conic import Solution as Solution
 from .constrained_problem import ConstrainedProblem as ConstrainedProblem
 from .cvxpy_form import in_cvxpy as in_cvxpy
-from .decay_lmi import (
-    CornersProblem as CornersProblem,
-    shifted_systems as shifted_systems,
-)
+from .decay_lmi import CornersProblem as CornersProblem
 from .gain_lmi import (
     GainLmi as GainLmi,
     Multiplier as Multiplier,

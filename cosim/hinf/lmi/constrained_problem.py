@@ -4,7 +4,7 @@ All share X and Y, and so K = Y X^-1. That keeps the problem convex, at some los
 
 * decay: the LMI at every corner of the shifted system, with Qbar, R and eps of its own;
 * |K| <= k: [[k^2 s I, Y], [Y', X]] >= 0 and X >= s I, since K K' = Y X^-1 X^-1 Y' <= Y X^-1 Y'/s;
-* peak: V stays below a level L (`peak_lmi.level_cones`, mu = gamma), and
+* peak: V stays below a level L (`peak_lmi.level_inequalities`, mu = gamma), and
   [[limit_i^2 / L, Y_i], [Y_i', X]] >= 0. L is searched.
 
 The final proofs of the gain use variables that need not be shared.
@@ -12,18 +12,21 @@ The final proofs of the gain use variables that need not be shared.
 
 from __future__ import annotations
 
-import numpy as np
-import scipy
+from typing import Any
 
-from cosim.hinf.lmi.affine import Affine
-from cosim.hinf.lmi.assembly import Scalars
-from cosim.hinf.lmi.conic import Constraint
+import numpy as np
+
+from cosim.hinf.exact import exact, exact_matrix
 from cosim.hinf.lmi.decay_lmi import CornersProblem
-from cosim.hinf.lmi.peak_lmi import level_constraints, scaled_design_constraints
+from cosim.hinf.lmi.peak_lmi import AtLevel, level_inequalities, level_units
 from cosim.hinf.lmi.problem import Problem
-from cosim.hinf.lmi.scaling import Scaling
+from cosim.hinf.lmi.svec import Array
 from cosim.hinf.problem import DesignConstraints
+from cosim.hinf.theorems import Inequality, Scalars
 from cosim.models import DelaySystem, Matrix
+
+_DECAY = "decay "
+"""Before the names of what the proof of the decay has of its own."""
 
 
 class ConstrainedProblem(Problem):
@@ -41,60 +44,85 @@ class ConstrainedProblem(Problem):
     def __init__(
         self, system: DelaySystem, design_constraints: DesignConstraints, at: Scalars
     ) -> None:
-        self._asked, self._at = design_constraints, at
+        self._asked, self._at_corners = design_constraints, at
         self._level: tuple[float, float] | None = None
         super().__init__(system)
 
-    def _set_units(self, units: Scaling) -> None:
-        """Assemble the LMI and its constraints; a level counts in T, which all units share."""
-        d, corners = self._asked, None
-        if d.decay is not None:
-            corners = CornersProblem(self.system, d.decay, units)
-        own = 0 if corners is None else corners.structure.size
-        self._spare = own + 1
-        super()._set_units(units)
-        self._design_constraints = scaled_design_constraints(d, units)
-        self._fixed: list[Constraint] = []
-        self._levels: list[Constraint] = []
-        if corners is not None:
-            theirs, place = corners.structure, self.structure.spare[:own].copy()
-            place[theirs.X.place] = self.structure.X.place
-            place[theirs.Y.place] = self.structure.Y.place
-            move = scipy.sparse.csc_array((np.ones(own), (np.arange(own), place)), (own, self._t))
-            self._fixed = [
-                Constraint(c.size, c.constant, scipy.sparse.csc_array(c.columns @ move))
-                for c in corners.constraints(self._at)
-            ]
-        if d.gain_limit is not None:
-            self._fixed += self._gain_constraints(d.gain_limit)
-        if self._level is not None:
-            self.set_level(*self._level)
-
     def set_level(self, level: float, theta: float = 1.0) -> None:
-        """Keep V at or below `level`, and u_i within its limit there; in inner units."""
-        s, d = self.structure, self._design_constraints
-        self._level = (level, theta)
-        self._levels = level_constraints(s, d, level, theta, self._t)
-        for i, limit in enumerate(d.peak_control or ()):
-            M = Affine(1 + s.X.place.shape[0])
-            M.constant(0, 0, np.array([[limit**2 / level]]))
-            M.unknown(0, 1, s.Y.place[i : i + 1]).unknown(1, 1, s.X.place)
-            self._levels.append(M.constraint(self._t))
+        """Keep V at or below `level`, and u_i within its limit there.
 
-    def _more(self, p: Scalars, gain: Matrix | None, *, margin: bool) -> list[Constraint]:
-        del p
+        Parameters
+        ----------
+        level : in inner units, which count V in T.
+        theta : that of `peak_lmi`.
+        """
+        if self._level is None:
+            self._programs.clear()
+        self._level = level, theta
+
+    def _parameters(self, p: Scalars) -> Any:
+        level, theta = self._level or (1.0, 1.0)
+        return AtLevel(p.k1, p.k2, p.d, self.scaling.T * level, theta)
+
+    def _inequalities(self, gain: Matrix | None) -> tuple[list[Inequality], list[Inequality]]:
+        main, others = super()._inequalities(gain)
         if gain is not None:
-            return []
-        whole = [*self._fixed, *self._levels]
-        return [c.less(np.zeros(len(c.constant))) for c in whole] if margin else whole
+            return main, others
+        asked = self._asked
+        if asked.decay is not None:
+            others += self._of_decay(asked.decay)
+        if asked.gain_limit is not None:
+            others += self._of_gain_limit(asked.gain_limit)
+        if self._level is not None:
+            others += level_inequalities(self.system, asked, bounded=self.has_gamma)
+            others += [self._of_peak(i, x) for i, x in enumerate(asked.peak_control or ())]
+        return main, others
 
-    def _gain_constraints(self, limit: float) -> list[Constraint]:
-        """Return |K| <= limit; in inner units s counts in T: K~ = K S / U, X~ = T X / S^2."""
-        s, units = self.structure, self.scaling
-        m, n = s.Y.place.shape
-        sigma = int(s.spare[-1])
-        product = Affine(m + n).term(0, 0, sigma, limit**2 * np.diag(units.input**-2.0))
-        product.unknown(0, m, s.Y.place).unknown(m, m, s.X.place)
-        floor = Affine(n).unknown(0, 0, s.X.place)
-        floor.term(0, 0, sigma, -np.diag(units.state**-2.0))
-        return [product.constraint(self._t), floor.constraint(self._t)]
+    def _of_decay(self, rate: float) -> list[Inequality]:
+        corners = CornersProblem(self.system, rate, scaling=self.scaling)
+        at = self._at_corners
+        each = [
+            form.fixed(Scalars(*(tuple(map(exact, values)) for values in (at.k1, at.k2, at.d))))
+            for form in corners.at_corners(None)
+        ]
+        each += [one for one in self._positive() if one.name != "X"]
+        return [form.renamed(_DECAY, keep=("X", "Y")) for form in each]
+
+    def _of_gain_limit(self, limit: float) -> list[Inequality]:
+        m, n = self.system.B.shape[1], len(self.system.A)
+        product = Inequality("limit of |K|", {"Y of u": m, "Y of x": n})
+        product.number("least X", product.row("Y of u"), exact(limit) ** 2)
+        product.square("X", product.row("Y of x"))
+        product.twice("Y", product.row("Y of u"), product.row("Y of x"))
+        floor = Inequality("least X", {"Y of x": n})
+        floor.square("X", floor.row("Y of x"))
+        floor.number("least X", floor.row("Y of x"), -1)
+        return [product, floor]
+
+    def _of_peak(self, i: int, limit: float) -> Inequality:
+        """Return [[limit^2 / L, Y_i], [Y_i', X]] > 0."""
+        m, n = self.system.B.shape[1], len(self.system.A)
+        form = Inequality(f"peak of u[{i}]", {f"u[{i}]": 1, "Y of x": n})
+        unit = exact_matrix(np.eye(m)[:, [i]])
+        form.number(None, form.row(f"u[{i}]"), lambda p: limit**2 / p.level)
+        form.twice("Y", unit * form.row(f"u[{i}]"), form.row("Y of x"))
+        form.square("X", form.row("Y of x"))
+        return form
+
+    def _row_units(self) -> dict[str, Array]:
+        units, rows = self.scaling, super()._row_units()
+        at = self._at(self._at_corners).rows
+        rows |= {_DECAY + name: at.get(name, 1.0) * unit for name, unit in rows.items()}
+        peaks = {f"u[{i}]": rows["Y of u"][[i]] for i in range(len(units.input))}
+        return rows | peaks | level_units(units)
+
+    def _number_units(self) -> dict[str, float]:
+        numbers = super()._number_units()
+        decay = {_DECAY + name: unit for name, unit in numbers.items()}
+        return numbers | decay | {"least X": 1.0 / self.scaling.T}
+
+    def _matrix_units(self) -> dict[str, tuple[Array, Array]]:
+        matrices = super()._matrix_units()
+        at = self._at(self._at_corners).unknowns
+        decay = {_DECAY + k: (at.get(k, 1.0) * a, b) for k, (a, b) in matrices.items()}
+        return matrices | decay

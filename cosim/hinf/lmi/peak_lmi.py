@@ -14,20 +14,21 @@ zero, theta = 1 loses nothing. Then K_i X K_i' <= t limit_i^2, and the least t i
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from cosim.hinf.certificate import PeakControl, failure, offset_corners, peak_system, proved_peaks
-from cosim.hinf.exact import exact
-from cosim.hinf.lmi.affine import Affine
-from cosim.hinf.lmi.assembly import Scalars, Structure
-from cosim.hinf.lmi.conic import TOLERANCE, Constraint, Solution
+from cosim.hinf.exact import exact, exact_matrix
+from cosim.hinf.lmi.conic import TOLERANCE, Solution
 from cosim.hinf.lmi.problem import Answer, Point, Problem, exact_point
+from cosim.hinf.lmi.program import At
 from cosim.hinf.lmi.scaling import Scaling, scaling_of
 from cosim.hinf.lmi.solver_status import not_found, solver_words
+from cosim.hinf.lmi.svec import Array
 from cosim.hinf.problem import DesignConstraints
+from cosim.hinf.theorems import Inequality, Scalars
 
 if TYPE_CHECKING:
     from cosim.models import DelaySystem, Matrix
@@ -36,89 +37,83 @@ THETAS = (1.0, 0.6, 0.3, 0.1)
 _ABOVE_LEAST = (1e-3, 1e-2, 1e-1)
 _TRIES = 2
 """How many k1, k2 are gone on with, those of the least peak first."""
+_SHARE = "share of the limits"
 
 
-def scaled_design_constraints(
-    design_constraints: DesignConstraints, units: Scaling
-) -> DesignConstraints:
-    """Convert offset, energy and peaks to inner units, where V counts in T, w in a."""
-    d = design_constraints
-    return replace(
-        d,
-        peak_control=d.peak_control
-        and tuple(float(x) for x in np.array(d.peak_control) / units.input),
-        offset=d.offset and tuple(float(x) for x in np.array(d.offset) / units.state),
-        energy=d.energy and float(d.energy / (units.a * np.sqrt(units.T))),
-    )
+@dataclass(frozen=True)
+class AtLevel(Scalars):
+    """`Scalars`, the level that bounds V, and theta of the module's text."""
+
+    level: float
+    theta: float
 
 
-def level_constraints(
-    structure: Structure, inner: DesignConstraints, level: float, theta: float, width: int
-) -> list[Constraint]:
-    """Return V <= `level` for every corner of the offset and the energy, as constraints.
+def level_inequalities(
+    system: DelaySystem, design_constraints: DesignConstraints, *, bounded: bool
+) -> list[Inequality]:
+    """Return [[level - gamma energy^2, x0'], [x0, T]] > 0 for every corner of the offset.
 
-    [[level - gamma energy^2, x0'], [x0, T]] >= 0, gamma the structure's own.
+    The parameters are `AtLevel`; x0 is counted in what the rows say (`level_units`).
 
     Parameters
     ----------
-    structure : its delays and unknowns.
-    inner : offset and energy in the structure's units.
-    level, theta : numbers, theta of the module's text.
-    width : number of unknowns.
+    bounded : whether there is a gamma.
     """
-    s = structure
-    energy = inner.energy or 0.0
-    n = s.X.place.shape[0]
-    made = []
-    for corner in offset_corners(inner.offset or ()) or [()]:
-        M = Affine(1 + n if corner else 1).constant(0, 0, np.array([[level]]))
-        if s.gamma is not None and energy:
-            M.unknown(0, 0, s.gamma.place, -(energy**2))
+    energy, made = exact(design_constraints.energy or 0.0), []
+    for i, corner in enumerate(offset_corners(design_constraints.offset or ()) or [()]):
+        rows = {"V": 1} | ({"V of x": len(corner)} if corner else {})
+        form = Inequality(f"level of V {i}", rows)
+        form.number(None, form.row("V"), lambda p: p.level)
+        if bounded and energy:
+            form.number("gamma", form.row("V"), -(energy**2))
         if corner:
-            M.constant(0, 1, np.array([corner]))
-            M.unknown(1, 1, s.X.place, theta * (2 - theta))
-            for delay, Q in zip(s.system.delays, s.Q, strict=True):
-                if Q is not None and delay.d > 0:
-                    M.unknown(1, 1, Q.place, -delay.d * theta**2)
-        made.append(M.constraint(width))
+            at = form.row("V of x")
+            form.twice(None, exact_matrix(np.array([corner]).T) * form.row("V"), at)
+            form.square("X", at, lambda p: p.theta * (2 - p.theta))
+            for j, delay in enumerate(system.delays):
+                if not delay.any_age and delay.d > 0:
+                    form.square(f"Q[{j}]", at, lambda p, j=j: -p.d[j] * p.theta**2)
+        made.append(form)
     return made
 
 
-class PeakProblem(Problem):
-    """The LMI of `peak_system` with the level of V at one.
+def level_units(units: Scaling) -> dict[str, Array]:
+    """Return the units of the rows of `level_inequalities`; V counts in T."""
+    root = np.sqrt(units.T)
+    return {"V": np.full(1, 1.0 / root), "V of x": root / units.state}
 
-    Offset and energy are counted in `unit`, K and the limits as shares of their largest.
+
+class PeakProblem(Problem):
+    """The LMI of `peak_system` with a gain, V below a level and K_i X K_i' <= share limit_i^2.
+
+    Offset and energy are counted in a unit so that the level is one, K and the limits as shares
+    of their largest.
     """
 
     def __init__(
         self, system: DelaySystem, gain: Matrix, design_constraints: DesignConstraints
     ) -> None:
         inner = peak_system(system, energy=bool(design_constraints.energy))
-        super().__init__(inner, spare=1, scaling=scaling_of(inner))
-        self._gain = gain
-        self._design_constraints = scaled_design_constraints(design_constraints, self.scaling)
-        self._unit = max(
-            *(self._design_constraints.offset or ()), self._design_constraints.energy or 0.0, 0.0
-        )
-        self._K = self.scaling.gain(gain)
-        self._largest_gain = float(np.abs(self._K).max(initial=0.0)) or 1.0
-        self._largest_limit = max(self._design_constraints.peak_control or (1.0,))
-        self._theta, self._least, self._top = 1.0, np.inf, np.inf
+        self._gain, self._asked = gain, design_constraints
+        units = scaling_of(inner)
+        offset = np.array(design_constraints.offset or np.zeros(len(system.A))) / units.state
+        energy = (design_constraints.energy or 0.0) / (units.a * np.sqrt(units.T))
+        limits = np.array(design_constraints.peak_control or units.input) / units.input
+        self._largest_gain = float(np.abs(units.gain(gain)).max(initial=0.0)) or 1.0
+        self._largest_limit = float(limits.max())
+        self._unit = max(float(offset.max()), energy)
+        self._theta, self._least_share = 1.0, np.inf
         self._near: Answer | None = None
-        self._trace = None  # the level of V says how large a solution is to be
-        self._bounds = self._bounded()
+        super().__init__(inner, scaling=units)
 
     def least(self, p: Scalars) -> float | None:
         """Minimise the share of the limits; None: no point found. Rescales X to about one."""
-        q = np.zeros(self._t)
-        q[self.structure.spare[0]] = 1.0
-        inner = self._inner(p)
+        program = self._program(self._gain)
         best: tuple[float, float, Solution] | None = None
-        for theta in THETAS if any(Q is not None for Q in self.structure.Q) else THETAS[:1]:
+        for theta in THETAS if self.has_free_Q else THETAS[:1]:
             self._theta = theta
-            whole = [self._omega(inner, self._gain), *self._signs]
-            more = self._more(inner, self._gain, margin=False)
-            solution = self._solve([*whole, *more], q, TOLERANCE)
+            main, others = program.constraints(at=self._at(p))
+            solution = self._solve([*main, *others], program.cost([_SHARE]), TOLERANCE)
             if not solution.usable or solution.value <= 0:
                 continue
             if best is None or solution.value < best[0]:
@@ -127,46 +122,51 @@ class PeakProblem(Problem):
             return None
         value, self._theta, solution = best
         unit = self._largest_gain * self._unit / self._largest_limit
-        size = float(np.mean(np.diag(self.structure.X.of(solution.y))))
+        n = len(self.system.A)
+        size = float(program.trace("X") @ solution.y) / n
+        answer = self._answer(program, solution, p, self._gain, {}, 1.0)
         self._unit *= float(np.sqrt(size))
-        answer = self._answer(solution, inner, self._gain, 1.0)
-        self._near = replace(answer, scale=answer.scale / size)
-        self._least = value / size
+        self._near = replace(answer, scale=tuple(each / size for each in answer.scale))
+        self._least_share = value / size
         return float(np.sqrt(value) * unit)
 
     def near(self, p: Scalars, above: float) -> Point | None:
-        """Return a point of great margin with a t this much above the least, relative."""
-        self._top = self._least * (1 + above)
-        answer = self.margin(p, None, self._gain, self._near)
+        """Return a point of great margin with a share this much above the least, relative."""
+        share = self._least_share * (1 + above) * self._number_units()[_SHARE]
+        answer = self._margin(p, {_SHARE: share}, self._gain, self._near, TOLERANCE)
         return answer.point if isinstance(answer, Answer) and answer.value > 0 else None
 
-    def _more(self, p: Scalars, gain: Matrix | None, *, margin: bool) -> list[Constraint]:
-        del p, gain
-        d, unit, width = self._design_constraints, self._unit, self._t + 1 if margin else self._t
-        counted = replace(
-            d,
-            offset=tuple(value / unit for value in d.offset or ()),
-            energy=(d.energy or 0.0) / unit,
-        )
-        levels = level_constraints(self.structure, counted, 1.0, self._theta, width)
-        return [*levels, *self._peaks(width)]
+    @property
+    def _is_bounded(self) -> bool:
+        return True  # the level of V says how large a solution is to be
 
-    def _peaks(self, width: int) -> list[Constraint]:
-        """K_i X K_i' <= t limit_i^2; t <= top where it is given."""
-        place, X = self.structure.spare[None, :1], self.structure.X.place
-        limits = np.array(self._design_constraints.peak_control or ()) / self._largest_limit
-        K = self._K / self._largest_gain
-        made = []
-        for row, limit in zip(K, limits, strict=True):
-            M = Affine(1).unknown(0, 0, place, limit**2)
-            products = np.outer(row, row)
-            for index in np.unique(X):
-                M.term(0, 0, int(index), np.array([[-products[index == X].sum()]]))
-            made.append(M.constraint(width))
-        if np.isfinite(self._top):
-            M = Affine(1).constant(0, 0, np.array([[self._top]]))
-            made.append(M.unknown(0, 0, place, -1.0).constraint(width))
-        return made
+    def _inequalities(self, gain: Matrix | None) -> tuple[list[Inequality], list[Inequality]]:
+        main, others = super()._inequalities(gain)
+        others += level_inequalities(self.system, self._asked, bounded=self.has_gamma)
+        for i, limit in enumerate(self._asked.peak_control or ()):
+            form = Inequality(f"peak of u[{i}]", {f"u[{i}]": 1})
+            u = form.row(f"u[{i}]")
+            form.number(_SHARE, u, exact(limit) ** 2)
+            form.square("X", exact_matrix(self._gain[[i]].T) * u, -1)
+            others.append(form)
+        return main, others
+
+    def _parameters(self, p: Scalars) -> Any:
+        return AtLevel(p.k1, p.k2, p.d, self.scaling.T * self._unit**2, self._theta)
+
+    def _at(self, p: Scalars) -> At:
+        at = super()._at(p)
+        return at._replace(rows={**at.rows, "V": 1.0 / self._unit})
+
+    def _row_units(self) -> dict[str, Array]:
+        units = self.scaling
+        each_u = np.sqrt(units.T) / (units.input * self._largest_gain)
+        peaks = {f"u[{i}]": np.full(1, unit) for i, unit in enumerate(each_u)}
+        return super()._row_units() | peaks | level_units(units)
+
+    def _number_units(self) -> dict[str, float]:
+        share = self._largest_gain**2 / (self.scaling.T * self._largest_limit**2)
+        return super()._number_units() | {_SHARE: share}
 
 
 def proved_peak_control(

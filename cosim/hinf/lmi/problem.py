@@ -1,33 +1,44 @@
-"""Least gamma and greatest margin of the LMI of one system.
+"""Least gamma and greatest margin of the LMI of Theorem 2 of one system.
 
-The structure is assembled once (`cosim.hinf.lmi.assembly`), in units in which its numbers are near
-one (`cosim.hinf.lmi.scaling`); other k1, k2, d or gamma take new weights and a solve
-(`cosim.hinf.lmi.conic`). Arguments and results are in the system's own units.
+The inequality is compiled once (`cosim.hinf.lmi.program`), in units in which its numbers are near
+one (`cosim.hinf.lmi.scaling`): other k1, k2, d take new weights, another gamma another constant.
+Its rows are counted in units of their own, so that
 
-Where the solver fails in these units, others are tried, and kept if it succeeds there
-(`units_of`).
+* rows x_j, which the theorem multiplies by k2j, are divided by sqrt|k2j|;
+* Rbar_j is counted in multiples of max(1, dj), and rows s_j in units in which its coefficient is
+  at most one: a long delay leaves no small numbers.
+
+Delays that are zero stay zero.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
-import scipy
 
 from cosim.hinf.certificate import Variables, exact_variables, joined
-from cosim.hinf.lmi.affine import Affine
-from cosim.hinf.lmi.assembly import Scalars, Structure, Unknown, unit_of_R
+from cosim.hinf.exact import exact_matrix
 from cosim.hinf.lmi.conic import TOLERANCE, Constraint, Solution, solve
-from cosim.hinf.lmi.parts import parts_of_system, solve_in_parts
+from cosim.hinf.lmi.program import At, Indices, Program
 from cosim.hinf.lmi.scaling import Scaling, units_of
-from cosim.hinf.lmi.svec import Array, places, svec
-from cosim.hinf.theorems import ExactVariables
+from cosim.hinf.lmi.svec import Array, svec
+from cosim.hinf.theorems import (
+    ExactVariables,
+    Inequality,
+    Scalars,
+    longest_delay,
+    minus_omega_of_scalars,
+    positive,
+)
 from cosim.models import DelaySystem, Matrix
 
 _LARGEST_X = 1e3  # X <= this I bounds the margin
 _SHARE = 1e-3  # Q >= this times t: the proof needs Q > 0, which nothing else ensures
+_PROGRAMS = 3  # how many are kept: as designed, with a price, and for one gain
+_SIZE_OF_Y = "size of Y"
 ROUGH_TOLERANCE = 1e-7
 """Tolerance of a search: for a margin of which only the sign matters, and for k1 and k2."""
 
@@ -53,14 +64,14 @@ class Answer:
 
     value : the least gamma, or the greatest margin t.
     point : where it is attained.
-    scale : |diagonal of Omega| there, the scale of each row in `units`.
+    scale : |diagonal of Omega| there, the scale of each row in `units`, part by part.
     accurate : whether the solver calls it solved.
     slopes : d value / d (k1_1, ..., k1_N, k2_1, ..., k2_N, d_1, ..., d_N), by the multipliers.
     """
 
     value: float
     point: Point
-    scale: Array
+    scale: tuple[Array, ...]
     accurate: bool
     slopes: Array
     units: Scaling
@@ -71,102 +82,75 @@ class Problem:
 
     Attributes
     ----------
-    structure : the LMI, in the units of `scaling`.
+    size : number of unknowns.
+    scaling : the units it is solved in.
     has_gamma : whether there is a gain from w to z to bound.
     solve_count : number of solves, the budget of a search.
 
-    A subclass adds constraints by `_more`, with `spare` further unknowns. With a `scaling` no
-    other units are tried.
+    A subclass states other inequalities, and its weights may have further parameters. With a
+    `scaling` no other units are tried.
     """
 
-    def __init__(
-        self, system: DelaySystem, *, spare: int = 0, scaling: Scaling | None = None
-    ) -> None:
+    def __init__(self, system: DelaySystem, *, scaling: Scaling | None = None) -> None:
         self.system = system
         self.solve_count = 0
-        self._n = system.A.shape[0]
-        self._spare = spare
+        self.has_gamma = system.has_performance
         units = [scaling] if scaling is not None else units_of(system)
         self._other_units = units[1:]
         self._set_units(units[0])
 
     def _set_units(self, units: Scaling) -> None:
-        """Assemble the LMI in these units."""
         self.scaling = units
-        self.structure = Structure(units.system(self.system), self._spare)
-        self.has_gamma = self.structure.gamma is not None
-        self._t = self.structure.size
-        s, zeros = self.structure, np.zeros((self._n, self._n))
-        free = [Q for Q in s.Q if Q is not None]
-        self._signs = [self._bound(V, zeros) for V in (s.X, *free)]
-        self._trace: tuple[Array, float] | None = None
-        if self.has_gamma:
-            self._bounds = self._bounded()
-        else:
-            # the LMI is homogeneous: fix the size of its solution
-            trace = np.zeros(self._t + 1)
-            trace[np.diag(s.X.place)] = 1.0
-            self._trace = (trace, float(self._n))
-            self._bounds = [self._bound(V, zeros, t=_SHARE) for V in (*free, s.X)]
+        self._programs: dict[Any, Program] = {}
 
-    def _bounded(self) -> list[Constraint]:
-        """Return the bounds X <= 1000 I and t <= 1 of a margin at a given gamma."""
-        X, zeros = self.structure.X, np.zeros((self._n, self._n))
-        limit = _LARGEST_X * np.eye(self._n)
-        last = scipy.sparse.csc_array(([-1.0], ([0], [self._t])), shape=(1, self._t + 1))
-        free = [Q for Q in self.structure.Q if Q is not None]
-        return [
-            *(self._bound(Q, zeros, t=_SHARE) for Q in free),
-            self._bound(X, limit, sign=-1.0, t=0.0),
-            self._bound(X, zeros, t=0.0),
-            Constraint(1, np.ones(1), last),
-        ]
+    @property
+    def size(self) -> int:
+        """How many unknowns there are, those included that connect parts."""
+        shapes = self._program(None).shapes.values()
+        return sum(
+            x.height * (x.height + 1) // 2 if x.symmetric else x.height * x.width for x in shapes
+        )
+
+    @property
+    def has_free_Q(self) -> bool:
+        """Whether a delay is constant, so that its Qbar is an unknown."""
+        return not all(delay.any_age for delay in self.system.delays)
 
     def least_gamma(
         self, p: Scalars, gain: Matrix | None = None, tolerance: float = TOLERANCE
     ) -> Answer | Solution:
         """Minimise gamma (Remark 2); the solver's result if it finds no point."""
-        return self._in_some_units(lambda: self._least_gamma(p, gain, tolerance))
-
-    def _least_gamma(self, p: Scalars, gain: Matrix | None, tolerance: float) -> Answer | Solution:
-        gamma = self.structure.gamma
-        if gamma is None:
-            raise ValueError("expected a system with w and z, got one without")
-        q = np.zeros(self._t)
-        q[gamma.place[0, 0]] = 1.0
-        inner = self._inner(p)
-        more = self._more(inner, gain, margin=False)
-        constraints = [self._omega(inner, gain), *self._signs, *more]
-        solution = self._solve(constraints, q, tolerance, gain=gain)
-        if not solution.usable:
-            return solution
-        return self._answer(solution, inner, gain, 1.0 / self.scaling.a**2)
+        return self._in_some_units(lambda: self._least(p, gain, {"gamma": 1.0}, tolerance))
 
     def priced(self, p: Scalars, price: float, tolerance: float = TOLERANCE) -> Answer | Solution:
         """Minimise gamma + price |Y|, |Y| the largest singular value, both in inner units.
 
         The least gamma alone is often approached as Y grows without bound; a price keeps the gain
-        of its order of magnitude. The solver's result if it finds no point; no slopes.
+        of its order of magnitude. The value is gamma, there are no slopes. The solver's result if
+        it finds no point.
         """
-        return self._in_some_units(lambda: self._priced(p, price, tolerance))
 
-    def _priced(self, p: Scalars, price: float, tolerance: float) -> Answer | Solution:
-        s, inner = self.structure, self._inner(p)
-        if s.gamma is None:
+        def ask() -> Answer | Solution:
+            answer = self._least(p, None, {"gamma": 1.0, _SIZE_OF_Y: price}, tolerance)
+            if isinstance(answer, Solution):
+                return answer
+            return replace(answer, value=answer.point.gamma or 0.0, slopes=np.zeros(0))
+
+        return self._in_some_units(ask)
+
+    def _least(
+        self, p: Scalars, gain: Matrix | None, prices: dict[str, float], tolerance: float
+    ) -> Answer | Solution:
+        """Minimise unknown numbers times their prices, in inner units; the value is in gamma's."""
+        if not self.has_gamma:
             raise ValueError("expected a system with w and z, got one without")
-        (m, n), size = s.Y.place.shape, s.size
-        q = np.zeros(size + 1)
-        q[s.gamma.place[0, 0]], q[size] = 1.0, price
-        below = Affine(m + n).term(0, 0, size, np.eye(m)).term(m, m, size, np.eye(n))
-        below.unknown(0, m, s.Y.place)
-        whole = [self._omega(inner), *self._signs]
-        constraints = [c.less(np.zeros(len(c.constant))) for c in whole]
-        constraints.append(below.constraint(size + 1))
-        solution = self._solve(constraints, q, tolerance)
+        program, at = self._program(gain, sized=_SIZE_OF_Y in prices), self._at(p)
+        main, others = program.constraints(at=at)
+        q = sum(price * program.cost([name]) for name, price in prices.items())
+        solution = self._solve([*main, *others], np.asarray(q), tolerance)
         if not solution.usable:
             return solution
-        found = self._answer(solution, inner, None, 1.0)
-        return replace(found, value=found.point.gamma or 0.0, slopes=np.zeros(0))
+        return self._answer(program, solution, p, gain, {}, 1.0 / self.scaling.a**2)
 
     def margin(
         self,
@@ -176,172 +160,237 @@ class Problem:
         near: Answer | None = None,
         tolerance: float = TOLERANCE,
     ) -> Answer | Solution:
-        """Maximise t with Omega <= -t diag(scale), X <= 1000, t <= 1; tr X = n without gamma.
+        """Maximise t with Omega <= -t diag(scale), X <= 1000, t <= 1; tr X = n without w and z.
 
         t > 0: the LMI is feasible at this gamma (within the bound on X), t < 0: it is not.
         Omega and X in inner units, the scale of each row that of the answer `near`, or one. The
         solver's result if it finds no point.
         """
-        return self._in_some_units(lambda: self._margin(p, gamma, gain, near, tolerance))
+        known = {"gamma": gamma} if self.has_gamma and gamma is not None else {}
+        return self._in_some_units(lambda: self._margin(p, known, gain, near, tolerance))
 
     def _margin(
         self,
         p: Scalars,
-        gamma: float | None,
+        known: dict[str, float],
         gain: Matrix | None,
         near: Answer | None,
         tolerance: float,
     ) -> Answer | Solution:
-        q = np.zeros(self._t + 1)
-        q[self._t] = -1.0
-        inner = self._inner(p)
-        own = np.ones(self.structure.rows)
+        program, at = self._program(gain), self._at(p)
+        main, others = program.constraints(known, at=at)
+        scale = [np.ones(c.size) for c in main]
         if near is not None and near.units is self.scaling:
-            own = near.scale
-        whole = self._omega(inner, gain, gamma).less(svec(np.diag(own)))
-        more = self._more(inner, gain, margin=True)
-        constraints = [whole, *self._bounds, *more]
-        solution = self._solve(constraints, q, tolerance, self._trace, gain=gain)
+            scale = list(near.scale)
+        # the LMI is homogeneous without w and z: the size of its solution is fixed
+        trace = None if self._is_bounded else program.trace("X", known)
+        constraints = [c.less(svec(np.diag(s))) for c, s in zip(main, scale, strict=True)]
+        for name, c in zip(program.names_of_others, others, strict=True):
+            if name.startswith("Q") or (name == "X" and trace is not None):
+                constraints.append(c.less(_SHARE * svec(np.eye(c.size))))
+                continue
+            nothing = np.zeros(c.constant.size)
+            constraints.append(c.less(nothing))
+            if name == "X":
+                constraints.append(c.below(_LARGEST_X).less(nothing))
+        last = np.zeros((1, len(program.cost([], known)) + 1))
+        last[0, -1] = 1.0
+        equal = None
+        if trace is None:
+            constraints.append(Constraint(1, np.ones(1), -last))
+        else:
+            equal = np.append(trace, 0.0), float(len(self.system.A))
+        solution = self._solve(constraints, -last[0], tolerance, equal)
         if not solution.usable:
             return solution
-        answer = self._answer(solution, inner, gain, -1.0)
-        return (
-            answer if gamma is None else replace(answer, point=replace(answer.point, gamma=gamma))
-        )
+        return self._answer(program, solution, p, gain, known, -1.0)
 
     def _in_some_units(self, ask: Callable[[], Answer | Solution]) -> Answer | Solution:
         """Return the answer in the present units, or where that fails in the others.
 
         The others are kept where they solve the problem: one that they hardly solve says little.
         """
-        found = ask()
-        if isinstance(found, Answer) or found.status != "failed" or not self._other_units:
-            return found
+        first = ask()
+        if isinstance(first, Answer) or first.status != "failed" or not self._other_units:
+            return first
         usual, (others,) = self.scaling, self._other_units
         self._set_units(others)
-        other = ask()
-        if isinstance(other, Answer) and other.accurate:
+        second = ask()
+        if isinstance(second, Answer) and second.accurate:
             self._other_units = [usual]
-            return other
+            return second
         self._set_units(usual)
-        return other if isinstance(other, Answer) or other.status == "infeasible" else found
+        return second if isinstance(second, Answer) or second.status == "infeasible" else first
 
-    def lmi(self, p: Scalars, gamma: float | None) -> list[Constraint]:
-        """Return -Omega >= 0 at this gamma, X >= 0, and Q_j >= 0 where it is free; inner units."""
-        return [self._omega(self._inner(p), None, gamma), *self._signs]
+    def lmi(self, p: Scalars, gamma: float | None) -> tuple[list[Constraint], list[Constraint]]:
+        """Return the parts of -Omega > 0 at this gamma, and of X > 0, Q_j > 0; inner units."""
+        known = {} if gamma is None else {"gamma": gamma}
+        return self._program(None).constraints(known, at=self._at(p))
 
-    def _more(self, p: Scalars, gain: Matrix | None, *, margin: bool) -> list[Constraint]:
-        """Return further constraints in inner units, with or without an unknown t; none here."""
-        del p, gain, margin
-        return []
+    def unknowns_at(self, y: Array, p: Scalars) -> dict[str, Any]:
+        """Return the unknowns of a point of `lmi` by name, in the system's units."""
+        return self._program(None).values(y, at=self._at(p))
 
-    def _inner(self, p: Scalars) -> Scalars:
+    def rows_of_parts(self) -> list[Indices]:
+        """Return which rows of -Omega each part has, in the order of `lmi`."""
+        return self._program(None).main_rows
+
+    def units_of_rows(self, p: Scalars) -> Array:
+        """Return (rows,) units of the rows of -Omega: what multiplies them in `lmi`."""
+        units, rows = self._row_units(), self._at(p).rows
+        form = self._inequalities(None)[0][0]
+        return np.concatenate([units[name] * rows.get(name, 1.0) for name in form.rows])
+
+    # ---- what is solved, and in which units
+
+    @property
+    def _is_bounded(self) -> bool:
+        """Whether something in the LMI says how large a solution is."""
+        return self.has_gamma
+
+    def _inequalities(self, gain: Matrix | None) -> tuple[list[Inequality], list[Inequality]]:
+        """Return what is positive by the margin, and what is beside it."""
+        form = minus_omega_of_scalars(self.system, bounded=self.has_gamma, gain=gain)
+        return [form], self._positive()
+
+    def _positive(self) -> list[Inequality]:
+        # R_j of a delay of zero is in nothing else
+        return [one for one in positive(self.system) if not one.name.startswith("R")]
+
+    def _program(self, gain: Matrix | None, *, sized: bool = False) -> Program:
+        key = None if gain is None else gain.tobytes(), sized
+        if key not in self._programs:
+            for old in list(self._programs)[_PROGRAMS - 1 :]:
+                del self._programs[old]
+            main, others = self._inequalities(gain)
+            more = [self._below_size_of_Y()] if sized else []
+            self._programs[key] = Program(
+                main,
+                [*others, *more],
+                self._row_units(),
+                units_of_others=self._row_units(),
+                numbers=self._number_units(),
+                matrices=self._matrix_units(),
+            )
+        return self._programs[key]
+
+    def _below_size_of_Y(self) -> Inequality:
+        """Return [[s I, Y], [Y', s I]] > 0 in inner units."""
+        m, n, units = self.system.B.shape[1], len(self.system.A), self.scaling
+        form = Inequality(_SIZE_OF_Y, {"Y of u": m, "Y of x": n})
+        for name, unit in (("Y of u", units.input), ("Y of x", units.state)):
+            form.number(_SIZE_OF_Y, exact_matrix(np.diag(unit)) * form.row(name))
+        form.twice("Y", form.row("Y of u"), form.row("Y of x"))
+        return form
+
+    def _row_units(self) -> dict[str, Array]:
+        units, system = self.scaling, self.system
+        S, T, a = units.state, units.T, units.a
+        of_H = 1.0 / units.per_block(system, units.c)[1]
+        rows = {"x": T / S, "w": np.full(system.C.shape[1], a), "z": np.full(len(system.D), a)}
+        for j in range(1, 1 + len(system.delays)):
+            rows |= {f"x{j}": T / S, f"s{j}": 1.0 / S}
+        root = np.sqrt(T)
+        return rows | {"h": of_H, "Y of u": root / units.input, "Y of x": root / S}
+
+    def _number_units(self) -> dict[str, float]:
+        units = self.scaling
+        eps = {f"eps[{b}]": float(c) ** 2 for b, c in enumerate(units.c)}
+        return eps | {"gamma": units.a**-2, _SIZE_OF_Y: 1.0 / units.T}
+
+    def _matrix_units(self) -> dict[str, tuple[Array, Array]]:
+        units = self.scaling
+        S, U, T = units.state, units.input, units.T
+        matrices = {"X": (S / T, S), "Y": (U / T, S)}
+        for j in range(len(self.system.delays)):
+            matrices |= {f"Q[{j}]": (S / T**2, S), f"R[{j}]": (S / T, S)}
+        return matrices
+
+    def _parameters(self, p: Scalars) -> Any:
+        """Return the parameters of the weights."""
+        return p
+
+    def _at(self, p: Scalars) -> At:
         T = self.scaling.T
-        k1, k2 = (tuple(T * value for value in values) for values in (p.k1, p.k2))
-        return Scalars(k1, k2, tuple(d / T for d in p.d))
+        rows = {f"x{j}": abs(T * k2) ** -0.5 for j, k2 in enumerate(p.k2, 1)}
+        lengths = {j: d / T for j, d in enumerate(p.d) if d > 0}
+        unknowns = {f"R[{j}]": max(1.0, d) for j, d in lengths.items()}
+        longest = longest_delay(self.system)
+        for j, d in lengths.items():
+            size = d * max(1.0, d)
+            if longest is not None and j != longest:
+                b = lengths[longest]
+                size *= b * (b + d) * T**2
+            rows[f"s{j + 1}"] = size**-0.5
+        return At(self._parameters(p), rows, unknowns)
+
+    # ---- its solution
 
     def _solve(
         self,
-        constraints: list[Constraint],
+        constraints: Sequence[Constraint],
         q: Array,
         tolerance: float,
         equal: tuple[Array, float] | None = None,
-        *,
-        gain: Matrix | None = None,
     ) -> Solution:
         self.solve_count += 1
-        if type(self) is not Problem:  # further constraints may connect the parts of a system
-            return solve(constraints, q, equal=equal, tolerance=tolerance)
-        part = parts_of_system(self.structure.system, gain)
-        rows = [part[name if name in part else "x"] for name in self.structure.offset]
-        labels = [np.concatenate(rows)] + [
-            part["x"] if c.size == self._n else None for c in constraints[1:]
-        ]
-        return solve_in_parts(constraints, labels, q, equal=equal, tolerance=tolerance)
+        return solve(constraints, q, equal=equal, tolerance=tolerance)
 
-    def _omega(
-        self, p: Scalars, gain: Matrix | None = None, gamma: float | None = None
-    ) -> Constraint:
-        """Return -Omega >= 0; gamma a number where it is given."""
-        lmi = self.structure.at(p)
-        constant, columns = lmi.constant, lmi.columns
-        if gain is not None:
-            columns = scipy.sparse.csc_array(
-                columns @ self.structure.with_gain(self.scaling.gain(gain))
-            )
-        place = self.structure.gamma
-        if gamma is not None and place is not None:
-            unit = np.zeros(self._t)
-            unit[place.place[0, 0]] = 1.0
-            constant = constant + gamma * self.scaling.a**2 * (columns @ unit)
-            columns = scipy.sparse.csc_array(columns @ scipy.sparse.diags_array(1.0 - unit))
-        return Constraint(lmi.size, constant, columns)
-
-    def _bound(
-        self, V: Unknown, C: Array, *, sign: float = 1.0, t: float | None = None
-    ) -> Constraint:
-        """Return C + sign V >= t y_last I; without a last unknown where t is None."""
-        n = self._n
-        rows, columns, factors = places(n)
-        place, entries = V.place[rows, columns], sign * factors
-        width = self._t if t is None else self._t + 1
-        matrix = scipy.sparse.csc_array(
-            (entries, (np.arange(len(place)), place)), (len(place), width)
-        )
-        if t:
-            unit = scipy.sparse.csc_array(np.eye(1, width, self._t))
-            matrix = scipy.sparse.csc_array(
-                matrix - scipy.sparse.kron(t * svec(np.eye(n))[:, None], unit)
-            )
-        return Constraint(n, svec(C), matrix)
-
-    def _answer(self, solution: Solution, p: Scalars, gain: Matrix | None, factor: float) -> Answer:
-        s, units = self.structure, self.scaling
-        y = solution.y[: self._t]
-        if gain is not None:
-            y = s.with_gain(units.gain(gain)) @ y
-
-        def of(V: Unknown | None, power: int, otherwise: float) -> Array:
-            return units.back(V.of(y), power) if V is not None else otherwise * np.eye(self._n)
-
+    def _answer(
+        self,
+        program: Program,
+        solution: Solution,
+        p: Scalars,
+        gain: Matrix | None,
+        known: dict[str, float],
+        factor: float,
+    ) -> Answer:
+        main, _ = program.constraints(known, at=self._at(p))
+        y = solution.y[: main[0].columns.shape[1]]
+        values = program.values(y, known, at=self._at(p))
+        n, N = len(self.system.A), len(self.system.delays)
+        eps = [values[f"eps[{b}]"] for b in range(len(self.system.blocks))]
         point = Point(
-            X=of(s.X, 1, 0.0),
-            Y=units.back_Y(s.Y.of(y)),
-            Q=tuple(of(Q, 2, 0.0) for Q in s.Q),
-            R=tuple(unit_of_R(d) * of(R, 1, 1.0) for R, d in zip(s.R, p.d, strict=True)),
-            eps=None if s.eps is None else joined((units.c**2 * s.eps.of(y)[0]).tolist()),
-            gamma=None if s.gamma is None else float(s.gamma.of(y)[0, 0]) / units.a**2,
+            X=values["X"],
+            Y=values["Y"] if gain is None else gain @ values["X"],
+            Q=tuple(values.get(f"Q[{j}]", np.zeros((n, n))) for j in range(N)),
+            R=tuple(values.get(f"R[{j}]", np.eye(n)) for j in range(N)),
+            eps=joined(eps),
+            gamma=values.get("gamma"),
         )
-        diagonal = np.abs(np.diag(s.at(p).at(y)))
-        scale = np.maximum(diagonal, 1e-9 * diagonal.max())
-        per_unit = np.repeat([units.T, units.T, 1.0 / units.T], len(p.d))
-        slopes = factor * per_unit * self._slopes(p, y, solution.Z[0])
+        diagonals = [np.abs(np.diag(c.at(y))) for c in main]
+        least = 1e-9 * max(float(each.max()) for each in diagonals)
+        scale = tuple(np.maximum(each, least) for each in diagonals)
+        slopes = factor * self._slopes(program, p, y, solution.Z[: len(main)], known)
         accurate = solution.status == "solved"
-        return Answer(factor * solution.value, point, scale, accurate, slopes, units)
+        return Answer(factor * solution.value, point, scale, accurate, slopes, self.scaling)
 
-    def _slopes(self, p: Scalars, y: Array, Z: Array) -> Array:
+    def _slopes(
+        self,
+        program: Program,
+        p: Scalars,
+        y: Array,
+        multipliers: Sequence[Array],
+        known: dict[str, float],
+    ) -> Array:
         """Return the derivatives of <Z, Omega(y; k1, k2, d)>, and so of the optimum."""
+        product = program.product(multipliers, y, known, self._at(p))
         slopes = []
-        multiplier = svec(Z)
         for name in ("k1", "k2", "d"):
             values: tuple[float, ...] = getattr(p, name)
-            for j, value in enumerate(values):
-                step = 1e-6 * max(abs(value), 1e-6)
-                if name == "d" and value == 0:
+            for j, middle in enumerate(values):
+                if name == "d" and middle == 0:
                     slopes.append(0.0)  # its rows are left out
                     continue
+                unit = self.scaling.T if name == "d" else 1.0 / self.scaling.T
+                step = 1e-6 * max(abs(middle), 1e-6 * unit)
                 ends = [
-                    replace(p, **{name: (*values[:j], value + h, *values[j + 1 :])})
+                    replace(p, **{name: (*values[:j], middle + h, *values[j + 1 :])})
                     for h in (step, -step)
                 ]
-                above, below = (float(multiplier @ self._value(end, y)) for end in ends)
+                above, below = (-product(self._at(end)) for end in ends)
                 slopes.append((above - below) / (2 * step))
         return np.array(slopes)
-
-    def _value(self, p: Scalars, y: Array) -> Array:
-        """Return svec(Omega)."""
-        lmi = self.structure.at(p)
-        return -np.asarray(lmi.constant + lmi.columns @ y)
 
 
 def exact_point(system: DelaySystem, point: Point, p: Scalars) -> ExactVariables:

@@ -6,6 +6,9 @@ constant, so the mean of a solution over all such changes is a solution too, wit
 not connect the parts: one small matrix for each part loses nothing, and the four axes of the
 vehicle are solved in a tenth of the time.
 
+Where weights depend on parameters, the columns of every weight are kept: other parameters take
+another sum of them.
+
 What is compiled is rounded to doubles here; what is found is proved again from the same terms.
 """
 
@@ -21,11 +24,13 @@ import scipy
 from numpy.typing import NDArray
 
 from cosim.hinf.lmi.conic import Constraint
-from cosim.hinf.lmi.svec import Array, svec
-from cosim.hinf.theorems import Inequality, Shape, Signal, shapes_of
+from cosim.hinf.lmi.svec import Array, places, svec
+from cosim.hinf.theorems import Inequality, Shape, Signal, shapes_of, value_of
 
 if TYPE_CHECKING:
-    from cosim.hinf.theorems import Term
+    from collections.abc import Callable, Iterator
+
+    from cosim.hinf.theorems import Term, Weight
 
 Indices = NDArray[np.signedinteger[Any]]
 
@@ -39,8 +44,48 @@ class _Product(NamedTuple):
     unknown: str | None
     left: Array
     right: Array
-    weight: float
+    weight: Weight
     is_number: bool
+
+
+class At(NamedTuple):
+    """Where weights are taken, and units that go with it.
+
+    parameters : of the weights.
+    rows : a row is this times what it has in units of the program, by name; 1 elsewhere.
+    unknowns : likewise for unknowns.
+    """
+
+    parameters: Any
+    rows: Mapping[str, float]
+    unknowns: Mapping[str, float]
+
+
+class _Weighed(NamedTuple):
+    """A matrix that is a sum of others with weights: one sparsity pattern, a row per weight.
+
+    The last column is the constant.
+    """
+
+    size: int
+    weights: list[Weight]
+    data: scipy.sparse.csr_array
+    indices: Indices
+    ends: Indices
+
+    def weights_at(self, at: At) -> Array:
+        """Return every weight as a double."""
+        return np.array([float(value_of(weight, at.parameters)) for weight in self.weights])
+
+    def units_at(self, names: list[str], at: At) -> Array:
+        """Return what the units of its rows, known by `names`, multiply each entry by."""
+        rows, columns, _ = places(self.size)
+        unit = np.array([at.rows.get(name, 1.0) for name in names])
+        return np.asarray((unit[rows] * unit[columns])[self.indices])
+
+
+_Form = tuple[Constraint | _Weighed, list[str]]
+"""A part of an inequality, and the name of each of its rows."""
 
 
 class Program:
@@ -52,7 +97,10 @@ class Program:
     others : what is positive beside it; their rows are counted in units of their own.
     units : (size,) of the rows of each name in `main`: a row is its unit times what the solver
         has; ones where none are given.
+    units_of_others : likewise in `others`; where a form has none, its coefficients say.
     numbers : units of unknown numbers, where the size of their coefficients says too little.
+    matrices : likewise of unknown matrices: an entry is a unit of its row times one of its column
+        times what the solver has. All must be given where weights depend on parameters.
 
     Attributes
     ----------
@@ -66,14 +114,26 @@ class Program:
         others: Sequence[Inequality],
         units: Mapping[str, Array],
         *,
+        units_of_others: Mapping[str, Array] | None = None,
         numbers: Mapping[str, float] | None = None,
+        matrices: Mapping[str, tuple[Array, Array]] | None = None,
     ) -> None:
         self._main = len(main)
         self.shapes: dict[str, Shape] = shapes_of([*main, *others])
         self._forms = [_products_of(one, units) for one in main]
-        self._scales = self._units_of_unknowns(numbers or {})
-        self._forms += [self._in_units_of_rows(_products_of(one, {})) for one in others]
-        self._rows = [sum(one.rows.values()) for one in (*main, *others)]
+        given = {k: (np.full(1, np.sqrt(v)),) * 2 for k, v in (numbers or {}).items()}
+        given |= matrices or {}
+        self._scales = self._units_of_unknowns({k: v for k, v in given.items() if k in self.shapes})
+        for one in others:
+            form = _products_of(one, units_of_others or {})
+            has_units = any(name in (units_of_others or {}) for name in one.rows)
+            self._forms.append(form if has_units else self._in_units_of_rows(form))
+        self._inequality_names = [one.name for one in (*main, *others)]
+        self._names = [
+            [name for name, size in one.rows.items() for _ in range(size)]
+            for one in (*main, *others)
+        ]
+        self._rows = [len(names) for names in self._names]
         self._labels, self._row_labels = self._parts()
         self.columns: dict[str, slice] = {}
         self._kept: dict[str, tuple[Indices, Indices]] = {}
@@ -92,13 +152,32 @@ class Program:
         self.width = start
 
     @functools.cached_property
-    def _unfixed(self) -> tuple[list[Constraint], list[Constraint]]:
+    def _unfixed(self) -> tuple[list[_Form], list[_Form]]:
         """The main inequalities and the others, each cut into its parts, nothing fixed."""
-        cut: tuple[list[Constraint], list[Constraint]] = ([], [])
-        for k, (form, label) in enumerate(zip(self._forms, self._row_labels, strict=True)):
-            for part in np.unique(label):
-                cut[k >= self._main].append(self._constraint(form, np.flatnonzero(label == part)))
+        cut: tuple[list[_Form], list[_Form]] = ([], [])
+        for k, (form, names) in enumerate(zip(self._forms, self._names, strict=True)):
+            for at in self._cuts(k):
+                own = [names[i] for i in at]
+                of_numbers = all(not callable(t.weight) for t in form)
+                make = self._constraint if of_numbers else self._weighed
+                cut[k >= self._main].append((make(form, at), own))
         return cut
+
+    @property
+    def names_of_others(self) -> list[str]:
+        """The name of the inequality that each part of the others is of."""
+        names = self._inequality_names[self._main :]
+        return [name for k, name in enumerate(names, self._main) for _ in self._cuts(k)]
+
+    @property
+    def main_rows(self) -> list[Indices]:
+        """The rows of each part of the main inequalities, one after the other."""
+        first = np.cumsum([0, *self._rows])
+        return [at + first[k] for k in range(self._main) for at in self._cuts(k)]
+
+    def _cuts(self, k: int) -> list[Indices]:
+        label = self._row_labels[k]
+        return [np.flatnonzero(label == part) for part in np.unique(label)]
 
     @property
     def largest(self) -> int:
@@ -110,34 +189,110 @@ class Program:
         fixed: Mapping[str, float] | None = None,
         *,
         multiples: Mapping[str, float] | None = None,
+        at: At | None = None,
     ) -> tuple[list[Constraint], list[Constraint]]:
         """Return the main inequalities and the others, each cut into its parts.
 
         fixed : numbers that are known; they have no column.
         multiples : of their units, in which other numbers are counted here.
+        at : where weights depend on parameters.
         """
-        free = self._free(fixed or {})
-        given, factors = np.zeros(self.width), np.ones(self.width)
-        for name, factor in (multiples or {}).items():
-            factors[self.columns[name]] = factor
-        for name, number in (fixed or {}).items():
-            if name in self.columns:
-                given[self.columns[name]] = number / self._scales[name][0][0] ** 2
+        free, given = self._free(fixed or {}), self._given(fixed or {})
+        factors = self._factors({**(multiples or {}), **(at.unknowns if at else {})})
+        change = factors if (factors != 1.0).any() else None
 
-        def at(one: Constraint) -> Constraint:
-            columns = np.asarray(one.columns)
-            constant = one.constant + columns @ given if given.any() else one.constant
-            columns = columns[:, free]
-            return Constraint(one.size, constant, columns * factors[free] if multiples else columns)
+        def of(form: _Form) -> Constraint:
+            one, names = form
+            if isinstance(one, _Weighed):
+                return self._sum(one, names, at, free, given, factors)
+            constant = one.constant + one.columns @ given if given.any() else one.constant
+            columns = np.asarray(one.columns)[:, free]
+            return Constraint(
+                one.size, constant, columns if change is None else columns * change[free]
+            )
 
-        main, others = ([at(one) for one in each] for each in self._unfixed)
+        main, others = ([of(one) for one in each] for each in self._unfixed)
         return main, others
 
-    def values(self, y: Array, fixed: Mapping[str, float] | None = None) -> dict[str, Any]:
+    def product(
+        self, multipliers: Sequence[Array], y: Array, fixed: Mapping[str, float] | None, at: At
+    ) -> Callable[[At], float]:
+        """Return sum_k <Z_k, M_k(y)> over the parts of the main inequalities, as weights change.
+
+        multipliers : Z of every part.
+        y : the unknowns that are not fixed, in the units at `at`, which they keep.
+        """
+        entries = self._given(fixed or {})
+        entries[self._free(fixed or {})] = y
+        entries = np.append(entries * self._factors(at.unknowns), 1.0)
+        parts = []
+        for Z, (form, names) in zip(multipliers, self._unfixed[0], strict=True):
+            assert isinstance(form, _Weighed)  # noqa: S101 - who asks has parameters
+            each = svec(Z)[form.indices] * np.repeat(entries, np.diff(form.ends))
+            parts.append((form, names, each))
+
+        def value(at: At) -> float:
+            return sum(
+                float(form.weights_at(at) @ (form.data @ (each * form.units_at(names, at))))
+                for form, names, each in parts
+            )
+
+        return value
+
+    def _given(self, fixed: Mapping[str, float]) -> Array:
+        """Return (width,) what is known, in its units."""
+        given = np.zeros(self.width)
+        for name, number in fixed.items():
+            if name in self.columns:
+                given[self.columns[name]] = number / self._scales[name][0][0] ** 2
+        return given
+
+    def _factors(self, of_unknowns: Mapping[str, float]) -> Array:
+        factors = np.ones(self.width)
+        for name, factor in of_unknowns.items():
+            if name in self.columns:
+                factors[self.columns[name]] = factor
+        return factors
+
+    def _sum(
+        self,
+        form: _Weighed,
+        names: list[str],
+        at: At | None,
+        free: Indices,
+        given: Array,
+        factors: Array,
+    ) -> Constraint:
+        """Return the sum with these weights, in the units that go with them."""
+        if at is None:
+            raise ValueError("expected parameters: weights depend on them")
+        data = (form.weights_at(at) @ form.data) * form.units_at(names, at)
+        counts = np.diff(form.ends)
+        data *= np.repeat(np.append(factors, 1.0), counts)
+        height = form.size * (form.size + 1) // 2
+        known = np.append(given, 1.0)  # the last column is the constant
+        constant = np.zeros(height)
+        for column in np.flatnonzero(known):
+            these = slice(form.ends[column], form.ends[column + 1])
+            constant[form.indices[these]] += known[column] * data[these]
+        keep = np.zeros(self.width + 1, dtype=bool)
+        keep[free] = True
+        stays = np.repeat(keep, counts)
+        ends = np.concatenate([[0], np.cumsum(counts[keep])])
+        columns = scipy.sparse.csc_array(
+            (data[stays], form.indices[stays], ends), shape=(height, len(free))
+        )
+        return Constraint(form.size, constant, columns)
+
+    def values(
+        self, y: Array, fixed: Mapping[str, float] | None = None, *, at: At | None = None
+    ) -> dict[str, Any]:
         """Return the unknowns of a point in the units of the inequalities, numbers as floats."""
         values: dict[str, Any] = dict(fixed or {})
         entries = np.zeros(self.width)
         entries[self._free(values)] = y
+        if at is not None:
+            entries *= self._factors(at.unknowns)
         for name, shape in self.shapes.items():
             if name in values:
                 continue
@@ -157,6 +312,12 @@ class Program:
             weights[self.columns[name]] = 1.0
         return weights[self._free(fixed or {})]
 
+    def trace(self, unknown: str, fixed: Mapping[str, float] | None = None) -> Array:
+        """Return (free unknowns,) what gives the trace of a matrix, in its units."""
+        weights, (a, b) = np.zeros(self.width), self._kept[unknown]
+        weights[self.columns[unknown]] = a == b
+        return weights[self._free(fixed or {})]
+
     def _free(self, fixed: Mapping[str, float]) -> Indices:
         """Return the places of what is unknown."""
         keep = np.ones(self.width, dtype=bool)
@@ -169,14 +330,16 @@ class Program:
         """Return (rows,) what multiplies the solver's unknown from both sides; it is symmetric."""
         return self._scales[name][0]
 
-    def _units_of_unknowns(self, numbers: Mapping[str, float]) -> dict[str, tuple[Array, Array]]:
+    def _units_of_unknowns(
+        self, given: Mapping[str, tuple[Array, Array]]
+    ) -> dict[str, tuple[Array, Array]]:
         """Return factors of rows and columns that make every coefficient of the size of one."""
         size = {
             name: (np.zeros(shape.height), np.zeros(shape.width))
             for name, shape in self.shapes.items()
         }
         for t in (t for form in self._forms for t in form):
-            if t.unknown is None or t.unknown not in size:
+            if t.unknown is None or t.unknown not in size or t.unknown in given:
                 continue
             left, right = (np.linalg.norm(M, axis=1) for M in (t.left, t.right))
             if t.is_number:  # 2 w |left| |right|, entry by entry of what is multiplied
@@ -189,8 +352,7 @@ class Program:
             for known, more in zip(size[t.unknown], (left, right), strict=True):
                 np.maximum(known, more, out=known)
         units = {name: (_inverse(left), _inverse(right)) for name, (left, right) in size.items()}
-        given = {k: (np.full(1, np.sqrt(v)),) * 2 for k, v in numbers.items() if k in units}
-        return units | given
+        return units | dict(given)
 
     def _in_units_of_rows(self, form: list[_Product]) -> list[_Product]:
         """Return an inequality with each row in units in which the first unknown is about one."""
@@ -248,29 +410,57 @@ class Program:
         size = len(at) * (len(at) + 1) // 2
         constant, columns = np.zeros(size), np.zeros((size, self.width))
         for t in form:
-            L, R = t.left[:, at], t.right[:, at]
-            if not (L.any() and R.any()):
-                continue  # of another part
-            if t.unknown in self.shapes and not t.is_number:
-                self._add_columns(columns[:, self.columns[t.unknown]], t, L, R)
-                continue
-            half = t.weight * (L.T @ R)
-            term = svec(half + half.T)
-            if t.unknown in self.shapes:
-                columns[:, self.columns[t.unknown]] += (
-                    self._scales[t.unknown][0] ** 2 * term[:, None]
-                )
-            else:
-                constant += term
+            for these, entries in self._columns_of(t, at):
+                if these is None:
+                    constant += t.weight * entries[:, 0]
+                else:
+                    columns[:, these] += t.weight * entries
         return Constraint(len(at), constant, columns)
 
-    def _add_columns(self, columns: Array, t: _Product, L: Array, R: Array) -> None:
-        """Add the columns of the entries of an unknown matrix."""
-        assert t.unknown is not None  # noqa: S101 - the caller has looked
-        one, other = self._scales[t.unknown]
-        L, R = one[:, None] * L, t.weight * other[:, None] * R
-        a, b = self._kept[t.unknown]
-        symmetric = self.shapes[t.unknown].symmetric
+    def _weighed(self, form: list[_Product], at: Indices) -> _Weighed:
+        """Return the matrix of every weight; all of numbers go into one."""
+        size = len(at) * (len(at) + 1) // 2
+        weights: list[Weight] = [1.0]
+        pieces: list[tuple[Indices, Array, Indices]] = []
+        for t in form:
+            owner, factor = (len(weights), 1.0) if callable(t.weight) else (0, t.weight)
+            for these, entries in self._columns_of(t, at):
+                i, j = np.nonzero(entries)
+                column = np.full(len(j), self.width) if these is None else these[j]
+                pieces.append((column * size + i, factor * entries[i, j], np.full(len(i), owner)))
+            if owner:
+                weights.append(t.weight)
+        keys, values, owners = (np.concatenate(each) for each in zip(*pieces, strict=True))
+        pattern, slot = np.unique(keys, return_inverse=True)
+        data = scipy.sparse.csr_array(
+            scipy.sparse.coo_array((values, (owners, slot)), shape=(len(weights), len(pattern)))
+        )
+        ends = np.searchsorted(pattern // size, np.arange(self.width + 2))
+        return _Weighed(len(at), weights, data, pattern % size, ends)
+
+    def _columns_of(self, t: _Product, at: Indices) -> Iterator[tuple[Indices | None, Array]]:
+        """Yield columns, and the svec of a term but for its weight in each; None: the constant."""
+        L, R = t.left[:, at], t.right[:, at]
+        if not (L.any() and R.any()):
+            return  # of another part
+        if t.unknown in self.shapes and not t.is_number:
+            yield from self._columns_of_matrix(t.unknown, L, R)
+            return
+        half = L.T @ R
+        term = svec(half + half.T)[:, None]
+        if t.unknown in self.shapes:
+            columns = self.columns[t.unknown]
+            yield np.arange(columns.start, columns.stop), self._scales[t.unknown][0] ** 2 * term
+        else:
+            yield None, term
+
+    def _columns_of_matrix(
+        self, unknown: str, L: Array, R: Array
+    ) -> Iterator[tuple[Indices, Array]]:
+        one, other = self._scales[unknown]
+        L, R = one[:, None] * L, other[:, None] * R
+        a, b = self._kept[unknown]
+        symmetric = self.shapes[unknown].symmetric
         of_L, of_R = (np.asarray(M.any(axis=1)) for M in (L, R))
         some = of_L[a] & of_R[b]
         if symmetric:
@@ -283,7 +473,8 @@ class Program:
             if symmetric:
                 apart = i != j  # V_ij stands twice
                 outer[apart] += L[j[apart]][:, :, None] * R[i[apart]][:, None, :]
-            columns[:, these] += svec(outer + np.swapaxes(outer, 1, 2)).T
+            entries = svec(outer + np.swapaxes(outer, 1, 2)).T
+            yield self.columns[unknown].start + these, entries
 
 
 def _products_of(one: Inequality, units: Mapping[str, Array]) -> list[_Product]:
@@ -297,7 +488,8 @@ def _products_of(one: Inequality, units: Mapping[str, Array]) -> list[_Product]:
         return known[id(signal)]
 
     def product(t: Term) -> _Product:
-        return _Product(t.unknown, floats(t.left), floats(t.right), float(t.weight), t.is_number)
+        weight = t.weight if callable(t.weight) else float(t.weight)
+        return _Product(t.unknown, floats(t.left), floats(t.right), weight, t.is_number)
 
     return [product(t) for t in one.terms]
 

@@ -5,13 +5,13 @@
    traces summing up to at least one. There is room for rounding exactly if s > 0.
 2. Back into the rows and units of the exact LMI, as doubles.
 3. The equalities, exactly, each by entries that no later one reads: Y by (x_f,z) and
-   (x_f,r_b), Rbar_j by (rj,rj), eps by (h,h), X and Qbar_j by their own multipliers.
+   (x_f,s_b), Rbar_j by (sj,sj), that of the longest delay last, eps by (h,h), X and Qbar_j by
+   their own multipliers.
 4. The proof (`refutation_proof`); without one, nothing is claimed.
 """
 
 from __future__ import annotations
 
-from collections import Counter
 from typing import TYPE_CHECKING, Any
 
 import flint
@@ -23,17 +23,14 @@ from cosim.hinf.certificate import (
     Place,
     conditions,
     fixed_at,
-    kept_rows,
-    lifted,
     refutation_to_json,
     refuted,
 )
 from cosim.hinf.exact import exact, exact_symmetric
-from cosim.hinf.lmi.assembly import Scalars, unit_of_R
 from cosim.hinf.lmi.conic import Constraint, solve
 from cosim.hinf.lmi.problem import Problem
 from cosim.hinf.lmi.svec import Array, svec
-from cosim.hinf.theorems import Inequality, products
+from cosim.hinf.theorems import Inequality, Scalars, longest_delay, products, rates_from_rows
 
 if TYPE_CHECKING:
     from cosim.models import DelaySystem
@@ -62,28 +59,26 @@ def refute(
         tuple(exact(value) for value in p.k2),
         None if gamma is None else exact(gamma),
     )
-    multipliers = _made_exact(system, place, _rows(problem, p).T @ found @ _rows(problem, p))
+    units = problem.units_of_rows(p)
+    multipliers = _made_exact(system, place, units[:, None] * found * units)
     if multipliers is None or not refuted(system, place, multipliers).valid:
         return None
     return refutation_to_json(system, place, multipliers)
 
 
 def _central(problem: Problem, p: Scalars, gamma: float | None) -> Array | None:
-    """The multiplier of -Omega in the problem's own rows; None if there is none with room."""
-    lmi = problem.lmi(p, gamma)
-    unknowns = problem.structure.size
+    """The multiplier of -Omega in the problem's units of rows; None if there is none with room."""
+    main, others = problem.lmi(p, gamma)
+    unknowns = main[0].columns.shape[1]
     constraints, traces, of_tau = [], np.zeros(unknowns + 2), 0.0
-    for c in lmi:
+    for c in (*main, *others):
         one = svec(np.eye(c.size))
-        columns = scipy.sparse.hstack(
-            [
-                scipy.sparse.csc_array(c.columns),
-                scipy.sparse.csc_array(c.constant[:, None]),
-                scipy.sparse.csc_array(one[:, None]),
-            ]
+        each = (c.columns, c.constant[:, None], one[:, None])
+        columns = scipy.sparse.csc_array(
+            scipy.sparse.hstack(list(map(scipy.sparse.csc_array, each)))
         )
-        constraints.append(Constraint(c.size, np.zeros(len(one)), scipy.sparse.csc_array(columns)))
-        traces += np.asarray(constraints[-1].columns.T @ one)
+        constraints.append(Constraint(c.size, np.zeros(len(one)), columns))
+        traces += np.asarray(columns.T @ one)
         of_tau += float(np.linalg.norm(c.constant))
     if of_tau > 0:
         traces[-2] += _BELOW_ZERO
@@ -93,43 +88,11 @@ def _central(problem: Problem, p: Scalars, gamma: float | None) -> Array | None:
     solution = solve(constraints, np.eye(1, unknowns + 2, unknowns + 1).ravel(), tolerance=_TIGHT)
     if not solution.usable or not solution.value > 0:
         return None
-    return np.asarray(solution.Z[0] + solution.Z[-1][0, 0] * np.eye(lmi[0].size))
-
-
-def _rows(problem: Problem, p: Scalars) -> Array:
-    """F: the problem's rows from those of the exact LMI, Omega_problem = F Omega F'."""
-    structure, units = problem.structure, problem.scaling
-    F = np.zeros((structure.rows, structure.rows))
-
-    def put(row: str, column: str, value: float | Array) -> None:
-        i, j = structure.offset[row], structure.offset[column]
-        size = len(value) if isinstance(value, np.ndarray) else ends[row] - i
-        F[i : i + size, j : j + size] = np.diag(np.broadcast_to(value, size))
-
-    starts = sorted(structure.offset.values())
-    ends = {
-        name: min([x for x in starts if x > start], default=structure.rows)
-        for name, start in structure.offset.items()
-    }
-    x, r = units.T / units.state, 1.0 / units.state
-    lengths = [d / units.T for d in p.d]
-    put("x0", "x0", x)
-    for j, k2 in enumerate(p.k2, 1):
-        put(f"x{j}", f"x{j}", x / np.sqrt(abs(units.T * k2)))
-    channels = 1.0 / units.per_block(structure.system, units.c)[1]
-    for name, value in (("w", units.a), ("z", units.a), ("h", channels)):
-        if name in structure.offset:
-            put(name, name, value)
-    base = structure.base
-    for j in (j for j in range(1, len(lengths) + 1) if f"r{j}" in structure.offset):
-        d, longest = lengths[j - 1], lengths[(base or 1) - 1]
-        if j == base:
-            put(f"r{j}", f"r{j}", r / np.sqrt(d * unit_of_R(d)))
-        else:
-            share = np.sqrt(unit_of_R(d) * (1 + d / longest))
-            put(f"r{j}", f"r{j}", r / np.sqrt(d) / share)
-            put(f"r{j}", f"r{base}", -r * np.sqrt(d) / longest / share)
-    return F
+    rows = problem.rows_of_parts()
+    Z = np.zeros((sum(map(len, rows)),) * 2)
+    for at, multiplier in zip(rows, solution.Z, strict=False):
+        Z[np.ix_(at, at)] = multiplier
+    return np.asarray(Z + solution.Z[-1][0, 0] * np.eye(len(Z)))
 
 
 def _made_exact(system: DelaySystem, place: Place, Z: Array) -> Multipliers | None:
@@ -138,18 +101,21 @@ def _made_exact(system: DelaySystem, place: Place, Z: Array) -> Multipliers | No
     form, names = inequalities[0], [one.name for one in inequalities[1:]]
     none = [flint.fmpq_mat(len(system.A), len(system.A)) for _ in names]
     W = exact_symmetric(np.asarray(Z / np.abs(Z).max(), dtype=np.float64))
-    rows = [name for name, size in kept_rows(form).items() for _ in range(size)]
+    rows = [name for name, size in form.rows.items() for _ in range(size)]
 
     def left() -> dict[str, Any]:
         """What the product with W leaves of each unknown."""
-        every = [lifted(form, place, W), *none]
-        return products(inequalities, every, fixed_at(place))[0]
+        return products(inequalities, [W, *none], fixed_at(place))[0]
 
     if not _cancel_Y(system, form, rows, W, left()["Y"]):
         return None
-    over = left()
-    for j in (j for j, x in enumerate(system.delays) if x.d > 0):
-        _add(W, rows.index(f"r{j + 1}"), -1 / exact(system.delays[j].d) * over[f"R[{j}]"])
+    spread = [j for j, x in enumerate(system.delays) if x.d > 0]
+    longest = longest_delay(system)
+    for j in sorted(spread, key=lambda j: j == longest):
+        size = exact(system.delays[j].d)  # the weight of R_j at (sj,sj)
+        if longest is not None and j != longest:
+            size *= exact(system.delays[longest].d) ** 2
+        _add(W, rows.index(f"s{j + 1}"), -1 / size * left()[f"R[{j}]"])
     over = left()
     for b, (_, of_H) in enumerate(system.blocks):
         at = rows.index("h") + of_H.start
@@ -157,7 +123,8 @@ def _made_exact(system: DelaySystem, place: Place, Z: Array) -> Multipliers | No
     over = left()
     own = {name: -1 * over[name] for name in names}
     Q = tuple(None if x.any_age else own[f"Q[{j}]"] for j, x in enumerate(system.delays))
-    return _integers(Multipliers(W, own["X"], Q))
+    G = rates_from_rows(system, form)
+    return _integers(Multipliers(G * W * G.transpose(), own["X"], Q))
 
 
 def _cancel_Y(system: DelaySystem, form: Inequality, rows: list[str], W: Any, left: Any) -> bool:
@@ -165,13 +132,11 @@ def _cancel_Y(system: DelaySystem, form: Inequality, rows: list[str], W: Any, le
     n, m = system.B.shape
     acting = next((j for j, x in enumerate(system.delays, 1) if x.feedback), 0)
     start = rows.index(f"x{acting}" if acting else "x")
-    late = [(x.d, j) for j, x in enumerate(system.delays, 1) if x.d > 0]
-    columns = [k for k, row in enumerate(rows) if row == "z"]
-    if late:
-        columns += [k for k, row in enumerate(rows) if row == f"r{max(late)[1]}"]
+    longest = longest_delay(system)
+    of_e = None if longest is None else f"s{longest + 1}"
+    columns = [k for k, row in enumerate(rows) if row in ("z", of_e)]
     # every term of Y is He(left'Y x_f): what W[x_f, column] is multiplied by
-    kept = dict(Counter(rows))
-    acts = [2 * t.weight * t.left.on(kept) for t in form.terms if t.unknown == "Y"]
+    acts = [2 * t.weight * t.left.on(form.rows) for t in form.terms if t.unknown == "Y"]
     total = sum(acts[1:], acts[0])
     G = flint.fmpq_mat(m, len(columns), [total[i, k] for i in range(m) for k in columns])
     if left == 0 * left:

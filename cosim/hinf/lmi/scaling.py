@@ -7,7 +7,7 @@ each block of the uncertainty,
     A~ = T S^-1 A S,  B~ = T S^-1 B U,  C~ = a T S^-1 C,  E~ = c T S^-1 E,  H~ = H S / c,
     D~ = a D S,  D1~ = a^2 D1,  D2~ = a D2 U,  d~ = d/T,  k1~ = T k1,  k2~ = T k2,
 
-and a solution of the LMI of Theorem 2 is converted back by a congruence of its rows:
+and a solution of the LMI of Theorem 2 is converted by a congruence of its rows (`problem`):
 
     X = S X~ S / T,  Q = S Q~ S / T^2,  R = S R~ S / T,  Y = U Y~ S / T,  eps = c^2 eps~,
     gamma = gamma~ / a^2.
@@ -78,14 +78,6 @@ class Scaling:
     def gain(self, K: Array) -> Array:
         """Return K~ of K."""
         return np.asarray(K / self.input[:, None] * self.state)
-
-    def back(self, matrix: Array, power: int = 1) -> Array:
-        """Return S M~ S / T^power."""
-        return np.asarray(self.state[:, None] * matrix * self.state / self.T**power)
-
-    def back_Y(self, Y: Array) -> Array:
-        """Return U Y~ S / T."""
-        return np.asarray(self.input[:, None] * Y * self.state / self.T)
 
 
 def scaling_of(system: DelaySystem) -> Scaling:

@@ -21,7 +21,6 @@ from cosim.hinf.lmi import (
     FAILED,
     Answer,
     ConstrainedProblem,
-    Scalars,
     not_found,
     proved_peak_control,
     solver_words,
@@ -33,6 +32,7 @@ from cosim.hinf.synthesis.decay_search import corner_scalars, proved_decay
 from cosim.hinf.synthesis.level_search import Level, best_level, level_of
 from cosim.hinf.synthesis.search import starts
 from cosim.hinf.synthesis.theorem_2 import checked_scalars
+from cosim.hinf.theorems import Scalars
 from cosim.models import DelaySystem
 
 _SLACK = 1e-3  # share by which the solver stays inside a limit: K is rounded afterwards

@@ -1,7 +1,7 @@
 """The LMI of Theorem 2 as a cvxpy problem, for constraints of a user's own on X, Y, Q, R.
 
 The inequalities are those of `cosim.hinf.theorems.theorem_2`. cvxpy is imported when `as_cvxpy` is
-called; the project's own designs use `cosim.hinf.lmi.assembly` instead.
+called; the project's own designs compile the same terms (`cosim.hinf.lmi.program`).
 """
 
 from __future__ import annotations

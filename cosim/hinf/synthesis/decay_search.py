@@ -7,14 +7,12 @@ from cosim.hinf.exact import exact
 from cosim.hinf.lmi import (
     Answer,
     CornersProblem,
-    Problem,
-    Scalars,
     exact_point,
     not_found,
-    shifted_systems,
     solver_words,
 )
 from cosim.hinf.synthesis.search import starts
+from cosim.hinf.theorems import Scalars
 from cosim.models import DelaySystem, Matrix
 
 _DIGITS = 3  # of margins that are compared: those behind them may differ between machines
@@ -24,7 +22,7 @@ def corner_scalars(
     system: DelaySystem, rate: float, p: Scalars, gain: Matrix | None = None
 ) -> list[Scalars]:
     """Return k1, k2 feasible for the outermost corner alone: `p`, and the best fixed start."""
-    outermost = Problem(shifted_systems(system, rate)[-1])
+    outermost = CornersProblem(system, rate, outermost=True)
     found: list[tuple[float, int, Scalars]] = []
     for at in starts(p):
         answer = outermost.margin(at, None, gain)

@@ -16,8 +16,9 @@ import numpy as np
 import scipy
 
 from cosim.core import report
-from cosim.hinf.lmi import ROUGH_TOLERANCE, Answer, Array, Problem, Scalars
+from cosim.hinf.lmi import ROUGH_TOLERANCE, Answer, Array, Problem
 from cosim.hinf.synthesis.search import MULTIPLES, RATIO_LIMIT, SearchDoneError, scaled, starts
+from cosim.hinf.theorems import Scalars
 
 _SHARES = (1.0, 0.25, 0.0625, 2.0**-6, 2.0**-10, 1e-6)
 """Starting delays of the ascent, as shares of the limit."""

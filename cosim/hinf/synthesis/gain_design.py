@@ -16,7 +16,7 @@ from typing import Literal
 from numpy.typing import ArrayLike
 
 from cosim.core import InputError, NotAchievableError
-from cosim.hinf.lmi import Scalars, without_performance
+from cosim.hinf.lmi import without_performance
 from cosim.hinf.nominal import checked_system, one_thread
 from cosim.hinf.problem import (
     DELAY_LIMIT,
@@ -58,6 +58,7 @@ from cosim.hinf.synthesis.routes import (
 from cosim.hinf.synthesis.search import initial_scalars
 from cosim.hinf.synthesis.stabilisability import NoGainError
 from cosim.hinf.synthesis.structured_gains import structured_design
+from cosim.hinf.theorems import Scalars
 from cosim.models import DelaySystem, Matrix
 
 _WORTH = 1.02

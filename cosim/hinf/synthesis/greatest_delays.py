@@ -25,7 +25,6 @@ from cosim.hinf.lmi import (
     ROUGH_TOLERANCE,
     Answer,
     Problem,
-    Scalars,
     not_found,
     refute,
     solver_words,
@@ -40,6 +39,7 @@ from cosim.hinf.synthesis.ladder import delays_below, first_proved
 from cosim.hinf.synthesis.not_achievable import hint_after
 from cosim.hinf.synthesis.stabilisability import unstabilisable_error
 from cosim.hinf.synthesis.theorem_2 import checked_scalars, find_certified_gain
+from cosim.hinf.theorems import Scalars
 from cosim.models import DelaySystem
 
 _SHORT = 2.0**-10  # first delay tried where Theorem 2 certifies none, as a share of the limit

@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.hinf.certificate import offset_corners
-from cosim.hinf.lmi import THETAS, Answer, ConstrainedProblem, Scalars, Solution
+from cosim.hinf.lmi import THETAS, Answer, ConstrainedProblem, Solution
 from cosim.hinf.problem import DesignConstraints
+from cosim.hinf.theorems import Scalars
 
 _COARSE = tuple(math.log(4.0) * k for k in range(-1, 4))
 _FINE = (math.log(2.0), math.log(1.4), math.log(1.2))
@@ -93,7 +94,7 @@ def _around_natural(
         )
     except (np.linalg.LinAlgError, ValueError):
         return []  # the solver failed at a point where X is singular, or the level not positive
-    thetas = THETAS if any(Q is not None for Q in problem.structure.Q) else THETAS[:1]
+    thetas = THETAS if problem.has_free_Q else THETAS[:1]
     return [Level(natural + step, theta) for theta in thetas for step in _COARSE]
 
 

@@ -15,13 +15,13 @@ from cosim.hinf.lmi import (
     OTHER_ROUTES,
     Answer,
     Problem,
-    Scalars,
     Solution,
     not_found,
     refute,
     without_performance,
 )
 from cosim.hinf.synthesis.stabilisability import NoGainError, unstabilisable_error
+from cosim.hinf.theorems import Scalars
 from cosim.models import DelaySystem
 
 _OTHER_SCALARS = "another k1, k2 (start from k1 = -k2), a shorter delay, a smaller envelope"

@@ -37,7 +37,7 @@ def priced_gains(system: DelaySystem) -> Iterator[Matrix]:
     system : Eq. (7) with w, z and a positive delay.
     """
     problem, d = Problem(system), tuple(x.d for x in system.delays)
-    prices = _PRICES if problem.structure.size < _LARGE else _PRICES[-1:]
+    prices = _PRICES if problem.size < _LARGE else _PRICES[-1:]
     made: list[tuple[float, Matrix]] = []
     gamma = None
     for k, (multiple, price) in enumerate((x, y) for x in _MULTIPLES for y in prices):

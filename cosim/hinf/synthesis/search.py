@@ -18,7 +18,8 @@ import numpy as np
 import scipy
 
 from cosim.core import report
-from cosim.hinf.lmi import ROUGH_TOLERANCE, Answer, Array, Problem, Scalars, Solution
+from cosim.hinf.lmi import ROUGH_TOLERANCE, Answer, Array, Problem, Solution
+from cosim.hinf.theorems import Scalars
 from cosim.models import DelaySystem, Matrix
 
 _LARGE = 200
@@ -67,7 +68,7 @@ def least_gamma(
             answers.append(answer)
         return answer
 
-    size = problem.structure.size
+    size = problem.size
     found = _feasible_starts(ask, p, valley=size >= _LARGE)
     if size >= _VERY_LARGE or (answers and ends_at(min(answers, key=lambda x: x.value))):
         found = found[:0]

@@ -28,7 +28,6 @@ from cosim.hinf.lmi import (
     Answer,
     Point,
     Problem,
-    Scalars,
     Scaling,
     check_size,
     not_found,
@@ -57,6 +56,7 @@ from cosim.hinf.synthesis.not_achievable import (
     not_certified,
 )
 from cosim.hinf.synthesis.search import least_gamma, widest_margin
+from cosim.hinf.theorems import Scalars
 from cosim.models import DelaySystem
 
 _NEAR = 1.2  # up to this multiple of the least gamma, the scale of its solution is used
@@ -124,7 +124,7 @@ def design(
         )
     others = [Theorem2(system, problem, p, fixed) for p in points[1:_POINTS]]
     for conditions, shares in (
-        ([first], NEAR if problem.structure.size < _LARGE else NEAR[_ROOM:]),
+        ([first], NEAR if problem.size < _LARGE else NEAR[_ROOM:]),
         (others, NEAR[_COARSE:]),
         ([first, *others], FAR),
     ):
@@ -217,7 +217,7 @@ class Theorem2:
         """Return a gain with variables that prove it at `gamma`, or None and why."""
         near = self._least if isinstance(self._least, Answer) else None
         gains = [self._gain]
-        if self._gain is None and near is not None and self._problem.structure.size >= _LARGE:
+        if self._gain is None and near is not None and self._problem.size >= _LARGE:
             # the gain of the least gamma saves a solve, where it has a margin
             gains = [gain_at(near.point, self._problem.scaling), None]
         found = None

@@ -19,12 +19,15 @@ from .inequality import (
     Inequality as Inequality,
     Shape as Shape,
     Signal as Signal,
+    Sum as Sum,
     Term as Term,
+    Weight as Weight,
     first_failure as first_failure,
     itself as itself,
     number_itself as number_itself,
     shapes_of as shapes_of,
     stack as stack,
+    value_of as value_of,
 )
 from .loop import (
     Loop as Loop,
@@ -43,7 +46,11 @@ from .outages import (
 )
 from .theorem_2 import (
     ExactVariables as ExactVariables,
+    Scalars as Scalars,
     Shift as Shift,
+    longest_delay as longest_delay,
     minus_omega as minus_omega,
+    minus_omega_of_scalars as minus_omega_of_scalars,
     positive as positive,
+    rates_from_rows as rates_from_rows,
 )

@@ -3,14 +3,16 @@
 A *signal* is a linear map of named rows (name of a row block -> the matrix that acts on it), a
 *term* is weight (L'U R + its transpose) of two signals and an unknown U, and an inequality is a
 sum of terms that must be positive definite. An unknown is known by its name; its shape, and
-whether it is symmetric, follow from the terms.
+whether it is symmetric, follow from the terms. A weight is a number, or a function of parameters
+in which a search moves: `fixed` puts them in, as rationals for a proof.
 
 Matrices are exact (`flint.fmpq_mat`), and so is the proof: no rounding, no solver.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+import math
+from collections.abc import Container, Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import flint
@@ -22,6 +24,9 @@ if TYPE_CHECKING:
     from cosim.models import Matrix
 
 HALF = flint.fmpq(1, 2)
+
+Weight = Any
+"""A number, or a function of parameters that returns one of the kind of the parameters."""
 
 
 class Signal:
@@ -104,13 +109,34 @@ def stack(signals: Sequence[Signal]) -> Signal:
     )
 
 
+Sum = Sequence[tuple[Weight, Signal]]
+"""Signals with weights, to be added."""
+
+
+def value_of(weight: Weight, parameters: Any) -> Any:
+    """Return a weight at these parameters."""
+    return weight(parameters) if callable(weight) else weight
+
+
+def product(*weights: Weight) -> Weight:
+    """Return the product of weights: a function where one of them is."""
+    functions = [weight for weight in weights if callable(weight)]
+    number = math.prod(weight for weight in weights if not callable(weight))
+
+    def of(parameters: Any) -> Any:
+        value = math.prod(function(parameters) for function in functions)
+        return float(number) * value if isinstance(value, float) else number * value
+
+    return of if functions else number
+
+
 class Term(NamedTuple):
     """weight (left'U right + its transpose); `unknown` None: U = 1, `is_number`: U is a number."""
 
     unknown: str | None
     left: Signal
     right: Signal
-    weight: Any
+    weight: Weight
     is_number: bool = False
 
 
@@ -140,25 +166,61 @@ class Inequality:
         """Return a block of rows."""
         return Signal({name: identity(self.rows[name])})
 
-    def square(self, unknown: str, signal: Signal, weight: Any = 1) -> None:
+    def square(self, unknown: str, signal: Signal, weight: Weight = 1) -> None:
         """Add weight s'U s, U symmetric."""
-        self.terms.append(Term(unknown, signal, signal, HALF * weight))
+        self.terms.append(Term(unknown, signal, signal, product(HALF, weight)))
 
     def twice(
         self,
         unknown: str | None,
         left: Signal,
         right: Signal,
-        weight: Any = 1,
+        weight: Weight = 1,
         *,
         is_number: bool = False,
     ) -> None:
         """Add weight (left'U right + its transpose); `unknown` None: of the two alone."""
         self.terms.append(Term(unknown, left, right, weight, is_number))
 
-    def number(self, unknown: str | None, signal: Signal, weight: Any = 1) -> None:
+    def sums(
+        self,
+        unknown: str | None,
+        left: Sum,
+        right: Sum,
+        weight: Weight = 1,
+        *,
+        is_number: bool = False,
+    ) -> None:
+        """Add weight (left'U right + its transpose) of two sums, term by term."""
+        for a, L in left:
+            for b, R in right:
+                self.twice(unknown, L, R, product(weight, a, b), is_number=is_number)
+
+    def number(self, unknown: str | None, signal: Signal, weight: Weight = 1) -> None:
         """Add weight u s's, u a number; `unknown` None: 1."""
-        self.terms.append(Term(unknown, signal, signal, HALF * weight, is_number=True))
+        self.terms.append(Term(unknown, signal, signal, product(HALF, weight), is_number=True))
+
+    def fixed(self, parameters: Any) -> Inequality:
+        """Return the inequality with every weight a number."""
+        form = Inequality(self.name, self.rows)
+        form.terms = [t._replace(weight=value_of(t.weight, parameters)) for t in self.terms]
+        return form
+
+    def renamed(self, prefix: str, keep: Container[str]) -> Inequality:
+        """Return it with `prefix` before the names of its rows, and of all unknowns but `keep`."""
+        form = Inequality(
+            prefix + self.name, {prefix + name: size for name, size in self.rows.items()}
+        )
+        signals: dict[int, Signal] = {}  # one that stands twice stays one: so U is symmetric
+
+        def of(signal: Signal) -> Signal:
+            maps = {prefix + name: M for name, M in signal.maps.items()}
+            return signals.setdefault(id(signal), Signal(maps))
+
+        for t in self.terms:
+            named = t.unknown if t.unknown is None or t.unknown in keep else prefix + t.unknown
+            form.terms.append(t._replace(unknown=named, left=of(t.left), right=of(t.right)))
+        return form
 
     def at(self, values: Mapping[str, Any]) -> list[list[Any]]:
         """Return the lower triangle, row by row, at rationals: `fmpq_mat` and `fmpq` by name."""

@@ -1,4 +1,4 @@
-"""The assembled LMI is the reference one, its solver agrees with another, its slopes are slopes."""
+"""The solver's LMI of Theorem 2 is the proved one, another solver agrees, slopes are slopes."""
 
 from __future__ import annotations
 
@@ -14,11 +14,10 @@ from solver_points import random_system
 from cosim.hinf import as_cvxpy
 from cosim.hinf.exact import exact
 from cosim.hinf.lmi import in_cvxpy
-from cosim.hinf.lmi.assembly import Scalars, Structure
 from cosim.hinf.lmi.conic import Constraint, solve
 from cosim.hinf.lmi.problem import Answer, Problem
 from cosim.hinf.lmi.svec import smat, svec
-from cosim.hinf.theorems import minus_omega
+from cosim.hinf.theorems import Scalars, minus_omega_of_scalars
 from cosim.models import paper_example
 from cosim.models.delay_system import DelaySystem
 
@@ -42,8 +41,8 @@ def _reference_gamma(
 
 
 @pytest.mark.parametrize("case", range(8))
-def test_assembly_equals_the_reference_without_rows_m(case: int) -> None:
-    """Any point, k1, k2 of either sign: equal to the Schur complement of Omega, to rounding."""
+def test_the_matrix_of_the_solver_is_the_proved_one_at_any_k1_k2(case: int) -> None:
+    """At random unknowns, k1, k2 of either sign and delays: its rows in units, nothing else."""
     rng = np.random.default_rng(case)
     system = random_system(
         rng,
@@ -52,37 +51,23 @@ def test_assembly_equals_the_reference_without_rows_m(case: int) -> None:
         uncertain=bool(case & 4),
         blocks=[[1, 1], [2, 1]] if case & 6 == 6 else None,
     )
-    s, n = Structure(system), 2
-    k1, k2 = (tuple(float(x) for x in rng.standard_normal(2)) for _ in range(2))
-    y = rng.standard_normal(s.size)
-    ours = -s.at(Scalars(k1, k2, _delays(system))).at(y)
-    assert s.gamma is not None
-    v = {"X": s.X.of(y), "Y": s.Y.of(y), "gamma": s.gamma.of(y)[0, 0]}
-    v |= {f"Q[{j}]": Q.of(y) for j, Q in enumerate(s.Q) if Q is not None}
-    v |= {f"R[{j}]": R.of(y) for j, R in enumerate(s.R) if R is not None}
-    v |= {} if s.eps is None else {f"eps[{b}]": x for b, x in enumerate(s.eps.of(y)[0])}
-    k = [exact(x) for x in k1], [exact(x) for x in k2]
-    whole = -in_cvxpy(minus_omega(system, *k, bounded=True), v)
-    # x, x1, x2, w, z, r1, r2, then m1, m2, then h
-    m = 3 * n + 4 + 2 * n + np.arange(2 * n)
-    kept = np.setdiff1d(np.arange(len(whole)), m)
-    schur = whole[np.ix_(kept, kept)] - whole[np.ix_(kept, m)] @ np.linalg.solve(
-        whole[np.ix_(m, m)], whole[np.ix_(m, kept)]
-    )
-    scale = np.ones(len(kept))
-    for j, value in enumerate(k2, 1):
-        scale[j * n : (j + 1) * n] = abs(value) ** -0.5
-        at = 3 * n + 4 + (j - 1) * n
-        scale[at : at + n] = system.delays[j - 1].d ** -0.5
-    whole_scale = np.eye(len(kept))
-    # rows r: those of the longest delay stay, and are taken off the others
-    base, other = (0, 1) if s.base == 1 else (1, 0)
-    ratio = system.delays[other].d / system.delays[base].d
-    r = [slice(start, start + n) for start in (3 * n + 4, 4 * n + 4)]
-    whole_scale[r[other], r[base]] = -np.sqrt(ratio / (1 + ratio)) * np.eye(n)
-    whole_scale[r[other], r[other]] = np.eye(n) / np.sqrt(1 + ratio)
-    schur = scale[:, None] * schur * scale
-    np.testing.assert_allclose(ours, whole_scale @ schur @ whole_scale.T, atol=1e-11)
+    problem = Problem(system)
+    for _ in range(3):  # other weights of what was compiled once
+        k1, k2 = (tuple(float(x) for x in rng.standard_normal(2)) for _ in range(2))
+        d = tuple(float(x) for x in rng.uniform(0.1, 5.0, 2))
+        p = Scalars(k1, k2, d)
+        main, _ = problem.lmi(p, None)
+        y = rng.standard_normal(main[0].columns.shape[1])
+        v = problem.unknowns_at(y, p)
+        exactly = Scalars(*(tuple(map(exact, values)) for values in (k1, k2, d)))
+        whole = in_cvxpy(minus_omega_of_scalars(system, bounded=True).fixed(exactly), v)
+        units = problem.units_of_rows(p)
+        inner = units[:, None] * whole * units
+        size = np.abs(inner).max()
+        for at, part in zip(problem.rows_of_parts(), main, strict=True):
+            np.testing.assert_allclose(part.at(y), inner[np.ix_(at, at)], atol=1e-12 * size)
+            inner[np.ix_(at, at)] = 0.0
+        assert not inner.any()  # nothing connects the parts
 
 
 def test_least_gamma_of_the_paper_is_the_published_correction() -> None:
