@@ -36,10 +36,19 @@ from cosim.hinf.certificate import (
     standalone,
     standalone_numbers as sn,
     supports_of,
+    system_from_json,
 )
 from cosim.hinf.certificate.ages_proof import ages_claim
 from cosim.hinf.exact import exact, exact_matrix, exact_symmetric
-from cosim.hinf.theorems import UNKNOWNS, Age, Inequality, Loop, shapes_of_ages, varies
+from cosim.hinf.theorems import (
+    UNKNOWNS,
+    Age,
+    Inequality,
+    Loop,
+    rates_from_rows,
+    shapes_of_ages,
+    varies,
+)
 from cosim.models import Delay, DelaySystem
 
 Rng = np.random.Generator
@@ -84,10 +93,11 @@ def both(
     """What the product and the standalone checker show to be positive, but what stands alone."""
     ours: list[Entries] = []
     theirs: list[Entries] = []
+    system = system_from_json(document["system"])
 
     def failure(form: Inequality, values: Any) -> None:
         if len(form.rows) > 1 or form.name[:2] in ("P,", "-P"):
-            ours.append(entries(form, values))
+            ours.append(entries(form, values, system))
 
     def positive(A: Any, n: int, name: str) -> None:
         del n
@@ -102,26 +112,19 @@ def both(
     return ours, theirs
 
 
-def entries(form: Inequality, values: Any) -> Entries:
-    """The matrix, those rows taken away that the other has not: m, by their Schur complement."""
+def entries(form: Inequality, values: Any, system: DelaySystem) -> Entries:
+    """The matrix, with rows r_j of Theorem 2 in place of rows s_j."""
     lower = form.at(values)
     n = len(lower)
     whole = flint.fmpq_mat(n, n, [lower[max(i, j)][min(i, j)] for i in range(n) for j in range(n)])
-    names = [name for name, size in form.rows.items() for _ in range(size)]
-    kept = [i for i in range(n) if not re.fullmatch(r"m\d+", names[i])]
-    rest = [i for i in range(n) if i not in kept]
-
-    def cut(rows: list[int], columns: list[int]) -> Any:
-        return flint.fmpq_mat(len(rows), len(columns), [whole[i, j] for i in rows for j in columns])
-
-    found = cut(kept, kept)
-    if rest:
-        found -= cut(kept, rest) * cut(rest, rest).solve(cut(rest, kept))
+    if any(re.fullmatch(r"s\d+", name) for name in form.rows):
+        back = rates_from_rows(system, form).inv()
+        whole = back.transpose() * whole * back
     return {
         (i, j): Fraction(int(x.p), int(x.q))
-        for i in range(len(kept))
-        for j in range(len(kept))
-        if (x := found[i, j]) != 0
+        for i in range(n)
+        for j in range(n)
+        if (x := whole[i, j]) != 0
     }
 
 

@@ -225,14 +225,16 @@ class Program:
         entries = self._given(fixed or {})
         entries[self._free(fixed or {})] = y
         entries = np.append(entries * self._factors(at.unknowns), 1.0)
-        parts = []
+        parts, of_numbers = [], 0.0
         for Z, (form, names) in zip(multipliers, self._unfixed[0], strict=True):
-            assert isinstance(form, _Weighed)  # noqa: S101 - who asks has parameters
+            if isinstance(form, Constraint):
+                of_numbers += float(svec(Z) @ (form.constant + form.columns @ entries[:-1]))
+                continue
             each = svec(Z)[form.indices] * np.repeat(entries, np.diff(form.ends))
             parts.append((form, names, each))
 
         def value(at: At) -> float:
-            return sum(
+            return of_numbers + sum(
                 float(form.weights_at(at) @ (form.data @ (each * form.units_at(names, at))))
                 for form, names, each in parts
             )
