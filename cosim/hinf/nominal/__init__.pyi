@@ -2,6 +2,7 @@ from .closed_loop import (
     ClosedLoop as ClosedLoop,
     close as close,
 )
+from .collocation import collocated as collocated
 from .delay_margins import delay_margin as delay_margin
 from .divided_time import (
     OutageBound as OutageBound,
@@ -31,7 +32,6 @@ from .norm import (
     ROOTS as ROOTS,
     NormResult as NormResult,
     gain_at as gain_at,
-    gain_between as gain_between,
     hinf_norm as hinf_norm,
     norm_between as norm_between,
 )
@@ -39,11 +39,18 @@ from .norm_proof import (
     norm_certificate as norm_certificate,
     norm_proved as norm_proved,
 )
+from .phase import (
+    NotFollowedError as NotFollowedError,
+    even_samples as even_samples,
+    log_derivative as log_derivative,
+    turn_along as turn_along,
+)
 from .roots import (
     Roots as Roots,
     approximate_roots as approximate_roots,
     characteristic_roots as characteristic_roots,
-    collocation as collocation,
+    distinct as distinct,
+    polish as polish,
     spectral_abscissa as spectral_abscissa,
 )
 from .threads import one_thread as one_thread

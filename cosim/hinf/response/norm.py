@@ -8,20 +8,16 @@ systems) the same branch and bound works on M(s) of `cosim.hinf.response.blocks`
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
 from cosim.core import InputError
 from cosim.hinf.nominal import (
     ROOTS,
     NormResult,
-    gain_between,
     hinf_norm,
     norm_between,
 )
-from cosim.hinf.response.blocks import Blocks, Complexes, Reals, balanced
+from cosim.hinf.response.blocks import Blocks, Reals, balanced
 from cosim.hinf.response.high_frequency import HighFrequency
 from cosim.hinf.response.retarded import plain_of
 from cosim.hinf.response.roots import is_stable, roots_of
@@ -57,7 +53,7 @@ def norm_of(blocks: Blocks) -> NormResult | None:
     high = HighFrequency(balanced(blocks)[0])
     if not roots.size:
         roots = np.array([-1.0 + 1j]) / blocks.delays.max()
-    return norm_between(_Late(high.blocks), _Bounds(high), roots)
+    return norm_between(high.blocks, _Bounds(high), roots)
 
 
 def norm_proved_of(blocks: Blocks, norm: NormResult) -> float | None:
@@ -79,25 +75,12 @@ def norm_proved_of(blocks: Blocks, norm: NormResult) -> float | None:
     return next((level for level in levels if norm_proved(system, K, level)), None)
 
 
-class _Late:
-    """A response for `norm_between`."""
-
-    def __init__(self, blocks: Blocks) -> None:
-        self.blocks = blocks
-        late = blocks.Dw.any() and blocks.Dv.any()
-        self.direct: NDArray[np.float64] = 0.0 * blocks.D if late else blocks.D
-        self.delays = tuple(sorted(blocks.delays.tolist())) or (0.0,)
-
-    def transfer(self, omega: ArrayLike) -> Complexes:
-        return self.blocks.at(1j * np.asarray(omega, dtype=np.float64))
-
-
 class _Bounds:
-    """Bounds of its gain: item 2 of `cosim.hinf.nominal.norm`, with M for H and [B; Dv] for C."""
+    """What `cosim.hinf.nominal.norm` needs, with M for H, [B; Dv] for C and [C  Dw E] for D."""
 
     def __init__(self, high: HighFrequency) -> None:
         s = high.blocks
-        self.blocks, self.high = s, high
+        self.high = high
         late = s.Dw.any() and s.Dv.any()
         self.direct = 0.0 if late else high.direct
         # something to measure frequencies by, also without a state
@@ -117,18 +100,3 @@ class _Bounds:
 
     def beyond(self, w: float) -> float:
         return self.high.beyond(w)
-
-    def on(self, low: Reals, high: Reals, ends: Reals) -> Reals:
-        s, centre = self.blocks, 0.5j * (low + high)
-        M, _ = s.characteristic_matrix(centre)
-        S = np.linalg.inv(M)
-        late = np.exp(-centre[:, None] * s.delays)
-        out = np.concatenate(
-            [np.broadcast_to(s.C, (low.size, *s.C.shape)), s.Dw * late[:, None, :]], axis=2
-        )
-
-        def size(stack: Any) -> Reals:
-            return np.asarray(np.linalg.norm(stack, axis=(-2, -1)), dtype=np.float64)
-
-        sizes = size(S), size(S @ np.vstack([s.B, s.Dv])), size(out @ S)
-        return gain_between(0.5 * (high - low), ends, sizes, self.constants)

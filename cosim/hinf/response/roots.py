@@ -7,19 +7,22 @@ of every channel are polished on M itself; nothing counts them.
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
-import scipy
 
 from cosim.core import InputError, NotAchievableError
-from cosim.hinf.nominal import ClosedLoop, Roots, characteristic_roots, collocation
-from cosim.hinf.response.blocks import Blocks, Reals, balanced
+from cosim.hinf.nominal import (
+    ClosedLoop,
+    Roots,
+    characteristic_roots,
+    collocated,
+    distinct,
+    polish,
+)
+from cosim.hinf.response.blocks import Blocks, balanced
 from cosim.hinf.response.high_frequency import HighFrequency
 from cosim.hinf.response.retarded import terms_of
 
 _NODES = 60
-_RESIDUAL = 1e-10
 
 
 def roots_of(blocks: Blocks, count: int = 10) -> Roots:
@@ -73,19 +76,13 @@ def is_stable(blocks: Blocks) -> bool:
 
 def _neutral_roots(blocks: Blocks, count: int) -> Roots:
     """Return roots near the eigenvalues of the collocated system, polished."""
-    found: list[complex] = []
-    seeds = np.linalg.eigvals(_transport(blocks, _NODES))
+    from_w = np.vstack([blocks.Bw, blocks.Dvw])
+    late = {tau: from_w * (blocks.delays == tau) for tau in set(blocks.delays.tolist())}
+    seeds = np.linalg.eigvals(collocated(blocks.A, blocks.Cv, late, _NODES))
     seeds = seeds[seeds.imag >= 0.0]
-    for seed in seeds[np.argsort(-seeds.real, kind="stable")][: 4 * count + 30]:
-        root = _polished(blocks, complex(seed))
-        if root is None:
-            continue
-        near = 1e-8 * (abs(root) + 1.0 / float(blocks.delays.max()))
-        if abs(root.imag) <= near:
-            root = complex(root.real, 0.0)
-        root = complex(root.real, abs(root.imag))
-        if not any(abs(root - other) <= near for other in found):
-            found.append(root)
+    seeds = seeds[np.argsort(-seeds.real, kind="stable")][: 4 * count + 30]
+    polished = [polish(blocks, complex(seed)) for seed in seeds]
+    found = distinct(blocks, [root for root in polished if root is not None]).tolist()
     # many lie next to one line: there the slow ones come first
     step = 0.1 / float(blocks.delays.max())
     found.sort(key=lambda root: (-round(root.real / step), root.imag))
@@ -93,42 +90,3 @@ def _neutral_roots(blocks: Blocks, count: int) -> Roots:
     whole = [root for pair in pairs for root in pair]
     end = count + (0 < count < len(whole) and whole[count - 1].imag > 0.0)
     return np.array(whole[:end], dtype=np.complex128)
-
-
-def _transport(blocks: Blocks, nodes: int) -> Reals:
-    """Return the matrix of x and of v_i at Chebyshev points of [-tau_i, 0), 0 left out."""
-    n, N = blocks.order, blocks.delays.size
-    _, D = collocation(nodes)
-    size = n + N * nodes
-    matrix = np.zeros((size, size))
-    last = n + nodes * np.arange(1, N + 1) - 1  # where w_i stands
-    matrix[:n, :n] = blocks.A
-    matrix[:n, last] = blocks.Bw
-    for i, tau in enumerate(blocks.delays.tolist()):
-        own = slice(n + i * nodes, n + (i + 1) * nodes)
-        matrix[own, own] = D[1:, 1:] * (2.0 / tau)
-        first = D[1:, :1] * (2.0 / tau)
-        matrix[own, :n] += first * blocks.Cv[i]
-        matrix[own, last] += first * blocks.Dvw[i]
-    return matrix
-
-
-def _polished(blocks: Blocks, root: complex) -> complex | None:
-    """Return the zero of det M that successive linear problems lead to from `root`, or None."""
-    longest = float(blocks.delays.max())
-    for _ in range(40):
-        if not -root.real * longest < 200.0:
-            return None
-        M, slope = blocks.characteristic_matrix(root)
-        mu = scipy.linalg.eigvals(M, slope)
-        mu = mu[np.isfinite(mu)]
-        if not mu.size:
-            return None
-        step = complex(mu[np.argmin(np.abs(mu))])
-        root -= step
-        if abs(step) <= 1e-15 * (abs(root) + 1.0):
-            break
-    M, _ = blocks.characteristic_matrix(root)
-    late = np.abs(np.vstack([blocks.Bw, blocks.Dvw])) * math.exp(-root.real * longest)
-    size = 1.0 + abs(root) + np.abs(blocks.A).sum() + np.abs(blocks.Cv).sum() + late.sum()
-    return root if np.linalg.svd(M, compute_uv=False)[-1] <= _RESIDUAL * size else None
