@@ -30,10 +30,9 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from cosim.hinf import as_cvxpy
+from cosim.hinf import as_cvxpy, one_thread
 from cosim.hinf.lmi.assembly import Scalars
 from cosim.hinf.lmi.problem import Answer, Problem
-from cosim.hinf.nominal.threads import one_thread
 from cosim.hinf.problem.auv import DEFAULT_K1, DEFAULT_K2, auv_system
 from cosim.models import paper_example
 from cosim.models.delay_system import DelaySystem

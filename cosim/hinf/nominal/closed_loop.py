@@ -273,3 +273,31 @@ def closed_terms(system: DelaySystem, K: ArrayLike) -> Terms:
     A = [M if own is None else M + system.B @ own for M, own in zip(open_A, fed, strict=True)]
     D = [M if own is None else M + system.D2 @ own for M, own in zip(open_D, fed, strict=True)]
     return Terms(A, D, [0.0, *(delay.constant_age for delay in system.delays)])
+
+
+def checked_system(system: Any, *, control: bool = False) -> DelaySystem:
+    """Return `system` if it is a `DelaySystem`, with `control` only if it has a B.
+
+    Raises
+    ------
+    InputError : it is something else (the message says how to convert it), or has no B.
+    """
+    if isinstance(system, DelaySystem):
+        n, m = system.B.shape
+        if control and not m:
+            raise InputError(
+                "there is no gain to design: the system has no control, B is missing",
+                where=f"{system.name}: B" if system.name else "B",
+                expected=f"B, {n} rows with one column per control",
+                got="no B",
+                hint="give B beside A, or analyse the system as it is (cosim analyse)",
+            )
+        return system
+    is_plant = all(hasattr(system, name) for name in "ABCD")
+    raise InputError(
+        "not a system with delays",
+        where="system",
+        expected="a DelaySystem",
+        got=type(system).__name__,
+        hint="DelaySystem.from_state_space(plant, ncon=..., delays=[...])" if is_plant else None,
+    )

@@ -1,4 +1,4 @@
-"""The H-infinity norm of the nominal loop: a gain that is attained, and an upper bound.
+"""The H-infinity norm of a loop or system with delays: a gain that is attained, and a bound.
 
     G(jw) = D(jw) S(jw) C + D1,   S = H^-1,   H(s) = s I - sum_i A_i e^{-s d_i},
     D(s) = sum_i D_i e^{-s d_i},  norm = sup over w >= 0 of |G(jw)|, the largest singular value
@@ -16,6 +16,10 @@
    The level-set method (Michiels, Gumussoy, SIAM J. Matrix Anal. Appl. 31, 2010) needs a
    discretised delay; this bound does not.
 3. From W on, where the gain tends to |D1|, a closed form bounds it.
+
+A system with internal delays has the norm of a loop where it, or its transpose, is one whose
+disturbance acts at once (`cosim.hinf.nominal.retarded`). Otherwise (inputs and outputs late in
+different ways, direct terms late, neutral systems) the same is done with M(s) of its blocks.
 """
 
 from __future__ import annotations
@@ -28,8 +32,12 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
 
+from cosim.core import InputError
+from cosim.hinf.nominal.blocks import Blocks, balanced_blocks
 from cosim.hinf.nominal.closed_loop import ClosedLoop
-from cosim.hinf.nominal.roots import Roots, characteristic_roots
+from cosim.hinf.nominal.high_frequency import HighFrequency
+from cosim.hinf.nominal.retarded import plain_of
+from cosim.hinf.nominal.roots import Roots, characteristic_roots, is_stable, roots_of
 
 Reals = NDArray[np.float64]
 
@@ -287,3 +295,61 @@ def norm_between(loop: Response, bounds: GainBounds, roots: Roots) -> NormResult
     values = np.append(gains[inner], gain_at(loop, above))
     best, bound = _branch_and_bound(loop, bounds, best, floor, points, values)
     return NormResult(best[0], best[1], max(bound, bounds.beyond(end)))
+
+
+def norm_of(blocks: Blocks) -> NormResult | None:
+    """Compute the H-infinity norm, the greatest gain over all frequencies.
+
+    Returns
+    -------
+    The norm, its frequency and an upper bound, or None where the system is not asymptotically
+    stable.
+
+    Raises
+    ------
+    InputError : no input or no output.
+    NotAchievableError : characteristic roots that cannot be found.
+    """
+    if not blocks.D.size:
+        raise InputError("this system has no gain", where="system", expected="inputs and outputs")
+    if not blocks.order and not blocks.delays.size:
+        gain = float(np.linalg.norm(blocks.D, 2))
+        return NormResult(gain, 0.0, gain)
+    roots = roots_of(blocks, ROOTS)
+    if (roots.size and not roots[0].real < 0.0) or (blocks.is_neutral and not is_stable(blocks)):
+        return None
+    if not blocks.is_neutral and blocks.order:
+        plain = plain_of(blocks)
+        if plain is not None:
+            return hinf_norm(plain.loop(), roots)
+    high = HighFrequency(balanced_blocks(blocks)[0])
+    if not roots.size:
+        roots = np.array([-1.0 + 1j]) / blocks.delays.max()
+    return norm_between(high.blocks, _BlockBounds(high), roots)
+
+
+class _BlockBounds:
+    """The same of a system with internal delays, with M for H, [B; Dv] for C, [C  Dw E] for D."""
+
+    def __init__(self, high: HighFrequency) -> None:
+        s = high.blocks
+        self.high = high
+        late = s.Dw.any() and s.Dv.any()
+        self.direct = 0.0 if late else high.direct
+        # something to measure frequencies by, also without a state
+        self.a = max(high.a, float((1.0 / s.delays).max(initial=0.0)))
+        self.through = max(high.through, self.a * (high.direct if late else 0.0))
+        into = np.vstack([s.Bw, s.Dvw])
+
+        def size(M: Reals) -> float:
+            return float(np.linalg.norm(M, 2)) if M.size else 0.0
+
+        self.constants = (
+            1.0 + size(into * s.delays),
+            size(into * s.delays**2),
+            size(s.Dw * s.delays),
+            size(s.Dw * s.delays**2),
+        )
+
+    def beyond(self, w: float) -> float:
+        return self.high.beyond(w)

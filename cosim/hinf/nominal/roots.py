@@ -1,4 +1,4 @@
-"""Characteristic roots of x' = sum_i A_i x(t-d_i): found, polished, and counted.
+"""Characteristic roots of x' = sum_i A_i x(t-d_i) and of any system with internal delays.
 
 1. Seeds. Eigenvalues of a collocation (`cosim.hinf.nominal.collocation`), more and more exact.
 2. Polish. Newton for nonlinear eigenproblems by successive linear problems (Ruhe, SIAM J.
@@ -7,6 +7,10 @@
    stay regular at semisimple multiple roots.
 3. Count. The argument principle along a vertical line left of the wanted roots counts those to
    its right. The seeds are refined until as many were found: that shows that none was missed.
+
+Of a system with internal delays they are those of the delay differential equation that it is. A
+neutral one has infinitely many near a vertical line: its roots are polished on M(s) itself, and
+nothing counts them.
 """
 
 from __future__ import annotations
@@ -18,8 +22,10 @@ import scipy
 from numpy.typing import NDArray
 
 from cosim.core import InputError, NotAchievableError
+from cosim.hinf.nominal.blocks import Blocks, balanced_blocks
 from cosim.hinf.nominal.closed_loop import ClosedLoop, balanced
 from cosim.hinf.nominal.collocation import collocated, late_signals
+from cosim.hinf.nominal.high_frequency import HighFrequency
 from cosim.hinf.nominal.phase import (
     Characteristic,
     NotFollowedError,
@@ -27,6 +33,7 @@ from cosim.hinf.nominal.phase import (
     log_derivative,
     turn_along,
 )
+from cosim.hinf.nominal.retarded import terms_of
 
 Roots = NDArray[np.complex128]
 
@@ -34,12 +41,13 @@ _RESIDUAL = 1e-10
 _SAME = 1e-13  # residual between two estimates of one root, however ill-conditioned
 _CLOSE = 1e-4  # estimates farther apart (relative) are never one root
 _FIRST_NODES = 20
+_NEUTRAL_NODES = 60
 _LARGEST_MATRIX = 1300
 _LARGEST_EXPONENT = 200.0
 _NO_DELAY = 1e-100  # of the fastest mode's time: what it adds lies beyond every number
 
 
-def polish(system: Characteristic, seed: complex) -> complex | None:
+def _polish(system: Characteristic, seed: complex) -> complex | None:
     """Return the root that successive linear problems reach from `seed`, or None."""
     root, scale, longest = complex(seed), system.bound(0.0), max(system.delays)
     for _ in range(60):
@@ -66,23 +74,24 @@ def _residual(system: Characteristic, root: complex) -> float:
     return smallest / (abs(root) + system.bound(root.real) + 1e-300)
 
 
-def _same(system: Characteristic, a: complex, b: complex) -> bool:
+def _same(system: Characteristic, a: complex, b: complex, scale: float) -> bool:
     """Whether `a` and `b` estimate one root: the equation holds between them as well.
 
     A fixed distance cannot decide: a double root is only computed to the square root of the
     precision, while two simple roots may be closer than that.
     """
-    near = abs(a - b) <= _CLOSE * (abs(a) + abs(b) + system.bound(0.0))
+    near = abs(a - b) <= _CLOSE * (abs(a) + abs(b) + scale)
     return near and _residual(system, (a + b) / 2) <= _SAME
 
 
-def distinct(system: Characteristic, roots: list[complex]) -> Roots:
+def _distinct(system: Characteristic, roots: list[complex]) -> Roots:
     """Return the roots in the upper half-plane, merged, rightmost first."""
     found: list[complex] = []
+    scale = system.bound(0.0)
     for root in roots:
-        real = _same(system, root, root.conjugate())
+        real = _same(system, root, root.conjugate(), scale)
         upper = complex(root.real, 0.0 if real else abs(root.imag))
-        if not any(_same(system, upper, other) for other in found):
+        if not any(_same(system, upper, other, scale) for other in found):
             found.append(upper)
     return np.array(sorted(found, key=lambda r: -r.real), dtype=np.complex128)
 
@@ -225,7 +234,7 @@ def _rightmost_roots(loop: ClosedLoop, count: int) -> Roots:
     if tau * loop.bound(0.0) < _NO_DELAY:
         loop = ClosedLoop([sum(loop.A, np.zeros_like(loop.A[0]))], [0.0])
         seeds = np.linalg.eigvals(loop.A[0])
-        upper = distinct(loop, [complex(seed) for seed in seeds])
+        upper = _distinct(loop, [complex(seed) for seed in seeds])
         return _complete(loop, upper, count)[0]
     R, late = late_signals(loop)
     # few signals allow more nodes, of which fewer are added later
@@ -234,8 +243,8 @@ def _rightmost_roots(loop: ClosedLoop, count: int) -> Roots:
         matrix = collocated(loop.A[0], R, late, nodes)
         seeds = np.linalg.eigvals(matrix)
         seeds = seeds[np.argsort(-seeds.real)][: 3 * count + 30 + 8 * loop.order]
-        polished = [polish(loop, complex(seed)) for seed in seeds if seed.imag >= 0]
-        upper = distinct(loop, [root for root in polished if root is not None])
+        polished = [_polish(loop, complex(seed)) for seed in seeds if seed.imag >= 0]
+        upper = _distinct(loop, [root for root in polished if root is not None])
         largest = 3 * matrix.shape[0] // 2 > _LARGEST_MATRIX
         if upper.size:
             try:
@@ -266,3 +275,71 @@ def spectral_abscissa(loop: ClosedLoop) -> float:
     NotAchievableError : as `characteristic_roots`.
     """
     return float(characteristic_roots(loop, count=1)[0].real)
+
+
+def roots_of(blocks: Blocks, count: int = 10) -> Roots:
+    """Compute the rightmost characteristic roots [1/s], rightmost first.
+
+    Returns
+    -------
+    As `characteristic_roots`; empty where there is neither a state nor a feedback.
+
+    Raises
+    ------
+    InputError : `count` is less than 1.
+    NotAchievableError : roots that cannot all be found.
+    """
+    if count < 1:
+        raise InputError("not a number of roots", where="count", expected=">= 1", got=str(count))
+    if blocks.is_neutral:
+        return _neutral_roots(balanced_blocks(blocks)[0], count)
+    if not blocks.order:
+        return np.zeros(0, dtype=np.complex128)
+    terms = [term for term in terms_of(blocks) if term.h == 0.0 or term.A.any()]
+    loop = ClosedLoop([term.A for term in terms], [term.h for term in terms])
+    return characteristic_roots(loop, count)
+
+
+def is_stable(blocks: Blocks) -> bool:
+    """Whether every characteristic root has a negative real part.
+
+    A neutral system has roots near the lines that its difference equation v = Dvw E v has; these
+    must lie left of the axis, whatever small changes of the delays (strong stability), which is
+    decided by a bound: the spectral radius of |Dvw| below one.
+
+    Raises
+    ------
+    NotAchievableError : roots that cannot be found, or that bound is not enough.
+    """
+    roots = roots_of(blocks, 4)
+    if roots.size and not roots.real.max() < 0.0:
+        return False
+    if blocks.is_neutral and HighFrequency(blocks).through_delays is None:
+        if blocks.delays.size == 1:
+            return False
+        raise NotAchievableError(
+            "the stability of this neutral system is not decided",
+            where="system",
+            expected="a spectral radius of |Dvw| below one",
+            got="one or more: its roots may come as near the axis as one likes",
+        )
+    return True
+
+
+def _neutral_roots(blocks: Blocks, count: int) -> Roots:
+    """Return roots near the eigenvalues of the collocated system, polished."""
+    acts = np.vstack([blocks.Bw, blocks.Dvw]).any(axis=0)  # others lead to outputs alone
+    from_w, delays = np.vstack([blocks.Bw, blocks.Dvw[acts]])[:, acts], blocks.delays[acts]
+    late = {tau: from_w * (delays == tau) for tau in set(delays.tolist())}
+    seeds = np.linalg.eigvals(collocated(blocks.A, blocks.Cv[acts], late, _NEUTRAL_NODES))
+    seeds = seeds[seeds.imag >= 0.0]
+    seeds = seeds[np.argsort(-seeds.real, kind="stable")][: 4 * count + 30]
+    polished = [_polish(blocks, complex(seed)) for seed in seeds]
+    found = _distinct(blocks, [root for root in polished if root is not None]).tolist()
+    # many lie next to one line: there the slow ones come first
+    step = 0.1 / float(blocks.delays.max())
+    found.sort(key=lambda root: (-round(root.real / step), root.imag))
+    pairs = [[r, r.conjugate()] if r.imag else [r] for r in found]
+    whole = [root for pair in pairs for root in pair]
+    end = count + (0 < count < len(whole) and whole[count - 1].imag > 0.0)
+    return np.array(whole[:end], dtype=np.complex128)

@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 
 from cosim.core import NotAchievableError
-from cosim.hinf.nominal import NotFollowedError, even_samples, log_derivative, turn_along
-from cosim.hinf.response.blocks import Blocks, Complexes, Reals, balanced
-from cosim.hinf.response.high_frequency import HighFrequency
-from cosim.hinf.response.roots import roots_of
+from cosim.hinf.nominal.blocks import Blocks, Complexes, Reals, balanced_blocks
+from cosim.hinf.nominal.high_frequency import HighFrequency
+from cosim.hinf.nominal.phase import NotFollowedError, even_samples, log_derivative, turn_along
+from cosim.hinf.nominal.roots import roots_of
 
 _ON_AXIS = 1e-10  # real part of an open-loop pole that counts as on the axis, against its size
 _SINGULAR = 1e-13  # the same, and M(0), against the largest
@@ -67,7 +67,7 @@ def winding_of(loop: Blocks) -> Winding:
         delay (infinitely many roots right of any line, or as good as), or poles that cannot be
         found.
     """
-    loop = balanced(loop)[0]
+    loop = balanced_blocks(loop)[0]
     ratio = _Ratio(loop)
     top = _top(loop)
     poles, right = _open_poles(loop)

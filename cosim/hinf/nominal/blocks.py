@@ -270,7 +270,7 @@ def beside(*systems: Blocks) -> Blocks:
     return Blocks(**{name: diagonal(name) for name in names}, delays=delays)
 
 
-def balanced(blocks: Blocks) -> tuple[Blocks, Reals]:
+def balanced_blocks(blocks: Blocks) -> tuple[Blocks, Reals]:
     """Return the same response with states x / scale, powers of two that balance A; and scale."""
     if not blocks.order:
         return blocks, np.ones(0)
