@@ -5,8 +5,9 @@ Eight rooms, each with a face of its own; imports point one way, `models` and `c
     response -> synthesis -> lmi -> problem -> certificate -> theorems -> exact
     response -> synthesis -> nominal -> certificate
 
-`response` is for systems with delays by themselves, as `DelayLTI`: what python-control and SciPy do
-for systems without.
+`nominal` has what is computed of a loop without uncertainty, and of any system with internal
+delays: roots, norm, margins. `response` is for such systems by themselves, as `DelayLTI`:
+models of other libraries in and out, connections, responses in time.
 
 `exact` are numbers without rounding, `theorems` what is proved with them, each theorem once, as
 terms over named rows. `certificate` is the prover. These three load no solver and no other room,

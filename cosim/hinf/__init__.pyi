@@ -24,10 +24,14 @@ from .certificate import (
 )
 from .exact import first_bad_pivot as first_bad_pivot
 from .nominal import (
+    CharacteristicRoots as CharacteristicRoots,
     ClosedLoop as ClosedLoop,
+    FrequencyResponse as FrequencyResponse,
+    Margins as Margins,
     MeanSquare as MeanSquare,
     NominalFigures as NominalFigures,
     NormResult as NormResult,
+    Nyquist as Nyquist,
     OutageBound as OutageBound,
     WorstCase as WorstCase,
     WorstUncertainty as WorstUncertainty,
@@ -45,7 +49,6 @@ from .nominal import (
     outage_bound as outage_bound,
     rates_mean_square as rates_mean_square,
     spectral_abscissa as spectral_abscissa,
-    to_control as to_control,
     worst_case as worst_case,
     worst_case_at as worst_case_at,
     worst_case_from_json as worst_case_from_json,
@@ -89,11 +92,7 @@ from .problem import (
     without_uncertainty as without_uncertainty,
 )
 from .response import (
-    CharacteristicRoots as CharacteristicRoots,
     DelayLTI as DelayLTI,
-    FrequencyResponse as FrequencyResponse,
-    Margins as Margins,
-    Nyquist as Nyquist,
     TimeResponse as TimeResponse,
     append as append,
     dead_time as dead_time,
@@ -102,6 +101,7 @@ from .response import (
     lti as lti,
     parallel as parallel,
     series as series,
+    to_control as to_control,
 )
 from .synthesis import (
     AgeLimit as AgeLimit,

@@ -8,7 +8,6 @@ from contextlib import nullcontext
 from fractions import Fraction
 from itertools import pairwise
 from typing import Any
-from unittest.mock import patch
 
 import flint
 import numpy as np
@@ -29,9 +28,10 @@ from cosim.hinf import (
     design_to_json,
 )
 from cosim.hinf.certificate import standalone_numbers
-from cosim.hinf.certificate.damping import Damping, _Part, _Sector
+from cosim.hinf.certificate.damping import Damping
 from cosim.hinf.certificate.standalone_damping import damped
 from cosim.hinf.certificate.system_json import system_to_json
+from cosim.hinf.exact import Contour
 from cosim.hinf.synthesis.damped_gains import greatest_ratio
 
 NO_GAIN = np.zeros((0, 1))
@@ -120,17 +120,9 @@ def test_units_of_the_states_change_nothing() -> None:
 
 def test_no_step_is_longer_than_its_bound() -> None:
     """x' = -x(t-10), where e^{-d Re s} triples on a step: det H changes by less than itself."""
-    loop = DelaySystem([[0.0]], delays=[Delay(10.0, [[-1.0]])])
-    sector, way = _Sector(loop, NO_GAIN, _asked(0.99, 2.0)), complex(-0.99, math.sqrt(1 - 0.99**2))
-    points: list[complex] = []
-    true = sector._H
-
-    def recorded(c: Any) -> Any:
-        points.append(complex(c))
-        return true(c)
-
-    with patch.object(sector, "_H", recorded):
-        list(sector._determinants(_Part(flint.acb(0), flint.acb(way), flint.arb(2 / 0.99))))
+    loop = flint.fmpq_mat([[-1]])
+    start, end = (flint.acb(2 * complex(-1, math.sqrt(1 / 0.99**2 - 1)) * x) for x in (0, 1))
+    points = [complex(c) for c, _ in Contour({10.0: loop}).walk(start, end)]
     assert len(points) > 20
     for c, following in pairwise(points):
         s = c + np.linspace(0, 1, 50) * (following - c)

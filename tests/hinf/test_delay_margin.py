@@ -12,9 +12,7 @@ from scipy.optimize import brentq
 from shared import sampled
 
 from cosim.core.errors import InputError
-from cosim.hinf.nominal.closed_loop import ClosedLoop, close
-from cosim.hinf.nominal.delay_margins import delay_margin
-from cosim.hinf.nominal.roots import spectral_abscissa
+from cosim.hinf import ClosedLoop, close, delay_margin, spectral_abscissa
 from cosim.models import paper_example
 from cosim.models.delay_system import Delay, DelaySystem
 

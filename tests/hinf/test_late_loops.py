@@ -137,10 +137,11 @@ def test_norms_that_only_the_general_bounds_cover() -> None:
 
 
 def test_roots_of_a_neutral_loop() -> None:
-    """1 + 0.5 e^{-0.3 s} = 0: log(0.5) / 0.3 +- j pi (2k + 1) / 0.3."""
-    roots = (0.5 * dead_time(0.3)).feedback().roots(5)
+    """1 + 0.5 e^{-0.3 s} = 0: log(0.5) / 0.3 +- j pi (2k + 1) / 0.3, behind a delay as well."""
+    loop = (0.5 * dead_time(0.3)).feedback()
     expected = math.log(0.5) / 0.3 + 1j * np.pi / 0.3 * np.array([1, -1, 3, -3, 5, -5])
-    np.testing.assert_allclose(roots, expected, rtol=1e-12)
+    np.testing.assert_allclose(loop.roots(5), expected, rtol=1e-12)
+    np.testing.assert_allclose((dead_time(0.7) * loop).roots(5), expected, rtol=1e-12)
     assert (0.5 * dead_time(0.3)).feedback().is_stable()
     assert not (1.5 * dead_time(0.3)).feedback().is_stable()
     with pytest.raises(NotAchievableError, match="direct part"):

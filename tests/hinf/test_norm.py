@@ -7,8 +7,7 @@ import pytest
 import scipy.linalg
 
 from cosim.core.errors import InputError
-from cosim.hinf.nominal.closed_loop import ClosedLoop, close
-from cosim.hinf.nominal.norm import NormResult, gain_at, hinf_norm
+from cosim.hinf import ClosedLoop, NormResult, close, gain_at, hinf_norm
 from cosim.models import paper_example
 from cosim.models.delay_system import Delay, DelaySystem
 

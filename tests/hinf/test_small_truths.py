@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from cosim.hinf import Delay, DelaySystem, analyse, gain_remark
-from cosim.hinf.nominal.instability import root_at_zero, unstable_proved
+from cosim.hinf.nominal import verdict_of
 
 OSCILLATOR = [[0.0, 1.0], [-1.0, 0.0]]
 CHAIN = [[0.0, 1.0], [0.0, 0.0]]
@@ -40,21 +40,28 @@ def test_a_root_on_the_axis_is_undecided(name: str) -> None:
 
 
 def test_unstable_is_proved_and_zero_is_exact() -> None:
-    """A root right of the axis is enclosed, a double one too; one left of it never is."""
+    """A root right of the axis is enclosed, a double one and one of a chain too, others never."""
 
-    def one(A: Any, *delays: Delay) -> DelaySystem:
-        return DelaySystem(A, delays=delays)
+    def verdict(A: Any, *delays: Delay) -> str:
+        return analyse(DelaySystem(A, delays=delays)).verdict
 
+    unstable: list[tuple[Any, ...]] = [
+        ([[1e-9]],),
+        ([[0.0]], Delay(1.6, [[-1.0]])),  # pi/2 < 1.6
+        (np.diag([2.0, 2.0]),),
+        (np.diag([1.0, 2.0]),),
+        (np.diag([0.0, 1.0]),),
+        (1e-3 * np.eye(3) + np.eye(3, k=1),),
+        ([[0.0, 1.0], [1e-9, 0.0]],),
+    ]
+    for case in unstable:
+        assert verdict(*case) == "unstable"
+    assert verdict([[0.0]], Delay(1.57, [[-1.0]])) == "certified"
+    assert verdict(OSCILLATOR) == "undecided"
     none = np.zeros((0, 1))
-    assert unstable_proved(one([[1e-9]]), none)
-    assert unstable_proved(one([[0.0]], Delay(1.6, [[-1.0]])), none)  # pi/2 < 1.6
-    assert not unstable_proved(one([[0.0]], Delay(1.57, [[-1.0]])), none)
-    assert unstable_proved(one(np.diag([2.0, 2.0])), np.zeros((0, 2)))
-    assert not unstable_proved(one(OSCILLATOR), np.zeros((0, 2)))
-    assert analyse(one([[0.0]], Delay(1.6, [[-1.0]]))).verdict == "unstable"
-    assert analyse(one(np.diag([0.0, 1.0]))).verdict == "unstable"
-    assert root_at_zero(one([[-0.3]], Delay(1.0, [[0.3]])), none)
-    assert not root_at_zero(one([[-0.3]], Delay(1.0, [[np.nextafter(0.3, 1)]])), none)
+    for late, exactly in ((0.3, True), (np.nextafter(0.3, 1), False)):
+        system = DelaySystem([[-0.3]], delays=[Delay(1.0, [[late]])])
+        assert ("is 0, exactly" in verdict_of(system, none, 0.0)[1]) == exactly
 
 
 FAR = [(1e-200, 0.0), (1e-200, 0.5), (1e-30, 0.5), (1e30, 0.0), (1e150, 0.0)]

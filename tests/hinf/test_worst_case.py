@@ -10,16 +10,16 @@ import pytest
 
 from cosim.core.errors import InputError
 from cosim.hinf import (
+    ClosedLoop,
     DelaySystem,
     characteristic_roots,
     close,
+    gain_at,
     hinf_norm,
     system_by_name,
     worst_case,
     worst_uncertainty,
 )
-from cosim.hinf.nominal.closed_loop import ClosedLoop
-from cosim.hinf.nominal.norm import gain_at
 
 LAG = ClosedLoop([[[-1.0]]], [0.0], [[1.0, 0.0]], [[[1.0]]], [[0.0, 1.0]])
 """x' = -x + w1, z = x + w2: G = (1/(1 + jw), 1)."""

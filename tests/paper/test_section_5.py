@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from truth.dde import solve
 
-from cosim.hinf import close, hinf_norm, with_delays
-from cosim.hinf.nominal.closed_loop import ClosedLoop
+from cosim.hinf import ClosedLoop, close, hinf_norm, with_delays
 from cosim.models import paper_example as example
 from cosim.models.delay_system import Delay, DelaySystem
 from cosim.paper.every_delay import every_delay

@@ -20,13 +20,10 @@ B. Beyond W > a = sum |A_i|. |S| <= 1/(w-a) and S = (I + S A)/(jw) give, P_i = D
               + (sum|D_i| |C|/(w-a))^2,
 
    whose terms fall with w: once, at w = W, is enough.
-C. Stability. On each interval det H(jw)/det H(jc) = det(I + E) with |E| <= rho (Frobenius), so
-   that its phase, the sum of those of n eigenvalues, stays below sqrt(n) asin(rho), asin(x)/x
-   being increasing. This is kept below pi/2: from centre to centre the phase of det H turns by
-   less than pi, and the principal argument of the quotient is the whole turn, none missed. At
-   R = W and on the arc |s| = R, Re s >= 0, det H(s) = s^n det(I - A(s)/s) has the phase n arg s
-   to less than sqrt(n) asin(sum|A_i|/R) < pi. The argument principle then counts the roots with
-   Re s >= 0 within R, and beyond R there are none: the count is an integer, proved below 1/2.
+C. Stability. The intervals are steps up the imaginary axis for `cosim.hinf.exact.contour`: on each,
+   det H turns by less than sqrt(n) asin(rho) from its centre. This is kept below pi/2, so that from
+   centre to centre it turns by less than pi. Between them, the arc |s| = W and the imaginary axis
+   enclose every root with Re s >= 0: their number is proved to be below 1/2.
 """
 
 from __future__ import annotations
@@ -37,7 +34,7 @@ from typing import Any, NamedTuple
 
 import flint
 
-from cosim.hinf.exact import balls, below, exact_matrix, floats, size
+from cosim.hinf.exact import Contour, balls, below, exact_matrix, floats, size
 from cosim.hinf.theorems import Loop
 from cosim.models import DelaySystem, Matrix
 
@@ -66,24 +63,21 @@ class NormProof:
     def __init__(self, system: DelaySystem, K: Any, level: float) -> None:
         terms = exact_terms(system, K)
         self.level = flint.arb(level)
-        self.n = system.A.shape[0]
+        self.contour = Contour({d: A for d, (A, _) in terms.items()})
         self.C, self.D1 = balls(exact_matrix(system.C)), balls(exact_matrix(system.D1))
-        self.delays = [flint.arb(d) for d in terms]
-        self.A = [balls(A) for A, _ in terms.values()]
         self.D = [balls(D) for _, D in terms.values()]
-        self.eye = flint.acb_mat([[int(i == j) for j in range(self.n)] for i in range(self.n)])
-        a, b = [size(A) for A in self.A], [size(D) for D in self.D]
+        delays, matrices = self.contour.delays, self.contour.A
+        a, b = [size(A) for A in matrices], [size(D) for D in self.D]
         zero = flint.arb(0)
-        self.L1 = 1 + sum((d * x for d, x in zip(self.delays, a, strict=True)), zero)
-        self.L2 = sum((d * d * x for d, x in zip(self.delays, a, strict=True)), zero)
-        self.M1 = sum((d * x for d, x in zip(self.delays, b, strict=True)), zero)
-        self.M2 = sum((d * d * x for d, x in zip(self.delays, b, strict=True)), zero)
+        self.L1 = 1 + sum((d * x for d, x in zip(delays, a, strict=True)), zero)
+        self.L2 = sum((d * d * x for d, x in zip(delays, a, strict=True)), zero)
+        self.M1 = sum((d * x for d, x in zip(delays, b, strict=True)), zero)
+        self.M2 = sum((d * d * x for d, x in zip(delays, b, strict=True)), zero)
         self.a, self.through = sum(a, zero), sum(b, zero) * size(self.C)
-        self.second = size(self.D1) * sum(b, zero) * sum((size(A * self.C) for A in self.A), zero)
+        self.second = size(self.D1) * sum(b, zero) * sum((size(A * self.C) for A in matrices), zero)
         P = [self.D1.transpose() * D * self.C for D in self.D]
         self.first = size(P[0] - P[0].transpose()) + 2 * sum(map(size, P[1:]), zero)
-        # largest rho with sqrt(n) asin(rho) < pi/2; for n = 1 that is 1
-        self.longest = (flint.arb.pi() / (2 * flint.arb(self.n).sqrt())).sin() * flint.arb("0.999")
+        self.longest = self.contour.longest(flint.arb.pi() / 2)
 
     def failure(self, steps: Sequence[tuple[float, float]], end: float) -> str | None:
         """Return what the intervals [c-h, c+h] of `steps` do not prove; None: all is proved.
@@ -117,10 +111,8 @@ class NormProof:
     def ends_at(self, w: float) -> bool:
         """Part B at W, and the phase on the arc."""
         W = flint.arb(w)
-        if not self.a < W:
-            return False
-        arc = flint.arb(self.n).sqrt() * (self.a / W).asin() < 3
-        return bool(arc and below(self.D1, self.level**2 - self._beyond(W)))
+        closes = self.contour.closes_at(flint.acb(0, W), self.a)
+        return closes and below(self.D1, self.level**2 - self._beyond(W))
 
     def _beyond(self, W: Any) -> Any:
         """Return the terms that part B adds to D1'D1 at W."""
@@ -129,27 +121,17 @@ class NormProof:
 
     def without_roots(self, turned: Any, last: NormPoint, end: float) -> bool:
         """Part C, given the turn from 0 to `last`."""
-        R = flint.acb(0, end)
-        det = self._H(R)[0].det()
-        turned += (det / last.det).arg()
-        beyond = (det / R**self.n).arg()
-        roots = flint.arb(self.n) / 2 + (beyond - turned) / flint.arb.pi()
-        return bool(roots < 0.5)
-
-    def _H(self, s: Any) -> tuple[Any, list[Any]]:
-        """Return H(s) and the factors e^{-s d_i}."""
-        late = [(-s * d).exp() for d in self.delays]
-        H = s * self.eye
-        for A, e in zip(self.A, late, strict=True):
-            H = H - A * e
-        return H, late
+        Z = flint.acb(0, end)
+        det = self.contour.at(Z).det()
+        return bool(self.contour.roots(Z, det, turned + (det / last.det).arg()) < 0.5)
 
     def point(self, c: float) -> NormPoint:
         """Return H and G with their derivatives at jc."""
-        j = flint.acb(0, 1)
-        H, late = self._H(flint.acb(0, c))
-        H1, D, D1 = self.eye * j, self.D[0], self.D[0] * 0
-        for d, e, A, Di in list(zip(self.delays, late, self.A, self.D, strict=True))[1:]:
+        j, loop = flint.acb(0, 1), self.contour
+        late = loop.late(flint.acb(0, c))
+        H = loop.at(flint.acb(0, c), late)
+        H1, D, D1 = loop.eye * j, self.D[0], self.D[0] * 0
+        for d, e, A, Di in list(zip(loop.delays, late, loop.A, self.D, strict=True))[1:]:
             H1 = H1 + A * (j * d * e)
             D, D1 = D + Di * e, D1 - Di * (j * d * e)
         S = H.inv()

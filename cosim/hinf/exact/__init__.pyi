@@ -4,6 +4,10 @@ from .ball_matrices import (
     floats as floats,
     size as size,
 )
+from .contour import (
+    Contour as Contour,
+    NotCountedError as NotCountedError,
+)
 from .rational import (
     MAX_DIGITS as MAX_DIGITS,
     asymmetric as asymmetric,

@@ -1,4 +1,4 @@
-"""The nominal loop, without the LMI: its roots, its norm and the proof, its delay margins."""
+"""Loops and systems with delays, without the LMI: roots, the norm and its proof, margins."""
 
 import lazy_loader as _lazy
 

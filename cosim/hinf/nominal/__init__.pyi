@@ -1,5 +1,14 @@
+from .blocks import (
+    Blocks as Blocks,
+    Reals as Reals,
+    balanced_blocks as balanced_blocks,
+    beside as beside,
+    blocks_from as blocks_from,
+    from_inputs as from_inputs,
+)
 from .closed_loop import (
     ClosedLoop as ClosedLoop,
+    checked_system as checked_system,
     close as close,
 )
 from .delay_margins import delay_margin as delay_margin
@@ -7,14 +16,20 @@ from .divided_time import (
     OutageBound as OutageBound,
     outage_bound as outage_bound,
 )
-from .from_control import (
-    checked_system as checked_system,
+from .frequency import (
+    FrequencyResponse as FrequencyResponse,
+    Nyquist as Nyquist,
     frequency_response as frequency_response,
-    to_control as to_control,
+    frequency_response_of as frequency_response_of,
+    nyquist_of as nyquist_of,
 )
 from .instability import (
     Verdict as Verdict,
     verdict_of as verdict_of,
+)
+from .margins import (
+    Margins as Margins,
+    margins_of as margins_of,
 )
 from .mean_square import (
     MeanSquare as MeanSquare,
@@ -31,22 +46,27 @@ from .norm import (
     ROOTS as ROOTS,
     NormResult as NormResult,
     gain_at as gain_at,
-    gain_between as gain_between,
     hinf_norm as hinf_norm,
-    norm_between as norm_between,
+    norm_of as norm_of,
 )
 from .norm_proof import (
     norm_certificate as norm_certificate,
     norm_proved as norm_proved,
+    norm_proved_of as norm_proved_of,
 )
+from .pictures import draw_time as draw_time
+from .retarded import plain_of as plain_of
+from .root_array import CharacteristicRoots as CharacteristicRoots
 from .roots import (
     Roots as Roots,
     approximate_roots as approximate_roots,
     characteristic_roots as characteristic_roots,
-    collocation as collocation,
+    is_stable as is_stable,
+    roots_of as roots_of,
     spectral_abscissa as spectral_abscissa,
 )
 from .threads import one_thread as one_thread
+from .winding import winding_of as winding_of
 from .worst_case_disturbance import (
     WorstCase as WorstCase,
     worst_case as worst_case,

@@ -168,13 +168,29 @@ class ClosedLoop:
         """|A_i|, the 2-norm of every A_i."""
         return np.array([np.linalg.norm(A, 2) for A in self.A])
 
-    def state_matrix(self, s: Any, *, derivative: int = 0) -> Stack:
-        """Return sum_i (-d_i)^k A_i e^{-s d_i}, the k-th derivative in s; s.shape + (n, n)."""
-        return self._sum(self.A, s, derivative)
+    def bound(self, real: float) -> float:
+        """Return a bound of |s| for roots with Re s >= real: sum_i |A_i| e^{-real d_i}."""
+        return float(self.sizes @ np.exp(-real * np.array(self.delays)))
+
+    def state_matrix(self, s: Any) -> Stack:
+        """Return sum_i A_i e^{-s d_i}; s.shape + (n, n)."""
+        return _sum(self.A, self._late(s))
+
+    def characteristic_matrix(self, s: Any) -> tuple[Stack, Stack]:
+        """Return H(s) = s I - sum_i A_i e^{-s d_i} and dH/ds, each s.shape + (n, n)."""
+        eye, late = np.eye(self.order), self._late(s)
+        H = np.asarray(s)[..., None, None] * eye - _sum(self.A, late)
+        return H, eye + _sum(self.A, late * np.array(self.delays))
+
+    def resolvent(self, s: Any) -> tuple[Stack, Stack, Stack]:
+        """Return S = H^-1, S C and D S at s; only where there are w and z."""
+        late = self._late(s)
+        S = np.linalg.inv(s[..., None, None] * np.eye(self.order) - _sum(self.A, late))
+        return S, S @ np.asarray(self.C), _sum(self.D, late) @ S
 
     def output_matrix(self, s: Any) -> Stack:
         """Return sum_i D_i e^{-s d_i}; s.shape + (p, n). Only where there are w and z."""
-        return self._sum(self.D, s, 0)
+        return _sum(self.D, self._late(s))
 
     def transfer(self, omega: ArrayLike) -> Stack:
         """Return G(s) = D(s) (s I - A(s))^-1 C + D1 at s = j omega; omega.shape + (p, q).
@@ -190,11 +206,15 @@ class ClosedLoop:
         inner = np.linalg.solve(H, np.broadcast_to(C, (*s.shape, *C.shape)))
         return np.asarray(self.output_matrix(s) @ inner + D1, dtype=np.complex128)
 
-    def _sum(self, matrices: tuple[Matrix, ...], s: Any, derivative: int) -> Stack:
-        delays = np.array(self.delays)
-        weights = np.exp(-np.asarray(s, dtype=np.complex128)[..., None] * delays)
-        total: Stack = np.einsum("...i,ijk->...jk", weights * (-delays) ** derivative, matrices)
-        return total
+    def _late(self, s: Any) -> Stack:
+        """Return the factors e^{-s d_i}, s.shape + (N + 1,)."""
+        late: Stack = np.exp(-np.asarray(s, dtype=np.complex128)[..., None] * np.array(self.delays))
+        return late
+
+
+def _sum(matrices: tuple[Matrix, ...], weights: Stack) -> Stack:
+    total: Stack = np.einsum("...i,ijk->...jk", weights, matrices)
+    return total
 
 
 def balanced(A: Sequence[Matrix]) -> list[Matrix]:
@@ -253,3 +273,31 @@ def closed_terms(system: DelaySystem, K: ArrayLike) -> Terms:
     A = [M if own is None else M + system.B @ own for M, own in zip(open_A, fed, strict=True)]
     D = [M if own is None else M + system.D2 @ own for M, own in zip(open_D, fed, strict=True)]
     return Terms(A, D, [0.0, *(delay.constant_age for delay in system.delays)])
+
+
+def checked_system(system: Any, *, control: bool = False) -> DelaySystem:
+    """Return `system` if it is a `DelaySystem`, with `control` only if it has a B.
+
+    Raises
+    ------
+    InputError : it is something else (the message says how to convert it), or has no B.
+    """
+    if isinstance(system, DelaySystem):
+        n, m = system.B.shape
+        if control and not m:
+            raise InputError(
+                "there is no gain to design: the system has no control, B is missing",
+                where=f"{system.name}: B" if system.name else "B",
+                expected=f"B, {n} rows with one column per control",
+                got="no B",
+                hint="give B beside A, or analyse the system as it is (cosim analyse)",
+            )
+        return system
+    is_plant = all(hasattr(system, name) for name in "ABCD")
+    raise InputError(
+        "not a system with delays",
+        where="system",
+        expected="a DelaySystem",
+        got=type(system).__name__,
+        hint="DelaySystem.from_state_space(plant, ncon=..., delays=[...])" if is_plant else None,
+    )

@@ -1,9 +1,7 @@
 """What is known of a nominal loop that is not shown to be stable: unstable by proof, or undecided.
 
-Unstable: det H(s), H(s) = s I - sum_i A_i e^{-s d_i}, has a zero with Re s > 0. About the computed
-root m, with r = Re m / 2, balls cover the circle |s - m| = r. If |det H| is greater on all of them
-than at m, then det H has a zero within: otherwise 1 / det H were regular there, and at m greater
-than anywhere on the circle. The doubles of system and K are taken exactly.
+Unstable: a square about the computed root, right of the imaginary axis, has a root in it, counted
+in balls (`cosim.hinf.exact.contour`). The doubles of system and K are taken exactly.
 
 A root on the imaginary axis cannot be told from one beside it in floating point. The loop is then
 undecided, also where A_0 + ... + A_N is singular in rational arithmetic, which is a root at 0: it
@@ -12,14 +10,14 @@ does not go to rest, but whether it stays bounded is another matter.
 
 from __future__ import annotations
 
-import math
-from typing import Any, Literal
+from contextlib import suppress
+from typing import Literal
 
 import flint
 
 from cosim.core import NotAchievableError
 from cosim.hinf.certificate import exact_terms
-from cosim.hinf.exact import ball_precision, balls
+from cosim.hinf.exact import Contour, NotCountedError, ball_precision
 from cosim.hinf.nominal.closed_loop import close
 from cosim.hinf.nominal.roots import characteristic_roots
 from cosim.models import DelaySystem, Matrix
@@ -27,7 +25,9 @@ from cosim.models import DelaySystem, Matrix
 Verdict = Literal["unstable", "undecided"]
 
 _BITS = 256
-_ARCS = (32, 256, 2048)
+_SQUARE = ((-1, -1), (1, -1), (1, 1), (-1, 1))
+_SHARES = (0.8, 0.4)
+"""Half widths of the squares tried, against the distance of the root from the axis."""
 
 
 def verdict_of(system: DelaySystem, K: Matrix, abscissa: float) -> tuple[Verdict, str]:
@@ -57,26 +57,12 @@ def unstable_proved(system: DelaySystem, K: Matrix) -> bool:
         root = complex(characteristic_roots(close(system, K), 1)[0])
     except NotAchievableError:
         return False
-    terms = [(flint.arb(d), A) for d, (A, _) in exact_terms(system, K).items()]
+    terms = {d: A for d, (A, _) in exact_terms(system, K).items()}
     with ball_precision(_BITS):
-        middle, radius = flint.acb(root.real, root.imag), flint.arb(root.real) / 2
-        if not radius > 0:
-            return False
-        loop = [(d, balls(A)) for d, A in terms]
-        at_root = abs(_determinant(loop, middle))
-        for arcs in _ARCS:
-            half = flint.arb(math.pi / arcs)
-            turns = (flint.arb(2 * k + 1) * flint.arb.pi() / arcs for k in range(arcs))
-            pieces = (flint.arb(turn.mid(), (half * 1.01).upper()) for turn in turns)
-            circle = (middle + radius * flint.acb(piece.cos(), piece.sin()) for piece in pieces)
-            if all(abs(_determinant(loop, s)) > at_root for s in circle):
-                return True
+        for share in _SHARES:
+            r = share * root.real
+            corners = [flint.acb(root.real + r * x, root.imag + r * y) for x, y in _SQUARE]
+            with suppress(NotCountedError):
+                if r > 0 and Contour.balanced(terms).within(corners):
+                    return True
     return False
-
-
-def _determinant(loop: list[tuple[Any, Any]], s: Any) -> Any:
-    n = loop[0][1].nrows()
-    H = flint.acb_mat([[s if i == j else flint.acb(0) for j in range(n)] for i in range(n)])
-    for d, A in loop:
-        H = H - A * (-s * d).exp()
-    return H.det()

@@ -1,4 +1,4 @@
-"""The H-infinity norm of the nominal loop: a gain that is attained, and an upper bound.
+"""The H-infinity norm of a loop or system with delays: a gain that is attained, and a bound.
 
     G(jw) = D(jw) S(jw) C + D1,   S = H^-1,   H(s) = s I - sum_i A_i e^{-s d_i},
     D(s) = sum_i D_i e^{-s d_i},  norm = sup over w >= 0 of |G(jw)|, the largest singular value
@@ -16,6 +16,10 @@
    The level-set method (Michiels, Gumussoy, SIAM J. Matrix Anal. Appl. 31, 2010) needs a
    discretised delay; this bound does not.
 3. From W on, where the gain tends to |D1|, a closed form bounds it.
+
+A system with internal delays has the norm of a loop where it, or its transpose, is one whose
+disturbance acts at once (`cosim.hinf.nominal.retarded`). Otherwise (inputs and outputs late in
+different ways, direct terms late, neutral systems) the same is done with M(s) of its blocks.
 """
 
 from __future__ import annotations
@@ -28,8 +32,12 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
 
+from cosim.core import InputError
+from cosim.hinf.nominal.blocks import Blocks, balanced_blocks
 from cosim.hinf.nominal.closed_loop import ClosedLoop
-from cosim.hinf.nominal.roots import Roots, characteristic_roots
+from cosim.hinf.nominal.high_frequency import HighFrequency
+from cosim.hinf.nominal.retarded import plain_of
+from cosim.hinf.nominal.roots import Roots, characteristic_roots, is_stable, roots_of
 
 Reals = NDArray[np.float64]
 
@@ -80,16 +88,15 @@ def gain_at(loop: Response, omega: Any) -> Reals:
 
 
 class _Bounds:
-    """Upper bounds of |G| on intervals and beyond a frequency (items 2 and 3 above)."""
+    """What items 2 and 3 above need of a loop."""
 
     def __init__(self, loop: ClosedLoop) -> None:
-        self.loop, D1, C = loop, loop.direct, np.asarray(loop.C)
+        D1, C = loop.direct, np.asarray(loop.C)
         delays = np.array(loop.delays)
         a = loop.sizes
         b = np.array([np.linalg.norm(D, 2) for D in loop.D])
-        self.L1 = 1.0 + float(delays @ a)  # |H'|
-        self.L2 = float(delays**2 @ a)  # |H''|
-        self.M1, self.M2 = float(delays @ b), float(delays**2 @ b)  # |D'|, |D''|
+        late = [float(delays**k @ sizes) for sizes in (a, b) for k in (1, 2)]
+        self.constants = (1.0 + late[0], late[1], late[2], late[3])
         self.direct = float(np.linalg.norm(D1, 2))
         self.a = float(a.sum())
         self.through = float(b.sum() * np.linalg.norm(C, 2))
@@ -110,41 +117,19 @@ class _Bounds:
         square = self.first / w + 2.0 * self.second / (w * rest) + (self.through / rest) ** 2
         return math.sqrt(self.direct**2 + square)
 
-    def on(self, low: Reals, high: Reals, ends: Reals) -> Reals:
-        """Return a bound of the gain on each [low, high]; `ends`: the higher gain of its ends."""
-        loop, half = self.loop, 0.5 * (high - low)
-        s = 0.5j * (low + high)
-        S = np.linalg.inv(s[:, None, None] * np.eye(loop.order) - loop.state_matrix(s))
 
-        def size(stack: Any) -> Reals:
-            return np.asarray(np.linalg.norm(stack, axis=(-2, -1)), dtype=np.float64)
-
-        sizes = size(S), size(S @ np.asarray(loop.C)), size(loop.output_matrix(s) @ S)
-        return gain_between(half, ends, sizes, (self.L1, self.L2, self.M1, self.M2))
-
-
-def gain_between(
-    half: Reals,
-    ends: Reals,
-    sizes: tuple[Reals, Reals, Reals],
-    constants: tuple[float, float, float, float],
-) -> Reals:
-    """Return item 2: a bound on intervals of half width `half` about a midpoint.
-
-    Parameters
-    ----------
-    ends : the higher gain of both ends.
-    sizes : |S|, |S C| and |D S| at the midpoint.
-    constants : bounds L1, L2 of |H'|, |H''| and M1, M2 of |D'|, |D''|.
-    """
-    (S, SC, DS), (L1, L2, M1, M2) = sizes, constants
+def _on(loop: Response, bounds: GainBounds, low: Reals, high: Reals, ends: Reals) -> Reals:
+    """Return item 2: a bound of the gain on each [low, high]; `ends`: the higher of its ends."""
+    L1, L2, M1, M2 = bounds.constants
+    half = 0.5 * (high - low)
+    S, SC, DS = (np.linalg.norm(X, axis=(-2, -1)) for X in loop.resolvent(0.5j * (low + high)))
     rho = half * L1 * S
     grow = 1.0 / np.where(rho < 1.0, 1.0 - rho, 1.0)
     r = grow * S
     rc = grow * SC
     dr = grow * DS + half * M1 * r
     bend = rc * (M2 + 2.0 * M1 * r * L1 + dr * (2.0 * L1**2 * r + L2))
-    return np.where(rho < 1.0, ends + 0.5 * half**2 * bend, np.inf)
+    return np.asarray(np.where(rho < 1.0, ends + 0.5 * half**2 * bend, np.inf))
 
 
 def _refine(loop: Response, low: float, high: float) -> tuple[float, float]:
@@ -214,7 +199,7 @@ def _branch_and_bound(
         level = best[0] * (1.0 + _TOLERANCE) + floor
         ends = np.maximum(at_low, at_high)
         chunks = [slice(i, i + _CHUNK) for i in range(0, low.size, _CHUNK)]
-        upper = np.concatenate([bounds.on(low[c], high[c], ends[c]) for c in chunks])
+        upper = np.concatenate([_on(loop, bounds, low[c], high[c], ends[c]) for c in chunks])
         effort += low.size
         middle = 0.5 * (low + high)
         # Intervals left undivided by rounding or the limit of effort keep their own bound.
@@ -265,8 +250,8 @@ class Response(Protocol):
     """A response G(j omega) whose greatest gain is searched."""
 
     @property
-    def delays(self) -> Sequence[float]:
-        """Its delays [s], rising, at least one."""
+    def delays(self) -> Sequence[float] | Reals:
+        """Its delays [s]."""
 
     @property
     def direct(self) -> NDArray[np.float64]:
@@ -275,13 +260,18 @@ class Response(Protocol):
     def transfer(self, omega: ArrayLike) -> NDArray[np.complex128]:
         """Return G(j omega), omega.shape + (p, q)."""
 
+    def resolvent(self, s: Any) -> tuple[Any, Any, Any]:
+        """Return S = H^-1, S C and D S at s (k,), as in item 2."""
+
 
 class GainBounds(Protocol):
     """Upper bounds of the gain: of `direct`, on intervals and beyond a frequency.
 
+    constants : bounds L1, L2 of |H'|, |H''| and M1, M2 of |D'|, |D''| in item 2.
     a : frequencies above it are high; through : the size of what is not direct, times a.
     """
 
+    constants: tuple[float, float, float, float]
     direct: float
     a: float
     through: float
@@ -289,16 +279,13 @@ class GainBounds(Protocol):
     def beyond(self, w: float) -> float:
         """Return a bound of the gain at every frequency >= w, w > a."""
 
-    def on(self, low: Reals, high: Reals, ends: Reals) -> Reals:
-        """Return a bound of the gain on each [low, high]; `ends`: the higher gain of its ends."""
-
 
 def norm_between(loop: Response, bounds: GainBounds, roots: Roots) -> NormResult:
     """Compute the norm of a stable response with these bounds, near whose `roots` peaks lie."""
     best, grid, gains = _start(loop, roots, bounds)
     # Absolute floor: a gain that is zero by cancellation has no relative precision.
     floor = 1e-12 * bounds.through / max(bounds.a, 1e-300)
-    longest = _LARGEST_EFFORT / 4.0 / max(loop.delays[-1], 1e-12)
+    longest = _LARGEST_EFFORT / 4.0 / max(*loop.delays, 1e-12)
     end = _last(bounds, best[0] * (1.0 + _TOLERANCE) + floor, longest)
     inner = grid < end
     # Two points per octave above the grid: a wider interval would have no bound at first.
@@ -308,3 +295,61 @@ def norm_between(loop: Response, bounds: GainBounds, roots: Roots) -> NormResult
     values = np.append(gains[inner], gain_at(loop, above))
     best, bound = _branch_and_bound(loop, bounds, best, floor, points, values)
     return NormResult(best[0], best[1], max(bound, bounds.beyond(end)))
+
+
+def norm_of(blocks: Blocks) -> NormResult | None:
+    """Compute the H-infinity norm, the greatest gain over all frequencies.
+
+    Returns
+    -------
+    The norm, its frequency and an upper bound, or None where the system is not asymptotically
+    stable.
+
+    Raises
+    ------
+    InputError : no input or no output.
+    NotAchievableError : characteristic roots that cannot be found.
+    """
+    if not blocks.D.size:
+        raise InputError("this system has no gain", where="system", expected="inputs and outputs")
+    if not blocks.order and not blocks.delays.size:
+        gain = float(np.linalg.norm(blocks.D, 2))
+        return NormResult(gain, 0.0, gain)
+    roots = roots_of(blocks, ROOTS)
+    if (roots.size and not roots[0].real < 0.0) or (blocks.is_neutral and not is_stable(blocks)):
+        return None
+    if not blocks.is_neutral and blocks.order:
+        plain = plain_of(blocks)
+        if plain is not None:
+            return hinf_norm(plain.loop(), roots)
+    high = HighFrequency(balanced_blocks(blocks)[0])
+    if not roots.size:
+        roots = np.array([-1.0 + 1j]) / blocks.delays.max()
+    return norm_between(high.blocks, _BlockBounds(high), roots)
+
+
+class _BlockBounds:
+    """The same of a system with internal delays, with M for H, [B; Dv] for C, [C  Dw E] for D."""
+
+    def __init__(self, high: HighFrequency) -> None:
+        s = high.blocks
+        self.high = high
+        late = s.Dw.any() and s.Dv.any()
+        self.direct = 0.0 if late else high.direct
+        # something to measure frequencies by, also without a state
+        self.a = max(high.a, float((1.0 / s.delays).max(initial=0.0)))
+        self.through = max(high.through, self.a * (high.direct if late else 0.0))
+        into = np.vstack([s.Bw, s.Dvw])
+
+        def size(M: Reals) -> float:
+            return float(np.linalg.norm(M, 2)) if M.size else 0.0
+
+        self.constants = (
+            1.0 + size(into * s.delays),
+            size(into * s.delays**2),
+            size(s.Dw * s.delays),
+            size(s.Dw * s.delays**2),
+        )
+
+    def beyond(self, w: float) -> float:
+        return self.high.beyond(w)

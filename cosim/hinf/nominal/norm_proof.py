@@ -12,9 +12,13 @@ from numpy.typing import ArrayLike
 from cosim.core import InputError
 from cosim.hinf.certificate import MAX_STEPS, NORM_BITS, NormPoint, NormProof, bend, norm_to_json
 from cosim.hinf.exact import ball_precision
+from cosim.hinf.nominal.blocks import Blocks
 from cosim.hinf.nominal.closed_loop import checked_matrix
+from cosim.hinf.nominal.norm import NormResult
+from cosim.hinf.nominal.retarded import plain_of
 from cosim.models import DelaySystem
 
+_ABOVE = (1e-8, 1e-6, 1e-4, 1e-2)  # relative distances of the bounds tried
 _FARTHEST = 1e9  # W, against the sum of the rates
 
 
@@ -52,6 +56,23 @@ def norm_certificate(system: DelaySystem, K: ArrayLike, level: float) -> dict[st
     with ball_precision(NORM_BITS):
         found = _Search(system, gain, level).steps()
     return None if found is None else norm_to_json(system, gain, level, *found)
+
+
+def norm_proved_of(blocks: Blocks, norm: NormResult) -> float | None:
+    """Return a number near the norm that it is proved to lie below; None without a proof.
+
+    The proof is in ball arithmetic and shows stability as well. None also for systems that no
+    `DelaySystem` has the norm of.
+    """
+    if blocks.is_neutral or not blocks.order or not norm.value > 0.0:
+        return None
+    plain = plain_of(blocks)
+    system = None if plain is None else plain.system()
+    if system is None:
+        return None
+    K = np.zeros((0, blocks.order))
+    levels = (norm.value * (1.0 + share) for share in _ABOVE)
+    return next((level for level in levels if norm_proved(system, K, level)), None)
 
 
 def _checked(system: DelaySystem, K: ArrayLike, level: float) -> Any:

@@ -1,14 +1,16 @@
-"""Characteristic roots of x' = sum_i A_i x(t-d_i): found, polished, and counted.
+"""Characteristic roots of x' = sum_i A_i x(t-d_i) and of any system with internal delays.
 
-1. Seeds. Chebyshev collocation of the infinitesimal generator of the solution semigroup
-   (Breda, Maset, Vermiglio, SIAM J. Sci. Comput. 27, 2005): its matrix acts on the values of
-   the state at N+1 nodes of [-d_max, 0]; the eigenvalues near 0 converge exponentially in N.
+1. Seeds. Eigenvalues of a collocation (`cosim.hinf.nominal.collocation`), more and more exact.
 2. Polish. Newton for nonlinear eigenproblems by successive linear problems (Ruhe, SIAM J.
    Numer. Anal. 10, 1973): lambda -= mu, mu the smallest eigenvalue of H v = mu H' v,
    H(lambda) = lambda I - sum_i A_i e^{-lambda d_i}. Unlike the bordered iteration its steps
    stay regular at semisimple multiple roots.
 3. Count. The argument principle along a vertical line left of the wanted roots counts those to
    its right. The seeds are refined until as many were found: that shows that none was missed.
+
+Of a system with internal delays they are those of the delay differential equation that it is. A
+neutral one has infinitely many near a vertical line: its roots are polished on M(s) itself, and
+nothing counts them.
 """
 
 from __future__ import annotations
@@ -20,7 +22,18 @@ import scipy
 from numpy.typing import NDArray
 
 from cosim.core import InputError, NotAchievableError
-from cosim.hinf.nominal.closed_loop import ClosedLoop, Matrix, balanced
+from cosim.hinf.nominal.blocks import Blocks, balanced_blocks
+from cosim.hinf.nominal.closed_loop import ClosedLoop, balanced
+from cosim.hinf.nominal.collocation import collocated, late_signals
+from cosim.hinf.nominal.high_frequency import HighFrequency
+from cosim.hinf.nominal.phase import (
+    Characteristic,
+    NotFollowedError,
+    even_samples,
+    log_derivative,
+    turn_along,
+)
+from cosim.hinf.nominal.retarded import terms_of
 
 Roots = NDArray[np.complex128]
 
@@ -28,70 +41,20 @@ _RESIDUAL = 1e-10
 _SAME = 1e-13  # residual between two estimates of one root, however ill-conditioned
 _CLOSE = 1e-4  # estimates farther apart (relative) are never one root
 _FIRST_NODES = 20
+_NEUTRAL_NODES = 60
 _LARGEST_MATRIX = 1300
-_PHASE = 0.7  # greatest phase [rad] and greatest |step f'/f| between neighbouring samples
-_LARGEST_START = 20000.0
-_MOST_SAMPLES = 400_000  # beyond, counting takes minutes and gigabytes
 _LARGEST_EXPONENT = 200.0
 _NO_DELAY = 1e-100  # of the fastest mode's time: what it adds lies beyond every number
 
 
-def collocation(nodes: int) -> tuple[Matrix, Matrix]:
-    """Return Chebyshev points 1 = x_0 > ... > x_N = -1 and their differentiation matrix.
-
-    Trefethen, Spectral Methods in MATLAB (2000), chapter 6.
-    """
-    j = np.arange(nodes + 1)
-    x: Matrix = np.cos(np.pi * j / nodes)
-    c = np.where((j == 0) | (j == nodes), 2.0, 1.0) * (-1.0) ** j
-    D: Matrix = np.outer(c, 1.0 / c) / (x[:, None] - x[None, :] + np.eye(nodes + 1))
-    D -= np.diag(D.sum(axis=1))
-    return x, D
-
-
-def _interpolation(x: Matrix, at: float) -> Matrix:
-    """Return the weights of the values at Chebyshev points `x` in the interpolant at `at`."""
-    gap = at - x
-    if np.any(gap == 0.0):
-        return np.where(gap == 0.0, 1.0, 0.0)
-    weights = (-1.0) ** np.arange(x.size) / gap
-    weights[[0, -1]] /= 2.0
-    normalised: Matrix = weights / weights.sum()
-    return normalised
-
-
-def _generator(loop: ClosedLoop, nodes: int) -> Matrix:
-    """Return the collocated generator, (n(N+1), n(N+1)): the equation, then d/dtheta."""
-    n, span = loop.order, loop.delays[-1]
-    x, D = collocation(nodes)
-    matrix: Matrix = np.kron(D * (2.0 / span), np.eye(n)).astype(np.float64)
-    matrix[:n] = sum(
-        np.kron(_interpolation(x, 1.0 - 2.0 * d / span), A)
-        for d, A in zip(loop.delays, loop.A, strict=True)
-    )
-    return matrix
-
-
-def _characteristic(loop: ClosedLoop, s: Any) -> tuple[Roots, Roots]:
-    """H(s) = s I - sum_i A_i e^{-s d_i} and H'(s), each s.shape + (n, n)."""
-    eye = np.eye(loop.order)
-    H = np.asarray(s)[..., None, None] * eye - loop.state_matrix(s)
-    return H, eye - loop.state_matrix(s, derivative=1)
-
-
-def _bound(loop: ClosedLoop, real: float) -> float:
-    """Return a bound of |lambda| for Re lambda >= real: sum_i |A_i| e^{-real d_i}."""
-    return float(loop.sizes @ np.exp(-real * np.array(loop.delays)))
-
-
-def _polish(loop: ClosedLoop, seed: complex) -> complex | None:
-    """Return the root that the iteration reaches from `seed`, or None."""
-    root, scale = complex(seed), _bound(loop, 0.0)
+def _polish(system: Characteristic, seed: complex) -> complex | None:
+    """Return the root that successive linear problems reach from `seed`, or None."""
+    root, scale, longest = complex(seed), system.bound(0.0), max(system.delays)
     for _ in range(60):
-        if not -root.real * loop.delays[-1] < _LARGEST_EXPONENT:
+        if not -root.real * longest < _LARGEST_EXPONENT:
             return None
-        H, derivative = _characteristic(loop, root)
-        mu = scipy.linalg.eigvals(H, derivative)
+        M, derivative = system.characteristic_matrix(root)
+        mu = scipy.linalg.eigvals(M, derivative)
         mu = mu[np.isfinite(mu)]
         if mu.size == 0:
             return None
@@ -99,35 +62,36 @@ def _polish(loop: ClosedLoop, seed: complex) -> complex | None:
         root -= step
         if abs(step) <= 1e-15 * (abs(root) + scale):
             break
-    if not -root.real * loop.delays[-1] < _LARGEST_EXPONENT:
+    if not -root.real * longest < _LARGEST_EXPONENT:
         return None
-    return root if _residual(loop, root) <= _RESIDUAL else None
+    return root if _residual(system, root) <= _RESIDUAL else None
 
 
-def _residual(loop: ClosedLoop, root: complex) -> float:
-    """Return the smallest singular value of H(root), relative to the size of its terms."""
-    H, _ = _characteristic(loop, root)
-    smallest = float(np.linalg.svd(H, compute_uv=False)[-1])
-    return smallest / (abs(root) + _bound(loop, root.real) + 1e-300)
+def _residual(system: Characteristic, root: complex) -> float:
+    """Return the smallest singular value of M(root), relative to the size of its terms."""
+    M, _ = system.characteristic_matrix(root)
+    smallest = float(np.linalg.svd(M, compute_uv=False)[-1])
+    return smallest / (abs(root) + system.bound(root.real) + 1e-300)
 
 
-def _same(loop: ClosedLoop, a: complex, b: complex) -> bool:
+def _same(system: Characteristic, a: complex, b: complex, scale: float) -> bool:
     """Whether `a` and `b` estimate one root: the equation holds between them as well.
 
     A fixed distance cannot decide: a double root is only computed to the square root of the
     precision, while two simple roots may be closer than that.
     """
-    near = abs(a - b) <= _CLOSE * (abs(a) + abs(b) + _bound(loop, 0.0))
-    return near and _residual(loop, (a + b) / 2) <= _SAME
+    near = abs(a - b) <= _CLOSE * (abs(a) + abs(b) + scale)
+    return near and _residual(system, (a + b) / 2) <= _SAME
 
 
-def _distinct(loop: ClosedLoop, roots: list[complex]) -> Roots:
+def _distinct(system: Characteristic, roots: list[complex]) -> Roots:
     """Return the roots in the upper half-plane, merged, rightmost first."""
     found: list[complex] = []
+    scale = system.bound(0.0)
     for root in roots:
-        real = _same(loop, root, root.conjugate())
+        real = _same(system, root, root.conjugate(), scale)
         upper = complex(root.real, 0.0 if real else abs(root.imag))
-        if not any(_same(loop, upper, other) for other in found):
+        if not any(_same(system, upper, other, scale) for other in found):
             found.append(upper)
     return np.array(sorted(found, key=lambda r: -r.real), dtype=np.complex128)
 
@@ -139,10 +103,8 @@ def _log_derivative(loop: ClosedLoop, s: Any) -> tuple[Roots, Roots]:
     ------
     NotAchievableError : H is singular there in doubles.
     """
-    H, derivative = _characteristic(loop, s)
-    phase, _ = np.linalg.slogdet(H)
     try:
-        return phase, np.trace(np.linalg.solve(H, derivative), axis1=-2, axis2=-1)
+        return log_derivative(loop, s)
     except np.linalg.LinAlgError:
         # far to the left a late term may outweigh all others by more than doubles can tell
         raise NotAchievableError(
@@ -164,51 +126,40 @@ def roots_right_of(loop: ClosedLoop, real: float) -> int:
     """Count the characteristic roots with real part > `real`, with their multiplicities.
 
     Argument principle on the boundary of {Re s > real, |s| < R}: up the line the phase of
-    f = det H is followed with steps on which neither the phase nor f'/f allows a turn to be
-    missed; on the arc, R twice the bound of all roots, it is known in closed form.
+    f = det H is followed; on the arc, R twice the bound of all roots, it is known in closed form.
 
     Raises
     ------
     NotAchievableError : a root lies on the line, to rounding.
     """
-    top = 2.0 * _bound(loop, real) + abs(real) + 1e-300
+    top = 2.0 * loop.bound(real) + abs(real) + 1e-300
     # Evenly against the delay, in proportion against stiff modes; the rest is refinement.
-    even = np.linspace(0.0, top, 65 + int(min(2.0 * top * loop.delays[-1], _LARGEST_START)))
+    even = even_samples(0.0, top, loop.delays[-1])
     omega = np.union1d(even, np.geomspace(1e-9 * top, top, 200))
-    phase, g = _log_derivative(loop, real + 1j * omega)
-    for _ in range(60):
-        step = np.diff(omega)
-        turn = np.angle(phase[1:] / phase[:-1])
-        steep = step * np.maximum(np.abs(g[1:]), np.abs(g[:-1])) > _PHASE
-        split = np.flatnonzero(steep | (np.abs(turn) > _PHASE))
-        if split.size == 0:
-            break
-        if omega.size > _MOST_SAMPLES:
+    try:
+        turn, _ = turn_along(lambda w: _log_derivative(loop, real + 1j * w), omega)
+    except NotFollowedError as error:
+        if error.many:
             raise NotAchievableError(
                 "the delay is too long against the loop's fastest mode to count its roots",
                 where=f"delay {loop.delays[-1]:g} s, rates up to {top:g} 1/s",
                 hint="scale time, or leave out what is much faster than the rest",
-            )
-        middle = omega[split] + 0.5 * step[split]
-        phases, gs = _log_derivative(loop, real + 1j * middle)
-        omega = np.insert(omega, split + 1, middle)
-        phase, g = np.insert(phase, split + 1, phases), np.insert(g, split + 1, gs)
-    else:
+            ) from None
         raise NotAchievableError(
             "the roots right of a line cannot be counted",
             where=f"real part {real!r}",
             expected="no root on the line",
             hint="move the line",
-        )
+        ) from None
     end = real + 1j * top
     mu = np.linalg.eigvals(loop.state_matrix(end))
     arc = loop.order * np.angle(end) + float(np.angle(1.0 - mu / end).sum())
-    return round(float(arc - turn.sum()) / np.pi)
+    return round(float(arc - turn) / np.pi)
 
 
 def _complete(loop: ClosedLoop, upper: Roots, count: int) -> tuple[Roots, bool]:
     """Return the rightmost `count` roots found, and whether the argument principle agrees."""
-    tau, scale = loop.delays[-1], _bound(loop, 0.0)
+    tau, scale = loop.delays[-1], loop.bound(0.0)
     width = np.where(upper.imag > 0, 2, 1)
     have = int(np.searchsorted(np.cumsum(width), min(count, int(width.sum())))) + 1
     # The line goes through the widest gap among the next few, where its phase is slow.
@@ -236,8 +187,9 @@ def approximate_roots(loop: ClosedLoop, nodes: int = _FIRST_NODES) -> Roots:
     The rightmost ones are close to characteristic roots as a rule; some may be none, or missing.
     """
     loop = ClosedLoop(balanced(loop.A), loop.delays)
-    matrix = _generator(loop, nodes) if loop.delays[-1] > 0 else loop.A[0]
-    found: Roots = np.linalg.eigvals(matrix).astype(np.complex128)
+    found: Roots = np.linalg.eigvals(collocated(loop.A[0], *late_signals(loop), nodes)).astype(
+        np.complex128
+    )
     return found[np.argsort(-found.real, kind="stable")]
 
 
@@ -279,18 +231,21 @@ def _rightmost_roots(loop: ClosedLoop, count: int) -> Roots:
     """Compute what `characteristic_roots` returns."""
     loop = ClosedLoop(balanced(loop.A), loop.delays)
     tau = max((d for d, A in zip(loop.delays, loop.A, strict=True) if A.any()), default=0.0)
-    if tau * _bound(loop, 0.0) < _NO_DELAY:
+    if tau * loop.bound(0.0) < _NO_DELAY:
         loop = ClosedLoop([sum(loop.A, np.zeros_like(loop.A[0]))], [0.0])
         seeds = np.linalg.eigvals(loop.A[0])
         upper = _distinct(loop, [complex(seed) for seed in seeds])
         return _complete(loop, upper, count)[0]
-    nodes, before = _FIRST_NODES, 0
+    R, late = late_signals(loop)
+    # few signals allow more nodes, of which fewer are added later
+    nodes, before = _FIRST_NODES * (2 if 2 * len(R) <= loop.order else 1), 0
     while True:
-        seeds = np.linalg.eigvals(_generator(loop, nodes))
+        matrix = collocated(loop.A[0], R, late, nodes)
+        seeds = np.linalg.eigvals(matrix)
         seeds = seeds[np.argsort(-seeds.real)][: 3 * count + 30 + 8 * loop.order]
         polished = [_polish(loop, complex(seed)) for seed in seeds if seed.imag >= 0]
         upper = _distinct(loop, [root for root in polished if root is not None])
-        largest = loop.order * (nodes + nodes // 2) > _LARGEST_MATRIX
+        largest = 3 * matrix.shape[0] // 2 > _LARGEST_MATRIX
         if upper.size:
             try:
                 roots, complete = _complete(loop, upper, count)
@@ -320,3 +275,71 @@ def spectral_abscissa(loop: ClosedLoop) -> float:
     NotAchievableError : as `characteristic_roots`.
     """
     return float(characteristic_roots(loop, count=1)[0].real)
+
+
+def roots_of(blocks: Blocks, count: int = 10) -> Roots:
+    """Compute the rightmost characteristic roots [1/s], rightmost first.
+
+    Returns
+    -------
+    As `characteristic_roots`; empty where there is neither a state nor a feedback.
+
+    Raises
+    ------
+    InputError : `count` is less than 1.
+    NotAchievableError : roots that cannot all be found.
+    """
+    if count < 1:
+        raise InputError("not a number of roots", where="count", expected=">= 1", got=str(count))
+    if blocks.is_neutral:
+        return _neutral_roots(balanced_blocks(blocks)[0], count)
+    if not blocks.order:
+        return np.zeros(0, dtype=np.complex128)
+    terms = [term for term in terms_of(blocks) if term.h == 0.0 or term.A.any()]
+    loop = ClosedLoop([term.A for term in terms], [term.h for term in terms])
+    return characteristic_roots(loop, count)
+
+
+def is_stable(blocks: Blocks) -> bool:
+    """Whether every characteristic root has a negative real part.
+
+    A neutral system has roots near the lines that its difference equation v = Dvw E v has; these
+    must lie left of the axis, whatever small changes of the delays (strong stability), which is
+    decided by a bound: the spectral radius of |Dvw| below one.
+
+    Raises
+    ------
+    NotAchievableError : roots that cannot be found, or that bound is not enough.
+    """
+    roots = roots_of(blocks, 4)
+    if roots.size and not roots.real.max() < 0.0:
+        return False
+    if blocks.is_neutral and HighFrequency(blocks).through_delays is None:
+        if blocks.delays.size == 1:
+            return False
+        raise NotAchievableError(
+            "the stability of this neutral system is not decided",
+            where="system",
+            expected="a spectral radius of |Dvw| below one",
+            got="one or more: its roots may come as near the axis as one likes",
+        )
+    return True
+
+
+def _neutral_roots(blocks: Blocks, count: int) -> Roots:
+    """Return roots near the eigenvalues of the collocated system, polished."""
+    acts = np.vstack([blocks.Bw, blocks.Dvw]).any(axis=0)  # others lead to outputs alone
+    from_w, delays = np.vstack([blocks.Bw, blocks.Dvw[acts]])[:, acts], blocks.delays[acts]
+    late = {tau: from_w * (delays == tau) for tau in set(delays.tolist())}
+    seeds = np.linalg.eigvals(collocated(blocks.A, blocks.Cv[acts], late, _NEUTRAL_NODES))
+    seeds = seeds[seeds.imag >= 0.0]
+    seeds = seeds[np.argsort(-seeds.real, kind="stable")][: 4 * count + 30]
+    polished = [_polish(blocks, complex(seed)) for seed in seeds]
+    found = _distinct(blocks, [root for root in polished if root is not None]).tolist()
+    # many lie next to one line: there the slow ones come first
+    step = 0.1 / float(blocks.delays.max())
+    found.sort(key=lambda root: (-round(root.real / step), root.imag))
+    pairs = [[r, r.conjugate()] if r.imag else [r] for r in found]
+    whole = [root for pair in pairs for root in pair]
+    end = count + (0 < count < len(whole) and whole[count - 1].imag > 0.0)
+    return np.array(whole[:end], dtype=np.complex128)

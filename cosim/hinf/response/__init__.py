@@ -1,4 +1,4 @@
-"""Systems with internal delays by themselves: in and out, responses, margins, plots."""
+"""Systems with internal delays to compute with: models in and out, connections, time responses."""
 
 import lazy_loader as _lazy
 

@@ -1,8 +1,3 @@
-from .blocks import (
-    Blocks as Blocks,
-    blocks_from as blocks_from,
-)
-from .characteristic_roots import CharacteristicRoots as CharacteristicRoots
 from .delay_lti import (
     DelayLTI as DelayLTI,
     append as append,
@@ -13,9 +8,5 @@ from .delay_lti import (
     parallel as parallel,
     series as series,
 )
-from .frequency import (
-    FrequencyResponse as FrequencyResponse,
-    Nyquist as Nyquist,
-)
-from .margins import Margins as Margins
 from .time_response import TimeResponse as TimeResponse
+from .to_models import to_control as to_control

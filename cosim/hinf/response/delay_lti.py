@@ -19,22 +19,26 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cosim.core import InputError, NotAchievableError, html_table, matrix_text
-from cosim.hinf.nominal import NormResult
-from cosim.hinf.response import to_models
-from cosim.hinf.response.blocks import Blocks, beside
-from cosim.hinf.response.characteristic_roots import CharacteristicRoots
-from cosim.hinf.response.connections import dead, delays_of, in_series, with_io_delays
-from cosim.hinf.response.frequency import (
+from cosim.hinf.nominal import (
+    Blocks,
+    CharacteristicRoots,
     FrequencyResponse,
+    Margins,
+    NormResult,
     Nyquist,
+    beside,
     frequency_response_of,
+    is_stable,
+    margins_of,
+    norm_of,
     nyquist_of,
+    plain_of,
+    roots_of,
+    winding_of,
 )
+from cosim.hinf.response import to_models
+from cosim.hinf.response.connections import dead, delays_of, in_series, with_io_delays
 from cosim.hinf.response.from_models import blocks_of
-from cosim.hinf.response.margins import Margins, margins_of
-from cosim.hinf.response.norm import norm_of, norm_proved_of
-from cosim.hinf.response.retarded import plain_of
-from cosim.hinf.response.roots import is_stable, roots_of
 from cosim.hinf.response.time_response import (
     TimeResponse,
     forced_response,
@@ -42,7 +46,6 @@ from cosim.hinf.response.time_response import (
     initial_response,
     step_response,
 )
-from cosim.hinf.response.winding import winding_of
 from cosim.models import DelaySystem
 
 if TYPE_CHECKING:
@@ -54,7 +57,7 @@ class DelayLTI(Blocks):
 
     `G2 * G1` is the series connection u -> G1 -> G2, `G1 + G2` the parallel one, `G.feedback(H)`
     the closed loop; `G(s)` the transfer function at a complex s. Numbers, matrices, and models of
-    python-control and SciPy may stand on either side. Matrices as in `cosim.hinf.response.blocks`.
+    python-control and SciPy may stand on either side. Matrices as in `cosim.hinf.nominal.blocks`.
     """
 
     __array_ufunc__ = None  # NumPy leaves matrix * system to the system
@@ -238,6 +241,8 @@ class DelayLTI(Blocks):
 
         None: not stable, or no proof; see `analyse` for one with a certificate.
         """
+        from cosim.hinf.nominal import norm_proved_of  # noqa: PLC0415 - ball arithmetic loads slowly
+
         norm = norm_of(self)
         return None if norm is None else norm_proved_of(self, norm)
 
@@ -315,8 +320,7 @@ class DelayLTI(Blocks):
         """
         if omega is None:
             return to_models.state_space_for_control(self, pade)
-        found = frequency_response_of(self, omega)
-        return to_models.control_module().FRD(found.response, found.omega)
+        return to_models.to_control(self, omega)
 
     def to_scipy(self, *, pade: int | None = None) -> Any:
         """Return a `scipy.signal.StateSpace`, with Pade approximants where there are delays.

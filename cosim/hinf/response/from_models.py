@@ -13,8 +13,7 @@ import scipy
 from numpy.typing import ArrayLike
 
 from cosim.core import InputError
-from cosim.hinf.nominal import ClosedLoop, close
-from cosim.hinf.response.blocks import Blocks, Reals, beside, blocks_from
+from cosim.hinf.nominal import Blocks, ClosedLoop, Reals, beside, blocks_from, close
 from cosim.models import DelaySystem
 
 _EXPECTED = (

@@ -29,7 +29,7 @@ import numpy as np
 import scipy
 
 from cosim.core import InputError, NotAchievableError
-from cosim.hinf.response.blocks import Blocks, Reals, balanced
+from cosim.hinf.nominal import Blocks, Reals, balanced_blocks
 
 STAGES = 20
 _LAST_JUMP = 12  # derivative
@@ -163,7 +163,7 @@ def solve(blocks: Blocks, asked: Question, end: float, stages: int = STAGES) -> 
     InputError : delays so short against `end`, or so many, that there are too many pieces.
     NotAchievableError : numbers that leave the range of doubles.
     """
-    own, scale = balanced(blocks)
+    own, scale = balanced_blocks(blocks)
     start = asked.start / scale[:, None]
     return _Stepper(own, replace(asked, start=start), end, rule(stages)).run()
 

@@ -17,9 +17,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cosim.core import InputError, NotAchievableError
-from cosim.hinf.response.blocks import Blocks, Reals
+from cosim.hinf.nominal import Blocks, Reals, roots_of
 from cosim.hinf.response.method_of_steps import STAGES, Question, Solution, solve
-from cosim.hinf.response.roots import roots_of
 
 _CHECKED = STAGES + 6  # stages of the second computation that estimates the error
 _POINTS = 501
@@ -74,7 +73,7 @@ class TimeResponse:
         ------
         InputError : matplotlib is not installed.
         """
-        from cosim.hinf.response.pictures import draw_time  # noqa: PLC0415 - matplotlib
+        from cosim.hinf.nominal import draw_time  # noqa: PLC0415 - matplotlib
 
         return draw_time(self, ax)
 

@@ -10,9 +10,10 @@ import math
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from cosim.core import InputError, optional
-from cosim.hinf.response.blocks import Blocks, beside
+from cosim.hinf.nominal import Blocks, ClosedLoop, beside, frequency_response
 from cosim.hinf.response.from_models import blocks_of
 
 
@@ -73,6 +74,18 @@ def _pade(tau: float, order: int) -> Blocks:
 def control_module() -> Any:
     """Import python-control; `InputError` if it is not installed."""
     return optional("control", extra="control", what="models for python-control need it")
+
+
+def to_control(loop: ClosedLoop | Blocks, omega: ArrayLike) -> Any:
+    """Return the frequency response of a loop as python-control's `control.FRD`.
+
+    Raises
+    ------
+    InputError : python-control is not installed; else as `frequency_response`.
+    """
+    control = control_module()
+    points = np.asarray(omega, dtype=np.float64).ravel()
+    return control.FRD(frequency_response(loop, points), points)
 
 
 def state_space_for_control(blocks: Blocks, order: int | None) -> Any:

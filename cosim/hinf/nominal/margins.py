@@ -16,9 +16,9 @@ import numpy as np
 import scipy
 
 from cosim.core import InputError, NotAchievableError, html_table
-from cosim.hinf.response.blocks import Blocks, Complexes, Reals, balanced
-from cosim.hinf.response.high_frequency import HighFrequency
-from cosim.hinf.response.winding import Winding, winding_of
+from cosim.hinf.nominal.blocks import Blocks, Complexes, Reals, balanced_blocks
+from cosim.hinf.nominal.high_frequency import HighFrequency
+from cosim.hinf.nominal.winding import Winding, winding_of
 
 _RELATIVE = 4 * float(np.finfo(np.float64).eps)
 _CHANGE = 0.35  # of phase [rad] and of log |L| between samples
@@ -94,7 +94,7 @@ def margins_of(loop: Blocks, winding: Winding | None = None) -> Margins:
             got=f"{loop.inputs} inputs, {loop.outputs} outputs",
             hint="the norm of the sensitivity, (I + L)^-1, is the measure for several at once",
         )
-    loop = balanced(loop)[0]
+    loop = balanced_blocks(loop)[0]
     stable = (winding or winding_of(loop)).closed_roots == 0
     top, last = _ends(loop)
     crossings = _Crossings(loop, top).of_one()

@@ -5,9 +5,9 @@
 h_k are the delays and sums of them: w = E (Cv x + Dv u + Dvw w) is substituted until no w is left,
 which ends if no signal meets itself through delays alone. Otherwise the system is neutral.
 
-The roots, the norm and the proofs of `cosim.hinf.nominal` are for loops whose disturbance acts at
-once. A delay that all inputs or all outputs share changes neither roots nor norm and is left out;
-where inputs are late and outputs are not, the transposed system has the same roots and norm.
+Roots, norm and proofs are those of a loop whose disturbance acts at once. A delay that all inputs
+or all outputs share changes neither roots nor norm and is left out; where inputs are late and
+outputs are not, the transposed system has the same roots and norm.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ from typing import NamedTuple
 import numpy as np
 
 from cosim.core import InputError
-from cosim.hinf.nominal import ClosedLoop
-from cosim.hinf.response.blocks import Blocks, Reals
+from cosim.hinf.nominal.blocks import Blocks, Reals
+from cosim.hinf.nominal.closed_loop import ClosedLoop
 from cosim.models import Delay, DelaySystem
 
 _SAME = 1e-15  # sums of delays that differ by rounding only, relative

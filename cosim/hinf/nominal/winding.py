@@ -1,9 +1,8 @@
 """How often det(I + L) turns about zero along the imaginary axis, poles on it passed on the right.
 
 With f = det M of the closed loop over det M of the open one, f is det(I + L) but for a constant. Up
-the axis its phase is followed with steps on which neither the phase nor f'/f allows a turn to be
-missed, as in `cosim.hinf.nominal.roots`. At high frequency L is near its direct part, and the phase
-that is left is a sum of principal values: no turn is hidden there.
+the axis its phase is followed (`cosim.hinf.nominal.phase`). At high frequency L is near its direct
+part, and the phase that is left is a sum of principal values: no turn is hidden there.
 """
 
 from __future__ import annotations
@@ -15,12 +14,11 @@ from typing import Any
 import numpy as np
 
 from cosim.core import NotAchievableError
-from cosim.hinf.response.blocks import Blocks, Complexes, Reals, balanced
-from cosim.hinf.response.high_frequency import HighFrequency
-from cosim.hinf.response.roots import roots_of
+from cosim.hinf.nominal.blocks import Blocks, Complexes, Reals, balanced_blocks
+from cosim.hinf.nominal.high_frequency import HighFrequency
+from cosim.hinf.nominal.phase import NotFollowedError, even_samples, log_derivative, turn_along
+from cosim.hinf.nominal.roots import roots_of
 
-_PHASE = 0.7
-_MOST_SAMPLES = 400_000
 _ON_AXIS = 1e-10  # real part of an open-loop pole that counts as on the axis, against its size
 _SINGULAR = 1e-13  # the same, and M(0), against the largest
 _DOUBLE = 2e-7  # a double pole, likewise
@@ -54,12 +52,10 @@ class _Ratio:
         self.closed = loop.closed(-np.eye(loop.inputs))
 
     def at(self, s: Complexes) -> tuple[Complexes, Complexes]:
-        phases, slopes = [], []
-        for blocks in (self.closed, self.open):
-            M, slope = blocks.characteristic_matrix(s)
-            phases.append(np.linalg.slogdet(M)[0])
-            slopes.append(np.trace(np.linalg.solve(M, slope), axis1=-2, axis2=-1))
-        return phases[0] / phases[1], slopes[0] - slopes[1]
+        (phase, slope), (pole_phase, pole_slope) = (
+            log_derivative(blocks, s) for blocks in (self.closed, self.open)
+        )
+        return phase / pole_phase, slope - pole_slope
 
 
 def winding_of(loop: Blocks) -> Winding:
@@ -71,7 +67,7 @@ def winding_of(loop: Blocks) -> Winding:
         delay (infinitely many roots right of any line, or as good as), or poles that cannot be
         found.
     """
-    loop = balanced(loop)[0]
+    loop = balanced_blocks(loop)[0]
     ratio = _Ratio(loop)
     top = _top(loop)
     poles, right = _open_poles(loop)
@@ -153,7 +149,7 @@ def _open_poles(loop: Blocks) -> tuple[list[float], int]:
 def _along_line(ratio: _Ratio, low: float, high: float) -> tuple[float, Reals]:
     """Return the turn of f from j low to j high, and the frequencies used."""
     longest = float(ratio.open.delays.max(initial=0.0))
-    even = np.linspace(low, high, 65 + int(min(2.0 * (high - low) * longest, 20_000.0)))
+    even = even_samples(low, high, longest)
     fine = low + (high - low) * np.geomspace(1e-9, 1.0, 200)
     omega = np.union1d(even, fine)
     if low > 0.0:
@@ -173,30 +169,20 @@ def _along_arc(ratio: _Ratio, centre: complex, radius: float, begin: float, end:
 
 
 def _followed(path: Any, where: Reals, ratio: _Ratio) -> tuple[float, Reals]:
-    """Return the turn of f along a path, refined until no turn can be missed."""
+    """Return the turn of f along a path, and the parameters it was sampled at."""
 
-    def sample(x: Reals) -> tuple[Complexes, Reals]:
+    def sample(x: Reals) -> tuple[Complexes, Complexes]:
         s, ds = path(x)
         try:
             phase, slope = ratio.at(s)
         except np.linalg.LinAlgError:
             raise _on_axis(s) from None
-        return phase, np.abs(slope * ds)
+        return phase, slope * ds
 
-    phase, speed = sample(where)
-    for _ in range(60):
-        turn = np.angle(phase[1:] / phase[:-1])
-        steep = np.diff(where) * np.maximum(speed[1:], speed[:-1]) > _PHASE
-        split = np.flatnonzero(steep | (np.abs(turn) > _PHASE))
-        if not split.size:
-            return float(turn.sum()), where
-        if where.size > _MOST_SAMPLES:
-            break
-        middle = 0.5 * (where[split] + where[split + 1])
-        phases, speeds = sample(middle)
-        where = np.insert(where, split + 1, middle)
-        phase, speed = np.insert(phase, split + 1, phases), np.insert(speed, split + 1, speeds)
-    raise _on_axis(path(where[split])[0])
+    try:
+        return turn_along(sample, where)
+    except NotFollowedError as error:
+        raise _on_axis(path(np.array([error.where]))[0]) from None
 
 
 def _on_axis(s: Complexes) -> NotAchievableError:

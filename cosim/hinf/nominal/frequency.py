@@ -11,9 +11,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cosim.core import InputError
-from cosim.hinf.response.blocks import Blocks, Complexes, Reals
-from cosim.hinf.response.margins import Margins
-from cosim.hinf.response.winding import Winding
+from cosim.hinf.nominal.blocks import Blocks, Complexes, Reals
+from cosim.hinf.nominal.closed_loop import ClosedLoop
+from cosim.hinf.nominal.margins import Margins
+from cosim.hinf.nominal.winding import Winding
 
 _POINTS = 1000
 _CHANGE = 0.1  # of phase [rad] between the points of a Nyquist curve, as far as it is drawn
@@ -59,7 +60,7 @@ class FrequencyResponse:
         ------
         InputError : matplotlib is not installed.
         """
-        from cosim.hinf.response.pictures import draw_bode  # noqa: PLC0415 - matplotlib
+        from cosim.hinf.nominal.pictures import draw_bode  # noqa: PLC0415 - matplotlib
 
         return draw_bode(self, ax)
 
@@ -103,9 +104,28 @@ class Nyquist:
         ------
         InputError : matplotlib is not installed.
         """
-        from cosim.hinf.response.pictures import draw_nyquist  # noqa: PLC0415 - matplotlib
+        from cosim.hinf.nominal.pictures import draw_nyquist  # noqa: PLC0415 - matplotlib
 
         return draw_nyquist(self, ax)
+
+
+def frequency_response(loop: ClosedLoop | Blocks, omega: ArrayLike) -> Complexes:
+    """Return G(j omega) from w to z, (p, q, len(omega)), exact at each frequency.
+
+    Parameters
+    ----------
+    loop : a loop with w and z, see `close`, or a system with internal delays.
+    omega : frequencies [rad/s].
+
+    Raises
+    ------
+    InputError : a loop without w or z, omega not finite, or at a root of the loop.
+    """
+    try:
+        values = loop.transfer(_checked(omega))
+    except np.linalg.LinAlgError as error:
+        raise InputError("a frequency at which the system has a pole", where="omega") from error
+    return np.moveaxis(values, 0, -1)
 
 
 def frequency_response_of(
@@ -118,11 +138,7 @@ def frequency_response_of(
     InputError : frequencies that are none, or that of a pole.
     """
     points = frequencies_of(blocks) if omega is None else _checked(omega)
-    try:
-        values = blocks.at(1j * points)
-    except np.linalg.LinAlgError as error:
-        raise InputError("a frequency at which the system has a pole", where="omega") from error
-    return FrequencyResponse(points, np.moveaxis(values, 0, -1), margins)
+    return FrequencyResponse(points, frequency_response(blocks, points), margins)
 
 
 def nyquist_of(loop: Blocks, winding: Winding, omega: ArrayLike | None = None) -> Nyquist:

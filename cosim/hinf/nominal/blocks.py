@@ -86,6 +86,30 @@ class Blocks:
         slope[..., n:] = from_w * (self.delays * late)[..., None, :]
         return M, slope
 
+    def bound(self, real: float) -> float:
+        """Return a bound of the terms of M(s) but s, Re s >= real [1/s]."""
+        late = np.abs(np.vstack([self.Bw, self.Dvw])).sum(axis=0) @ np.exp(-real * self.delays)
+        return float(1.0 + np.abs(self.A).sum() + np.abs(self.Cv).sum() + late)
+
+    def resolvent(self, s: Complexes) -> tuple[Complexes, Complexes, Complexes]:
+        """Return S = M^-1, S [B; Dv] and [C  Dw E] S at s (k,)."""
+        S = np.asarray(np.linalg.inv(self.characteristic_matrix(s)[0]), dtype=np.complex128)
+        late = np.exp(-s[:, None] * self.delays)
+        now = np.broadcast_to(self.C, (s.size, *self.C.shape))
+        out = np.concatenate([now, self.Dw * late[:, None, :]], axis=2)
+        S_in: Complexes = S @ np.vstack([self.B, self.Dv])
+        out_S: Complexes = out @ S
+        return S, S_in, out_S
+
+    @property
+    def direct(self) -> Reals:
+        """G at infinite frequency, (p, m); zero where it tends to nothing there."""
+        return 0.0 * self.D if self.Dw.any() and self.Dv.any() else self.D
+
+    def transfer(self, omega: ArrayLike) -> Complexes:
+        """Return G(j omega), omega.shape + (p, m); otherwise as `at`."""
+        return self.at(1j * np.asarray(omega, dtype=np.float64))
+
     def at(self, s: Any) -> Complexes:
         """Return G(s), s.shape + (p, m), for complex s of any shape.
 
@@ -246,7 +270,7 @@ def beside(*systems: Blocks) -> Blocks:
     return Blocks(**{name: diagonal(name) for name in names}, delays=delays)
 
 
-def balanced(blocks: Blocks) -> tuple[Blocks, Reals]:
+def balanced_blocks(blocks: Blocks) -> tuple[Blocks, Reals]:
     """Return the same response with states x / scale, powers of two that balance A; and scale."""
     if not blocks.order:
         return blocks, np.ones(0)
