@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from cosim.hinf import SYSTEM_TABLES
+from cosim.hinf import system_schema
 from cosim.scenario import json_schema
 from cosim.study import Study
 from cosim.vehicle import vehicle_schema
@@ -21,7 +21,7 @@ def pages() -> dict[str, str]:
     """Return the pages by their path: systems, vehicles, scenarios, studies."""
     scenario = json_schema()
     found = {
-        "systems": "\n\n".join(system_tables()),
+        "systems": "\n\n".join(tables(system_schema())),
         "vehicle-files": "\n\n".join(tables(vehicle_schema())),
         "scenarios": "\n\n".join(tables(scenario["else"] | {"$defs": scenario["$defs"]})),
         "studies": "\n\n".join(tables(Study.model_json_schema(by_alias=True))),
@@ -30,17 +30,6 @@ def pages() -> dict[str, str]:
         f"reference/{name}.md": f"{(_HEADS / f'{name}.md').read_text('utf-8')}\n{text}\n"
         for name, text in found.items()
     }
-
-
-def system_tables() -> Iterator[str]:
-    """Give a section for each table of a system file."""
-    for heading, (purpose, keys) in SYSTEM_TABLES.items():
-        rows = [
-            f"| `{name}` | {_cell(key.value)} | {'required' if key.required else ''} | "
-            f"{_cell(key.text)} |"
-            for name, key in keys.items()
-        ]
-        yield _section(f"`{heading}`", purpose, rows)
 
 
 def tables(schema: Json) -> Iterator[str]:
@@ -82,7 +71,9 @@ def _simple(value: Json, parts: Json) -> str:
     """Return in words what a key of one type may be."""
     kind = str(value.get("type"))
     if kind == "array":
-        return f"list of {values(value.get('items', {}), parts)}".replace("of table", "of tables")
+        return f"list of {values(value.get('items', {}), parts)}".replace(
+            "of table", "of tables"
+        ).replace("of list ", "of lists ")
     if kind == "object":
         return "tables by name" if _inner(value) else "table"
     if kind == "string" and "unit" in value.get("description", ""):

@@ -13,6 +13,7 @@ from .errors import (
     TerminatedError as TerminatedError,
     counted as counted,
     did_you_mean as did_you_mean,
+    format_value as format_value,
     nearest as nearest,
 )
 from .extras import optional as optional
@@ -36,6 +37,7 @@ from .files import (
     write_whole as write_whole,
     written_beside as written_beside,
 )
+from .locate import line_of as line_of
 from .locks import has_locks as has_locks, lock_file as lock_file
 from .made_once import once as once
 from .migration import (
@@ -51,10 +53,29 @@ from .notices import (
     say_at_once as say_at_once,
     say_once as say_once,
 )
+from .origin import (
+    NOWHERE as NOWHERE,
+    Copied as Copied,
+    Findings as Findings,
+    KeyPath as KeyPath,
+    Layer as Layer,
+    Origin as Origin,
+    Values as Values,
+    dotted as dotted,
+    placed as placed,
+)
 from .output_places import (
     check_output as check_output,
     check_output_folder as check_output_folder,
     output_place as output_place,
+)
+from .part import (
+    NotNegative as NotNegative,
+    Number as Number,
+    Part as Part,
+    PartType as PartType,
+    Positive as Positive,
+    Text as Text,
 )
 from .processes import (
     DEATH_HINTS as DEATH_HINTS,
@@ -74,6 +95,12 @@ from .progress import (
 from .rounding import (
     at_least as at_least,
     at_most as at_most,
+)
+from .schema_errors import (
+    all_refusals as all_refusals,
+    refusals as refusals,
+    valid as valid,
+    validated as validated,
 )
 from .surroundings import Surroundings as Surroundings
 from .toml_text import parse_toml as parse_toml

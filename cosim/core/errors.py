@@ -114,6 +114,15 @@ def counted(number: int, one: str, more: str | None = None) -> str:
     return f"{number} {one if number == 1 else more or one + 's'}"
 
 
+def format_value(value: Any, longest: int = 60) -> str:
+    """Return the `repr` of a value from a file, at most so many characters, for a message."""
+    try:
+        text = repr(value)
+    except ValueError:  # the interpreter refuses to print an integer of thousands of digits
+        return "a number of thousands of digits"
+    return text if len(text) <= longest else f"{text[: longest - 10]}... ({len(text)} characters)"
+
+
 def _letters(name: str) -> str:
     return "".join(c for c in name.lower() if c.isalnum())
 

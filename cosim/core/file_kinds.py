@@ -13,7 +13,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
-from cosim.core.errors import InputError
+from cosim.core.errors import InputError, format_value
 from cosim.core.toml_text import parse_toml
 
 SCHEMA: Final = "schema"
@@ -56,15 +56,15 @@ class FileKind:
                 "not a schema version",
                 where=f"{where}: {SCHEMA}",
                 expected="a whole number from 1 on",
-                got=repr(found),
+                got=format_value(found),
             )
         if found > self.version:
             raise InputError(
-                f"this {self.name} has schema version {found}, which this version of auv-cosim "
-                "does not know",
+                f"this {self.name} has schema version {format_value(found)}, which this version of "
+                "auv-cosim does not know",
                 where=f"{where}: {SCHEMA}",
                 expected=f"at most {self.version}",
-                got=str(found),
+                got=format_value(found),
                 hint="a newer auv-cosim reads it: pip install --upgrade auv-cosim",
             )
         return found

@@ -34,10 +34,7 @@ from .extend import (
 from .fields import (
     COLUMN_PATTERN as COLUMN_PATTERN,
     NAME_PATTERN as NAME_PATTERN,
-    NotNegative as NotNegative,
-    Number as Number,
     Part as Part,
-    Positive as Positive,
 )
 from .fmu_cache import FmuCache as FmuCache
 from .gain import (
@@ -59,7 +56,6 @@ from .key_paths import (
     split as split,
 )
 from .link_keys import nanoseconds as nanoseconds
-from .locate import line_of as line_of
 from .lowering import has_signal_parts as has_signal_parts
 from .outcome import Outcome as Outcome
 from .pinned import named_design as named_design
@@ -76,12 +72,10 @@ from .python_api import (
 from .quantity import seconds_in as seconds_in
 from .read import (
     LoadedScenario as LoadedScenario,
-    all_refusals as all_refusals,
     builtin_names as builtin_names,
     load as load,
     parse as parse,
     read_text as read_text,
-    validated as validated,
     with_settings as with_settings,
 )
 from .run_limits import (

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from cosim import hinf
-from cosim.core import InputError
+from cosim.core import NOWHERE, Findings, InputError, KeyPath, Origin, placed
 from cosim.fmu import Feedthrough, FmuDescription, Port
 from cosim.master import (
     CommunicationSchedule,
@@ -33,13 +33,12 @@ from cosim.scenario.link_keys import nanoseconds
 from cosim.scenario.links import PacketPart
 from cosim.scenario.matching import endpoint, matched
 from cosim.scenario.media import media_of, position_sources
-from cosim.scenario.origin import NOWHERE, Findings, Origin, Path
 from cosim.scenario.schema import ComponentLogPart, RunPart, Scenario
 from cosim.scenario.script import adjusted_links, changes_of, instants_ns
 from cosim.scenario.signals import Signals, along_path, reference_inputs, worst_case_inputs
 from cosim.scenario.units import numbers_of
 
-Wires = list[tuple[Connection, Path]]
+Wires = list[tuple[Connection, KeyPath]]
 """Connections, each with its path in the scenario."""
 _AT_ONCE = 1 << 16
 
@@ -379,7 +378,7 @@ def system_of(
         # an algebraic loop is found here, not when the run begins
         receiving_order(system, like.system if like is not None and same else None)
     except InputError as error:
-        raise findings.placed(error, _blamed(error, parts.wires, scenario)) from error
+        raise placed(error, _blamed(error, parts.wires, scenario), findings.origin) from error
     return system
 
 
@@ -400,7 +399,7 @@ def delay_sources(scenario: Scenario) -> dict[str, DelaySource | PositionSource]
     return {**live, **position_sources(media)}
 
 
-def _blamed(error: InputError, wires: Wires, scenario: Scenario) -> Path:
+def _blamed(error: InputError, wires: Wires, scenario: Scenario) -> KeyPath:
     where = error.where or ""
     named = f"{where} {error.got}"  # an algebraic loop lists its connections as what it got
     for connection, path in reversed(wires):

@@ -9,11 +9,11 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from cosim.core import Findings
 from cosim.master import ComponentInstance, Run, System
 from cosim.scenario.binding import BoundExpression
 from cosim.scenario.events import AssertionPart
 from cosim.scenario.measure import Measure
-from cosim.scenario.origin import Findings
 from cosim.scenario.run_events import EventCollector
 from cosim.scenario.schema import Scenario
 from cosim.scenario.scope import RunScope, ValueReader

@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import ValidationError
 
 from cosim import hinf
-from cosim.core import ComponentError, CosimError, InputError
+from cosim.core import ComponentError, CosimError, Findings, InputError, refusals
 from cosim.fmu import FmuDescription, require_loadable
 from cosim.master import System
 from cosim.scenario.assembly import (
@@ -27,13 +27,11 @@ from cosim.scenario.extend import Source
 from cosim.scenario.fmu_cache import FmuCache
 from cosim.scenario.gain import controller_parameters, gain_parameters, observes, problem_of
 from cosim.scenario.lowering import lowered
-from cosim.scenario.origin import Findings
 from cosim.scenario.pinned import named_design
 from cosim.scenario.plant import parameters_of_plant, require_vehicle_of
 from cosim.scenario.preparation import check_disturbance, check_roles
 from cosim.scenario.read import LoadedScenario, loaded_of
 from cosim.scenario.schema import Scenario
-from cosim.scenario.schema_errors import refusals
 from cosim.scenario.script import script_of
 from cosim.scenario.signals import no_disturbance
 

@@ -24,10 +24,9 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from cosim.core import InputError
+from cosim.core import NOWHERE, Copied, InputError, KeyPath, Origin, dotted
 from cosim.scenario.binding import Meaning, bind
 from cosim.scenario.expression import Expression, ExpressionError
-from cosim.scenario.origin import NOWHERE, Copied, Origin, Path, key
 
 MOST = 10_000
 """Most copies of one part."""
@@ -44,11 +43,11 @@ class _Copier:
 
     origin: Origin
     data: dict[str, Any]
-    made: dict[Path, Copied] = field(default_factory=dict)
+    made: dict[KeyPath, Copied] = field(default_factory=dict)
 
-    def wrong(self, what: str, path: Path, label: str = "", **more: str | None) -> InputError:
+    def wrong(self, what: str, path: KeyPath, label: str = "", **more: str | None) -> InputError:
         place = self.origin.place(path)
-        where = key(path) if place is None else f"{place}{label}: {key(path)}"
+        where = dotted(path) if place is None else f"{place}{label}: {dotted(path)}"
         return InputError(what, where=where, **more)
 
     def named(self, table: str) -> None:
@@ -64,7 +63,7 @@ class _Copier:
                 for known in self.loop(part, (table, name), {}):
                     self.add({table: {pattern: body}}, known, {(table, pattern): (table, name)})
 
-    def every(self, loops: Any, at: Path, known: Mapping[str, Any]) -> None:
+    def every(self, loops: Any, at: KeyPath, known: Mapping[str, Any]) -> None:
         """Make the copies of `[[for]]`."""
         if not isinstance(loops, list) or not all(isinstance(one, dict) for one in loops):
             raise self.wrong("[[for]] is a list of tables", at, expected="[[for]] and each = [...]")
@@ -79,7 +78,7 @@ class _Copier:
                     self.every(part["for"], (*path, "for"), values)
 
     def loop(
-        self, part: Mapping[str, Any], path: Path, known: Mapping[str, Any]
+        self, part: Mapping[str, Any], path: KeyPath, known: Mapping[str, Any]
     ) -> Iterator[dict[str, Any]]:
         """Yield the values of the placeholders for each copy."""
         count, each, name = part.get("count"), part.get("each"), _placeholder(part)
@@ -139,7 +138,14 @@ class _Copier:
                 before.append(self.table(entry, at, to, label, known))
 
     def joined(
-        self, there: Any, own: Mapping[str, Any], to: Path, at: Path, label: str, *, again: bool
+        self,
+        there: Any,
+        own: Mapping[str, Any],
+        to: KeyPath,
+        at: KeyPath,
+        label: str,
+        *,
+        again: bool,
     ) -> dict[str, Any]:
         """Add a copy to what is there: of this name in the file, or, `again`, of another copy.
 
@@ -159,11 +165,13 @@ class _Copier:
                     before.append(one)
             elif again:
                 hint = "name each copy by a placeholder, as in [for.components.{each}]"
-                raise self.wrong(f"two copies give {key(here)}", source, label, hint=hint)
+                raise self.wrong(f"two copies give {dotted(here)}", source, label, hint=hint)
         found: dict[str, Any] = there
         return found
 
-    def table(self, value: Any, at: Path, to: Path, label: str, known: Mapping[str, Any]) -> Any:
+    def table(
+        self, value: Any, at: KeyPath, to: KeyPath, label: str, known: Mapping[str, Any]
+    ) -> Any:
         """Return a value of a copy, at `to`; that with the placeholders is at `at`."""
         if isinstance(value, str):
             return self.filled(value, at, label, known)
@@ -179,7 +187,7 @@ class _Copier:
             found[made] = self.table(inner, (*at, name), (*to, made), label, known)
         return found
 
-    def filled(self, text: str, at: Path, label: str, known: Mapping[str, Any]) -> Any:
+    def filled(self, text: str, at: KeyPath, label: str, known: Mapping[str, Any]) -> Any:
         """Return a text with its placeholders replaced; the value itself where it is only one."""
         whole = _HOLES.fullmatch(text)
         if whole is not None and whole[1] is not None:
@@ -195,7 +203,7 @@ class _Copier:
 
         return _HOLES.sub(fill, text)
 
-    def value(self, text: str, at: Path, label: str, known: Mapping[str, Any]) -> Any:
+    def value(self, text: str, at: KeyPath, label: str, known: Mapping[str, Any]) -> Any:
         """Return the value of a placeholder: of a name, or of an expression of numbers."""
         if (name := text.strip()) in known:
             return known[name]

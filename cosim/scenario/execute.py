@@ -8,7 +8,7 @@ from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 
-from cosim.core import ComponentError, Progress, check_output, silent
+from cosim.core import ComponentError, Findings, Progress, check_output, silent
 from cosim.master import (
     EngineName,
     Observer,
@@ -24,7 +24,6 @@ from cosim.scenario.binary_origins import binary_origins
 from cosim.scenario.guarantee.law_measures import LawMeasures, MeasuredLaw
 from cosim.scenario.guarantee.verdict import LoopOfRun, loop_of_run
 from cosim.scenario.metrics import final_values, metrics_of, status_of
-from cosim.scenario.origin import Findings
 from cosim.scenario.outcome import Outcome, result_entries
 from cosim.scenario.preparation import PreparedScenario
 from cosim.scenario.run_context import RunContext

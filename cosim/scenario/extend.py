@@ -17,10 +17,9 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from cosim.core import SCENARIO_FILE, InputError, unreadable
+from cosim.core import SCENARIO_FILE, InputError, Layer, Origin, unreadable
 from cosim.scenario.copies import written_out
 from cosim.scenario.key_paths import remove, split
-from cosim.scenario.origin import Layer, Origin
 from cosim.scenario.schema import MADE_WITH
 
 _INSTEAD_OF_FILE = (*MADE_WITH, "state_delay", "loop_delay", "least_age", "rate", "sampled")

@@ -7,19 +7,20 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Annotated, Any
 
 from pydantic import (
     AfterValidator,
-    BaseModel,
     BeforeValidator,
-    ConfigDict,
     Field,
     StringConstraints,
     WithJsonSchema,
 )
 
-from cosim.core import with_field_docs
+from cosim import core
+from cosim.core import KeyPath
 from cosim.network import MAX_NS
 from cosim.scenario.quantity import (
     NUMBER_ONLY,
@@ -39,22 +40,60 @@ COLUMN_PATTERN = r"^[A-Za-z][A-Za-z0-9_.-]*$"
 OUTPUT_PATTERN = r"^[A-Za-z_][A-Za-z0-9_.\[\],]*$"
 Name = Annotated[str, StringConstraints(pattern=NAME_PATTERN)]
 Reference = Annotated[str, StringConstraints(pattern=REFERENCE_PATTERN)]
-Text = Annotated[str, StringConstraints(min_length=1)]
+_MATRICES = frozenset(("A", "B", "C", "D", "D1", "D2", "E", "H", "A1", "H1", "d"))
 
 
-class Part(BaseModel):
-    """A table of a scenario."""
+_MEANT: Mapping[str, str] = MappingProxyType(
+    {
+        **dict.fromkeys(("stoptime", "duration", "tend", "tstop", "endtime", "tmax"), "end"),
+        **dict.fromkeys(("stepsize", "timestep", "dt", "h", "communicationstepsize"), "step"),
+        **dict.fromkeys(("latency", "lag", "tau"), "delay"),
+        **dict.fromkeys(("packetloss", "dropout", "lossrate", "lossprobability", "per"), "loss"),
+        **dict.fromkeys(("bitrate", "bandwidth", "datarate"), "data_rate"),
+        **dict.fromkeys(
+            ("period", "ts", "interval", "sampleperiod", "samplingtime"), "sample_time"
+        ),
+        **dict.fromkeys(("path", "file", "model", "filename"), "fmu"),
+        **dict.fromkeys(("start", "init", "params", "initial", "startvalues"), "parameters"),
+        **dict.fromkeys(("source", "output"), "from"),
+        **dict.fromkeys(("target", "destination", "input"), "to"),
+        **dict.fromkeys(("randomseed", "rng"), "seed"),
+        **dict.fromkeys(("assert", "checks", "requirements"), "assertions"),
+        **dict.fromkeys(("name",), "title"),
+    }
+)
+_PATTERNS: Mapping[str, str] = MappingProxyType(
+    {
+        NAME_PATTERN: "a name: a letter, then letters, digits, _ or -",
+        REFERENCE_PATTERN: "component.variable",
+        COLUMN_PATTERN: "the name of a column: a letter, then letters, digits, _ . or -",
+        OUTPUT_PATTERN: "the name of an output: a letter or _, then letters, digits and _ . [ ] ,",
+    }
+)
 
-    # strict: "5.0" is not a number and true is not 1, as in TOML
-    # built at first use: most tables are only used as parts of others, which build them again
-    model_config = ConfigDict(
-        extra="forbid", frozen=True, populate_by_name=True, strict=True, defer_build=True
-    )
+
+class Part(core.Part):
+    """A table of a scenario, of a study or of a vehicle."""
+
+    meant = _MEANT
+    patterns = _PATTERNS
 
     @classmethod
-    def __get_pydantic_json_schema__(cls, core: Any, handler: Any) -> Any:
-        """Return the JSON schema, in which each key has the string below its field."""
-        return with_field_docs(cls, core, handler)
+    def advice(cls, wrong: str, path: KeyPath, value: Any, data: Any) -> str | None:
+        """Return what to do about a fault that scenarios are known for."""
+        match wrong, path:
+            case "extra_forbidden", ("design", word) if word in _MATRICES:
+                return 'matrices are in the file of a system: system = "my-system.toml"'
+            case "union_tag_not_found", ("links", *_):
+                others = [name for name in data["links"] if name != path[-1]]
+                there = f"; the links that are there: {', '.join(others)}" if others else ""
+                return f'a new link has kind = "packet" or "transport"{there}'
+            case "less_than_equal", (*_, "loss" | "duplicate"):
+                return f'a probability: "{value} %" is {value} in a hundred'
+            case _ if "parameters" in path[:-1] and isinstance(value, dict):
+                name = f"{path[-1]}.{next(iter(value), 'x')}"
+                return f'a name with a dot is written in quotes: "{name}" = ...'
+        return None
 
 
 def _quantity(wanted: Dimension) -> BeforeValidator:
@@ -89,12 +128,6 @@ LinkTime = Annotated[float, Field(ge=0, le=MAX_NS / 1e9, allow_inf_nan=False), S
 Instant = Annotated[float, Field(ge=0, le=1e8, allow_inf_nan=False), SECONDS]
 Seconds = Annotated[float, Field(ge=-1e8, le=1e8, allow_inf_nan=False), SECONDS]
 Length = Annotated[float, Field(allow_inf_nan=False), _quantity(dimension(m=1))]
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-"""A finite number > 0."""
-NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
-"""A finite number >= 0."""
-Number = Annotated[float, Field(allow_inf_nan=False)]
-"""A finite number."""
 Probability = Annotated[float, Field(ge=0, le=1, allow_inf_nan=False), _PLAIN]
 Speed = Annotated[float, Field(gt=0, allow_inf_nan=False), _quantity(dimension(m=1, s=-1))]
 Rate = Annotated[float, Field(gt=0, allow_inf_nan=False), _quantity(dimension(rad=1, s=-1))]

@@ -7,8 +7,7 @@ import tomllib
 from collections.abc import MutableMapping
 from typing import Any
 
-from cosim.core import InputError
-from cosim.scenario.origin import Path
+from cosim.core import InputError, KeyPath
 
 _PIECE = re.compile(
     r"""(?P<dot>\.)?(?:"(?P<quoted>[^"]+)"|(?P<bare>[^."\[\]]+)|\[(?P<place>\d+)\])"""
@@ -18,7 +17,7 @@ _PARAMETER = re.compile(r"^components\.(?P<component>[^.\[\]\"]+)\.parameters\.(
 _BARE = re.compile(r"""[^\s"'\[\]{}=#][^"'\[\]{}=#]*""")
 
 
-def split(path: str) -> Path:
+def split(path: str) -> KeyPath:
     """Split a path into its keys; a number in brackets is a place in a list, from 0.
 
     The parameters of a component are one flat table; their names need no quotes. Copy 3 of a
@@ -53,7 +52,7 @@ def split(path: str) -> Path:
     return tuple(keys)
 
 
-def setting(text: str) -> tuple[Path, Any]:
+def setting(text: str) -> tuple[KeyPath, Any]:
     """Parse `KEY=VALUE` into path and value: TOML, or a bare word or quantity.
 
     Raises
@@ -80,7 +79,7 @@ def setting(text: str) -> tuple[Path, Any]:
         ) from error
 
 
-def put(data: MutableMapping[str, Any], path: Path, value: Any, where: str) -> None:
+def put(data: MutableMapping[str, Any], path: KeyPath, value: Any, where: str) -> None:
     """Set the value at a path; missing tables on the way are made.
 
     Raises
@@ -98,7 +97,7 @@ def put(data: MutableMapping[str, Any], path: Path, value: Any, where: str) -> N
     here[last] = value
 
 
-def remove(data: MutableMapping[str, Any], path: Path, where: str) -> None:
+def remove(data: MutableMapping[str, Any], path: KeyPath, where: str) -> None:
     """Remove the value at a path; an InputError if there is none."""
     here: Any = data
     for key in path[:-1]:

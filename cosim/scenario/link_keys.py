@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal, TypeVar
 
 from pydantic import AfterValidator, Field, create_model
 
-from cosim.core import InputError
+from cosim.core import InputError, NotNegative, Number
 from cosim.network import (
     MAX_NS,
     ChoiceKey,
@@ -24,7 +24,7 @@ from cosim.network import (
     WordOrNumberKey,
     keys_of,
 )
-from cosim.scenario.fields import SECONDS, UNITS_OF_COUNTS, NotNegative, Number, Part, Probability
+from cosim.scenario.fields import SECONDS, UNITS_OF_COUNTS, Part, Probability
 
 T = TypeVar("T")
 _LITERAL: Any = Literal

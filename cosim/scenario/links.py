@@ -6,6 +6,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 
+from cosim.core import Number, Text
 from cosim.network import (
     SPEED_OF_SOUND,
     DelaySignal,
@@ -20,14 +21,12 @@ from cosim.network import (
 from cosim.scenario.fields import (
     LinkTime,
     Name,
-    Number,
     Part,
     Place,
     Probability,
     Reference,
     Seconds,
     Speed,
-    Text,
 )
 from cosim.scenario.link_keys import part_of
 

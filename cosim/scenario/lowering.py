@@ -18,14 +18,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
-from cosim.core import InputError
+from cosim.core import Findings, InputError, KeyPath
 from cosim.fmu import ComponentSpec, FmuDescription, Port, component_module
 from cosim.master import Connection, Endpoint
 from cosim.scenario.binding import Meaning, check_name
 from cosim.scenario.computed import ComputedTable, unit_named
 from cosim.scenario.fmu_cache import FmuCache
 from cosim.scenario.matching import endpoint, matched
-from cosim.scenario.origin import Findings, Path
 from cosim.scenario.quantity import NUMBER_ONLY, TIME, QuantityError
 from cosim.scenario.schema import ComponentPart, ConnectionPart, Scenario
 from cosim.scenario.scope import meaning_of_state
@@ -91,7 +90,7 @@ class _Mapped:
     """What comes to one input through a map: sources with their gains, and the sum's offset."""
 
     target: Endpoint
-    path: Path
+    path: KeyPath
     part: ConnectionPart
     terms: list[tuple[Endpoint, float]] = field(default_factory=list)
     offset: float = 0.0
@@ -412,7 +411,7 @@ class _Lowering:
             return [c._replace(source=Endpoint(part.sensor, lanes[c.source])) for c in found]
         return found
 
-    def _connect(self, part: ConnectionPart, path: Path) -> None:
+    def _connect(self, part: ConnectionPart, path: KeyPath) -> None:
         if not _has_map(part):
             self._kept.append(part)
             return
@@ -446,7 +445,7 @@ class _Lowering:
                 fmu = self._fmus[c.target.component]
                 one.offset += float(in_own_unit(fmu, self._port(c.target), part.offset))
 
-    def _matrix(self, part: ConnectionPart, path: Path) -> None:
+    def _matrix(self, part: ConnectionPart, path: KeyPath) -> None:
         rows = part.matrix or []
         sources = self._group(part.source, "output")
         if part.sensor is not None:

@@ -7,13 +7,12 @@ from typing import Annotated, Any, Self
 
 from pydantic import Field, model_validator
 
-from cosim.core import InputError
+from cosim.core import Findings, InputError
 from cosim.master import DelaySource, PositionSource
 from cosim.network import SPEED_OF_SOUND, Medium, Node, RangeLogit, RangeTable
 from cosim.scenario.fields import Length, Name, Part, Place, Probability, Speed
 from cosim.scenario.link_keys import of_part, part_of
 from cosim.scenario.matching import endpoint
-from cosim.scenario.origin import Findings
 
 
 class RangeTablePart(Part):

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cosim import hinf
-from cosim.core import InputError, Progress, silent
+from cosim.core import Findings, InputError, Progress, silent
 from cosim.fmu import FmuDescription
 from cosim.scenario.assembly import assemble, find_fmus
 from cosim.scenario.controller_design import with_design_of_controller
@@ -24,7 +24,6 @@ from cosim.scenario.gain import (
     require_own_numbers,
 )
 from cosim.scenario.lowering import LinearMap, lowered
-from cosim.scenario.origin import Findings
 from cosim.scenario.pinned import DesignSource, kept_or_made, named_design
 from cosim.scenario.plant import (
     parameters_of_plant,

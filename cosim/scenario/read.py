@@ -7,12 +7,10 @@ import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, TypeVar
-
-from pydantic import BaseModel, ValidationError
+from typing import Any
 
 from cosim import recordings
-from cosim.core import InputError
+from cosim.core import NOWHERE, Findings, Layer, Origin, valid
 from cosim.network import DelayProfile, Recording, keys_of
 from cosim.scenario.extend import (
     Source,
@@ -31,22 +29,15 @@ from cosim.scenario.links import (
     RecordingFilePart,
     RecordingPart,
 )
-from cosim.scenario.origin import NOWHERE, Findings, Layer, Origin
 from cosim.scenario.schema import Scenario
-from cosim.scenario.schema_errors import refusals
 
 __all__ = [
     "LoadedScenario",
-    "all_refusals",
     "builtin_names",
     "load",
     "parse",
     "read_text",
-    "valid",
-    "validated",
 ]
-
-Model = TypeVar("Model", bound=BaseModel)
 
 
 @dataclass(frozen=True)
@@ -182,37 +173,3 @@ def _recorded(part: ProfileFilePart, folder: Path) -> ProfilePart:
         delays=[d / 1e9 for d in profile.delays_ns.tolist()],
         interpolation=profile.interpolation,
     )
-
-
-def validated(model: type[Model], text: str, data: dict[str, Any], where: str) -> Model:
-    """Validate the `data` of a TOML `text` as an object of `model`.
-
-    Raises
-    ------
-    InputError : it breaks the model; says file, line, key, and the nearest known keys.
-    """
-    return valid(model, data, Origin((Layer(where, text),)))
-
-
-def all_refusals(
-    model: type[BaseModel], text: str, data: dict[str, Any], where: str
-) -> list[InputError]:
-    """Return an error for every key of the `data` of a TOML `text` that breaks the model."""
-    try:
-        model.model_validate(data)
-    except ValidationError as error:
-        return refusals(model, error, data, Origin((Layer(where, text),)))
-    return []
-
-
-def valid(model: type[Model], data: dict[str, Any], origin: Origin) -> Model:
-    """Validate data that come from several layers, as `validated`."""
-    try:
-        return model.model_validate(data)
-    except ValidationError as error:
-        first, *more = refusals(model, error, data, origin)
-        if first.hint is None and more:
-            command = ": cosim scenario check" if model is Scenario else ""
-            first.hint = f"{len(more)} more after this one{command}"
-            first.args = (first.text(),)
-        raise first from error

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cosim.core import Findings
 from cosim.master import Connection, Run, System
 from cosim.scenario.age import AgeMeasure, MeasuredAges
 from cosim.scenario.applied_commands import AppliedCommands
@@ -29,7 +30,6 @@ from cosim.scenario.limits import Saturation, SaturationMeasure
 from cosim.scenario.loss_bursts import LossBursts
 from cosim.scenario.measure import Measure, Measures
 from cosim.scenario.measurement_ages import CommandAge, StampedAges
-from cosim.scenario.origin import Findings
 from cosim.scenario.outage_measure import OutageFigures, OutageMeasure, both
 from cosim.scenario.performance import GainMeasure
 from cosim.scenario.preparation import PreparedScenario

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from itertools import pairwise
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 import tomli_w
 from pydantic import (
@@ -21,6 +21,7 @@ from pydantic import (
     model_validator,
 )
 
+from cosim.core import NotNegative, Number, Positive, Text
 from cosim.master import Algorithm, Policy, UnknownFeedthrough
 from cosim.scenario.copies import written_out
 from cosim.scenario.events import AssertionPart, EventPart
@@ -33,16 +34,12 @@ from cosim.scenario.fields import (
     Instant,
     LinkTime,
     Name,
-    NotNegative,
-    Number,
     Part,
     PerSecond,
-    Positive,
     Rate,
     Reference,
     SignalValue,
     Speed,
-    Text,
 )
 from cosim.scenario.links import LinkPart
 from cosim.scenario.media import MediumPart
@@ -407,6 +404,8 @@ class LogPart(Part):
 
 class Scenario(Part):
     """A whole scenario."""
+
+    lists_faults: ClassVar[str | None] = "cosim scenario check"
 
     title: Text
     """One line that says what is run."""

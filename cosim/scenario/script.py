@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from itertools import count
 from typing import Any, NamedTuple
 
-from cosim.core import InputError
+from cosim.core import Findings, InputError, KeyPath
 from cosim.fmu import checked_scalars, describe_settable, may_be_set
 from cosim.master import Endpoint, System
 from cosim.network import PacketLink
@@ -18,7 +18,6 @@ from cosim.scenario.expression import Expression
 from cosim.scenario.link_keys import nanoseconds
 from cosim.scenario.matching import endpoint
 from cosim.scenario.modes import ModesPart
-from cosim.scenario.origin import Findings, Path
 from cosim.scenario.quantity import unit_in
 from cosim.scenario.schema import Scenario
 from cosim.scenario.scope import RunScope
@@ -295,7 +294,7 @@ def _check_time(part: EventPart, scenario: Scenario) -> None:
 
 def _actions(
     part: ActionsPart,
-    path: Path,
+    path: KeyPath,
     system: System,
     scope: RunScope,
     findings: Findings,
@@ -325,7 +324,7 @@ def _actions(
 
 
 def _link_settings(
-    part: ActionsPart, path: Path, system: System, findings: Findings, *, timed: bool
+    part: ActionsPart, path: KeyPath, system: System, findings: Findings, *, timed: bool
 ) -> Iterator[Action]:
     for key, names in (("outage", part.outage), ("restore", part.restore)):
         for k, name in enumerate(names):

@@ -7,29 +7,24 @@ from typing import Annotated, Literal, Self
 
 from pydantic import AfterValidator, Field, StringConstraints, field_validator, model_validator
 
+from cosim.core import Number, Text
 from cosim.scenario.binding import AnyName, bind
-from cosim.scenario.events import ConditionError
-from cosim.scenario.expression import Expression, ExpressionError
+from cosim.scenario.expression import Expression
 from cosim.scenario.fields import (
     OUTPUT_PATTERN,
     Delay,
     Instant,
-    Number,
     Part,
     Reference,
     Seconds,
     SignalValue,
-    Text,
 )
 
 OutputName = Annotated[str, StringConstraints(pattern=OUTPUT_PATTERN)]
 
 
 def _expression(text: str) -> str:
-    try:
-        bind(Expression(text), AnyName(), None)
-    except ExpressionError as error:
-        raise ConditionError(error) from error
+    bind(Expression(text), AnyName(), None)
     return text
 
 

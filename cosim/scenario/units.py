@@ -7,9 +7,8 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
 
-from cosim.core import InputError
+from cosim.core import Findings, InputError
 from cosim.fmu import FmuDescription, Port, checked_scalars, describe_settable, may_be_set
-from cosim.scenario.origin import Findings
 from cosim.scenario.quantity import (
     Dimension,
     QuantityError,

@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from typing import Any
 
-from cosim.core import InputError
-from cosim.scenario import line_of
+from cosim.core import InputError, line_of
 from cosim.study.schema import RESERVED, RarePart, SampledAxis, Study
 
 _LEAST_SAMPLES = 100  # of a rare event: ten chains

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
 
-from cosim.core import STUDY_FILE, InputError
-from cosim.scenario import LoadedScenario, builtin_names, load, parse, read_text, validated
+from cosim.core import STUDY_FILE, InputError, validated
+from cosim.scenario import LoadedScenario, builtin_names, load, parse, read_text
 from cosim.study.consistency import Place, check_certified, check_consistent, in_file
 from cosim.study.folder import MANIFEST, read_manifest
 from cosim.study.schema import Study

@@ -8,20 +8,16 @@ from itertools import pairwise
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import (
-    BaseModel,
-    ConfigDict,
     Field,
     StringConstraints,
     field_validator,
     model_validator,
 )
 
-from cosim.core import SCHEMA, STUDY_FILE, InputError, with_field_docs
-from cosim.scenario import COLUMN_PATTERN, BoundExpression, ExpressionError, formula, split
+from cosim.core import SCHEMA, STUDY_FILE, InputError, Number, Text
+from cosim.scenario import COLUMN_PATTERN, BoundExpression, ExpressionError, Part, formula, split
 
-Text = Annotated[str, StringConstraints(min_length=1)]
 ColumnName = Annotated[str, StringConstraints(pattern=COLUMN_PATTERN)]
-Number = Annotated[float, Field(allow_inf_nan=False)]
 Integer = Annotated[int, Field(ge=-(2**53), le=2**53)]
 Seed = Annotated[int, Field(ge=0, lt=2**31)]
 MAX_RUNS = 10_000_000
@@ -32,22 +28,12 @@ RESERVED = ("run", "status", "reason")
 """Columns that every table of results has."""
 
 
-class _Part(BaseModel):
-    # strict, as in TOML: "5.0" is not a number, and true is not 1
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
-
-    @classmethod
-    def __get_pydantic_json_schema__(cls, core: Any, handler: Any) -> Any:
-        """Return the JSON schema, in which each key has the string below its field."""
-        return with_field_docs(cls, core, handler)
-
-
 def of_x(text: str) -> BoundExpression:
     """Return the number that a text says of x; an `InputError` where it says none."""
     return formula(text, "x")
 
 
-class Axis(_Part):
+class Axis(Part):
     """The places of the scenario that one axis changes.
 
     Exactly one of `path`, `paths` and `apply`.
@@ -235,7 +221,7 @@ Reduction = Literal[
 ]
 
 
-class Metric(_Part):
+class Metric(Part):
     """One figure of a run: a `path` into the output of `cosim run --json`, or a reduced signal.
 
     Or a `value` that is computed from figures before it.
@@ -294,7 +280,7 @@ class Metric(_Part):
         return (self.signal,) if isinstance(self.signal, str) else tuple(self.signal or ())
 
 
-class Correlation(_Part):
+class Correlation(Part):
     """Two sampled axes that are correlated, by a Gaussian copula."""
 
     axes: Annotated[list[Text], Field(min_length=2, max_length=2)]
@@ -309,7 +295,7 @@ class Correlation(_Part):
         return self
 
 
-class StabilityPart(_Part):
+class StabilityPart(Part):
     """[stability]: what `cosim study show --picture` draws for a study of delay (and loss)."""
 
     delay: Text
@@ -324,7 +310,7 @@ class StabilityPart(_Part):
     """Metric `metrics.guarantee_claimed`: whether the run met all that its certificate assumes."""
 
 
-class StopPart(_Part):
+class StopPart(Part):
     """stop: end the study when the interval of a metric is narrow enough."""
 
     metric: Text
@@ -337,7 +323,7 @@ class StopPart(_Part):
     """Number of runs before the first look; each later one has 1.3 times as many."""
 
 
-class RarePart(_Part):
+class RarePart(Part):
     """rare: estimate the small probability that a metric is beyond a bound."""
 
     metric: Text
@@ -369,7 +355,7 @@ class RarePart(_Part):
         return value - self.above if self.above is not None else (self.below or 0.0) - value
 
 
-class Study(_Part):
+class Study(Part):
     """A whole study."""
 
     title: Text
@@ -378,7 +364,7 @@ class Study(_Part):
     """What a reader should know: why these axes."""
     scenario: Text
     """Scenario that is varied: a built-in name, or a path from the study's folder."""
-    set: dict[str, Any] = {}
+    set: dict[str, Any] = Field(default_factory=dict)
     """Changes to the scenario in every run, by dotted path."""
     vary: Annotated[list[AnyAxis], Field(min_length=1)]
     """The axes: what varies from run to run."""
@@ -388,7 +374,7 @@ class Study(_Part):
     """Number of points of all sampled axes together."""
     seed: Seed = 1
     """Seed of their draws."""
-    correlations: list[Correlation] = []
+    correlations: list[Correlation] = Field(default_factory=list)
     """Sampled axes that are not independent."""
     traces: str = "none"
     """Runs whose traces are kept: none, all, failed, or worst:N by METRIC (by -METRIC: the
@@ -439,7 +425,7 @@ class Study(_Part):
         return (int(match["n"]), match["by"]) if match and match["n"] else None
 
 
-def _exactly_one(part: BaseModel, keys: tuple[str, ...], purpose: str) -> None:
+def _exactly_one(part: Part, keys: tuple[str, ...], purpose: str) -> None:
     given = [key for key in keys if getattr(part, key) is not None]
     if len(given) != 1:
         got = " and ".join(given) or "none"

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
 from typing import NoReturn
 
-from cosim.core import InputError, counted
+from cosim.core import InputError, counted, line_of
 from cosim.models import (
     FORCES,
     VELOCITIES,
@@ -17,7 +17,6 @@ from cosim.models import (
     derivative_named,
     effect_of,
 )
-from cosim.scenario import line_of
 from cosim.vehicle.parameters import (
     hydro_derivatives,
     needs_density,

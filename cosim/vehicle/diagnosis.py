@@ -14,9 +14,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.core import CosimError, InputError
+from cosim.core import CosimError, InputError, all_refusals
 from cosim.models import VELOCITIES
-from cosim.scenario import all_refusals
 from cosim.vehicle.actuation import command_effect
 from cosim.vehicle.check import Faults
 from cosim.vehicle.computable import computable

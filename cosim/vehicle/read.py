@@ -8,8 +8,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Final
 
-from cosim.core import VEHICLE_FILE, InputError, unreadable
-from cosim.scenario import validated
+from cosim.core import VEHICLE_FILE, InputError, unreadable, validated
 from cosim.vehicle.check import Faults, motion_names
 from cosim.vehicle.computable import computable
 from cosim.vehicle.defaults import with_defaults

@@ -9,9 +9,10 @@ from __future__ import annotations
 import re
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, ConfigDict, Field, StringConstraints
+from pydantic import AfterValidator, ConfigDict, Field
 
-from cosim.scenario import NotNegative, Number, Part, Positive
+from cosim.core import NotNegative, Number, Positive, Text
+from cosim.scenario import Part
 
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9]*(_[A-Za-z0-9]+)*")
 _TITLE = re.compile(r"[A-Za-z][A-Za-z0-9_-]*")
@@ -31,7 +32,6 @@ def _title(name: str) -> str:
 
 Name = Annotated[str, AfterValidator(_part_of_names)]
 """Of an actuator or a sensor: a part of FMI names."""
-Text = Annotated[str, StringConstraints(min_length=1)]
 Vector = Annotated[list[Number], Field(min_length=3, max_length=3)]
 Matrix = Annotated[list[Vector], Field(min_length=3, max_length=3)]
 Entry = Annotated[list[Annotated[int, Field(ge=1, le=6)]], Field(min_length=2, max_length=2)]

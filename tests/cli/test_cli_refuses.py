@@ -191,9 +191,9 @@ D = [[-1.0, 0.0], [0.0, -1.0]]
         (["design", "open.toml"], "open: B", "B is missing"),
         (["design", "open.toml", "--max-delay", "--gamma", "6"], "open: B", "B is missing"),
         (["analyse", "open.toml", "--gain", "[[1, 2]]"], "open: B", "B is missing"),
-        (["design", "d2.toml"], "d2.toml: system", "B: expected shape (2, 1) beside D2"),
-        (["analyse", "d2.toml"], "d2.toml: system", "B: expected shape (2, 1) beside D2"),
-        (["fmu", "build", "d2.toml", "-o", "x.fmu"], "d2.toml: system", "got no B"),
+        (["design", "d2.toml"], "d2.toml:2: system", "B: expected shape (2, 1) beside D2"),
+        (["analyse", "d2.toml"], "d2.toml:2: system", "B: expected shape (2, 1) beside D2"),
+        (["fmu", "build", "d2.toml", "-o", "x.fmu"], "d2.toml:2: system", "got no B"),
     ],
     ids=str,
 )

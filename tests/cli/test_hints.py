@@ -35,8 +35,8 @@ IN_SYSTEMS = {
     ("d = 0.3", 'd = "300 ms"'): "0.3 for 300 ms",
     ("d = 0.3", "d = 300 ms"): "a number with its unit is written in quotes",
     ("d = 0.3", "d = 3/10"): "write the result of the calculation",
-    ("d = 0.3", "d = 0.3\nk1 = [0.6]"): "it belongs into the table [design]",
-    ("d = 0.3", "d = 0.3\n[design]\nA = [[1.0]]"): "it belongs into the table [system]",
+    ("d = 0.3", "d = 0.3\nk1 = [0.6]"): "did you mean design.k1?",
+    ("d = 0.3", "d = 0.3\n[design]\nA = [[1.0]]"): "did you mean system.A or",
     ("A1 = [[-1.0, 0.0], [2.0, 1.0]]\nB", "B"): "feedback = true, any_age = true",
     ("A1 = [[-1.0, 0.0], [2.0, 1.0]]\n", "[system.delays]\n"): "double brackets",
 }

@@ -13,7 +13,7 @@ import pytest
 import cosim
 from cosim.cli.verbs import TRACE_VERBS, VERBS, loaded
 from cosim.core import InputError
-from cosim.hinf import SYSTEM_TABLES
+from cosim.hinf import system_schema
 from cosim.hinf.problem.system_toml import system_from_toml
 from cosim.scenario import json_schema
 from cosim.study import Study
@@ -34,15 +34,15 @@ def properties(schema: Any, where: str = "top level") -> list[tuple[str, str, An
     ]
 
 
-@pytest.mark.parametrize("what", ["scenario", "study"])
+@pytest.mark.parametrize("what", ["scenario", "study", "system"])
 def test_every_key_of_a_file_is_described(what: str) -> None:
     """In the schema, where editors find it, and so on the page."""
-    schema = json_schema() if what == "scenario" else Study.model_json_schema()
-    found = properties(schema)
+    schemas = {"scenario": json_schema, "study": Study.model_json_schema, "system": system_schema}
+    found = properties(schemas[what]())
     assert len(found) > 40
     bare = [f"{table}: {key}" for table, key, value in found if not value.get("description")]
     assert bare == []
-    name = {"scenario": "scenarios", "study": "studies"}[what]
+    name = {"scenario": "scenarios", "study": "studies", "system": "systems"}[what]
     page = toml_pages.pages()[f"reference/{name}.md"]
     missing = [
         key for table, key, _ in found if "In_extension" not in table and f"`{key}`" not in page
@@ -52,41 +52,45 @@ def test_every_key_of_a_file_is_described(what: str) -> None:
 
 MEASURED = '[system]\nA = [[-1.0]]\nB = [[1.0]]\n[[measurements]]\nname = "y"\nstates = [1]\n'
 TABLES = {
-    "[system]": "[system]\nA = [[-1.0]]\n",
-    "[[system.delays]]": "[system]\nA = [[-1.0]]\n[[system.delays]]\nd = 1.0\n",
-    "[system.integral]": "[system]\nA = [[-1.0]]\n[system.integral]\nof = [1]\n",
-    "[weights.z], [weights.w]": "[system]\nA = [[-1.0]]\n[weights.z]\n",
-    "[design]": "[system]\nA = [[-1.0]]\n[design]\n",
-    "[[measurements]]": MEASURED,
-    "[observer]": f"{MEASURED}[observer]\n",
+    "SystemTable": "[system]\nA = [[-1.0]]\n",
+    "DelayPart": "[system]\nA = [[-1.0]]\n[[system.delays]]\nd = 1.0\n",
+    "IntegralPart": "[system]\nA = [[-1.0]]\n[system.integral]\nof = [1]\n",
+    "FilterPart": "[system]\nA = [[-1.0]]\n[weights.z]\n",
+    "FiltersPart": "[system]\nA = [[-1.0]]\n[weights]\n",
+    "DesignPart": "[system]\nA = [[-1.0]]\n[design]\n",
+    "SensorPart": MEASURED,
+    "ObserverPart": f"{MEASURED}[observer]\n",
 }
+"""Every table of a system file by the name of its part, in a file that has little else."""
 
 
 def refusal(table: str, key: str) -> InputError:
     """Return what is said of a system file with this key, and no value that fits it."""
     start = TABLES[table]
     text = re.sub(rf"(?m)^{key} = .*\n", "", start) if start.count(f"\n{key} = ") else start
-    if text != start and table == "[system]":
+    if text != start and table == "SystemTable":
         text = "[system]\n"
     with pytest.raises(InputError) as refused:
         system_from_toml(f'{text}{key} = {{ x = "y" }}\n', where="file", name="file")
     return refused.value
 
 
-@pytest.mark.parametrize("table", SYSTEM_TABLES)
+def test_every_table_of_a_system_file_is_tried_here() -> None:
+    """A new one is given a text above."""
+    assert set(system_schema()["$defs"]) == {*TABLES}
+
+
+@pytest.mark.parametrize("table", TABLES)
 def test_a_system_file_has_the_keys_that_are_documented(table: str) -> None:
-    """The reader knows each of them, and refuses another one."""
-    for key in SYSTEM_TABLES[table][1]:
-        assert f"there is no key {key!r}" not in refusal(table, key).what
-    assert "there is no key" in refusal(table, "no_such_key").what
+    """The reader knows each of them, refuses another one, and then names these."""
+    keys = system_schema()["$defs"][table]["properties"]
+    for key in keys:
+        assert not re.search(rf"no key '.*\b{key}'", refusal(table, key).what)
+    unknown = refusal(table, "no_such_key")
+    assert "there is no key" in unknown.what
+    assert set(str(unknown.expected).split(", ")) == set(keys)
     page = toml_pages.pages()["reference/systems.md"]
-    assert all(f"| `{key}` |" in page for key in SYSTEM_TABLES[table][1])
-
-
-def test_a_delay_has_no_key_beyond_those_documented() -> None:
-    """What the reader of one delay names as known; the other tables it has from the page's own."""
-    named = set(re.findall(r"\w+", str(refusal("[[system.delays]]", "no_such_key").expected)))
-    assert named == set(SYSTEM_TABLES["[[system.delays]]"][1])
+    assert all(f"| `{key}` |" in page for key in keys)
 
 
 def test_every_command_and_option_is_on_the_page() -> None:

@@ -252,9 +252,12 @@ def test_blocks_are_read_and_written_and_kept() -> None:
     [
         ("[[1, 1], [1, 1]]", ["blocks of 3 columns of E and 2 rows of H", "got 2 and 2"]),
         ("[[3, 2], [0, 0]]", ["at least one column and one row"]),
-        ("[[1.5, 1], [1.5, 1]]", ["a list of pairs", "two parameters are [[1, 1], [1, 1]]"]),
-        ("[3, 2]", ["a list of pairs", "got: [3, 2]"]),
-        ("[[true, 1], [2, 1]]", ["a list of pairs"]),
+        (
+            "[[1.5, 1], [1.5, 1]]",
+            ["blocks[0][0]", "got: 1.5", "two parameters are [[1, 1], [1, 1]]"],
+        ),
+        ("[3, 2]", ["blocks[0]", "a list", "got: 3", "pairs, columns of E"]),
+        ("[[true, 1], [2, 1]]", ["blocks[0][0]", "a whole number", "pairs"]),
     ],
 )
 def test_blocks_that_do_not_fit_are_refused(blocks: str, words: list[str]) -> None:

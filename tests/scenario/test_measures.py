@@ -19,6 +19,7 @@ from master.scalar import scalar_fmu
 from random_runs import RandomRuns
 from shared import fmu_store, sampled, slow_share_of
 
+from cosim.core import Findings
 from cosim.hinf import AuvDesignSettings, auv_system
 from cosim.master import Run, System
 from cosim.scenario import Outcome, measure as measures_module
@@ -34,7 +35,6 @@ from cosim.scenario.final_values import LastOutputs
 from cosim.scenario.fmu_cache import FmuCache
 from cosim.scenario.limits import Saturation, SaturationMeasure
 from cosim.scenario.measure import Measure, measured
-from cosim.scenario.origin import Findings
 from cosim.scenario.performance import GainMeasure, binding_for
 from cosim.scenario.preparation import prepare
 from cosim.scenario.read import LoadedScenario, builtin_names, load

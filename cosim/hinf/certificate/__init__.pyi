@@ -101,7 +101,6 @@ from .outages import (
 )
 from .output_feedback_certificate import (
     measurement_differences as measurement_differences,
-    measurements_from_json as measurements_from_json,
     output_feedback_to_json as output_feedback_to_json,
     pair_from_json as pair_from_json,
 )
@@ -129,18 +128,25 @@ from .state_peaks import (
     squared_state_peaks as squared_state_peaks,
 )
 from .system_json import (
-    BLOCKS as BLOCKS,
-    MATRICES as MATRICES,
-    assembled as assembled,
-    delay_from as delay_from,
     differences as differences,
     first_difference as first_difference,
     known_keys as known_keys,
+    system_from_json as system_from_json,
+)
+from .system_parts import (
+    DelayPart as DelayPart,
+    Double as Double,
+    MaybeDouble as MaybeDouble,
+    MaybeRows as MaybeRows,
+    MeasurementPart as MeasurementPart,
+    Numbers as Numbers,
+    Rows as Rows,
+    Seconds as Seconds,
+    SystemPart as SystemPart,
+    counted_as as counted_as,
+    fitted as fitted,
     matrix_from_rows as matrix_from_rows,
     number as number,
-    refused as refused,
-    seconds as seconds,
-    system_from_json as system_from_json,
 )
 from .theorem import (
     theorem_of as theorem_of,

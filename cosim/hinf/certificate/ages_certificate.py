@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, Literal
 
-from cosim.core import InputError
+from cosim.core import InputError, format_value
 from cosim.hinf.certificate.ages_proof import ages_claim, ages_proved, shapes_of_proof
 from cosim.hinf.certificate.ages_terms import (
     AgesVariables,
@@ -34,7 +34,6 @@ from cosim.hinf.exact import (
     exact,
     exact_matrix,
     exact_symmetric,
-    format_value,
     from_text,
     matrix_from_text,
     matrix_to_text,

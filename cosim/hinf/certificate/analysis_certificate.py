@@ -25,12 +25,8 @@ from cosim.hinf.certificate.analysis_variables import variables_from_json, varia
 from cosim.hinf.certificate.block_multipliers import exact_eps
 from cosim.hinf.certificate.guarantees import Guarantees, guarantees_from_json
 from cosim.hinf.certificate.proof import CertificateCheck
-from cosim.hinf.certificate.system_json import (
-    known_keys,
-    matrix_from_rows,
-    system_from_json,
-    system_to_json,
-)
+from cosim.hinf.certificate.system_json import known_keys, system_from_json, system_to_json
+from cosim.hinf.certificate.system_parts import matrix_from_rows
 from cosim.hinf.certificate.theorem import theorem_of
 from cosim.hinf.exact import exact, exact_symmetric
 

@@ -9,18 +9,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from cosim.core import InputError
+from cosim.core import InputError, format_value
 from cosim.hinf.certificate.analysis_proof import MAX_ORDER, ExactAnalysis, orders_of
 from cosim.hinf.certificate.block_multipliers import eps_from_json, eps_to_json
 from cosim.hinf.certificate.system_json import known_keys
-from cosim.hinf.exact import (
-    exact,
-    format_value,
-    from_text,
-    matrix_from_text,
-    matrix_to_text,
-    to_text,
-)
+from cosim.hinf.exact import exact, from_text, matrix_from_text, matrix_to_text, to_text
 
 if TYPE_CHECKING:
     from cosim.models import Delay, DelaySystem

@@ -18,8 +18,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cosim.core import InputError
-from cosim.hinf.exact import exact, format_value, from_text, to_text
+from cosim.core import InputError, format_value
+from cosim.hinf.exact import exact, from_text, to_text
 from cosim.hinf.theorems import separated
 
 if TYPE_CHECKING:

@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cosim.core import DESIGN_FILE, SCHEMA, InputError, unreadable
+from cosim.core import DESIGN_FILE, SCHEMA, InputError, format_value, unreadable
 from cosim.hinf.certificate.document import Certificate
 from cosim.hinf.certificate.guarantees import Guarantees, guarantees_from_json
 from cosim.hinf.certificate.not_read import not_read
@@ -36,15 +36,11 @@ from cosim.hinf.certificate.proof import (
     exact_variables,
     proved,
 )
-from cosim.hinf.certificate.system_json import (
-    known_keys,
-    matrix_from_rows,
-    system_from_json,
-    system_to_json,
-)
+from cosim.hinf.certificate.system_json import known_keys, system_from_json, system_to_json
+from cosim.hinf.certificate.system_parts import matrix_from_rows
 from cosim.hinf.certificate.theorem import theorem_of
 from cosim.hinf.certificate.variables_json import variables_from_json, variables_to_json
-from cosim.hinf.exact import exact_matrix, format_value, matrix_from_text, matrix_to_text
+from cosim.hinf.exact import exact_matrix, matrix_from_text, matrix_to_text
 from cosim.hinf.theorems import ExactVariables
 from cosim.models import DelaySystem, Matrix
 

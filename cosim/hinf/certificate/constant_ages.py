@@ -13,7 +13,8 @@ from pathlib import PurePath
 from typing import Any
 
 from cosim.hinf.certificate.output_feedback_certificate import KIND, measurements_from_json
-from cosim.hinf.certificate.system_json import number, system_from_json
+from cosim.hinf.certificate.system_json import system_from_json
+from cosim.hinf.certificate.system_parts import number
 from cosim.models import Delay, Measurement
 
 COMMANDS, FEEDBACK = "commands", "feedback"
@@ -34,7 +35,7 @@ def constant_ages_claimed(certificate: dict[str, Any]) -> dict[str, float]:
     InputError : not a certificate.
     """
     if certificate.get("kind") == KIND:
-        measurements = measurements_from_json(certificate["measurements"], "measurements")
+        measurements = measurements_from_json(certificate["measurements"])
         found = {x.name: x.d for x in measurements if has_constant_age(x)}
         if not certificate["command_any_age"]:
             found[COMMANDS] = number(certificate["command_age"], "command_age")

@@ -11,19 +11,15 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from cosim.core import InputError
+from cosim.core import InputError, format_value
 from cosim.hinf.certificate.analysis_certificate import gain_from_json
 from cosim.hinf.certificate.analysis_proof import EXACTLY
 from cosim.hinf.certificate.norm_proof import MAX_STEPS, NORM_BITS, NormProof
 from cosim.hinf.certificate.proof import CertificateCheck, claim_of, judged
-from cosim.hinf.certificate.system_json import (
-    known_keys,
-    number,
-    system_from_json,
-    system_to_json,
-)
+from cosim.hinf.certificate.system_json import known_keys, system_from_json, system_to_json
+from cosim.hinf.certificate.system_parts import number
 from cosim.hinf.certificate.theorem import theorem_of
-from cosim.hinf.exact import ball_precision, exact, format_value, from_text, to_text
+from cosim.hinf.exact import ball_precision, exact, from_text, to_text
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -13,7 +13,8 @@ from cosim.hinf.certificate.block_multipliers import eps_from_json, eps_to_json
 from cosim.hinf.certificate.decay import is_above_exponential
 from cosim.hinf.certificate.document import ProvedValue
 from cosim.hinf.certificate.proof import require_size
-from cosim.hinf.certificate.system_json import known_keys, matrix_from_rows, number
+from cosim.hinf.certificate.system_json import known_keys
+from cosim.hinf.certificate.system_parts import matrix_from_rows, number
 from cosim.hinf.exact import asymmetric, exact, from_text, matrix_from_text, matrix_to_text, to_text
 from cosim.hinf.theorems import (
     Modes,

@@ -16,31 +16,27 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from importlib import import_module
-from typing import Any, get_args
+from typing import Any
 
 import numpy as np
 
-from cosim.core import InputError
+from cosim.core import Findings, InputError, Part, Values, format_value, valid
 from cosim.hinf.certificate.observer_pair import ObserverPair, pair_of
 from cosim.hinf.certificate.proof import CertificateCheck, judged
 from cosim.hinf.certificate.system_json import (
     differences,
     known_keys,
-    matrix_from_rows,
-    number,
-    refused,
-    seconds,
     system_from_json,
     system_to_json,
 )
+from cosim.hinf.certificate.system_parts import MeasurementPart, Rows, matrix_from_rows, number
 from cosim.hinf.certificate.theorem import theorem_of
-from cosim.hinf.exact import exact_matrix, format_value
-from cosim.models import Measurement, Over
+from cosim.hinf.exact import exact_matrix
+from cosim.models import Measurement
 
 KIND = "output-feedback"
 _OWN = ("plant", "measurements", "estimated", "command_age", "command_any_age", "K", "L")
 _KEYS = ("kind", "claim", *_OWN, "pair")
-_MEASUREMENT = ("name", "C", "d", "any_age", "least_age", "rate", "sampled", "noise", "over")
 
 
 def output_feedback_to_json(pair: ObserverPair, certificate: dict[str, Any]) -> dict[str, Any]:
@@ -123,7 +119,7 @@ def pair_from_json(data: dict[str, Any]) -> ObserverPair:
     InputError : naming the key, what was expected and what was got.
     """
     plant = system_from_json(data["plant"], "plant")
-    measurements = measurements_from_json(data["measurements"], "measurements")
+    measurements = measurements_from_json(data["measurements"])
     estimated, late = data["estimated"], data["command_any_age"]
     if not isinstance(estimated, list) or not all(isinstance(x, bool) for x in estimated):
         raise InputError(
@@ -151,7 +147,7 @@ def pair_from_json(data: dict[str, Any]) -> ObserverPair:
         measurements,
         matrix_from_rows(data["K"], "K"),
         [matrix_from_rows(rows, f"L[{i}]") for i, rows in enumerate(data["L"])],
-        command_age=seconds(data["command_age"], "command_age"),
+        command_age=number(data["command_age"], "command_age"),
         command_any_age=late,
         estimated=estimated,
     )
@@ -181,24 +177,31 @@ def measurement_to_json(x: Measurement) -> dict[str, Any]:
     }
 
 
-def measurements_from_json(data: Any, where: str, n: int | None = None) -> list[Measurement]:
-    """Read measurements from JSON or TOML values.
+class _MeasurementOfCertificate(MeasurementPart):
+    """A measurement as `measurement_to_json` writes it."""
 
-    Where n is given they are those of a system file: `states` may stand in place of C, and an age
-    varies unless the file says `any_age = false`, since a measurement is held until the next one.
+    C: Rows
+    """y = C x + v, n columns."""
+
+
+class _Measurements(Part):
+    measurements: list[_MeasurementOfCertificate]
+
+
+def measurements_from_json(data: Any) -> list[Measurement]:
+    """Read the measurements of a certificate.
 
     Raises
     ------
     InputError : naming the key, what was expected and what was got.
     """
-    if not isinstance(data, list):
-        raise InputError(
-            "not a list of measurements",
-            where=where,
-            expected="[[measurements]], double brackets" if n is not None else "a list",
-            got="[measurements], single brackets" if isinstance(data, dict) else format_value(data),
-        )
-    return [_measurement(table, f"{where}[{i}]", n) for i, table in enumerate(data)]
+    findings = Findings(Values())
+    parts = valid(_Measurements, {"measurements": data}, findings.origin).measurements
+    found = []
+    for i, part in enumerate(parts):
+        with findings.at("measurements", i):
+            found.append(part.measurement(part.C, any_age=part.any_age))
+    return found
 
 
 def measurement_differences(data: Any, wanted: Sequence[Measurement]) -> list[str]:
@@ -206,7 +209,7 @@ def measurement_differences(data: Any, wanted: Sequence[Measurement]) -> list[st
 
     Noise that is proved may be greater than wanted.
     """
-    own = measurements_from_json(data, "measurements")
+    own = measurements_from_json(data)
     if [x.name for x in own] != [x.name for x in wanted]:
         names = [", ".join(x.name for x in each) or "none" for each in (own, wanted)]
         return [f"measurements: {names[0]} and {names[1]}"]
@@ -221,63 +224,3 @@ def measurement_differences(data: Any, wanted: Sequence[Measurement]) -> list[st
             if one.get(key) != two.get(key)
         ]
     return found
-
-
-def _measurement(table: Any, where: str, n: int | None) -> Measurement:
-    known = _MEASUREMENT if n is None else (*_MEASUREMENT, "states")
-    known_keys(table, where, known, required=("name",) if n is not None else ("name", "C"))
-    name, over = table["name"], table.get("over", "link")
-    if not isinstance(name, str) or not name:
-        raise InputError("not a name", where=f"{where}.name", expected="a text", got=repr(name))
-    where = f"{where} ({name})"
-    if over not in get_args(Over):
-        raise InputError.unknown("way", str(over), get_args(Over), where=f"{where}.over")
-    if ("C" in table) == ("states" in table):
-        raise InputError(
-            "not what is measured",
-            where=where,
-            expected="either C, rows of numbers, or states, counted from 1",
-            got="both" if "C" in table else "neither",
-        )
-    rows = (
-        matrix_from_rows(table["C"], f"{where}.C")
-        if "C" in table
-        else _rows_of_states(table["states"], f"{where}.states", n or 0)
-    )
-    settings: dict[str, Any] = {}
-    for key in ("any_age", "sampled"):
-        settings[key] = table.get(key, False)
-        if not isinstance(settings[key], bool):
-            raise InputError(
-                "not a truth value",
-                where=f"{where}.{key}",
-                expected="true or false",
-                got=format_value(settings[key]),
-            )
-    settings |= {k: number(table[k], f"{where}.{k}") for k in ("least_age", "rate") if k in table}
-    if "noise" in table:
-        noise = table["noise"]
-        values = noise if isinstance(noise, list) else [noise] * len(rows)
-        settings["noise"] = [number(x, f"{where}.noise[{i}]") for i, x in enumerate(values)]
-    d = seconds(table.get("d", 0.0), f"{where}.d")
-    if n is not None and "any_age" not in table:
-        settings["any_age"] = d > 0
-    try:
-        return Measurement(name, rows, d, **settings, over=over)
-    except ValueError as error:
-        raise refused(error, where) from error
-
-
-def _rows_of_states(states: Any, where: str, n: int) -> Any:
-    """Return rows that measure states, which are counted from 1."""
-    whole = isinstance(states, list) and all(
-        isinstance(x, int) and not isinstance(x, bool) and 1 <= x <= n for x in states
-    )
-    if not whole or not states or len(set(states)) < len(states):
-        raise InputError(
-            "not states of the system",
-            where=where,
-            expected=f"different numbers from 1 to {n}",
-            got=format_value(states),
-        )
-    return np.eye(n)[[x - 1 for x in states]]

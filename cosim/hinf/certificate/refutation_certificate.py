@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 import flint
 import numpy as np
 
-from cosim.core import InputError
+from cosim.core import InputError, format_value
 from cosim.hinf.certificate.proof import CertificateCheck, judged, uncertainty_claim
 from cosim.hinf.certificate.refutation_proof import Multipliers, Place, refutation_claim, refuted
 from cosim.hinf.certificate.system_json import known_keys, system_from_json, system_to_json
@@ -27,7 +27,6 @@ from cosim.hinf.certificate.theorem import theorem_of
 from cosim.hinf.exact import (
     exact,
     exact_matrix,
-    format_value,
     from_text,
     matrix_from_text,
     matrix_to_text,

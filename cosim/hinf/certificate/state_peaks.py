@@ -29,7 +29,8 @@ from cosim.hinf.certificate.analysis_proof import ExactAnalysis, analysis_proved
 from cosim.hinf.certificate.analysis_variables import variables_from_json, variables_to_json
 from cosim.hinf.certificate.control_limits import MAX_OFFSETS, half_of_corners, peak_system
 from cosim.hinf.certificate.document import ProvedValue
-from cosim.hinf.certificate.system_json import known_keys, matrix_from_rows
+from cosim.hinf.certificate.system_json import known_keys
+from cosim.hinf.certificate.system_parts import matrix_from_rows
 from cosim.hinf.exact import asymmetric, exact, exact_matrix, from_text, root_above, to_text
 from cosim.models import DelaySystem, Matrix
 

@@ -10,10 +10,10 @@ from __future__ import annotations
 
 from typing import Any
 
-from cosim.core import InputError
+from cosim.core import InputError, format_value
 from cosim.hinf.certificate.block_multipliers import eps_from_json, eps_to_json
 from cosim.hinf.certificate.system_json import known_keys
-from cosim.hinf.exact import format_value, from_text, matrix_from_text, matrix_to_text, to_text
+from cosim.hinf.exact import from_text, matrix_from_text, matrix_to_text, to_text
 from cosim.hinf.theorems import ExactVariables
 from cosim.models import DelaySystem
 

@@ -17,7 +17,6 @@ from .rational import (
     exact_symmetric as exact_symmetric,
     first_bad_matrix as first_bad_matrix,
     first_bad_pivot as first_bad_pivot,
-    format_value as format_value,
     from_text as from_text,
     identity as identity,
     lower_triangle as lower_triangle,

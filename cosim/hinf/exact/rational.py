@@ -18,7 +18,7 @@ from typing import Any, Final
 
 import flint
 
-from cosim.core import InputError
+from cosim.core import InputError, format_value
 from cosim.models import Matrix
 
 MAX_DIGITS = 2000
@@ -241,12 +241,3 @@ def rounded_up(value: float) -> float:
     """Round a positive number up to seven significant digits."""
     digits = 6 - math.floor(math.log10(value))
     return float(math.ceil(value * 10**digits) / 10**digits)
-
-
-def format_value(value: Any) -> str:
-    """Return the `repr` of a value from a file, at most 60 characters, for a message."""
-    try:
-        text = repr(value)
-    except ValueError:  # the interpreter refuses to print an integer of thousands of digits
-        return "a number of thousands of digits"
-    return text if len(text) <= 60 else f"{text[:50]}... ({len(text)} characters)"

@@ -44,7 +44,7 @@ from .other_delays import (
     with_delays as with_delays,
     without_uncertainty as without_uncertainty,
 )
-from .system_keys import SYSTEM_TABLES as SYSTEM_TABLES
+from .system_file import system_schema as system_schema
 from .system_toml import (
     BUILT_IN_SYSTEMS as BUILT_IN_SYSTEMS,
     Delay as Delay,

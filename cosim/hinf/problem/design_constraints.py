@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from cosim.core import InputError, counted
 from cosim.hinf.certificate import (
@@ -13,7 +12,6 @@ from cosim.hinf.certificate import (
     Damping,
     checked_damping,
     growth_of,
-    number,
     too_many_offsets,
 )
 from cosim.hinf.exact import exact
@@ -148,31 +146,6 @@ def _start(
             hint="give offset, one number per state, or energy",
         )
     return box, strength
-
-
-def design_constraints_from_table(
-    table: Mapping[str, Any], system: DelaySystem, where: str
-) -> DesignConstraints:
-    """Read the design constraints in [design] of a TOML file.
-
-    Raises
-    ------
-    InputError : as `design_constraints_of`, with the key.
-    """
-    given: dict[str, Any] = {}
-    for key in (key for key in KEYS if key in table):
-        value, place = table[key], f"{where}.{key}"
-        is_list = key == "offset" or (key == "peak_control" and isinstance(value, list))
-        if is_list and not isinstance(value, list):
-            raise InputError(
-                "not a list of numbers", where=place, expected="a list, one number per state"
-            )
-        given[key] = (
-            [number(x, f"{place}[{i}]") for i, x in enumerate(value)]
-            if is_list
-            else number(value, place)
-        )
-    return design_constraints_of(system, **given, where=where)
 
 
 def _positive(value: float, where: str) -> None:

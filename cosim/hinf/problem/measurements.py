@@ -13,22 +13,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
-from cosim.core import InputError
-from cosim.hinf.certificate import (
-    checked_measurements,
-    known_keys,
-    matrix_from_rows,
-    measurements_from_json,
-    number,
-    pair_of,
-    seconds,
-)
-from cosim.hinf.exact import format_value
-from cosim.hinf.problem.system_keys import OBSERVER
+from cosim.core import Findings, InputError, format_value
+from cosim.hinf.certificate import checked_measurements, counted_as, pair_of
+from cosim.hinf.problem.system_file import ObserverPart, SystemFile
 from cosim.models import DelaySystem, Matrix, Measurement
 
 
@@ -98,117 +88,86 @@ def fed_back(system: DelaySystem, measurements: Sequence[Measurement]) -> DelayS
         raise InputError(str(error), where="measurements") from error
 
 
-def measured_from_tables(
-    data: dict[str, Any], system: DelaySystem, where: str
+def measured(
+    file: SystemFile, system: DelaySystem, findings: Findings
 ) -> tuple[DelaySystem, ObserverSettings | None]:
-    """Read [[measurements]] and [observer] of a file: the system fed back, or an observer.
+    """Return what [[measurements]] and [observer] ask for: the system fed back, or an observer.
 
     Raises
     ------
-    InputError : naming the key, what was expected and what was got.
+    InputError : parts that do not fit together, with their place in the file.
     """
     n = len(system.A)
-    if "measurements" not in data:
-        raise InputError(
-            "an observer of nothing",
-            where=f"{where}: observer",
-            expected="[[measurements]] beside it",
-        )
-    _refuse_feedback(system, f"{where}: system")
-    own = tuple(measurements_from_json(data["measurements"], f"{where}: measurements", n))
-    try:
+    if file.measurements is None:
+        with findings.at("observer"):
+            raise InputError("an observer of nothing", expected="[[measurements]] beside it")
+    with findings.at("system"):
+        _refuse_feedback(system, "system")
+    sensors = []
+    for i, part in enumerate(file.measurements):
+        with findings.at("measurements", i):
+            place = f"measurements[{i}].states"
+            rows = np.eye(n)[_states(part.states, n, place)] if part.C is None else part.C
+            given = "any_age" in part.model_fields_set
+            sensors.append(part.measurement(rows, any_age=part.any_age and (given or part.d > 0)))
+    own = tuple(sensors)
+    with findings.at("measurements"):
         checked_measurements(system, own)
-    except InputError as error:
-        raise _inside(error, where) from error
-    if "observer" not in data:
         states = [j for x in own if x.states is not None for j in x.states]
         whole = all(x.states is not None and not any(x.noise) for x in own)
-        if whole and sorted(states) == list(range(n)):
+        if file.observer is None and whole and sorted(states) == list(range(n)):
             return fed_back(system, own), None
-    settings = _settings(data.get("observer", {}), own, system, f"{where}: observer")
-    return system, settings
+    with findings.at("observer"):
+        return system, _settings(file.observer or ObserverPart(), own, system)
+
+
+def _states(numbers: list[int] | None, n: int, where: str) -> list[int]:
+    """Return the indices of states that a file counts from 1."""
+    if not numbers or len(set(numbers)) < len(numbers) or not set(numbers) <= {*range(1, n + 1)}:
+        raise InputError(
+            "not states of the system",
+            where=where,
+            expected=f"different numbers from 1 to {n}",
+            got=format_value(numbers),
+        )
+    return [x - 1 for x in numbers]
 
 
 def _settings(
-    table: Any, own: tuple[Measurement, ...], system: DelaySystem, where: str
+    part: ObserverPart, own: tuple[Measurement, ...], system: DelaySystem
 ) -> ObserverSettings:
-    """Read [observer], and refuse what is no pair."""
-    known_keys(table, where, tuple(OBSERVER))
+    """Return the settings of [observer], and refuse what is no pair."""
     n, m = system.B.shape
     estimated = None
-    if "known" in table:
-        known = table["known"]
-        fits = isinstance(known, list) and all(
-            isinstance(x, int) and not isinstance(x, bool) and 1 <= x <= n for x in known
-        )
-        if not fits:
-            raise InputError(
-                "not states of the system",
-                where=f"{where}.known",
-                expected=f"a list of numbers from 1 to {n}",
-                got=format_value(known),
-            )
-        estimated = tuple(j not in known for j in range(1, n + 1))
-    late = table.get("command_any_age", True)  # a command is held until the next one
-    if not isinstance(late, bool):
-        raise InputError(
-            "not a truth value",
-            where=f"{where}.command_any_age",
-            expected="true or false",
-            got=format_value(late),
-        )
-    age = seconds(table.get("command_age", 0.0), f"{where}.command_age")
-    late = late and age > 0
-    gain = matrix_from_rows(table["K"], f"{where}.K") if "K" in table else None
+    if part.known is not None:
+        known = [] if not part.known else _states([*{*part.known}], n, "observer.known")
+        estimated = tuple(j not in known for j in range(n))
     injections = None
-    if "L" in table:
-        rows = table["L"]
-        if not isinstance(rows, dict) or set(rows) != {x.name for x in own}:
+    if part.L is not None:
+        if set(part.L) != {x.name for x in own}:
             raise InputError(
                 "not one injection per measurement",
-                where=f"{where}.L",
+                where="observer.L",
                 expected="a table with a matrix for " + ", ".join(x.name for x in own),
-                got=format_value(rows),
+                got=", ".join(part.L) or "nothing",
             )
-        injections = tuple(matrix_from_rows(rows[x.name], f"{where}.L.{x.name}") for x in own)
-    peaks: dict[str, Any] = {}
-    for key in (key for key in ("offset", "initial_error") if key in table):
-        values = table[key] if isinstance(table[key], list) else [None]
-        if len(values) != n:
-            raise InputError(
-                "not one number per state",
-                where=f"{where}.{key}",
-                expected=f"a list of {n}",
-                got=format_value(table[key]),
-            )
-        peaks[key] = tuple(number(x, f"{where}.{key}[{i}]") for i, x in enumerate(values))
-    peaks["energy"] = number(table.get("energy", 0.0), f"{where}.energy")
-    if "offset" not in table and len(peaks) + ("energy" in table) > 1:
-        raise InputError(
-            "peaks from no initial state", where=where, expected="offset, zeros where it is zero"
-        )
-    at_once = "command_age" in table and age == 0
-    settings = ObserverSettings(
-        own, estimated, age, late, gain, injections, **peaks, at_once=at_once
+        injections = tuple(part.L[x.name] for x in own)
+    age = part.command_age or 0.0
+    late = part.command_any_age and age > 0  # a command is held until the next one
+    pair_of(
+        *(system, own, np.zeros((m, n)) if part.K is None else part.K),
+        [np.zeros(x.C.T.shape) for x in own] if injections is None else injections,
+        command_age=age,
+        command_any_age=late,
+        estimated=estimated,
     )
-    try:
-        pair_of(
-            *(system, own, np.zeros((m, n)) if gain is None else gain),
-            [np.zeros(x.C.T.shape) for x in own] if injections is None else injections,
-            command_age=age,
-            command_any_age=late,
-            estimated=estimated,
-        )
-    except InputError as error:
-        raise _inside(error, where) from error
-    return settings
-
-
-def _inside(error: InputError, where: str) -> InputError:
-    """Return the error with the file and table in front of its place."""
-    error.where = where if error.where is None else f"{where}: {error.where}"
-    error.args = (error.text(),)
-    return error
+    return ObserverSettings(
+        *(own, estimated, age, late, part.K, injections),
+        offset=counted_as(part.offset, n, "observer.offset", "state"),
+        initial_error=counted_as(part.initial_error, n, "observer.initial_error", "state"),
+        energy=part.energy or 0.0,
+        at_once=part.command_age == 0,
+    )
 
 
 def _refuse_feedback(system: DelaySystem, where: str | None = None) -> None:

@@ -8,10 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from cosim.core import InputError
+from cosim.core import InputError, format_value
 from cosim.hinf import nominal
 from cosim.hinf.certificate import KEY, check_certificate, guarantees_from_json, system_from_json
-from cosim.hinf.exact import format_value
 from cosim.hinf.synthesis.certified_design import Design
 from cosim.hinf.synthesis.certified_pair import OutputFeedback, output_feedback_from_json
 from cosim.hinf.synthesis.kept_figures import (

@@ -9,10 +9,9 @@ from __future__ import annotations
 from dataclasses import asdict
 from typing import Any
 
-from cosim.core import InputError
+from cosim.core import InputError, format_value
 from cosim.hinf import nominal
 from cosim.hinf.certificate import number
-from cosim.hinf.exact import format_value
 from cosim.models import DelaySystem
 
 FIGURES = ("least_gamma", "abscissa", "exact_norm", "norm_frequency")

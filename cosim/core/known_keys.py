@@ -4,43 +4,26 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterator
+from functools import cache
 from typing import Any
 
-from cosim.core import did_you_mean, nearest
-from cosim.scenario.origin import Path
+from cosim.core.errors import did_you_mean, nearest
+from cosim.core.origin import KeyPath
+from cosim.core.part import Part
 
-_MEANT = {
-    **dict.fromkeys(("stoptime", "duration", "tend", "tstop", "endtime", "tmax"), "end"),
-    **dict.fromkeys(("stepsize", "timestep", "dt", "h", "communicationstepsize"), "step"),
-    **dict.fromkeys(("latency", "lag", "tau"), "delay"),
-    **dict.fromkeys(("packetloss", "dropout", "lossrate", "lossprobability", "per"), "loss"),
-    **dict.fromkeys(("bitrate", "bandwidth", "datarate"), "data_rate"),
-    **dict.fromkeys(("period", "ts", "interval", "sampleperiod", "samplingtime"), "sample_time"),
-    **dict.fromkeys(("path", "file", "model", "filename"), "fmu"),
-    **dict.fromkeys(("start", "init", "params", "initial", "startvalues"), "parameters"),
-    **dict.fromkeys(("source", "output"), "from"),
-    **dict.fromkeys(("target", "destination", "input"), "to"),
-    **dict.fromkeys(("randomseed", "rng"), "seed"),
-    **dict.fromkeys(("assert", "checks", "requirements"), "assertions"),
-    **dict.fromkeys(("name",), "title"),
-}
-"""Words of other tools, in small letters without punctuation -> the key that is meant."""
-_MATRICES = frozenset(("A", "B", "C", "D", "D1", "D2", "E", "H", "A1", "H1", "d"))
 _ALIKE = 0.8
 _ANY = "NAME"
 """Stands in a place for a name that the author chooses."""
 
 
-def suggestion(word: str, table: Path, schema: dict[str, Any]) -> str | None:
+def suggestion(word: str, table: KeyPath, model: type[Part]) -> str | None:
     """Return what a key that does not exist is meant for: one of its table, or of another.
 
     table : where the key stands; list indices and chosen names as they are.
     """
-    if table == ("design",) and word in _MATRICES:
-        return 'matrices are in the file of a system: system = "my-system.toml"'
-    keys = [(place, name) for place, names in _tables(schema, schema, ()) for name in names]
-    own = [name for place, name in keys if _is_at(table, place)]
-    meant = _MEANT.get("".join(c for c in word.lower() if c.isalnum()), word)
+    keys = [(place, name) for place, names in _tables_of(model) for name in names]
+    own = keys_of_table(table, model)
+    meant = model.meant.get("".join(c for c in word.lower() if c.isalnum()), word)
     near = [meant] if meant in own else nearest(word, own, most=1)
     if near:
         return did_you_mean(near)
@@ -51,11 +34,23 @@ def suggestion(word: str, table: Path, schema: dict[str, Any]) -> str | None:
     return did_you_mean(sorted(places, key=lambda name: not name.startswith("run."))[:3])
 
 
+def keys_of_table(table: KeyPath, model: type[Part]) -> list[str]:
+    """Return the keys that a table may have, in the order of the schema."""
+    found = (names for place, names in _tables_of(model) if _is_at(table, place))
+    return list(dict.fromkeys(name for names in found for name in names))
+
+
+@cache
+def _tables_of(model: type[Part]) -> list[tuple[tuple[str, ...], dict[str, Any]]]:
+    schema = model.model_json_schema()
+    return list(_tables(schema, schema, ()))
+
+
 def _alike(name: str, word: str) -> bool:
     return bool(difflib.get_close_matches(word, [name], cutoff=_ALIKE))
 
 
-def _is_at(path: Path, place: tuple[str, ...]) -> bool:
+def _is_at(path: KeyPath, place: tuple[str, ...]) -> bool:
     """Whether a path leads to a table of the schema."""
     words = [part for part in path if isinstance(part, str)]
     return len(words) == len(place) and all(
