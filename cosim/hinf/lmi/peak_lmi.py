@@ -23,10 +23,10 @@ from cosim.hinf.certificate import PeakControl, failure, offset_corners, peak_sy
 from cosim.hinf.exact import exact, exact_matrix
 from cosim.hinf.lmi.conic import TOLERANCE, Solution
 from cosim.hinf.lmi.problem import Answer, Point, Problem, exact_point
-from cosim.hinf.lmi.program import At
 from cosim.hinf.lmi.scaling import Scaling, scaling_of
 from cosim.hinf.lmi.solver_status import not_found, solver_words
 from cosim.hinf.lmi.svec import Array
+from cosim.hinf.lmi.weighed import At
 from cosim.hinf.problem import DesignConstraints
 from cosim.hinf.theorems import Inequality, Scalars
 

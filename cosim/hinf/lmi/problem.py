@@ -22,9 +22,11 @@ import numpy as np
 from cosim.hinf.certificate import Variables, exact_variables, joined
 from cosim.hinf.exact import exact_matrix
 from cosim.hinf.lmi.conic import TOLERANCE, Constraint, Solution, solve
-from cosim.hinf.lmi.program import At, Indices, Program
+from cosim.hinf.lmi.products import Indices
+from cosim.hinf.lmi.program import Program
 from cosim.hinf.lmi.scaling import Scaling, units_of
 from cosim.hinf.lmi.svec import Array, svec
+from cosim.hinf.lmi.weighed import At
 from cosim.hinf.theorems import (
     ExactVariables,
     Inequality,
