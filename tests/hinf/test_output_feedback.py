@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from importlib.resources import files
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -182,3 +184,22 @@ def test_the_vehicle_is_certified_with_positions_alone_of_any_age() -> None:
         assert norm is not None
         norms.append(norm.value)
     assert max(norms) <= (found.gamma or 0.0)
+
+
+@pytest.mark.slow
+def test_auto_means_what_it_means_in_an_analysis() -> None:
+    """The vehicle over slow links, 16 states: gamma of its pair is that of `analyse`, not 3.4."""
+    path = Path(str(files("cosim.scenario"))) / "library" / "designs" / "auv-survey.json"
+    pair = output_feedback_from_json(json.loads(path.read_bytes()), where=str(path)).pair
+    found = design_output_feedback(
+        *(pair.plant, pair.measurements),
+        gain=pair.K,
+        injections=pair.L,
+        command_age=pair.command_age,
+        command_any_age=True,
+        estimated=pair.estimated.tolist(),
+    )
+    known = analyse(pair.system, pair.gain, order="auto")
+    assert (found.gamma, found.order) == (known.gamma, known.order)
+    assert found.gamma == pytest.approx(2.0822, rel=1e-4)
+    assert check_certificate(found.certificate).valid

@@ -7,7 +7,6 @@ d; where it takes it to act at once, for any age up to one that is given.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -33,8 +32,7 @@ def proved_again(
     found : a design; one whose ages are already such is proved again as it is.
     hold : greatest age [s], at the end of its use, of what acts at once in `found`: of commands,
         of a state feedback, of measurements without an age.
-    order : of the analysis; None: "auto", and of an observer with many states first that of the
-        proof of `found`, at most 1, which takes minutes.
+    order : of the analysis; None: "auto".
 
     Raises
     ------
@@ -51,12 +49,7 @@ def proved_again(
             expected="the greatest age at the end of its use, in seconds",
             hint="a controller that commands at every step of 0.05 s: 0.1, a step and the coupling",
         )
-    orders: list[Order] = ["auto"] if order is None else [order]
-    if order is None and isinstance(found, OutputFeedback):
-        # of a large pair "auto" tries what is quick alone; varying ages gain nothing beyond order 1
-        large = is_large(found.pair.system, found.pair.gain)
-        orders = [min(found.order, 1), "auto"] if large else orders
-    again = _first(lambda own: _proved(found, hold, own), orders)
+    again = _proved(found, hold, "auto" if order is None else order)
     note = found.certificate.get(PLANT_NOTE)
     if note is None:
         return again
@@ -94,18 +87,6 @@ def for_any_command(found: OutputFeedback, *, most: float | None = None) -> Outp
         if isinstance(again, OutputFeedback) and cheap:
             return again
     return found
-
-
-def _first(
-    prove: Callable[[Order], Design | OutputFeedback], orders: list[Order]
-) -> Design | OutputFeedback:
-    """Return the proof of the first of some orders that has one."""
-    for own in orders[:-1]:
-        try:
-            return prove(own)
-        except NotAchievableError:
-            continue
-    return prove(orders[-1])
 
 
 def _proved(

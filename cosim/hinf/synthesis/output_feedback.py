@@ -131,7 +131,8 @@ def design_output_feedback(
     estimated : one truth value per state; False: it is known (`ObserverPair`). None: all are
         estimated.
     order : of the analysis, as of `analyse`.
-    quick : without a proved bound of the nominal norm and delay margins, which take seconds.
+    quick : without a proved bound of the nominal norm and delay margins, which take seconds, and
+        of a pair of many states without proofs that take half a minute.
     offset : (n,) also prove peaks of u and x from |x_i| <= offset_i, constant before t = 0.
     initial_error : (n,) |x_i - xh_i| <= initial_error_i there, whatever x is; None: the estimate
         starts at zero, so that the error is x.
@@ -266,7 +267,8 @@ def _best(
     pair, found = min(made, key=lambda one: one[1].gamma or 0.0)
     if not brief:
         found = replace(found, **nominal_figures_of(pair.system, pair.gain)._asdict())
-    if ages_are_known(pair.system) and order == "auto":
+    large = not brief and is_large(pair.system, pair.gain)
+    if order == "auto" and (large or ages_are_known(pair.system)):  # ranking tried what is quick
         full = best_analysis(pair.system, pair.gain, gamma, order, NominalFigures.of(found))
         found = min((found, full), key=lambda one: (not one.certified, one.gamma or 0.0))
     return _certified(pair, found)
