@@ -37,6 +37,15 @@ def test_a_last_row_that_is_right_is_taken() -> None:
     assert sums.check(rows) == 1
 
 
+def test_the_last_row_of_all_agrees() -> None:
+    """There is no row after it; a row that is complete while its number is not yet told agrees."""
+    rows = np.random.default_rng(3).standard_normal((3, 2))
+    sums = Checksums(2)
+    assert sums.agree(rows, 3, sum_of_rows(rows, 2, 0, 3))
+    assert sums.agree(rows, 1, sum_of_rows(rows, 2, 0, 2))
+    assert not sums.agree(rows, 3, sum_of_rows(rows, 2, 0, 2))
+
+
 @pytest.mark.parametrize(
     ("fault", "door"), [("close-all", "run"), ("intrude", 1)], ids=["rows of the end", "a session"]
 )

@@ -44,7 +44,7 @@ class Checksums:
         """Return whether so many rows, or one more, have this sum: a call ends between the two."""
         return any(
             signed(self._total + self._sum(rows, self._complete, last)) == row_sum
-            for last in (complete, complete + 1)
+            for last in (complete, min(complete + 1, len(rows)))
         )
 
     def forget(self) -> None:
