@@ -58,10 +58,20 @@ def test_parts_are_found() -> None:
     """Two systems are two parts, the vehicle four axes; a gain across them joins them."""
     assert [len(at) for at in Problem(pair()).rows_of_parts()] == [16, 16]
     assert len(Problem(auv_system()).rows_of_parts()) == 4
-    p = Scalars((-0.6, -0.5), (0.6, 0.5), tuple(x.d for x in pair().delays))
-    joined = Problem(pair()).margin(p, 50.0, np.ones((2, 4)))
+    assert len(Problem(pair()).rows_of_parts(np.ones((2, 4)))) == 1
+
+
+def test_the_scale_of_an_answer_is_of_any_gain() -> None:
+    """That of a design, in two parts, scales the rows of a loop whose gain joins them."""
+    problem, d = Problem(pair()), tuple(x.d for x in pair().delays)
+    p = Scalars((-0.6, -0.5), (0.6, 0.5), d)
+    free = problem.least_gamma(p)
+    assert isinstance(free, Answer)
+    gain = np.linalg.solve(free.point.X, free.point.Y.T).T
+    gain[:, 2:] += 1e-3 * np.abs(gain).max()
+    joined = problem.margin(p, 2 * free.value, gain, free)
     assert isinstance(joined, Answer)
-    assert len(joined.scale) == 1
+    assert joined.value > 0
 
 
 @pytest.mark.parametrize("performance", [True, False])
@@ -77,7 +87,7 @@ def test_the_optimum_and_its_slopes_are_those_of_the_whole(*, performance: bool)
         problem = Problem(system, scaling=units)
         found = problem.least_gamma(p) if performance else problem.margin(p, 50.0)
         assert isinstance(found, Answer)
-        assert len(found.scale) == (2 if system is cut_apart else 1)
+        assert len(problem.rows_of_parts()) == (2 if system is cut_apart else 1)
         return found
 
     cut_apart, units = system, replace(scaling_of(system), state=np.ones(4))

@@ -126,7 +126,7 @@ class PeakProblem(Problem):
         size = float(program.trace("X") @ solution.y) / n
         answer = self._answer(program, solution, p, self._gain, {}, 1.0)
         self._unit *= float(np.sqrt(size))
-        self._near = replace(answer, scale=tuple(each / size for each in answer.scale))
+        self._near = replace(answer, scale=answer.scale / size)
         self._least_share = value / size
         return float(np.sqrt(value) * unit)
 

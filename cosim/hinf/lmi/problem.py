@@ -66,14 +66,14 @@ class Answer:
 
     value : the least gamma, or the greatest margin t.
     point : where it is attained.
-    scale : |diagonal of Omega| there, the scale of each row in `units`, part by part.
+    scale : |diagonal of Omega| there, the scale of each row in `units`.
     accurate : whether the solver calls it solved.
     slopes : d value / d (k1_1, ..., k1_N, k2_1, ..., k2_N, d_1, ..., d_N), by the multipliers.
     """
 
     value: float
     point: Point
-    scale: tuple[Array, ...]
+    scale: Array
     accurate: bool
     slopes: Array
     units: Scaling
@@ -181,12 +181,13 @@ class Problem:
     ) -> Answer | Solution:
         program, at = self._program(gain), self._at(p)
         main, others = program.constraints(known, at=at)
-        scale = [np.ones(c.size) for c in main]
+        scale = np.ones(sum(c.size for c in main))
         if near is not None and near.units is self.scaling:
-            scale = list(near.scale)
+            scale = near.scale
         # the LMI is homogeneous without w and z: the size of its solution is fixed
         trace = None if self._is_bounded else program.trace("X", known)
-        constraints = [c.less(svec(np.diag(s))) for c, s in zip(main, scale, strict=True)]
+        of_parts = zip(main, program.main_rows, strict=True)
+        constraints = [c.less(svec(np.diag(scale[rows]))) for c, rows in of_parts]
         for name, c in zip(program.names_of_others, others, strict=True):
             if name.startswith("Q") or (name == "X" and trace is not None):
                 constraints.append(c.less(_SHARE * svec(np.eye(c.size))))
@@ -233,9 +234,9 @@ class Problem:
         """Return the unknowns of a point of `lmi` by name, in the system's units."""
         return self._program(None).values(y, at=self._at(p))
 
-    def rows_of_parts(self) -> list[Indices]:
+    def rows_of_parts(self, gain: Matrix | None = None) -> list[Indices]:
         """Return which rows of -Omega each part has, in the order of `lmi`."""
-        return self._program(None).main_rows
+        return self._program(gain).main_rows
 
     def units_of_rows(self, p: Scalars) -> Array:
         """Return (rows,) units of the rows of -Omega: what multiplies them in `lmi`."""
@@ -360,9 +361,10 @@ class Problem:
             eps=joined(eps),
             gamma=values.get("gamma"),
         )
-        diagonals = [np.abs(np.diag(c.at(y))) for c in main]
-        least = 1e-9 * max(float(each.max()) for each in diagonals)
-        scale = tuple(np.maximum(each, least) for each in diagonals)
+        diagonal = np.zeros(sum(c.size for c in main))
+        for c, rows in zip(main, program.main_rows, strict=True):
+            diagonal[rows] = np.abs(np.diag(c.at(y)))
+        scale = np.maximum(diagonal, 1e-9 * diagonal.max())
         slopes = factor * self._slopes(program, p, y, solution.Z[: len(main)], known)
         accurate = solution.status == "solved"
         return Answer(factor * solution.value, point, scale, accurate, slopes, self.scaling)
