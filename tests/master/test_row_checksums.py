@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -47,8 +48,14 @@ def test_the_last_row_of_all_agrees() -> None:
 
 
 @pytest.mark.parametrize(
-    ("fault", "door"), [("close-all", "run"), ("intrude", 1)], ids=["rows of the end", "a session"]
+    ("row", "door"),
+    [
+        (Row("close-all", "set", "3.0"), "run"),
+        (Row("intrude", "set", "3.0"), 1),
+        (Row("garbage", "exit", "2.0"), "run"),
+    ],
+    ids=["cut off after the last row", "altered in a session", "written over before the first row"],
 )
-def test_rows_of_processes_that_do_harm(tmp_path: Path, fault: str, door: object) -> None:
-    """All rows of one that is cut off after the last; none that is altered, point by point."""
-    assert departures(run_row(Row(fault, "set", "3.0"), tmp_path, door=door)) == []  # type: ignore[arg-type]
+def test_rows_of_processes_that_do_harm(tmp_path: Path, row: Row, door: Any) -> None:
+    """All rows that are complete are kept, none that is altered, and none that there is not."""
+    assert departures(run_row(row, tmp_path, door=door)) == []

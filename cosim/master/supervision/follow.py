@@ -522,9 +522,8 @@ class FollowedRun:
             ]
             complete = max(k + (number > max([self._table.complete, *receiving])), complete)
         rows, delivered = self._wiring.rows, self._dispatch.delivered
-        sound = delivered <= complete <= rows.shape[0] and self._checksums.agree(
-            rows, complete, self._shared.row_sum
-        )
+        possible = self._begun and delivered <= complete <= rows.shape[0]
+        sound = possible and self._checksums.agree(rows, complete, self._shared.row_sum)
         return complete if sound else delivered
 
     def _log_output(self, name: str, level: str, message: str) -> None:
