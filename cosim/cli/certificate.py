@@ -118,7 +118,7 @@ def prove(
         str,
         typer.Option(
             help="N: by the Bessel-Legendre inequality of order N; auto: by the best condition "
-            "that takes seconds, and for an observer of many states at the order of the old proof."
+            "that takes seconds, as of cosim analyse."
         ),
     ] = "auto",
     save: Annotated[

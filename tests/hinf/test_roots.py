@@ -9,6 +9,7 @@ from scipy.special import lambertw
 
 from cosim.core.errors import InputError
 from cosim.hinf import ClosedLoop, characteristic_roots, close, spectral_abscissa
+from cosim.hinf.nominal.roots import roots_right_of
 from cosim.models import paper_example
 from cosim.models.delay_system import Delay, DelaySystem
 
@@ -47,12 +48,13 @@ def test_double_root_is_found_once() -> None:
     assert found[1].real < -3
 
 
-def test_semisimple_root_is_found_once() -> None:
-    """Two equal decoupled equations have every root twice: one entry each, counted as two."""
+def test_semisimple_root_is_found_once_and_counted_twice() -> None:
+    """Two equal decoupled equations have every root twice: one entry each, count 4 not 2."""
     loop = ClosedLoop([np.zeros((2, 2)), -np.eye(2)], [0, 1])
     found = characteristic_roots(loop, 2)
     exact = branches(-1, 1)[:2]
     np.testing.assert_allclose(found, exact[np.argsort(-exact.imag)], atol=1e-10)
+    assert roots_right_of(loop, -1.0) == 4
 
 
 def test_benchmark_roots_at_unit_delay() -> None:
@@ -140,6 +142,7 @@ def test_close_roots_of_a_long_delay() -> None:
 
     for s in found:
         assert abs(f(s) / ((f(s + 1e-6) - f(s - 1e-6)) / 2e-6)) < 1e-9
+    assert roots_right_of(loop, found[0].real + 1e-6) == 0
 
 
 def test_three_delays_against_a_separate_newton() -> None:

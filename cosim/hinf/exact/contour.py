@@ -170,10 +170,10 @@ class Contour:
             S = H.inv()
             yield c, H.det()
             sizes = [d * size(S * A) for d, A in zip(self.delays, self.A, strict=True)]
-            whole = size(S)
-            h = longest / self._slope(whole, sizes, c.real)
+            of_S = size(S)
+            h = longest / self._slope(of_S, sizes, c.real)
             # where e_i is that of the longest step, it is as great on a shorter one
-            h = longest / self._slope(whole, sizes, c.real - h * left)
+            h = longest / self._slope(of_S, sizes, c.real - h * left)
             if flint.arb(t) + h >= length:
                 yield end, self.at(end).det()
                 return
@@ -182,10 +182,10 @@ class Contour:
                 raise NotCountedError(_ON_THE_BOUNDARY)
             t = following
 
-    def _slope(self, whole: Any, sizes: list[Any], real: Any) -> Any:
+    def _slope(self, of_S: Any, sizes: list[Any], real: Any) -> Any:
         """Return rho / h with the e_i at this real part."""
         late = zip(self.late(real), sizes, strict=True)
-        return whole + sum((e * x for e, x in late), flint.arb(0))
+        return of_S + sum((e * x for e, x in late), flint.arb(0))
 
 
 def _whole(roots: Any) -> int:

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from cosim.hinf.exact import exact, exact_matrix
-from cosim.hinf.lmi.decay_lmi import CornersProblem
+from cosim.hinf.lmi.decay_lmi import at_corners
 from cosim.hinf.lmi.peak_lmi import AtLevel, level_inequalities, level_units
 from cosim.hinf.lmi.problem import Problem
 from cosim.hinf.lmi.svec import Array
@@ -79,11 +79,10 @@ class ConstrainedProblem(Problem):
         return main, others
 
     def _of_decay(self, rate: float) -> list[Inequality]:
-        corners = CornersProblem(self.system, rate, scaling=self.scaling)
         at = self._at_corners
         each = [
             form.fixed(Scalars(*(tuple(map(exact, values)) for values in (at.k1, at.k2, at.d))))
-            for form in corners.at_corners(None)
+            for form in at_corners(self.system, rate)
         ]
         each += [one for one in self._positive() if one.name != "X"]
         return [form.renamed(_DECAY, keep=("X", "Y")) for form in each]

@@ -39,21 +39,21 @@ class CornersProblem(Problem):
         outermost: bool = False,
         scaling: Scaling | None = None,
     ) -> None:
-        growth = growth_of(system, rate)
-        every = list(corners(tuple(exact(s) for s in growth), acting_delays(system)))
-        self._shifts = [Shift(exact(rate), corner) for corner in every[-1 if outermost else 0 :]]
-        self._bare = without_performance(system)
-        super().__init__(_shifted(self._bare, rate, growth), scaling=scaling)
+        self._of, self._rate, self._first = system, rate, -1 if outermost else 0
+        shifted = _shifted(without_performance(system), rate, growth_of(system, rate))
+        super().__init__(shifted, scaling=scaling)
 
     def _inequalities(self, gain: Matrix | None) -> tuple[list[Inequality], list[Inequality]]:
-        return self.at_corners(gain), self._positive()
+        return at_corners(self._of, self._rate, gain)[self._first :], self._positive()
 
-    def at_corners(self, gain: Matrix | None) -> list[Inequality]:
-        """Return -Omega at every corner, the outermost last."""
-        return [
-            minus_omega_of_scalars(self._bare, bounded=False, gain=gain, shift=shift)
-            for shift in self._shifts
-        ]
+
+def at_corners(system: DelaySystem, rate: float, gain: Matrix | None = None) -> list[Inequality]:
+    """Return -Omega of the shifted system at every corner, the outermost last."""
+    growth = tuple(exact(s) for s in growth_of(system, rate))
+    return [
+        minus_omega_of_scalars(system, bounded=False, gain=gain, shift=Shift(exact(rate), corner))
+        for corner in corners(growth, acting_delays(system))
+    ]
 
 
 def _shifted(system: DelaySystem, rate: float, growth: tuple[float, ...]) -> DelaySystem:

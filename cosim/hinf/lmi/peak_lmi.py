@@ -21,7 +21,7 @@ import numpy as np
 
 from cosim.hinf.certificate import PeakControl, failure, offset_corners, peak_system, proved_peaks
 from cosim.hinf.exact import exact, exact_matrix
-from cosim.hinf.lmi.conic import TOLERANCE, Solution
+from cosim.hinf.lmi.conic import TOLERANCE, Constraint, Solution
 from cosim.hinf.lmi.problem import Answer, Point, Problem, exact_point
 from cosim.hinf.lmi.scaling import Scaling, scaling_of
 from cosim.hinf.lmi.solver_status import not_found, solver_words
@@ -109,7 +109,7 @@ class PeakProblem(Problem):
     def least(self, p: Scalars) -> float | None:
         """Minimise the share of the limits; None: no point found. Rescales X to about one."""
         program = self._program(self._gain)
-        best: tuple[float, float, Solution] | None = None
+        best: tuple[float, float, list[Constraint], Solution] | None = None
         for theta in THETAS if self.has_free_Q else THETAS[:1]:
             self._theta = theta
             main, others = program.constraints(at=self._at(p))
@@ -117,14 +117,14 @@ class PeakProblem(Problem):
             if not solution.usable or solution.value <= 0:
                 continue
             if best is None or solution.value < best[0]:
-                best = (solution.value, theta, solution)
+                best = (solution.value, theta, main, solution)
         if best is None:
             return None
-        value, self._theta, solution = best
+        value, self._theta, main, solution = best
         unit = self._largest_gain * self._unit / self._largest_limit
         n = len(self.system.A)
         size = float(program.trace("X") @ solution.y) / n
-        answer = self._answer(program, solution, p, self._gain, {}, 1.0)
+        answer = self._answer(program, main, solution, p, self._gain, {}, 1.0)
         self._unit *= float(np.sqrt(size))
         self._near = replace(answer, scale=answer.scale / size)
         self._least_share = value / size

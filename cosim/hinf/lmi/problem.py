@@ -152,7 +152,7 @@ class Problem:
         solution = self._solve([*main, *others], np.asarray(q), tolerance)
         if not solution.usable:
             return solution
-        return self._answer(program, solution, p, gain, {}, 1.0 / self.scaling.a**2)
+        return self._answer(program, main, solution, p, gain, {}, 1.0 / self.scaling.a**2)
 
     def margin(
         self,
@@ -206,7 +206,7 @@ class Problem:
         solution = self._solve(constraints, -last[0], tolerance, equal)
         if not solution.usable:
             return solution
-        return self._answer(program, solution, p, gain, known, -1.0)
+        return self._answer(program, main, solution, p, gain, known, -1.0)
 
     def _in_some_units(self, ask: Callable[[], Answer | Solution]) -> Answer | Solution:
         """Return the answer in the present units, or where that fails in the others.
@@ -262,20 +262,23 @@ class Problem:
 
     def _program(self, gain: Matrix | None, *, sized: bool = False) -> Program:
         key = None if gain is None else gain.tobytes(), sized
-        if key not in self._programs:
-            for old in list(self._programs)[_PROGRAMS - 1 :]:
-                del self._programs[old]
-            main, others = self._inequalities(gain)
-            more = [self._below_size_of_Y()] if sized else []
-            self._programs[key] = Program(
-                main,
-                [*others, *more],
-                self._row_units(),
-                units_of_others=self._row_units(),
-                numbers=self._number_units(),
-                matrices=self._matrix_units(),
-            )
-        return self._programs[key]
+        program = self._programs.pop(key, None) or self._compiled(gain, sized=sized)
+        self._programs[key] = program
+        if len(self._programs) > _PROGRAMS:  # the one that was asked for longest ago
+            del self._programs[next(iter(self._programs))]
+        return program
+
+    def _compiled(self, gain: Matrix | None, *, sized: bool) -> Program:
+        main, others = self._inequalities(gain)
+        units = self._row_units()
+        return Program(
+            main,
+            [*others, *([self._below_size_of_Y()] if sized else [])],
+            units,
+            units_of_others=units,
+            numbers=self._number_units(),
+            matrices=self._matrix_units(),
+        )
 
     def _below_size_of_Y(self) -> Inequality:
         """Return [[s I, Y], [Y', s I]] > 0 in inner units."""
@@ -342,13 +345,13 @@ class Problem:
     def _answer(
         self,
         program: Program,
+        main: Sequence[Constraint],
         solution: Solution,
         p: Scalars,
         gain: Matrix | None,
         known: dict[str, float],
         factor: float,
     ) -> Answer:
-        main, _ = program.constraints(known, at=self._at(p))
         y = solution.y[: main[0].columns.shape[1]]
         values = program.values(y, known, at=self._at(p))
         n, N = len(self.system.A), len(self.system.delays)

@@ -108,13 +108,12 @@ class Program:
         cut: tuple[list[_Form], list[_Form]] = ([], [])
         for k, (form, names) in enumerate(zip(self._forms, self._names, strict=True)):
             for at in self._cuts(k):
-                own = [names[i] for i in at]
                 if any(callable(t.weight) for t in form):
                     terms = [(t.weight, self._columns_of(t, at)) for t in form]
                     made: Constraint | Weighed = weighed(len(at), self.width, terms)
                 else:
                     made = self._constraint(form, at)
-                cut[k >= self._main].append((made, own))
+                cut[k >= self._main].append((made, [names[i] for i in at]))
         return cut
 
     @property

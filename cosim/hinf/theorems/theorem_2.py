@@ -140,9 +140,9 @@ def rates_from_rows(system: DelaySystem, form: Inequality) -> Any:
         if longest is None or j == longest or not delay.d:
             continue
         for i in range(form.rows["x"]):
-            own, of_longest = (names.index(f"s{k + 1}") + i for k in (j, longest))
-            G[own, own] = exact(system.delays[longest].d)
-            G[of_longest, own] = -exact(delay.d)
+            s_j, s_b = (names.index(f"s{k + 1}") + i for k in (j, longest))
+            G[s_j, s_j] = exact(system.delays[longest].d)
+            G[s_b, s_j] = -exact(delay.d)
     return G
 
 

@@ -21,7 +21,7 @@ class Checksums:
     def __init__(self, outputs: int) -> None:
         self._outputs, self._complete, self._total = outputs, 0, 0
         self._blocks: deque[tuple[int, int, int]] = deque()
-        self._last: tuple[int, int] | None = None
+        self._last = 0
 
     def add(self, rows: Rows, complete: int, row_sum: int | None) -> None:
         """Add the rows that have become complete; `row_sum` : the sum of all rows, if it is known.
@@ -30,15 +30,15 @@ class Checksums:
         ------
         ComponentError : they are not what they were.
         """
-        if self._last is not None and self._sum(rows, *self._row(self._last[0])) != self._last[1]:
-            raise _altered(*self._row(self._last[0]))
+        if self._complete and self._last_of(rows) != self._last:
+            raise _altered(self._complete - 1, self._complete)
         first, found = self._complete, self._sum(rows, self._complete, complete)
         if row_sum is not None and signed(self._total + found) != row_sum:
             raise _altered(first, complete)
         if complete > first:
             self._blocks.append((first, complete, found))
             self._complete, self._total = complete, self._total + found
-            self._last = complete - 1, self._sum(rows, *self._row(complete - 1))
+            self._last = self._last_of(rows)
 
     def agree(self, rows: Rows, complete: int, row_sum: int) -> bool:
         """Return whether so many rows, or one more, have this sum: a call ends between the two."""
@@ -51,7 +51,6 @@ class Checksums:
         """Forget all rows: those that are kept are added again, others are computed anew."""
         self._blocks.clear()
         self._complete = self._total = 0
-        self._last = None
 
     def check(self, rows: Rows, before: int | None = None) -> int:
         """Check the blocks of rows before this one (None: all), which are not checked again.
@@ -68,9 +67,9 @@ class Checksums:
                 raise _altered(first, last)
         return self._blocks[0][0] if self._blocks else self._complete
 
-    @staticmethod
-    def _row(k: int) -> tuple[int, int]:
-        return k, k + 1
+    def _last_of(self, rows: Rows) -> int:
+        """Return the sum of the last complete row."""
+        return self._sum(rows, self._complete - 1, self._complete)
 
     def _sum(self, rows: Rows, first: int, last: int) -> int:
         return sum_of_rows(rows, self._outputs, first, last)
