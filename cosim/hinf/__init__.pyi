@@ -135,6 +135,5 @@ from .synthesis import (
     with_outages as with_outages,
 )
 from .theorems import (
-    ExactVariables as ExactVariables,
     minus_omega as minus_omega,
 )

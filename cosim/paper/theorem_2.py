@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from cosim.core import at_most
-from cosim.hinf import ExactVariables, minus_omega
+from cosim.hinf import minus_omega
 from cosim.models import Delay, DelaySystem
 from cosim.paper.exact import (
     Exact,
@@ -148,17 +148,13 @@ def _own_lmi(v: Proof) -> Row:
     letters = ("A", "B", "C", "D", "D1", "D2", "E", "H")
     given = {letter: doubles(getattr(s, letter)) for letter in letters}
     system = DelaySystem(**given, delays=[delay])
-    variables = ExactVariables(
-        X=rational_matrix(u.X),
-        Q=(rational_matrix(u.Q),),
-        R=(rational_matrix(u.R),),
-        k1=(rational(s.k1),),
-        k2=(rational(s.k2),),
-        eps=rational(u.eps),
-        gamma=rational(s.gamma),
+    matrices = {"X": u.X, "Y": u.Y, "Q[0]": u.Q, "R[0]": u.R}
+    numbers = {"eps[0]": u.eps, "gamma": s.gamma}
+    form = minus_omega(system, [rational(s.k1)], [rational(s.k2)], bounded=True)
+    lower = form.at(
+        {name: rational_matrix(M) for name, M in matrices.items()}
+        | {name: rational(x) for name, x in numbers.items()}
     )
-    form = minus_omega(system, variables.k1, variables.k2, bounded=True)
-    lower = form.at(variables.by_name() | {"Y": rational_matrix(u.Y)})
     rows = len(lower)
     entries = [fraction(lower[max(i, j)][min(i, j)]) for i in range(rows) for j in range(rows)]
     ours = np.array(entries, dtype=object).reshape(rows, rows)

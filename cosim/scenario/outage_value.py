@@ -45,10 +45,11 @@ class OutageValue:
         begin_ns: int,
         every_ns: int,
     ) -> None:
-        self._P = _floats(proved.P)
+        self._P = _floats(proved.unknowns["P"])
         late = [delay.d for delay in system.delays if delay.d > 0]
         self._late = [
-            (d, _floats(S), _floats(R)) for d, S, R in zip(late, proved.S, proved.R, strict=True)
+            (d, *(_floats(proved.unknowns[f"{name}[{j}]"]) for name in "SR"))
+            for j, d in enumerate(late)
         ]
         self._alpha, longest = float(proved.alpha), max(late)
         self._gamma = None if proved.gamma is None else float(proved.gamma)

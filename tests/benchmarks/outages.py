@@ -89,7 +89,7 @@ def flight_over_bound(recording: Recording, found: hinf.Analysis, other: float) 
     at, newest = at[order] / 1e9 + other, np.maximum.accumulate(sent[order]) / 1e9
     P, S = (
         np.array([[float(x.p) / float(x.q) for x in row] for row in matrix.tolist()])
-        for matrix in (outages.P, outages.S[0])
+        for matrix in (outages.unknowns["P"], outages.unknowns["S[0]"])
     )
     # measured at the sendings, used `other` later, until the next one is used or d is over
     instants = np.unique(np.concatenate([recording.sent_ns / 1e9, times, at, newest + d]))

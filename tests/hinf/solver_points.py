@@ -6,16 +6,23 @@ The solutions come from cvxpy's form of the inequality.
 from __future__ import annotations
 
 import warnings
+from dataclasses import dataclass, replace
 from typing import Any
 
 import cvxpy as cp
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.hinf.certificate.proof import Variables
+from cosim.hinf.certificate import (
+    CertificateCheck,
+    Guarantees,
+    certificate_to_json,
+    certify,
+    theorem_2_proof,
+)
 from cosim.hinf.exact import exact
 from cosim.hinf.lmi import in_cvxpy
-from cosim.hinf.theorems import minus_omega, positive, shapes_of
+from cosim.hinf.theorems import Proof, minus_omega, positive, shapes_of
 from cosim.models.delay_system import Delay, DelaySystem
 
 Array = NDArray[np.float64]
@@ -26,10 +33,35 @@ def value(expression: Any) -> Array:
     return np.asarray(getattr(expression, "value", expression), dtype=np.float64)
 
 
+@dataclass(frozen=True)
+class Point:
+    """k1, k2 and unknowns of Theorem 2 by name, as floats."""
+
+    k1: tuple[float, ...]
+    k2: tuple[float, ...]
+    unknowns: dict[str, Any]
+
+    def changed(self, **unknowns: Any) -> Point:
+        """With other unknowns; X_0 is X[0]."""
+        named = {f"{k[0]}[{k[2:]}]" if k[1:2] == "_" else k: x for k, x in unknowns.items()}
+        return replace(self, unknowns={**self.unknowns, **named})
+
+    def proof(self, system: DelaySystem, K: Any) -> Proof:
+        return theorem_2_proof(system, K, self.k1, self.k2, self.unknowns)
+
+    def certify(self, system: DelaySystem, K: Any) -> CertificateCheck:
+        return certify(system, K, self.proof(system, K))
+
+    def document(
+        self, system: DelaySystem, K: Any, guarantees: Guarantees | None = None
+    ) -> dict[str, Any]:
+        return certificate_to_json(system, K, self.proof(system, K), guarantees)
+
+
 def solved(
     system: DelaySystem, k1: tuple[float, ...], k2: tuple[float, ...], gamma: float | None
-) -> tuple[str, Array, Variables]:
-    """Solver's word, gain and variables of greatest margin."""
+) -> tuple[str, Array, Point]:
+    """Solver's word, gain and point of greatest margin."""
     k = [exact(x) for x in k1], [exact(x) for x in k2]
     form = minus_omega(system, *k, bounded=system.has_performance)
     v: dict[str, Any] = {
@@ -52,13 +84,14 @@ def solved(
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # an inaccurate solution is a case like any other
         problem.solve(solver=cp.CLARABEL)  # type: ignore[no-untyped-call]
-    X, none = value(v["X"]), np.zeros((n, n))
+    X = value(v["X"])
     K: Array = np.zeros((0, n))
     if system.B.shape[1]:
         K = np.asarray(np.linalg.solve(X.T, value(v["Y"]).T).T, dtype=np.float64)
-    eps = float(v["eps[0]"].value) if "eps[0]" in v else None
-    Q, R = (tuple(value(v.get(f"{name}[{j}]", none)) for j in range(N)) for name in "QR")
-    return problem.status, K, Variables(X, Q, R, eps, k1, k2, gamma)
+    unknowns: dict[str, Any] = {f"{name}[{j}]": np.zeros((n, n)) for name in "QR" for j in range(N)}
+    unknowns |= {k: float(x.value) if x.ndim == 0 else value(x) for k, x in v.items()}
+    unknowns |= {} if gamma is None else {"gamma": gamma}
+    return problem.status, K, Point(k1, k2, unknowns)
 
 
 def benchmark(d: float) -> DelaySystem:

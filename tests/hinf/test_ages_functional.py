@@ -16,22 +16,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cosim.hinf.certificate import ages_of, exact_ages
-from cosim.hinf.certificate.ages_terms import (
-    AgesVariables,
-    AgeTerms,
-    is_symmetric_unknown,
-    late_delays,
-)
 from cosim.hinf.theorems import (
     UNKNOWNS,
     Age,
+    AgesTheorem,
     Inequality,
     Loop,
+    Proof,
     Support,
-    age_inequalities,
+    constants_down_to_zero,
     minus_phi,
-    shapes_of_ages,
+    positive_delays,
 )
 from cosim.models.delay_system import Delay, DelaySystem
 
@@ -72,7 +67,11 @@ def positive(rng: np.random.Generator, n: int) -> Any:
     return root @ root.T + 0.1 * np.eye(n)
 
 
-def random_variables(
+def no_gain(system: DelaySystem) -> Any:
+    return np.zeros(system.B.T.shape)
+
+
+def random_point(
     system: DelaySystem,
     order: int,
     own: tuple[Any, ...],
@@ -86,20 +85,19 @@ def random_variables(
     where x(t) is a line.
     """
     rng = np.random.default_rng(seed)
-    terms = []
-    supports = [support] * len(own)
-    loop = Loop.of(system, np.zeros(system.B.T.shape), supports)
-    ages = [Age(loop, j, functional, order) for j, functional in enumerate(own)]
-    every = shapes_of_ages(loop, ages, bounded=True)
-    for j, functional in enumerate(own):
+    unknowns: dict[str, Any] = {"gamma": 2.0}
+    theorem = AgesTheorem(order, own, (support,) * len(own))
+    every = theorem.shapes(system, no_gain(system), bounded=True)
+    for j in range(len(own)):
         matrices = {}
         for name in (name for name in UNKNOWNS if f"{name}[{j}]" in every):
-            shape = every[f"{name}[{j}]"][:2]
+            shape = every[f"{name}[{j}]"]
+            size = shape[:2]
             if name in {"Q", "R", "S", "S_1", "S_2", "Z", "W", "N", "U"}:
-                matrices[name] = positive(rng, shape[0])
+                matrices[name] = positive(rng, size[0])
             else:
-                value = rng.standard_normal(shape)
-                matrices[name] = value + value.T if is_symmetric_unknown(name) else value
+                value = rng.standard_normal(size)
+                matrices[name] = value + value.T if shape.symmetric else value
         if "M" in matrices:
             least = np.linalg.eigvalsh(matrices["Z"])[0]
             matrices["M"] *= 0.9 * least / np.linalg.norm(matrices["M"], 2)
@@ -108,10 +106,10 @@ def random_variables(
                 matrices["M"][:N_STATES, :N_STATES] = 0.999 * matrices["Z"]
         if "Y" in matrices and kept is not None:
             matrices["Y"] = difference_rows(system, order, own).T @ matrices["U"] / kept
-        terms.append(AgeTerms(functional, matrices, support))
+        unknowns |= {f"{name}[{j}]": M for name, M in matrices.items()}
     rows = every["P"].height
     P = rng.standard_normal((rows, rows))
-    return AgesVariables(order, P + P.T, tuple(terms), None, 2.0)
+    return Proof(theorem, unknowns | {"P": P + P.T})
 
 
 def difference_rows(system: DelaySystem, order: int, own: tuple[Any, ...]) -> Any:
@@ -135,11 +133,11 @@ class Functional:
     y, the states of the support, is x where there is none.
     """
 
-    def __init__(self, system: DelaySystem, v: AgesVariables, motion: Motion, age: Any) -> None:
-        support = v.supports[0]
+    def __init__(self, system: DelaySystem, v: Any, motion: Motion, age: Any) -> None:
+        support = v.theorem.supports[0]
         self.own = list(range(N_STATES)) if support is None else list(support.numbers)
         self.v, self.motion, self.age = v, motion, age
-        self.late, self.order = late_delays(system), v.order
+        self.late, self.order = positive_delays(system), v.theorem.order
 
     def y(self, t: float) -> Any:
         return self.motion.x(t)[self.own]
@@ -157,7 +155,7 @@ class Functional:
     def rows(self, t: float) -> dict[str, Any]:
         """Every row of -Phi but w, by the names of `Age`."""
         x, found = self.y, {"x": self.motion.x(t)}
-        for j, (own, delay) in enumerate(zip(self.v.functionals, self.late, strict=True)):
+        for j, (own, delay) in enumerate(zip(self.v.theorem.functionals, self.late, strict=True)):
             tau, a, d = self.age(t), delay.least_age, delay.d
             length = d if own == "constant" else a
             for k in range(self.order if length else 0):
@@ -173,8 +171,8 @@ class Functional:
         """V(t), from its definition."""
         x, rate, rows = self.y, self.rate, self.rows(t)
         y, total = [rows["x"]], 0.0
-        for j, (terms, delay) in enumerate(zip(self.v.terms, self.late, strict=True)):
-            own, M = terms.functional, terms.matrices
+        for j, (own, delay) in enumerate(zip(self.v.theorem.functionals, self.late, strict=True)):
+            M = {name.removesuffix(f"[{j}]"): each for name, each in self.v.unknowns.items()}
             tau, a, d = self.age(t), delay.least_age, delay.d
             length = d if own == "constant" else a
             if length:
@@ -215,7 +213,7 @@ class Functional:
                 inside += integral(lambda s: q(M["U"], both(s)), s_k, t - a)  # noqa: B023
                 total += left * inside
         whole = np.concatenate(y)
-        return total + float(whole @ self.v.P @ whole)
+        return total + float(whole @ self.v.unknowns["P"] @ whole)
 
 
 LEASTS = (0.0, 0.3)
@@ -246,9 +244,9 @@ def delay_of(own: str, least: float, support: Support | None = None) -> Delay:
     return Delay(1.1, G, least_age=least, sampled=True)
 
 
-def floats(form: Inequality, v: AgesVariables) -> tuple[Any, list[str]]:
+def floats(form: Inequality, v: Proof) -> tuple[Any, list[str]]:
     """A form of the proof as a symmetric array, and the names of its rows."""
-    lower = form.at(v.by_name())
+    lower = form.at(v.unknowns | {"1/gamma": 1 / v.gamma})
     names = [name for name, size in form.rows.items() for _ in range(size)]
     size = len(lower)
     rows = [[float(e.p) / float(e.q) for e in row] + [0.0] * (size - len(row)) for row in lower]
@@ -256,10 +254,10 @@ def floats(form: Inequality, v: AgesVariables) -> tuple[Any, list[str]]:
     return M + M.T - np.diag(np.diag(M)), names
 
 
-def phi_at(system: DelaySystem, v: AgesVariables, shares: dict[int, float], slope: float) -> Any:
+def phi_at(system: DelaySystem, v: Any, shares: dict[int, float], slope: float) -> Any:
     """Phi between its corners, as floats, without the rows v: the form after a Schur complement."""
-    loop = Loop.of(system, np.zeros((0, 2)), v.supports)
-    ages = ages_of(loop, v)
+    loop = Loop.of(system, no_gain(system), v.theorem.supports)
+    ages = v.theorem.ages(loop)
     found = {}
     for corner in itertools.product(*(age.corners() for age in ages)):
         M, names = floats(minus_phi(loop, ages, corner, bounded=v.gamma is not None), v)
@@ -307,8 +305,8 @@ def test_the_form_bounds_the_derivative_of_v(
         )
         tight = seed % 2 == 0 and own != "constant" and support is None
         kept = at - least if tight else None
-        v = random_variables(system, order, (own,), seed, kept, support)
-        exact = exact_ages(system, v)
+        v = random_point(system, order, (own,), seed, kept, support)
+        exact = v.exactly(system, no_gain(system))
         motion = Motion(rng, 0.0 if seed % 2 == 0 else 1.0)
         functional = Functional(system, v, motion, lambda t, at=at, m=slope: at + m * t)
         rows, h = functional.rows(0.0), 1e-4
@@ -337,7 +335,9 @@ def test_constant_delays_down_to_zero_lie_between_their_corners(order: int, shar
     shorter = replace(LONGEST, d=max(share, 1e-6) * LONGEST.d)
     for seed in range(10):
         rng = np.random.default_rng([seed, order, 2])
-        v = replace(random_variables(whole, order, ("constant",), seed), down_to_zero=True)
+        v = random_point(whole, order, ("constant",), seed)
+        lower = constants_down_to_zero(("constant",))
+        v = replace(v, theorem=replace(v.theorem, lower=lower))
         motion = Motion(rng, 1.0)
         functional = Functional(replace(whole, delays=(shorter,)), v, motion, lambda _: shorter.d)
         rows, h = functional.rows(0.0), 1e-4
@@ -345,7 +345,7 @@ def test_constant_delays_down_to_zero_lie_between_their_corners(order: int, shar
         w = motion.rate(0.0) - whole.A @ rows["x"] - LONGEST.A @ rows["x0"]
         z = whole.D @ rows["x"]
         rate = derivative + float(z @ z) / 2.0 - 2.0 * float(w @ w)
-        Phi, names = phi_at(whole, exact_ages(whole, v), {0: share}, 0.0)
+        Phi, names = phi_at(whole, v.exactly(whole, no_gain(whole)), {0: share}, 0.0)
         xi = np.concatenate([(rows | {"w": w})[name] for name in dict.fromkeys(names)])
         bound = float(xi @ Phi @ xi)
         assert rate <= bound + 1e-4 * (abs(rate) + abs(bound) + 1.0), (seed, rate, bound)
@@ -361,10 +361,9 @@ def test_the_other_forms_bound_v_from_below(
     late = system.delays[0]
     for seed in range(12 if support is None else 4):
         rng = np.random.default_rng([seed, order, 1])
-        v = random_variables(system, order, (own,), seed, support=support)
-        for matrices in (terms.matrices for terms in v.terms):
-            for name in {"R", "Z", "W"} & set(matrices):
-                matrices[name] *= 1e-6  # these terms are left out of the bound
+        v = random_point(system, order, (own,), seed, support=support)
+        for name in {"R[0]", "Z[0]", "W[0]"} & set(v.unknowns):
+            v.unknowns[name] *= 1e-6  # these terms are left out of the bound
         at = late.d if own == "constant" else least + float(rng.uniform(0.05, 0.95)) * (1.1 - least)
         motion = Motion(rng, 0.0 if seed % 2 == 0 else 1.0)
         functional = Functional(system, v, motion, lambda _, at=at: at)
@@ -375,10 +374,9 @@ def test_the_other_forms_bound_v_from_below(
         if own in {"interval", "rate"}:
             rows["a0"], rows["b0"] = (at - least) * rows["a0"], (late.d - at) * rows["b0"]
             rows["ab0"] = rows["a0"] + rows["b0"]
-        exact = exact_ages(system, v)
+        exact = v.exactly(system, no_gain(system))
         bounds = []
-        loop = Loop.of(system, np.zeros((0, 2)), exact.supports)
-        for form in age_inequalities(loop, ages_of(loop, exact), bounded=exact.gamma is not None):
+        for form in exact.theorem.inequalities(system, no_gain(system), bounded=True):
             if form.name.startswith("P"):
                 M, names = floats(form, exact)
                 vector = np.concatenate([rows[name] for name in dict.fromkeys(names)])

@@ -14,7 +14,6 @@ from fractions import Fraction
 from typing import Any
 
 import cvxpy as cp
-import flint
 import numpy as np
 import pytest
 from numpy.polynomial import Legendre, Polynomial
@@ -23,10 +22,9 @@ from solver_points import Array, benchmark, random_system
 
 from cosim.core.errors import InputError
 from cosim.hinf import analyse, auv_system, certified_delay, check_certificate, close, hinf_norm
-from cosim.hinf.certificate.analysis_proof import ExactAnalysis
-from cosim.hinf.certificate.analysis_variables import variables_from_json
+from cosim.hinf.certificate import analysis_from_json
 from cosim.hinf.exact import exact, exact_matrix
-from cosim.hinf.theorems import Age, Loop, minus_phi
+from cosim.hinf.theorems import Age, Loop, minus_phi, with_inverse_of_gamma
 from cosim.models import paper_example
 from cosim.models.delay_system import Delay, DelaySystem
 
@@ -299,15 +297,11 @@ def test_phi_is_the_derivative_of_the_functional() -> None:
         return M + M.T
 
     P, Q, R = symmetric(n * (1 + N)), symmetric(n), symmetric(n)
-    fractions = [exact_matrix(M) for M in (P, Q, R)]
-    v = ExactAnalysis(
-        N, fractions[0], (fractions[1],), (fractions[2],), flint.fmpq(1, 2), flint.fmpq(3)
-    )
+    unknowns = {name: exact_matrix(M) for name, M in (("P", P), ("Q[0]", Q), ("R[0]", R))}
+    unknowns |= {"eps[0]": exact(eps), "gamma": exact(gamma), "1/gamma": 1 / exact(gamma)}
     loop = Loop.of(system, K)
-    form = minus_phi(
-        loop, [Age(loop, 0, "constant", N)], [(exact(d), 0)], bounded=v.gamma is not None
-    )
-    lower = form.at(v.by_name())
+    form = minus_phi(loop, [Age(loop, 0, "constant", N)], [(exact(d), 0)], bounded=True)
+    lower = form.at(unknowns)
     Phi = np.zeros((len(lower), len(lower)))
     for i, row in enumerate(lower):
         for j, entry in enumerate(row):
@@ -354,12 +348,14 @@ def test_a_box_of_delays_is_proved_at_its_corners() -> None:
     assert found.covers_smaller_delays
     proof = check_certificate(found.certificate)
     assert [delay["age"] for delay in proof.claim["delays"]] == ["constant, up to d"] * 2
-    v = variables_from_json(system, json.loads(json.dumps(found.certificate))["variables"])
+    table = json.loads(json.dumps(found.certificate))["variables"]
+    v = analysis_from_json(system, K, table)
+    unknowns = with_inverse_of_gamma(v.unknowns)
     loop = Loop.of(system, K)
     ages = [Age(loop, j, "constant", 1) for j in range(2)]
     for shares in ((0, 0), (0, 1), (1, 1), (0.3, 0.8), (0.5, 0.5), (0.9, 0.1)):
         d = [(exact(share * x.d), 0) for share, x in zip(shares, system.delays, strict=True)]
-        assert minus_phi(loop, ages, d, bounded=v.gamma is not None).failure(v.by_name()) is None
+        assert minus_phi(loop, ages, d, bounded=v.gamma is not None).failure(unknowns) is None
 
 
 def test_a_delay_box_with_too_small_a_lower_end_is_refused() -> None:

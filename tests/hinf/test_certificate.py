@@ -6,24 +6,23 @@ the delay equation, the exact map of a sampled loop.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from fractions import Fraction
-from typing import Any
 
 import numpy as np
 import pytest
 from scipy.linalg import expm
 from shared import sampled
-from solver_points import Array, benchmark, random_system, solved
+from solver_points import Array, Point, benchmark, random_system, solved
 
 from cosim.core.errors import InputError
-from cosim.hinf.certificate.certificate import certificate_to_json, certify, check_certificate
-from cosim.hinf.certificate.proof import Variables
+from cosim.hinf import check_certificate
 from cosim.models import paper_example
 from cosim.models.delay_system import Delay, DelaySystem
 
 
 @pytest.fixture(scope="module")
-def paper() -> tuple[DelaySystem, Array, Variables]:
+def paper() -> tuple[DelaySystem, Array, Point]:
     """Section 5 at gamma = 5.05, k1 = 0.6, k2 = 0.2."""
     system = paper_example.system()
     status, K, variables = solved(system, (0.6,), (0.2,), 5.05)
@@ -32,10 +31,11 @@ def paper() -> tuple[DelaySystem, Array, Variables]:
 
 
 def test_the_papers_example_is_proved_at_gamma_5_05(
-    paper: tuple[DelaySystem, Array, Variables],
+    paper: tuple[DelaySystem, Array, Point],
 ) -> None:
     """Feasible at 5.05 (the least gamma of the LMI at these k1, k2 is 5.0132)."""
-    certificate = certify(*paper)
+    system, K, v = paper
+    certificate = v.certify(system, K)
     assert certificate.valid
     assert certificate.reason is None
     assert certificate.claim["inputs"] == "doubles"
@@ -44,21 +44,21 @@ def test_the_papers_example_is_proved_at_gamma_5_05(
 
 @pytest.mark.parametrize("gamma", [4.0, 4.99, 5.0])
 def test_no_gamma_up_to_the_norm_of_D1_is_ever_proved(
-    paper: tuple[DelaySystem, Array, Variables], gamma: float
+    paper: tuple[DelaySystem, Array, Point], gamma: float
 ) -> None:
     """|D1| = |[4; 3]| = 5 bounds every gain from below, whatever the variables."""
     system, K, v = paper
-    assert not certify(system, K, _with(v, gamma=gamma)).valid
+    assert not v.changed(gamma=gamma).certify(system, K).valid
     _, other, solution = solved(system, (0.6,), (0.2,), gamma)
-    assert not certify(system, other, solution).valid
+    assert not solution.certify(system, other).valid
 
 
 def test_proof_uses_the_rounded_gain() -> None:
     """Near the least gamma, K to three digits with the same X is not proved, and K itself is."""
     system = paper_example.system()
     _, K, v = solved(system, (0.6,), (0.2,), 5.0135)
-    assert certify(system, K, v).valid
-    rounded = certify(system, np.round(K, 3), v)
+    assert v.certify(system, K).valid
+    rounded = v.certify(system, np.round(K, 3))
     assert not rounded.valid
     assert rounded.reason is not None
     assert "-Omega" in rounded.reason
@@ -68,11 +68,11 @@ def test_proof_uses_the_rounded_gain() -> None:
 def test_stability_alone_is_proved_below_the_delay_bound(d: float) -> None:
     """The benchmark is stable at these delays; the claim speaks of no gain."""
     status, K, v = solved(benchmark(d), (0.0,), (0.2,), None)
-    certificate = certify(benchmark(d), K, v)
+    certificate = v.certify(benchmark(d), K)
     assert status == "optimal"
     assert certificate.valid, certificate.reason
     assert certificate.claim["property"] == "stability"
-    assert check_certificate(certificate_to_json(benchmark(d), K, v)) == certificate
+    assert check_certificate(v.document(benchmark(d), K)) == certificate
 
 
 @pytest.mark.parametrize("d", [6.2, 6.5, 20.0])
@@ -83,12 +83,12 @@ def test_a_solvers_optimal_at_an_unstable_delay_is_refused(
     """Beyond 6.1726 the loop is unstable; the solver says optimal and nothing is proved."""
     status, K, v = solved(benchmark(d), (k[0],), (k[1],), None)
     assert status == "optimal"
-    certificate = certify(benchmark(d), K, v)
+    certificate = v.certify(benchmark(d), K)
     assert not certificate.valid
     assert certificate.reason
 
 
-def test_conditions_beside_omega_are_checked(paper: tuple[DelaySystem, Array, Variables]) -> None:
+def test_conditions_beside_omega_are_checked(paper: tuple[DelaySystem, Array, Point]) -> None:
     """k2 = 0, an indefinite Q or X, and a Q where any age is claimed are each named."""
     system, K, v = paper
     delay = system.delays[0]
@@ -97,15 +97,15 @@ def test_conditions_beside_omega_are_checked(paper: tuple[DelaySystem, Array, Va
         system.A, system.B, system.C, system.D, system.D1, system.D2, system.E, system.H, [old]
     )
     for reason, other, changed in (
-        ("k2[0] is 0", system, _with(v, k2=(0.0,))),
-        ("X is not positive", system, _with(v, X=-v.X)),
-        ("Q[0] is not positive", system, _with(v, Q=(0 * v.Q[0],))),
+        ("k2[0] is 0", system, replace(v, k2=(0.0,))),
+        ("X is not positive", system, v.changed(X=-v.unknowns["X"])),
+        ("Q[0] is not positive", system, v.changed(Q_0=0 * v.unknowns["Q[0]"])),
         ("Q[0] is not exactly 0", any_age, v),
-        ("-Omega", system, _with(v, R=(-v.R[0],))),
-        ("-Omega", system, _with(v, eps=-1.0)),
-        ("-Omega", system, _with(v, gamma=-5.05)),
+        ("-Omega", system, v.changed(R_0=-v.unknowns["R[0]"])),
+        ("-Omega", system, v.changed(**{"eps[0]": -1.0})),
+        ("-Omega", system, v.changed(gamma=-5.05)),
     ):
-        certificate = certify(other, K, changed)
+        certificate = changed.certify(other, K)
         assert not certificate.valid
         assert reason in str(certificate.reason)
 
@@ -113,28 +113,24 @@ def test_conditions_beside_omega_are_checked(paper: tuple[DelaySystem, Array, Va
 def test_at_delay_zero_R_must_still_be_positive() -> None:
     """At d = 0 the rows of R vanish from the LMI; its sign is asked for all the same."""
     _, K, v = solved(benchmark(0.0), (0.0,), (0.2,), None)
-    certificate = certify(benchmark(0.0), K, _with(v, R=(-v.R[0],)))
+    certificate = v.changed(R_0=-v.unknowns["R[0]"]).certify(benchmark(0.0), K)
     assert certificate.reason == "R[0] is not positive definite"
 
 
-def test_shapes_that_do_not_fit_are_errors(paper: tuple[DelaySystem, Array, Variables]) -> None:
+def test_shapes_that_do_not_fit_are_errors(paper: tuple[DelaySystem, Array, Point]) -> None:
     """A wrong shape or a NaN is bad input, not a failed proof."""
     system, K, v = paper
     for gain, changed in (
         (K.T, v),
         (K * np.nan, v),
-        (K, _with(v, X=np.eye(3))),
-        (K, _with(v, R=())),
-        (K, _with(v, k1=(np.inf,))),
-        (K, _with(v, eps=None)),
-        (K, _with(v, Q=(v.Q[0] * np.nan,))),
+        (K, v.changed(X=np.eye(3))),
+        (K, v.changed(R_0=None)),
+        (K, replace(v, k1=(np.inf,))),
+        (K, v.changed(**{"eps[0]": None})),
+        (K, v.changed(Q_0=v.unknowns["Q[0]"] * np.nan)),
     ):
         with pytest.raises(InputError):
-            certify(system, gain, changed)
-
-
-def _with(v: Variables, **changes: Any) -> Variables:
-    return Variables(**{**v.__dict__, **changes})
+            changed.certify(system, gain)
 
 
 def test_any_age_covers_a_sampled_link_with_zero_order_hold() -> None:
@@ -147,7 +143,7 @@ def test_any_age_covers_a_sampled_link_with_zero_order_hold() -> None:
     link = Delay(d, np.zeros((2, 2)), feedback=True, any_age=True)
     system = DelaySystem(A, B, delays=[link])
     _, K, v = solved(system, (-1.0,), (1.0,), None)
-    certificate = certify(system, K, v)
+    certificate = v.certify(system, K)
     assert certificate.valid, certificate.reason
     assert "any" in certificate.claim["delays"][0]["age"]
 
@@ -217,7 +213,7 @@ def test_what_is_proved_is_true_of_random_loops(seed: int) -> None:
         gamma = float(np.linalg.norm(system.D1, 2)) + float(rng.uniform(0.3, 3.0))
         k = (0.3 / system.delays[0].d, 0.3 / system.delays[1].d)
         _, K, v = solved(system, (-k[0], -k[1]), k, gamma)
-        if not certify(system, K, v).valid:
+        if not v.certify(system, K).valid:
             continue
         proved += 1
         for share in (1.0, 1.0, 0.6, 0.1):

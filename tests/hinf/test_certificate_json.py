@@ -13,11 +13,7 @@ from changed_json import changed, leaves, refused
 from solver_points import benchmark, solved
 
 from cosim.core.errors import InputError
-from cosim.hinf.certificate.certificate import (
-    certificate_to_json,
-    check_certificate,
-    read_certificate,
-)
+from cosim.hinf import check_certificate, read_certificate
 from cosim.hinf.exact import MAX_DIGITS
 from cosim.models import paper_example
 
@@ -26,8 +22,8 @@ from cosim.models import paper_example
 def paper_json() -> Any:
     """Certificate of section 5 at gamma = 5.05, once through a file's text."""
     system = paper_example.system()
-    _, K, variables = solved(system, (0.6,), (0.2,), 5.05)
-    return json.loads(json.dumps(certificate_to_json(system, K, variables)))
+    _, K, point = solved(system, (0.6,), (0.2,), 5.05)
+    return json.loads(json.dumps(point.document(system, K)))
 
 
 def test_a_certificate_survives_its_file(paper_json: Any, tmp_path: Any) -> None:
@@ -137,7 +133,7 @@ def test_symmetry_and_the_product_with_the_deployed_gain_are_exact(paper_json: A
 def test_gain_without_inputs_is_refused() -> None:
     """Without an input the only gain is the empty one; any other in the file is refused."""
     _, K, v = solved(benchmark(1.0), (0.0,), (0.2,), None)
-    data = certificate_to_json(benchmark(1.0), K, v)
+    data = v.document(benchmark(1.0), K)
     assert data["K"] == []
     data["K"] = [[1.0, 2.0]]
     with pytest.raises(InputError, match="K"):

@@ -14,7 +14,6 @@ from cli.shell import cosim
 from solver_points import solved
 
 from cosim.hinf import certificate_hash
-from cosim.hinf.certificate.certificate import certificate_to_json
 from cosim.models import paper_example
 
 
@@ -28,8 +27,8 @@ def check(*arguments: str) -> tuple[int, str, str]:
 def certificate() -> Any:
     """Section 5 at gamma = 5.05, as a file holds it."""
     system = paper_example.system()
-    _, K, variables = solved(system, (0.6,), (0.2,), 5.05)
-    return json.loads(json.dumps(certificate_to_json(system, K, variables)))
+    _, K, point = solved(system, (0.6,), (0.2,), 5.05)
+    return json.loads(json.dumps(point.document(system, K)))
 
 
 def _file(folder: Path, data: Any) -> str:

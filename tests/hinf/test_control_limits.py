@@ -133,8 +133,8 @@ def test_all_terms_of_the_functional_count_from_a_constant_start() -> None:
     found = _peak(system, K, offset=[1.0])
     bound = 1e9 * float(found.bounds[0])
     assert 1.0 <= bound <= 2.0
-    Q = float(found.variables.Q[0][0, 0])
-    X = float(found.variables.X[0, 0])
+    Q = float(found.proof.unknowns["Q[0]"][0, 0])
+    X = float(found.proof.unknowns["X"][0, 0])
     assert Q > 0
     assert bound**2 == pytest.approx(X * (1 + Q / X) / X, rel=1e-5)
 

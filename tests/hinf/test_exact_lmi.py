@@ -4,16 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from fractions import Fraction
+from typing import Any
 
 import numpy as np
 import pytest
 from scipy.linalg import block_diag
-from solver_points import Array, random_system, value
+from solver_points import Array, Point, random_system, value
 
 from cosim.hinf import as_cvxpy
-from cosim.hinf.certificate.proof import Variables, exact_variables
 from cosim.hinf.exact import exact_matrix, identity
-from cosim.hinf.theorems import minus_omega
 from cosim.models.delay_system import DelaySystem
 
 
@@ -25,27 +24,29 @@ def _system(
     return random_system(rng, late=late, any_age=any_age, uncertain=bool(blocks), blocks=several)
 
 
-def _random_variables(rng: np.random.Generator, system: DelaySystem) -> Variables:
+def _random_point(rng: np.random.Generator, system: DelaySystem) -> Point:
     """Positive matrices that need not solve anything."""
 
     def positive() -> Array:
         G = rng.standard_normal((2, 2))
         return G @ G.T + np.eye(2)
 
-    Q = tuple(np.zeros((2, 2)) if x.any_age else positive() for x in system.delays)
-    R = tuple(positive() for _ in system.delays)
+    unknowns: dict[str, Any] = {"gamma": 50.0}
+    for name in "QR":
+        for j, x in enumerate(system.delays):
+            is_zero = name == "Q" and x.any_age
+            unknowns[f"{name}[{j}]"] = np.zeros((2, 2)) if is_zero else positive()
     # eps small: the p-part of the functional below stays negative definite
     k1, k2 = (tuple(rng.uniform(0.2, 1, 2) * rng.choice((-1, 1), 2)) for _ in range(2))
-    eps = (1e-3, 3e-3) if len(system.blocks) > 1 else 1e-3
-    return Variables(positive(), Q, R, eps, k1, k2, 50.0)
+    unknowns |= {f"eps[{b}]": (1e-3, 3e-3)[b] for b in range(len(system.blocks))}
+    return Point(k1, k2, unknowns | {"X": positive()})
 
 
-def _omega(system: DelaySystem, K: Array, v: Variables) -> tuple[Array, list[str]]:
+def _omega(system: DelaySystem, K: Array, v: Point) -> tuple[Array, list[str]]:
     """Omega in doubles, and the block name of every row."""
-    values = exact_variables(system, v)
-    bounded = values.gamma is not None
-    form = minus_omega(system, values.k1, values.k2, bounded=bounded, gain=K)
-    lower = form.at(values.by_name())
+    proof = v.proof(system, K)
+    form = list(proof.theorem.inequalities(system, K, bounded=proof.gamma is not None))[-1]
+    lower = form.at(proof.unknowns)
     result = np.zeros((len(lower), len(lower)))
     for i, row in enumerate(lower):
         for j, entry in enumerate(row):
@@ -74,7 +75,7 @@ def _form(q: Callable[[Array], float], size: int) -> Array:
     return form
 
 
-def _derivative_bound(system: DelaySystem, K: Array, v: Variables) -> Callable[[Array], float]:
+def _derivative_bound(system: DelaySystem, K: Array, v: Point) -> Callable[[Array], float]:
     """V' + z'z/gamma - gamma w'w + (|sum H_i x_i|^2 - |p|^2)/eps as a function of (x_i, w, p).
 
     V is the functional; p = F sum H_i x_i, so that the last bracket, one for each block of F with
@@ -82,7 +83,8 @@ def _derivative_bound(system: DelaySystem, K: Array, v: Variables) -> Callable[[
     int (R x' + M s)' R^-1 (R x' + M s) >= 0 with s = (x, x_j), M s = k1 P x + k2 P x_j:
     -int x''R x' <= 2 (M s)'(x - x_j) + d (M s)' R^-1 (M s).
     """
-    P = np.linalg.inv(v.X)
+    unknowns, gamma = v.unknowns, v.unknowns["gamma"]
+    P = np.linalg.inv(unknowns["X"])
     A = [system.A, *(x.A for x in system.delays)]
     H = [system.H, *(x.H for x in system.delays)]
     acts = [system.immediate_feedback, *(x.feedback for x in system.delays)]
@@ -97,16 +99,17 @@ def _derivative_bound(system: DelaySystem, K: Array, v: Variables) -> Callable[[
         z = system.D @ x[0] + system.D1 @ w + system.D2 @ u
         total = 2 * x[0] @ P @ rate
         for j, delay in enumerate(system.delays):
-            Q, R = P @ v.Q[j] @ P, np.linalg.inv(v.R[j])
+            R_bar = unknowns[f"R[{j}]"]
+            Q, R = P @ unknowns[f"Q[{j}]"] @ P, np.linalg.inv(R_bar)
             Ms = v.k1[j] * P @ x[0] + v.k2[j] * P @ x[j + 1]
             total += x[0] @ Q @ x[0] - x[j + 1] @ Q @ x[j + 1] + delay.d * rate @ R @ rate
-            total += 2 * Ms @ (x[0] - x[j + 1]) + delay.d * Ms @ v.R[j] @ Ms
+            total += 2 * Ms @ (x[0] - x[j + 1]) + delay.d * Ms @ R_bar @ Ms
         if system.E.size:
             y = np.sum([H[i] @ x[i] for i in range(N + 1)], axis=0)
-            for (own, rows), eps in zip(system.blocks, np.atleast_1d(v.eps), strict=True):
+            for b, (own, rows) in enumerate(system.blocks):
+                eps = unknowns[f"eps[{b}]"]
                 total += (y[rows] @ y[rows] - p[own] @ p[own]) / eps
-        assert v.gamma is not None
-        return float(total + z @ z / v.gamma - v.gamma * w @ w)
+        return float(total + z @ z / gamma - gamma * w @ w)
 
     return bound
 
@@ -129,7 +132,7 @@ def test_the_table_is_the_functionals_derivative(
     rng = np.random.default_rng(7)
     for _ in range(3):
         system = _system(rng, late=late, any_age=any_age, blocks=blocks)
-        v = _random_variables(rng, system)
+        v = _random_point(rng, system)
         K = rng.standard_normal((1, 2))
         whole, names = _omega(system, K, v)
         kept = [i for i, name in enumerate(names) if name in ("x", "x1", "x2", "w")]
@@ -137,7 +140,7 @@ def test_the_table_is_the_functionals_derivative(
         bound = _form(_derivative_bound(system, K, v), 8 + system.E.shape[1])
         truth = _eliminated(bound, list(range(8)))
         # x = X xhat in every x row: P does not stand in Omega
-        T = block_diag(v.X, v.X, v.X, np.eye(2))
+        T = block_diag(*[v.unknowns["X"]] * 3, np.eye(2))
         expected = T.T @ truth @ T
         np.testing.assert_allclose(ours, expected, rtol=0, atol=1e-9 * np.abs(expected).max())
 
@@ -151,15 +154,18 @@ def test_the_cvxpy_form_is_the_exact_one(
     """With constants of cvxpy for the unknowns, and with Y = K X beside the gain itself."""
     rng = np.random.default_rng(11)
     system = _system(rng, late=late, any_age=any_age, blocks=blocks)
-    v = _random_variables(rng, system)
+    v = _random_point(rng, system)
     K = rng.standard_normal((1, 2))
     exactly, _ = _omega(system, K, v)
     asked = as_cvxpy(system, v.k1, v.k2)
-    given = [(asked.X, v.X), (asked.Y, K @ v.X), (asked.eps, v.eps), (asked.gamma, v.gamma)]
-    given += [*zip(asked.R, v.R, strict=True)]
+    u = v.unknowns
+    eps = [u[f"eps[{b}]"] for b in range(len(system.blocks))]
+    given = [(asked.X, u["X"]), (asked.Y, K @ u["X"]), (asked.gamma, u["gamma"])]
+    given += [(asked.eps, eps[0] if len(eps) == 1 else eps)] if eps else []
+    given += [(R, u[f"R[{j}]"]) for j, R in enumerate(asked.R)]
     given += [
-        pair
-        for pair, x in zip(zip(asked.Q, v.Q, strict=True), system.delays, strict=True)
+        (Q, u[f"Q[{j}]"])
+        for j, (Q, x) in enumerate(zip(asked.Q, system.delays, strict=True))
         if not x.any_age
     ]
     for variable, number in given:

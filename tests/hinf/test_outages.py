@@ -14,8 +14,7 @@ import scipy.linalg
 
 from cosim import hinf
 from cosim.core import InputError, NotAchievableError
-from cosim.hinf.certificate import standalone, standalone_numbers
-from cosim.hinf.certificate.outages import outages_from_json
+from cosim.hinf.certificate import guarantees_from_json, standalone, standalone_numbers
 from cosim.models import Delay, DelaySystem
 
 NCS_GAIN = [[-3.75, -11.5]]
@@ -140,7 +139,8 @@ def test_what_is_changed_is_refused_by_both_checkers(fallback: str, change: str)
     table = data["guarantees"]["outages"]
     CHANGES[change](table)
     system = hinf.system_from_json(data["system"])
-    changed = outages_from_json(table, system, "outages")
+    changed = guarantees_from_json(data, system, np.array(data["K"])).outages
+    assert changed is not None
     data["claim"]["guarantees"]["outages"] = changed.claim()
     data["theorem"] = hinf.theorem_of(data["claim"])
     assert changed.failure(system, np.array(data["K"])) is not None
@@ -195,7 +195,7 @@ class Flight:
         alpha, h, most = float(self.found.alpha), self.step, round(self.d / self.step)
         P, S, R = (
             np.array([[float(m[i, j].p) / float(m[i, j].q) for j in range(2)] for i in range(2)])
-            for m in (self.found.P, self.found.S[0], self.found.R[0])
+            for m in (self.found.unknowns[name] for name in ("P", "S[0]", "R[0]"))
         )
         past = np.concatenate([np.tile(x[:1], (most, 1)), x])
         before = np.zeros((most, 2, 2))

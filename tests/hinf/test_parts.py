@@ -67,7 +67,7 @@ def test_the_scale_of_an_answer_is_of_any_gain() -> None:
     p = Scalars((-0.6, -0.5), (0.6, 0.5), d)
     free = problem.least_gamma(p)
     assert isinstance(free, Answer)
-    gain = np.linalg.solve(free.point.X, free.point.Y.T).T
+    gain = np.linalg.solve(free.unknowns["X"], free.unknowns["Y"].T).T
     gain[:, 2:] += 1e-3 * np.abs(gain).max()
     joined = problem.margin(p, 2 * free.value, gain, free)
     assert isinstance(joined, Answer)
@@ -93,7 +93,7 @@ def test_the_optimum_and_its_slopes_are_those_of_the_whole(*, performance: bool)
     cut_apart, units = system, replace(scaling_of(system), state=np.ones(4))
     turn = np.kron(np.array([[0.8, -0.6], [0.6, 0.8]]), np.eye(2))  # X <= 1000 I stays as it is
     cut, whole = answer(cut_apart), answer(turned(system, turn))
-    assert not cut.point.X[:2, 2:].any()
+    assert not cut.unknowns["X"][:2, 2:].any()
     assert cut.value == pytest.approx(whole.value, rel=1e-5)
     np.testing.assert_allclose(cut.slopes, whole.slopes, rtol=1e-3, atol=1e-4)
 

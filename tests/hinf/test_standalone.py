@@ -20,7 +20,7 @@ from solver_points import benchmark, solved
 import cosim
 from cosim.core import InputError, NotAchievableError
 from cosim.hinf import Delay, DelaySystem, analyse, check_certificate, design
-from cosim.hinf.certificate import certificate_to_json, standalone
+from cosim.hinf.certificate import standalone
 from cosim.hinf.certificate.standalone_numbers import M, RefusedError, eye, positive
 from cosim.models import paper_example
 
@@ -56,8 +56,8 @@ def analysis_of(system: DelaySystem, K: Any = None, order: int = 0) -> Any:
 def theorem_2() -> Any:
     """Section 5 at gamma = 5.05."""
     system = paper_example.system()
-    _, K, variables = solved(system, (0.6,), (0.2,), 5.05)
-    return certificate_to_json(system, K, variables)
+    _, K, point = solved(system, (0.6,), (0.2,), 5.05)
+    return point.document(system, K)
 
 
 def guaranteed() -> Any:

@@ -16,11 +16,11 @@ from truth_of_loops import abscissa, loop_of, norm
 
 from cosim.core.errors import InputError
 from cosim.hinf import analyse, auv_system, check_certificate
-from cosim.hinf.certificate import ages_proved, ages_to_json, exact_ages, standalone, supports_of
+from cosim.hinf.certificate import loop_to_json, standalone
 from cosim.hinf.certificate.standalone_numbers import RefusedError
 from cosim.hinf.lmi import Condition
 from cosim.hinf.synthesis import conditions
-from cosim.hinf.theorems import Support
+from cosim.hinf.theorems import Support, supports_of
 from cosim.models.delay_system import Delay, DelaySystem
 
 VEHICLE_GAIN = np.hstack([-0.06 * np.eye(4), -0.53 * np.eye(4)])
@@ -58,10 +58,9 @@ def proved(system: DelaySystem, K: Any, order: int, own: list[Any], supports: An
     assert least is not None
     point = lmi.central(delays, 1.002 * least)
     assert point is not None
-    exact = exact_ages(system, point)
-    proof = ages_proved(system, K, exact)
-    assert proof.valid, proof.reason
-    document = json.dumps(ages_to_json(system, K, exact))
+    exact = point.exactly(system, K)
+    assert exact.failure(system, K) is None
+    document = json.dumps(loop_to_json(system, K, exact))
     assert check_certificate(json.loads(document)).valid
     standalone.check(document.encode())
     return least, json.loads(document)

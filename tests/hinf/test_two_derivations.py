@@ -16,38 +16,32 @@ import flint
 import numpy as np
 import pytest
 from shared import slow_share_of
+from solver_points import Point
 
 from cosim.hinf.certificate import (
-    AgesVariables,
-    AgeTerms,
-    AnalysisVariables,
     Decay,
     Guarantees,
     Outages,
-    Variables,
-    ages_to_json,
-    analysis_to_json,
-    certificate_to_json,
     check_certificate,
-    choices,
-    exact_ages,
-    exact_analysis,
-    exact_variables,
+    loop_claim,
+    loop_to_json,
+    shapes_of_outages,
     standalone,
     standalone_numbers as sn,
-    supports_of,
     system_from_json,
 )
-from cosim.hinf.certificate.ages_proof import ages_claim
-from cosim.hinf.exact import exact, exact_matrix, exact_symmetric
+from cosim.hinf.exact import exact
 from cosim.hinf.theorems import (
-    UNKNOWNS,
-    Age,
+    AgesTheorem,
     Inequality,
-    Loop,
+    Modes,
+    Proof,
+    Shape,
+    constants_down_to_zero,
+    exact_unknowns,
+    functionals_of,
     rates_from_rows,
-    shapes_of_ages,
-    varies,
+    supports_of,
 )
 from cosim.models import Delay, DelaySystem
 
@@ -138,17 +132,28 @@ def gain_of(rng: Rng) -> Any:
     return matrix(rng, 2, 3)
 
 
-def theorem_2(rng: Rng, system: DelaySystem) -> Variables:
+def theorem_2(rng: Rng, system: DelaySystem) -> Point:
     late = system.delays
-    return Variables(
-        X=symmetric(rng, 3) + 9 * np.eye(3),
-        Q=tuple(symmetric(rng, 3) * (not x.any_age) for x in late),
-        R=tuple(symmetric(rng, 3) + 9 * np.eye(3) for _ in late),
-        eps=(0.5, 0.25),
-        k1=tuple(-1.0 - j for j, _ in enumerate(late)),
-        k2=tuple(0.5 + j for j, _ in enumerate(late)),
-        gamma=3.0,
-    )
+    unknowns = {"X": symmetric(rng, 3) + 9 * np.eye(3)} | NUMBERS
+    unknowns |= {f"Q[{j}]": symmetric(rng, 3) * (not x.any_age) for j, x in enumerate(late)}
+    unknowns |= {f"R[{j}]": symmetric(rng, 3) + 9 * np.eye(3) for j, _ in enumerate(late)}
+    k1 = tuple(-1.0 - j for j, _ in enumerate(late))
+    return Point(k1, tuple(0.5 + j for j, _ in enumerate(late)), unknowns)
+
+
+NUMBERS: dict[str, Any] = {"eps[0]": 0.5, "eps[1]": 0.25, "gamma": 3.0}
+
+
+def drawn(rng: Rng, shapes: dict[str, Shape]) -> dict[str, Any]:
+    """Matrices of these shapes, and the numbers above."""
+    return {
+        name: NUMBERS[name.replace("_out", "")]
+        if x.is_number
+        else symmetric(rng, x.height)
+        if x.symmetric
+        else matrix(rng, x.height, x.width)
+        for name, x in shapes.items()
+    }
 
 
 SEEDS = [0, *slow_share_of(range(1, 20))]
@@ -162,10 +167,12 @@ def test_theorem_2_and_decay(seed: int, feedback: str, monkeypatch: pytest.Monke
     delays = delay(0.5), delay(0.0), delay(0.25, any_age=True, feedback=late)
     system = system_of(rng, *delays)
     v = theorem_2(rng, system)
-    decay = Decay(exact(0.125), (exact(2.0), exact(2.0), exact(2.0)), exact_variables(system, v))
-    decay = replace(decay, variables=replace(decay.variables, gamma=None))
-    document = certificate_to_json(system, gain_of(rng), v, Guarantees(decay=decay))
-    same(both(document, monkeypatch), 3)
+    gain = gain_of(rng)
+    whole = v.proof(system, gain)
+    unknowns = {name: x for name, x in whole.unknowns.items() if name != "gamma"}
+    growth = exact(2.0), exact(2.0), exact(2.0)
+    decay = Decay(exact(0.125), growth, Proof(whole.theorem, unknowns))
+    same(both(v.document(system, gain, Guarantees(decay=decay)), monkeypatch), 3)
 
 
 @pytest.mark.parametrize("seed", SEEDS)
@@ -179,16 +186,10 @@ def test_constant_and_any_ages(
 ) -> None:
     rng = np.random.default_rng(seed)
     system = system_of(rng, delay(0.5), delay(0.25, any_age=True, feedback=True), delay(0.0))
-    v = AnalysisVariables(
-        order=order,
-        P=symmetric(rng, 3 * (1 + order)),
-        Q=(symmetric(rng, 3), None),
-        R=(symmetric(rng, 3), symmetric(rng, 3)),
-        eps=(0.5, 0.25),
-        gamma=3.0,
-        lower=(0.125, None) if lower and order else None,
-    )
-    document = analysis_to_json(system, gain_of(rng), exact_analysis(system, v))
+    least = (exact(0.125), None) if lower and order else None
+    theorem, gain = AgesTheorem.analysis(system, order, least), gain_of(rng)
+    v = Proof(theorem, drawn(rng, theorem.shapes(system, gain, bounded=True)))
+    document = loop_to_json(system, gain, v.exactly(system, gain))
     same(both(document, monkeypatch), 2)
 
 
@@ -213,31 +214,15 @@ def test_ages_as_they_are(
     beside = {"any_age": True, "sampled": True, "least_age": 0.125} if seed % 2 else {}
     system = system_of(rng, delay(0.5, **beside), delay(0.25, bare=True, feedback=True, **more))
     gain = gain_of(rng) * [[1], [0]]
-    for functional in choices(system.delays[1]):
-        own = choices(system.delays[0])[0], functional
+    for functional in functionals_of(system.delays[1]):
+        own = functionals_of(system.delays[0])[0], functional
         for supports in ((None, None), supports_of(system, gain, controls=bool(seed % 3))):
-            v = random_ages(rng, system, gain, order, own, supports)
-            document = ages_to_json(system, gain, exact_ages(system, v))
+            down = bool(order) and bool(rng.random() < 0.5)
+            lower = constants_down_to_zero(own) if down else None
+            theorem = AgesTheorem(order, own, supports, lower)
+            v = Proof(theorem, drawn(rng, theorem.shapes(system, gain, bounded=True)))
+            document = loop_to_json(system, gain, v.exactly(system, gain))
             same(both(document, monkeypatch), 2)
-
-
-def random_ages(
-    rng: Rng, system: DelaySystem, gain: Any, order: int, own: Any, supports: Any
-) -> AgesVariables:
-    loop = Loop.of(system, gain, supports)
-    ages = [Age(loop, j, kind, order) for j, kind in enumerate(own)]
-    shapes = shapes_of_ages(loop, ages, bounded=True)
-    terms = []
-    for j, (kind, support) in enumerate(zip(own, supports, strict=True)):
-        values = {}
-        for name in UNKNOWNS:
-            if (shape := shapes.get(f"{name}[{j}]")) is not None:
-                drawn = matrix(rng, shape.height, shape.width)
-                values[name] = drawn + drawn.T if shape.symmetric else drawn
-        terms.append(AgeTerms(kind, values, support))
-    down = bool(rng.random() < 0.5)
-    P = symmetric(rng, shapes["P"].height)
-    return AgesVariables(order, P, tuple(terms), (0.5, 0.25), 3.0, down_to_zero=down)
 
 
 @pytest.mark.parametrize("seed", SEEDS)
@@ -254,22 +239,18 @@ def test_outages(
     system = system_of(
         rng, delay(0.5, any_age=plant_age), delay(0.25, bare=True, feedback=True, any_age=True)
     )
-    outages = Outages(
+    modes = Modes(
         alpha=exact(0.125),
         beta=exact(0.5),
         gamma=exact(3.0),
         rho=(exact(0.5), exact(0.75)),
         fallback=gain_of(rng),
         fallback_age=age,
-        P=exact_symmetric(symmetric(rng, 3)),
-        S=tuple(exact_symmetric(symmetric(rng, 3)) for _ in range(2)),
-        R=tuple(exact_symmetric(symmetric(rng, 3)) for _ in range(2)),
-        M=tuple(exact_matrix(matrix(rng, 3, 3)) if varies(x) else None for x in system.delays),
-        eps=(exact(0.5), exact(0.25)),
-        eps_out=(exact(0.25), exact(1.5)),
     )
-    v = theorem_2(rng, system)
-    document = certificate_to_json(system, gain_of(rng), v, Guarantees(outages=outages))
+    gain = gain_of(rng)
+    shapes = shapes_of_outages(system, gain, modes)
+    outages = Outages(**vars(modes), unknowns=exact_unknowns(shapes, drawn(rng, shapes)))
+    document = theorem_2(rng, system).document(system, gain, Guarantees(outages=outages))
     same(both(document, monkeypatch), 4)
 
 
@@ -278,8 +259,8 @@ def test_the_words_of_a_sampled_age_are_those_ages() -> None:
     system = system_of(
         np.random.default_rng(0), delay(0.5, any_age=True, sampled=True, least_age=0.125)
     )
-    v = AgesVariables(0, None, (AgeTerms("looped", {}),), None, None)
-    (words,) = (x for x in ages_claim(system, v)["hypotheses"] if x.startswith("a sampled age"))
+    claim = loop_claim(system, Proof(AgesTheorem(0, ("looped",), (None,)), {}))
+    (words,) = (x for x in claim["hypotheses"] if x.startswith("a sampled age"))
     named = re.fullmatch(
         r"a sampled age, a = least_age: x\(t - age\) = x\(s_k\) for (.+?), (.+?), (.+?), finitely "
         r"many s_k in any bounded time",

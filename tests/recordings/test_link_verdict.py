@@ -101,8 +101,8 @@ def test_no_flight_over_a_recording_exceeds_its_bound(copy: int) -> None:
     for k in np.flatnonzero(found.arrived):
         first = -(-int(found.sent_ns[k] + found.delay_ns[k]) // round(step * 1e9))
         came[min(first, count + 4)] = max(came[min(first, count + 4)], k)
-    P = np.array([[float(y.p) / float(y.q) for y in row] for row in outages.P.tolist()])
-    S_ = np.array([[float(y.p) / float(y.q) for y in row] for row in outages.S[0].tolist()])
+    exactly = [outages.unknowns[name].tolist() for name in ("P", "S[0]")]
+    P, S_ = (np.array([[float(y.p) / float(y.q) for y in row] for row in M]) for M in exactly)
     start = x @ (P + D * S_) @ x  # the kernel is at most one
     newest = -1
     for t in range(count):

@@ -1,46 +1,17 @@
 from .ages_certificate import (
-    ages_to_json as ages_to_json,
-    exact_ages as exact_ages,
-)
-from .ages_proof import (
-    MAX_CORNERS as MAX_CORNERS,
-    ages_of as ages_of,
-    ages_proved as ages_proved,
-)
-from .ages_terms import (
-    AgeFunctional as AgeFunctional,
-    AgesVariables as AgesVariables,
-    AgeTerms as AgeTerms,
-    choices as choices,
-    is_symmetric_unknown as is_symmetric_unknown,
-    late_delays as late_delays,
-    supports_of as supports_of,
-)
-from .analysis_certificate import (
-    analysis_to_json as analysis_to_json,
-    check_measured as check_measured,
-    exact_analysis as exact_analysis,
-    gain_from_json as gain_from_json,
-)
-from .analysis_proof import (
-    MAX_BOX as MAX_BOX,
-    MAX_ORDER as MAX_ORDER,
-    AnalysisVariables as AnalysisVariables,
-    analysis_proved as analysis_proved,
-    covers_smaller as covers_smaller,
-)
-from .block_multipliers import (
-    exact_eps as exact_eps,
-    joined as joined,
+    loop_claim as loop_claim,
+    loop_to_json as loop_to_json,
 )
 from .certificate import (
     certificate_bytes as certificate_bytes,
     certificate_from_bytes as certificate_from_bytes,
     certificate_hash as certificate_hash,
-    certificate_to_json as certificate_to_json,
-    certify as certify,
     check_certificate as check_certificate,
     read_certificate as read_certificate,
+)
+from .claim import (
+    CertificateCheck as CertificateCheck,
+    covers_smaller as covers_smaller,
 )
 from .constant_ages import (
     constant_ages_claimed as constant_ages_claimed,
@@ -98,28 +69,26 @@ from .observer_pair import (
 from .outages import (
     Outages as Outages,
     outage_delay as outage_delay,
+    shapes_of_outages as shapes_of_outages,
 )
 from .output_feedback_certificate import (
     measurement_differences as measurement_differences,
     output_feedback_to_json as output_feedback_to_json,
     pair_from_json as pair_from_json,
 )
-from .proof import (
-    CertificateCheck as CertificateCheck,
-    Variables as Variables,
-    exact_variables as exact_variables,
-    failure as failure,
+from .proof_json import (
+    analysis_from_json as analysis_from_json,
+    theorem_2_from_json as theorem_2_from_json,
 )
 from .refutation_certificate import (
     gamma_floor as gamma_floor,
     refutation_to_json as refutation_to_json,
 )
 from .refutation_proof import (
-    Multipliers as Multipliers,
     Place as Place,
     conditions as conditions,
     fixed_at as fixed_at,
-    refuted as refuted,
+    refutation_failure as refutation_failure,
 )
 from .state_peaks import (
     StatePeaks as StatePeaks,
@@ -128,8 +97,10 @@ from .state_peaks import (
     squared_state_peaks as squared_state_peaks,
 )
 from .system_json import (
+    check_measured as check_measured,
     differences as differences,
     first_difference as first_difference,
+    gain_from_json as gain_from_json,
     known_keys as known_keys,
     system_from_json as system_from_json,
 )
@@ -151,4 +122,9 @@ from .system_parts import (
 from .theorem import (
     theorem_of as theorem_of,
     uncertainty_text as uncertainty_text,
+)
+from .theorem_2_certificate import (
+    certificate_to_json as certificate_to_json,
+    certify as certify,
+    theorem_2_proof as theorem_2_proof,
 )

@@ -1,185 +1,147 @@
-"""The certificate of an analysis with known ages as JSON: `check_certificate`, kind "ages".
+"""The certificate of a gain whose ages are known: kinds "analysis" and "ages".
 
-    {"kind": "ages", "claim": {...}, "system": {...}, "K": [[...]],
-     "variables": {"order": 1, "P": [["p/q", ...]], "eps", "gamma",
-                   "down_to_zero": false,
-                   "terms": [{"functional": "looped", "matrices": {"U": ..., "X_a": ...}}]}}
+    {"kind": "analysis" or "ages", "theorem": [...], "claim": {...}, "system": {...},
+     "K": [[...]], "variables": {...}}
 
-`terms` has one entry per positive delay; the matrices are those of the inequalities. Beside
-them "states" or "controls", numbers from 1, is the support of the delay; without it the terms are
-about the whole state. The claim lists the theorem's hypotheses in full.
+An analysis takes an age that varies to be any one from zero to its bound, the other kind takes it
+as it is; `proof_json` has their variables. Beside these there may be `guarantees`
+(`cosim.hinf.certificate.guarantees`). The claim of ages as they are lists the theorem's hypotheses
+in full.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, cast
 
-from cosim.core import InputError, format_value
-from cosim.hinf.certificate.ages_proof import ages_claim, ages_proved, shapes_of_proof
-from cosim.hinf.certificate.ages_terms import (
-    AgesVariables,
-    AgeTerms,
-    check_functionals,
-    check_supports,
-    is_symmetric_unknown,
-    late_delays,
+from cosim.hinf.certificate.claim import (
+    ANY_AGE,
+    EXACTLY,
+    UP_TO,
+    Statement,
+    claim_of,
+    document_of,
 )
-from cosim.hinf.certificate.analysis_certificate import loop_from_json
-from cosim.hinf.certificate.analysis_variables import check_null, order_from_json
-from cosim.hinf.certificate.block_multipliers import eps_from_json, eps_to_json, exact_eps
-from cosim.hinf.certificate.proof import CertificateCheck
-from cosim.hinf.certificate.system_json import known_keys, system_to_json
-from cosim.hinf.certificate.theorem import theorem_of
-from cosim.hinf.exact import (
-    exact,
-    exact_matrix,
-    exact_symmetric,
-    from_text,
-    matrix_from_text,
-    matrix_to_text,
-    to_text,
+from cosim.hinf.certificate.proof_json import (
+    ages_from_json,
+    ages_to_json,
+    analysis_from_json,
+    analysis_to_json,
 )
-from cosim.hinf.theorems import UNKNOWNS, Support
+from cosim.hinf.certificate.system_json import gain_from_json, system_from_json, system_to_json
+from cosim.hinf.certificate.theorem import uncertainty_text
+from cosim.hinf.exact import to_text
+from cosim.hinf.theorems import AgesTheorem, Proof
 
 if TYPE_CHECKING:
-    from cosim.models import DelaySystem, Matrix
-
-AGES = "ages"
-_VARIABLES = ("order", "P", "terms", "eps", "gamma", "down_to_zero")
-_TERMS = ("functional", "matrices")
-_SUPPORT: tuple[Literal["states", "controls"], ...] = ("states", "controls")
+    from cosim.models import Delay, DelaySystem, Matrix
 
 
-def exact_ages(system: DelaySystem, v: AgesVariables) -> AgesVariables:
-    """Convert the doubles of `v` to rationals, and symmetrise the symmetric matrices exactly."""
-    terms = tuple(
-        AgeTerms(
-            own.functional,
-            {
-                name: exact_symmetric(value) if is_symmetric_unknown(name) else exact_matrix(value)
-                for name, value in own.matrices.items()
-            },
-            own.support,
-        )
-        for own in v.terms
-    )
-    return AgesVariables(
-        order=v.order,
-        P=exact_symmetric(v.P),
-        terms=terms,
-        eps=exact_eps(system, v.eps),
-        gamma=None if v.gamma is None else exact(v.gamma),
-        down_to_zero=v.down_to_zero,
+def loop_to_json(system: DelaySystem, gain: Matrix, proof: Proof) -> dict[str, Any]:
+    """Return the certificate of a given gain as JSON values, without checking it.
+
+    proof : of an `AgesTheorem`, in rationals.
+    """
+    is_analysis = cast("AgesTheorem", proof.theorem).is_analysis
+    return document_of(
+        loop_claim(system, proof),
+        kind="analysis" if is_analysis else "ages",
+        system=system_to_json(system),
+        variables=(analysis_to_json if is_analysis else ages_to_json)(proof),
+        K=gain.tolist(),
     )
 
 
-def ages_to_json(system: DelaySystem, gain: Matrix, v: AgesVariables) -> dict[str, Any]:
-    """Return the certificate as JSON values for `check_ages`, without checking it."""
-    claim = ages_claim(system, v)
-    return {
-        "kind": AGES,
-        "theorem": theorem_of(claim),
-        "claim": claim,
-        "system": system_to_json(system),
-        "variables": {
-            "order": v.order,
-            "P": matrix_to_text(v.P),
-            "terms": [
-                {
-                    "functional": own.functional,
-                    "matrices": {k: matrix_to_text(M) for k, M in own.matrices.items()},
-                }
-                | _support_to_json(own.support)
-                for own in v.terms
-            ],
-            "eps": eps_to_json(v.eps),
-            "gamma": None if v.gamma is None else to_text(v.gamma),
-            "down_to_zero": v.down_to_zero,
-        },
-        "K": gain.tolist(),
-    }
-
-
-def _support_to_json(support: Support | None) -> dict[str, list[int]]:
-    return {} if support is None else {support.of: [i + 1 for i in support.numbers]}
-
-
-def _support(table: dict[str, Any], where: str) -> Support | None:
-    """Read what `_support_to_json` wrote; whether it holds is for `check_supports` to say."""
-    given = [key for key in _SUPPORT if key in table]
-    numbers = [table[key] for key in given]
-    if len(given) > 1 or not all(
-        isinstance(x, list) and all(type(i) is int for i in x) for x in numbers
-    ):
-        raise InputError(
-            "not the support of a delay",
-            where=where,
-            expected=f"a list of integers, {' or '.join(_SUPPORT)}",
-            got=", ".join(f"{key} {format_value(table[key])}" for key in given),
-        )
-    return Support(given[0], tuple(i - 1 for i in numbers[0])) if given else None
-
-
-def check_ages(data: dict[str, Any]) -> CertificateCheck:
-    """Check an analysis with known ages from its JSON alone, with rationals and no solver.
+def read_loop(data: dict[str, Any]) -> Statement:
+    """Read what the certificate of a given gain states.
 
     Raises
     ------
-    InputError : not a certificate. (Where the claim is not proved, no error: `valid` is False.)
+    InputError : not a certificate.
     """
-    system, gain, more = loop_from_json(data)
-    v = _variables(system, gain, data["variables"])
-    claim, symmetric = ages_claim(system, v), v.symmetric_matrices()
-    return more.judged(
-        data, (system, gain), claim, symmetric, lambda: ages_proved(system, gain, v).reason
-    )
+    system = system_from_json(data["system"])
+    gain = gain_from_json(data["K"], system)
+    read = analysis_from_json if data["kind"] == "analysis" else ages_from_json
+    proof = read(system, gain, data["variables"])
+    return Statement(loop_claim(system, proof), lambda: proof.failure(system, gain), (system, gain))
 
 
-def _variables(system: DelaySystem, gain: Matrix, data: Any) -> AgesVariables:
-    known_keys(data, "variables", _VARIABLES, required=_VARIABLES)
-    order = order_from_json(data["order"])
-    late, tables = late_delays(system), data["terms"]
-    if not isinstance(tables, list) or len(tables) != len(late):
-        raise InputError(
-            "one per positive delay",
-            where="variables.terms",
-            expected=f"a list of {len(late)}",
-            got=format_value(tables),
-        )
-    for j, table in enumerate(tables):
-        known_keys(table, f"variables.terms[{j}]", (*_TERMS, *_SUPPORT), required=_TERMS)
-    functionals = tuple(table["functional"] for table in tables)
-    check_functionals(system, functionals)
-    supports = [_support(table, f"variables.terms[{j}]") for j, table in enumerate(tables)]
-    check_supports(system, gain, supports)
-    if not isinstance(data["down_to_zero"], bool):
-        raise InputError(
-            "not a truth value",
-            where="variables.down_to_zero",
-            expected="true or false",
-            got=format_value(data["down_to_zero"]),
-        )
-    if not system.has_performance:
-        check_null("gamma", data["gamma"], expected=True)
-    gamma = None if data["gamma"] is None else from_text(data["gamma"], "variables.gamma")
-    every = shapes_of_proof(system, gain, order, functionals, supports, bounded=gamma is not None)
-    terms = []
-    for j, (table, own) in enumerate(zip(tables, supports, strict=True)):
-        shapes = {name: s for name in UNKNOWNS if (s := every.get(f"{name}[{j}]")) is not None}
-        where = f"variables.terms[{j}].matrices"
-        known_keys(table["matrices"], where, tuple(shapes), required=tuple(shapes))
-        matrices = {
-            name: matrix_from_text(
-                table["matrices"][name], f"{where}.{name}", shape.height, shape.width
-            )
-            for name, shape in shapes.items()
-        }
-        terms.append(AgeTerms(table["functional"], matrices, own))
-    return AgesVariables(
-        order=order,
-        P=matrix_from_text(data["P"], "variables.P", every["P"].height, every["P"].width),
-        terms=tuple(terms),
-        eps=eps_from_json(system, data["eps"], "variables.eps"),
-        gamma=gamma,
-        down_to_zero=data["down_to_zero"],
+def loop_claim(system: DelaySystem, proof: Proof) -> dict[str, Any]:
+    """Return the claim: as `claim_of`, with the order and every age, and what ages as they are ask.
+
+    Also where nothing is proved yet: of the theorem and a gamma alone.
+    """
+    theorem, claim = cast("AgesTheorem", proof.theorem), claim_of(system, proof.gamma)
+    late = zip(
+        theorem.functionals, theorem.lower or (None,) * len(theorem.functionals), strict=True
     )
+    for delay_claim, delay in zip(claim["delays"], system.delays, strict=True):
+        if delay.d > 0:
+            functional, low = next(late)
+            age = _age_claim(delay, functional, _covered_from(theorem, low))
+            delay_claim.update(age)
+        elif theorem.is_analysis and not delay.any_age:
+            low = None if theorem.lower is None else 0
+            delay_claim["age"] = _constant(_covered_from(theorem, low))
+    more = {} if theorem.is_analysis else {"hypotheses": _hypotheses(system, theorem, claim)}
+    return claim | {"order": theorem.order} | more
+
+
+def _covered_from(theorem: AgesTheorem, low: Any) -> Any:
+    """Return the least constant delay that is covered; None: exactly d."""
+    return 0 if theorem.order == 0 else low
+
+
+def _constant(low: Any) -> str:
+    if low is None:
+        return EXACTLY
+    return UP_TO if low == 0 else f"constant, from {to_text(low)} to d"
+
+
+def _age_claim(delay: Delay, functional: str, low: Any) -> dict[str, Any]:
+    """Return the part of the claim that says how an age varies; numbers are doubles, as d is."""
+    least = {"least_age": delay.least_age}
+    if functional == "constant":
+        return {"age": _constant(low)}
+    if functional == "jensen":
+        return {"age": ANY_AGE}
+    if functional == "interval":
+        if delay.least_age == 0:
+            return {"age": ANY_AGE}
+        return least | {"age": "any, however it varies, from least_age to d"}
+    if functional == "rate":
+        return least | {"age": "from least_age to d, |age'| <= rate", "rate": delay.rate}
+    return least | {"age": "sampled: from least_age at rate one to d at most"}
+
+
+_MEASURED = {
+    False: "u = K x(t - age_f(t)): the whole state is measured",
+    True: "u = K sum_i S_i x(t - age_i(t)), S_i the diagonal of the truth values of feedback",
+}
+"""What is measured, by whether the feedback is of single states."""
+
+_OF_ENTRIES = "u = sum_i (K o M_i) x(t - age_i(t)), M_i the truth values of feedback by entry of K"
+
+
+def _hypotheses(system: DelaySystem, theorem: AgesTheorem, claim: dict[str, Any]) -> list[str]:
+    """Return what the theorem asks for, sentence by sentence."""
+    texts = [
+        "x' = sum_i (A_i + dA_i) x(t - age_i(t)) + B u + C w for almost every t >= 0",
+        _OF_ENTRIES if system.has_masks else _MEASURED[system.is_structured],
+        "every age is a measurable function of time",
+        "stability: w = 0 and any continuous initial function on [-max d, 0]",
+    ]
+    if claim["gamma"] is not None:
+        texts.append(
+            "gain: x = 0 for t <= 0, w square integrable on [0, T], and then the integral of z'z "
+            "over [0, T] is at most gamma^2 times that of w'w, for every T > 0"
+        )
+    if claim["uncertain"]:
+        texts.append(f"uncertainty: {uncertainty_text(claim)}")
+    if "rate" in theorem.functionals:
+        texts.append("an age with a bounded rate is Lipschitz continuous")
+    if {"wirtinger", "looped"} & set(theorem.functionals):
+        texts.append(
+            "a sampled age, a = least_age: x(t - age) = x(s_k) for s_k + a <= t < s_(k+1) + a, "
+            "0 < s_(k+1) - s_k <= d - a, s_0 + a <= 0, finitely many s_k in any bounded time"
+        )
+    return texts

@@ -1,15 +1,12 @@
 """The exact certificate: a proof, in rational arithmetic, of what the deployed K guarantees.
 
-A solver's optimum lies on the boundary and proves nothing. Here the doubles of the solver's
-variables, of K and of the system are taken as the dyadic rationals that they are, Y := K X
-exactly, and the corrected LMI of Theorem 2 is shown to hold (`proof`). The claim says
+A solver's optimum lies on the boundary and proves nothing. Here the doubles of a file are taken as
+the rationals that they are, and what its kind asks for is shown to hold. The claim says
 `"inputs": "doubles"`.
 
-As JSON a certificate contains everything that the proof needs:
-
-    {"claim": {...}, "system": {...}, "variables": {"X": [["p/q", ...]], ...}, "K": [[...]]}
-
-and, where more is proved than gamma, `guarantees` (`cosim.hinf.certificate.guarantees`).
+As JSON a certificate contains everything that the proof needs: the claim, the theorem in words, the
+system, and the parts of its kind (`KINDS`); where more is proved than gamma, `guarantees`
+(`cosim.hinf.certificate.guarantees`). Other keys are notes: `CertificateCheck.not_read`.
 """
 
 from __future__ import annotations
@@ -17,103 +14,52 @@ from __future__ import annotations
 import hashlib
 import importlib
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
-
-import numpy as np
-from numpy.typing import ArrayLike
+from typing import Any, NamedTuple
 
 from cosim.core import DESIGN_FILE, SCHEMA, InputError, format_value, unreadable
+from cosim.hinf.certificate.claim import CertificateCheck, Statement
 from cosim.hinf.certificate.document import Certificate
-from cosim.hinf.certificate.guarantees import Guarantees, guarantees_from_json
-from cosim.hinf.certificate.not_read import not_read
-from cosim.hinf.certificate.proof import (
-    CertificateCheck,
-    Variables,
-    claim_of,
-    exact_variables,
-    proved,
-)
-from cosim.hinf.certificate.system_json import known_keys, system_from_json, system_to_json
-from cosim.hinf.certificate.system_parts import matrix_from_rows
-from cosim.hinf.certificate.theorem import theorem_of
-from cosim.hinf.certificate.variables_json import variables_from_json, variables_to_json
-from cosim.hinf.exact import exact_matrix, matrix_from_text, matrix_to_text
-from cosim.hinf.theorems import ExactVariables
-from cosim.models import DelaySystem, Matrix
+from cosim.hinf.certificate.guarantees import KEY, guarantees_from_json
+from cosim.hinf.certificate.system_json import known_keys
 
-_OTHERS = {
-    "analysis": ("analysis_certificate", "check_analysis"),
-    "ages": ("ages_certificate", "check_ages"),
-    "refutation": ("refutation_certificate", "check_refutation"),
-    "gamma floor": ("refutation_certificate", "check_gamma_floor"),
-    "norm": ("norm_certificate", "check_norm"),
-    "output-feedback": ("output_feedback_certificate", "check_output_feedback"),
+
+class _Kind(NamedTuple):
+    """What is needed beside the claim, and the function of a module that reads it."""
+
+    needs: tuple[str, ...]
+    module: str
+    read: str
+
+
+_LOOP = ("system", "variables", "K")
+_OBSERVER = ("command_age", "command_any_age", "K", "L", "pair")
+KINDS: dict[str | None, _Kind] = {
+    None: _Kind(_LOOP, "theorem_2_certificate", "read_theorem_2"),
+    "analysis": _Kind(_LOOP, "ages_certificate", "read_loop"),
+    "ages": _Kind(_LOOP, "ages_certificate", "read_loop"),
+    "refutation": _Kind(
+        ("system", "at", "multipliers"), "refutation_certificate", "read_refutation"
+    ),
+    "gamma floor": _Kind(("system", "gamma", "w"), "refutation_certificate", "read_gamma_floor"),
+    "norm": _Kind(("system", "K", "gamma", "end", "steps"), "norm_certificate", "read_norm"),
+    "output-feedback": _Kind(
+        ("plant", "measurements", "estimated", *_OBSERVER),
+        "output_feedback_certificate",
+        "read_output_feedback",
+    ),
 }
-"""Module and function that checks a kind of certificate, loaded for one that is of this kind; a
-gain proved by Theorem 2 has no kind."""
+"""The kinds of certificates; a gain that Theorem 2 proves has none. Loaded for one of its kind."""
 
-_KEYS = ("claim", "system", "variables", "K")
 _NOTES = (SCHEMA, "figures", "made_for")  # of a saved design, no part of its certificate
-_VARIABLES = ("X", "Y", "Q", "R", "eps", "k1", "k2", "gamma")
-
-
-def certify(system: DelaySystem, K: ArrayLike, variables: Variables) -> CertificateCheck:
-    """Prove the LMI for u = K x(t-d_f) with the doubles of K, or return why it is not proved.
-
-    The matrices of `variables` are symmetrised first, exactly.
-
-    Parameters
-    ----------
-    system : the system, its doubles taken exactly.
-    K : (m, n) the gain that is deployed.
-    variables : a solution of the LMI, as floats.
-
-    Raises
-    ------
-    InputError : if shapes do not fit or a number is not finite; never because an inequality fails.
-    """
-    gain = _gain(K, system)
-    return proved(system, gain, exact_variables(system, variables))
-
-
-def certificate_to_json(
-    system: DelaySystem,
-    K: ArrayLike,
-    variables: Variables,
-    guarantees: Guarantees | None = None,
-) -> dict[str, Any]:
-    """Return the certificate as JSON values for `check_certificate`, without checking it.
-
-    Raises
-    ------
-    InputError : if shapes do not fit or a number is not finite.
-    """
-    gain = _gain(K, system)
-    v = exact_variables(system, variables)
-    more = guarantees or Guarantees()
-    texts, Y = variables_to_json(v), matrix_to_text(exact_matrix(gain) * v.X)
-    claim = claim_of(system, v.gamma) | more.claim()
-    return {
-        "theorem": theorem_of(claim),
-        "claim": claim,
-        "system": system_to_json(system),
-        "variables": {"X": texts.pop("X"), "Y": Y, **texts},
-        "K": gain.tolist(),
-        **more.to_json(),
-    }
+_LABELS = ("name", "integrals")  # of a system: what it is called, who keeps its last states
+_WAYS = ("over",)  # of a measurement
 
 
 def check_certificate(data: Any) -> CertificateCheck:
     """Check a certificate from its JSON alone, with rational arithmetic and no solver.
-
-    With `"kind": "analysis"` it is one of `analysis_certificate`, with "ages" one of
-    `ages_certificate`, with "norm" one of `norm_certificate`, with "refutation" or "gamma
-    floor" one of `refutation_certificate`, with "output-feedback" one of
-    `output_feedback_certificate`, without a kind one of Theorem 2. Other top-level
-    keys than those of the module's docstring are notes: `CertificateCheck.not_read` lists them.
 
     Raises
     ------
@@ -122,44 +68,59 @@ def check_certificate(data: Any) -> CertificateCheck:
     """
     if not isinstance(data, dict):
         raise InputError("not a certificate", expected="an object of keys", got=type(data).__name__)
-    if "kind" in data:
-        kind = data["kind"]
-        named = _OTHERS.get(kind) if isinstance(kind, str) else None
-        if named is None:
-            known = ", ".join(f'"{name}"' for name in _OTHERS)
-            raise InputError(
-                "not a kind of certificate",
-                where="certificate.kind",
-                expected=f"{known}, or no kind at all (Theorem 2)",
-                got=format_value(kind),
-            )
-        module, name = named
-        check: Callable[[dict[str, Any]], CertificateCheck] = getattr(
-            importlib.import_module(f"cosim.hinf.certificate.{module}"), name
+    kind = _kind_of(data)
+    needed = (*(["kind"] if "kind" in data else []), "claim", *kind.needs)
+    known_keys(data, "certificate", tuple(data), required=needed)
+    read: Callable[[dict[str, Any]], Statement] = getattr(
+        importlib.import_module(f"cosim.hinf.certificate.{kind.module}"), kind.read
+    )
+    statement = read(data)
+    if statement.loop is not None:
+        statement = _with_guarantees(statement, data)
+    return replace(statement.judged(data), not_read=tuple(_not_read(data)))
+
+
+def _kind_of(data: dict[str, Any]) -> _Kind:
+    kind = data.get("kind")
+    known = KINDS.get(kind) if isinstance(kind, str) or "kind" not in data else None
+    if known is None:
+        names = ", ".join(f'"{name}"' for name in KINDS if name is not None)
+        raise InputError(
+            "not a kind of certificate",
+            where="certificate.kind",
+            expected=f"{names}, or no kind at all (Theorem 2)",
+            got=format_value(kind),
         )
-    else:
-        check = _check_theorem_2
-    return replace(check(data), not_read=not_read(data))
+    return known
 
 
-def _check_theorem_2(data: dict[str, Any]) -> CertificateCheck:
-    """Check a certificate without a kind."""
-    own = {key: data[key] for key in _KEYS if key in data}
-    known_keys(own, "certificate", _KEYS, required=_KEYS)
-    system = system_from_json(data["system"])
-    n, m = system.B.shape
-    rows = matrix_from_rows(data["K"], "K")
-    gain = _gain(rows if m or rows.size else np.zeros((0, n)), system)
-    v, Y = _variables_from_json(system, data["variables"])
-    more = guarantees_from_json(data, system)
+def _with_guarantees(statement: Statement, data: dict[str, Any]) -> Statement:
+    """Return a statement about a loop with the guarantees that the file has beside it."""
+    if statement.loop is None:
+        return statement
+    system, gain = statement.loop
+    guarantees = guarantees_from_json(data, system, gain)
+    return replace(
+        statement,
+        claim=statement.claim | guarantees.claim(),
+        failure=lambda: statement.failure() or guarantees.failure(system, gain),
+    )
 
-    def reason() -> str | None:
-        if exact_matrix(gain) * v.X != Y:
-            return "Y is not K X"
-        return proved(system, gain, v).reason
 
-    claim = claim_of(system, v.gamma)
-    return more.judged(data, (system, gain), claim, v.matrices(), reason)
+def _not_read(data: dict[str, Any]) -> Iterator[str]:
+    """Yield the keys on which a check does not depend, such as `system.name`.
+
+    Nobody is to take them for proved. The checkers refuse unknown keys below these.
+    """
+    kind = _kind_of(data)
+    read = {"kind", "claim", "theorem", *kind.needs, *([KEY] if kind.needs is _LOOP else [])}
+    yield from (key for key in data if key not in read)
+    for part in ("system", "plant"):
+        yield from (f"{part}.{key}" for key in _LABELS if key in data.get(part, ()))
+    for i, measurement in enumerate(data.get("measurements", ())):
+        yield from (f"measurements[{i}].{key}" for key in _WAYS if key in measurement)
+    if "pair" in data:
+        yield from (f"pair.{key}" for key in _not_read(data["pair"]))
 
 
 def read_certificate(path: str | Path) -> Any:
@@ -210,22 +171,3 @@ def certificate_bytes(data: dict[str, Any]) -> bytes:
 def certificate_hash(data: dict[str, Any]) -> str:
     """Return the SHA-256 of `certificate_bytes`, 64 hexadecimal digits."""
     return hashlib.sha256(certificate_bytes(data)).hexdigest()
-
-
-def _gain(K: ArrayLike, system: DelaySystem) -> Matrix:
-    gain = np.asarray(K, dtype=np.float64)
-    n, m = system.B.shape
-    if gain.shape != (m, n):
-        raise InputError("wrong shape", where="K", expected=str((m, n)), got=str(gain.shape))
-    if not np.isfinite(gain).all():
-        raise InputError("not finite", where="K", expected="finite numbers", got=str(gain.tolist()))
-    return gain
-
-
-def _variables_from_json(system: DelaySystem, data: Any) -> tuple[ExactVariables, Any]:
-    """Read the variables and Y."""
-    known_keys(data, "variables", _VARIABLES, required=_VARIABLES)
-    others = {key: value for key, value in data.items() if key != "Y"}
-    v = variables_from_json(others, system, "variables", gain=system.has_performance)
-    n, m = system.B.shape
-    return v, matrix_from_text(data["Y"], "variables.Y", m, n)

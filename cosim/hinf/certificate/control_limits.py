@@ -30,11 +30,14 @@ import numpy as np
 
 from cosim.core import InputError
 from cosim.hinf.certificate.document import ProvedValue
-from cosim.hinf.certificate.proof import failure
+from cosim.hinf.certificate.proof_json import (
+    numbers_from_json,
+    numbers_to_json,
+    theorem_2_from_json,
+    theorem_2_to_json,
+)
 from cosim.hinf.certificate.system_json import known_keys
-from cosim.hinf.certificate.variables_json import variables_from_json, variables_to_json
 from cosim.hinf.exact import (
-    asymmetric,
     ball_precision,
     exact,
     exact_matrix,
@@ -44,7 +47,7 @@ from cosim.hinf.exact import (
     rounded_up,
     to_text,
 )
-from cosim.hinf.theorems import ExactVariables
+from cosim.hinf.theorems import Proof
 from cosim.models import DelaySystem, Matrix
 
 MAX_OFFSETS = 8
@@ -80,9 +83,9 @@ class GainLimit(ProvedValue):
         return None if norm_is_below(K, self.bound) else "bound^2 I - K K' is not positive definite"
 
 
-def gain_limit_from_json(data: Any, system: DelaySystem, where: str) -> GainLimit:
+def gain_limit_from_json(data: Any, system: DelaySystem, gain: Matrix, where: str) -> GainLimit:
     """Read what `GainLimit.to_json` wrote; an `InputError` for anything else."""
-    del system
+    del system, gain
     known_keys(data, where, ("bound",), required=("bound",))
     return GainLimit(from_text(data["bound"], f"{where}.bound"))
 
@@ -103,45 +106,41 @@ class PeakControl(ProvedValue):
     bounds : one per input.
     offset : one per state; the initial state has |x_i| <= offset_i, constant before t = 0.
     energy : int w'w <= energy^2.
-    variables : of the LMI without z; their gamma, mu above, is None where the energy is zero.
+    proof : by Theorem 2 without z; its gamma, mu above, is None where the energy is zero.
     """
 
     bounds: tuple[Any, ...]
     offset: tuple[Any, ...]
     energy: Any
-    variables: ExactVariables
+    proof: Proof
 
     def claim(self) -> dict[str, Any]:
         """Return the claim that is proved if `failure` returns None."""
         return {
             "property": "|u_i(t)| <= bounds_i for every t, from any constant initial state with "
             "|x_i| <= offset_i, with any w of int w'w <= energy^2",
-            "bounds": [to_text(value) for value in self.bounds],
-            "offset": [to_text(value) for value in self.offset],
+            "bounds": numbers_to_json(self.bounds),
+            "offset": numbers_to_json(self.offset),
             "energy": to_text(self.energy),
         }
 
     def to_json(self) -> dict[str, Any]:
         """Return the JSON values that `peak_control_from_json` reads."""
         return {
-            "bounds": [to_text(value) for value in self.bounds],
-            "offset": [to_text(value) for value in self.offset],
+            "bounds": numbers_to_json(self.bounds),
+            "offset": numbers_to_json(self.offset),
             "energy": to_text(self.energy),
-            "variables": variables_to_json(self.variables),
+            "variables": theorem_2_to_json(self.proof),
         }
 
     def failure(self, system: DelaySystem, gain: Matrix) -> str | None:
         """Return which condition is not proved; None if all are."""
         if self.energy < 0 or any(value < 0 for value in (*self.bounds, *self.offset)):
             return "a bound, an offset or the energy is negative"
-        v = self.variables
-        name = asymmetric(v.matrices())
-        if name is not None:
-            return f"{name} is not symmetric"
-        reason = failure(peak_system(system, energy=self.energy != 0), gain, v)
+        reason = self.proof.failure(peak_system(system, energy=self.energy != 0), gain)
         if reason is not None:
             return reason
-        squares = squared_peaks(system, gain, v, self.offset, self.energy)
+        squares = squared_peaks(system, gain, self.proof, self.offset, self.energy)
         if squares is None:
             return "X is as good as singular"
         for i, (bound, square) in enumerate(zip(self.bounds, squares, strict=True)):
@@ -150,29 +149,24 @@ class PeakControl(ProvedValue):
         return None
 
 
-def peak_control_from_json(data: Any, system: DelaySystem, where: str) -> PeakControl:
+def peak_control_from_json(data: Any, system: DelaySystem, gain: Matrix, where: str) -> PeakControl:
     """Read what `PeakControl.to_json` wrote; an `InputError` for anything else."""
     keys = ("bounds", "offset", "energy", "variables")
     known_keys(data, where, keys, required=keys)
     n, m = system.B.shape
 
-    def numbers(name: str, count: int) -> tuple[Any, ...]:
-        values = data[name]
-        if not isinstance(values, list) or len(values) != count:
-            raise InputError("wrong length", where=f"{where}.{name}", expected=f"a list of {count}")
-        return tuple(from_text(x, f"{where}.{name}[{i}]") for i, x in enumerate(values))
-
     energy = from_text(data["energy"], f"{where}.energy")
-    offset = numbers("offset", n)
+    bounds = numbers_from_json(data["bounds"], m, f"{where}.bounds")
+    offset = numbers_from_json(data["offset"], n, f"{where}.offset")
     if sum(value != 0 for value in offset) > MAX_OFFSETS:
         raise too_many_offsets(sum(value != 0 for value in offset), f"{where}.offset")
     if energy != 0 and not system.C.size:
         raise InputError(
             "does not fit the system", where=f"{where}.energy", expected="0, without a disturbance"
         )
-    place = f"{where}.variables"
-    variables = variables_from_json(data["variables"], system, place, gain=energy != 0)
-    return PeakControl(numbers("bounds", m), offset, energy, variables)
+    place, bare = f"{where}.variables", peak_system(system, energy=energy != 0)
+    proof = theorem_2_from_json(bare, gain, data["variables"], place, bounded=energy != 0)
+    return PeakControl(bounds, offset, energy, proof)
 
 
 def peak_system(system: DelaySystem, *, energy: bool) -> DelaySystem:
@@ -184,30 +178,30 @@ def peak_system(system: DelaySystem, *, energy: bool) -> DelaySystem:
 
 
 def squared_peaks(
-    system: DelaySystem, gain: Matrix, v: ExactVariables, offset: tuple[Any, ...], energy: Any
+    system: DelaySystem, gain: Matrix, proof: Proof, offset: tuple[Any, ...], energy: Any
 ) -> tuple[Any, ...] | None:
     """Return bounds of every u_i^2, as balls (`flint.arb`); None for a nearly singular X."""
-    K = exact_matrix(gain)
-    late = v.X
-    for delay, Q in zip(system.delays, v.Q, strict=True):
-        late = late + exact(delay.d) * Q
+    K, X = exact_matrix(gain), proof.unknowns["X"]
+    late = X
+    for j, delay in enumerate(system.delays):
+        late = late + exact(delay.d) * proof.unknowns[f"Q[{j}]"]
     corners = offset_corners(offset)
     n = len(offset)
     starts = flint.fmpq_mat(n, len(corners), [corner[i] for i in range(n) for corner in corners])
-    KXK = K * v.X * K.transpose()
+    KXK = K * X * K.transpose()
     for bits in _PRECISIONS:
         with ball_precision(bits):
             level = flint.arb(0)
             if corners:
                 try:
-                    p = flint.arb_mat(v.X).solve(flint.arb_mat(starts))
+                    p = flint.arb_mat(X).solve(flint.arb_mat(starts))
                 except ZeroDivisionError:
                     continue
                 levels = p.transpose() * flint.arb_mat(late) * p
                 for k in range(len(corners)):
                     level = level.max(levels[k, k])
             if energy != 0:
-                level += flint.arb(v.gamma * energy * energy)
+                level += flint.arb(proof.gamma * energy * energy)
             squares = tuple(level * flint.arb(KXK[i, i]) for i in range(K.nrows()))
             if all(square == 0 or square.rel_accuracy_bits() > _DIGITS for square in squares):
                 return squares
@@ -249,10 +243,10 @@ def too_many_offsets(sides: int, where: str) -> InputError:
 
 
 def proved_peaks(
-    system: DelaySystem, gain: Matrix, v: ExactVariables, offset: tuple[Any, ...], energy: Any
+    system: DelaySystem, gain: Matrix, proof: Proof, offset: tuple[Any, ...], energy: Any
 ) -> tuple[float, ...] | None:
     """Return the least bounds that prove a `PeakControl`, rounded up to seven digits."""
-    squares = squared_peaks(system, gain, v, offset, energy)
+    squares = squared_peaks(system, gain, proof, offset, energy)
     if squares is None:
         return None
     return tuple(

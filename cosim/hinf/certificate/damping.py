@@ -88,9 +88,9 @@ class Damping(ProvedValue):
         return f"{roots} {excluded}" if roots else None
 
 
-def damping_from_json(data: Any, system: DelaySystem, where: str) -> Damping:
+def damping_from_json(data: Any, system: DelaySystem, gain: Matrix, where: str) -> Damping:
     """Read what `Damping.to_json` wrote; an `InputError` for anything else."""
-    del system
+    del system, gain
     known_keys(data, where, _KEYS, required=_KEYS)
     return Damping(*(from_text(data[key], f"{where}.{key}") for key in _KEYS))
 

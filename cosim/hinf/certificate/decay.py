@@ -18,18 +18,22 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, cast
 
 import flint
 
 from cosim.core import InputError
 from cosim.hinf.certificate.document import ProvedValue
-from cosim.hinf.certificate.proof import failure
+from cosim.hinf.certificate.proof_json import (
+    numbers_from_json,
+    numbers_to_json,
+    theorem_2_from_json,
+    theorem_2_to_json,
+)
 from cosim.hinf.certificate.system_json import known_keys
-from cosim.hinf.certificate.variables_json import variables_from_json, variables_to_json
-from cosim.hinf.exact import asymmetric, ball_precision, exact, from_text, to_text
-from cosim.hinf.theorems import ExactVariables, Shift
+from cosim.hinf.exact import ball_precision, exact, from_text, to_text
+from cosim.hinf.theorems import Proof, Shift, Theorem2
 
 if TYPE_CHECKING:
     from cosim.models import DelaySystem, Matrix
@@ -47,12 +51,12 @@ class Decay(ProvedValue):
 
     rate : alpha [1/s], positive.
     growth : per delay, at least e^{alpha dj}; 1 where nothing acts through it.
-    variables : of the LMI at all corners; their gamma is None.
+    proof : by Theorem 2, without a gamma; of the inequalities at all corners.
     """
 
     rate: Any
     growth: tuple[Any, ...]
-    variables: ExactVariables
+    proof: Proof
 
     def claim(self) -> dict[str, Any]:
         """Return the claim that is proved if `failure` returns None."""
@@ -65,8 +69,8 @@ class Decay(ProvedValue):
         """Return the JSON values that `decay_from_json` reads."""
         return {
             "rate": to_text(self.rate),
-            "growth": [to_text(value) for value in self.growth],
-            "variables": variables_to_json(self.variables),
+            "growth": numbers_to_json(self.growth),
+            "variables": theorem_2_to_json(self.proof),
         }
 
     def failure(self, system: DelaySystem, gain: Matrix) -> str | None:
@@ -82,17 +86,16 @@ class Decay(ProvedValue):
         for j in acting:
             if not is_above_exponential(self.growth[j], self.rate * exact(system.delays[j].d)):
                 return f"growth[{j}] is not at least exp(rate d)"
-        name = asymmetric(self.variables.matrices())
-        if name is not None:
-            return f"{name} is not symmetric"
+        theorem = cast("Theorem2", self.proof.theorem)
         for growth in corners(self.growth, acting):
-            reason = failure(system, gain, self.variables, Shift(self.rate, growth))
+            at_corner = replace(theorem, shift=Shift(self.rate, growth))
+            reason = replace(self.proof, theorem=at_corner).failure(system, gain)
             if reason is not None:
                 return reason
         return None
 
 
-def decay_from_json(data: Any, system: DelaySystem, where: str) -> Decay:
+def decay_from_json(data: Any, system: DelaySystem, gain: Matrix, where: str) -> Decay:
     """Read what `Decay.to_json` wrote.
 
     Raises
@@ -100,13 +103,11 @@ def decay_from_json(data: Any, system: DelaySystem, where: str) -> Decay:
     InputError : a missing key, a wrong shape, a text that is no number.
     """
     known_keys(data, where, _KEYS, required=_KEYS)
-    N = len(system.delays)
-    if not isinstance(data["growth"], list) or len(data["growth"]) != N:
-        raise InputError("one per delay", where=f"{where}.growth", expected=f"a list of {N}")
+    place = f"{where}.variables"
     return Decay(
         rate=from_text(data["rate"], f"{where}.rate"),
-        growth=tuple(from_text(x, f"{where}.growth[{j}]") for j, x in enumerate(data["growth"])),
-        variables=variables_from_json(data["variables"], system, f"{where}.variables", gain=False),
+        growth=numbers_from_json(data["growth"], len(system.delays), f"{where}.growth"),
+        proof=theorem_2_from_json(system, gain, data["variables"], place, bounded=False),
     )
 
 

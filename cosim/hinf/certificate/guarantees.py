@@ -7,7 +7,7 @@ In the JSON of a certificate each has its own proof and its own claim:
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -21,14 +21,13 @@ from cosim.hinf.certificate.damping import Damping, damping_from_json
 from cosim.hinf.certificate.decay import Decay, decay_from_json
 from cosim.hinf.certificate.document import ProvedValue
 from cosim.hinf.certificate.outages import Outages, outages_from_json
-from cosim.hinf.certificate.proof import CertificateCheck, judged
 from cosim.hinf.certificate.state_peaks import StatePeaks, state_peaks_from_json
 from cosim.hinf.certificate.system_json import known_keys
 from cosim.hinf.certificate.theorem import theorem_of
 from cosim.models import DelaySystem, Matrix
 
 KEY = "guarantees"
-_READERS: dict[str, Callable[[Any, DelaySystem, str], Any]] = {
+_READERS: dict[str, Callable[[Any, DelaySystem, Matrix, str], Any]] = {
     "decay": decay_from_json,
     "damping": damping_from_json,
     "gain_limit": gain_limit_from_json,
@@ -87,24 +86,9 @@ class Guarantees(ProvedValue):
                 return f"{name}: {reason}"
         return None
 
-    def judged(
-        self,
-        data: dict[str, Any],
-        loop: tuple[DelaySystem, Matrix],
-        claim: dict[str, Any],
-        matrices: Iterable[tuple[str, Any]],
-        reason: Callable[[], str | None],
-    ) -> CertificateCheck:
-        """Check a file that claims these guarantees beside `claim`; arguments as of `judged`.
 
-        loop : the system and the gain (m, n) that they are about.
-        """
-        whole = claim | self.claim()
-        return judged(data, whole, matrices, lambda: reason() or self.failure(*loop))
-
-
-def guarantees_from_json(data: dict[str, Any], system: DelaySystem) -> Guarantees:
-    """Read the guarantees of a certificate; none where it has no such key.
+def guarantees_from_json(data: dict[str, Any], system: DelaySystem, gain: Matrix) -> Guarantees:
+    """Read the guarantees of a certificate about a loop; none where it has no such key.
 
     Raises
     ------
@@ -115,5 +99,8 @@ def guarantees_from_json(data: dict[str, Any], system: DelaySystem) -> Guarantee
     tables = data[KEY]
     known_keys(tables, KEY, tuple(_READERS))
     return Guarantees(
-        **{name: _READERS[name](table, system, f"{KEY}.{name}") for name, table in tables.items()}
+        **{
+            name: _READERS[name](table, system, gain, f"{KEY}.{name}")
+            for name, table in tables.items()
+        }
     )

@@ -12,22 +12,16 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from cosim.core import InputError, format_value
-from cosim.hinf.certificate.analysis_certificate import gain_from_json
-from cosim.hinf.certificate.analysis_proof import EXACTLY
+from cosim.hinf.certificate.claim import EXACTLY, Statement, claim_of, document_of
 from cosim.hinf.certificate.norm_proof import MAX_STEPS, NORM_BITS, NormProof
-from cosim.hinf.certificate.proof import CertificateCheck, claim_of, judged
-from cosim.hinf.certificate.system_json import known_keys, system_from_json, system_to_json
+from cosim.hinf.certificate.system_json import gain_from_json, system_from_json, system_to_json
 from cosim.hinf.certificate.system_parts import number
-from cosim.hinf.certificate.theorem import theorem_of
 from cosim.hinf.exact import ball_precision, exact, from_text, to_text
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from cosim.models import DelaySystem, Matrix
-
-NORM = "norm"
-_KEYS = ("kind", "claim", "system", "K", "gamma", "end", "steps")
 
 
 def norm_to_json(
@@ -37,29 +31,25 @@ def norm_to_json(
     steps: Sequence[tuple[float, float]],
     end: float,
 ) -> dict[str, Any]:
-    """Return the certificate as JSON values for `check_norm`, without checking it."""
-    claim = _claim(system, exact(gamma))
-    return {
-        "kind": NORM,
-        "theorem": theorem_of(claim),
-        "claim": claim,
-        "system": system_to_json(system),
-        "K": gain.tolist(),
-        "gamma": to_text(exact(gamma)),
-        "end": end,
-        "steps": [list(step) for step in steps],
-    }
+    """Return the certificate as JSON values, without checking it."""
+    return document_of(
+        _claim(system, exact(gamma)),
+        kind="norm",
+        system=system_to_json(system),
+        K=gain.tolist(),
+        gamma=to_text(exact(gamma)),
+        end=end,
+        steps=[list(step) for step in steps],
+    )
 
 
-def check_norm(data: dict[str, Any]) -> CertificateCheck:
-    """Check a bound of the nominal norm from its JSON alone, in ball arithmetic.
+def read_norm(data: dict[str, Any]) -> Statement:
+    """Read what a bound of the nominal norm states; it is proved in ball arithmetic.
 
     Raises
     ------
-    InputError : not a certificate. (Where the claim is not proved, no error: `valid` is False.)
+    InputError : not a certificate.
     """
-    own = {key: data[key] for key in _KEYS if key in data}
-    known_keys(own, "certificate", _KEYS, required=_KEYS)
     system = system_from_json(data["system"])
     gain = gain_from_json(data["K"], system)
     if not system.has_performance:
@@ -76,13 +66,13 @@ def check_norm(data: dict[str, Any]) -> CertificateCheck:
         )
     steps = [(number(c, f"steps[{i}]"), number(h, f"steps[{i}]")) for i, (c, h) in enumerate(rows)]
 
-    def reason() -> str | None:
+    def failure() -> str | None:
         if not gamma > 0:
             return "gamma is not positive"
         with ball_precision(NORM_BITS):
             return NormProof(system, gain, gamma).failure(steps, end)
 
-    return judged(data, _claim(system, gamma), [], reason, makers="system and gamma")
+    return Statement(_claim(system, gamma), failure, makers="system and gamma")
 
 
 def _claim(system: DelaySystem, gamma: Any) -> dict[str, Any]:

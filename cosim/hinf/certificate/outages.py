@@ -9,29 +9,35 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from cosim.core import InputError
-from cosim.hinf.certificate.block_multipliers import eps_from_json, eps_to_json
 from cosim.hinf.certificate.decay import is_above_exponential
 from cosim.hinf.certificate.document import ProvedValue
-from cosim.hinf.certificate.proof import require_size
+from cosim.hinf.certificate.proof_json import (
+    Counts,
+    numbers_from_json,
+    numbers_to_json,
+    unknowns_from_json,
+    unknowns_to_json,
+)
 from cosim.hinf.certificate.system_json import known_keys
 from cosim.hinf.certificate.system_parts import matrix_from_rows, number
-from cosim.hinf.exact import asymmetric, exact, from_text, matrix_from_text, matrix_to_text, to_text
+from cosim.hinf.exact import exact, from_text, to_text
 from cosim.hinf.theorems import (
     Modes,
-    eps_by_name,
+    Shape,
     first_failure,
-    gamma_by_name,
+    not_symmetric,
     outage_inequalities,
-    varies,
+    positive_delays,
+    require_size,
+    shapes_of,
+    with_inverse_of_gamma,
 )
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from cosim.models import Delay, DelaySystem, Matrix
 
-_KEYS = (
-    *("alpha", "beta", "gamma", "rho", "fallback", "fallback_age"),
-    *("P", "S", "R", "M", "eps", "eps_out"),
-)
 _WORDS = (
     "in touch (every age of the feedback at most its d) V' <= -2 alpha V, out of touch (u = "
     "fallback x(t - o), 0 <= o <= fallback_age) V' <= 2 beta V, one V >= x'P x for both, and so "
@@ -47,16 +53,10 @@ _GAIN_WORDS = (
 class Outages(Modes, ProvedValue):
     """What is proved of a loop whose link drops out; exact numbers (`fmpq`, `fmpq_mat`).
 
-    P, S, R, M : of the functional, S, R and M one per positive delay; M None where it is constant.
-    eps, eps_out : multipliers of the uncertainty in each mode, as of an analysis.
+    unknowns : of `outage_inequalities` by name: P, S[j], R[j], M[j], eps[b], eps_out[b].
     """
 
-    P: Any
-    S: tuple[Any, ...]
-    R: tuple[Any, ...]
-    M: tuple[Any, ...]
-    eps: Any
-    eps_out: Any
+    unknowns: Mapping[str, Any]
 
     @property
     def share(self) -> Any:
@@ -78,19 +78,15 @@ class Outages(Modes, ProvedValue):
 
     def to_json(self) -> dict[str, Any]:
         """Return the JSON values that `outages_from_json` reads."""
+        blocks = sum(name.startswith("eps[") for name in self.unknowns)
         return {
             "alpha": to_text(self.alpha),
             "beta": to_text(self.beta),
             "gamma": None if self.gamma is None else to_text(self.gamma),
-            "rho": [to_text(x) for x in self.rho],
+            "rho": numbers_to_json(self.rho),
             "fallback": self.fallback.tolist(),
             "fallback_age": self.fallback_age,
-            "P": matrix_to_text(self.P),
-            "S": [matrix_to_text(x) for x in self.S],
-            "R": [matrix_to_text(x) for x in self.R],
-            "M": [None if x is None else matrix_to_text(x) for x in self.M],
-            "eps": eps_to_json(self.eps),
-            "eps_out": eps_to_json(self.eps_out),
+            **unknowns_to_json(self.unknowns, _counts(len(self.rho), blocks)),
         }
 
     def failure(self, system: DelaySystem, gain: Matrix) -> str | None:
@@ -100,19 +96,16 @@ class Outages(Modes, ProvedValue):
         ------
         InputError : a loop without outages (`outage_delay`), or too large a proof.
         """
-        feedback = outage_delay(system)
-        rows = len(system.A) * (1 + 2 * len(system.delays))
-        require_size(rows + system.C.shape[1] + system.E.shape[1])
-        reason = self._scalar_failure(system, feedback)
+        reason = self._failure_of_numbers(system, outage_delay(system))
         if reason is not None:
             return reason
-        values = self.by_name()
-        bad = asymmetric([(k, M) for k, M in values.items() if k[:1] in "PSR"])
-        if bad is not None:
-            return f"{bad} is not symmetric"
+        name = not_symmetric(shapes_of_outages(system, gain, self), self.unknowns)
+        if name is not None:
+            return f"{name} is not symmetric"
+        values = with_inverse_of_gamma({**self.unknowns, "gamma": self.gamma})
         return first_failure(outage_inequalities(system, gain, self), values)
 
-    def _scalar_failure(self, system: DelaySystem, feedback: Delay) -> str | None:
+    def _failure_of_numbers(self, system: DelaySystem, feedback: Delay) -> str | None:
         """Return what is wrong with a number; None if nothing is."""
         if not (self.alpha > 0 and self.beta >= -self.alpha):
             return "alpha is not positive, or beta is below -alpha"
@@ -120,18 +113,28 @@ class Outages(Modes, ProvedValue):
             return "gamma is not positive"
         if not 0 <= self.fallback_age <= feedback.d:
             return "the age of the fallback is not between 0 and that of the feedback"
-        late = [x for x in system.delays if x.d > 0]
-        for j, (r, delay) in enumerate(zip(self.rho, late, strict=True)):
+        for j, (r, delay) in enumerate(zip(self.rho, positive_delays(system), strict=True)):
             if not (r > 0 and is_above_exponential(1 / r, 2 * self.alpha * exact(delay.d))):
                 return f"rho[{j}] is not positive, or not at most exp(-2 alpha d)"
         return None
 
-    def by_name(self) -> dict[str, Any]:
-        """Return the unknowns of the inequalities by name."""
-        found = {"P": self.P} | gamma_by_name(self.gamma)
-        for name in ("S", "R", "M"):
-            found |= {f"{name}[{j}]": x for j, x in enumerate(getattr(self, name))}
-        return found | eps_by_name(self.eps) | eps_by_name(self.eps_out, "eps_out")
+
+def _counts(delays: int, blocks: int) -> Counts:
+    each = dict.fromkeys(("S", "R", "M"), delays)
+    return {"P": None, **each, "eps": blocks, "eps_out": blocks}
+
+
+def shapes_of_outages(system: DelaySystem, gain: Matrix, modes: Modes) -> dict[str, Shape]:
+    """Return the shape of every unknown by its name.
+
+    Raises
+    ------
+    InputError : more than `MAX_ROWS` rows.
+    """
+    rows = len(system.A) * (1 + 2 * len(system.delays))
+    require_size(rows + system.C.shape[1] + system.E.shape[1])
+    shapes = shapes_of(outage_inequalities(system, gain, modes))
+    return {name: shape for name, shape in shapes.items() if not name.endswith("gamma")}
 
 
 def outage_delay(system: DelaySystem) -> Delay:
@@ -160,48 +163,31 @@ def outage_delay(system: DelaySystem) -> Delay:
     return acting[0]
 
 
-def outages_from_json(data: Any, system: DelaySystem, where: str) -> Outages:
+def outages_from_json(data: Any, system: DelaySystem, gain: Matrix, where: str) -> Outages:
     """Read what `Outages.to_json` wrote.
 
     Raises
     ------
-    InputError : a missing key, a wrong shape, a text that is no number.
+    InputError : a missing key, a wrong shape, a text that is no number, or a loop without outages.
     """
-    known_keys(data, where, _KEYS, required=_KEYS)
-    n, m = system.B.shape
-    late = [x for x in system.delays if x.d > 0]
-    for name in ("rho", "S", "R", "M"):
-        if not isinstance(data[name], list) or len(data[name]) != len(late):
-            expected = f"a list of {len(late)}"
-            raise InputError("one per positive delay", where=f"{where}.{name}", expected=expected)
-    for j, delay in enumerate(late):
-        if (data["M"][j] is None) == varies(delay):
-            expected = "a matrix" if varies(delay) else "null: the delay is constant"
-            raise InputError("does not fit the delay", where=f"{where}.M[{j}]", expected=expected)
+    late = len(positive_delays(system))
+    counts = _counts(late, len(system.blocks))
+    keys = ("alpha", "beta", "gamma", "rho", "fallback", "fallback_age", *counts)
+    known_keys(data, where, keys, required=keys)
+    outage_delay(system)
     if data["gamma"] is not None and not system.has_performance:
         raise InputError("this system has no gain to bound", where=f"{where}.gamma")
     fallback = matrix_from_rows(data["fallback"], f"{where}.fallback")
-    if fallback.shape != (m, n):
-        got = str(fallback.shape)
-        raise InputError("wrong shape", where=f"{where}.fallback", expected=str((m, n)), got=got)
-
-    def matrices(name: str) -> tuple[Any, ...]:
-        return tuple(
-            None if x is None and name == "M" else matrix_from_text(x, f"{where}.{name}[{j}]", n, n)
-            for j, x in enumerate(data[name])
-        )
-
-    return Outages(
+    if fallback.shape != gain.shape:
+        got, expected = str(fallback.shape), str(gain.shape)
+        raise InputError("wrong shape", where=f"{where}.fallback", expected=expected, got=got)
+    modes = Modes(
         alpha=from_text(data["alpha"], f"{where}.alpha"),
         beta=from_text(data["beta"], f"{where}.beta"),
         gamma=None if data["gamma"] is None else from_text(data["gamma"], f"{where}.gamma"),
-        rho=tuple(from_text(x, f"{where}.rho[{j}]") for j, x in enumerate(data["rho"])),
+        rho=numbers_from_json(data["rho"], late, f"{where}.rho"),
         fallback=fallback,
         fallback_age=number(data["fallback_age"], f"{where}.fallback_age"),
-        P=matrix_from_text(data["P"], f"{where}.P", n, n),
-        S=matrices("S"),
-        R=matrices("R"),
-        M=matrices("M"),
-        eps=eps_from_json(system, data["eps"], f"{where}.eps"),
-        eps_out=eps_from_json(system, data["eps_out"], f"{where}.eps_out"),
     )
+    shapes = shapes_of_outages(system, gain, modes)
+    return Outages(**vars(modes), unknowns=unknowns_from_json(data, shapes, counts, where))

@@ -15,46 +15,36 @@ then checks `pair`, an ordinary certificate.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from importlib import import_module
 from typing import Any
 
 import numpy as np
 
 from cosim.core import Findings, InputError, Part, Values, format_value, valid
+from cosim.hinf.certificate.certificate import check_certificate
+from cosim.hinf.certificate.claim import Statement, document_of
 from cosim.hinf.certificate.observer_pair import ObserverPair, pair_of
-from cosim.hinf.certificate.proof import CertificateCheck, judged
-from cosim.hinf.certificate.system_json import (
-    differences,
-    known_keys,
-    system_from_json,
-    system_to_json,
-)
+from cosim.hinf.certificate.system_json import differences, system_from_json, system_to_json
 from cosim.hinf.certificate.system_parts import MeasurementPart, Rows, matrix_from_rows, number
-from cosim.hinf.certificate.theorem import theorem_of
 from cosim.hinf.exact import exact_matrix
 from cosim.models import Measurement
 
 KIND = "output-feedback"
-_OWN = ("plant", "measurements", "estimated", "command_age", "command_any_age", "K", "L")
-_KEYS = ("kind", "claim", *_OWN, "pair")
 
 
 def output_feedback_to_json(pair: ObserverPair, certificate: dict[str, Any]) -> dict[str, Any]:
     """Return the certificate of a pair, whose analysis has this one, without checking it."""
-    claim = output_feedback_claim(pair, certificate["claim"])
-    return {
-        "kind": KIND,
-        "theorem": theorem_of(claim),
-        "claim": claim,
-        "plant": system_to_json(pair.plant),
-        "measurements": [measurement_to_json(x) for x in pair.measurements],
-        "estimated": pair.estimated.tolist(),
-        "command_age": pair.command_age,
-        "command_any_age": pair.command_any_age,
-        "K": pair.K.tolist(),
-        "L": [own.tolist() for own in pair.L],
-        "pair": dict(certificate),
-    }
+    return document_of(
+        output_feedback_claim(pair, certificate["claim"]),
+        kind=KIND,
+        plant=system_to_json(pair.plant),
+        measurements=[measurement_to_json(x) for x in pair.measurements],
+        estimated=pair.estimated.tolist(),
+        command_age=pair.command_age,
+        command_any_age=pair.command_any_age,
+        K=pair.K.tolist(),
+        L=[own.tolist() for own in pair.L],
+        pair=dict(certificate),
+    )
 
 
 def output_feedback_claim(pair: ObserverPair, claim: dict[str, Any]) -> dict[str, Any]:
@@ -69,16 +59,14 @@ def output_feedback_claim(pair: ObserverPair, claim: dict[str, Any]) -> dict[str
     return {**claim, "observer": observer}
 
 
-def check_output_feedback(data: dict[str, Any]) -> CertificateCheck:
-    """Check an output feedback from its JSON alone, with rational arithmetic and no solver.
+def read_output_feedback(data: dict[str, Any]) -> Statement:
+    """Read what the certificate of an output feedback states.
 
     Raises
     ------
-    InputError : not a certificate. (Where the claim is not proved, no error: `valid` is False.)
+    InputError : not a certificate.
     """
-    own = {key: data[key] for key in _KEYS if key in data}
-    known_keys(own, "certificate", _KEYS, required=_KEYS)
-    pair, inner = pair_from_json(own), own["pair"]
+    pair, inner = pair_from_json(data), data["pair"]
     kind = inner.get("kind") if isinstance(inner, dict) else inner
     if kind not in ("analysis", "ages"):
         raise InputError(
@@ -87,17 +75,16 @@ def check_output_feedback(data: dict[str, Any]) -> CertificateCheck:
             expected="analysis or ages",
             got=format_value(kind),
         )
-    checker = import_module(f"cosim.hinf.certificate.{kind}_certificate")
-    proof: CertificateCheck = getattr(checker, f"check_{kind}")(inner)
-    claim = output_feedback_claim(pair, proof.claim)
+    proof = check_certificate(inner)
 
-    def reason() -> str | None:
+    def failure() -> str | None:
         apart = pair_difference(pair, inner)
         if apart is not None:
             return f"the pair is not that of plant, measurements, K and L: {apart}"
         return proof.reason
 
-    return judged(data, claim, [], reason, makers="pair and observer")
+    claim = output_feedback_claim(pair, proof.claim)
+    return Statement(claim, failure, makers="pair and observer")
 
 
 def pair_difference(pair: ObserverPair, inner: dict[str, Any]) -> str | None:

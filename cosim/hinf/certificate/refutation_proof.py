@@ -19,11 +19,22 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from cosim.hinf.certificate.proof import CertificateCheck, require_size, uncertainty_claim
+from cosim.hinf.certificate.claim import uncertainty_claim
 from cosim.hinf.exact import first_bad_matrix, to_text
-from cosim.hinf.theorems import Inequality, farkas_failure, minus_omega, positive, rates_from_rows
+from cosim.hinf.theorems import (
+    Inequality,
+    Shape,
+    farkas_failure,
+    minus_omega,
+    not_symmetric,
+    positive,
+    rates_from_rows,
+    require_size,
+)
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from cosim.models import DelaySystem
 
 
@@ -34,20 +45,6 @@ class Place:
     k1: tuple[Any, ...]
     k2: tuple[Any, ...]
     gamma: Any
-
-
-@dataclass(frozen=True)
-class Multipliers:
-    """`flint.fmpq_mat`: Z on rows r_j in place of s_j; Q one per delay, None: any age."""
-
-    Z: Any
-    X: Any
-    Q: tuple[Any, ...]
-
-    def matrices(self) -> list[tuple[str, Any]]:
-        """Return every multiplier with its name: all must be symmetric and positive."""
-        several = [(f"Q[{j}]", Q) for j, Q in enumerate(self.Q) if Q is not None]
-        return [("Z", self.Z), ("X", self.X), *several]
 
 
 def conditions(system: DelaySystem, place: Place) -> list[Inequality]:
@@ -81,33 +78,44 @@ def refutation_claim(system: DelaySystem, place: Place) -> dict[str, Any]:
     }
 
 
-def refuted(system: DelaySystem, place: Place, multipliers: Multipliers) -> CertificateCheck:
-    """Prove the claim of `refutation_claim`, or return why it is not proved.
+def shapes_of_multipliers(system: DelaySystem, place: Place) -> dict[str, Shape]:
+    """Return the shapes of Z, X and every Q[j], as those of unknowns.
 
     Raises
     ------
     InputError : the LMI has more than `MAX_ROWS` rows.
     """
-    reason = _failure(system, place, multipliers)
-    return CertificateCheck(
-        valid=reason is None, reason=reason, claim=refutation_claim(system, place)
-    )
-
-
-def _failure(system: DelaySystem, place: Place, multipliers: Multipliers) -> str | None:
     n, N = system.A.shape[0], len(system.delays)
     rows = (1 + 2 * N) * n + system.H.shape[0] + system.C.shape[1] + system.D.shape[0]
     require_size(rows, done="refuted")
+    form, *others = conditions(system, place)
+    sizes = {"Z": sum(form.rows.values())} | {one.name: n for one in others}
+    return {name: Shape(n, n, symmetric=True, is_number=False) for name, n in sizes.items()}
+
+
+def refutation_failure(
+    system: DelaySystem, place: Place, multipliers: Mapping[str, Any]
+) -> str | None:
+    """Return why the claim of `refutation_claim` is not proved; None if it is.
+
+    Parameters
+    ----------
+    multipliers : `fmpq_mat` of `shapes_of_multipliers`: Z on rows r_j in place of s_j, X, Q[j].
+
+    Raises
+    ------
+    InputError : as `shapes_of_multipliers`.
+    """
     if any(value == 0 for value in place.k2):
         return "a k2 is 0"
-    bad = first_bad_matrix(multipliers.matrices())
+    name = not_symmetric(shapes_of_multipliers(system, place), multipliers)
+    if name is not None:
+        return f"the multiplier {name} is not symmetric"
+    bad = first_bad_matrix(multipliers.items())
     if bad is not None:
         return f"the multiplier {bad} is not positive definite"
     form, *others = conditions(system, place)
-    height = sum(form.rows.values())
-    if multipliers.Z.nrows() != height:
-        return f"the multiplier Z has {multipliers.Z.nrows()} rows, the LMI {height}"
     back = rates_from_rows(system, form).inv()
-    _, *of_others = (M for _, M in multipliers.matrices())
-    Z = back * multipliers.Z * back.transpose()
-    return farkas_failure([form, *others], [Z, *of_others], fixed_at(place))
+    Z = back * multipliers["Z"] * back.transpose()
+    each = [Z, *(multipliers[one.name] for one in others)]
+    return farkas_failure([form, *others], each, fixed_at(place))

@@ -19,19 +19,24 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import Any, cast
 
 import flint
 import numpy as np
 
 from cosim.core import InputError
-from cosim.hinf.certificate.analysis_proof import ExactAnalysis, analysis_proved
-from cosim.hinf.certificate.analysis_variables import variables_from_json, variables_to_json
 from cosim.hinf.certificate.control_limits import MAX_OFFSETS, half_of_corners, peak_system
 from cosim.hinf.certificate.document import ProvedValue
+from cosim.hinf.certificate.proof_json import (
+    analysis_from_json,
+    analysis_to_json,
+    numbers_from_json,
+    numbers_to_json,
+)
 from cosim.hinf.certificate.system_json import known_keys
 from cosim.hinf.certificate.system_parts import matrix_from_rows
-from cosim.hinf.exact import asymmetric, exact, exact_matrix, from_text, root_above, to_text
+from cosim.hinf.exact import exact, exact_matrix, from_text, root_above, to_text
+from cosim.hinf.theorems import AgesTheorem, Proof, positive_delays
 from cosim.models import DelaySystem, Matrix
 
 _KEYS = ("rows", "starts", "bounds", "energy", "variables")
@@ -45,14 +50,14 @@ class StatePeaks(ProvedValue):
     starts : (n, k) the s_k, doubles; at most eight columns.
     bounds : one per row, `fmpq`.
     energy : int w'w <= energy^2, `fmpq`.
-    variables : of the analysis without z, order 0; their gamma is None where the energy is zero.
+    proof : of the analysis without z, order 0; its gamma is None where the energy is zero.
     """
 
     rows: Matrix
     starts: Matrix
     bounds: tuple[Any, ...]
     energy: Any
-    variables: ExactAnalysis
+    proof: Proof
 
     def claim(self) -> dict[str, Any]:
         """Return the claim that is proved if `failure` returns None."""
@@ -62,7 +67,7 @@ class StatePeaks(ProvedValue):
             "w'w <= energy^2",
             "rows": self.rows.tolist(),
             "starts": self.starts.tolist(),
-            "bounds": [to_text(x) for x in self.bounds],
+            "bounds": numbers_to_json(self.bounds),
             "energy": to_text(self.energy),
         }
 
@@ -70,17 +75,14 @@ class StatePeaks(ProvedValue):
         """Return the JSON values that `state_peaks_from_json` reads."""
         claim = self.claim()
         table = {key: claim[key] for key in _KEYS if key in claim}
-        return table | {"variables": variables_to_json(self.variables)}
+        return table | {"variables": analysis_to_json(self.proof)}
 
     def failure(self, system: DelaySystem, gain: Matrix) -> str | None:
         """Return why it is not proved; None if it is."""
         if min((*self.bounds, self.energy), default=0) < 0:
             return "a bound or the energy is negative"
-        name = asymmetric(self.variables.matrices())
-        if name is not None:
-            return f"{name} is not symmetric"
         bare = peak_system(system, energy=self.energy != 0)
-        reason = analysis_proved(bare, gain, self.variables).reason
+        reason = self.proof.failure(bare, gain)
         if reason is not None:
             return reason
         squares = squared_state_peaks(system, self)
@@ -90,20 +92,21 @@ class StatePeaks(ProvedValue):
 
 def squared_state_peaks(system: DelaySystem, peaks: StatePeaks) -> list[Any]:
     """Return g P^-1 g' times the level for every row, exactly (`fmpq`)."""
-    v = peaks.variables
-    late = v.P
-    for d, Q in zip((x.d for x in system.delays if x.d > 0), v.Q, strict=True):
-        late = late if Q is None else late + exact(d) * Q
+    P, mu = peaks.proof.unknowns["P"], peaks.proof.gamma
+    late = P
+    for j, delay in enumerate(positive_delays(system)):
+        if not delay.any_age:
+            late = late + exact(delay.d) * peaks.proof.unknowns[f"Q[{j}]"]
     starts = exact_matrix(peaks.starts)
     product = starts.transpose() * late * starts
     k, level = product.nrows(), flint.fmpq(0)
     for a in half_of_corners(k):
         level = max(level, sum((a[i] * a[j] * product[i, j] for i in range(k) for j in range(k)),
                                flint.fmpq(0)))  # fmt: skip
-    if v.gamma is not None:
-        level += v.gamma * peaks.energy * peaks.energy
+    if mu is not None:
+        level += mu * peaks.energy * peaks.energy
     rows = exact_matrix(peaks.rows)
-    through = v.P.solve(rows.transpose())
+    through = P.solve(rows.transpose())
     return [
         level * sum((rows[i, j] * through[j, i] for j in range(rows.ncols())), flint.fmpq(0))
         for i in range(rows.nrows())
@@ -122,7 +125,7 @@ def _has_square_above(bound: Any, square: Any) -> bool:
     return bool(bound * bound >= square)
 
 
-def state_peaks_from_json(data: Any, system: DelaySystem, where: str) -> StatePeaks:
+def state_peaks_from_json(data: Any, system: DelaySystem, gain: Matrix, where: str) -> StatePeaks:
     """Read what `StatePeaks.to_json` wrote.
 
     Raises
@@ -134,22 +137,18 @@ def state_peaks_from_json(data: Any, system: DelaySystem, where: str) -> StatePe
     rows = matrix_from_rows(data["rows"], f"{where}.rows")
     starts = matrix_from_rows(data["starts"], f"{where}.starts")
     check_peaks_asked(rows, starts, n, where)
-    bounds = data["bounds"]
-    if not isinstance(bounds, list) or len(bounds) != len(rows):
-        raise InputError(
-            "not one bound per row", where=f"{where}.bounds", expected=f"{len(rows)} numbers"
-        )
+    bounds = numbers_from_json(data["bounds"], len(rows), f"{where}.bounds")
     energy = from_text(data["energy"], f"{where}.energy")
     bare = peak_system(system, energy=energy != 0)
-    variables = variables_from_json(bare, data["variables"], f"{where}.variables")
-    if variables.order != 0 or (variables.gamma is None) != (energy == 0):
+    proof = analysis_from_json(bare, gain, data["variables"], f"{where}.variables")
+    order = cast("AgesTheorem", proof.theorem).order
+    if order != 0 or (proof.gamma is None) != (energy == 0):
         raise InputError(
             "not the variables of a peak",
             where=f"{where}.variables",
             expected="order 0, and gamma where there is an energy",
         )
-    texts = tuple(from_text(x, f"{where}.bounds[{i}]") for i, x in enumerate(bounds))
-    return StatePeaks(rows, starts, texts, energy, variables)
+    return StatePeaks(rows, starts, bounds, energy, proof)
 
 
 def check_peaks_asked(rows: Matrix, starts: Matrix, n: int, where: str) -> None:

@@ -20,8 +20,8 @@ from typing import Any
 import numpy as np
 
 from cosim.core import Findings, InputError, Values, valid
-from cosim.hinf.certificate.system_parts import BLOCKS, MATRICES, SystemPart
-from cosim.models import DelaySystem, Feedback
+from cosim.hinf.certificate.system_parts import BLOCKS, MATRICES, SystemPart, matrix_from_rows
+from cosim.models import DelaySystem, Feedback, Matrix
 
 
 def system_to_json(system: DelaySystem) -> dict[str, Any]:
@@ -71,6 +71,42 @@ def system_from_json(data: Any, where: str = "system") -> DelaySystem:
     terms = part.terms(findings)
     with findings.at():
         return part.system(terms, integrals=part.integrals)
+
+
+def gain_from_json(rows: Any, system: DelaySystem) -> Matrix:
+    """Read K (m, n) of a certificate; [] where there is no control.
+
+    Raises
+    ------
+    InputError : not a matrix, or of another shape.
+    """
+    n, m = system.B.shape
+    if rows == [] and m == 0:
+        return np.zeros((0, n))
+    gain = matrix_from_rows(rows, "K")
+    if gain.shape != (m, n):
+        raise InputError("wrong shape", where="K", expected=str((m, n)), got=str(gain.shape))
+    check_measured(gain, system)
+    return gain
+
+
+def check_measured(gain: Matrix, system: DelaySystem) -> None:
+    """Refuse a gain (m, n) that acts on a state that is not measured, or not by this control.
+
+    Raises
+    ------
+    InputError : naming the first such entry.
+    """
+    acting = np.argwhere((gain != 0) & ~system.free)
+    if acting.size:
+        i, j = acting[0]
+        raise InputError(
+            "the gain acts on a state that is not measured",
+            where=f"K[{i + 1},{j + 1}]",
+            expected="0, since no feedback contains this state",
+            got=repr(float(gain[i, j])),
+            hint="add the state to feedback of the system or of a delay, or make its column zero",
+        )
 
 
 def known_keys(

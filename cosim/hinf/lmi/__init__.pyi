@@ -1,6 +1,5 @@
 from .condition import (
     Condition as Condition,
-    LoopPoint as LoopPoint,
 )
 from .conic import Solution as Solution
 from .constrained_problem import ConstrainedProblem as ConstrainedProblem
@@ -21,9 +20,7 @@ from .peak_lmi import (
 from .problem import (
     ROUGH_TOLERANCE as ROUGH_TOLERANCE,
     Answer as Answer,
-    Point as Point,
     Problem as Problem,
-    exact_point as exact_point,
     without_performance as without_performance,
 )
 from .program import Program as Program

@@ -11,11 +11,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cosim.hinf.certificate import AgesVariables, AgeTerms, AnalysisVariables, joined
 from cosim.hinf.exact import exact
 from cosim.hinf.lmi.conic import Constraint, Solution, solve
 from cosim.hinf.lmi.interior_point import solve_dense
@@ -24,11 +23,13 @@ from cosim.hinf.lmi.margin import TOLERANCE, Solver, widest_margin
 from cosim.hinf.lmi.program import Program
 from cosim.hinf.lmi.svec import Array
 from cosim.hinf.theorems import (
-    UNKNOWNS,
     Age,
+    AgesTheorem,
     Inequality,
     Loop,
+    Proof,
     Supports,
+    constants_down_to_zero,
     corners_of,
     itself,
     minus_phi,
@@ -38,7 +39,6 @@ from cosim.hinf.theorems import (
 )
 
 if TYPE_CHECKING:
-    from cosim.hinf.certificate import AgeFunctional
     from cosim.models import DelaySystem
 
 BOUND = 1e3
@@ -54,8 +54,6 @@ _MOST_TRIED_AGAIN = 400
 It bears what is badly conditioned: long and short ages in one loop, at a gamma near the least.
 """
 
-LoopPoint = AgesVariables | AnalysisVariables
-
 
 class Condition:
     """The condition of one loop at one order, to be solved at any delays.
@@ -65,8 +63,8 @@ class Condition:
     system : Eq. (7).
     K : (m, n) the gain, zero for the system as it is.
     order : N.
-    functionals : by delay, of those that hold for it (`choices`); None: every age constant, or
-        any one from zero to its bound ("constant", "jensen").
+    functionals : by delay, of those that hold for it (`functionals_of`); None: every age constant,
+        or any one from zero to its bound ("constant", "jensen").
     performance : bound the gain from w to z, instead of stability alone.
     supports : of every positive delay of `system`; None: the whole state of each.
     dense : whether the normal equations are factorised as dense ones (`interior_point`); None:
@@ -78,7 +76,7 @@ class Condition:
         system: DelaySystem,
         K: Array,
         order: int,
-        functionals: Sequence[AgeFunctional] | None = None,
+        functionals: Sequence[str] | None = None,
         *,
         performance: bool,
         supports: Supports | None = None,
@@ -135,8 +133,8 @@ class Condition:
 
     def central(
         self, delays: Sequence[float], gamma: float | None, *, down_to_zero: bool = False
-    ) -> LoopPoint | None:
-        """Return a point of great margin at `gamma`; None if the solver finds none.
+    ) -> Proof | None:
+        """Return the theorem with a point of great margin at `gamma`, in floats; None: no point.
 
         `down_to_zero` : for every constant delay up to `delays`, not exactly these.
         """
@@ -145,18 +143,29 @@ class Condition:
 
     def margin(
         self, delays: Sequence[float], gamma: float | None, *, down_to_zero: bool = False
-    ) -> tuple[float, LoopPoint] | None:
-        """Return the greatest margin at `gamma`, and its point; negative: it is not met."""
+    ) -> tuple[float, Proof] | None:
+        """Return the greatest margin at `gamma`, negative where it is not met, and its point."""
         bound = greatest(gamma, self._T * self._back[:, None] * self._system.C)
         program = self._compiled(delays, down_to_zero=down_to_zero)[1]
         known = known_gamma(gamma) if self.performance else {}
         found = widest_margin(*program.constraints(known), bound, solver=self._solver)
         if found is None:
             return None
-        values = program.values(found[1], known)
-        return found[0], self._point(values, delays, gamma, down_to_zero=down_to_zero)
+        unknowns = program.values(found[1], known)
+        for name in known:
+            del unknowns[name]
+        unknowns |= {} if gamma is None else {"gamma": gamma}
+        return found[0], Proof(self.theorem(delays, down_to_zero=down_to_zero), unknowns)
 
-    def _at(self, delays: Sequence[float], *, down_to_zero: bool = False) -> tuple[Loop, list[Age]]:
+    def theorem(self, delays: Sequence[float], *, down_to_zero: bool = False) -> AgesTheorem:
+        """Return the theorem at these delays; `down_to_zero` as of `central`."""
+        late = [i for i, d in enumerate(delays) if d > 0]
+        kinds = tuple(self.functionals[i] for i in late)
+        lower = constants_down_to_zero(kinds) if down_to_zero and self.order else None
+        supports = tuple(self._supports[i] for i in late)
+        return AgesTheorem(self.order, kinds, supports, lower, is_analysis=self.is_plain)
+
+    def _at(self, delays: Sequence[float], theorem: AgesTheorem) -> tuple[Loop, list[Age]]:
         """Return the loop with these delays, and the terms of the positive ones."""
         changed = [
             replace(x, d=d, least_age=x.least_age if d else 0.0)
@@ -165,17 +174,11 @@ class Condition:
         late = tuple(i for i, d in enumerate(delays) if d > 0)
         if late not in self._loops:  # of the delays nothing but their lengths is in it
             system = replace(self._system, delays=tuple(changed))
-            self._loops[late] = Loop.of(system, self._K, [self._supports[i] for i in late])
+            self._loops[late] = Loop.of(system, self._K, theorem.supports)
         positive = [changed[i] for i in late]
         lengths = [exact(x.d) for x in positive]
         loop = replace(self._loops[late], delays=positive, d=lengths)
-        lower = exact(0.0) if down_to_zero and self.order else None
-        kinds = [self.functionals[i] for i in late]
-        ages = [
-            Age(loop, j, kind, self.order, lower if kind == "constant" else None)
-            for j, kind in enumerate(kinds)
-        ]
-        return loop, ages
+        return loop, theorem.ages(loop)
 
     def _compiled(
         self, delays: Sequence[float], *, down_to_zero: bool = False
@@ -183,7 +186,7 @@ class Condition:
         """Return the ages and the program; the last ones that were asked for are kept."""
         key = tuple(delays), down_to_zero
         if key not in self._kept:
-            loop, ages = self._at(delays, down_to_zero=down_to_zero)
+            loop, ages = self._at(delays, self.theorem(delays, down_to_zero=down_to_zero))
             units = self._row_units(loop, ages)
             program = Program(*self._inequalities(loop, ages), units, numbers=self._numbers())
             self._kept = {key: (ages, program)}
@@ -211,46 +214,6 @@ class Condition:
             units |= dict.fromkeys(age.names, own) | {f"r{age.j}": own / self._T}
             units[f"v{age.j}"] = np.tile(own / self._T, 1 + age.late)
         return units
-
-    def _point(
-        self,
-        values: dict[str, Any],
-        delays: Sequence[float],
-        gamma: float | None,
-        *,
-        down_to_zero: bool,
-    ) -> LoopPoint:
-        """Return the unknowns by name as the record that is proved."""
-        ages = self._compiled(delays, down_to_zero=down_to_zero)[0]
-        eps = joined([values[f"eps[{b}]"] for b in range(len(self._system.blocks))])
-        if self.is_plain:
-            free = [age.functional == "jensen" for age in ages]
-            return AnalysisVariables(
-                order=self.order,
-                P=values["P"],
-                Q=tuple(None if one else values[f"Q[{j}]"] for j, one in enumerate(free)),
-                R=tuple(values[f"R[{j}]"] for j in range(len(ages))),
-                eps=eps,
-                gamma=gamma,
-                lower=tuple(None if one else 0.0 for one in free) if down_to_zero else None,
-            )
-        supports = [own for own, d in zip(self._supports, delays, strict=True) if d > 0]
-        terms = [
-            AgeTerms(
-                cast("AgeFunctional", age.functional),
-                {name: values[key] for name in UNKNOWNS if (key := f"{name}[{age.j}]") in values},
-                own,
-            )
-            for age, own in zip(ages, supports, strict=True)
-        ]
-        return AgesVariables(
-            order=self.order,
-            P=values["P"],
-            terms=tuple(terms),
-            eps=eps,
-            gamma=gamma,
-            down_to_zero=down_to_zero,
-        )
 
 
 def known_gamma(gamma: float | None) -> dict[str, float]:

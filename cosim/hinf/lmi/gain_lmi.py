@@ -6,13 +6,12 @@ Without parts in its result: K may connect all states.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
-from cosim.hinf.certificate import AnalysisVariables
 from cosim.hinf.exact import exact_matrix
-from cosim.hinf.lmi.condition import BOUND, LoopPoint, bounded
+from cosim.hinf.lmi.condition import BOUND, bounded
 from cosim.hinf.lmi.conic import solve
 from cosim.hinf.lmi.loop_units import channel_units, closed_loop, own_units
 from cosim.hinf.lmi.margin import TOLERANCE, widest_margin
@@ -20,10 +19,13 @@ from cosim.hinf.lmi.program import Program
 from cosim.hinf.lmi.svec import Array
 from cosim.hinf.theorems import (
     Age,
+    AgesTheorem,
     Inequality,
     Loop,
+    Proof,
     corners_of,
     minus_phi_of_design,
+    positive_delays,
     positive_of_ages,
     widest_functional,
 )
@@ -37,19 +39,21 @@ _GREATER_BOUND = 1e5  # where a great gain needs it
 _SINGULAR = 1e12  # condition number of X beyond which Y X^-1 is noise
 
 
-def multiplier_of(v: LoopPoint, system: DelaySystem) -> Multiplier:
-    """Return the multiplier with which a design loses nothing at the gain that `v` proves."""
-    assert isinstance(v, AnalysisVariables)  # noqa: S101 - what designs in turn is so analysed
-    n = len(system.A)
-    X = np.linalg.inv(v.P[:n, :n])
-    late = [delay for delay in system.delays if delay.d > 0]
-    rate = sum((x.d**2 * R for x, R in zip(late, v.R, strict=True)), np.zeros((n, n)))
-    found, first = {"r": np.asarray(rate @ X)}, n
-    for j, delay in enumerate(late):
-        for k in range(0 if delay.any_age else v.order):
-            found[f"W{j},{k}"] = delay.d * v.P[:n, first : first + n] @ X
-            first += n
-    return found
+def multiplier_of(point: Proof, system: DelaySystem) -> Multiplier:
+    """Return the multiplier with which a design loses nothing at the gain of an analysis.
+
+    point : of `Condition.central`, whose functionals are those of an analysis.
+    """
+    n, P = len(system.A), point.unknowns["P"]
+    X = np.linalg.inv(P[:n, :n])
+    rate, columns = np.zeros((n, n)), n
+    multiplier = {}
+    for j, delay in enumerate(positive_delays(system)):
+        rate += delay.d**2 * point.unknowns[f"R[{j}]"]
+        for k in range(0 if delay.any_age else cast("AgesTheorem", point.theorem).order):
+            multiplier[f"W{j},{k}"] = delay.d * P[:n, columns : columns + n] @ X
+            columns += n
+    return {"r": rate @ X, **multiplier}
 
 
 def scalar_multiplier(b: float, system: DelaySystem) -> Multiplier:

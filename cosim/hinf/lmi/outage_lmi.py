@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 import flint
 import numpy as np
 
-from cosim.hinf.certificate import Outages, exact_eps, is_above_exponential, joined
-from cosim.hinf.exact import exact, exact_matrix, exact_symmetric
+from cosim.hinf.certificate import Outages, is_above_exponential, shapes_of_outages
+from cosim.hinf.exact import exact
 from cosim.hinf.lmi.condition import greatest, known_gamma
 from cosim.hinf.lmi.loop_units import channel_units, closed_loop, eps_units, own_units
 from cosim.hinf.lmi.margin import widest_margin
@@ -21,10 +21,10 @@ from cosim.hinf.lmi.program import Program
 from cosim.hinf.lmi.svec import Array
 from cosim.hinf.theorems import (
     Modes,
+    exact_unknowns,
     minus_phi_of_outages,
     number_itself,
     positive_of_outages,
-    varies,
 )
 
 if TYPE_CHECKING:
@@ -66,23 +66,11 @@ class OutageLmi:
         found = self._found(gamma, enough=-np.inf)
         if found is None:
             return None
-        values, blocks = found[1], range(len(self._system.blocks))
-
-        def eps(name: str) -> Any:
-            return exact_eps(self._system, joined([values[f"{name}[{b}]"] for b in blocks]))
-
-        return Outages(
-            **vars(self._modes(gamma)),
-            P=exact_symmetric(values["P"]),
-            S=tuple(exact_symmetric(values[f"S[{j}]"]) for j in range(len(self._late))),
-            R=tuple(exact_symmetric(values[f"R[{j}]"]) for j in range(len(self._late))),
-            M=tuple(
-                exact_matrix(values[f"M[{j}]"]) if varies(delay) else None
-                for j, delay in enumerate(self._late)
-            ),
-            eps=eps("eps"),
-            eps_out=eps("eps" if self.beta is None else "eps_out"),
-        )
+        values, modes = found[1], self._modes(gamma)
+        for b in range(len(self._system.blocks)):
+            values.setdefault(f"eps_out[{b}]", values[f"eps[{b}]"])  # in touch alone
+        shapes = shapes_of_outages(self._system, self._K, modes)
+        return Outages(**vars(modes), unknowns=exact_unknowns(shapes, values))
 
     def _modes(self, gamma: float | None) -> Modes:
         return Modes(

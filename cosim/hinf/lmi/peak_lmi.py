@@ -19,10 +19,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cosim.hinf.certificate import PeakControl, failure, offset_corners, peak_system, proved_peaks
+from cosim.hinf.certificate import (
+    PeakControl,
+    offset_corners,
+    peak_system,
+    proved_peaks,
+    theorem_2_proof,
+)
 from cosim.hinf.exact import exact, exact_matrix
 from cosim.hinf.lmi.conic import TOLERANCE, Constraint, Solution
-from cosim.hinf.lmi.problem import Answer, Point, Problem, exact_point
+from cosim.hinf.lmi.problem import Answer, Problem
 from cosim.hinf.lmi.scaling import Scaling, scaling_of
 from cosim.hinf.lmi.solver_status import not_found, solver_words
 from cosim.hinf.lmi.svec import Array
@@ -130,11 +136,11 @@ class PeakProblem(Problem):
         self._least_share = value / size
         return float(np.sqrt(value) * unit)
 
-    def near(self, p: Scalars, above: float) -> Point | None:
-        """Return a point of great margin with a share this much above the least, relative."""
+    def near(self, p: Scalars, above: float) -> dict[str, Any] | None:
+        """Return the unknowns of great margin with a share this much above the least, relative."""
         share = self._least_share * (1 + above) * self._number_units()[_SHARE]
         answer = self._margin(p, {_SHARE: share}, self._gain, self._near, TOLERANCE)
-        return answer.point if isinstance(answer, Answer) and answer.value > 0 else None
+        return answer.unknowns if isinstance(answer, Answer) and answer.value > 0 else None
 
     @property
     def _is_bounded(self) -> bool:
@@ -196,21 +202,21 @@ def proved_peak_control(
         p, problem = problems[i]
         for share in _ABOVE_LEAST:
             with solver_words() as words:
-                point = problem.near(p, share)
-            if point is None:
+                unknowns = problem.near(p, share)
+            if unknowns is None:
                 continue
-            v = exact_point(inner_system, point, p)
-            failed = failure(inner_system, gain, v)
+            proof = theorem_2_proof(inner_system, gain, p.k1, p.k2, unknowns)
+            failed = proof.failure(inner_system, gain)
             if failed is not None:
                 reason = failed
                 continue
-            peaks = proved_peaks(system, gain, v, offset, energy)
+            peaks = proved_peaks(system, gain, proof, offset, energy)
             if peaks is None:
                 reason = "X is as good as singular"
                 continue
             if (np.array(peaks) <= limits).all():
                 bounds = tuple(exact(value) for value in peaks)
-                return PeakControl(bounds, offset, energy, v), ""
+                return PeakControl(bounds, offset, energy, proof), ""
             reason = f"the peaks proved are {', '.join(f'{x:.6g}' for x in peaks)}"
             break
         if least > 1:

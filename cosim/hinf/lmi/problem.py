@@ -19,7 +19,6 @@ from typing import Any
 
 import numpy as np
 
-from cosim.hinf.certificate import Variables, exact_variables, joined
 from cosim.hinf.exact import exact_matrix
 from cosim.hinf.lmi.conic import TOLERANCE, Constraint, Solution, solve
 from cosim.hinf.lmi.products import Indices
@@ -28,7 +27,6 @@ from cosim.hinf.lmi.scaling import Scaling, units_of
 from cosim.hinf.lmi.svec import Array, svec
 from cosim.hinf.lmi.weighed import At
 from cosim.hinf.theorems import (
-    ExactVariables,
     Inequality,
     Scalars,
     longest_delay,
@@ -46,33 +44,18 @@ ROUGH_TOLERANCE = 1e-7
 
 
 @dataclass(frozen=True, eq=False)
-class Point:
-    """A solution of the LMI, as floats: X, Y, Q, R (one per delay), eps, gamma.
-
-    eps is a tuple where F has several blocks.
-    """
-
-    X: Array
-    Y: Array
-    Q: tuple[Array, ...]
-    R: tuple[Array, ...]
-    eps: float | tuple[float, ...] | None
-    gamma: float | None
-
-
-@dataclass(frozen=True, eq=False)
 class Answer:
     """A solution with its value and its sensitivity to k1 and k2.
 
     value : the least gamma, or the greatest margin t.
-    point : where it is attained.
+    unknowns : where it is attained, as floats: X, Y, Q[j], R[j], eps[b], and gamma, if any.
     scale : |diagonal of Omega| there, the scale of each row in `units`.
     accurate : whether the solver calls it solved.
     slopes : d value / d (k1_1, ..., k1_N, k2_1, ..., k2_N, d_1, ..., d_N), by the multipliers.
     """
 
     value: float
-    point: Point
+    unknowns: dict[str, Any]
     scale: Array
     accurate: bool
     slopes: Array
@@ -136,7 +119,7 @@ class Problem:
             answer = self._least(p, None, {"gamma": 1.0, _SIZE_OF_Y: price}, tolerance)
             if isinstance(answer, Solution):
                 return answer
-            return replace(answer, value=answer.point.gamma or 0.0, slopes=np.zeros(0))
+            return replace(answer, value=answer.unknowns.get("gamma", 0.0), slopes=np.zeros(0))
 
         return self._in_some_units(ask)
 
@@ -354,23 +337,19 @@ class Problem:
     ) -> Answer:
         y = solution.y[: main[0].columns.shape[1]]
         values = program.values(y, known, at=self._at(p))
-        n, N = len(self.system.A), len(self.system.delays)
-        eps = [values[f"eps[{b}]"] for b in range(len(self.system.blocks))]
-        point = Point(
-            X=values["X"],
-            Y=values["Y"] if gain is None else gain @ values["X"],
-            Q=tuple(values.get(f"Q[{j}]", np.zeros((n, n))) for j in range(N)),
-            R=tuple(values.get(f"R[{j}]", np.eye(n)) for j in range(N)),
-            eps=joined(eps),
-            gamma=values.get("gamma"),
-        )
+        n = len(self.system.A)
+        for j in range(len(self.system.delays)):  # what is in no inequality
+            values.setdefault(f"Q[{j}]", np.zeros((n, n)))
+            values.setdefault(f"R[{j}]", np.eye(n))
+        if gain is not None:
+            values["Y"] = gain @ values["X"]
         diagonal = np.zeros(sum(c.size for c in main))
         for c, rows in zip(main, program.main_rows, strict=True):
             diagonal[rows] = np.abs(np.diag(c.at(y)))
         scale = np.maximum(diagonal, 1e-9 * diagonal.max())
         slopes = factor * self._slopes(program, p, y, solution.Z[: len(main)], known)
         accurate = solution.status == "solved"
-        return Answer(factor * solution.value, point, scale, accurate, slopes, self.scaling)
+        return Answer(factor * solution.value, values, scale, accurate, slopes, self.scaling)
 
     def _slopes(
         self,
@@ -398,19 +377,6 @@ class Problem:
                 above, below = (-product(self._at(end)) for end in ends)
                 slopes.append((above - below) / (2 * step))
         return np.array(slopes)
-
-
-def exact_point(system: DelaySystem, point: Point, p: Scalars) -> ExactVariables:
-    """Convert a solver's point at k1, k2 to rationals; gamma stays None where it is.
-
-    Raises
-    ------
-    InputError : as `exact_variables`.
-    """
-    gamma = 1.0 if point.gamma is None else point.gamma
-    v = Variables(point.X, point.Q, point.R, point.eps, p.k1, p.k2, gamma)
-    exactly = exact_variables(system, v)
-    return exactly if point.gamma is not None else replace(exactly, gamma=None)
 
 
 def without_performance(system: DelaySystem) -> DelaySystem:

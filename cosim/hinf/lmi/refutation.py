@@ -19,12 +19,11 @@ import numpy as np
 import scipy
 
 from cosim.hinf.certificate import (
-    Multipliers,
     Place,
     conditions,
     fixed_at,
+    refutation_failure,
     refutation_to_json,
-    refuted,
 )
 from cosim.hinf.exact import exact, exact_symmetric
 from cosim.hinf.lmi.conic import Constraint, solve
@@ -61,7 +60,7 @@ def refute(
     )
     units = problem.units_of_rows(p)
     multipliers = _made_exact(system, place, units[:, None] * found * units)
-    if multipliers is None or not refuted(system, place, multipliers).valid:
+    if multipliers is None or refutation_failure(system, place, multipliers) is not None:
         return None
     return refutation_to_json(system, place, multipliers)
 
@@ -95,7 +94,7 @@ def _central(problem: Problem, p: Scalars, gamma: float | None) -> Array | None:
     return np.asarray(Z + solution.Z[-1][0, 0] * np.eye(len(Z)))
 
 
-def _made_exact(system: DelaySystem, place: Place, Z: Array) -> Multipliers | None:
+def _made_exact(system: DelaySystem, place: Place, Z: Array) -> dict[str, Any] | None:
     """Multipliers near Z that meet the equalities exactly."""
     inequalities = conditions(system, place)
     form, names = inequalities[0], [one.name for one in inequalities[1:]]
@@ -121,10 +120,8 @@ def _made_exact(system: DelaySystem, place: Place, Z: Array) -> Multipliers | No
         at = rows.index("h") + of_H.start
         W[at, at] -= over[f"eps[{b}]"][0, 0]
     over = left()
-    own = {name: -1 * over[name] for name in names}
-    Q = tuple(None if x.any_age else own[f"Q[{j}]"] for j, x in enumerate(system.delays))
     G = rates_from_rows(system, form)
-    return _integers(Multipliers(G * W * G.transpose(), own["X"], Q))
+    return _integers({"Z": G * W * G.transpose(), **{name: -1 * over[name] for name in names}})
 
 
 def _cancel_Y(system: DelaySystem, form: Inequality, rows: list[str], W: Any, left: Any) -> bool:
@@ -163,12 +160,10 @@ def _put(matrix: Any, i: int, j: int, value: Any) -> None:
     matrix[j, i] = value
 
 
-def _integers(multipliers: Multipliers) -> Multipliers:
+def _integers(multipliers: dict[str, Any]) -> dict[str, Any]:
     """The same multipliers times the least common multiple of all denominators."""
-    matrices = [M for M in (multipliers.Z, multipliers.X, *multipliers.Q) if M is not None]
     scale = flint.fmpz(1)
-    for M in matrices:
+    for M in multipliers.values():
         for entry in M.entries():
             scale = scale.lcm(entry.q)
-    Q = tuple(None if M is None else M * scale for M in multipliers.Q)
-    return Multipliers(multipliers.Z * scale, multipliers.X * scale, Q)
+    return {name: M * scale for name, M in multipliers.items()}

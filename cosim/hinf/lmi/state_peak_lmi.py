@@ -19,10 +19,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cosim.hinf.certificate import (
-    AnalysisVariables,
     StatePeaks,
     bounds_above,
-    exact_analysis,
     half_of_corners,
     peak_system,
     squared_state_peaks,
@@ -33,7 +31,7 @@ from cosim.hinf.lmi.conic import Constraint, solve
 from cosim.hinf.lmi.margin import TOLERANCE
 from cosim.hinf.lmi.program import Program
 from cosim.hinf.lmi.svec import Array, svec
-from cosim.hinf.theorems import Age, Inequality
+from cosim.hinf.theorems import Age, Inequality, Proof
 
 if TYPE_CHECKING:
     from cosim.models import DelaySystem, Matrix
@@ -57,9 +55,10 @@ class _PeakCondition(Condition):
         self._rows, self._starts, self._energy = rows, starts, energy
         self._delays = [x.d for x in bare.delays]
 
-    def least(self, margin: float) -> AnalysisVariables | None:
+    def least(self, margin: float) -> Proof | None:
         """Return the point of least peaks; None if the solver finds none."""
-        loop, ages = self._at(self._delays)
+        theorem = self.theorem(self._delays)
+        loop, ages = self._at(self._delays, theorem)
         main, others = self._inequalities(loop, ages)
         size = float(np.linalg.norm(self._back[:, None] * self._starts)) or 1.0
         expected = np.sum((self._rows / self._back) ** 2, axis=1) * size**2
@@ -84,9 +83,7 @@ class _PeakCondition(Condition):
         gamma = values.get("gamma")
         if gamma is not None and not gamma > 0:
             return None
-        point = self._point(values, self._delays, gamma, down_to_zero=False)
-        assert isinstance(point, AnalysisVariables)  # noqa: S101 - every age is constant or any
-        return point
+        return Proof(theorem, values)
 
     def _started(self, ages: Sequence[Age]) -> Iterator[Inequality]:
         """Yield 1 - x0'(P + sum_j dj Qj) x0 - mu energy^2 for every corner x0, up to its sign."""
@@ -130,8 +127,8 @@ def proved_state_peaks(
         point = condition.least(margin)
         if point is None:
             continue
-        v = exact_analysis(bare, point)
-        peaks = StatePeaks(rows, starts, (exact(0.0),) * len(rows), exact(energy), v)
+        proof = point.exactly(bare, gain)
+        peaks = StatePeaks(rows, starts, (exact(0.0),) * len(rows), exact(energy), proof)
         try:
             bounds = bounds_above(squared_state_peaks(system, peaks))
         except ZeroDivisionError:

@@ -16,13 +16,13 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from cosim.core import NotAchievableError
-from cosim.hinf.certificate import choices
 from cosim.hinf.lmi import GainLmi, Multiplier, scalar_multiplier
 from cosim.hinf.problem import of_any_age
 from cosim.hinf.synthesis import theorem_2
 from cosim.hinf.synthesis.analysis import Analysis
 from cosim.hinf.synthesis.bessel_legendre_gains import rounded
 from cosim.hinf.synthesis.conditions import MOST_ROWS
+from cosim.hinf.theorems import functionals_of
 from cosim.models import DelaySystem, Matrix
 
 _SHARES = (1.0, 0.7, 0.5, 0.35, 0.25, 0.15)
@@ -74,7 +74,7 @@ def gains_of_the_ages(
         reference = float(np.linalg.norm(system.D1, 2)) or 1.0
     if start is not None:
         K, reference = start
-    lmi = GainLmi(system, order, K, reference, [choices(x)[0] for x in system.delays])
+    lmi = GainLmi(system, order, K, reference, [functionals_of(x)[0] for x in system.delays])
     if lmi.rows > MOST_ROWS:
         return
     tried = _tried(lmi, system)

@@ -21,7 +21,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from cosim.core import InputError, counted, html_table, matrix_text
 from cosim.hinf.certificate import (
-    MAX_ORDER,
     Certificate,
     Damping,
     Guarantees,
@@ -50,6 +49,7 @@ from cosim.hinf.synthesis.conditions import (
 from cosim.hinf.synthesis.ladder import clearly_below, least_proved
 from cosim.hinf.synthesis.result_text import proved_words, result_rows
 from cosim.hinf.synthesis.same_as_proved import require_proved_gain
+from cosim.hinf.theorems import MAX_ORDER
 from cosim.models import DelaySystem, Matrix, Value
 
 _ABOVE_LEAST = (2e-6, 1e-5, 5e-5, 3e-4, 2e-3, 1e-2, 5e-2)

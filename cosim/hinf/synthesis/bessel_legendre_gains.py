@@ -19,11 +19,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.core import InputError
-from cosim.hinf.certificate import MAX_ORDER
-from cosim.hinf.lmi import Condition, GainLmi, LoopPoint, multiplier_of, scalar_multiplier
+from cosim.hinf.lmi import Condition, GainLmi, multiplier_of, scalar_multiplier
 from cosim.hinf.nominal import checked_system
 from cosim.hinf.problem import with_delays
 from cosim.hinf.synthesis.designs import rounded_gain
+from cosim.hinf.theorems import MAX_ORDER, Proof
 from cosim.models import DelaySystem
 
 Gain = NDArray[np.float64]
@@ -116,7 +116,7 @@ class Loop:
                 gains.append(found[1])
         return gains
 
-    def _margin(self, K: Gain) -> tuple[float, LoopPoint] | None:
+    def _margin(self, K: Gain) -> tuple[float, Proof] | None:
         lmi = Condition(self.system, K, self.order, performance=self.gamma is not None)
         return lmi.margin(self._delays, self.gamma)
 

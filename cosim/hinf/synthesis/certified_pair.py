@@ -148,6 +148,6 @@ def output_feedback_from_json(data: Any, *, where: str) -> OutputFeedback:
         gamma=None if gamma is None else float(Fraction(gamma)),
         certificate={key: x for key, x in data.items() if key not in ("figures", "schema")},
         order=variables["order"],
-        state_peaks=guarantees_from_json(data["pair"], pair.system).state_peaks,
+        state_peaks=guarantees_from_json(data["pair"], pair.system, pair.gain).state_peaks,
         **figures,
     )

@@ -22,22 +22,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.hinf.certificate import (
-    MAX_BOX,
-    MAX_CORNERS,
-    AgeFunctional,
-    AgesVariables,
-    ages_proved,
-    ages_to_json,
-    analysis_proved,
-    analysis_to_json,
-    choices,
-    exact_ages,
-    exact_analysis,
-    supports_of,
-)
+from cosim.hinf.certificate import loop_to_json
 from cosim.hinf.lmi import Condition, not_found, solver_words
-from cosim.hinf.theorems import Supports
+from cosim.hinf.theorems import MAX_BOX, MAX_CORNERS, Supports, functionals_of, supports_of
 from cosim.models import DelaySystem
 
 MOST_ROWS = 60
@@ -98,10 +85,10 @@ def _of_ages(
 ) -> list[Condition]:
     """Return the conditions of ages as they are, the sharpest first."""
     found: list[Condition] = []
-    tried: list[tuple[AgeFunctional, ...]] = []
-    most = max(len(choices(x)) for x in system.delays)
-    for level in range(most):
-        own = tuple(choices(x)[min(level, len(choices(x)) - 1)] for x in system.delays)
+    tried: list[tuple[str, ...]] = []
+    possible = [functionals_of(x) for x in system.delays]
+    for level in range(max(map(len, possible))):
+        own = tuple(each[min(level, len(each) - 1)] for each in possible)
         if own in tried:
             continue
         tried.append(own)
@@ -181,13 +168,9 @@ def prove(
         point = condition.central(delays, gamma, down_to_zero=down_to_zero)
     if point is None:
         return None, not_found(words)
-    if isinstance(point, AgesVariables):
-        ages = exact_ages(system, point)
-        proof = ages_proved(system, K, ages)
-        return (ages_to_json(system, K, ages) if proof.valid else None), str(proof.reason)
-    exact = exact_analysis(system, point)
-    proof = analysis_proved(system, K, exact)
-    return (analysis_to_json(system, K, exact) if proof.valid else None), str(proof.reason)
+    proof = point.exactly(system, K)
+    reason = proof.failure(system, K)
+    return (None if reason else loop_to_json(system, K, proof)), str(reason)
 
 
 def widened(

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from cosim.hinf.certificate import Decay, growth_of
+from cosim.hinf.certificate import Decay, growth_of, theorem_2_proof
 from cosim.hinf.exact import exact
 from cosim.hinf.lmi import (
     Answer,
     CornersProblem,
-    exact_point,
     not_found,
     solver_words,
+    without_performance,
 )
 from cosim.hinf.synthesis.search import starts
 from cosim.hinf.theorems import Scalars
@@ -46,7 +46,7 @@ def proved_decay(
     p : k1, k2 to try first.
     """
     growth = tuple(exact(value) for value in growth_of(system, rate))
-    problem = CornersProblem(system, rate)
+    problem, bare = CornersProblem(system, rate), without_performance(system)
     reason = ""
     with solver_words() as words:
         for at in corner_scalars(system, rate, p, gain):
@@ -55,7 +55,8 @@ def proved_decay(
                 answer = problem.margin(at, None, gain, near)
                 if not isinstance(answer, Answer) or answer.value <= 0:
                     break
-                decay = Decay(exact(rate), growth, exact_point(system, answer.point, at))
+                proof = theorem_2_proof(bare, gain, at.k1, at.k2, answer.unknowns)
+                decay = Decay(exact(rate), growth, proof)
                 failed = decay.failure(system, gain)
                 if failed is None:
                     return decay, ""

@@ -97,18 +97,18 @@ def _design(data: Any, figures: dict[str, Any], where: str) -> Design:
     """Return the design of a certificate whose proof holds, with these figures."""
     # the claimed values are read from the proof, never from a note beside it
     proved = data["variables"]
-    system = system_from_json(data["system"])
+    system, K = system_from_json(data["system"]), np.array(data["K"], dtype=float)
     order: int | None = proved.get("order")
     own = ("kind", "theorem", "claim", "system", "variables", "K", KEY)
     return Design(
         system=system,
-        K=np.array(data["K"], dtype=float),
+        K=K,
         gamma=None if proved["gamma"] is None else _double(proved["gamma"]),
         k1=() if order is not None else tuple(map(_double, proved["k1"])),
         k2=() if order is not None else tuple(map(_double, proved["k2"])),
         certificate={key: data[key] for key in own if key in data},
         order=order,
-        guarantees=guarantees_from_json(data, system),
+        guarantees=guarantees_from_json(data, system, K),
         **figures_from_json(figures, where, system),
     )
 

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from typing import cast
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from cosim.core import NotAchievableError
-from cosim.hinf.certificate import Variables, certificate_to_json, gamma_floor
+from cosim.hinf.certificate import certificate_to_json, gamma_floor
 from cosim.hinf.lmi import Scaling, not_found, solver_words
 from cosim.hinf.nominal import (
     NominalFigures,
@@ -27,6 +28,7 @@ from cosim.hinf.synthesis.analysis import (
 )
 from cosim.hinf.synthesis.certified_design import Design
 from cosim.hinf.synthesis.not_achievable import hint_after
+from cosim.hinf.theorems import Proof, Theorem2
 from cosim.models import DelaySystem, Matrix
 
 GAIN_DIGITS = 6
@@ -34,18 +36,19 @@ GAIN_DIGITS = 6
 
 
 def design_of_theorem_2(
-    system: DelaySystem, K: Matrix, variables: Variables, least: float | None
+    system: DelaySystem, K: Matrix, proof: Proof, least: float | None
 ) -> Design:
     """Return the design of a gain that Theorem 2 proves, with the figures of its nominal loop."""
     figures, _ = figures_if_known(system, K)
+    theorem = cast("Theorem2", proof.theorem)
     return Design(
         system=system,
         K=K,
-        gamma=variables.gamma,
-        k1=variables.k1,
-        k2=variables.k2,
+        gamma=None if proof.gamma is None else float(proof.gamma),
+        k1=tuple(map(float, theorem.k1)),
+        k2=tuple(map(float, theorem.k2)),
         least_gamma=least,
-        certificate=certificate_to_json(system, K, variables),
+        certificate=certificate_to_json(system, K, proof),
         worst_case=worst_case_at(system, K, figures.norm_frequency),
         **figures._asdict(),
     )

@@ -90,7 +90,8 @@ def _around_natural(
         return []
     try:
         natural = math.log(
-            level_of(free.point.X, free.point.gamma, design_constraints) / problem.scaling.T
+            level_of(free.unknowns["X"], free.unknowns.get("gamma"), design_constraints)
+            / problem.scaling.T
         )
     except (np.linalg.LinAlgError, ValueError):
         return []  # the solver failed at a point where X is singular, or the level not positive

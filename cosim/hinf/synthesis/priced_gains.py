@@ -49,9 +49,9 @@ def priced_gains(system: DelaySystem) -> Iterator[Matrix]:
                 continue
             gamma = first.value * problem.scaling.a**2
         found = problem.priced(at, price * gamma, ROUGH_TOLERANCE)
-        if not isinstance(found, Answer) or not np.isfinite(found.point.Y).all():
+        if not isinstance(found, Answer) or not np.isfinite(found.unknowns["Y"]).all():
             continue
-        K = gain_at(found.point, problem.scaling)
+        K = gain_at(found.unknowns, problem.scaling)
         if gain_remark(system, K) is not None:
             continue
         try:

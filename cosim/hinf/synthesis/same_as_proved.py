@@ -46,7 +46,8 @@ def require_proved_gain(
     """
     _refuse(_gain_differences(certificate, system, K))
     _refuse(_bound_differences(certificate, stated))
-    if guarantees != guarantees_from_json(dict(certificate), system):
+    gain = np.zeros(system.B.T.shape) if K is None else K
+    if guarantees != guarantees_from_json(dict(certificate), system, gain):
         _refuse(iter([f"{guarantees!r}, and others in the certificate"]))
 
 
@@ -69,7 +70,7 @@ def require_proved_pair(
     if pair != pair_from_json(dict(certificate)):
         _refuse(iter(["a pair of another plant, measurement, K or L"]))
     _refuse(_bound_differences(inner, stated))
-    if peaks != guarantees_from_json(inner, pair.system).state_peaks:
+    if peaks != guarantees_from_json(inner, pair.system, pair.gain).state_peaks:
         _refuse(iter(["other peaks of the state than in the certificate"]))
 
 

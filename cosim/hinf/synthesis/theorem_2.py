@@ -23,10 +23,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cosim.core import InputError, NotAchievableError, counted
-from cosim.hinf.certificate import Variables, certify
+from cosim.hinf.certificate import certify, theorem_2_proof
 from cosim.hinf.lmi import (
     Answer,
-    Point,
     Problem,
     Scaling,
     check_size,
@@ -56,7 +55,7 @@ from cosim.hinf.synthesis.not_achievable import (
     not_certified,
 )
 from cosim.hinf.synthesis.search import least_gamma, widest_margin
-from cosim.hinf.theorems import Scalars
+from cosim.hinf.theorems import Proof, Scalars
 from cosim.models import DelaySystem
 
 _NEAR = 1.2  # up to this multiple of the least gamma, the scale of its solution is used
@@ -109,7 +108,7 @@ def design(
     problem = problem or Problem(system)
 
     def is_too_large(answer: Answer) -> bool:
-        remark = gain_remark(system, gain_at(answer.point, problem.scaling))
+        remark = gain_remark(system, gain_at(answer.unknowns, problem.scaling))
         return remark is not None and not is_zero_gamma(problem, answer)
 
     ends_at = is_too_large if in_proportion else lambda _: False
@@ -149,7 +148,7 @@ def stabilising_gain(
     if found is None or not found[1] > 0:
         return None
     answer = problem.margin(found[0], None)
-    return gain_at(answer.point, problem.scaling) if isinstance(answer, Answer) else None
+    return gain_at(answer.unknowns, problem.scaling) if isinstance(answer, Answer) else None
 
 
 class Theorem2:
@@ -201,8 +200,8 @@ class Theorem2:
 
     def first(
         self, gamma: float | None, shares: Sequence[float], below: float | None
-    ) -> tuple[NDArray[np.float64], Variables] | None:
-        """Return the gain and variables of the first of `levels` that is proved; or None."""
+    ) -> tuple[NDArray[np.float64], Proof] | None:
+        """Return the gain and the proof of the first of `levels` that is proved; or None."""
         levels = self.levels(gamma, shares)
         above = [level for level in levels if level is not None]
         if gamma is None and above:
@@ -211,15 +210,13 @@ class Theorem2:
             return None if proved is None else proved[1]
         return first_proved(levels, self.prove)[0]
 
-    def prove(
-        self, gamma: float | None
-    ) -> tuple[tuple[NDArray[np.float64], Variables] | None, str]:
-        """Return a gain with variables that prove it at `gamma`, or None and why."""
+    def prove(self, gamma: float | None) -> tuple[tuple[NDArray[np.float64], Proof] | None, str]:
+        """Return a gain with its proof at `gamma`, or None and why."""
         near = self._least if isinstance(self._least, Answer) else None
         gains = [self._gain]
         if self._gain is None and near is not None and self._problem.size >= _LARGE:
             # the gain of the least gamma saves a solve, where it has a margin
-            gains = [gain_at(near.point, self._problem.scaling), None]
+            gains = [gain_at(near.unknowns, self._problem.scaling), None]
         found = None
         for gain in gains if self._tried else gains[:1]:
             found, self._reason = find_certified_gain(
@@ -257,8 +254,8 @@ def find_certified_gain(
     gamma: float | None,
     gain: NDArray[np.float64] | None = None,
     near: Answer | None = None,
-) -> tuple[tuple[NDArray[np.float64], Variables] | None, str]:
-    """Return a gain with variables that prove it at `gamma`, or None and why.
+) -> tuple[tuple[NDArray[np.float64], Proof] | None, str]:
+    """Return a gain with its proof at `gamma`, or None and why.
 
     A point of great margin is tried as it is, with the rounded gain; then once more with that
     gain fixed, the margin relative to the scale of the first point.
@@ -273,14 +270,14 @@ def find_certified_gain(
             answer = problem.margin(p, gamma, gain, near)
         if not isinstance(answer, Answer) or answer.value <= 0:
             return None, reason or not_found(words)
-        point, near = answer.point, answer
+        near = answer
         if gain is None:
-            gain = gain_at(point, problem.scaling)
-        variables = Variables(point.X, point.Q, point.R, point.eps, p.k1, p.k2, gamma)
-        proof = certify(system, gain, variables)
-        if proof.valid:
-            return (gain, variables), ""
-        reason = str(proof.reason)
+            gain = gain_at(answer.unknowns, problem.scaling)
+        proof = theorem_2_proof(system, gain, p.k1, p.k2, answer.unknowns)
+        check = certify(system, gain, proof)
+        if check.valid:
+            return (gain, proof), ""
+        reason = str(check.reason)
     return None, reason
 
 
@@ -297,9 +294,9 @@ def _searched(
     return [p if found is None else found[0]]
 
 
-def gain_at(point: Point, units: Scaling) -> NDArray[np.float64]:
+def gain_at(unknowns: dict[str, Any], units: Scaling) -> NDArray[np.float64]:
     """Return the rounded K = Y X^-1 of a solution."""
-    K = np.asarray(np.linalg.solve(point.X, point.Y.T).T, dtype=np.float64)
+    K = np.asarray(np.linalg.solve(unknowns["X"], unknowns["Y"].T).T, dtype=np.float64)
     return rounded_gain(K, units)
 
 

@@ -10,6 +10,17 @@ from .ages import (
     subtract_derivative as subtract_derivative,
     widest_functional as widest_functional,
 )
+from .ages_theorem import (
+    MAX_BOX as MAX_BOX,
+    MAX_CORNERS as MAX_CORNERS,
+    MAX_ORDER as MAX_ORDER,
+    AgeFunctional as AgeFunctional,
+    AgesTheorem as AgesTheorem,
+    constants_down_to_zero as constants_down_to_zero,
+    functionals_of as functionals_of,
+    positive_delays as positive_delays,
+    supports_of as supports_of,
+)
 from .design import minus_phi_of_design as minus_phi_of_design
 from .farkas import (
     farkas_failure as farkas_failure,
@@ -33,9 +44,6 @@ from .loop import (
     Loop as Loop,
     Support as Support,
     Supports as Supports,
-    eps_by_name as eps_by_name,
-    gamma_by_name as gamma_by_name,
-    separated as separated,
 )
 from .outages import (
     Modes as Modes,
@@ -44,10 +52,18 @@ from .outages import (
     positive_of_outages as positive_of_outages,
     varies as varies,
 )
+from .proof import (
+    Proof as Proof,
+    Theorem as Theorem,
+    exact_unknowns as exact_unknowns,
+    not_symmetric as not_symmetric,
+    require_size as require_size,
+    with_inverse_of_gamma as with_inverse_of_gamma,
+)
 from .theorem_2 import (
-    ExactVariables as ExactVariables,
     Scalars as Scalars,
     Shift as Shift,
+    Theorem2 as Theorem2,
     longest_delay as longest_delay,
     minus_omega as minus_omega,
     minus_omega_of_scalars as minus_omega_of_scalars,

@@ -121,18 +121,3 @@ class Loop:
 def _sum(matrices: Sequence[Any], on: Sequence[Signal]) -> Signal:
     parts: list[Signal] = [M * signal for M, signal in zip(matrices, on, strict=True)]
     return sum(parts[1:], parts[0])
-
-
-def separated(eps: Any) -> tuple[Any, ...]:
-    """Return one number per block of what the variables have: one alone, several as a tuple."""
-    return () if eps is None else eps if isinstance(eps, tuple) else (eps,)
-
-
-def eps_by_name(eps: Any, name: str = "eps") -> dict[str, Any]:
-    """Return the number of each block of F by the name that it has in inequalities."""
-    return {f"{name}[{b}]": value for b, value in enumerate(separated(eps))}
-
-
-def gamma_by_name(gamma: Any) -> dict[str, Any]:
-    """Return a gamma (`fmpq`, positive; None: there is none) by the names in inequalities."""
-    return {} if gamma is None else {"gamma": gamma, "1/gamma": 1 / gamma}

@@ -37,12 +37,23 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from cosim.core import InputError
 from cosim.hinf.exact import exact, exact_matrix, identity
-from cosim.hinf.theorems.inequality import HALF, Inequality, Signal, Sum, Weight, itself, product
-from cosim.hinf.theorems.loop import eps_by_name
+from cosim.hinf.theorems.inequality import (
+    HALF,
+    Inequality,
+    Shape,
+    Signal,
+    Sum,
+    Weight,
+    itself,
+    product,
+    shapes_of,
+)
+from cosim.hinf.theorems.proof import Theorem, require_size
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
     from cosim.models import DelaySystem, Matrix
 
@@ -60,33 +71,6 @@ class Scalars:
 
 
 @dataclass(frozen=True)
-class ExactVariables:
-    """The unknowns as rationals, `fmpq_mat` and `fmpq`.
-
-    X (n, n); Q, R one (n, n) per delay (Qbar, Rbar above); k1, k2 one number per delay; eps one
-    number, or a tuple of one per block of F, None where nothing is uncertain; gamma None for
-    stability alone.
-    """
-
-    X: Any
-    Q: tuple[Any, ...]
-    R: tuple[Any, ...]
-    eps: Any
-    k1: tuple[Any, ...]
-    k2: tuple[Any, ...]
-    gamma: Any
-
-    def matrices(self) -> list[tuple[str, Any]]:
-        """Return every matrix with its name: all must be symmetric."""
-        several = [(f"{name}[{j}]", M) for name in "QR" for j, M in enumerate(getattr(self, name))]
-        return [("X", self.X), *several]
-
-    def by_name(self) -> dict[str, Any]:
-        """Return the unknowns of `minus_omega` by name."""
-        return {**dict(self.matrices()), **eps_by_name(self.eps), "gamma": self.gamma}
-
-
-@dataclass(frozen=True)
 class Shift:
     """The system of e^{rate t} x(t): A_0 + rate I, and growth_j times A_j, B, H_j.
 
@@ -96,6 +80,61 @@ class Shift:
 
     rate: Any
     growth: tuple[Any, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Theorem2(Theorem):
+    """Theorem 2 at given k1, k2, of a given gain; the unknowns are X, Q[j], R[j], eps[b], gamma.
+
+    k1, k2 : one `fmpq` per delay.
+    shift : of a rate of decay; None: of the system itself.
+    """
+
+    k1: tuple[Any, ...]
+    k2: tuple[Any, ...]
+    shift: Shift | None = None
+
+    def inequalities(
+        self, system: DelaySystem, gain: Matrix, *, bounded: bool
+    ) -> Iterator[Inequality]:
+        """Yield what must be positive, -Omega last."""
+        yield from positive(system)
+        more: Any = {"gain": gain, "shift": self.shift}
+        yield minus_omega(system, self.k1, self.k2, bounded=bounded, **more)
+
+    def shapes(self, system: DelaySystem, gain: Matrix, *, bounded: bool) -> dict[str, Shape]:
+        """Return the shape of every unknown, of Q_j where any age is allowed as well: it is 0."""
+        require_size(_rows_to_prove(system, bounded=bounded))
+        n = len(system.A)
+        zeros = (f"Q[{j}]" for j, delay in enumerate(system.delays) if delay.any_age)
+        shapes = shapes_of(self.inequalities(system, gain, bounded=bounded))
+        return shapes | dict.fromkeys(zeros, Shape(n, n, symmetric=True, is_number=False))
+
+    def obstacle(
+        self, system: DelaySystem, gain: Matrix, unknowns: Mapping[str, Any]
+    ) -> str | None:
+        """Return which k2 is zero, or which Q is not where any age is allowed; None: nothing."""
+        del gain
+        if system.is_structured:
+            raise InputError(
+                "Theorem 2 is for the whole state, fed back at once or through one delay",
+                where="system: feedback",
+                expected="a system without feedback of single states, or another kind of "
+                "certificate",
+                hint='an analysis of the gain proves it: kind "analysis" or "ages"',
+            )
+        for j, delay in enumerate(system.delays):
+            if self.k2[j] == 0:
+                return f"k2[{j}] is 0"
+            Q = unknowns[f"Q[{j}]"]
+            if delay.any_age and Q != 0 * Q:
+                return f"Q[{j}] is not exactly 0, as a delay of any age needs"
+        return None
+
+
+def _rows_to_prove(system: DelaySystem, *, bounded: bool) -> int:
+    rows = (1 + 3 * len(system.delays)) * len(system.A) + len(system.H)
+    return rows + (system.C.shape[1] + len(system.D) if bounded else 0)
 
 
 def positive(system: DelaySystem) -> list[Inequality]:
