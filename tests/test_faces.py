@@ -179,7 +179,7 @@ print(json.dumps(sorted(sys.modules)))
     done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, check=False)  # noqa: S603
     assert done.returncode == 0, done.stderr
     loaded = set(json.loads(done.stdout))
-    assert "cosim.hinf.certificate.proof" in loaded
+    assert "cosim.hinf.theorems.proof" in loaded
     rooms = {name.split(".")[2] for name in loaded if name.startswith("cosim.hinf.")}
     assert rooms == {"certificate", "exact", "theorems"}
 

@@ -53,7 +53,7 @@ def words_of_claims() -> set[str]:
     """Every text that the prover may write for the age of a delay, from its source."""
     folder = ROOT / "cosim" / "hinf" / "certificate"
     found = set()
-    for path in ("ages_proof.py", "proof.py", "analysis_proof.py"):
+    for path in ("ages_certificate.py", "claim.py"):
         text = (folder / path).read_text("utf-8")
         found |= set(
             re.findall(r'"((?:any, however|constant, |sampled: |from least_age)[^"]*)"', text)

@@ -100,8 +100,8 @@ class AgesTheorem(Theorem):
         ages = self.ages(loop)
         rows = len(system.A) + system.C.shape[1] + system.E.shape[1]
         rows += sum(age.width * len(age.names) for age in ages)
-        held = [age for age in ages if age.functional == "looped"]
-        require_size(rows + sum(age.width * (1 + age.late) for age in held))
+        looped = [age for age in ages if age.functional == "looped"]
+        require_size(rows + sum(age.width * (1 + age.late) for age in looped))
         require_size(prod(len(age.corners()) for age in ages), MAX_CORNERS, "corners")
         shapes = shapes_of_ages(loop, ages, bounded=bounded)
         return {name: shape for name, shape in shapes.items() if name != "1/gamma"}
