@@ -1,4 +1,5 @@
 from .certificate import (
+    AgeWord as AgeWord,
     Certificate as Certificate,
     CertificateCheck as CertificateCheck,
     Guarantees as Guarantees,

@@ -214,9 +214,6 @@ def like_feedback(system: DelaySystem, like: Delay | None) -> DelaySystem:
     return replace(system, delays=tuple(delays))
 
 
-_ONE_AGE = "constant, exactly d"
-
-
 def require_up_to(found: hinf.Design) -> None:
     """Refuse a design for ages that no run has (NotAchievableError).
 
@@ -238,7 +235,7 @@ def require_up_to(found: hinf.Design) -> None:
 
 def _exact(found: hinf.Design) -> list[dict[str, Any]]:
     """Return what the claim says of delays that it covers at exactly one value."""
-    return [x for x in found.certificate["claim"]["delays"] if x["age"] == _ONE_AGE]
+    return [x for x in found.certificate["claim"]["delays"] if x["age"] == hinf.AgeWord.EXACTLY]
 
 
 def _refuse_rate(system: DelaySystem) -> None:

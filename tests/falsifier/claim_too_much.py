@@ -85,8 +85,8 @@ MUTATIONS: tuple[Mutation, ...] = (
     _of(
         "claim",
         "a constant age of what is held",
-        "_EXACTLY: AgeRule(_exactly),",
-        "_EXACTLY: AgeRule(_exactly, varies=True),",
+        "AgeWord.EXACTLY: AgeRule(_exactly),",
+        "AgeWord.EXACTLY: AgeRule(_exactly, varies=True),",
         "constant",
     ),
     _of(
@@ -107,8 +107,8 @@ MUTATIONS: tuple[Mutation, ...] = (
     _of(
         "claim",
         "an observer's plant delay up to d",
-        '[{"age": _ANY if x.any_age else _EXACTLY}',
-        '[{"age": _ANY}',
+        '[{"age": AgeWord.ANY if x.any_age else AgeWord.EXACTLY}',
+        '[{"age": AgeWord.ANY}',
         "inner",
     ),
     # ---- wiring

@@ -119,12 +119,15 @@ from .system_parts import (
     matrix_from_rows as matrix_from_rows,
     number as number,
 )
-from .theorem import (
-    theorem_of as theorem_of,
-    uncertainty_text as uncertainty_text,
-)
 from .theorem_2_certificate import (
     certificate_to_json as certificate_to_json,
     certify as certify,
     theorem_2_proof as theorem_2_proof,
+)
+from .words import (
+    AGE_FROM as AGE_FROM,
+    PROPERTIES as PROPERTIES,
+    AgeWord as AgeWord,
+    theorem_of as theorem_of,
+    uncertainty_text as uncertainty_text,
 )

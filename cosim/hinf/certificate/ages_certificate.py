@@ -13,14 +13,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, cast
 
-from cosim.hinf.certificate.claim import (
-    ANY_AGE,
-    EXACTLY,
-    UP_TO,
-    Statement,
-    claim_of,
-    document_of,
-)
+from cosim.hinf.certificate.claim import Statement, claim_of, document_of
 from cosim.hinf.certificate.proof_json import (
     ages_from_json,
     ages_to_json,
@@ -28,7 +21,7 @@ from cosim.hinf.certificate.proof_json import (
     analysis_to_json,
 )
 from cosim.hinf.certificate.system_json import gain_from_json, system_from_json, system_to_json
-from cosim.hinf.certificate.theorem import uncertainty_text
+from cosim.hinf.certificate.words import AGE_FROM, AgeWord, hypotheses
 from cosim.hinf.exact import to_text
 from cosim.hinf.theorems import AgesTheorem, Proof
 
@@ -82,8 +75,12 @@ def loop_claim(system: DelaySystem, proof: Proof) -> dict[str, Any]:
         elif theorem.is_analysis and not delay.any_age:
             low = None if theorem.lower is None else 0
             delay_claim["age"] = _constant(_covered_from(theorem, low))
-    more = {} if theorem.is_analysis else {"hypotheses": _hypotheses(system, theorem, claim)}
-    return claim | {"order": theorem.order} | more
+    claim["order"] = theorem.order
+    if not theorem.is_analysis:
+        single = "single states" if system.is_structured else "whole state"
+        measured = "single entries" if system.has_masks else single
+        claim["hypotheses"] = hypotheses(claim, measured=measured)
+    return claim
 
 
 def _covered_from(theorem: AgesTheorem, low: Any) -> Any:
@@ -93,55 +90,19 @@ def _covered_from(theorem: AgesTheorem, low: Any) -> Any:
 
 def _constant(low: Any) -> str:
     if low is None:
-        return EXACTLY
-    return UP_TO if low == 0 else f"constant, from {to_text(low)} to d"
+        return AgeWord.EXACTLY.value
+    return AgeWord.UP_TO.value if low == 0 else AGE_FROM.format(least=to_text(low))
 
 
 def _age_claim(delay: Delay, functional: str, low: Any) -> dict[str, Any]:
     """Return the part of the claim that says how an age varies; numbers are doubles, as d is."""
-    least = {"least_age": delay.least_age}
     if functional == "constant":
         return {"age": _constant(low)}
-    if functional == "jensen":
-        return {"age": ANY_AGE}
+    if functional == "jensen" or (functional == "interval" and delay.least_age == 0):
+        return {"age": AgeWord.ANY.value}
+    least = {"least_age": delay.least_age}
     if functional == "interval":
-        if delay.least_age == 0:
-            return {"age": ANY_AGE}
-        return least | {"age": "any, however it varies, from least_age to d"}
+        return least | {"age": AgeWord.ANY_FROM.value}
     if functional == "rate":
-        return least | {"age": "from least_age to d, |age'| <= rate", "rate": delay.rate}
-    return least | {"age": "sampled: from least_age at rate one to d at most"}
-
-
-_MEASURED = {
-    False: "u = K x(t - age_f(t)): the whole state is measured",
-    True: "u = K sum_i S_i x(t - age_i(t)), S_i the diagonal of the truth values of feedback",
-}
-"""What is measured, by whether the feedback is of single states."""
-
-_OF_ENTRIES = "u = sum_i (K o M_i) x(t - age_i(t)), M_i the truth values of feedback by entry of K"
-
-
-def _hypotheses(system: DelaySystem, theorem: AgesTheorem, claim: dict[str, Any]) -> list[str]:
-    """Return what the theorem asks for, sentence by sentence."""
-    texts = [
-        "x' = sum_i (A_i + dA_i) x(t - age_i(t)) + B u + C w for almost every t >= 0",
-        _OF_ENTRIES if system.has_masks else _MEASURED[system.is_structured],
-        "every age is a measurable function of time",
-        "stability: w = 0 and any continuous initial function on [-max d, 0]",
-    ]
-    if claim["gamma"] is not None:
-        texts.append(
-            "gain: x = 0 for t <= 0, w square integrable on [0, T], and then the integral of z'z "
-            "over [0, T] is at most gamma^2 times that of w'w, for every T > 0"
-        )
-    if claim["uncertain"]:
-        texts.append(f"uncertainty: {uncertainty_text(claim)}")
-    if "rate" in theorem.functionals:
-        texts.append("an age with a bounded rate is Lipschitz continuous")
-    if {"wirtinger", "looped"} & set(theorem.functionals):
-        texts.append(
-            "a sampled age, a = least_age: x(t - age) = x(s_k) for s_k + a <= t < s_(k+1) + a, "
-            "0 < s_(k+1) - s_k <= d - a, s_0 + a <= 0, finitely many s_k in any bounded time"
-        )
-    return texts
+        return least | {"age": AgeWord.RATE.value, "rate": delay.rate}
+    return least | {"age": AgeWord.SAMPLED.value}

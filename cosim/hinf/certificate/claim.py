@@ -9,16 +9,9 @@ from typing import Any
 from cosim.core import html_table
 from cosim.hinf.certificate.document import claim_words, theorem_rows
 from cosim.hinf.certificate.system_json import feedback_to_json
-from cosim.hinf.certificate.theorem import theorem_of
+from cosim.hinf.certificate.words import PROPERTIES, AgeWord, theorem_of
 from cosim.hinf.exact import to_text
 from cosim.models import DelaySystem, Matrix
-
-ANY_AGE, UP_TO, EXACTLY = (
-    "any, however it varies, up to d",
-    "constant, up to d",
-    "constant, exactly d",
-)
-"""The texts of claims about an age."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -87,12 +80,12 @@ def claim_of(system: DelaySystem, gamma: Any) -> dict[str, Any]:
     gamma : the rational bound of the gain from w to z; None if only stability is claimed.
     """
     return {
-        "property": "stability" if gamma is None else "stability and H-infinity gain <= gamma",
+        "property": PROPERTIES["stability" if gamma is None else "gain"],
         "gamma": None if gamma is None else to_text(gamma),
         "delays": [
             {
                 "d": delay.d,
-                "age": ANY_AGE if delay.any_age else UP_TO,
+                "age": (AgeWord.ANY if delay.any_age else AgeWord.UP_TO).value,
                 "feedback": feedback_to_json(delay.feedback),
             }
             for delay in system.delays
@@ -105,7 +98,9 @@ def claim_of(system: DelaySystem, gamma: Any) -> dict[str, Any]:
 
 def covers_smaller(claim: dict[str, Any]) -> bool:
     """Whether a claim covers every delay from zero up to the system's."""
-    return all(delay["age"] != EXACTLY and "from" not in delay["age"] for delay in claim["delays"])
+    return all(
+        delay["age"] != AgeWord.EXACTLY and "from" not in delay["age"] for delay in claim["delays"]
+    )
 
 
 def uncertainty_claim(system: DelaySystem) -> dict[str, Any]:

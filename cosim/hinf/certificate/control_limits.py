@@ -23,20 +23,20 @@ import itertools
 import math
 from dataclasses import dataclass, replace
 from functools import partial
+from types import MappingProxyType
 from typing import Any
 
 import flint
 import numpy as np
 
 from cosim.core import InputError
-from cosim.hinf.certificate.document import ProvedValue
+from cosim.hinf.certificate.guarantee import NUMBER, Form, Guarantee, Read, numbers
 from cosim.hinf.certificate.proof_json import (
     numbers_from_json,
     numbers_to_json,
     theorem_2_from_json,
     theorem_2_to_json,
 )
-from cosim.hinf.certificate.system_json import known_keys
 from cosim.hinf.exact import (
     ball_precision,
     exact,
@@ -45,7 +45,6 @@ from cosim.hinf.exact import (
     norm_is_below,
     root_above,
     rounded_up,
-    to_text,
 )
 from cosim.hinf.theorems import Proof
 from cosim.models import DelaySystem, Matrix
@@ -58,21 +57,14 @@ _DIGITS = 50  # bits of a level that must be sure
 
 
 @dataclass(frozen=True, eq=False)
-class GainLimit(ProvedValue):
+class GainLimit(Guarantee):
     """The largest singular value of K is at most `bound`, a `fmpq`."""
 
     bound: Any
 
-    def claim(self) -> dict[str, Any]:
-        """Return the claim that is proved if `failure` returns None."""
-        return {
-            "property": "the largest singular value of K is at most bound",
-            "bound": to_text(self.bound),
-        }
-
-    def to_json(self) -> dict[str, Any]:
-        """Return the JSON values that `gain_limit_from_json` reads."""
-        return {"bound": to_text(self.bound)}
+    NAME = "gain_limit"
+    FORMS = MappingProxyType({"bound": NUMBER})
+    CLAIMED = ("bound",)
 
     def failure(self, system: DelaySystem, gain: Matrix) -> str | None:
         """Return why it is not proved; None if it is."""
@@ -81,13 +73,6 @@ class GainLimit(ProvedValue):
         if self.bound < 0:
             return "the bound of |K| is negative"
         return None if norm_is_below(K, self.bound) else "bound^2 I - K K' is not positive definite"
-
-
-def gain_limit_from_json(data: Any, system: DelaySystem, gain: Matrix, where: str) -> GainLimit:
-    """Read what `GainLimit.to_json` wrote; an `InputError` for anything else."""
-    del system, gain
-    known_keys(data, where, ("bound",), required=("bound",))
-    return GainLimit(from_text(data["bound"], f"{where}.bound"))
 
 
 def norm_above(gain: Matrix) -> float:
@@ -99,8 +84,31 @@ def norm_above(gain: Matrix) -> float:
     return value
 
 
+def _offset(data: Any, of: Read) -> tuple[Any, ...]:
+    offset = numbers_from_json(data, len(of.system.A), of.where)
+    sides = sum(value != 0 for value in offset)
+    if sides > MAX_OFFSETS:
+        raise too_many_offsets(sides, of.where)
+    return offset
+
+
+def _energy(data: Any, of: Read) -> Any:
+    energy = from_text(data, of.where)
+    if energy != 0 and not of.system.C.size:
+        raise InputError(
+            "does not fit the system", where=of.where, expected="0, without a disturbance"
+        )
+    return energy
+
+
+def _variables(data: Any, of: Read) -> Proof:
+    acts = of.values["energy"] != 0
+    bare = peak_system(of.system, energy=acts)
+    return theorem_2_from_json(bare, of.gain, data, of.where, bounded=acts)
+
+
 @dataclass(frozen=True, eq=False)
-class PeakControl(ProvedValue):
+class PeakControl(Guarantee):
     """Bounds |u_i(t)| <= bound_i for every t, with their proof: exact numbers (`fmpq`).
 
     bounds : one per input.
@@ -114,24 +122,16 @@ class PeakControl(ProvedValue):
     energy: Any
     proof: Proof
 
-    def claim(self) -> dict[str, Any]:
-        """Return the claim that is proved if `failure` returns None."""
-        return {
-            "property": "|u_i(t)| <= bounds_i for every t, from any constant initial state with "
-            "|x_i| <= offset_i, with any w of int w'w <= energy^2",
-            "bounds": numbers_to_json(self.bounds),
-            "offset": numbers_to_json(self.offset),
-            "energy": to_text(self.energy),
+    NAME = "peak_control"
+    FORMS = MappingProxyType(
+        {
+            "bounds": numbers(lambda of: of.system.B.shape[1]),
+            "offset": Form(numbers_to_json, _offset),
+            "energy": Form(NUMBER.write, _energy),
+            "variables": Form(theorem_2_to_json, _variables),
         }
-
-    def to_json(self) -> dict[str, Any]:
-        """Return the JSON values that `peak_control_from_json` reads."""
-        return {
-            "bounds": numbers_to_json(self.bounds),
-            "offset": numbers_to_json(self.offset),
-            "energy": to_text(self.energy),
-            "variables": theorem_2_to_json(self.proof),
-        }
+    )
+    CLAIMED = ("bounds", "offset", "energy")
 
     def failure(self, system: DelaySystem, gain: Matrix) -> str | None:
         """Return which condition is not proved; None if all are."""
@@ -147,26 +147,6 @@ class PeakControl(ProvedValue):
             if not _square_is_above(bound, square):
                 return f"bounds[{i}] is not proved: {float(bound):.6g} is below the level reached"
         return None
-
-
-def peak_control_from_json(data: Any, system: DelaySystem, gain: Matrix, where: str) -> PeakControl:
-    """Read what `PeakControl.to_json` wrote; an `InputError` for anything else."""
-    keys = ("bounds", "offset", "energy", "variables")
-    known_keys(data, where, keys, required=keys)
-    n, m = system.B.shape
-
-    energy = from_text(data["energy"], f"{where}.energy")
-    bounds = numbers_from_json(data["bounds"], m, f"{where}.bounds")
-    offset = numbers_from_json(data["offset"], n, f"{where}.offset")
-    if sum(value != 0 for value in offset) > MAX_OFFSETS:
-        raise too_many_offsets(sum(value != 0 for value in offset), f"{where}.offset")
-    if energy != 0 and not system.C.size:
-        raise InputError(
-            "does not fit the system", where=f"{where}.energy", expected="0, without a disturbance"
-        )
-    place, bare = f"{where}.variables", peak_system(system, energy=energy != 0)
-    proof = theorem_2_from_json(bare, gain, data["variables"], place, bounded=energy != 0)
-    return PeakControl(bounds, offset, energy, proof)
 
 
 def peak_system(system: DelaySystem, *, energy: bool) -> DelaySystem:

@@ -15,21 +15,19 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import flint
 
 from cosim.core import InputError
-from cosim.hinf.certificate.document import ProvedValue
+from cosim.hinf.certificate.guarantee import NUMBER, Guarantee
 from cosim.hinf.certificate.norm_proof import exact_terms
-from cosim.hinf.certificate.system_json import known_keys
 from cosim.hinf.exact import (
     Contour,
     NotCountedError,
     ball_precision,
     exact,
-    from_text,
-    to_text,
 )
 
 if TYPE_CHECKING:
@@ -37,11 +35,10 @@ if TYPE_CHECKING:
 
 _BITS = 128
 _LARGEST_GROWTH = 1e9
-_KEYS = ("ratio", "within")
 
 
 @dataclass(frozen=True, eq=False)
-class Damping(ProvedValue):
+class Damping(Guarantee):
     """A bound of damping ratios; it is its own proof, which needs no further numbers (`fmpq`).
 
     ratio : zeta, between 0 and 1.
@@ -51,17 +48,9 @@ class Damping(ProvedValue):
     ratio: Any
     within: Any
 
-    def claim(self) -> dict[str, Any]:
-        """Return the claim that is proved if `failure` returns None."""
-        return {
-            "property": "nominal loop (F = 0, every age constant, exactly d): every characteristic "
-            "root s with Re s >= -within has a damping ratio -Re s / |s| > ratio",
-            **self.to_json(),
-        }
-
-    def to_json(self) -> dict[str, Any]:
-        """Return the JSON values that `damping_from_json` reads."""
-        return {"ratio": to_text(self.ratio), "within": to_text(self.within)}
+    NAME = "damping"
+    FORMS = MappingProxyType({"ratio": NUMBER, "within": NUMBER})
+    CLAIMED = ("ratio", "within")
 
     def failure(self, system: DelaySystem, gain: Matrix) -> str | None:
         """Return why it is not proved; None if it is."""
@@ -86,13 +75,6 @@ class Damping(ProvedValue):
                 return str(error)
         excluded = "characteristic roots with Re s >= -within have no greater damping ratio"
         return f"{roots} {excluded}" if roots else None
-
-
-def damping_from_json(data: Any, system: DelaySystem, gain: Matrix, where: str) -> Damping:
-    """Read what `Damping.to_json` wrote; an `InputError` for anything else."""
-    del system, gain
-    known_keys(data, where, _KEYS, required=_KEYS)
-    return Damping(*(from_text(data[key], f"{where}.{key}") for key in _KEYS))
 
 
 def checked_damping(

@@ -19,20 +19,15 @@ import itertools
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, cast
 
 import flint
 
 from cosim.core import InputError
-from cosim.hinf.certificate.document import ProvedValue
-from cosim.hinf.certificate.proof_json import (
-    numbers_from_json,
-    numbers_to_json,
-    theorem_2_from_json,
-    theorem_2_to_json,
-)
-from cosim.hinf.certificate.system_json import known_keys
-from cosim.hinf.exact import ball_precision, exact, from_text, to_text
+from cosim.hinf.certificate.guarantee import NUMBER, Form, Guarantee, Read, numbers
+from cosim.hinf.certificate.proof_json import theorem_2_from_json, theorem_2_to_json
+from cosim.hinf.exact import ball_precision, exact
 from cosim.hinf.theorems import Proof, Shift, Theorem2
 
 if TYPE_CHECKING:
@@ -42,11 +37,14 @@ MAX_ACTING = 5
 """Most delays through which anything acts: 2^5 inequalities."""
 
 _LARGEST_GROWTH = 1e9
-_KEYS = ("rate", "growth", "variables")
+
+
+def _variables(data: Any, of: Read) -> Proof:
+    return theorem_2_from_json(of.system, of.gain, data, of.where, bounded=False)
 
 
 @dataclass(frozen=True, eq=False)
-class Decay(ProvedValue):
+class Decay(Guarantee):
     """A rate of decay with its proof: exact numbers (`fmpq`).
 
     rate : alpha [1/s], positive.
@@ -58,20 +56,15 @@ class Decay(ProvedValue):
     growth: tuple[Any, ...]
     proof: Proof
 
-    def claim(self) -> dict[str, Any]:
-        """Return the claim that is proved if `failure` returns None."""
-        return {
-            "property": "every solution with w = 0 decays at least as exp(-rate t)",
-            "rate": to_text(self.rate),
+    NAME = "decay"
+    FORMS = MappingProxyType(
+        {
+            "rate": NUMBER,
+            "growth": numbers(lambda of: len(of.system.delays)),
+            "variables": Form(theorem_2_to_json, _variables),
         }
-
-    def to_json(self) -> dict[str, Any]:
-        """Return the JSON values that `decay_from_json` reads."""
-        return {
-            "rate": to_text(self.rate),
-            "growth": numbers_to_json(self.growth),
-            "variables": theorem_2_to_json(self.proof),
-        }
+    )
+    CLAIMED = ("rate",)
 
     def failure(self, system: DelaySystem, gain: Matrix) -> str | None:
         """Return which condition is not proved; None if all are.
@@ -93,22 +86,6 @@ class Decay(ProvedValue):
             if reason is not None:
                 return reason
         return None
-
-
-def decay_from_json(data: Any, system: DelaySystem, gain: Matrix, where: str) -> Decay:
-    """Read what `Decay.to_json` wrote.
-
-    Raises
-    ------
-    InputError : a missing key, a wrong shape, a text that is no number.
-    """
-    known_keys(data, where, _KEYS, required=_KEYS)
-    place = f"{where}.variables"
-    return Decay(
-        rate=from_text(data["rate"], f"{where}.rate"),
-        growth=numbers_from_json(data["growth"], len(system.delays), f"{where}.growth"),
-        proof=theorem_2_from_json(system, gain, data["variables"], place, bounded=False),
-    )
 
 
 def acting_delays(system: DelaySystem) -> tuple[int, ...]:

@@ -6,7 +6,7 @@ from typing import Any
 
 from cosim.core import html_table
 from cosim.hinf.certificate.frozen_json import FrozenDict
-from cosim.hinf.certificate.theorem import theorem_of
+from cosim.hinf.certificate.words import theorem_of
 from cosim.models import Value
 
 

@@ -7,37 +7,25 @@ In the JSON of a certificate each has its own proof and its own claim:
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, fields
 from typing import Any
 
-from cosim.hinf.certificate.control_limits import (
-    GainLimit,
-    PeakControl,
-    gain_limit_from_json,
-    peak_control_from_json,
-)
-from cosim.hinf.certificate.damping import Damping, damping_from_json
-from cosim.hinf.certificate.decay import Decay, decay_from_json
+from cosim.hinf.certificate.control_limits import GainLimit, PeakControl
+from cosim.hinf.certificate.damping import Damping
+from cosim.hinf.certificate.decay import Decay
 from cosim.hinf.certificate.document import ProvedValue
-from cosim.hinf.certificate.outages import Outages, outages_from_json
-from cosim.hinf.certificate.state_peaks import StatePeaks, state_peaks_from_json
+from cosim.hinf.certificate.guarantee import Guarantee
+from cosim.hinf.certificate.outages import Outages
+from cosim.hinf.certificate.state_peaks import StatePeaks
 from cosim.hinf.certificate.system_json import known_keys
-from cosim.hinf.certificate.theorem import theorem_of
+from cosim.hinf.certificate.words import theorem_of
 from cosim.models import DelaySystem, Matrix
 
 KEY = "guarantees"
-_READERS: dict[str, Callable[[Any, DelaySystem, Matrix, str], Any]] = {
-    "decay": decay_from_json,
-    "damping": damping_from_json,
-    "gain_limit": gain_limit_from_json,
-    "peak_control": peak_control_from_json,
-    "state_peaks": state_peaks_from_json,
-    "outages": outages_from_json,
-}
-
-
-Guarantee = Decay | Damping | GainLimit | PeakControl | StatePeaks | Outages
+_KINDS: tuple[type[Guarantee], ...] = (
+    *(Decay, Damping, GainLimit),
+    *(PeakControl, StatePeaks, Outages),
+)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -97,10 +85,10 @@ def guarantees_from_json(data: dict[str, Any], system: DelaySystem, gain: Matrix
     if KEY not in data:
         return Guarantees()
     tables = data[KEY]
-    known_keys(tables, KEY, tuple(_READERS))
-    return Guarantees(
-        **{
-            name: _READERS[name](table, system, gain, f"{KEY}.{name}")
-            for name, table in tables.items()
-        }
-    )
+    kinds = {kind.NAME: kind for kind in _KINDS}
+    known_keys(tables, KEY, tuple(kinds))
+    proofs: dict[str, Any] = {
+        name: kinds[name].from_json(table, system, gain, f"{KEY}.{name}")
+        for name, table in tables.items()
+    }
+    return Guarantees(**proofs)

@@ -12,10 +12,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from cosim.core import InputError, format_value
-from cosim.hinf.certificate.claim import EXACTLY, Statement, claim_of, document_of
+from cosim.hinf.certificate.claim import Statement, claim_of, document_of
 from cosim.hinf.certificate.norm_proof import MAX_STEPS, NORM_BITS, NormProof
 from cosim.hinf.certificate.system_json import gain_from_json, system_from_json, system_to_json
 from cosim.hinf.certificate.system_parts import number
+from cosim.hinf.certificate.words import PROPERTIES, AgeWord
 from cosim.hinf.exact import ball_precision, exact, from_text, to_text
 
 if TYPE_CHECKING:
@@ -78,7 +79,6 @@ def read_norm(data: dict[str, Any]) -> Statement:
 def _claim(system: DelaySystem, gamma: Any) -> dict[str, Any]:
     claim = claim_of(system, gamma)
     for delay in claim["delays"]:
-        delay["age"] = EXACTLY
-    words = "stability and H-infinity norm < gamma of the nominal loop"
+        delay["age"] = AgeWord.EXACTLY.value
     claim.pop("uncertainty_blocks", None)
-    return claim | {"property": words, "uncertain": False}
+    return claim | {"property": PROPERTIES["norm"], "uncertain": False}

@@ -6,20 +6,20 @@ The inequalities are those of `cosim.hinf.theorems.outages`.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, Self
 
 from cosim.core import InputError
 from cosim.hinf.certificate.decay import is_above_exponential
-from cosim.hinf.certificate.document import ProvedValue
+from cosim.hinf.certificate.guarantee import DOUBLE, NUMBER, ROWS, Form, Guarantee, Read, numbers
 from cosim.hinf.certificate.proof_json import (
     Counts,
-    numbers_from_json,
-    numbers_to_json,
     unknowns_from_json,
     unknowns_to_json,
 )
 from cosim.hinf.certificate.system_json import known_keys
-from cosim.hinf.certificate.system_parts import matrix_from_rows, number
+from cosim.hinf.certificate.system_parts import matrix_from_rows
+from cosim.hinf.certificate.words import PROPERTIES
 from cosim.hinf.exact import exact, from_text, to_text
 from cosim.hinf.theorems import (
     Modes,
@@ -38,19 +38,17 @@ if TYPE_CHECKING:
 
     from cosim.models import Delay, DelaySystem, Matrix
 
-_WORDS = (
-    "in touch (every age of the feedback at most its d) V' <= -2 alpha V, out of touch (u = "
-    "fallback x(t - o), 0 <= o <= fallback_age) V' <= 2 beta V, one V >= x'P x for both, and so "
-    "V(T) <= V(0) exp(2 beta T_out - 2 alpha T_touch) with w = 0, whichever way the time is divided"
-)
-_GAIN_WORDS = (
-    "; from x = 0 the integral over [0, T] of s z'z is at most gamma^2 times that of s w'w, "
-    "s = exp(2 alpha T_touch - 2 beta T_out) up to each instant"
-)
+
+def _fallback(data: Any, of: Read) -> Matrix:
+    fallback, expected = matrix_from_rows(data, of.where), of.gain.shape
+    if fallback.shape != expected:
+        got = str(fallback.shape)
+        raise InputError("wrong shape", where=of.where, expected=str(expected), got=got)
+    return fallback
 
 
 @dataclass(frozen=True, eq=False)
-class Outages(Modes, ProvedValue):
+class Outages(Modes, Guarantee):
     """What is proved of a loop whose link drops out; exact numbers (`fmpq`, `fmpq_mat`).
 
     unknowns : of `outage_inequalities` by name: P, S[j], R[j], M[j], eps[b], eps_out[b].
@@ -63,31 +61,55 @@ class Outages(Modes, ProvedValue):
         """The share of the time in touch above which V falls in the long run (`fmpq`)."""
         return self.beta / (self.alpha + self.beta) if self.beta > 0 else 0 * self.beta
 
+    NAME = "outages"
+    FORMS = MappingProxyType(
+        {
+            "alpha": NUMBER,
+            "beta": NUMBER,
+            "rho": numbers(lambda of: len(positive_delays(of.system))),
+            "fallback": Form(ROWS.write, _fallback),
+            "fallback_age": DOUBLE,
+        }
+    )
+    CLAIMED = ("alpha", "beta", "fallback", "fallback_age")
+
     def claim(self) -> dict[str, Any]:
         """Return the claim that is proved if `failure` returns None."""
-        more = {} if self.gamma is None else {"gamma": to_text(self.gamma)}
-        return {
-            "property": _WORDS + (_GAIN_WORDS if more else ""),
-            "alpha": to_text(self.alpha),
-            "beta": to_text(self.beta),
-            "share": to_text(self.share),
-            **more,
-            "fallback": self.fallback.tolist(),
-            "fallback_age": self.fallback_age,
-        }
+        claim = super().claim() | {"share": to_text(self.share)}
+        if self.gamma is not None:
+            more = PROPERTIES["outages with a gain"]
+            claim |= {"property": claim["property"] + more, "gamma": to_text(self.gamma)}
+        return claim
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON values that `outages_from_json` reads."""
+        """Return the JSON values that `from_json` reads."""
         blocks = sum(name.startswith("eps[") for name in self.unknowns)
         return {
-            "alpha": to_text(self.alpha),
-            "beta": to_text(self.beta),
+            **super().to_json(),
             "gamma": None if self.gamma is None else to_text(self.gamma),
-            "rho": numbers_to_json(self.rho),
-            "fallback": self.fallback.tolist(),
-            "fallback_age": self.fallback_age,
             **unknowns_to_json(self.unknowns, _counts(len(self.rho), blocks)),
         }
+
+    @classmethod
+    def from_json(cls, data: Any, system: DelaySystem, gain: Matrix, where: str) -> Self:
+        """Read what `to_json` wrote of a loop; messages name `where`.
+
+        Raises
+        ------
+        InputError : a missing key, a wrong shape, a text that is no number, or a loop without
+            outages.
+        """
+        counts = _counts(len(positive_delays(system)), len(system.blocks))
+        keys = (*cls.FORMS, "gamma", *counts)
+        known_keys(data, where, keys, required=keys)
+        outage_delay(system)
+        gamma = data["gamma"]
+        if gamma is not None and not system.has_performance:
+            raise InputError("this system has no gain to bound", where=f"{where}.gamma")
+        gamma = None if gamma is None else from_text(gamma, f"{where}.gamma")
+        modes = Modes(**cls._values(data, system, gain, where), gamma=gamma)
+        shapes = shapes_of_outages(system, gain, modes)
+        return cls(**vars(modes), unknowns=unknowns_from_json(data, shapes, counts, where))
 
     def failure(self, system: DelaySystem, gain: Matrix) -> str | None:
         """Return which condition is not proved; None if all are.
@@ -161,33 +183,3 @@ def outage_delay(system: DelaySystem) -> Delay:
             got=wrong,
         )
     return acting[0]
-
-
-def outages_from_json(data: Any, system: DelaySystem, gain: Matrix, where: str) -> Outages:
-    """Read what `Outages.to_json` wrote.
-
-    Raises
-    ------
-    InputError : a missing key, a wrong shape, a text that is no number, or a loop without outages.
-    """
-    late = len(positive_delays(system))
-    counts = _counts(late, len(system.blocks))
-    keys = ("alpha", "beta", "gamma", "rho", "fallback", "fallback_age", *counts)
-    known_keys(data, where, keys, required=keys)
-    outage_delay(system)
-    if data["gamma"] is not None and not system.has_performance:
-        raise InputError("this system has no gain to bound", where=f"{where}.gamma")
-    fallback = matrix_from_rows(data["fallback"], f"{where}.fallback")
-    if fallback.shape != gain.shape:
-        got, expected = str(fallback.shape), str(gain.shape)
-        raise InputError("wrong shape", where=f"{where}.fallback", expected=expected, got=got)
-    modes = Modes(
-        alpha=from_text(data["alpha"], f"{where}.alpha"),
-        beta=from_text(data["beta"], f"{where}.beta"),
-        gamma=None if data["gamma"] is None else from_text(data["gamma"], f"{where}.gamma"),
-        rho=numbers_from_json(data["rho"], late, f"{where}.rho"),
-        fallback=fallback,
-        fallback_age=number(data["fallback_age"], f"{where}.fallback_age"),
-    )
-    shapes = shapes_of_outages(system, gain, modes)
-    return Outages(**vars(modes), unknowns=unknowns_from_json(data, shapes, counts, where))

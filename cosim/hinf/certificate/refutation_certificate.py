@@ -35,6 +35,7 @@ from cosim.hinf.certificate.refutation_proof import (
     shapes_of_multipliers,
 )
 from cosim.hinf.certificate.system_json import known_keys, system_from_json, system_to_json
+from cosim.hinf.certificate.words import PROPERTIES
 from cosim.hinf.exact import (
     exact,
     exact_matrix,
@@ -129,7 +130,7 @@ def read_gamma_floor(data: dict[str, Any]) -> Statement:
 
 def _floor_claim(system: DelaySystem, gamma: Any) -> dict[str, Any]:
     return {
-        "property": "no delay, k1, k2 and K meet the LMI of Theorem 2: gamma <= ||D1||",
+        "property": PROPERTIES["gamma floor"],
         "gamma": to_text(gamma),
         "delays": [],
         **uncertainty_claim(system),

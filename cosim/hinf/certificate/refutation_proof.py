@@ -20,6 +20,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from cosim.hinf.certificate.claim import uncertainty_claim
+from cosim.hinf.certificate.words import PROPERTIES
 from cosim.hinf.exact import first_bad_matrix, to_text
 from cosim.hinf.theorems import (
     Inequality,
@@ -61,7 +62,7 @@ def fixed_at(place: Place) -> dict[str, Any]:
 def refutation_claim(system: DelaySystem, place: Place) -> dict[str, Any]:
     """Return the claim of a refutation as JSON values."""
     return {
-        "property": "no X, Y, Q, R, eps meets the LMI of Theorem 2 at these k1, k2",
+        "property": PROPERTIES["refutation"],
         "gamma": None if place.gamma is None else to_text(place.gamma),
         "k1": [to_text(value) for value in place.k1],
         "k2": [to_text(value) for value in place.k2],

@@ -19,6 +19,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
+from types import MappingProxyType
 from typing import Any, cast
 
 import flint
@@ -26,24 +27,36 @@ import numpy as np
 
 from cosim.core import InputError
 from cosim.hinf.certificate.control_limits import MAX_OFFSETS, half_of_corners, peak_system
-from cosim.hinf.certificate.document import ProvedValue
-from cosim.hinf.certificate.proof_json import (
-    analysis_from_json,
-    analysis_to_json,
-    numbers_from_json,
-    numbers_to_json,
-)
-from cosim.hinf.certificate.system_json import known_keys
+from cosim.hinf.certificate.guarantee import NUMBER, ROWS, Form, Guarantee, Read, numbers
+from cosim.hinf.certificate.proof_json import analysis_from_json, analysis_to_json
 from cosim.hinf.certificate.system_parts import matrix_from_rows
-from cosim.hinf.exact import exact, exact_matrix, from_text, root_above, to_text
+from cosim.hinf.exact import exact, exact_matrix, root_above
 from cosim.hinf.theorems import AgesTheorem, Proof, positive_delays
 from cosim.models import DelaySystem, Matrix
 
-_KEYS = ("rows", "starts", "bounds", "energy", "variables")
+
+def _starts(data: Any, of: Read) -> Matrix:
+    starts = matrix_from_rows(data, of.where)
+    check_peaks_asked(of.values["rows"], starts, len(of.system.A), of.where.rpartition(".")[0])
+    return starts
+
+
+def _variables(data: Any, of: Read) -> Proof:
+    energy = of.values["energy"]
+    bare = peak_system(of.system, energy=energy != 0)
+    proof = analysis_from_json(bare, of.gain, data, of.where)
+    order = cast("AgesTheorem", proof.theorem).order
+    if order != 0 or (proof.gamma is None) != (energy == 0):
+        raise InputError(
+            "not the variables of a peak",
+            where=of.where,
+            expected="order 0, and gamma where there is an energy",
+        )
+    return proof
 
 
 @dataclass(frozen=True, eq=False)
-class StatePeaks(ProvedValue):
+class StatePeaks(Guarantee):
     """Bounds |g_i x(t)| <= bound_i for every t >= 0, with their proof.
 
     rows : (r, n) the g_i, doubles.
@@ -59,23 +72,17 @@ class StatePeaks(ProvedValue):
     energy: Any
     proof: Proof
 
-    def claim(self) -> dict[str, Any]:
-        """Return the claim that is proved if `failure` returns None."""
-        return {
-            "property": "|g_i x(t)| <= bounds_i for every t >= 0, g_i the rows, from any constant "
-            "initial state sum_k a_k s_k, |a_k| <= 1, s_k the columns of starts, with any w of int "
-            "w'w <= energy^2",
-            "rows": self.rows.tolist(),
-            "starts": self.starts.tolist(),
-            "bounds": numbers_to_json(self.bounds),
-            "energy": to_text(self.energy),
+    NAME = "state_peaks"
+    FORMS = MappingProxyType(
+        {
+            "rows": ROWS,
+            "starts": Form(ROWS.write, _starts),
+            "bounds": numbers(lambda of: len(of.values["rows"])),
+            "energy": NUMBER,
+            "variables": Form(analysis_to_json, _variables),
         }
-
-    def to_json(self) -> dict[str, Any]:
-        """Return the JSON values that `state_peaks_from_json` reads."""
-        claim = self.claim()
-        table = {key: claim[key] for key in _KEYS if key in claim}
-        return table | {"variables": analysis_to_json(self.proof)}
+    )
+    CLAIMED = ("rows", "starts", "bounds", "energy")
 
     def failure(self, system: DelaySystem, gain: Matrix) -> str | None:
         """Return why it is not proved; None if it is."""
@@ -123,32 +130,6 @@ def bounds_above(squares: list[Any]) -> tuple[Any, ...]:
 
 def _has_square_above(bound: Any, square: Any) -> bool:
     return bool(bound * bound >= square)
-
-
-def state_peaks_from_json(data: Any, system: DelaySystem, gain: Matrix, where: str) -> StatePeaks:
-    """Read what `StatePeaks.to_json` wrote.
-
-    Raises
-    ------
-    InputError : a missing key, a wrong shape, a text that is no number.
-    """
-    known_keys(data, where, _KEYS, required=_KEYS)
-    n = len(system.A)
-    rows = matrix_from_rows(data["rows"], f"{where}.rows")
-    starts = matrix_from_rows(data["starts"], f"{where}.starts")
-    check_peaks_asked(rows, starts, n, where)
-    bounds = numbers_from_json(data["bounds"], len(rows), f"{where}.bounds")
-    energy = from_text(data["energy"], f"{where}.energy")
-    bare = peak_system(system, energy=energy != 0)
-    proof = analysis_from_json(bare, gain, data["variables"], f"{where}.variables")
-    order = cast("AgesTheorem", proof.theorem).order
-    if order != 0 or (proof.gamma is None) != (energy == 0):
-        raise InputError(
-            "not the variables of a peak",
-            where=f"{where}.variables",
-            expected="order 0, and gamma where there is an energy",
-        )
-    return StatePeaks(rows, starts, bounds, energy, proof)
 
 
 def check_peaks_asked(rows: Matrix, starts: Matrix, n: int, where: str) -> None:

@@ -15,6 +15,7 @@ from fractions import Fraction
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
+from cosim.hinf import AgeWord
 from cosim.models import Delay
 from cosim.scenario.gain import observes
 
@@ -58,18 +59,14 @@ def _never(value: float, d: float, least: float) -> bool:
     return False
 
 
-_ANY, _EXACTLY = "any, however it varies, up to d", "constant, exactly d"
-
 AGE_RULES: Mapping[str, AgeRule] = MappingProxyType(
     {
-        _ANY: AgeRule(_up_to, varies=True),
-        "any, however it varies, from least_age to d": AgeRule(_up_to, varies=True, least=True),
-        "sampled: from least_age at rate one to d at most": AgeRule(
-            _never, varies=True, sampled=True, least=True
-        ),
-        "from least_age to d, |age'| <= rate": AgeRule(_up_to, least=True),
-        "constant, up to d": AgeRule(_up_to),
-        _EXACTLY: AgeRule(_exactly),
+        AgeWord.ANY: AgeRule(_up_to, varies=True),
+        AgeWord.ANY_FROM: AgeRule(_up_to, varies=True, least=True),
+        AgeWord.SAMPLED: AgeRule(_never, varies=True, sampled=True, least=True),
+        AgeWord.RATE: AgeRule(_up_to, least=True),
+        AgeWord.UP_TO: AgeRule(_up_to),
+        AgeWord.EXACTLY: AgeRule(_exactly),
     }
 )
 """Word of a claim about a delay -> what it covers."""
@@ -126,7 +123,7 @@ def covers_plant_delays(
     claimed = zip(design.system.delays, _claimed(design), strict=True)
     words = {id(x): each["age"] for x, each in claimed}
     for i, (name, d) in enumerate(delays.items()):
-        value, rule, least = own.get(name), AGE_RULES[_EXACTLY], 0.0
+        value, rule, least = own.get(name), AGE_RULES[AgeWord.EXACTLY], 0.0
         if i < len(terms):
             rule = age_rule(words[id(terms[i])])
             least = terms[i].least_age
@@ -140,7 +137,7 @@ def _claimed(design: AnyDesign) -> list[dict[str, Any]]:
         claimed: list[dict[str, Any]] = design.certificate["claim"]["delays"]
         return claimed
     # the observer goes by the delay of the design: a constant one must be the plant's
-    return [{"age": _ANY if x.any_age else _EXACTLY} for x in design.system.delays]
+    return [{"age": AgeWord.ANY if x.any_age else AgeWord.EXACTLY} for x in design.system.delays]
 
 
 def certified_age(design: AnyDesign) -> float | None:
@@ -154,13 +151,12 @@ def certified_age(design: AnyDesign) -> float | None:
 def word_of(delay: Delay) -> str:
     """Return the word of a delay of a design with an observer, whose measurements have fields."""
     if delay.sampled:
-        return "sampled: from least_age at rate one to d at most"
+        return AgeWord.SAMPLED
     if delay.rate is not None:
-        return "from least_age to d, |age'| <= rate"
+        return AgeWord.RATE
     if delay.any_age:
-        span = "from least_age to d" if delay.least_age else "up to d"
-        return f"any, however it varies, {span}"
-    return _EXACTLY
+        return AgeWord.ANY_FROM if delay.least_age else AgeWord.ANY
+    return AgeWord.EXACTLY
 
 
 def feedback_words(design: AnyDesign) -> list[tuple[Delay, str]]:
