@@ -2,6 +2,7 @@ from .ages_certificate import (
     loop_claim as loop_claim,
     loop_to_json as loop_to_json,
 )
+from .ages_json import analysis_from_json as analysis_from_json
 from .certificate import (
     certificate_bytes as certificate_bytes,
     certificate_from_bytes as certificate_from_bytes,
@@ -75,10 +76,6 @@ from .output_feedback_certificate import (
     measurement_differences as measurement_differences,
     output_feedback_to_json as output_feedback_to_json,
     pair_from_json as pair_from_json,
-)
-from .proof_json import (
-    analysis_from_json as analysis_from_json,
-    theorem_2_from_json as theorem_2_from_json,
 )
 from .refutation_certificate import (
     gamma_floor as gamma_floor,

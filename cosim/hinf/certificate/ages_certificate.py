@@ -4,7 +4,7 @@
      "K": [[...]], "variables": {...}}
 
 An analysis takes an age that varies to be any one from zero to its bound, the other kind takes it
-as it is; `proof_json` has their variables. Beside these there may be `guarantees`
+as it is; `ages_json` has their variables. Beside these there may be `guarantees`
 (`cosim.hinf.certificate.guarantees`). The claim of ages as they are lists the theorem's hypotheses
 in full.
 """
@@ -13,13 +13,13 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, cast
 
-from cosim.hinf.certificate.claim import Statement, claim_of, document_of
-from cosim.hinf.certificate.proof_json import (
+from cosim.hinf.certificate.ages_json import (
     ages_from_json,
     ages_to_json,
     analysis_from_json,
     analysis_to_json,
 )
+from cosim.hinf.certificate.claim import Statement, claim_of, document_of
 from cosim.hinf.certificate.system_json import gain_from_json, system_from_json, system_to_json
 from cosim.hinf.certificate.words import AGE_FROM, AgeWord, hypotheses
 from cosim.hinf.exact import to_text

@@ -31,12 +31,8 @@ import numpy as np
 
 from cosim.core import InputError
 from cosim.hinf.certificate.guarantee import NUMBER, Form, Guarantee, Read, numbers
-from cosim.hinf.certificate.proof_json import (
-    numbers_from_json,
-    numbers_to_json,
-    theorem_2_from_json,
-    theorem_2_to_json,
-)
+from cosim.hinf.certificate.theorem_2_json import theorem_2_from_json, theorem_2_to_json
+from cosim.hinf.certificate.unknowns_json import numbers_from_json, numbers_to_json
 from cosim.hinf.exact import (
     ball_precision,
     exact,

@@ -26,7 +26,7 @@ import flint
 
 from cosim.core import InputError
 from cosim.hinf.certificate.guarantee import NUMBER, Form, Guarantee, Read, numbers
-from cosim.hinf.certificate.proof_json import theorem_2_from_json, theorem_2_to_json
+from cosim.hinf.certificate.theorem_2_json import theorem_2_from_json, theorem_2_to_json
 from cosim.hinf.exact import ball_precision, exact
 from cosim.hinf.theorems import Proof, Shift, Theorem2
 

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 from cosim.hinf.certificate.document import ProvedValue
-from cosim.hinf.certificate.proof_json import numbers_from_json, numbers_to_json
 from cosim.hinf.certificate.system_json import known_keys
 from cosim.hinf.certificate.system_parts import matrix_from_rows, number
+from cosim.hinf.certificate.unknowns_json import numbers_from_json, numbers_to_json
 from cosim.hinf.certificate.words import PROPERTIES
 from cosim.hinf.exact import from_text, to_text
 

@@ -12,13 +12,14 @@ from typing import TYPE_CHECKING, Any, Self
 from cosim.core import InputError
 from cosim.hinf.certificate.decay import is_above_exponential
 from cosim.hinf.certificate.guarantee import DOUBLE, NUMBER, ROWS, Form, Guarantee, Read, numbers
-from cosim.hinf.certificate.proof_json import (
+from cosim.hinf.certificate.system_json import known_keys
+from cosim.hinf.certificate.system_parts import matrix_from_rows
+from cosim.hinf.certificate.unknowns_json import (
     Counts,
+    blocks_in,
     unknowns_from_json,
     unknowns_to_json,
 )
-from cosim.hinf.certificate.system_json import known_keys
-from cosim.hinf.certificate.system_parts import matrix_from_rows
 from cosim.hinf.certificate.words import PROPERTIES
 from cosim.hinf.exact import exact, from_text, to_text
 from cosim.hinf.theorems import (
@@ -83,11 +84,10 @@ class Outages(Modes, Guarantee):
 
     def to_json(self) -> dict[str, Any]:
         """Return the JSON values that `from_json` reads."""
-        blocks = sum(name.startswith("eps[") for name in self.unknowns)
         return {
             **super().to_json(),
             "gamma": None if self.gamma is None else to_text(self.gamma),
-            **unknowns_to_json(self.unknowns, _counts(len(self.rho), blocks)),
+            **unknowns_to_json(self.unknowns, _counts(len(self.rho), blocks_in(self.unknowns))),
         }
 
     @classmethod

@@ -20,14 +20,6 @@ import flint
 import numpy as np
 
 from cosim.hinf.certificate.claim import Statement, document_of, uncertainty_claim
-from cosim.hinf.certificate.proof_json import (
-    Counts,
-    check_null,
-    numbers_from_json,
-    numbers_to_json,
-    unknowns_from_json,
-    unknowns_to_json,
-)
 from cosim.hinf.certificate.refutation_proof import (
     Place,
     refutation_claim,
@@ -35,6 +27,14 @@ from cosim.hinf.certificate.refutation_proof import (
     shapes_of_multipliers,
 )
 from cosim.hinf.certificate.system_json import known_keys, system_from_json, system_to_json
+from cosim.hinf.certificate.unknowns_json import (
+    Counts,
+    check_null,
+    numbers_from_json,
+    numbers_to_json,
+    unknowns_from_json,
+    unknowns_to_json,
+)
 from cosim.hinf.certificate.words import PROPERTIES
 from cosim.hinf.exact import (
     exact,

@@ -26,9 +26,9 @@ import flint
 import numpy as np
 
 from cosim.core import InputError
+from cosim.hinf.certificate.ages_json import analysis_from_json, analysis_to_json
 from cosim.hinf.certificate.control_limits import MAX_OFFSETS, half_of_corners, peak_system
 from cosim.hinf.certificate.guarantee import NUMBER, ROWS, Form, Guarantee, Read, numbers
-from cosim.hinf.certificate.proof_json import analysis_from_json, analysis_to_json
 from cosim.hinf.certificate.system_parts import matrix_from_rows
 from cosim.hinf.exact import exact, exact_matrix, root_above
 from cosim.hinf.theorems import AgesTheorem, Proof, positive_delays

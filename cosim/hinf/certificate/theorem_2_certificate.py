@@ -18,13 +18,13 @@ from numpy.typing import ArrayLike
 from cosim.core import InputError
 from cosim.hinf.certificate.claim import CertificateCheck, Statement, claim_of, document_of
 from cosim.hinf.certificate.guarantees import Guarantees
-from cosim.hinf.certificate.proof_json import (
+from cosim.hinf.certificate.system_json import known_keys, system_from_json, system_to_json
+from cosim.hinf.certificate.system_parts import matrix_from_rows
+from cosim.hinf.certificate.theorem_2_json import (
     THEOREM_2_KEYS,
     theorem_2_from_json,
     theorem_2_to_json,
 )
-from cosim.hinf.certificate.system_json import known_keys, system_from_json, system_to_json
-from cosim.hinf.certificate.system_parts import matrix_from_rows
 from cosim.hinf.exact import exact, exact_matrix, matrix_from_text, matrix_to_text
 from cosim.hinf.theorems import Proof, Theorem2
 from cosim.models import DelaySystem, Matrix

@@ -1,9 +1,4 @@
-"""Proofs as JSON, exact numbers as "p/q": which names there are follows from the theorem.
-
-Of Theorem 2, of a design and of its guarantees (the certificate of a design adds Y = K X):
-
-    {"X": [["p/q", ...]], "Q": [...], "R": [...], "eps": ..., "k1": [...], "k2": [...],
-     "gamma": ...}
+"""A proof with given ages as JSON.
 
 Of an analysis: Q, R one matrix per positive delay, Q null where any age is allowed; "lower", where
 it is given, is the least of each positive delay that the claim covers, null where any age is:
@@ -16,172 +11,35 @@ numbers from 1, is its support; without it the terms are about the whole state:
     {"order": 1, "P": [["p/q", ...]], "eps": ..., "gamma": ..., "down_to_zero": false,
      "terms": [{"functional": "looped", "matrices": {"U": ..., "X_a": ...}}]}
 
-eps is a list where F has several blocks; gamma is null where stability alone is proved.
+gamma is null where stability alone is proved.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any, Literal, cast
 
 from cosim.core import InputError, format_value
 from cosim.hinf.certificate.system_json import known_keys
-from cosim.hinf.exact import exact, from_text, matrix_from_text, matrix_to_text, to_text
+from cosim.hinf.certificate.unknowns_json import (
+    Counts,
+    blocks_in,
+    check_null,
+    unknowns_from_json,
+    unknowns_to_json,
+)
+from cosim.hinf.exact import exact, from_text, matrix_to_text, to_text
 from cosim.hinf.theorems import (
     MAX_ORDER,
     UNKNOWNS,
     AgesTheorem,
     Proof,
-    Shape,
     Support,
-    Theorem2,
     constants_down_to_zero,
     positive_delays,
 )
 from cosim.models import DelaySystem, Matrix
 
-Counts = Mapping[str, int | None]
-"""Unknowns by name, and how many of each there are: name[0], name[1], ..; None: itself."""
-
-_BLOCKS = ("eps", "eps_out")
-"""One number per block of F: one stands for itself, none is null."""
 _SUPPORTS = ("states", "controls")
-
-
-def unknowns_to_json(unknowns: Mapping[str, Any], counts: Counts) -> dict[str, Any]:
-    """Return the JSON values that `unknowns_from_json` reads; null where there is none."""
-    table: dict[str, Any] = {}
-    for name, count in counts.items():
-        if count is None:
-            table[name] = _to_json(unknowns.get(name))
-            continue
-        each = [_to_json(unknowns.get(f"{name}[{i}]")) for i in range(count)]
-        alone = name in _BLOCKS and count < 2
-        table[name] = (each[0] if each else None) if alone else each
-    return table
-
-
-def _blocks(unknowns: Mapping[str, Any]) -> int:
-    return sum(name.startswith("eps[") for name in unknowns)
-
-
-def _to_json(value: Any) -> Any:
-    if value is None:
-        return None
-    return matrix_to_text(value) if hasattr(value, "nrows") else to_text(value)
-
-
-def unknowns_from_json(
-    data: Mapping[str, Any], shapes: Mapping[str, Shape], counts: Counts, where: str
-) -> dict[str, Any]:
-    """Read the unknowns of these shapes; messages name `where`.
-
-    Raises
-    ------
-    InputError : a wrong length or shape, a text that is no number, or a value where there is none.
-    """
-    unknowns: dict[str, Any] = {}
-    for name, count in counts.items():
-        place = f"{where}.{name}"
-        each = {name: (data[name], place)}
-        if count == 1 and name in _BLOCKS:
-            each = {f"{name}[0]": (data[name], place)}
-        elif count is not None and (count or name not in _BLOCKS):
-            values = data[name]
-            if not isinstance(values, list) or len(values) != count:
-                raise InputError(
-                    f"not one per {'block of F' if name in _BLOCKS else 'delay'}",
-                    where=place,
-                    expected=f"a list of {count}",
-                    got=format_value(values),
-                )
-            each = {f"{name}[{i}]": (value, f"{place}[{i}]") for i, value in enumerate(values)}
-        for key, (value, at) in each.items():
-            shape = shapes.get(key)
-            check_null(value, at, expected=shape is None)
-            if shape is not None:
-                unknowns[key] = (
-                    from_text(value, at)
-                    if shape.is_number
-                    else matrix_from_text(value, at, shape.height, shape.width)
-                )
-    return unknowns
-
-
-def check_null(value: Any, where: str, *, expected: bool) -> None:
-    """Refuse a value where null is `expected`, and null where a value is.
-
-    Raises
-    ------
-    InputError : naming `where`.
-    """
-    if (value is None) != expected:
-        raise InputError(
-            "does not fit the system",
-            where=where,
-            expected="null" if expected else "a value",
-            got=format_value(value),
-        )
-
-
-def numbers_from_json(data: Any, count: int, where: str) -> tuple[Any, ...]:
-    """Read a list of so many "p/q" as `fmpq`.
-
-    Raises
-    ------
-    InputError : another length, a text that is no number.
-    """
-    if not isinstance(data, list) or len(data) != count:
-        raise InputError(
-            "wrong length",
-            where=where,
-            expected=f"a list of {count}",
-            got=format_value(data),
-        )
-    return tuple(from_text(x, f"{where}[{i}]") for i, x in enumerate(data))
-
-
-def numbers_to_json(values: tuple[Any, ...]) -> list[str]:
-    """Return what `numbers_from_json` reads."""
-    return [to_text(value) for value in values]
-
-
-# ---- Theorem 2
-
-
-THEOREM_2_KEYS = ("X", "Q", "R", "eps", "k1", "k2", "gamma")
-
-
-def _counts_of_theorem_2(delays: int, blocks: int) -> Counts:
-    return {"X": None, "Q": delays, "R": delays, "eps": blocks, "gamma": None}
-
-
-def theorem_2_to_json(proof: Proof) -> dict[str, Any]:
-    """Return the JSON values that `theorem_2_from_json` reads."""
-    theorem = cast("Theorem2", proof.theorem)
-    counts = _counts_of_theorem_2(len(theorem.k1), _blocks(proof.unknowns))
-    scalars = {"k1": numbers_to_json(theorem.k1), "k2": numbers_to_json(theorem.k2)}
-    return {**unknowns_to_json(proof.unknowns, counts), **scalars}
-
-
-def theorem_2_from_json(
-    system: DelaySystem, gain: Matrix, data: Any, where: str, *, bounded: bool
-) -> Proof:
-    """Read a proof by Theorem 2 that `theorem_2_to_json` wrote; `bounded` : with a gamma.
-
-    Raises
-    ------
-    InputError : a missing key, a wrong shape, a text that is no number.
-    """
-    known_keys(data, where, THEOREM_2_KEYS, required=THEOREM_2_KEYS)
-    N = len(system.delays)
-    k1, k2 = (numbers_from_json(data[name], N, f"{where}.{name}") for name in ("k1", "k2"))
-    theorem, counts = Theorem2(k1, k2), _counts_of_theorem_2(N, len(system.blocks))
-    shapes = theorem.shapes(system, gain, bounded=bounded)
-    return Proof(theorem, unknowns_from_json(data, shapes, counts, where))
-
-
-# ---- given ages
 
 
 def _counts_of_analysis(delays: int, blocks: int) -> Counts:
@@ -191,7 +49,7 @@ def _counts_of_analysis(delays: int, blocks: int) -> Counts:
 def analysis_to_json(proof: Proof) -> dict[str, Any]:
     """Return the JSON values that `analysis_from_json` reads."""
     theorem = cast("AgesTheorem", proof.theorem)
-    counts = _counts_of_analysis(len(theorem.functionals), _blocks(proof.unknowns))
+    counts = _counts_of_analysis(len(theorem.functionals), blocks_in(proof.unknowns))
     table = {"order": theorem.order, **unknowns_to_json(proof.unknowns, counts)}
     if theorem.lower is not None:
         table["lower"] = [None if d is None else to_text(d) for d in theorem.lower]
@@ -228,7 +86,7 @@ def ages_to_json(proof: Proof) -> dict[str, Any]:
         matrices = {name: matrix_to_text(proof.unknowns[f"{name}[{j}]"]) for name in own}
         of = {} if support is None else {support.of: [i + 1 for i in support.numbers]}
         terms.append({"functional": functional, "matrices": matrices} | of)
-    beside = unknowns_to_json(proof.unknowns, {"eps": _blocks(proof.unknowns), "gamma": None})
+    beside = unknowns_to_json(proof.unknowns, {"eps": blocks_in(proof.unknowns), "gamma": None})
     P = matrix_to_text(proof.unknowns["P"])
     down = theorem.lower is not None
     return {"order": theorem.order, "P": P, "terms": terms, **beside, "down_to_zero": down}
