@@ -142,13 +142,22 @@ class Condition:
         return None if found is None else found[1]
 
     def margin(
-        self, delays: Sequence[float], gamma: float | None, *, down_to_zero: bool = False
+        self,
+        delays: Sequence[float],
+        gamma: float | None,
+        *,
+        down_to_zero: bool = False,
+        enough: float = -np.inf,
     ) -> tuple[float, Proof] | None:
-        """Return the greatest margin at `gamma`, negative where it is not met, and its point."""
+        """Return the greatest margin at `gamma`, negative where it is not met, and its point.
+
+        enough : as of `widest_margin`: no second round for a margin that is not above it.
+        """
         bound = greatest(gamma, self._T * self._back[:, None] * self._system.C)
         program = self._compiled(delays, down_to_zero=down_to_zero)[1]
         known = known_gamma(gamma) if self.performance else {}
-        found = widest_margin(*program.constraints(known), bound, solver=self._solver)
+        constraints = program.constraints(known)
+        found = widest_margin(*constraints, bound, enough=enough, solver=self._solver)
         if found is None:
             return None
         unknowns = program.values(found[1], known)

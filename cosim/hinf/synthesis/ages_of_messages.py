@@ -196,10 +196,12 @@ def message_ages(
     middle = proved[len(proved) // 2]
     present = (known.d if own else 0.0) if own_age is None else own_age
     chosen = min(proved, key=lambda row: abs(row.age - present)) if present else middle
-    limits = []
+    limits: list[AgeLimit] = []
+    proved_for = chosen.age  # what is proved for any age is so for others
     for number, one in enumerate(ASSUMPTIONS):
         report_progress(f"limit, {one}", (len(ages) + number) / (len(ages) + 4))
-        limits.append(_limit(system, index, chosen, gamma, one, least_age, limit))
+        limits.append(_limit(system, index, chosen, gamma, one, least_age, limit, proved_for))
+        proved_for = limits[0].age or chosen.age
     report_progress("exact limit", (len(ages) + 3) / (len(ages) + 4))
     limits.append(AgeLimit("exact", chosen.margin))
     return MessageAges(
@@ -318,10 +320,15 @@ def _limit(
     assumption: Assumption,
     least_age: float,
     limit: float,
+    known: float,
 ) -> AgeLimit:
-    """Return the greatest certified age of a row's gain under one assumption."""
+    """Return the greatest certified age of a row's gain under one assumption; from `known` on."""
     at = _at(system, index, row.age, assumption, least_age)
     found, done = certified_age(
-        *(at, gain_of(at, row.K), gamma), delay_index=index, limit=limit, precision=_PRECISION
+        *(at, gain_of(at, row.K), gamma),
+        delay_index=index,
+        limit=limit,
+        precision=_PRECISION,
+        known=known,
     )
     return AgeLimit(assumption, found, done)

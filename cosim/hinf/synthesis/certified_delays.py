@@ -38,6 +38,7 @@ from cosim.hinf.synthesis.greatest_delays import check_delay
 from cosim.models import DelaySystem
 
 _STEP = 1.1
+_FROM_KNOWN = 1.5  # first step from an age that is known to be certified, or nearly so
 _FIRST = 2.0**-10  # first delay tried above zero, as a share of the limit
 PRECISION = 1e-6
 """Of the bisection, relative."""
@@ -138,13 +139,18 @@ def certified_age(
     delay_index: int,
     limit: float,
     precision: float,
+    known: float | None,
 ) -> tuple[float | None, bool]:
     """Return the age [s] that `certified_delay` finds, and whether it is the limit.
 
     By quick conditions alone, and without the figures of the loop.
+
+    known : an age that is likely to be certified, to begin with.
     """
     order = affordable_order(system, K, performance=gamma is not None)
-    found = _searched(system, K, gamma, delay_index, order, limit, precision, quick=True).d
+    found = _searched(
+        system, K, gamma, delay_index, order, limit, precision, quick=True, known=known
+    ).d
     return found, found is not None and found >= limit
 
 
@@ -158,10 +164,18 @@ def _searched(
     precision: float,
     *,
     quick: bool = False,
+    known: float | None = None,
 ) -> _Search:
     search = _Search(system, K, gamma, delay_index, precision, quick=quick)
-    if order and not system.delays[delay_index].any_age:
-        search.climb(0, limit, start=0.0, step=2.0, precision=_STEP - 1)
+    is_constant = order and not system.delays[delay_index].any_age
+    if known is not None and known < limit:
+        rough = _STEP - 1 if is_constant else 0.0
+        search.climb(
+            0 if is_constant else order, limit, start=known, step=_FROM_KNOWN, precision=rough
+        )
+    if is_constant:
+        if search.d is None:
+            search.climb(0, limit, start=0.0, step=2.0, precision=_STEP - 1)
         if search.d != limit:
             search.climb(order, limit, start=search.d or 0.0, step=_STEP)
         if search.d is not None and search.d != limit and search.order != order:
@@ -169,7 +183,7 @@ def _searched(
         if search.d is None:
             # some loops need their delay
             search.climb(order, limit, start=system.delays[delay_index].d, step=_STEP)
-    else:
+    elif search.d is None:
         # an age is greater than its least value
         least = system.delays[delay_index].least_age
         start = least + _FIRST * (limit - least) if least else 0.0
@@ -231,7 +245,9 @@ class _Search:
         def certified(d: float) -> bool:
             reasons = []
             for condition in conditions:
-                proof, reason = prove(condition, self.at(d), self._K, self._gamma)
+                proof, reason = prove(
+                    condition, self.at(d), self._K, self._gamma, is_search=self._quick
+                )
                 if proof is not None:
                     conditions[:] = [condition]  # kept for the other delays
                     self.d, self.order, self.certificate = d, order, proof
@@ -244,7 +260,7 @@ class _Search:
         if d != self.d and not certified(d):
             return
         while d < limit and self.failed is None:
-            d = min(max(d * step, limit * _FIRST), limit)
+            d = min(max(float(f"{d * step:.10g}"), limit * _FIRST), limit)
             certified(d)
         while (
             self.failed is not None

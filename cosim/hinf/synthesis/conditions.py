@@ -157,20 +157,32 @@ def prove(
     gamma: float | None,
     *,
     down_to_zero: bool = False,
+    is_search: bool = False,
 ) -> tuple[dict[str, Any] | None, str]:
-    """Return the certificate at the delays of `system`, or None and why there is none."""
+    """Return the certificate at the delays of `system`, or None and why there is none.
+
+    is_search : of many delays, where any proof will do: that of the first round of `widest_margin`
+        is tried before there is a second one.
+    """
     if not condition.is_plain:
         count = _corners(system, condition.order, condition.functionals, down_to_zero=down_to_zero)
         if count > MAX_CORNERS:
             return None, f"its {count} corners are more than the {MAX_CORNERS} that are proved here"
-    delays = [x.d for x in system.delays]
-    with solver_words() as words:
-        point = condition.central(delays, gamma, down_to_zero=down_to_zero)
-    if point is None:
-        return None, not_found(words)
-    proof = point.exactly(system, K)
-    reason = proof.failure(system, K)
-    return (None if reason else loop_to_json(system, K, proof)), str(reason)
+    delays, reason = [x.d for x in system.delays], ""
+    for enough in (math.inf, 0.0) if is_search else (0.0,):
+        with solver_words() as words:
+            found = condition.margin(delays, gamma, down_to_zero=down_to_zero, enough=enough)
+        if found is None:
+            return None, reason or not_found(words)
+        margin, point = found
+        proof = point.exactly(system, K)
+        failed = proof.failure(system, K)
+        if failed is None:
+            return loop_to_json(system, K, proof), ""
+        reason = failed
+        if margin <= 0:  # a second round has never turned one
+            break
+    return None, reason
 
 
 def widened(
