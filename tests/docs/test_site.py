@@ -14,7 +14,7 @@ import cosim
 from cosim.cli.verbs import TRACE_VERBS, VERBS, loaded
 from cosim.core import InputError
 from cosim.hinf import system_schema
-from cosim.hinf.problem.system_toml import system_from_toml
+from cosim.hinf.problem import system_from_toml
 from cosim.scenario import json_schema
 from cosim.study import Study
 from docs_site import api_pages, cli_page, toml_pages

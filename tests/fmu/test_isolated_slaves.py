@@ -202,7 +202,7 @@ DEATHS = {"segfault": "SIGSEGV", "kill": "SIGKILL", "exit-0": "exit code 0", "ab
 
 
 @pytest.mark.usefixtures("bell")
-@pytest.mark.parametrize("fault", sampled(DEATHS, 8))
+@pytest.mark.parametrize("fault", sampled(DEATHS, 3))
 def test_death_is_named_at_once(tmp_path: Path, fault: str) -> None:
     """In a call over the pipe: component, call, what killed it; others go on, closing is quiet."""
     described, log = hostile(tmp_path), Log()

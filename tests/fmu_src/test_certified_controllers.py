@@ -20,8 +20,8 @@ from cosim.hinf import (
     close,
     hinf_norm,
     system_by_name,
+    system_from_json,
 )
-from cosim.hinf.certificate.system_json import system_from_json
 from cosim.models.paper_example import PRINTED_K
 
 CONTROLLERS = {"HinfController": "auv", "PaperController": "paper"}

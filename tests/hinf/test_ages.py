@@ -27,9 +27,9 @@ from cosim.hinf import (
     design_to_json,
     greatest_delay,
 )
-from cosim.hinf.certificate.system_json import system_from_json, system_to_json
+from cosim.hinf.certificate import system_from_json, system_to_json
 from cosim.hinf.lmi import Condition
-from cosim.hinf.problem.system_toml import system_from_toml
+from cosim.hinf.problem import system_from_toml
 from cosim.models.delay_system import Delay, DelaySystem
 
 NETWORKED = -np.array([[3.75, 11.5]])

@@ -12,7 +12,7 @@ import pytest
 
 from cosim.core.errors import InputError, NotAchievableError
 from cosim.hinf import analyse, as_cvxpy, check_certificate
-from cosim.hinf.lmi.problem import Answer, Problem
+from cosim.hinf.lmi import Answer, Problem
 from cosim.hinf.synthesis import cvxpy_lmi
 from cosim.hinf.theorems import Scalars
 from cosim.models import paper_example

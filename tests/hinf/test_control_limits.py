@@ -12,8 +12,8 @@ from heun_integrator import integrate, sawtooth, turning
 
 from cosim.core.errors import InputError, NotAchievableError
 from cosim.hinf import Delay, DelaySystem, design, design_constraints_of
-from cosim.hinf.certificate.control_limits import GainLimit, PeakControl, norm_above, offset_corners
-from cosim.hinf.lmi.peak_lmi import proved_peak_control
+from cosim.hinf.certificate import GainLimit, PeakControl, norm_above, offset_corners
+from cosim.hinf.lmi import proved_peak_control
 from cosim.hinf.synthesis.search import starts
 from cosim.hinf.synthesis.theorem_2 import checked_scalars
 from cosim.models import paper_example

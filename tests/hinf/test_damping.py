@@ -27,10 +27,8 @@ from cosim.hinf import (
     design_from_json,
     design_to_json,
 )
-from cosim.hinf.certificate import standalone_numbers
-from cosim.hinf.certificate.damping import Damping
+from cosim.hinf.certificate import Damping, standalone_numbers, system_to_json
 from cosim.hinf.certificate.standalone_damping import damped
-from cosim.hinf.certificate.system_json import system_to_json
 from cosim.hinf.exact import Contour
 from cosim.hinf.synthesis.damped_gains import greatest_ratio
 

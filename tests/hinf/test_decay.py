@@ -13,8 +13,7 @@ from solver_points import random_system
 
 from cosim.core.errors import InputError, NotAchievableError
 from cosim.hinf import ClosedLoop, Delay, DelaySystem, close, design, spectral_abscissa, with_delays
-from cosim.hinf.certificate import acting_delays, corners
-from cosim.hinf.certificate.decay import growth_of, is_above_exponential
+from cosim.hinf.certificate import acting_delays, corners, growth_of, is_above_exponential
 from cosim.hinf.exact import exact
 from cosim.hinf.synthesis.decay_search import proved_decay
 from cosim.hinf.synthesis.theorem_2 import checked_scalars

@@ -23,8 +23,8 @@ from cosim.hinf import (
     with_measured,
     without_integrals,
 )
-from cosim.hinf.certificate.system_json import system_to_json
-from cosim.hinf.problem.system_toml import system_from_toml
+from cosim.hinf.certificate import system_to_json
+from cosim.hinf.problem import system_from_toml
 from cosim.hinf.synthesis.loop_gain import LoopGain
 
 ZERO = np.zeros((2, 2))

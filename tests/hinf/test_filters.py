@@ -9,7 +9,7 @@ import pytest
 
 from cosim.core import InputError
 from cosim.hinf import Delay, DelaySystem, Filter, close, design, filtered
-from cosim.hinf.problem.system_toml import system_from_toml
+from cosim.hinf.problem import system_from_toml
 
 FILE = """
 [system]

@@ -11,7 +11,7 @@ from cli.shell import cosim
 
 from cosim.core import InputError
 from cosim.hinf import DelaySystem, fed_back
-from cosim.hinf.problem.system_toml import system_from_toml
+from cosim.hinf.problem import system_from_toml
 from cosim.models import Measurement
 
 AXIS = """

@@ -10,6 +10,7 @@ import pytest
 
 from cosim.core.errors import InputError
 from cosim.hinf import (
+    Design,
     analyse,
     characteristic_roots,
     close,
@@ -21,7 +22,6 @@ from cosim.hinf import (
     spectral_abscissa,
     without_uncertainty,
 )
-from cosim.hinf.synthesis.certified_design import Design
 from cosim.models import paper_example
 from cosim.models.delay_system import Delay, DelaySystem
 

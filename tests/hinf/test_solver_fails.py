@@ -23,12 +23,12 @@ from cosim.hinf import (
     certified_delay,
     check_certificate,
     design,
+    design_constraints_of,
     greatest_delay,
     with_delays,
 )
-from cosim.hinf.lmi.peak_lmi import proved_peak_control
+from cosim.hinf.lmi import proved_peak_control
 from cosim.hinf.lmi.solver_status import FAILED, count, not_found, solver_words, status_of
-from cosim.hinf.problem.design_constraints import design_constraints_of
 from cosim.hinf.synthesis.decay_search import proved_decay
 from cosim.hinf.synthesis.theorem_2 import checked_scalars
 from cosim.models import paper_example

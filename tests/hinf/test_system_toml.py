@@ -13,9 +13,9 @@ from hypothesis.extra import numpy as hnp
 
 from cosim.core import parse_toml
 from cosim.core.errors import InputError
-from cosim.hinf.certificate.system_json import system_from_json, system_to_json
+from cosim.hinf.certificate import system_from_json, system_to_json
 from cosim.hinf.certificate.system_parts import MATRICES
-from cosim.hinf.problem.system_toml import load_system, system_from_toml
+from cosim.hinf.problem import load_system, system_from_toml
 from cosim.models import paper_example
 from cosim.models.delay_system import Delay, DelaySystem
 

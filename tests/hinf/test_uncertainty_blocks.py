@@ -13,14 +13,29 @@ import pytest
 
 from cosim.core import InputError
 from cosim.fmu.export.certificate_section import certified_section
-from cosim.hinf import Delay, DelaySystem, analyse, check_certificate, close, design, hinf_norm
-from cosim.hinf.certificate import certificate_bytes, differences, standalone, theorem_of
+from cosim.hinf import (
+    Delay,
+    DelaySystem,
+    analyse,
+    check_certificate,
+    close,
+    design,
+    hinf_norm,
+    with_integral,
+    without_integrals,
+    without_uncertainty,
+)
+from cosim.hinf.certificate import (
+    certificate_bytes,
+    differences,
+    standalone,
+    system_from_json,
+    system_to_json,
+    theorem_of,
+)
 from cosim.hinf.certificate.standalone_numbers import RefusedError
-from cosim.hinf.certificate.system_json import system_from_json, system_to_json
 from cosim.hinf.lmi import Condition, GainLmi, scalar_multiplier
-from cosim.hinf.problem.feedback_structure import with_integral, without_integrals
-from cosim.hinf.problem.other_delays import without_uncertainty
-from cosim.hinf.problem.system_toml import system_from_toml
+from cosim.hinf.problem import system_from_toml
 from cosim.hinf.synthesis.loop_gain import LoopGain
 
 PARAMETERS = [[1, 1], [1, 1]]

@@ -205,9 +205,19 @@ CALLS = {
 }
 
 
-@pytest.mark.parametrize("engine", ["kernel", "python"])
-@pytest.mark.parametrize("call", sampled(CALLS, 3))
-@pytest.mark.parametrize(("fault", "kind"), [("segfault", "crashed"), ("exit-0", "exited")])
+DEATHS = [
+    (fault, kind, call, engine)
+    for call in CALLS
+    for fault, kind, engine in (
+        ("segfault", "crashed", "kernel"),
+        ("exit-0", "exited", "python"),
+        ("exit-0", "exited", "kernel"),
+        ("segfault", "crashed", "python"),
+    )
+]
+
+
+@pytest.mark.parametrize(("fault", "kind", "call", "engine"), sampled(DEATHS, 6))
 def test_death_in_the_loop_fails_the_run(
     tmp_path: Path, fault: str, kind: str, call: str, engine: EngineName
 ) -> None:

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from shared import sampled
 
 from cosim.master import Run, Session, System, make_schedule, receiving_order
 from cosim.scenario import Outcome, load
@@ -114,7 +115,7 @@ def rows_of(made: tuple[Outcome, Run]) -> tuple[Any, ...]:
     return rows, repr(run.statistics), repr(data)
 
 
-@pytest.mark.parametrize("name", STUDIES)
+@pytest.mark.parametrize("name", sampled(STUDIES, 4))
 def test_a_run_of_a_series_is_the_run_alone(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """In any order, rows, statistics and every figure; most with the slaves of the run before."""
     plan = study_of(name)

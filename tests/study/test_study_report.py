@@ -16,7 +16,7 @@ import plotly.graph_objects as go
 import pytest
 from cli.shell import cosim
 from report_browser import Page, browser, needs_chromium
-from shared import copied
+from shared import copied, sampled
 from study.studies_at_hand import STUDIES, study_folder
 
 from cosim.core.errors import InputError
@@ -133,7 +133,7 @@ def test_worst_runs_are_ranked_and_lead_to_their_traces(tmp_path: Path) -> None:
         assert run in [row["run"] for row in ranked][:2]
 
 
-@pytest.mark.parametrize("name", STUDIES)
+@pytest.mark.parametrize("name", sampled(STUDIES, 2))
 def test_plotly_knows_every_property(name: str, tmp_path: Path) -> None:
     """The charts fit plotly's schema: a misspelt property would be ignored in silence."""
     drawn = figures(content_at(study_folder(name), tmp_path / "page.html"))

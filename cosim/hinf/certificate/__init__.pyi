@@ -100,6 +100,7 @@ from .system_json import (
     gain_from_json as gain_from_json,
     known_keys as known_keys,
     system_from_json as system_from_json,
+    system_to_json as system_to_json,
 )
 from .system_parts import (
     DelayPart as DelayPart,

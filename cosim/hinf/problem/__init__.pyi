@@ -50,7 +50,9 @@ from .system_toml import (
     Delay as Delay,
     DelaySystem as DelaySystem,
     NamedSystem as NamedSystem,
+    load_system as load_system,
     system_by_name as system_by_name,
+    system_from_toml as system_from_toml,
     unknown_system as unknown_system,
 )
 from .weights import weighted as weighted
