@@ -25,12 +25,12 @@ from cosim.hinf import (
     check_certificate,
     design,
     greatest_delay,
-    greatest_delay as delay_of_theorem_2,
     with_delays,
 )
 from cosim.hinf.certificate import Place, conditions, fixed_at, gamma_floor
 from cosim.hinf.exact import exact, exact_matrix
 from cosim.hinf.lmi import Answer, Problem, in_cvxpy, refute
+from cosim.hinf.synthesis.greatest_delays import greatest_delay as delay_of_theorem_2
 from cosim.hinf.theorems import Scalars, minus_omega, products, rates_from_rows, shapes_of
 from cosim.models import paper_example
 from cosim.models.delay_system import Delay, DelaySystem
