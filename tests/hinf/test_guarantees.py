@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import json
 from fractions import Fraction
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -196,3 +197,14 @@ def test_guarantees_stand_beside_any_proof_of_gamma(age: dict[str, Any], order: 
     assert standalone.check(content)["guarantees"] == saved["claim"]["guarantees"]
     saved["guarantees"]["decay"]["rate"] = "1/2"
     assert refused(saved)
+
+
+def test_peaks_under_a_disturbance_need_a_gamma() -> None:
+    """Without one, nothing bounds what w adds to V: the bounds of no w would be claimed."""
+    path = Path(__file__).parents[1] / "corpus" / "certificates" / "observer-peaks.json"
+    pair = json.loads(path.read_text("utf-8"))["pair"]
+    assert check_certificate(pair).valid
+    for change in ({"gamma": None}, {"order": 1}):
+        table = copy.deepcopy(pair)
+        table["guarantees"]["state_peaks"]["variables"] |= change
+        assert refused(table)

@@ -42,17 +42,8 @@ def _starts(data: Any, of: Read) -> Matrix:
 
 
 def _variables(data: Any, of: Read) -> Proof:
-    energy = of.values["energy"]
-    bare = peak_system(of.system, energy=energy != 0)
-    proof = analysis_from_json(bare, of.gain, data, of.where)
-    order = cast("AgesTheorem", proof.theorem).order
-    if order != 0 or (proof.gamma is None) != (energy == 0):
-        raise InputError(
-            "not the variables of a peak",
-            where=of.where,
-            expected="order 0, and gamma where there is an energy",
-        )
-    return proof
+    bare = peak_system(of.system, energy=of.values["energy"] != 0)
+    return analysis_from_json(bare, of.gain, data, of.where)
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,6 +79,9 @@ class StatePeaks(Guarantee):
         """Return why it is not proved; None if it is."""
         if min((*self.bounds, self.energy), default=0) < 0:
             return "a bound or the energy is negative"
+        order = cast("AgesTheorem", self.proof.theorem).order
+        if order != 0 or (self.proof.gamma is None) != (self.energy == 0):
+            return "its variables are not of order 0, or without gamma where there is an energy"
         bare = peak_system(system, energy=self.energy != 0)
         reason = self.proof.failure(bare, gain)
         if reason is not None:
