@@ -169,7 +169,7 @@ def prove(
         if count > MAX_CORNERS:
             return None, f"its {count} corners are more than the {MAX_CORNERS} that are proved here"
     delays, reason = [x.d for x in system.delays], ""
-    for enough in (math.inf, 0.0) if is_search else (0.0,):
+    for enough in (math.inf, -math.inf) if is_search else (-math.inf,):
         with solver_words() as words:
             found = condition.margin(delays, gamma, down_to_zero=down_to_zero, enough=enough)
         if found is None:
@@ -180,7 +180,7 @@ def prove(
         if failed is None:
             return loop_to_json(system, K, proof), ""
         reason = failed
-        if margin <= 0:  # a second round has never turned one
+        if gamma is None and margin <= 0:  # of stability no second round has turned one
             break
     return None, reason
 
