@@ -17,7 +17,7 @@ from cosim.hinf.certificate import (
     CertificateCheck,
     Guarantees,
     certificate_to_json,
-    certify,
+    claim_of,
     theorem_2_proof,
 )
 from cosim.hinf.exact import exact
@@ -50,7 +50,9 @@ class Point:
         return theorem_2_proof(system, K, self.k1, self.k2, self.unknowns)
 
     def certify(self, system: DelaySystem, K: Any) -> CertificateCheck:
-        return certify(system, K, self.proof(system, K))
+        proof = self.proof(system, K)
+        reason = proof.failure(system, np.asarray(K))
+        return CertificateCheck(reason is None, reason, claim_of(system, proof.gamma))
 
     def document(
         self, system: DelaySystem, K: Any, guarantees: Guarantees | None = None

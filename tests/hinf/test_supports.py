@@ -56,9 +56,9 @@ def proved(system: DelaySystem, K: Any, order: int, own: list[Any], supports: An
     delays = [x.d for x in system.delays]
     least = lmi.least_gamma(delays, 2.0)
     assert least is not None
-    point = lmi.central(delays, 1.002 * least)
-    assert point is not None
-    exact = point.exactly(system, K)
+    found = lmi.margin(delays, 1.002 * least)
+    assert found is not None
+    exact = found[1].exactly(system, K)
     assert exact.failure(system, K) is None
     document = json.dumps(loop_to_json(system, K, exact))
     assert check_certificate(json.loads(document)).valid

@@ -12,6 +12,7 @@ from .certificate import (
 )
 from .claim import (
     CertificateCheck as CertificateCheck,
+    claim_of as claim_of,
     covers_smaller as covers_smaller,
 )
 from .constant_ages import (
@@ -119,7 +120,6 @@ from .system_parts import (
 )
 from .theorem_2_certificate import (
     certificate_to_json as certificate_to_json,
-    certify as certify,
     theorem_2_proof as theorem_2_proof,
 )
 from .words import (

@@ -24,6 +24,8 @@ from cosim.hinf.certificate.unknowns_json import (
     Counts,
     blocks_in,
     check_null,
+    counts_of,
+    list_of,
     unknowns_from_json,
     unknowns_to_json,
 )
@@ -42,14 +44,10 @@ from cosim.models import DelaySystem, Matrix
 _SUPPORTS = ("states", "controls")
 
 
-def _counts_of_analysis(delays: int, blocks: int) -> Counts:
-    return {"P": None, "Q": delays, "R": delays, "eps": blocks, "gamma": None}
-
-
 def analysis_to_json(proof: Proof) -> dict[str, Any]:
     """Return the JSON values that `analysis_from_json` reads."""
     theorem = cast("AgesTheorem", proof.theorem)
-    counts = _counts_of_analysis(len(theorem.functionals), blocks_in(proof.unknowns))
+    counts = counts_of("P", len(theorem.functionals), blocks_in(proof.unknowns))
     table = {"order": theorem.order, **unknowns_to_json(proof.unknowns, counts)}
     if theorem.lower is not None:
         table["lower"] = [None if d is None else to_text(d) for d in theorem.lower]
@@ -71,7 +69,7 @@ def analysis_from_json(
     lower = _lower(system, order, data["lower"], f"{where}.lower") if "lower" in data else None
     theorem = AgesTheorem.analysis(system, order, lower)
     shapes = theorem.shapes(system, gain, bounded=_is_bounded(system, data, where))
-    counts = _counts_of_analysis(len(theorem.functionals), len(system.blocks))
+    counts = counts_of("P", len(theorem.functionals), len(system.blocks))
     return Proof(theorem, unknowns_from_json(data, shapes, counts, where))
 
 
@@ -103,15 +101,9 @@ def ages_from_json(system: DelaySystem, gain: Matrix, data: Any, where: str = "v
     keys = ("order", "P", "terms", "eps", "gamma", "down_to_zero")
     known_keys(data, where, keys, required=keys)
     order = _order_from_json(data["order"], f"{where}.order")
-    late, tables = positive_delays(system), data["terms"]
-    if not isinstance(tables, list) or len(tables) != len(late):
-        raise InputError(
-            "one per positive delay",
-            where=f"{where}.terms",
-            expected=f"a list of {len(late)}",
-            got=format_value(tables),
-        )
-    places = [f"{where}.terms[{j}]" for j in range(len(late))]
+    count = len(positive_delays(system))
+    tables = list_of(data["terms"], count, f"{where}.terms", "one per positive delay")
+    places = [f"{where}.terms[{j}]" for j in range(count)]
     for table, place in zip(tables, places, strict=True):
         required = ("functional", "matrices")
         known_keys(table, place, (*required, *_SUPPORTS), required=required)

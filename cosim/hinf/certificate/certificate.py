@@ -74,9 +74,7 @@ def check_certificate(data: Any) -> CertificateCheck:
     read: Callable[[dict[str, Any]], Statement] = getattr(
         importlib.import_module(f"cosim.hinf.certificate.{kind.module}"), kind.read
     )
-    statement = read(data)
-    if statement.loop is not None:
-        statement = _with_guarantees(statement, data)
+    statement = _with_guarantees(read(data), data)
     return replace(statement.judged(data), not_read=tuple(_not_read(data)))
 
 

@@ -21,13 +21,12 @@ from typing import TYPE_CHECKING, Any
 
 from cosim.hinf.certificate.claim import uncertainty_claim
 from cosim.hinf.certificate.words import PROPERTIES
-from cosim.hinf.exact import first_bad_matrix, to_text
+from cosim.hinf.exact import asymmetric, first_bad_matrix, to_text
 from cosim.hinf.theorems import (
     Inequality,
     Shape,
     farkas_failure,
     minus_omega,
-    not_symmetric,
     positive,
     rates_from_rows,
     require_size,
@@ -49,7 +48,15 @@ class Place:
 
 
 def conditions(system: DelaySystem, place: Place) -> list[Inequality]:
-    """Return the inequalities that have no solution: -Omega at a place, X and every Qbar_j."""
+    """Return the inequalities that have no solution: -Omega at a place, X and every Qbar_j.
+
+    Raises
+    ------
+    InputError : the LMI has more than `MAX_ROWS` rows.
+    """
+    n, N = system.A.shape[0], len(system.delays)
+    rows = (1 + 2 * N) * n + system.H.shape[0] + system.C.shape[1] + system.D.shape[0]
+    require_size(rows, done="refuted")
     form = minus_omega(system, place.k1, place.k2, bounded=place.gamma is not None)
     return [form, *(one for one in positive(system) if not one.name.startswith("R"))]
 
@@ -84,11 +91,9 @@ def shapes_of_multipliers(system: DelaySystem, place: Place) -> dict[str, Shape]
 
     Raises
     ------
-    InputError : the LMI has more than `MAX_ROWS` rows.
+    InputError : as `conditions`.
     """
-    n, N = system.A.shape[0], len(system.delays)
-    rows = (1 + 2 * N) * n + system.H.shape[0] + system.C.shape[1] + system.D.shape[0]
-    require_size(rows, done="refuted")
+    n = len(system.A)
     form, *others = conditions(system, place)
     sizes = {"Z": sum(form.rows.values())} | {one.name: n for one in others}
     return {name: Shape(n, n, symmetric=True, is_number=False) for name, n in sizes.items()}
@@ -105,11 +110,11 @@ def refutation_failure(
 
     Raises
     ------
-    InputError : as `shapes_of_multipliers`.
+    InputError : as `conditions`.
     """
     if any(value == 0 for value in place.k2):
         return "a k2 is 0"
-    name = not_symmetric(shapes_of_multipliers(system, place), multipliers)
+    name = asymmetric(multipliers.items())
     if name is not None:
         return f"the multiplier {name} is not symmetric"
     bad = first_bad_matrix(multipliers.items())

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cosim.core import InputError
-from cosim.hinf.certificate.claim import CertificateCheck, Statement, claim_of, document_of
+from cosim.hinf.certificate.claim import Statement, claim_of, document_of
 from cosim.hinf.certificate.guarantees import Guarantees
 from cosim.hinf.certificate.system_json import known_keys, system_from_json, system_to_json
 from cosim.hinf.certificate.system_parts import matrix_from_rows
@@ -53,23 +53,6 @@ def theorem_2_proof(
             )
     theorem = Theorem2(tuple(map(exact, k1)), tuple(map(exact, k2)))
     return Proof(theorem, unknowns).exactly(system, _gain(gain, system))
-
-
-def certify(system: DelaySystem, K: ArrayLike, proof: Proof) -> CertificateCheck:
-    """Prove the LMI for u = K x(t-d_f) with the doubles of K, or return why it is not proved.
-
-    Parameters
-    ----------
-    system : the system, its doubles taken exactly.
-    K : (m, n) the gain that is deployed.
-    proof : of `theorem_2_proof`.
-
-    Raises
-    ------
-    InputError : if shapes do not fit or a number is not finite; never because an inequality fails.
-    """
-    reason = proof.failure(system, _gain(K, system))
-    return CertificateCheck(reason is None, reason, claim_of(system, proof.gamma))
 
 
 def certificate_to_json(

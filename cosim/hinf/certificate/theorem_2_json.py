@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any, cast
 
 from cosim.hinf.certificate.system_json import known_keys
 from cosim.hinf.certificate.unknowns_json import (
-    Counts,
     blocks_in,
+    counts_of,
     numbers_from_json,
     numbers_to_json,
     unknowns_from_json,
@@ -28,14 +28,10 @@ if TYPE_CHECKING:
 THEOREM_2_KEYS = ("X", "Q", "R", "eps", "k1", "k2", "gamma")
 
 
-def _counts_of_theorem_2(delays: int, blocks: int) -> Counts:
-    return {"X": None, "Q": delays, "R": delays, "eps": blocks, "gamma": None}
-
-
 def theorem_2_to_json(proof: Proof) -> dict[str, Any]:
     """Return the JSON values that `theorem_2_from_json` reads."""
     theorem = cast("Theorem2", proof.theorem)
-    counts = _counts_of_theorem_2(len(theorem.k1), blocks_in(proof.unknowns))
+    counts = counts_of("X", len(theorem.k1), blocks_in(proof.unknowns))
     scalars = {"k1": numbers_to_json(theorem.k1), "k2": numbers_to_json(theorem.k2)}
     return {**unknowns_to_json(proof.unknowns, counts), **scalars}
 
@@ -52,6 +48,6 @@ def theorem_2_from_json(
     known_keys(data, where, THEOREM_2_KEYS, required=THEOREM_2_KEYS)
     N = len(system.delays)
     k1, k2 = (numbers_from_json(data[name], N, f"{where}.{name}") for name in ("k1", "k2"))
-    theorem, counts = Theorem2(k1, k2), _counts_of_theorem_2(N, len(system.blocks))
+    theorem, counts = Theorem2(k1, k2), counts_of("X", N, len(system.blocks))
     shapes = theorem.shapes(system, gain, bounded=bounded)
     return Proof(theorem, unknowns_from_json(data, shapes, counts, where))

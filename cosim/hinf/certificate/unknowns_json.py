@@ -25,6 +25,11 @@ _BLOCKS = ("eps", "eps_out")
 """One number per block of F: one stands for itself, none is null."""
 
 
+def counts_of(first: str, delays: int, blocks: int) -> Counts:
+    """Return the counts of a functional's unknowns: `first`, Q, R of each delay, eps, gamma."""
+    return {first: None, "Q": delays, "R": delays, "eps": blocks, "gamma": None}
+
+
 def unknowns_to_json(unknowns: Mapping[str, Any], counts: Counts) -> dict[str, Any]:
     """Return the JSON values that `unknowns_from_json` reads; null where there is none."""
     table: dict[str, Any] = {}
@@ -65,14 +70,8 @@ def unknowns_from_json(
         if count == 1 and name in _BLOCKS:
             each = {f"{name}[0]": (data[name], place)}
         elif count is not None and (count or name not in _BLOCKS):
-            values = data[name]
-            if not isinstance(values, list) or len(values) != count:
-                raise InputError(
-                    f"not one per {'block of F' if name in _BLOCKS else 'delay'}",
-                    where=place,
-                    expected=f"a list of {count}",
-                    got=format_value(values),
-                )
+            what = f"not one per {'block of F' if name in _BLOCKS else 'delay'}"
+            values = list_of(data[name], count, place, what)
             each = {f"{name}[{i}]": (value, f"{place}[{i}]") for i, value in enumerate(values)}
         for key, (value, at) in each.items():
             shape = shapes.get(key)
@@ -84,6 +83,13 @@ def unknowns_from_json(
                     else matrix_from_text(value, at, shape.height, shape.width)
                 )
     return unknowns
+
+
+def list_of(data: Any, count: int, where: str, what: str) -> list[Any]:
+    """Return a list of so many; an `InputError` that says `what` for anything else."""
+    if not isinstance(data, list) or len(data) != count:
+        raise InputError(what, where=where, expected=f"a list of {count}", got=format_value(data))
+    return data
 
 
 def check_null(value: Any, where: str, *, expected: bool) -> None:
@@ -109,14 +115,8 @@ def numbers_from_json(data: Any, count: int, where: str) -> tuple[Any, ...]:
     ------
     InputError : another length, a text that is no number.
     """
-    if not isinstance(data, list) or len(data) != count:
-        raise InputError(
-            "wrong length",
-            where=where,
-            expected=f"a list of {count}",
-            got=format_value(data),
-        )
-    return tuple(from_text(x, f"{where}[{i}]") for i, x in enumerate(data))
+    values = list_of(data, count, where, "wrong length")
+    return tuple(from_text(x, f"{where}[{i}]") for i, x in enumerate(values))
 
 
 def numbers_to_json(values: tuple[Any, ...]) -> list[str]:

@@ -131,16 +131,6 @@ class Condition:
             return None
         return float(reference * np.sqrt(found.value))
 
-    def central(
-        self, delays: Sequence[float], gamma: float | None, *, down_to_zero: bool = False
-    ) -> Proof | None:
-        """Return the theorem with a point of great margin at `gamma`, in floats; None: no point.
-
-        `down_to_zero` : for every constant delay up to `delays`, not exactly these.
-        """
-        found = self.margin(delays, gamma, down_to_zero=down_to_zero)
-        return None if found is None else found[1]
-
     def margin(
         self,
         delays: Sequence[float],
@@ -151,6 +141,7 @@ class Condition:
     ) -> tuple[float, Proof] | None:
         """Return the greatest margin at `gamma`, negative where it is not met, and its point.
 
+        down_to_zero : for every constant delay up to `delays`, not exactly these.
         enough : as of `widest_margin`: no second round for a margin that is not above it.
         """
         bound = greatest(gamma, self._T * self._back[:, None] * self._system.C)
@@ -167,7 +158,7 @@ class Condition:
         return found[0], Proof(self.theorem(delays, down_to_zero=down_to_zero), unknowns)
 
     def theorem(self, delays: Sequence[float], *, down_to_zero: bool = False) -> AgesTheorem:
-        """Return the theorem at these delays; `down_to_zero` as of `central`."""
+        """Return the theorem at these delays; `down_to_zero` as of `margin`."""
         late = [i for i, d in enumerate(delays) if d > 0]
         kinds = tuple(self.functionals[i] for i in late)
         lower = constants_down_to_zero(kinds) if down_to_zero and self.order else None

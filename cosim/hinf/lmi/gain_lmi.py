@@ -42,7 +42,7 @@ _SINGULAR = 1e12  # condition number of X beyond which Y X^-1 is noise
 def multiplier_of(point: Proof, system: DelaySystem) -> Multiplier:
     """Return the multiplier with which a design loses nothing at the gain of an analysis.
 
-    point : of `Condition.central`, whose functionals are those of an analysis.
+    point : of `Condition.margin`, whose functionals are those of an analysis.
     """
     n, P = len(system.A), point.unknowns["P"]
     X = np.linalg.inv(P[:n, :n])

@@ -24,6 +24,7 @@ from cosim.hinf.theorems import (
     exact_unknowns,
     minus_phi_of_outages,
     number_itself,
+    positive_delays,
     positive_of_outages,
 )
 
@@ -48,7 +49,7 @@ class OutageLmi:
         self._system, self._K = system, K
         self._fallback, self._age = fallback, fallback_age
         self._back, self._T = own_units(closed_loop(system, K))
-        self._late = [delay for delay in system.delays if delay.d > 0]
+        self._late = positive_delays(system)
         self.set_rates(1, 1)
 
     def set_rates(self, alpha: Fraction | int, beta: Fraction | int | None) -> None:

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cosim.core import InputError, NotAchievableError, counted
-from cosim.hinf.certificate import certify, theorem_2_proof
+from cosim.hinf.certificate import theorem_2_proof
 from cosim.hinf.lmi import (
     Answer,
     Problem,
@@ -113,7 +113,7 @@ def design(
 
     ends_at = is_too_large if in_proportion else lambda _: False
     points = _searched(problem, scalars, fixed, ends_at) if search else [scalars]
-    first = Theorem2(system, problem, points[0], fixed)
+    first = Theorem2Condition(system, problem, points[0], fixed)
     if in_proportion and first.least is not None and is_too_large(first.least):
         raise OutOfProportionError(
             "the least gamma is approached as the gain grows without bound",
@@ -121,7 +121,7 @@ def design(
             hint="give u a larger weight in z (D2), or bound |K| with --gain-limit",
             least=first.least.value,
         )
-    others = [Theorem2(system, problem, p, fixed) for p in points[1:_POINTS]]
+    others = [Theorem2Condition(system, problem, p, fixed) for p in points[1:_POINTS]]
     for conditions, shares in (
         ([first], NEAR if problem.size < _LARGE else NEAR[_ROOM:]),
         (others, NEAR[_COARSE:]),
@@ -151,7 +151,7 @@ def stabilising_gain(
     return gain_at(answer.unknowns, problem.scaling) if isinstance(answer, Answer) else None
 
 
-class Theorem2:
+class Theorem2Condition:
     """Theorem 2 at given k1, k2, as a condition: for a gain to be designed or a given one.
 
     Parameters
@@ -274,10 +274,10 @@ def find_certified_gain(
         if gain is None:
             gain = gain_at(answer.unknowns, problem.scaling)
         proof = theorem_2_proof(system, gain, p.k1, p.k2, answer.unknowns)
-        check = certify(system, gain, proof)
-        if check.valid:
+        failed = proof.failure(system, gain)
+        if failed is None:
             return (gain, proof), ""
-        reason = str(check.reason)
+        reason = failed
     return None, reason
 
 

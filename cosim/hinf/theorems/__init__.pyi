@@ -14,11 +14,9 @@ from .ages_theorem import (
     MAX_BOX as MAX_BOX,
     MAX_CORNERS as MAX_CORNERS,
     MAX_ORDER as MAX_ORDER,
-    AgeFunctional as AgeFunctional,
     AgesTheorem as AgesTheorem,
     constants_down_to_zero as constants_down_to_zero,
     functionals_of as functionals_of,
-    positive_delays as positive_delays,
     supports_of as supports_of,
 )
 from .design import minus_phi_of_design as minus_phi_of_design
@@ -44,6 +42,7 @@ from .loop import (
     Loop as Loop,
     Support as Support,
     Supports as Supports,
+    positive_delays as positive_delays,
 )
 from .outages import (
     Modes as Modes,

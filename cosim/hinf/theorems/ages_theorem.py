@@ -27,7 +27,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from math import prod
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -35,13 +35,11 @@ from cosim.core import InputError
 from cosim.hinf.exact import exact
 from cosim.hinf.theorems.ages import Age, age_inequalities, shapes_of_ages, widest_functional
 from cosim.hinf.theorems.inequality import Inequality, Shape
-from cosim.hinf.theorems.loop import Loop, Support
+from cosim.hinf.theorems.loop import Loop, Support, positive_delays
 from cosim.hinf.theorems.proof import Theorem, require_size
 
 if TYPE_CHECKING:
     from cosim.models import Delay, DelaySystem, Matrix
-
-AgeFunctional = Literal["constant", "jensen", "interval", "rate", "wirtinger", "looped"]
 
 MAX_BOX = 4
 """Most delays of an analysis that covers smaller ones: it has two corners for each, multiplied."""
@@ -155,11 +153,6 @@ def constants_down_to_zero(functionals: Sequence[str]) -> tuple[Any, ...]:
     """Return the `lower` of a claim that covers every constant delay, from order 1 on."""
     zero = exact(0.0)
     return tuple(zero if own == "constant" else None for own in functionals)
-
-
-def positive_delays(system: DelaySystem) -> list[Delay]:
-    """Return the positive delays; one of zero is none, its term belongs to x(t)."""
-    return [delay for delay in system.delays if delay.d > 0]
 
 
 def functionals_of(delay: Delay, *, is_analysis: bool = False) -> tuple[str, ...]:

@@ -88,7 +88,7 @@ class Loop:
             for whole, more in zip((A, H, D), own, strict=True):
                 whole.append(more)
         rest = exact_matrix(system.C), exact_matrix(system.D1), exact_matrix(system.E)
-        positive = [x for x in system.delays if x.d > 0]
+        positive = positive_delays(system)
         return cls(A, H, D, C, *rest, system.blocks, positive, [exact(x.d) for x in positive])
 
     def rows(self, *, bounded: bool) -> dict[str, int]:
@@ -116,6 +116,11 @@ class Loop:
         if bounded:
             form.number("1/gamma", _sum(self.D, on) + self.D1 * form.row("w"), -1)
             form.number("gamma", form.row("w"))
+
+
+def positive_delays(system: DelaySystem) -> list[Delay]:
+    """Return the positive delays; one of zero is none, its term belongs to x(t)."""
+    return [delay for delay in system.delays if delay.d > 0]
 
 
 def _sum(matrices: Sequence[Any], on: Sequence[Signal]) -> Signal:

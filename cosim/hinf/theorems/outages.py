@@ -37,7 +37,7 @@ import numpy as np
 
 from cosim.hinf.exact import exact, exact_matrix
 from cosim.hinf.theorems.inequality import Inequality, itself
-from cosim.hinf.theorems.loop import Loop
+from cosim.hinf.theorems.loop import Loop, positive_delays
 
 if TYPE_CHECKING:
     from cosim.models import Delay, DelaySystem, Matrix
@@ -77,7 +77,7 @@ def outage_inequalities(system: DelaySystem, gain: Matrix, modes: Modes) -> Iter
 
 def positive_of_outages(system: DelaySystem) -> Iterator[Inequality]:
     """Yield what must be positive beside -Phi."""
-    n, late = len(system.A), [delay for delay in system.delays if delay.d > 0]
+    n, late = len(system.A), positive_delays(system)
     several = (f"{name}[{j}]" for name in "SR" for j in range(len(late)))
     for name in ("P", *several):
         yield itself(name, n)
