@@ -86,6 +86,8 @@ typedef struct {
 } Run;
 
 typedef int64_t __attribute__((may_alias)) Bits;
+typedef int64_t __attribute__((vector_size(16), aligned(8), may_alias)) Pair;
+typedef uint64_t __attribute__((vector_size(16))) Sums;
 typedef int (*Exchange2)(void *, const uint32_t *, size_t, void *);
 typedef int (*Exchange3)(void *, const uint32_t *, size_t, void *, size_t);
 typedef int (*Step2)(void *, double, double, int);
@@ -210,13 +212,24 @@ static inline int64_t step(const Run *r, const Operation *o, int64_t k, int64_t 
    of their bits as integers, with infinity and NaN, which are in no range, above all bounds. */
 static int64_t outside(Run *r, const double *row, int64_t k) {
     const Bits *values = (const Bits *)row, *bounds = (const Bits *)r->bounds;
-    int64_t found = 0, n = r->outputs;
-    uint64_t sum = 0; /* of the row, see row_sums.py */
-    for (int64_t j = 0; j < n; j++) {
-        found |= bounds[j] - (values[j] & INT64_MAX);
-        sum += (uint64_t)values[j] * (uint64_t)(2 * j + 1);
+    const Pair magnitude = {INT64_MAX, INT64_MAX};
+    Pair within = {0, 0};
+    Sums sum = {0, 0}, sums = {0, 0}; /* of the row, see row_sums.py */
+    uint64_t total = 0;
+    int64_t found, j = 0, n = r->outputs;
+    for (; j + 1 < n; j += 2) {
+        const Pair two = *(const Pair *)(values + j);
+        within |= *(const Pair *)(bounds + j) - (two & magnitude);
+        sums += sum;
+        sum += (Sums)two;
     }
-    r->word[ROW_SUM] = (int64_t)((uint64_t)r->word[ROW_SUM] + sum * (uint64_t)(2 * k + 1));
+    found = within[0] | within[1];
+    if (j < n) {
+        found |= bounds[j] - (values[j] & INT64_MAX);
+        total = (uint64_t)values[j] * (uint64_t)(2 * n - 1);
+    }
+    total += 4 * (sums[0] + sums[1]) + sum[0] + 3 * sum[1];
+    r->word[ROW_SUM] = (int64_t)((uint64_t)r->word[ROW_SUM] + total * (uint64_t)(2 * k + 1));
     if (found >= 0)
         return 0;
     for (r->column = 0; fabs(row[r->column]) <= r->bounds[r->column]; r->column++)

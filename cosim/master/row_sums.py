@@ -1,7 +1,9 @@
 """Sums of complete rows, by which a process sees whether another one has altered them since.
 
 The sum of rows is that of the bits of every output times an odd number of its column, times an odd
-number of its row, modulo 2**64. The loop adds each row as soon as it is complete (`Table.word`),
+number of its row, modulo 2**64. The numbers of the columns are those that come out where pairs of
+columns are added up, and the sums again: the loop needs no products, which would cost more than
+all else it does to complete a row. The loop adds each row as soon as it is complete (`Table.word`),
 the reader adds the rows as it finds them; inputs are copies of outputs and do not count.
 """
 
@@ -18,7 +20,10 @@ _SIGN: Final = 1 << 63
 
 def column_weights(outputs: int) -> NDArray[np.uint64]:
     """Return the number of each column, (outputs,)."""
-    return 2 * np.arange(outputs, dtype=np.uint64) + np.uint64(1)
+    pair, second = np.divmod(np.arange(outputs, dtype=np.int64), 2)
+    weights = 4 * (outputs // 2 - 1 - pair) + 1 + 2 * second
+    weights[outputs // 2 * 2 :] = 2 * outputs - 1  # of the one without a second
+    return weights.astype(np.uint64)
 
 
 def sum_of_rows(rows: Any, outputs: int, first: int, last: int) -> int:

@@ -44,6 +44,7 @@ KILL, START = b"k", b"s"
 REQUEST: Final = struct.Struct("<I")
 """Length of a `Start`, pickled; it follows `START`, with which the descriptors come."""
 _BROKEN: Final = 70
+_PACKAGE: Final = f"{__name__.partition('.')[0]}."
 _SUBREAPER, _DEATH_SIGNAL, _DETACH = 36, 1, 17
 """PR_SET_CHILD_SUBREAPER, PR_SET_PDEATHSIG, PTRACE_DETACH of Linux."""
 
@@ -58,6 +59,7 @@ class Start:
         socket to the process that wants the worker, and the descriptors that it gave.
     folder, environment : of the process that wants the worker.
     patience_s : how long it may go on when nobody listens any more.
+    modules : of this package that the process has which wants the worker.
     """
 
     target: str
@@ -65,6 +67,7 @@ class Start:
     folder: str
     environment: Mapping[str, str]
     patience_s: float
+    modules: tuple[str, ...]
 
     @classmethod
     def here(cls, target: str, arguments: Sequence[Any], patience_s: float = ORPHAN_S) -> Start:
@@ -73,7 +76,8 @@ class Start:
             folder = str(Path.cwd())
         except OSError:  # the folder is gone
             folder = "/"
-        return cls(target, tuple(arguments), folder, dict(os.environ), patience_s)
+        modules = tuple(name for name in sys.modules if name.startswith(_PACKAGE))
+        return cls(target, tuple(arguments), folder, dict(os.environ), patience_s, modules)
 
     def settle(self) -> None:
         """Give this process, which is no fork of that one, its folder and its environment."""
@@ -158,9 +162,9 @@ def keep_fresh(control: str) -> NoReturn:
             if command == KILL:  # for a worker that had just ended
                 continue
             start, end, out, err, *given = _requested(connection), *descriptors
-            with contextlib.suppress(Exception):  # the worker says why
-                importlib.import_module(start.target.partition(":")[0])  # once for all its workers
-
+            for name in [start.target.partition(":")[0], *start.modules]:
+                with contextlib.suppress(Exception):  # the worker says why
+                    importlib.import_module(name)  # once for all its workers
             keeper.begin(partial(_settle_and_enter, start, end, (out, err), given))
             for descriptor in (end, out, err, *given):
                 os.close(descriptor)

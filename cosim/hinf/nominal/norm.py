@@ -42,6 +42,7 @@ from cosim.hinf.nominal.roots import Roots, characteristic_roots, is_stable, roo
 Reals = NDArray[np.float64]
 
 _TOLERANCE = 1e-9
+_ROUNDING = float(np.finfo(np.float64).eps)
 _CHUNK = 8192  # intervals examined at once: bounds the memory
 _LARGEST_EFFORT = 400_000  # intervals examined in all
 _REFINED = 6
@@ -229,7 +230,7 @@ def hinf_norm(loop: ClosedLoop, roots: Roots | None = None) -> NormResult | None
     Returns
     -------
     The norm, its frequency and an upper bound, or None where the loop is not asymptotically
-    stable (rightmost characteristic root with real part >= 0).
+    stable: its rightmost characteristic root is not left of the axis, or no farther than rounding.
 
     Raises
     ------
@@ -239,7 +240,7 @@ def hinf_norm(loop: ClosedLoop, roots: Roots | None = None) -> NormResult | None
     bounds = _Bounds(loop)
     if roots is None:
         roots = characteristic_roots(loop, ROOTS)
-    if not roots[0].real < 0.0:
+    if not roots[0].real < -_ROUNDING * loop.bound(0.0):
         return None
     if bounds.through == 0.0:
         return NormResult(bounds.direct, math.inf, bounds.direct)
