@@ -13,7 +13,9 @@ from pathlib import Path
 import cosim
 
 FACES = (
-    *("cosim.hinf", "cosim.vehicle", "cosim.scenario", "cosim.trace", "cosim.study", "cosim.fmu"),
+    *("cosim.hinf", "cosim.hinf.problem", "cosim.hinf.synthesis", "cosim.hinf.nominal"),
+    *("cosim.hinf.response", "cosim.hinf.certificate"),
+    *("cosim.vehicle", "cosim.scenario", "cosim.trace", "cosim.study", "cosim.fmu"),
     *("cosim.network", "cosim.recordings", "cosim.master", "cosim.replay", "cosim.models"),
     *("cosim.core", "cosim.paper"),
 )
@@ -30,7 +32,9 @@ def pages() -> dict[str, str]:
         of_itself = "    options:\n      members: false\n      show_root_heading: false"
         sections = [f"# {face}", f"::: {face}\n{of_itself}"]
         for offered, place in names_of(face).items():
-            if place in shown:
+            if place in FACES:
+                sections.append(f"## {offered}\n\nSee [{place}]({offered}.md).")
+            elif place in shown:
                 sections.append(f"## {offered}\n\nThe same as [{shown[place]}][{place}].")
             else:
                 shown[place] = f"{face}.{offered}"

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from cosim.hinf import system_schema
+from cosim.hinf.problem import system_schema
 from cosim.scenario import json_schema
 from cosim.study import Study
 from cosim.vehicle import vehicle_schema

@@ -87,8 +87,8 @@ def age(
     sound_speed: Annotated[
         float,
         typer.Option(help="Speed of the signal [m/s]; 3e8: radio.", rich_help_panel=_PANEL),
-    ] = hinf.SOUND_SPEED,
-    delay_limit: DelayLimitOption = hinf.DELAY_LIMIT,
+    ] = hinf.problem.SOUND_SPEED,
+    delay_limit: DelayLimitOption = hinf.problem.DELAY_LIMIT,
     picture: Annotated[
         Path | None,
         typer.Option(
@@ -117,9 +117,9 @@ def age(
     named, own_gain = named_problem(name)
     modem = _modem(bit_rate, packet, distance, slot, loss, losses, other, sound_speed)
     chosen: Any = assumption or (None if modem is None else "sampled")
-    if chosen is not None and chosen not in get_args(hinf.Assumption):
+    if chosen is not None and chosen not in get_args(hinf.synthesis.Assumption):
         raise InputError.unknown(
-            "assumption", chosen, get_args(hinf.Assumption), where="--assumption"
+            "assumption", chosen, get_args(hinf.synthesis.Assumption), where="--assumption"
         )
     least, own_age = 0.0, None
     wanted: Sequence[float] | None = None if ages is None else numbers("--ages", ages)
@@ -159,7 +159,7 @@ def _modem(
     losses: int | None,
     other: float,
     sound_speed: float,
-) -> hinf.Modem | None:
+) -> hinf.problem.Modem | None:
     """Return the modem that the options describe; None without any of them."""
     if bit_rate is None and packet is None:
         given = {
@@ -183,10 +183,10 @@ def _modem(
             where="--bit-rate" if bit_rate is None else "--packet",
             expected="--bit-rate and --packet",
         )
-    return hinf.Modem(bit_rate, packet, distance, slot, loss, losses, other, sound_speed)
+    return hinf.problem.Modem(bit_rate, packet, distance, slot, loss, losses, other, sound_speed)
 
 
-def _ages_of(modem: hinf.Modem, own: float) -> list[float]:
+def _ages_of(modem: hinf.problem.Modem, own: float) -> list[float]:
     """Return the greatest ages after 0, 1, ... losses in a row, a few of them, up to its own."""
     if own == modem.least:
         return [own]

@@ -26,7 +26,7 @@ _NAMES = {
 
 
 def age_json(
-    name: str, found: hinf.MessageAges, modem: hinf.Modem | None, picture: Path | None
+    name: str, found: hinf.MessageAges, modem: hinf.problem.Modem | None, picture: Path | None
 ) -> dict[str, Any]:
     """Return the answer as plain JSON values."""
     return {
@@ -64,7 +64,9 @@ def age_json(
     }
 
 
-def age_view(name: str, found: hinf.MessageAges, modem: hinf.Modem | None) -> RenderableType:
+def age_view(
+    name: str, found: hinf.MessageAges, modem: hinf.problem.Modem | None
+) -> RenderableType:
     """Show the arithmetic of the modem, the limits in order, and the table."""
     parts: list[RenderableType] = []
     if modem is not None:
@@ -90,7 +92,7 @@ def _limits(name: str, found: hinf.MessageAges) -> RenderableType:
     return Group(head, facts)
 
 
-def _age(limit: hinf.AgeLimit) -> str:
+def _age(limit: hinf.synthesis.AgeLimit) -> str:
     if limit.age is None:
         return "no limit" if limit.assumption == "exact" else NONE
     if limit.assumption == "exact":
@@ -98,7 +100,7 @@ def _age(limit: hinf.AgeLimit) -> str:
     return f"{'≥ ' if limit.limit_reached else ''}{at_least(limit.age, 4)} s"
 
 
-def _meaning(limit: hinf.AgeLimit, found: hinf.MessageAges) -> str:
+def _meaning(limit: hinf.synthesis.AgeLimit, found: hinf.MessageAges) -> str:
     least = f" from {found.least_age:.4g} s" if found.least_age else ""
     what = {
         "any": f"certified: however the age varies{least}",
@@ -147,7 +149,7 @@ def _table(found: hinf.MessageAges) -> Table:
     return table
 
 
-def _gamma(row: hinf.AgeRow) -> str:
+def _gamma(row: hinf.synthesis.AgeRow) -> str:
     if row.gamma is not None:
         return at_most(row.gamma, 5)
     return "stable" if row.certified else "not proved"

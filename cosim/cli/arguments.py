@@ -11,7 +11,7 @@ from cosim import hinf, scenario
 from cosim.core import InputError, write_whole
 
 
-def named_problem(name: str) -> tuple[hinf.NamedSystem, Any]:
+def named_problem(name: str) -> tuple[hinf.problem.NamedSystem, Any]:
     """Return the system that a name stands for, and the gain if it names a scenario with a gain."""
     if name not in scenario.builtin_names():
         return hinf.system_by_name(name), None
@@ -21,18 +21,20 @@ def named_problem(name: str) -> tuple[hinf.NamedSystem, Any]:
         raise InputError("this scenario has no [design]", where=name)
     if part.file is not None:
         problem, found, _ = scenario.named_design(part, loaded.folder)
-        return hinf.NamedSystem(problem.system, problem.k1, problem.k2), found.K.tolist()
+        return hinf.problem.NamedSystem(problem.system, problem.k1, problem.k2), found.K.tolist()
     problem = scenario.problem_of(part, loaded.folder)
-    named = hinf.NamedSystem(
+    named = hinf.problem.NamedSystem(
         problem.system, problem.k1, problem.k2, design_constraints=problem.design_constraints
     )
     return named, part.gain
 
 
-def with_weights(named: hinf.NamedSystem, weights: tuple[float, ...]) -> hinf.NamedSystem:
+def with_weights(
+    named: hinf.problem.NamedSystem, weights: tuple[float, ...]
+) -> hinf.problem.NamedSystem:
     """Replace the weights of z of a system; raise InputError if their number does not fit."""
     before = named.unweighted or named.system
-    after = hinf.weighted(before, weights, where="--weights")
+    after = hinf.problem.weighted(before, weights, where="--weights")
     return replace(named, system=after, weights=weights, unweighted=before)
 
 
@@ -56,7 +58,7 @@ def gain_from(text: str) -> Any:
             got=text,
             hint=f'one row per control input: "[{text.strip()}]"',
         )
-    return hinf.matrix_from_rows(value, "--gain")
+    return hinf.certificate.matrix_from_rows(value, "--gain")
 
 
 def numbers(option: str, text: str) -> tuple[float, ...]:

@@ -64,14 +64,14 @@ def check(
     """
     found = replay.certificate_in(file)
     checked = hinf.check_certificate(found.data)
-    own = hinf.system_from_json(found.data.get("plant", found.data.get("system")))
+    own = hinf.certificate.system_from_json(found.data.get("plant", found.data.get("system")))
     if checked.valid and found.mismatch is not None:
         checked = replace(checked, valid=False, reason=found.mismatch)
     apart = None if system is None else _differences(own, system, found.data)
     if checked.valid and apart:
         reason = f"it is proved, but about another system than {system}: {apart[0]}"
         checked = replace(checked, valid=False, reason=reason)
-    theorem = hinf.theorem_of(checked.claim)
+    theorem = hinf.certificate.theorem_of(checked.claim)
     answer(
         as_json,
         lambda: {
@@ -96,9 +96,9 @@ def check(
 def _differences(own: DelaySystem, name: str, data: dict[str, Any]) -> list[str]:
     """Return where the system of a certificate, and its sensors, differ from those of that name."""
     named: Any = named_problem(name)[0]
-    found = list(hinf.differences(own, named.system))
+    found = list(hinf.certificate.differences(own, named.system))
     sensors = () if named.observer is None else named.observer.measurements
-    return found + hinf.measurement_differences(data.get("measurements", []), sensors)
+    return found + hinf.certificate.measurement_differences(data.get("measurements", []), sensors)
 
 
 @certificate_app.command()
@@ -145,8 +145,8 @@ def prove(
     number = _order(order)
     with progress() as report_progress:
         report_progress(f"proof of {file}", 0.0)
-        before = hinf.design_from_certificate(data, where=str(file))
-        found = hinf.proved_again(before, hold=hold, order=number)
+        before = hinf.synthesis.design_from_certificate(data, where=str(file))
+        found = hinf.synthesis.proved_again(before, hold=hold, order=number)
     if save is not None:
         write_json(save, DESIGN_FILE.stamped(hinf.design_to_json(found)))
     lost = [

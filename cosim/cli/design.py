@@ -158,7 +158,7 @@ def design(
             "or else the first delay.",
         ),
     ] = False,
-    delay_limit: DelayLimitOption = hinf.DELAY_LIMIT,
+    delay_limit: DelayLimitOption = hinf.problem.DELAY_LIMIT,
     price: Annotated[
         bool,
         typer.Option(
@@ -305,8 +305,8 @@ def design(
                 **design_constraints,
             )
         if outages:
-            found = hinf.with_outages(found)
-        nominal = hinf.nominal_gamma(found) if price else None
+            found = hinf.synthesis.with_outages(found)
+        nominal = hinf.synthesis.nominal_gamma(found) if price else None
     if save is not None:
         write_json(save, DESIGN_FILE.stamped(hinf.design_to_json(found)))
     refutation = None if greatest is None else greatest.refutation
@@ -315,7 +315,7 @@ def design(
         write_json(kept, refutation)
     norm_file = _save_norm(save_norm, found)
     has_limit = found.guarantees.gain_limit is not None
-    remark = None if has_limit else hinf.gain_remark(found.system, found.K)
+    remark = None if has_limit else hinf.synthesis.gain_remark(found.system, found.K)
     answer(
         as_json,
         lambda: (
@@ -331,10 +331,10 @@ def _at_delays(
 ) -> DelaySystem:
     """Return the system with the delays and ages of the command line."""
     if delays is not None:
-        system = hinf.with_delays(system, numbers("--delays", delays))
+        system = hinf.problem.with_delays(system, numbers("--delays", delays))
     if least_ages is not None or sampled:
         least = None if least_ages is None else numbers("--least-ages", least_ages)
-        system = hinf.with_ages(system, least, sampled=sampled)
+        system = hinf.problem.with_ages(system, least, sampled=sampled)
     return system
 
 
@@ -347,12 +347,12 @@ def _with_structure(
 ) -> DelaySystem:
     """Return the system with the feedback that --measured and --integral ask for."""
     if measured is not None:
-        states = hinf.states_of(numbers("--measured", measured), "--measured")
-        system = hinf.with_measured(system, states)
+        states = hinf.problem.states_of(numbers("--measured", measured), "--measured")
+        system = hinf.problem.with_measured(system, states)
     if integral is not None:
-        states = hinf.states_of(numbers("--integral", integral), "--integral")
+        states = hinf.problem.states_of(numbers("--integral", integral), "--integral")
         own = None if weights is None else numbers("--integral-weights", weights)
-        system = hinf.with_integral(system, states, weights=own, age=age)
+        system = hinf.problem.with_integral(system, states, weights=own, age=age)
     return system
 
 
@@ -391,7 +391,7 @@ def _save_norm(path: Path | None, found: hinf.Design | hinf.Analysis) -> str | N
     if path is None or found.exact_norm_upper is None:
         return None
     K = np.zeros(found.system.B.shape[::-1]) if found.K is None else found.K
-    proof = hinf.norm_certificate(found.system, K, found.exact_norm_upper)
+    proof = hinf.nominal.norm_certificate(found.system, K, found.exact_norm_upper)
     if proof is None:
         return None
     write_json(path, proof)
@@ -432,7 +432,7 @@ def analyse(
             "of the feedback, or else the first delay.",
         ),
     ] = False,
-    delay_limit: DelayLimitOption = hinf.DELAY_LIMIT,
+    delay_limit: DelayLimitOption = hinf.problem.DELAY_LIMIT,
     damping: DampingOption = None,
     within: WithinOption = None,
     outages: OutagesOption = False,
@@ -474,7 +474,7 @@ def analyse(
     system = _at_delays(named.system, delays, least_ages, sampled=sampled)
     K = own_gain if gain is None else gain_from(gain)
     condition = _order(order, AUTO) or 0  # never None: Theorem 2 is no word here
-    greatest: hinf.CertifiedDelay | None = None
+    greatest: hinf.synthesis.CertifiedDelay | None = None
     with progress() as report_progress:
         report_progress(f"analysis of {name}", 0.0)
         if max_delay:
@@ -493,7 +493,7 @@ def analyse(
         else:
             found = hinf.analyse(system, K, gamma, order=condition, damping=damping, within=within)
         if outages and found.certified:
-            found = hinf.with_outages(found)
+            found = hinf.synthesis.with_outages(found)
     saved = save if found.certified else None
     if saved is not None:
         write_json(saved, found.certificate)

@@ -38,7 +38,7 @@ def design_json(
         "up_to_delays": found.covers_smaller_delays,
         "certified": found.certified,
         "certificate": None if save is None else str(save),
-        "constant_ages_claimed": hinf.constant_ages_claimed(found.certificate),
+        "constant_ages_claimed": hinf.certificate.constant_ages_claimed(found.certificate),
         "decay": None if more.decay is None else float(more.decay.rate),
         **_damping(found),
         "outages": outages_json(found.guarantees.outages),
@@ -59,7 +59,10 @@ def design_json(
 
 
 def analysis_json(
-    name: str, found: hinf.Analysis, greatest: hinf.CertifiedDelay | None, save: Path | None
+    name: str,
+    found: hinf.Analysis,
+    greatest: hinf.synthesis.CertifiedDelay | None,
+    save: Path | None,
 ) -> dict[str, Any]:
     """Return the object that `cosim analyse --json` prints; `save`: file of the certificate."""
     delays: list[float | None] = [delay.d for delay in found.system.delays]
@@ -123,7 +126,7 @@ def _nominal_figures(found: hinf.Design | hinf.Analysis) -> dict[str, Any]:
     }
 
 
-def outages_json(found: hinf.Outages | None) -> dict[str, Any] | None:
+def outages_json(found: hinf.certificate.Outages | None) -> dict[str, Any] | None:
     """Return what is proved across outages; None where nothing is."""
     if found is None:
         return None

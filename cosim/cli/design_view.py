@@ -57,12 +57,14 @@ def design_view(
     gain = Table(title=f"K ({name}): u = K x", title_justify="left", show_header=False, box=None)
     for row in design.K:
         gain.add_row(*(f"{value:.4g}" for value in row))
-    remarks = [x for x in (remark, hinf.remark_on_ages(design.certificate)) if x is not None]
+    remarks = [
+        x for x in (remark, hinf.certificate.remark_on_ages(design.certificate)) if x is not None
+    ]
     lines = [Text.assemble(("remark", "bold yellow"), f": {text}") for text in remarks]
     return Group(facts, gain, *lines)
 
 
-def _guarantees(more: hinf.Guarantees) -> list[tuple[str, str, str]]:
+def _guarantees(more: hinf.certificate.Guarantees) -> list[tuple[str, str, str]]:
     """Return rows for what is proved beside gamma: (figure, value, explanation)."""
     rows = []
     if more.decay is not None:
@@ -98,7 +100,7 @@ def _guarantees(more: hinf.Guarantees) -> list[tuple[str, str, str]]:
 
 
 def analysis_view(
-    name: str, analysis: hinf.Analysis, greatest: hinf.CertifiedDelay | None = None
+    name: str, analysis: hinf.Analysis, greatest: hinf.synthesis.CertifiedDelay | None = None
 ) -> RenderableType:
     """Show an analysis: what is proved, or why nothing is, and what is computed."""
     what = f"{name}, u = 0" if analysis.K is None else f"{name}, u = K x"

@@ -187,7 +187,9 @@ def certified(path: Path) -> hinf.Design:
     ------
     InputError : no such file, no proof, or one that does not hold.
     """
-    found = hinf.design_from_certificate(hinf.read_certificate(path), where=str(path))
+    found = hinf.synthesis.design_from_certificate(
+        hinf.certificate.read_certificate(path), where=str(path)
+    )
     if isinstance(found, hinf.OutputFeedback):
         raise InputError(
             "nothing is proved across outages of a loop with an observer",

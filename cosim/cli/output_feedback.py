@@ -24,7 +24,7 @@ _OPTIONS = {"name", "gamma", "order", "save", "as_json", "solver", "delay_limit"
 
 
 def answer_output_feedback(
-    named: hinf.NamedSystem, options: Mapping[str, Any], order: int | Literal["auto"] | None
+    named: hinf.problem.NamedSystem, options: Mapping[str, Any], order: int | Literal["auto"] | None
 ) -> None:
     """Design the observer and the gain of a system file, or prove those in it, and print them.
 
@@ -64,7 +64,7 @@ def answer_output_feedback(
         )
         if settings.command_age == 0 and not settings.at_once:
             report_progress("commands that are held", 0.0)
-            found = hinf.for_any_command(found, most=options["gamma"] or named.gamma)
+            found = hinf.synthesis.for_any_command(found, most=options["gamma"] or named.gamma)
     if save is not None:
         write_json(save, DESIGN_FILE.stamped(found.to_json()))
     answer(
@@ -96,7 +96,7 @@ def output_feedback_json(
         "known_states": found.certificate["claim"]["observer"]["known_states"],
         "command_age": pair.command_age,
         "command_any_age": pair.command_any_age,
-        "constant_ages_claimed": hinf.constant_ages_claimed(found.certificate),
+        "constant_ages_claimed": hinf.certificate.constant_ages_claimed(found.certificate),
         "peaks": _peaks(found),
         "least_gamma": found.least_gamma,
         "abscissa": found.abscissa,
@@ -128,7 +128,7 @@ def output_feedback_view(name: str, found: hinf.OutputFeedback) -> RenderableTyp
     parts: list[RenderableType] = [facts, f"K ({name}): u = K xh", _matrix(found.K)]
     for x, own in zip(found.measurements, found.L, strict=True):
         parts += [f"L of {x.name}", _matrix(own)]
-    remark = hinf.remark_on_ages(found.certificate)
+    remark = hinf.certificate.remark_on_ages(found.certificate)
     if remark is not None:
         parts.append(Text.assemble(("remark", "bold yellow"), f": {remark}"))
     return Group(*parts)

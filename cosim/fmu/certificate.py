@@ -15,7 +15,7 @@ from xml.etree import ElementTree as ET
 
 from cosim.core import InputError
 from cosim.fmu.export.spec import CERTIFICATE
-from cosim.hinf import certificate_from_bytes
+from cosim.hinf.certificate import certificate_from_bytes
 
 MOST_BYTES = 64 * 2**20
 """Largest certificate or model description that is read from an archive."""

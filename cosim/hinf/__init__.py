@@ -1,6 +1,7 @@
 """H-infinity design over delays: the LMI, its exact proof, figures of the nominal loop.
 
-Eight rooms, each with a face of its own; imports point one way, `models` and `core` below all:
+This face has what a user needs who proves a loop. All else is in eight rooms, each with a face of
+its own (`cosim.hinf.nominal`); imports point one way, `models` and `core` below all:
 
     response -> synthesis -> lmi -> problem -> certificate -> theorems -> exact
     response -> synthesis -> nominal -> certificate

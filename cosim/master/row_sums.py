@@ -21,7 +21,7 @@ _SIGN: Final = 1 << 63
 def column_weights(outputs: int) -> NDArray[np.uint64]:
     """Return the number of each column, (outputs,)."""
     pair, second = np.divmod(np.arange(outputs, dtype=np.int64), 2)
-    weights = 4 * (outputs // 2 - 1 - pair) + 1 + 2 * second
+    weights: NDArray[np.int64] = 4 * (outputs // 2 - 1 - pair) + 1 + 2 * second
     weights[outputs // 2 * 2 :] = 2 * outputs - 1  # of the one without a second
     return weights.astype(np.uint64)
 

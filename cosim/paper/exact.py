@@ -9,7 +9,7 @@ import flint
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.hinf import first_bad_pivot
+from cosim.hinf.exact import first_bad_pivot
 
 Exact = NDArray[np.object_]
 """A matrix of `Fraction` (and int)."""

@@ -9,17 +9,8 @@ import numpy as np
 from scipy import optimize
 
 from cosim.core import Progress
-from cosim.hinf import (
-    Analysis,
-    ClosedLoop,
-    Design,
-    NormResult,
-    analyse,
-    characteristic_roots,
-    close,
-    design,
-    hinf_norm,
-)
+from cosim.hinf import Analysis, Design, analyse, characteristic_roots, design, hinf_norm
+from cosim.hinf.nominal import ClosedLoop, NormResult, close
 from cosim.models import DelaySystem, paper_example as printed
 from cosim.paper.every_delay import EveryDelay
 from cosim.paper.row import EXAMPLE, How, Row, Verdict

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from cosim.core import Progress, at_most, silent
-from cosim.hinf import DELAY_LIMIT, one_thread
+from cosim.hinf.nominal import one_thread
+from cosim.hinf.problem import DELAY_LIMIT
 from cosim.models import paper_example
 from cosim.paper.every_delay import EveryDelay, every_delay
 from cosim.paper.example import Example, example_rows, solve_example

@@ -8,7 +8,8 @@ from itertools import pairwise
 from typing import Any
 
 from cosim.core import Progress
-from cosim.hinf import DELAY_LIMIT, GreatestDelay, certified_delay, greatest_delay
+from cosim.hinf import GreatestDelay, certified_delay, greatest_delay
+from cosim.hinf.problem import DELAY_LIMIT
 from cosim.models import DelaySystem, paper_example
 from cosim.paper.every_delay import EveryDelay
 from cosim.paper.exact import decimals

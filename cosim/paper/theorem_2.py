@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from cosim.core import at_most
-from cosim.hinf import minus_omega
+from cosim.hinf.theorems import minus_omega
 from cosim.models import Delay, DelaySystem
 from cosim.paper.exact import (
     Exact,

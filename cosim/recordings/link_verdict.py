@@ -44,10 +44,10 @@ class OutageVerdict:
     statistics: LinkStatistics
     age_s: float
     other_s: float
-    bound: hinf.OutageBound
+    bound: hinf.nominal.OutageBound
     chain: HiddenChain | None
-    rates: hinf.MeanSquare | None
-    jump: hinf.MeanSquare | None
+    rates: hinf.nominal.MeanSquare | None
+    jump: hinf.nominal.MeanSquare | None
     remarks: tuple[str, ...]
 
     @property
@@ -105,15 +105,15 @@ def outage_verdict(
                 f"than {oldest:g} s before the next one comes"
             )
         else:
-            rates = hinf.rates_mean_square(proved, chain.transitions, chain.loss, period)
+            rates = hinf.nominal.rates_mean_square(proved, chain.transitions, chain.loss, period)
             if len(design.system.delays) == 1 and not proved.fallback.any():
                 own = chain.transitions, chain.loss, period, late
-                jump = hinf.jump_mean_square(design.system, design.K, *own)
+                jump = hinf.nominal.jump_mean_square(design.system, design.K, *own)
     return OutageVerdict(
         statistics=statistics_of(recording),
         age_s=oldest,
         other_s=other,
-        bound=hinf.outage_bound(proved, times, touch),
+        bound=hinf.nominal.outage_bound(proved, times, touch),
         chain=chain,
         rates=rates,
         jump=jump,

@@ -13,7 +13,7 @@ from typing import Any
 
 from cosim.core import InputError, unreadable
 from cosim.fmu import certificate_in_fmu
-from cosim.hinf import certificate_from_bytes, certificate_hash, read_certificate
+from cosim.hinf.certificate import certificate_from_bytes, certificate_hash, read_certificate
 from cosim.trace import CERTIFICATE_ATTACHMENT, CERTIFICATE_HASH, DESIGN_ATTACHMENT, Trace
 
 _ZIP, _MCAP = b"PK\x03\x04", b"\x89MCAP"

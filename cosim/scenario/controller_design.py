@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from cosim.core import CosimError
 from cosim.fmu import FmuDescription, carries_certificate
-from cosim.hinf import AuvDesignSettings
+from cosim.hinf.problem import AuvDesignSettings
 from cosim.scenario.gain import Problem, controller_parameters
 from cosim.scenario.pinned import DesignSource, named_design
 from cosim.scenario.plant import parameters_of_plant, require_vehicle_of

@@ -41,7 +41,7 @@ class Problem:
     system: DelaySystem
     k1: tuple[float, ...] | None
     k2: tuple[float, ...] | None
-    vehicle: hinf.AuvDesignSettings | None
+    vehicle: hinf.problem.AuvDesignSettings | None
     design_constraints: hinf.DesignConstraints = field(
         default_factory=lambda: hinf.DesignConstraints()  # noqa: PLW0108 - loaded when it is made
     )
@@ -71,10 +71,10 @@ def _problem_of(part: DesignPart, folder: Path, plant: Mapping[str, float]) -> P
     _refuse_vehicle_keys(part, f"system = {part.system!r}")
     if is_file(part):
         named = hinf.system_by_name(str(folder / system))
-    elif system in hinf.BUILT_IN_SYSTEMS:
+    elif system in hinf.problem.BUILT_IN_SYSTEMS:
         named = hinf.system_by_name(system)
     else:
-        wrong = hinf.unknown_system(system, "design.system")
+        wrong = hinf.problem.unknown_system(system, "design.system")
         if system.endswith(".json"):
             wrong.hint = f'a design is named by another key: file = "{system}"'
         raise wrong
@@ -115,7 +115,7 @@ def problem_about(
     require_up_to(found)
     own = Problem(found.system, found.k1, found.k2, None)
     named = found.system.name if part.system is None else part.system
-    if (part.system is None and named not in hinf.BUILT_IN_SYSTEMS) or (
+    if (part.system is None and named not in hinf.problem.BUILT_IN_SYSTEMS) or (
         folder is None and is_file(part)
     ):
         _refuse_vehicle_keys(part, where)
@@ -132,7 +132,7 @@ def problem_about(
         if not _says_age(part):  # the design knows it: from its own file, or from the links
             like = next((d for d in found.system.delays if d.feedback), None)
             described = replace(described, system=like_feedback(described.system, like))
-        differs = hinf.first_difference(described.system, found.system)
+        differs = hinf.certificate.first_difference(described.system, found.system)
         if differs is None:
             break
     if differs is not None:
@@ -235,7 +235,11 @@ def require_up_to(found: hinf.Design) -> None:
 
 def _exact(found: hinf.Design) -> list[dict[str, Any]]:
     """Return what the claim says of delays that it covers at exactly one value."""
-    return [x for x in found.certificate["claim"]["delays"] if x["age"] == hinf.AgeWord.EXACTLY]
+    return [
+        x
+        for x in found.certificate["claim"]["delays"]
+        if x["age"] == hinf.certificate.AgeWord.EXACTLY
+    ]
 
 
 def _refuse_rate(system: DelaySystem) -> None:
@@ -260,12 +264,12 @@ def _auv_problem(part: DesignPart, plant: Mapping[str, float]) -> Problem:
     if part.damping is not None:
         given["damping"] = tuple(part.damping)
     if part.envelope is not None:
-        given["envelope"] = hinf.Envelope(**part.envelope.model_dump())
-    vehicle = design_settings_for(hinf.AuvDesignSettings(**given), given, plant)
+        given["envelope"] = hinf.problem.Envelope(**part.envelope.model_dump())
+    vehicle = design_settings_for(hinf.problem.AuvDesignSettings(**given), given, plant)
     system = hinf.auv_system(vehicle)
     n = len(system.delays)
-    k1 = hinf.DEFAULT_K1[:n] if part.k1 is None else tuple(part.k1)
-    k2 = hinf.DEFAULT_K2[:n] if part.k2 is None else tuple(part.k2)
+    k1 = hinf.problem.DEFAULT_K1[:n] if part.k1 is None else tuple(part.k1)
+    k2 = hinf.problem.DEFAULT_K2[:n] if part.k2 is None else tuple(part.k2)
     return Problem(system, k1, k2, vehicle)
 
 
@@ -291,7 +295,7 @@ def solve(
     if (
         order is None
         and not found.covers_smaller_delays
-        and not hinf.ages_are_known(problem.system)
+        and not hinf.problem.ages_are_known(problem.system)
     ):
         # ages in a run are rarely one number: Theorem 2 covers all up to it
         found = hinf.design(
@@ -334,7 +338,7 @@ def solve_sharply(problem: Problem, linked: Problem, part: DesignPart) -> hinf.D
     if linked is problem or found.gamma is None or part.order is not None:
         return found
     try:
-        better = hinf.quickly_proved(linked.system, found.K)
+        better = hinf.synthesis.quickly_proved(linked.system, found.K)
         if better is None:
             return found
         require_up_to(better)

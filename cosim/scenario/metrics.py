@@ -74,7 +74,7 @@ def _modes(context: RunContext) -> dict[str, Any]:
     return found
 
 
-def _outages_proved(context: RunContext) -> hinf.Outages | None:
+def _outages_proved(context: RunContext) -> hinf.certificate.Outages | None:
     """Return what the design proves across outages."""
     if context.design is None or observes(context.design):
         return None

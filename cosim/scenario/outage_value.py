@@ -39,7 +39,7 @@ class OutageValue:
 
     def __init__(
         self,
-        proved: hinf.Outages,
+        proved: hinf.certificate.Outages,
         system: Any,
         start: Reals,
         begin_ns: int,

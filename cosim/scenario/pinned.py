@@ -18,15 +18,9 @@ from typing import TYPE_CHECKING, Any
 
 from cosim import hinf
 from cosim.core import DESIGN_FILE, InputError, write_whole
-from cosim.hinf import (
-    Design,
-    certificate_from_bytes,
-    design_from_certificate,
-    design_from_json,
-    design_to_json,
-    first_difference,
-    read_certificate,
-)
+from cosim.hinf import Design, design_from_json, design_to_json
+from cosim.hinf.certificate import certificate_from_bytes, first_difference, read_certificate
+from cosim.hinf.synthesis import design_from_certificate
 from cosim.scenario.age_claim import age_in_words, feedback_of
 from cosim.scenario.design_files import design_content
 from cosim.scenario.feedback_age import FeedbackAge
@@ -142,7 +136,7 @@ def kept_or_made(
 def _made(problem: Problem, linked: Problem, part: DesignPart) -> Design:
     """Design, and prove what [design] asks for beside gamma."""
     found = solve_sharply(problem, linked, part)
-    return hinf.with_outages(found) if part.outages else found
+    return hinf.synthesis.with_outages(found) if part.outages else found
 
 
 def _in_trace(why: str) -> DesignSource:

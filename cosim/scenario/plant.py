@@ -54,8 +54,10 @@ def _number(value: Any) -> float | None:
 
 
 def design_settings_for(
-    settings: hinf.AuvDesignSettings, given: Mapping[str, Any], parameters: Mapping[str, float]
-) -> hinf.AuvDesignSettings:
+    settings: hinf.problem.AuvDesignSettings,
+    given: Mapping[str, Any],
+    parameters: Mapping[str, float],
+) -> hinf.problem.AuvDesignSettings:
     """Return the settings of a design for the vehicle with these parameters.
 
     given : keys of [design] that stand, whatever the plant has: `damping`, `state_delay`.
@@ -73,7 +75,9 @@ def design_settings_for(
 
 
 def thrust_map_parameters(
-    design: hinf.AuvDesignSettings | None, controller: FmuDescription, own: Mapping[str, Any]
+    design: hinf.problem.AuvDesignSettings | None,
+    controller: FmuDescription,
+    own: Mapping[str, Any],
 ) -> dict[str, float]:
     """Return the thrust map of a design as parameters of its controller's FMU.
 
@@ -87,13 +91,13 @@ def thrust_map_parameters(
     }
 
 
-def _thrust_map(design: hinf.AuvDesignSettings) -> dict[str, float]:
+def _thrust_map(design: hinf.problem.AuvDesignSettings) -> dict[str, float]:
     rows = enumerate(inertia(design.parameters), 1)
     return {f"thrust_map[{i},{j}]": float(x) for i, row in rows for j, x in enumerate(row, 1)}
 
 
 def require_vehicle_of(
-    design: hinf.AuvDesignSettings, scenario: Scenario, part: DesignPart
+    design: hinf.problem.AuvDesignSettings, scenario: Scenario, part: DesignPart
 ) -> None:
     """Refuse a plant that the design named by `part.file` is not for: quite another vehicle.
 
@@ -131,14 +135,14 @@ def require_vehicle_of(
     )
 
 
-def vehicle_values(design: hinf.AuvDesignSettings) -> dict[str, float]:
+def vehicle_values(design: hinf.problem.AuvDesignSettings) -> dict[str, float]:
     """Return the parameters of the vehicle in the design."""
     wanted = {name: design.parameters[name] for name in TABLE_1}
     wanted |= dict(zip(_DAMPING, design.damping, strict=True))
     return {**wanted, _DELAY: design.state_delay}
 
 
-def thrust_map_values(design: hinf.AuvDesignSettings) -> dict[str, float]:
+def thrust_map_values(design: hinf.problem.AuvDesignSettings) -> dict[str, float]:
     """Return the thrust map of a controller as designed."""
     return _thrust_map(design)
 

@@ -149,7 +149,7 @@ def _certificate(
     prepared: PreparedScenario, design: AnyDesign
 ) -> tuple[dict[str, str], Attachment]:
     """Return the entries of `cosim.run` about the certificate, and its attachment."""
-    proof = hinf.certificate_bytes(design.certificate)
+    proof = hinf.certificate.certificate_bytes(design.certificate)
     part = prepared.loaded.scenario.design
     name = "" if part is None else part.controller
     starts = starts_with(design, prepared.fmus[name])

@@ -90,7 +90,7 @@ def _along(
 
 def worst_case_of(
     part: DisturbancePart, design: hinf.Design | hinf.OutputFeedback
-) -> hinf.WorstCase:
+) -> hinf.nominal.WorstCase:
     """Return the sinusoid that the design's nominal loop amplifies most.
 
     That of the design; computed if it has none, or if a frequency is given. Of a design with an
@@ -103,13 +103,13 @@ def worst_case_of(
     if observes(design):
         system, K = _without_noise(design), design.pair.gain
         known = part.omega is not None
-        omega = part.omega if known else hinf.nominal_figures_of(system, K).norm_frequency
-        found = hinf.worst_case_at(system, K, omega)
+        omega = part.omega if known else hinf.nominal.nominal_figures_of(system, K).norm_frequency
+        found = hinf.nominal.worst_case_at(system, K, omega)
     elif part.omega is None and design.worst_case is not None:
         return design.worst_case
     else:
         omega = design.norm_frequency if part.omega is None else part.omega
-        found = hinf.worst_case_at(design.system, design.K, omega)
+        found = hinf.nominal.worst_case_at(design.system, design.K, omega)
     if found is None:
         raise InputError(
             "the norm of this loop is that of D1, approached as the frequency grows: no "
@@ -128,7 +128,7 @@ def _without_noise(design: hinf.OutputFeedback) -> DelaySystem:
     return replace(pair, C=pair.C[:, :q], D1=pair.D1[:, :q])
 
 
-def no_disturbance(system: DelaySystem) -> hinf.WorstCase:
+def no_disturbance(system: DelaySystem) -> hinf.nominal.WorstCase:
     """Return a zero disturbance with the dimensions of `system`.
 
     Raises
@@ -143,12 +143,12 @@ def no_disturbance(system: DelaySystem) -> hinf.WorstCase:
             got=f"{system.name or 'a system'} without them: stability alone is certified",
         )
     zero = (0.0,) * system.C.shape[1]
-    return hinf.WorstCase(0.0, zero, zero, 0.0)
+    return hinf.nominal.WorstCase(0.0, zero, zero, 0.0)
 
 
 def worst_case_inputs(
     part: DisturbancePart,
-    found: hinf.WorstCase,
+    found: hinf.nominal.WorstCase,
     fmus: Mapping[str, FmuDescription],
     comm_schedule: CommunicationSchedule,
 ) -> Signals:

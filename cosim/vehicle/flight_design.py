@@ -64,7 +64,7 @@ def certified_design(
         except NotAchievableError as error:
             refused.append(f"for {share:g} of the envelope: {error.what}, {error.got}")
             least = 0.0
-            if isinstance(error, hinf.TooUncertainError):
+            if isinstance(error, hinf.synthesis.TooUncertainError):
                 least, start = error.gain, error.start
             smaller = [k for k in range(i + 1, len(_SHARES)) if _SHARES[k] * least < _ROOM * share]
             if not smaller or poor is not None:
@@ -177,7 +177,7 @@ def made_before(
         content = place.read_bytes()
     except OSError:
         return None
-    data = hinf.certificate_from_bytes(content, str(place))
+    data = hinf.certificate.certificate_from_bytes(content, str(place))
     if not _same_question(data, model, measured):
         return None
     found = hinf.design_from_json(data, where=str(place))
@@ -208,7 +208,7 @@ def made_before(
 def _same_question(data: Any, model: LinearModel, measured: Sequence[Measurement]) -> bool:
     """Whether a certificate is about this plant and these measurements, as far as noise goes."""
     try:
-        pair = hinf.pair_from_json(data)
+        pair = hinf.certificate.pair_from_json(data)
     except (InputError, KeyError, TypeError):
         return False
     given = [(m.name, m.C.tolist(), m.delay(len(model.states)).description) for m in measured]
@@ -219,7 +219,7 @@ def _same_question(data: Any, model: LinearModel, measured: Sequence[Measurement
         np.allclose(a.noise, b.noise, rtol=1e-3)  # rounded up, so that products are exact
         for a, b in zip(measured, pair.measurements, strict=False)
     )
-    same = hinf.first_difference(known_delays(model.system), pair.plant) is None
+    same = hinf.certificate.first_difference(known_delays(model.system), pair.plant) is None
     return own == given and noise and same
 
 

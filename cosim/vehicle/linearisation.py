@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.core import InputError
-from cosim.hinf import Box, LinearEnclosure, enclose
+from cosim.hinf.problem import Box, LinearEnclosure, enclose
 from cosim.models import Delay, DelaySystem
 from cosim.vehicle.actuation import Actuation, actuation_of
 from cosim.vehicle.computable import computable

@@ -17,7 +17,7 @@ from cosim.fmu import (
     model_name,
     write_fmu,
 )
-from cosim.hinf import BUILT_IN_SYSTEMS
+from cosim.hinf.problem import BUILT_IN_SYSTEMS
 from cosim.vehicle.read import VEHICLES, load_vehicle
 from cosim.vehicle.vehicle import Vehicle
 

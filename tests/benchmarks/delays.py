@@ -30,7 +30,9 @@ import control
 import numpy as np
 from rich.table import Table
 
-from cosim.hinf import dead_time, lti, one_thread
+from cosim.hinf import lti
+from cosim.hinf.nominal import one_thread
+from cosim.hinf.response import dead_time
 from tests.benchmarks._show import show
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "hinf"))

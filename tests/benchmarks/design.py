@@ -30,8 +30,10 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from cosim.hinf import DEFAULT_K1, DEFAULT_K2, as_cvxpy, auv_system, one_thread
+from cosim.hinf import as_cvxpy, auv_system
 from cosim.hinf.lmi import Answer, Problem
+from cosim.hinf.nominal import one_thread
+from cosim.hinf.problem import DEFAULT_K1, DEFAULT_K2
 from cosim.hinf.theorems import Scalars
 from cosim.models import paper_example
 from cosim.models.delay_system import DelaySystem

@@ -72,7 +72,7 @@ def proved(interval: float) -> hinf.Analysis:
         delays=[Delay(d, np.zeros((2, 2)), feedback=True, any_age=True)],
     )
     gain = [[-0.1 / d**2, -0.3 / d]]
-    return hinf.with_outages(hinf.analyse(system, gain, order=0), alpha=0.1 / d)
+    return hinf.synthesis.with_outages(hinf.analyse(system, gain, order=0), alpha=0.1 / d)
 
 
 def flight_over_bound(recording: Recording, found: hinf.Analysis, other: float) -> float:

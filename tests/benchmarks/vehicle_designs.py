@@ -69,7 +69,7 @@ def designed(name: str, kept: dict[str, Any] | None = None) -> dict[str, Any]:
     system, measured, note = question(name)
     gains: dict[str, Any] = {}
     if kept is not None:
-        pair = hinf.pair_from_json(kept)
+        pair = hinf.certificate.pair_from_json(kept)
         # the noise that is proved has been rounded up for this L
         measured = pair.measurements
         gains = {"gain": pair.K, "injections": pair.L, "order": kept["pair"]["variables"]["order"]}

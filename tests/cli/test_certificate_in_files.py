@@ -12,7 +12,7 @@ import pytest
 from cli.shell import BUILT_IN, SCENARIOS, cosim, shared_run, trace_of
 from shared import sampled
 
-from cosim.hinf import certificate_bytes, certificate_hash
+from cosim.hinf.certificate import certificate_bytes, certificate_hash
 from cosim.trace import Attachment, Trace, TraceWriter
 
 CERTIFICATE, MODEL = "resources/certificate.json", "modelDescription.xml"

@@ -15,7 +15,8 @@ from fmpy.validation import validate_fmu
 from shared import fmu_store
 
 from cosim.fmu import component_module
-from cosim.hinf import certificate_bytes, design, design_to_json
+from cosim.hinf import design, design_to_json
+from cosim.hinf.certificate import certificate_bytes
 from cosim.models.delay_system import Delay, DelaySystem
 from cosim.trace import Trace
 

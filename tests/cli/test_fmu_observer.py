@@ -15,8 +15,8 @@ from fmpy.validation import validate_fmu
 
 from cosim.fmu import build_fmu, component_module
 from cosim.fmu.export.archive import deterministic_zip
-from cosim.hinf import (
-    analyse,
+from cosim.hinf import analyse
+from cosim.hinf.certificate import (
     certificate_bytes,
     output_feedback_to_json,
     pair_of,

@@ -33,6 +33,8 @@ BOUND = ("content_hash", "digest", "identical", "code", "differences")
 """What is the same on machines of one kind alone, of runs that are run again."""
 ITERATED = ("abscissa", "exact_norm")
 """Figures that an iteration finds: their last digits are not what a version says."""
+FITTED = ("link",)
+"""Faces whose numbers are fits and means: their last digits depend on the processor."""
 SUPPORT = ("scenarios/waves.csv", "studies/delays.toml", "store/")
 """Files that others need; they have no answer of their own."""
 DEFAULT = {"report": 2, "rerun": 8, "export": 6, "certificate": 56, "diff": 12}
@@ -99,7 +101,8 @@ def test_the_answer_is_the_recorded_one(face: str, name: str, tmp_path: Path) ->
     if face == "study" and not here:
         pytest.skip("a study continues with the versions that it was begun with")
     answer = ask(face, name, tmp_path)
-    same(expected(face, name, here=here), answer, f"{face} {name}", exact=here)
+    exact = here and face not in FITTED
+    same(expected(face, name, here=here), answer, f"{face} {name}", exact=exact)
 
 
 def test_every_file_has_its_answers_and_every_answer_its_file() -> None:

@@ -13,8 +13,7 @@ import pytest
 import cosim
 from cosim.cli.verbs import TRACE_VERBS, VERBS, loaded
 from cosim.core import InputError
-from cosim.hinf import system_schema
-from cosim.hinf.problem import system_from_toml
+from cosim.hinf.problem import system_from_toml, system_schema
 from cosim.scenario import json_schema
 from cosim.study import Study
 from docs_site import api_pages, cli_page, toml_pages
@@ -121,7 +120,8 @@ def documented(place: str) -> bool:
     module, _, name = place.rpartition(".")
     path = ROOT.joinpath(*module.split("."))
     path = path / "__init__.py" if path.is_dir() else path.with_suffix(".py")
-    if ROOT.joinpath(*place.split(".")).with_suffix(".py").exists():
+    itself = ROOT.joinpath(*place.split("."))
+    if itself.is_dir() or itself.with_suffix(".py").exists():
         return importlib.import_module(place).__doc__ is not None  # a module
     body = ast.parse(path.read_text("utf-8")).body
     for node, below in zip(body, [*body[1:], ast.Pass()], strict=True):

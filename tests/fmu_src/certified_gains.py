@@ -11,7 +11,8 @@ import json
 from pathlib import Path
 from typing import Any
 
-from cosim.hinf import analyse, certificate_bytes, design, design_to_json, system_by_name
+from cosim.hinf import analyse, design, design_to_json, system_by_name
+from cosim.hinf.certificate import certificate_bytes
 from cosim.models.paper_example import PRINTED_K
 
 ROOT = Path(__file__).parents[2]

@@ -13,15 +13,9 @@ import pytest
 
 from cosim.fmu.export.catalogue import CATALOGUE
 from cosim.fmu.export.certificate_section import certified_section
-from cosim.hinf import (
-    certificate_bytes,
-    characteristic_roots,
-    check_certificate,
-    close,
-    hinf_norm,
-    system_by_name,
-    system_from_json,
-)
+from cosim.hinf import characteristic_roots, check_certificate, hinf_norm, system_by_name
+from cosim.hinf.certificate import certificate_bytes, system_from_json
+from cosim.hinf.nominal import close
 from cosim.models.paper_example import PRINTED_K
 
 CONTROLLERS = {"HinfController": "auv", "PaperController": "paper"}

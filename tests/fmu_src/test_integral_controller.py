@@ -10,7 +10,8 @@ import pytest
 
 from cosim import Trace, run
 from cosim.fmu import FmuTarget, export_controller, export_plant
-from cosim.hinf import design, design_to_json, system_by_name, with_integral
+from cosim.hinf import design, design_to_json, system_by_name
+from cosim.hinf.problem import with_integral
 
 SYSTEM = """
 [system]

@@ -21,9 +21,10 @@ from shared import sampled
 from solver_points import Array, benchmark, random_system
 
 from cosim.core.errors import InputError
-from cosim.hinf import analyse, auv_system, certified_delay, check_certificate, close, hinf_norm
+from cosim.hinf import analyse, auv_system, certified_delay, check_certificate, hinf_norm
 from cosim.hinf.certificate import analysis_from_json
 from cosim.hinf.exact import exact, exact_matrix
+from cosim.hinf.nominal import close
 from cosim.hinf.theorems import Age, Loop, minus_phi, with_inverse_of_gamma
 from cosim.models import paper_example
 from cosim.models.delay_system import Delay, DelaySystem

@@ -15,7 +15,6 @@ from cosim.core.errors import InputError, NotAchievableError
 from cosim.hinf import (
     auv_system,
     check_certificate,
-    close,
     design,
     design_from_json,
     design_to_json,
@@ -23,6 +22,7 @@ from cosim.hinf import (
     spectral_abscissa,
 )
 from cosim.hinf.lmi import Condition, GainLmi, multiplier_of, scalar_multiplier
+from cosim.hinf.nominal import close
 from cosim.models import paper_example
 from cosim.models.delay_system import Delay, DelaySystem
 

@@ -13,7 +13,8 @@ from changed_json import changed, leaves, refused
 from solver_points import benchmark, solved
 
 from cosim.core.errors import InputError
-from cosim.hinf import check_certificate, read_certificate
+from cosim.hinf import check_certificate
+from cosim.hinf.certificate import read_certificate
 from cosim.hinf.exact import MAX_DIGITS
 from cosim.models import paper_example
 

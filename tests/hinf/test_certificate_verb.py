@@ -13,7 +13,7 @@ import pytest
 from cli.shell import cosim
 from solver_points import solved
 
-from cosim.hinf import certificate_hash
+from cosim.hinf.certificate import certificate_hash
 from cosim.models import paper_example
 
 

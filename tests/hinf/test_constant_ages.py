@@ -18,15 +18,17 @@ from cosim.hinf import (
     DelaySystem,
     OutputFeedback,
     check_certificate,
-    constant_ages_claimed,
     design,
     design_from_json,
     design_output_feedback,
-    proved_again,
+)
+from cosim.hinf.certificate import (
+    constant_ages_claimed,
     remark_on_ages,
     reproving_command,
+    standalone,
 )
-from cosim.hinf.certificate import standalone
+from cosim.hinf.synthesis import proved_again
 from cosim.models import Measurement
 
 OSCILLATOR = np.array([[0.0, 1.0], [-2.0, 0.1]])

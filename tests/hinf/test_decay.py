@@ -12,9 +12,11 @@ from shared import sampled
 from solver_points import random_system
 
 from cosim.core.errors import InputError, NotAchievableError
-from cosim.hinf import ClosedLoop, Delay, DelaySystem, close, design, spectral_abscissa, with_delays
+from cosim.hinf import Delay, DelaySystem, design, spectral_abscissa
 from cosim.hinf.certificate import acting_delays, corners, growth_of, is_above_exponential
 from cosim.hinf.exact import exact
+from cosim.hinf.nominal import ClosedLoop, close
+from cosim.hinf.problem import with_delays
 from cosim.hinf.synthesis.decay_search import proved_decay
 from cosim.hinf.synthesis.theorem_2 import checked_scalars
 from cosim.hinf.theorems import Scalars

@@ -12,7 +12,8 @@ from scipy.optimize import brentq
 from shared import sampled
 
 from cosim.core.errors import InputError
-from cosim.hinf import ClosedLoop, close, delay_margin, spectral_abscissa
+from cosim.hinf import delay_margin, spectral_abscissa
+from cosim.hinf.nominal import ClosedLoop, close
 from cosim.models import paper_example
 from cosim.models.delay_system import Delay, DelaySystem
 

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 import scipy
 
-from cosim.hinf import Delay, DelaySystem, close, hinf_norm, spectral_abscissa
+from cosim.hinf import Delay, DelaySystem, hinf_norm, spectral_abscissa
+from cosim.hinf.nominal import close
 from cosim.hinf.synthesis.descent import proposals
 from cosim.hinf.synthesis.loop_gain import LoopGain
 from cosim.hinf.synthesis.nonsmooth import minimised

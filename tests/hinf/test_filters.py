@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from cosim.core import InputError
-from cosim.hinf import Delay, DelaySystem, Filter, close, design, filtered
-from cosim.hinf.problem import system_from_toml
+from cosim.hinf import Delay, DelaySystem, design
+from cosim.hinf.nominal import close
+from cosim.hinf.problem import Filter, filtered, system_from_toml
 
 FILE = """
 [system]

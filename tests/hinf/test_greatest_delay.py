@@ -13,12 +13,8 @@ from solver_points import benchmark
 
 from cosim.cli.application import main
 from cosim.core.errors import InputError, NotAchievableError
-from cosim.hinf import (
-    check_certificate,
-    design,
-    greatest_delay,
-    with_delays,
-)
+from cosim.hinf import check_certificate, design, greatest_delay
+from cosim.hinf.problem import with_delays
 from cosim.hinf.synthesis.greatest_delays import greatest_delay as delay_of_theorem_2
 from cosim.models import paper_example
 

@@ -10,16 +10,9 @@ from numpy.typing import NDArray
 from shared import sampled, slow_share_of
 
 from cosim.core.errors import InputError, NotAchievableError
-from cosim.hinf import (
-    DEFAULT_K1,
-    DEFAULT_K2,
-    auv_system,
-    check_certificate,
-    design,
-    greatest_delay,
-    with_delays,
-)
+from cosim.hinf import auv_system, check_certificate, design, greatest_delay
 from cosim.hinf.lmi import Answer, Problem, scaling_of
+from cosim.hinf.problem import DEFAULT_K1, DEFAULT_K2, with_delays
 from cosim.hinf.synthesis import theorem_2
 from cosim.hinf.synthesis.stabilisability import unstabilisable_root
 from cosim.hinf.theorems import Scalars

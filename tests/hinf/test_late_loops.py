@@ -11,7 +11,8 @@ import pytest
 from truth_of_late_loops import LateLoop
 
 from cosim.core.errors import InputError, NotAchievableError
-from cosim.hinf import check_certificate, dead_time, feedback, lti, parallel
+from cosim.hinf import check_certificate, lti
+from cosim.hinf.response import dead_time, feedback, parallel
 
 LOOPS = [(2.0, 1.0, 0.5), (0.5, 0.0, 1.0), (3.0, 0.1, 0.2)]
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from cosim.core import InputError
-from cosim.hinf import Box, enclose
+from cosim.hinf.problem import Box, enclose
 from cosim.hinf.problem.mean_jacobian import change_of, jacobian, mean_jacobian
 
 

@@ -10,8 +10,8 @@ import pytest
 from cli.shell import cosim
 
 from cosim.core import InputError
-from cosim.hinf import DelaySystem, fed_back
-from cosim.hinf.problem import system_from_toml
+from cosim.hinf import DelaySystem
+from cosim.hinf.problem import fed_back, system_from_toml
 from cosim.models import Measurement
 
 AXIS = """

@@ -28,15 +28,9 @@ from truth_of_loops import (
 )
 
 from cosim.core.errors import NotAchievableError
-from cosim.hinf import (
-    analyse,
-    certified_delay,
-    close,
-    design,
-    greatest_delay,
-    hinf_norm,
-    with_delays,
-)
+from cosim.hinf import analyse, certified_delay, design, greatest_delay, hinf_norm
+from cosim.hinf.nominal import close
+from cosim.hinf.problem import with_delays
 from cosim.models.delay_system import Delay, DelaySystem
 
 _ROUNDING = 1e-9

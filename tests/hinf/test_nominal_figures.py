@@ -13,15 +13,14 @@ from cosim.hinf import (
     Design,
     analyse,
     characteristic_roots,
-    close,
     design,
     design_from_json,
     design_to_json,
-    nominal_figures_of,
-    nominal_gamma,
     spectral_abscissa,
-    without_uncertainty,
 )
+from cosim.hinf.nominal import close, nominal_figures_of
+from cosim.hinf.problem import without_uncertainty
+from cosim.hinf.synthesis import nominal_gamma
 from cosim.models import paper_example
 from cosim.models.delay_system import Delay, DelaySystem
 

@@ -7,7 +7,8 @@ import pytest
 import scipy.linalg
 
 from cosim.core.errors import InputError
-from cosim.hinf import ClosedLoop, NormResult, close, gain_at, hinf_norm
+from cosim.hinf import hinf_norm
+from cosim.hinf.nominal import ClosedLoop, NormResult, close, gain_at
 from cosim.models import paper_example
 from cosim.models.delay_system import Delay, DelaySystem
 

@@ -10,15 +10,9 @@ import pytest
 from shared import sampled
 
 from cosim.core.errors import InputError
-from cosim.hinf import (
-    auv_system,
-    close,
-    gain_at,
-    hinf_norm,
-    norm_proved,
-    spectral_abscissa,
-)
+from cosim.hinf import auv_system, hinf_norm, spectral_abscissa
 from cosim.hinf.certificate import NormProof
+from cosim.hinf.nominal import close, gain_at, norm_proved
 from cosim.models import paper_example
 from cosim.models.delay_system import Delay, DelaySystem
 

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from cosim.core import InputError
-from cosim.hinf import Delay, DelaySystem, analyse, check_certificate, close, hinf_norm
+from cosim.hinf import Delay, DelaySystem, analyse, check_certificate, hinf_norm
 from cosim.hinf.certificate import (
     ObserverPair,
     exact_noise,
@@ -21,6 +21,7 @@ from cosim.hinf.certificate import (
     standalone,
 )
 from cosim.hinf.certificate.standalone_numbers import RefusedError
+from cosim.hinf.nominal import close
 from cosim.models import Measurement
 
 AXIS = DelaySystem(

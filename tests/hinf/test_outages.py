@@ -48,7 +48,7 @@ def test_rates_are_those_that_another_solver_found(
     system: DelaySystem, gain: Any, alpha: float, beta: float, share: float
 ) -> None:
     """Found with cvxpy and Clarabel by others, to the digits given."""
-    found = hinf.certified_outages(system, gain, alpha=alpha)
+    found = hinf.synthesis.certified_outages(system, gain, alpha=alpha)
     assert float(found.alpha) == pytest.approx(alpha, rel=1e-12)
     assert float(found.beta) == pytest.approx(beta, rel=8e-3)
     assert float(found.share) == pytest.approx(share, abs=5e-3)
@@ -56,13 +56,13 @@ def test_rates_are_those_that_another_solver_found(
 
 
 def test_a_search_finds_a_share_at_most_that_at_a_given_alpha() -> None:
-    found = hinf.certified_outages(ncs(0.5), NCS_GAIN)
+    found = hinf.synthesis.certified_outages(ncs(0.5), NCS_GAIN)
     assert float(found.share) < 0.4375
 
 
 def test_a_gain_that_bears_no_such_age_has_no_rates() -> None:
     with pytest.raises(NotAchievableError, match=r"any age up to 2\.65 s"):
-        hinf.certified_outages(axis(2.65), AXIS_GAIN)
+        hinf.synthesis.certified_outages(axis(2.65), AXIS_GAIN)
 
 
 @pytest.mark.parametrize(
@@ -86,7 +86,7 @@ def test_a_gain_that_bears_no_such_age_has_no_rates() -> None:
 def test_a_loop_without_one_link_is_refused_with_the_reason(system: DelaySystem, got: str) -> None:
     n, m = system.B.shape
     with pytest.raises(InputError, match=got):
-        hinf.certified_outages(system, np.diag(np.r_[-0.1, np.zeros(n - 1)])[:m])
+        hinf.synthesis.certified_outages(system, np.diag(np.r_[-0.1, np.zeros(n - 1)])[:m])
 
 
 UNCERTAIN = {"C": [[0], [1]], "D": [[1, 0], [0, 0]], "D2": [[0], [0.1]]} | {
@@ -100,7 +100,9 @@ ON_BOARD = {"fallback": [[-0.5, -2.0]], "fallback_age": 0.2}
 def proved(fallback: str) -> Any:
     """An analysis with uncertainty and a gain that is proved across outages as well."""
     found = hinf.analyse(ncs(0.5, **UNCERTAIN), NCS_GAIN)
-    return hinf.with_outages(found, alpha=0.1, **(ON_BOARD if fallback == "on board" else {}))
+    return hinf.synthesis.with_outages(
+        found, alpha=0.1, **(ON_BOARD if fallback == "on board" else {})
+    )
 
 
 @pytest.mark.parametrize("fallback", ["zero", "on board"])
@@ -138,11 +140,11 @@ def test_what_is_changed_is_refused_by_both_checkers(fallback: str, change: str)
     data = deepcopy(json.loads(json.dumps(proved(fallback).certificate)))
     table = data["guarantees"]["outages"]
     CHANGES[change](table)
-    system = hinf.system_from_json(data["system"])
+    system = hinf.certificate.system_from_json(data["system"])
     changed = guarantees_from_json(data, system, np.array(data["K"])).outages
     assert changed is not None
     data["claim"]["guarantees"]["outages"] = changed.claim()
-    data["theorem"] = hinf.theorem_of(data["claim"])
+    data["theorem"] = hinf.certificate.theorem_of(data["claim"])
     assert changed.failure(system, np.array(data["K"])) is not None
     assert not hinf.check_certificate(data).valid
     with pytest.raises(standalone.sn.RefusedError, match=r"not positive|rho|bounds"):
@@ -248,12 +250,12 @@ def test_no_run_exceeds_the_weighted_gain(seed: int) -> None:
 
 
 def test_the_bound_over_a_recording_is_that_of_its_definition() -> None:
-    rates = hinf.certified_outages(axis(1.25), AXIS_GAIN, alpha=0.1)
+    rates = hinf.synthesis.certified_outages(axis(1.25), AXIS_GAIN, alpha=0.1)
     a, b = float(rates.alpha), float(rates.beta)
     rng = np.random.default_rng(1)
     t = np.concatenate([[0.0], np.cumsum(rng.exponential(3.0, 60))])
     touch = rng.random(60) < 0.6
-    found = hinf.outage_bound(rates, t, touch)
+    found = hinf.nominal.outage_bound(rates, t, touch)
     slope = np.where(touch, -2 * a, 2 * b)
     fine = np.linspace(0, t[-1], 20_001)
     at = slope[np.searchsorted(t, fine[:-1], side="right") - 1]
@@ -268,15 +270,15 @@ def test_the_bound_over_a_recording_is_that_of_its_definition() -> None:
 
 
 def test_without_an_outage_the_gain_is_the_plain_one_and_nothing_is_suspended() -> None:
-    rates = hinf.certified_outages(axis(1.25), AXIS_GAIN, alpha=0.1)
-    found = hinf.outage_bound(rates, [0.0, 5.0, 9.0], [True, True])
+    rates = hinf.synthesis.certified_outages(axis(1.25), AXIS_GAIN, alpha=0.1)
+    found = hinf.nominal.outage_bound(rates, [0.0, 5.0, 9.0], [True, True])
     assert found.gain_factor == pytest.approx(1.0)
     assert (found.suspensions_s, found.guaranteed_share, found.decays) == ((), 1.0, True)
 
 
 def test_an_outage_that_is_never_made_up_is_open_at_the_end() -> None:
-    rates = hinf.certified_outages(axis(1.25), AXIS_GAIN, alpha=0.1)
-    found = hinf.outage_bound(rates, [0.0, 5.0, 90.0, 91.0], [True, False, True])
+    rates = hinf.synthesis.certified_outages(axis(1.25), AXIS_GAIN, alpha=0.1)
+    found = hinf.nominal.outage_bound(rates, [0.0, 5.0, 90.0, 91.0], [True, False, True])
     assert found.suspensions_s == ((5.0, None),)
     assert not found.decays
     assert found.share_had < found.share_needed
@@ -291,10 +293,10 @@ def test_zero_and_hold_differ_in_mean_square(
 ) -> None:
     """The vehicle's axis, pings each 2 s used .65 s later, losses as three buoys had them."""
     chain = [[1 - after_arrival, after_arrival], [1 - after_loss, after_loss]], [0.0, 1.0]
-    found = hinf.jump_mean_square(axis(1.25), AXIS_GAIN, *chain, 2.0, 0.65)
+    found = hinf.nominal.jump_mean_square(axis(1.25), AXIS_GAIN, *chain, 2.0, 0.65)
     assert found.radius == pytest.approx(zero, abs=6e-4)
     assert found.proved
-    hold = hinf.jump_mean_square(axis(1.25), AXIS_GAIN, *chain, 2.0, 0.65, lost="hold")
+    hold = hinf.nominal.jump_mean_square(axis(1.25), AXIS_GAIN, *chain, 2.0, 0.65, lost="hold")
     assert hold.radius == pytest.approx(greater, abs=6e-3)
     assert (hold.stable, hold.proved) == (False, False)
 
@@ -303,11 +305,11 @@ def test_zero_and_hold_differ_in_mean_square(
 def test_the_lifted_loop_moves_second_moments_as_simulated_ones_move(playout: float) -> None:
     """Exactly, by the tree of all sequences of losses over six messages."""
     chance, moves = np.array([0.1, 0.7]), np.array([[0.8, 0.2], [0.3, 0.7]])
-    found = hinf.jump_mean_square(axis(1.25), AXIS_GAIN, moves, chance, 2.0, playout)
-    none = hinf.jump_mean_square(axis(1.25), AXIS_GAIN, [[1.0]], [1.0], 2.0, playout)
+    found = hinf.nominal.jump_mean_square(axis(1.25), AXIS_GAIN, moves, chance, 2.0, playout)
+    none = hinf.nominal.jump_mean_square(axis(1.25), AXIS_GAIN, [[1.0]], [1.0], 2.0, playout)
     # with every message lost the loop is open, with its integrator
     assert none.radius == pytest.approx(1.0, abs=1e-7)
-    sure = hinf.jump_mean_square(axis(1.25), AXIS_GAIN, [[1.0]], [0.0], 2.0, playout)
+    sure = hinf.nominal.jump_mean_square(axis(1.25), AXIS_GAIN, [[1.0]], [0.0], 2.0, playout)
     A, B = axis(1.25).A, axis(1.25).B
     size = 3 + int(playout // 2.0)
     step = np.zeros((size, size))
@@ -325,10 +327,10 @@ def test_the_lifted_loop_moves_second_moments_as_simulated_ones_move(playout: fl
 
 
 def test_the_sufficient_condition_is_that_of_gilbert_and_never_the_share() -> None:
-    rates = hinf.certified_outages(axis(1.25), AXIS_GAIN, alpha=0.1)
+    rates = hinf.synthesis.certified_outages(axis(1.25), AXIS_GAIN, alpha=0.1)
     a, b, T = float(rates.alpha), float(rates.beta), 2.0
     P = np.array([[0.91, 0.09], [0.13, 0.87]])
-    found = hinf.rates_mean_square(rates, P, [0.0, 1.0], T)
+    found = hinf.nominal.rates_mean_square(rates, P, [0.0, 1.0], T)
     whole = np.diag([np.exp(-2 * a * T), np.exp(2 * b * T)]) @ P.T
     assert found.radius == pytest.approx(np.abs(np.linalg.eigvals(whole)).max())
     # the share of one run suffices, 59 % of the time in touch, and yet the mean square grows:
@@ -341,4 +343,6 @@ def test_the_sufficient_condition_is_that_of_gilbert_and_never_the_share() -> No
 
 def test_what_is_no_chain_is_refused() -> None:
     with pytest.raises(InputError, match="not a chain"):
-        hinf.jump_mean_square(axis(1.0), AXIS_GAIN, [[0.5, 0.4], [0.1, 0.9]], [0, 1], 2.0, 0.0)
+        hinf.nominal.jump_mean_square(
+            axis(1.0), AXIS_GAIN, [[0.5, 0.4], [0.1, 0.9]], [0, 1], 2.0, 0.0
+        )

@@ -18,15 +18,14 @@ from cosim.hinf import (
     analyse,
     auv_system,
     check_certificate,
-    close,
     design_output_feedback,
     hinf_norm,
-    output_feedback_from_json,
-    pair_of,
 )
-from cosim.hinf.certificate import standalone
+from cosim.hinf.certificate import pair_of, standalone
 from cosim.hinf.certificate.standalone_numbers import RefusedError
 from cosim.hinf.lmi import InjectionLmi, units_of, without_performance
+from cosim.hinf.nominal import close
+from cosim.hinf.synthesis import output_feedback_from_json
 from cosim.hinf.synthesis.pair_gain import PairGain
 from cosim.models import Measurement
 

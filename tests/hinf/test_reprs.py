@@ -17,12 +17,12 @@ from cosim.hinf import (
     analyse,
     as_cvxpy,
     check_certificate,
-    close,
-    dead_time,
     design,
     lti,
     system_by_name,
 )
+from cosim.hinf.nominal import close
+from cosim.hinf.response import dead_time
 from cosim.models import paper_example
 
 mpl.use("Agg")

@@ -8,7 +8,8 @@ import pytest
 from scipy.special import lambertw
 
 from cosim.core.errors import InputError
-from cosim.hinf import ClosedLoop, characteristic_roots, close, spectral_abscissa
+from cosim.hinf import characteristic_roots, spectral_abscissa
+from cosim.hinf.nominal import ClosedLoop, close
 from cosim.hinf.nominal.roots import roots_right_of
 from cosim.models import paper_example
 from cosim.models.delay_system import Delay, DelaySystem

@@ -17,17 +17,10 @@ from truth_of_loops import loop_of, norm
 from varied_systems import FRIDMAN_SHAKED, NOMOTO_SHIP, chain, varied_system
 
 from cosim.core.errors import InputError, NotAchievableError
-from cosim.hinf import (
-    DEFAULT_K1,
-    DEFAULT_K2,
-    as_cvxpy,
-    auv_system,
-    check_certificate,
-    design,
-    with_delays,
-)
+from cosim.hinf import as_cvxpy, auv_system, check_certificate, design
 from cosim.hinf.lmi import Answer, Problem, scaling_of
 from cosim.hinf.lmi.loop_units import own_units
+from cosim.hinf.problem import DEFAULT_K1, DEFAULT_K2, with_delays
 from cosim.hinf.synthesis import search as searching
 from cosim.hinf.synthesis.analysis import preferred
 from cosim.hinf.synthesis.ladder import (

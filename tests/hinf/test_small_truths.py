@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cosim.hinf import Delay, DelaySystem, analyse, gain_remark
+from cosim.hinf import Delay, DelaySystem, analyse
 from cosim.hinf.nominal import verdict_of
+from cosim.hinf.synthesis import gain_remark
 
 OSCILLATOR = [[0.0, 1.0], [-1.0, 0.0]]
 CHAIN = [[0.0, 1.0], [0.0, 0.0]]

@@ -15,20 +15,17 @@ from shared import sampled
 
 from cosim.core.errors import NotAchievableError
 from cosim.hinf import (
-    DEFAULT_K1,
-    DEFAULT_K2,
     Analysis,
     analyse,
     auv_system,
     certified_delay,
     check_certificate,
     design,
-    design_constraints_of,
     greatest_delay,
-    with_delays,
 )
 from cosim.hinf.lmi import proved_peak_control
 from cosim.hinf.lmi.solver_status import FAILED, count, not_found, solver_words, status_of
+from cosim.hinf.problem import DEFAULT_K1, DEFAULT_K2, design_constraints_of, with_delays
 from cosim.hinf.synthesis.decay_search import proved_decay
 from cosim.hinf.synthesis.theorem_2 import checked_scalars
 from cosim.models import paper_example

@@ -8,15 +8,8 @@ import numpy as np
 import pytest
 
 from cosim.core.errors import InputError, NotAchievableError
-from cosim.hinf import (
-    DEFAULT_K1,
-    DEFAULT_K2,
-    analyse,
-    auv_system,
-    check_certificate,
-    design,
-    greatest_delay,
-)
+from cosim.hinf import analyse, auv_system, check_certificate, design, greatest_delay
+from cosim.hinf.problem import DEFAULT_K1, DEFAULT_K2
 from cosim.hinf.synthesis import theorem_2
 from cosim.models import paper_example
 from cosim.models.delay_system import Delay, DelaySystem

@@ -13,18 +13,7 @@ import pytest
 
 from cosim.core import InputError
 from cosim.fmu.export.certificate_section import certified_section
-from cosim.hinf import (
-    Delay,
-    DelaySystem,
-    analyse,
-    check_certificate,
-    close,
-    design,
-    hinf_norm,
-    with_integral,
-    without_integrals,
-    without_uncertainty,
-)
+from cosim.hinf import Delay, DelaySystem, analyse, check_certificate, design, hinf_norm
 from cosim.hinf.certificate import (
     certificate_bytes,
     differences,
@@ -35,7 +24,13 @@ from cosim.hinf.certificate import (
 )
 from cosim.hinf.certificate.standalone_numbers import RefusedError
 from cosim.hinf.lmi import Condition, GainLmi, scalar_multiplier
-from cosim.hinf.problem import system_from_toml
+from cosim.hinf.nominal import close
+from cosim.hinf.problem import (
+    system_from_toml,
+    with_integral,
+    without_integrals,
+    without_uncertainty,
+)
 from cosim.hinf.synthesis.loop_gain import LoopGain
 
 PARAMETERS = [[1, 1], [1, 1]]

@@ -163,7 +163,9 @@ def test_a_certificate_is_still_a_dictionary() -> None:
     assert check_certificate(more).valid
     plain["K"][0][0] *= 5
     assert not check_certificate(plain).valid
-    assert hinf.certificate_hash(certificate) != hinf.certificate_hash(plain)
+    assert hinf.certificate.certificate_hash(certificate) != hinf.certificate.certificate_hash(
+        plain
+    )
 
 
 def test_systems_delays_and_measurements_are_equal_by_content() -> None:

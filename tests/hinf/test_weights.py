@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from cosim.core.errors import InputError
-from cosim.hinf import DelaySystem, design, weighted
+from cosim.hinf import DelaySystem, design
+from cosim.hinf.problem import weighted
 from cosim.models import paper_example
 
 

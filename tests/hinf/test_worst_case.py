@@ -9,17 +9,8 @@ import numpy as np
 import pytest
 
 from cosim.core.errors import InputError
-from cosim.hinf import (
-    ClosedLoop,
-    DelaySystem,
-    characteristic_roots,
-    close,
-    gain_at,
-    hinf_norm,
-    system_by_name,
-    worst_case,
-    worst_uncertainty,
-)
+from cosim.hinf import DelaySystem, characteristic_roots, hinf_norm, system_by_name
+from cosim.hinf.nominal import ClosedLoop, close, gain_at, worst_case, worst_uncertainty
 
 LAG = ClosedLoop([[[-1.0]]], [0.0], [[1.0, 0.0]], [[[1.0]]], [[0.0, 1.0]])
 """x' = -x + w1, z = x + w2: G = (1/(1 + jw), 1)."""

@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 from truth.dde import solve
 
-from cosim.hinf import ClosedLoop, close, hinf_norm, with_delays
+from cosim.hinf import hinf_norm
+from cosim.hinf.nominal import ClosedLoop, close
+from cosim.hinf.problem import with_delays
 from cosim.models import paper_example as example
 from cosim.models.delay_system import Delay, DelaySystem
 from cosim.paper.every_delay import every_delay

@@ -34,7 +34,7 @@ MILD = HiddenChain(np.array([[0.985, 0.015], [0.2, 0.8]]), np.array([0.02, 0.9])
 @cache
 def proved() -> hinf.Analysis:
     """A gain for messages each second."""
-    return hinf.with_outages(hinf.analyse(AXIS, K, order=0), alpha=0.045)
+    return hinf.synthesis.with_outages(hinf.analyse(AXIS, K, order=0), alpha=0.045)
 
 
 def recording(chain: HiddenChain, count: int = 900, copy: int = 0) -> Recording:

@@ -56,7 +56,7 @@ def words_of_claims() -> set[str]:
     sources = Path(standalone.__file__).parent.glob("*.py")
     others = [x for x in sources if x.stem != "words" and not x.stem.startswith("standalone")]
     assert [x.name for x in others if written.search(x.read_text("utf-8"))] == []
-    return {*hinf.AgeWord, AGE_FROM.format(least="1/2")}
+    return {*hinf.certificate.AgeWord, AGE_FROM.format(least="1/2")}
 
 
 def test_every_word_of_a_claim_has_a_rule() -> None:
@@ -66,7 +66,7 @@ def test_every_word_of_a_claim_has_a_rule() -> None:
     known = {word for word in words if age_rule(word) is not age_rule("no such word")}
     assert words - known == set()
     assert set(AGE_RULES) <= words
-    fields = hinf.Guarantees.__dataclass_fields__
+    fields = hinf.certificate.Guarantees.__dataclass_fields__
     assert set(GUARANTEES) == set(fields)
     kinds = {"analysis", "ages", "output-feedback"}
     assert kinds <= KINDS

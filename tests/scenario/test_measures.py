@@ -20,7 +20,8 @@ from random_runs import RandomRuns
 from shared import fmu_store, sampled, slow_share_of
 
 from cosim.core import Findings
-from cosim.hinf import AuvDesignSettings, auv_system
+from cosim.hinf import auv_system
+from cosim.hinf.problem import AuvDesignSettings
 from cosim.master import Run, System
 from cosim.scenario import Outcome, measure as measures_module
 from cosim.scenario.age import AgeMeasure

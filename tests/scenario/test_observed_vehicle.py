@@ -20,7 +20,7 @@ from cosim.fmu import (
     design_parts,
     export_controller,
 )
-from cosim.hinf import constant_ages_claimed, first_difference, pair_from_json
+from cosim.hinf.certificate import constant_ages_claimed, first_difference, pair_from_json
 from cosim.scenario import FmuCache, execute_unrecorded, load, prepare
 from cosim.trace import Trace
 from tests.benchmarks.vehicle_designs import COMMAND_AGE, MEASURED, question

@@ -70,7 +70,7 @@ file = "gain.json"
 
 def fill(folder: Path) -> None:
     """Make a design, a plant and a controller, once per session."""
-    found = hinf.with_outages(hinf.design(SYSTEM, gain=K, order=0), alpha=0.05)
+    found = hinf.synthesis.with_outages(hinf.design(SYSTEM, gain=K, order=0), alpha=0.05)
     data = DESIGN_FILE.stamped(hinf.design_to_json(found))
     (folder / "gain.json").write_text(json.dumps(data), "utf-8")
     (folder / "axis.toml").write_text(TOML, "utf-8")

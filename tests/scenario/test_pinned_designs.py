@@ -16,7 +16,8 @@ from cli.shell import cosim
 from cosim import hinf
 from cosim.core.errors import InputError
 from cosim.fmu.export.catalogue import CATALOGUE
-from cosim.hinf import certificate_bytes, check_certificate, design_from_json, system_by_name
+from cosim.hinf import check_certificate, design_from_json, system_by_name
+from cosim.hinf.certificate import certificate_bytes
 from cosim.scenario.execute import execute_unrecorded
 from cosim.scenario.extend import open_source
 from cosim.scenario.fmu_cache import FmuCache

@@ -95,7 +95,7 @@ def test_table_1_flies_as_ever(fmu_cache: FmuCache) -> None:
     prepared = prepare(loaded('"delay.d" = 0.5', design=FILE), fmu_cache)
     assert all(name.startswith("K[") for name in prepared.gain["controller"])
     assert prepared.problem is not None
-    assert hinf.first_difference(prepared.problem.system, hinf.auv_system()) is None
+    assert hinf.certificate.first_difference(prepared.problem.system, hinf.auv_system()) is None
 
 
 def test_a_named_design_for_another_vehicle_is_refused(fmu_cache: FmuCache) -> None:
@@ -140,7 +140,7 @@ def test_what_the_design_says_stands() -> None:
     scenario = loaded('mass = "6 t", "damping.u" = 0.1, "delay.d" = 0.4').scenario
     plant = parameters_of_plant(scenario)
     assert plant == {"mass": 6000.0, "damping.u": 0.1, "delay.d": 0.4}
-    usual = hinf.AuvDesignSettings()
+    usual = hinf.problem.AuvDesignSettings()
     found = design_settings_for(usual, {"damping": (0.05,) * 4, "state_delay": 0.5}, plant)
     assert (found.damping, found.state_delay) == (usual.damping, usual.state_delay)
     assert found.parameters["mass"] == 6000.0

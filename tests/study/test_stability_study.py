@@ -10,7 +10,8 @@ import pytest
 from cli.shell import cosim
 from study.deadly import plan, truth
 
-from cosim.hinf import characteristic_roots, close, system_by_name
+from cosim.hinf import characteristic_roots, system_by_name
+from cosim.hinf.nominal import close
 from cosim.models.delay_system import Delay, DelaySystem
 from cosim.study.execution import execute_study
 from cosim.study.pictures import draw

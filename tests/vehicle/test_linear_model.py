@@ -151,7 +151,7 @@ def test_the_paper_s_vehicle_is_what_it_was() -> None:
     """A, A1, B and the thrust map of `nps-auv2` are those of the built-in system."""
     found = linear_model(load_vehicle("nps-auv2"), loop_delay=1.25)
     old = hinf.auv_system(
-        hinf.AuvDesignSettings(envelope=hinf.Envelope(0.15, 0.15, 0.1, 0.05, 0.175))
+        hinf.problem.AuvDesignSettings(envelope=hinf.problem.Envelope(0.15, 0.15, 0.1, 0.05, 0.175))
     )
     assert np.array_equal(found.system.A, old.A)
     assert np.array_equal(found.system.B, old.B)
@@ -163,10 +163,15 @@ def test_the_paper_s_vehicle_is_what_it_was() -> None:
 @pytest.mark.slow
 def test_the_paper_s_vehicle_has_no_worse_gamma() -> None:
     """The general proof costs no more than the one that was made for this vehicle."""
-    found, box = model("nps-auv2", (0.0, 0.0, 0.0)), hinf.Envelope(0.15, 0.15, 0.1, 0.05, 0.175)
-    old = hinf.auv_system(hinf.AuvDesignSettings(envelope=box))
+    found, box = (
+        model("nps-auv2", (0.0, 0.0, 0.0)),
+        hinf.problem.Envelope(0.15, 0.15, 0.1, 0.05, 0.175),
+    )
+    old = hinf.auv_system(hinf.problem.AuvDesignSettings(envelope=box))
     new = linear_model(found.vehicle, loop_delay=1.25).system
-    one, other = (hinf.design(x, hinf.DEFAULT_K1, hinf.DEFAULT_K2).gamma for x in (new, old))
+    one, other = (
+        hinf.design(x, hinf.problem.DEFAULT_K1, hinf.problem.DEFAULT_K2).gamma for x in (new, old)
+    )
     assert one is not None
     assert other is not None
     assert one <= 1.01 * other

@@ -86,7 +86,7 @@ def tried(monkeypatch: pytest.MonkeyPatch, gains: list[float], text: str) -> lis
         return linear_model(vehicle, envelope=envelope)
 
     def refuse(*_: Any, **__: Any) -> Any:
-        raise hinf.TooUncertainError("too uncertain", next(models))
+        raise hinf.synthesis.TooUncertainError("too uncertain", next(models))
 
     monkeypatch.setattr("cosim.vehicle.flight_design.linear_model", model)
     monkeypatch.setattr("cosim.hinf.design_output_feedback", refuse)

@@ -15,15 +15,9 @@ from cosim.fmu.export.components import component_module
 from cosim.fmu.export.design_parts import vehicle_settings
 from cosim.fmu.export.fmu_file import FmuTarget, checked_name, model_name, write_fmu
 from cosim.fmu.export.spec import ComponentSpec
-from cosim.hinf import (
-    DEFAULT_ENVELOPE,
-    AuvDesignSettings,
-    auv_system,
-    certificate_bytes,
-    certificate_hash,
-    check_certificate,
-    system_from_json,
-)
+from cosim.hinf import auv_system, check_certificate
+from cosim.hinf.certificate import certificate_bytes, certificate_hash, system_from_json
+from cosim.hinf.problem import DEFAULT_ENVELOPE, AuvDesignSettings
 from cosim.models import STATE, DelaySystem
 
 _VARIABLES = component_module("hinf_controller.variables")

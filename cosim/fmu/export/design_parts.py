@@ -17,7 +17,7 @@ from cosim.fmu.export.build import Built, build_fmu, guid_of, inside_fmu
 from cosim.fmu.export.components import component_module
 from cosim.fmu.export.identity import kept_guid
 from cosim.fmu.export.spec import ComponentSpec
-from cosim.hinf import certificate_bytes
+from cosim.hinf.certificate import certificate_bytes
 
 PLANT, CONTROLLER = "plant", "controller"
 

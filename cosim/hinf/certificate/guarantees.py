@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from cosim.hinf.certificate.state_peaks import StatePeaks
 
 KEY = "guarantees"
+"""The key of the guarantees in a certificate."""
 _KINDS = {
     "decay": ("decay", "Decay"),
     "damping": ("damping", "Damping"),

@@ -85,11 +85,17 @@ _ROWS = PlainValidator(
     partial(matrix_from_rows, where=""), json_schema_input_type=list[list[float]]
 )
 Double = Annotated[float, _NUMBER]
+"""A finite double."""
 MaybeDouble = Annotated[float | None, _NUMBER]
+"""The same, or null."""
 Seconds = Annotated[float, _NUMBER, Field(ge=0)]
+"""A time that is not negative [s]."""
 Numbers = Annotated[tuple[Double, ...], Field(strict=False)]  # from a list
+"""Finite doubles."""
 Rows = Annotated[Matrix, _ROWS]
+"""A matrix, as rows of finite doubles."""
 MaybeRows = Annotated[Matrix | None, _ROWS]
+"""The same, or null."""
 Truths = list[bool] | list[list[bool]]
 """One truth value per state, or one such list per control."""
 Pair = Annotated[list[int], Field(min_length=2, max_length=2)]

@@ -28,6 +28,7 @@ from numpy.typing import ArrayLike, NDArray
 from cosim.core import InputError
 
 Reals = NDArray[np.float64]
+"""Real numbers, of any shape."""
 Complexes = NDArray[np.complex128]
 
 

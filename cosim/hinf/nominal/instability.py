@@ -23,6 +23,7 @@ from cosim.hinf.nominal.roots import characteristic_roots
 from cosim.models import DelaySystem, Matrix
 
 Verdict = Literal["unstable", "undecided"]
+"""What is known of a loop that is not proved stable."""
 
 _BITS = 256
 _SQUARE = ((-1, -1), (1, -1), (1, 1), (-1, 1))

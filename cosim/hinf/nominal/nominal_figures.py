@@ -22,6 +22,7 @@ _BEYOND_DOUBLES = (ArithmeticError, np.linalg.LinAlgError)
 """What numbers far from one, or a root all but on the axis, end a computation with."""
 
 BEYOND = "numbers that leave the range of doubles"
+"""Why a figure is missing, in messages."""
 
 # relative distances of the bounds tried: for a flat gain a close bound takes too long
 _ABOVE = (1e-8, 1e-6, 1e-4, 1e-2)

@@ -36,6 +36,7 @@ from cosim.hinf.nominal.phase import (
 from cosim.hinf.nominal.retarded import terms_of
 
 Roots = NDArray[np.complex128]
+"""Characteristic roots [1/s], rightmost first, (count,)."""
 
 _RESIDUAL = 1e-10
 _SAME = 1e-13  # residual between two estimates of one root, however ill-conditioned

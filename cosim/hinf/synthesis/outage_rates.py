@@ -64,10 +64,11 @@ def certified_outages(
 
     Examples
     --------
-    >>> from cosim.hinf import Delay, DelaySystem, certified_outages
+    >>> from cosim.hinf import Delay, DelaySystem
+    >>> from cosim.hinf.synthesis import certified_outages
     >>> loop = DelaySystem(
     ...     A=[[0, 1], [0, -0.1]], B=[[0], [0.1]],
-    ...     delays=[Delay(0.5, feedback=True, any_age=True)],
+    ...     delays=[Delay(0.5, [[0, 0], [0, 0]], feedback=True, any_age=True)],
     ... )
     >>> found = certified_outages(loop, [[-3.75, -11.5]])
     >>> float(found.share) < 0.44

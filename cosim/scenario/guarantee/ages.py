@@ -106,7 +106,7 @@ def measurement_findings(
 
 
 def command_findings(
-    pair: hinf.ObserverPair, greatest_ns: int | None, proved_again: str
+    pair: hinf.certificate.ObserverPair, greatest_ns: int | None, proved_again: str
 ) -> Findings:
     """Return what an observer assumes of the age of its commands, by assumption."""
     bound = pair.command_age

@@ -15,7 +15,7 @@ from fractions import Fraction
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
-from cosim.hinf import AgeWord
+from cosim.hinf.certificate import AgeWord
 from cosim.models import Delay
 from cosim.scenario.gain import observes
 

@@ -84,7 +84,9 @@ class LawMeasures(Measures):
             self.noise = NoiseMeasure(loop.controller, loop.plant, design, rows, problem.plant)
         else:
             self._laws.append((CONTROLLER, FeedbackLaw(loop, design, problem, of_controller)))
-        self._motion = MotionMeasure(loop, hinf.without_integrals(design.system), problem.plant)
+        self._motion = MotionMeasure(
+            loop, hinf.problem.without_integrals(design.system), problem.plant
+        )
         self._driven = bool(of_plant or of_controller)
         more: list[Measure[Any]] = [self._motion] + ([] if self.noise is None else [self.noise])
         super().__init__([*(measure for _, measure in self._laws), *more])

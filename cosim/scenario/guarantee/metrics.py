@@ -90,7 +90,9 @@ def _proved_again(context: RunContext, design: AnyDesign) -> str:
     part, ages = context.scenario.design, context.figures.ages
     where = part.file if part is not None and part.file else f"{context.scenario.title}.design.json"
     oldest_ns = max(context.figures.command_age_ns or 0, 0 if ages is None else ages.greatest_ns)
-    command = hinf.reproving_command(design.certificate, where, hold=oldest_ns / 1e9 or None)
+    command = hinf.certificate.reproving_command(
+        design.certificate, where, hold=oldest_ns / 1e9 or None
+    )
     return "" if command is None else f"proved anew by: {command}"
 
 

@@ -37,7 +37,7 @@ def plant_differences(design: AnyDesign, problem: Problem, plant: Component) -> 
     elif problem.vehicle is not None:
         designed = vehicle_values(problem.vehicle)
     else:
-        designed = plant_values(hinf.without_integrals(problem.system), own)
+        designed = plant_values(hinf.problem.without_integrals(problem.system), own)
     delays = {name: d for name, d in designed.items() if name.startswith("delay.")}
     equations = {name: x for name, x in designed.items() if name not in delays}
     found += differences_from(equations, own)

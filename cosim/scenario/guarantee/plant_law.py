@@ -89,7 +89,7 @@ def _behaviour(problem: Problem, instance: ComponentInstance) -> tuple[Any, floa
         port = instance.component.description.ports.get("solver.step")
         step = float(port.start) if port is not None and port.start else 0.05
         return component_module("auv_plant.behaviour").AuvPlant({}), min(step, 0.05)
-    system = hinf.without_integrals(problem.system)
+    system = hinf.problem.without_integrals(problem.system)
     spec = _LINEAR.delayed_plant_spec(system)
     behaviour = component_module("delayed_plant.behaviour").DelayedPlant(spec.constants)
     return behaviour, _LINEAR.default_step(_LINEAR.plant_matrices(system))
