@@ -23,7 +23,7 @@ from cosim.hinf.certificate import Place, conditions, fixed_at, gamma_floor
 from cosim.hinf.exact import exact, exact_matrix
 from cosim.hinf.lmi import Answer, Problem, in_cvxpy, refute
 from cosim.hinf.problem import DEFAULT_K1, DEFAULT_K2, with_delays
-from cosim.hinf.synthesis.greatest_delays import greatest_delay as delay_of_theorem_2
+from cosim.hinf.synthesis import delay_by_theorem_2
 from cosim.hinf.theorems import Scalars, minus_omega, products, rates_from_rows, shapes_of
 from cosim.models import paper_example
 from cosim.models.delay_system import Delay, DelaySystem
@@ -123,7 +123,7 @@ def test_refutes_far_from_feasible_and_never_feasible_systems(case: int) -> None
 
 def test_a_published_benchmark_without_w_and_z() -> None:
     """k1 = -.1, k2 = .2: certified at its end, refuted just above, both short of the truth."""
-    found = delay_of_theorem_2(benchmark(1.0), None, (-0.1,), (0.2,))
+    found = delay_by_theorem_2(benchmark(1.0), None, (-0.1,), (0.2,))
     assert found.refuted_at is not None
     assert found.delay < found.refuted_at < 6.172581371
     proof = check_certificate(found.refutation)

@@ -26,6 +26,10 @@ from .cvxpy_lmi import (
     CvxpyLmi as CvxpyLmi,
     as_cvxpy as as_cvxpy,
 )
+from .delay_routes import (
+    GreatestDelay as GreatestDelay,
+    delay_by_theorem_2 as delay_by_theorem_2,
+)
 from .design_file import (
     design_from_certificate as design_from_certificate,
     design_from_json as design_from_json,
@@ -34,13 +38,10 @@ from .design_file import (
 from .designs import quickly_proved as quickly_proved
 from .gain_design import (
     design as design,
-    greatest_delay as greatest_delay,
     nominal_gamma as nominal_gamma,
 )
 from .gain_size import gain_remark as gain_remark
-from .greatest_delays import (
-    GreatestDelay as GreatestDelay,
-)
+from .greatest_delays import greatest_delay as greatest_delay
 from .outage_rates import (
     certified_outages as certified_outages,
     with_outages as with_outages,

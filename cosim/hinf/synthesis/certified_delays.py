@@ -34,7 +34,7 @@ from cosim.hinf.synthesis.conditions import (
     prove,
     widened,
 )
-from cosim.hinf.synthesis.greatest_delays import check_delay
+from cosim.hinf.synthesis.delay_routes import check_delay
 from cosim.models import DelaySystem
 
 _STEP = 1.1

@@ -1,4 +1,4 @@
-"""Design and greatest delay as users call them, for every condition and with constraints.
+"""Design as users call it, for every condition and with constraints.
 
 Without design constraints, the routes of `cosim.hinf.synthesis.routes` are tried. With them:
 
@@ -19,11 +19,9 @@ from cosim.core import InputError, NotAchievableError
 from cosim.hinf.lmi import without_performance
 from cosim.hinf.nominal import checked_system, one_thread
 from cosim.hinf.problem import (
-    DELAY_LIMIT,
     DesignConstraints,
     ages_are_known,
     design_constraints_of,
-    of_any_age,
     refuse_structure,
     without_uncertainty,
 )
@@ -42,27 +40,17 @@ from cosim.hinf.synthesis.constrained_search import (
 from cosim.hinf.synthesis.cvxpy_lmi import cvxpy_design
 from cosim.hinf.synthesis.damped_gains import damped_design
 from cosim.hinf.synthesis.designs import check_achievable, given_gain_design, proved_by_analysis
-from cosim.hinf.synthesis.greatest_delays import (
-    GreatestDelay,
-    bessel_legendre_delay,
-    greatest_delay as delay_of_theorem_2,
-)
-from cosim.hinf.synthesis.improved_delays import improved_delay
 from cosim.hinf.synthesis.not_achievable import none_succeeded
 from cosim.hinf.synthesis.routes import (
     Request,
     analysed_again,
     designed_by_some_route,
-    is_small,
 )
 from cosim.hinf.synthesis.search import initial_scalars
 from cosim.hinf.synthesis.stabilisability import NoGainError
 from cosim.hinf.synthesis.structured_gains import structured_design
 from cosim.hinf.theorems import Scalars
 from cosim.models import DelaySystem, Matrix
-
-_WORTH = 1.02
-"""By how much a delay by order 1 must be longer than one by Theorem 2, which covers any age."""
 
 
 @one_thread
@@ -343,124 +331,6 @@ def _proved_with_constraints(
     at = theorem_2.checked_scalars(system, asked.k1, asked.k2)
     at = at if found.order is not None else scalars_of(found)
     return constrained(found, design_constraints, at)
-
-
-def greatest_delay(
-    system: DelaySystem,
-    gamma: float | None,
-    k1: Sequence[float] | None = None,
-    k2: Sequence[float] | None = None,
-    *,
-    delay_index: int = 0,
-    limit: float = DELAY_LIMIT,
-    search: bool | None = None,
-    order: int | Literal["auto"] | None = None,
-) -> GreatestDelay:
-    """Find the greatest delay `delay_index` at which a gain with this gamma is certified.
-
-    Parameters
-    ----------
-    system : the delays other than `delay_index` are kept.
-    gamma : bound of the gain from w to z; None, for stability, without w and z.
-    k1, k2 : one number per delay; where searched, the first start. Without both, a search.
-    delay_index : index of the delay.
-    limit : where the search ends [s].
-    search : look for better k1, k2 as well.
-    order : None for Theorem 2, for ages of any variation, with a refutation just beyond; N for
-        the Bessel-Legendre condition of order N; "auto" for Theorem 2, then orders 0 and 1 where
-        it certifies no delay, and order 1 where it pays (a small system with a constant delay,
-        k1, k2 not given). With N or "auto", what else is known of an age than its bound is used.
-
-    Raises
-    ------
-    InputError : numbers that do not fit the system.
-    NotAchievableError : no delay at all can be certified.
-    """
-    system = checked_system(system, control=True)
-    refuse_structure(
-        system, "the greatest delay of a design", "design a gain, then analyse it with max delay"
-    )
-    given = k1 is not None or k2 is not None
-    one, two, look = initial_scalars(system, k1, k2, search)
-    if gamma is not None:
-        check_achievable(gamma, system)
-    known = ages_are_known(system) and order is not None
-    errors: list[tuple[str, NotAchievableError]] = []
-    found: GreatestDelay | None = None
-    plain: GreatestDelay | NotAchievableError | None = None
-    for condition, improves in _conditions_of_delay(system, order, given=given):
-        if found is not None and not improves:
-            continue
-        try:
-            tried = _delay_by(
-                of_any_age(system), gamma, (one, two), condition, delay_index, limit, look, plain
-            )
-        except NoGainError:
-            raise
-        except NotAchievableError as error:
-            plain = error if condition is None else plain
-            errors.append(("Theorem 2" if condition is None else f"order {condition}", error))
-            continue
-        plain = tried if condition is None else plain
-        if found is None or tried.delay > _WORTH * found.delay:
-            found = tried
-    if known:
-        own: Order = order if isinstance(order, int) else "auto"
-
-        def design_at(there: DelaySystem) -> Design:
-            return designed_by_some_route(Request(there, one, two, given, look, gamma), own)
-
-        found = improved_delay(
-            system, gamma, found, design_at, delay_index=delay_index, limit=limit, order=own
-        )
-    if found is None:
-        raise none_succeeded(errors)
-    return found
-
-
-def _conditions_of_delay(
-    system: DelaySystem, order: Order | None, *, given: bool
-) -> Iterator[tuple[int | None, bool]]:
-    """Yield the conditions to find a delay by, and whether each is to improve the one before.
-
-    Order 1 after Theorem 2 where a design would try it too; order 0 before it where it is slow.
-    """
-    if order != "auto":
-        yield order, False
-        return
-    yield None, False
-    small = is_small(system)
-    if not small:
-        yield 0, False
-    yield 1, small and not given and any(not x.any_age for x in system.delays if x.d > 0)
-
-
-def _delay_by(
-    system: DelaySystem,
-    gamma: float | None,
-    scalars: tuple[Sequence[float], Sequence[float]],
-    order: int | None,
-    delay_index: int,
-    limit: float,
-    search: bool,  # noqa: FBT001
-    plain: GreatestDelay | NotAchievableError | None,
-) -> GreatestDelay:
-    """Find the greatest delay by Theorem 2, or by the condition of order N.
-
-    plain : as in `bessel_legendre_delay`.
-    """
-    if order is None:
-        return delay_of_theorem_2(
-            system, gamma, *scalars, delay_index=delay_index, limit=limit, search=search
-        )
-    return bessel_legendre_delay(
-        *(system, gamma, *scalars),
-        order=order,
-        delay_index=delay_index,
-        limit=limit,
-        search=search,
-        plain=plain,
-    )
 
 
 def nominal_gamma(found: Design) -> float | None:

@@ -1,333 +1,123 @@
-"""Remark 3: the greatest delay for a given gamma, by Theorem 2.
-
-At fixed k1, k2 the LMI is feasible on an interval from 0: a solution at d is one at every
-smaller delay, since d enters it, rows r and m removed, with positive semidefinite factors only.
-The interval ends where the margin is zero. Just below, a design is proved exactly; just above,
-Farkas' lemma proves exactly that there is no solution.
-
-With k1, k2 searched there may be no end: the loop of section 5 is stable for every delay. Then
-the search stops at its limit.
-"""
+"""The greatest delay as users ask for it, by every condition (Remark 3 of the paper)."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from functools import cache
-from typing import Any
+from collections.abc import Iterator, Sequence
+from typing import Literal
 
-import scipy
-
-from cosim.core import InputError, NotAchievableError
-from cosim.hinf.certificate import Certificate
-from cosim.hinf.lmi import (
-    ROUGH_TOLERANCE,
-    Answer,
-    Problem,
-    not_found,
-    refute,
-    solver_words,
-)
-from cosim.hinf.nominal import one_thread
-from cosim.hinf.problem import DELAY_LIMIT, with_delay
-from cosim.hinf.synthesis.bessel_legendre_gains import Gain, Loop, check_order, continue_gain
+from cosim.core import NotAchievableError
+from cosim.hinf.nominal import checked_system
+from cosim.hinf.problem import DELAY_LIMIT, ages_are_known, of_any_age, refuse_structure
+from cosim.hinf.synthesis.analysis import Order
 from cosim.hinf.synthesis.certified_design import Design
-from cosim.hinf.synthesis.delay_search import search_greatest_delay
-from cosim.hinf.synthesis.designs import check_achievable, design_of_theorem_2, given_gain_design
-from cosim.hinf.synthesis.ladder import delays_below, first_proved
-from cosim.hinf.synthesis.not_achievable import hint_after
-from cosim.hinf.synthesis.stabilisability import unstabilisable_error
-from cosim.hinf.synthesis.theorem_2 import checked_scalars, find_certified_gain
-from cosim.hinf.theorems import Scalars
+from cosim.hinf.synthesis.delay_routes import GreatestDelay, delay_by_order, delay_by_theorem_2
+from cosim.hinf.synthesis.designs import check_achievable
+from cosim.hinf.synthesis.improved_delays import improved_delay
+from cosim.hinf.synthesis.not_achievable import none_succeeded
+from cosim.hinf.synthesis.routes import Request, designed_by_some_route, is_small
+from cosim.hinf.synthesis.search import initial_scalars
+from cosim.hinf.synthesis.stabilisability import NoGainError
 from cosim.models import DelaySystem
 
-_SHORT = 2.0**-10  # first delay tried where Theorem 2 certifies none, as a share of the limit
-_SMALLEST = 1e-6  # shortest delay searched, as a share of the limit
-_ABOVE = (1e-5, 1e-4, 1e-3, 1e-2)
-_PRECISION = 1e-7  # of the end at fixed k1, k2, relative: that of a margin
-_BEYOND = (1e-3, 1e-2, 0.1, 1.0)
-"""Shares beyond a greatest delay found where its end at fixed k1, k2 is searched."""
+_Asked = tuple[float | None, Sequence[float], Sequence[float], int, float]
+"""gamma, k1, k2, the index of the delay and its limit [s]."""
+_WORTH = 1.02
+"""By how much a delay by order 1 must be longer than one by Theorem 2, which covers any age."""
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class GreatestDelay:
-    """The greatest delay certified for a gamma.
-
-    delay : d* [s]; the other delays as they were.
-    design : the gain and its proof at d*.
-    limit_reached : whether d* is the limit of the search; nothing is known beyond.
-    refuted_at : a delay [s] just above d* from which on the LMI is proved to have no solution at
-        the design's k1, k2; None: not certified beyond.
-    refutation : the proof as JSON values, for `check_certificate`.
-    """
-
-    delay: float
-    design: Design
-    limit_reached: bool
-    refuted_at: float | None
-    refutation: dict[str, Any] | None
-
-    def __post_init__(self) -> None:
-        if self.refutation is not None:
-            object.__setattr__(self, "refutation", Certificate(self.refutation))
-
-    def __repr__(self) -> str:
-        end = ""
-        if self.limit_reached:
-            end = ", the limit of the search"
-        elif self.refuted_at is not None:
-            end = f", refuted from {self.refuted_at:.6g} s on"
-        return f"<GreatestDelay: {self.delay:.6g} s{end}, {self.design!r}>"
-
-
-@one_thread
 def greatest_delay(
     system: DelaySystem,
     gamma: float | None,
-    k1: Sequence[float],
-    k2: Sequence[float],
+    k1: Sequence[float] | None = None,
+    k2: Sequence[float] | None = None,
     *,
     delay_index: int = 0,
     limit: float = DELAY_LIMIT,
-    search: bool = False,
+    search: bool | None = None,
+    order: int | Literal["auto"] | None = None,
 ) -> GreatestDelay:
-    """Find the greatest delay by Theorem 2, as `gain_design.greatest_delay` with k1, k2 given.
+    """Find the greatest delay `delay_index` at which a gain with this gamma is certified.
+
+    Parameters
+    ----------
+    system : the delays other than `delay_index` are kept.
+    gamma : bound of the gain from w to z; None, for stability, without w and z.
+    k1, k2 : one number per delay; where searched, the first start. Without both, a search.
+    delay_index : index of the delay.
+    limit : where the search ends [s].
+    search : look for better k1, k2 as well.
+    order : None for Theorem 2, for ages of any variation, with a refutation just beyond; N for
+        the Bessel-Legendre condition of order N; "auto" for Theorem 2, then orders 0 and 1 where
+        it certifies no delay, and order 1 where it pays (a small system with a constant delay,
+        k1, k2 not given). With N or "auto", what else is known of an age than its bound is used.
 
     Raises
     ------
     InputError : numbers that do not fit the system.
     NotAchievableError : no delay at all can be certified.
     """
-    check_delay(system, delay_index, limit)
+    system = checked_system(system, control=True)
+    refuse_structure(
+        system, "the greatest delay of a design", "design a gain, then analyse it with max delay"
+    )
+    given = k1 is not None or k2 is not None
+    one, two, look = initial_scalars(system, k1, k2, search)
     if gamma is not None:
         check_achievable(gamma, system)
-    elif system.has_performance:
-        raise InputError("a greatest delay needs a bound gamma", where="gamma", expected="a number")
-    p = checked_scalars(system, k1, k2)
-    start = with_delay(system, delay_index, limit)
-    problem = Problem(start)
-    p = replace(p, d=tuple(delay.d for delay in start.delays))
-    with solver_words() as words:
-        end = _searched_end(problem, p, gamma, delay_index) if search else None
-        if end is None:
-            end = _end(problem, p, gamma, delay_index)
-    if end is None:
-        cause = unstabilisable_error(system)
-        if cause is not None:
-            raise cause
-        least = _replaced(p, delay_index, _SMALLEST * limit)
-        there = with_delay(system, delay_index, least.d[delay_index])
-        proof = None if search else refute(there, problem, least, gamma)
-        raise _none_at_all(system, gamma, least, proof, not_found(words), search=search)
-    last = end
+    asked = gamma, one, two, delay_index, limit
+    found, errors = _by_conditions(of_any_age(system), asked, order, given=given, search=look)
+    if ages_are_known(system) and order is not None:
+        own: Order = order if isinstance(order, int) else "auto"
 
-    def prove(d: float) -> tuple[GreatestDelay | None, str]:
-        at = _replaced(last, delay_index, d)
-        there = with_delay(system, delay_index, d)
-        found, reason = find_certified_gain(there, problem, at, gamma)
-        if found is None:
-            return None, reason
-        beyond = None if d == limit else _refuted(system, problem, at, gamma, delay_index)
-        greatest = GreatestDelay(
-            delay=d,
-            design=design_of_theorem_2(there, *found, None),
-            limit_reached=d == limit,
-            refuted_at=None if beyond is None else beyond[0],
-            refutation=None if beyond is None else beyond[1],
+        def design_at(there: DelaySystem) -> Design:
+            return designed_by_some_route(Request(there, one, two, given, look, gamma), own)
+
+        found = improved_delay(
+            system, gamma, found, design_at, delay_index=delay_index, limit=limit, order=own
         )
-        return greatest, ""
-
-    longest = end.d[delay_index]
-    greatest, reason = first_proved(delays_below(longest, itself=longest == limit), prove)
-    if greatest is not None:
-        return greatest
-    raise NotAchievableError(
-        "no delay could be certified",
-        where=system.name or None,
-        expected=f"an exact proof near d = {end.d[delay_index]:.6g}, the greatest by the solver",
-        got=reason,
-        hint=hint_after(reason, "another k1, k2, or a larger gamma"),
-    )
+    if found is None:
+        raise none_succeeded(errors)
+    return found
 
 
-def _end(problem: Problem, p: Scalars, gamma: float | None, delay_index: int) -> Scalars | None:
-    """Return where the margin at these k1, k2 is zero, or the delay of `p`; None: nowhere."""
-    margin = _margin_by(problem, p, gamma, delay_index)
-    limit = p.d[delay_index]
-    if margin(limit) > 0:
-        return p
-    least = _SMALLEST * limit
-    if margin(least) <= 0:
-        return None
-    return _replaced(p, delay_index, _zero(margin, least, limit))
-
-
-def _searched_end(
-    problem: Problem, p: Scalars, gamma: float | None, delay_index: int
-) -> Scalars | None:
-    """Return the end at the k1, k2 of the greatest delay found, or the limit."""
-    found = search_greatest_delay(problem, p, gamma, delay_index)
-    if found is None or found.d[delay_index] == p.d[delay_index]:
-        return found
-    margin = _margin_by(problem, found, gamma, delay_index)
-    low = found.d[delay_index]
-    if margin(low) <= 0:
-        return found
-    for share in _BEYOND:
-        high = min(found.d[delay_index] * (1 + share), p.d[delay_index])
-        if margin(high) <= 0:
-            return _replaced(found, delay_index, _zero(margin, low, high))
-        low = high
-    return _replaced(found, delay_index, low)
-
-
-def _margin_by(
-    problem: Problem, p: Scalars, gamma: float | None, delay_index: int
-) -> Callable[[float], float]:
-    """Return the margin as a function of the delay; -1 where the solver finds none."""
-
-    @cache
-    def margin(d: float) -> float:
-        answer = problem.margin(_replaced(p, delay_index, d), gamma, tolerance=ROUGH_TOLERANCE)
-        return answer.value if isinstance(answer, Answer) else -1.0
-
-    return margin
-
-
-def _zero(margin: Callable[[float], float], low: float, high: float) -> float:
-    return float(scipy.optimize.brentq(margin, low, high, xtol=_PRECISION * high, rtol=_PRECISION))
-
-
-def _refuted(
-    system: DelaySystem, problem: Problem, p: Scalars, gamma: float | None, delay_index: int
-) -> tuple[float, dict[str, Any]] | None:
-    """Return a delay just above that of `p` without a solution, and the proof."""
-    for share in _ABOVE:
-        d = p.d[delay_index] * (1 + share)
-        proof = refute(
-            with_delay(system, delay_index, d), problem, _replaced(p, delay_index, d), gamma
-        )
-        if proof is not None:
-            return d, proof
-    return None
-
-
-def _none_at_all(
-    system: DelaySystem,
-    gamma: float | None,
-    p: Scalars,
-    proof: dict[str, Any] | None,
-    reason: str,
-    *,
-    search: bool,
-) -> NotAchievableError:
-    """Return the error with the proof that no delay is feasible, or with the `reason` without."""
-    goal = "stability" if gamma is None else f"gamma = {gamma:g}"
-    where = "the k1, k2 searched" if search else f"k1 = {list(p.k1)}, k2 = {list(p.k2)}"
-    usual = "a larger gamma" if search else "other k1, k2, or a search for them; a larger gamma"
-    return NotAchievableError(
-        f"no delay was found at which {goal} can be certified"
-        if proof is None
-        else f"{goal} cannot be achieved at any delay with these k1, k2",
-        where=system.name or None,
-        expected=f"a feasible LMI at a small delay, with {where}",
-        got=reason
-        if proof is None
-        else f"proved: the LMI has no solution at delays {list(p.d)}, nor at greater ones",
-        hint=usual if proof is not None else hint_after(reason, usual),
-        certificate=proof,
-    )
-
-
-def _replaced(p: Scalars, delay_index: int, d: float) -> Scalars:
-    return replace(p, d=(*p.d[:delay_index], d, *p.d[delay_index + 1 :]))
-
-
-def check_delay(system: DelaySystem, delay_index: int, limit: float) -> None:
-    """Refuse an index that no delay has, and a limit that is no positive number of seconds.
-
-    Raises
-    ------
-    InputError : naming which.
-    """
-    N = len(system.delays)
-    if not 0 <= delay_index < N:
-        expected = f"an index from 0 to {N - 1}" if N else "a system with a delay"
-        raise InputError(
-            "there is no such delay", where="delay_index", expected=expected, got=str(delay_index)
-        )
-    if not (math.isfinite(limit) and limit > 0):
-        raise InputError(
-            "not a limit for a delay", where="limit", expected="seconds > 0", got=repr(limit)
-        )
-
-
-@one_thread
-def bessel_legendre_delay(
-    system: DelaySystem,
-    gamma: float | None,
-    k1: Sequence[float],
-    k2: Sequence[float],
-    *,
-    order: int,
-    delay_index: int = 0,
-    limit: float = DELAY_LIMIT,
-    search: bool = False,
-    plain: GreatestDelay | NotAchievableError | None = None,
-) -> GreatestDelay:
-    """Find the greatest delay as `greatest_delay` does, with order N.
-
-    Continuation from the gain at the greatest delay of Theorem 2; nothing is refuted beyond
-    the end. At N > 0 the proof covers exactly that delay, or every one up to it
-    (`Design.covers_smaller_delays`).
-
-    plain : what `greatest_delay` gave of the same arguments, or raised; None: not tried yet.
-
-    Raises
-    ------
-    InputError : numbers that do not fit the system.
-    NotAchievableError : no delay at all can be certified.
-    """
-
-    def at(d: float) -> Loop:
-        return Loop(with_delay(system, delay_index, d), order, gamma)
-
-    if plain is None:
+def _by_conditions(
+    system: DelaySystem, asked: _Asked, order: Order | None, *, given: bool, search: bool
+) -> tuple[GreatestDelay | None, list[tuple[str, NotAchievableError]]]:
+    """Return the greatest delay by the conditions that are worth trying, and what each lacked."""
+    errors: list[tuple[str, NotAchievableError]] = []
+    found: GreatestDelay | None = None
+    plain: GreatestDelay | NotAchievableError | None = None
+    for condition, improves in _conditions_of_delay(system, order, given=given):
+        if found is not None and not improves:
+            continue
         try:
-            plain = greatest_delay(
-                system, gamma, k1, k2, delay_index=delay_index, limit=limit, search=search
-            )
+            if condition is None:
+                tried = plain = delay_by_theorem_2(system, *asked, search=search)
+            else:
+                tried = delay_by_order(system, *asked, search=search, order=condition, plain=plain)
+        except NoGainError:
+            raise
         except NotAchievableError as error:
-            plain = error
-    if isinstance(plain, GreatestDelay):
-        K, start = plain.design.K, plain.delay
-    else:
-        start = _SHORT * limit
-        short = at(start).initial_gains()
-        if not short:
-            raise plain from None
-        K = short[0]
-    check_order(order, at(start).system)
-    passed = continue_gain(at, K, start, limit)
-    end, K = passed[-1]
+            plain = error if condition is None else plain
+            errors.append(("Theorem 2" if condition is None else f"order {condition}", error))
+            continue
+        if found is None or tried.delay > _WORTH * found.delay:
+            found = tried
+    return found, errors
 
-    def prove(tried: tuple[float, Gain]) -> tuple[GreatestDelay | None, str]:
-        d, gain = tried
-        try:
-            found = given_gain_design(at(d).system, gain, gamma, order)
-        except NotAchievableError as error:  # also a loop too fast for its roots to be counted
-            return None, str(error.got or error.what)
-        return GreatestDelay(d, found, d == limit, None, None), ""
 
-    below = [(d, K) for d in delays_below(end, itself=True)]
-    greatest, reason = first_proved([*below, *reversed(passed[:-1])], prove)
-    if greatest is not None:
-        return greatest
-    raise NotAchievableError(
-        f"no delay could be certified at order {order}",
-        where=system.name or None,
-        expected=f"an exact proof near d = {end:.6g}, the greatest delay by the solver",
-        got=reason,
-        hint="another order, a larger gamma",
-    )
+def _conditions_of_delay(
+    system: DelaySystem, order: Order | None, *, given: bool
+) -> Iterator[tuple[int | None, bool]]:
+    """Yield the conditions to find a delay by, and whether each is to improve the one before.
+
+    Order 1 after Theorem 2 where a design would try it too; order 0 before it where it is slow.
+    """
+    if order != "auto":
+        yield order, False
+        return
+    yield None, False
+    small = is_small(system)
+    if not small:
+        yield 0, False
+    yield 1, small and not given and any(not x.any_age for x in system.delays if x.d > 0)

@@ -14,8 +14,8 @@ from cosim.hinf.problem import ages_are_known, with_delay
 from cosim.hinf.synthesis.analysis import Order
 from cosim.hinf.synthesis.certified_delays import certified_delay
 from cosim.hinf.synthesis.certified_design import Design
+from cosim.hinf.synthesis.delay_routes import GreatestDelay
 from cosim.hinf.synthesis.designs import design_of_analysis
-from cosim.hinf.synthesis.greatest_delays import GreatestDelay
 from cosim.models import DelaySystem, Matrix
 
 _ROUNDS = 3
