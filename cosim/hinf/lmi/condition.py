@@ -35,6 +35,7 @@ from cosim.hinf.theorems import (
     minus_phi,
     number_itself,
     positive_of_ages,
+    shapes_of_ages,
     widest_functional,
 )
 
@@ -108,12 +109,12 @@ class Condition:
 
         With constant ages and any ones they are counted as if all was one part.
         """
-        program = self._compiled(delays)[1]
         if not self.is_plain:
-            return program.width - 2 * self.performance
+            return self._compiled(delays)[1].width - 2 * self.performance
+        loop, ages = self._at(delays, self.theorem(delays))
         return sum(
             x.height * (x.width + 1) // 2
-            for name, x in program.shapes.items()
+            for name, x in shapes_of_ages(loop, ages, bounded=self.performance).items()
             if name not in ("gamma", "1/gamma")
         )
 

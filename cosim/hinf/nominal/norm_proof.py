@@ -19,6 +19,7 @@ from cosim.hinf.nominal.retarded import plain_of
 from cosim.models import DelaySystem
 
 _ABOVE = (1e-8, 1e-6, 1e-4, 1e-2)  # relative distances of the bounds tried
+_AT_ONCE = (3, 10)  # of the lengths of a step, the first ones and then some more: most are enough
 _FARTHEST = 1e9  # W, against the sum of the rates
 
 
@@ -138,9 +139,11 @@ class _Search(NormProof):
         level = float(self.level) * (1.0 - 1e-13)
         h = float(self.longest) * (1.0 - 1e-12) / (constants[0] * sizes[0])
         shorter = np.cumprod([h, *([0.75] * 40)])
-        ends = np.multiply.outer(shorter[:-1], np.multiply.outer([1.0, -1.0], point.change))
-        tops = np.linalg.norm(point.gain + ends, 2, axis=(2, 3)).max(axis=1)  # one call for all
-        for step, top in zip(shorter, tops, strict=False):
-            if top + 0.5 * step * step * bend(step, sizes, constants) < level:
-                return float(step)
+        change = np.multiply.outer([1.0, -1.0], point.change)
+        for some in np.split(shorter[:-1], _AT_ONCE):
+            ends = point.gain + np.multiply.outer(some, change)
+            tops = np.linalg.norm(ends, 2, axis=(2, 3)).max(axis=1)  # one call for several
+            for step, top in zip(some, tops, strict=True):
+                if top + 0.5 * step * step * bend(step, sizes, constants) < level:
+                    return float(step)
         return float(shorter[-1])

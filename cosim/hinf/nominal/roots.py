@@ -38,6 +38,7 @@ from cosim.hinf.nominal.retarded import terms_of
 Roots = NDArray[np.complex128]
 """Characteristic roots [1/s], rightmost first, (count,)."""
 
+_STEPS = 60
 _RESIDUAL = 1e-10
 _SAME = 1e-13  # residual between two estimates of one root, however ill-conditioned
 _CLOSE = 1e-4  # estimates farther apart (relative) are never one root
@@ -48,31 +49,51 @@ _LARGEST_EXPONENT = 200.0
 _NO_DELAY = 1e-100  # of the fastest mode's time: what it adds lies beyond every number
 
 
-def _polish(system: Characteristic, seed: complex) -> complex | None:
-    """Return the root that successive linear problems reach from `seed`, or None."""
-    root, scale, longest = complex(seed), system.bound(0.0), max(system.delays)
-    for _ in range(60):
-        if not -root.real * longest < _LARGEST_EXPONENT:
-            return None
-        M, derivative = system.characteristic_matrix(root)
-        mu = scipy.linalg.eigvals(M, derivative)
-        mu = mu[np.isfinite(mu)]
-        if mu.size == 0:
-            return None
-        step = complex(mu[np.argmin(np.abs(mu))])
-        root -= step
-        if abs(step) <= 1e-15 * (abs(root) + scale):
+def _polished(system: Characteristic, seeds: Roots) -> list[complex]:
+    """Return the roots that successive linear problems reach from some seeds, all at once."""
+    roots, scale, longest = seeds.astype(np.complex128), system.bound(0.0), max(system.delays)
+    moving = np.arange(roots.size)
+    for _ in range(_STEPS):
+        moving = moving[_in_range(roots[moving], longest)]
+        if not moving.size:
             break
-    if not -root.real * longest < _LARGEST_EXPONENT:
-        return None
-    return root if _residual(system, root) <= _RESIDUAL else None
+        steps = _steps(system, roots[moving])
+        roots[moving] -= steps
+        size = np.abs(roots[moving]) + scale
+        moving = moving[~(np.abs(steps) <= 1e-15 * size)]
+    roots = roots[np.isfinite(roots) & _in_range(roots, longest)]
+    return [complex(root) for root in roots[_residuals(system, roots) <= _RESIDUAL]]
 
 
-def _residual(system: Characteristic, root: complex) -> float:
-    """Return the smallest singular value of M(root), relative to the size of its terms."""
-    M, _ = system.characteristic_matrix(root)
-    smallest = float(np.linalg.svd(M, compute_uv=False)[-1])
-    return smallest / (abs(root) + system.bound(root.real) + 1e-300)
+def _in_range(roots: Roots, longest: float) -> NDArray[np.bool_]:
+    """Whether e^(-s d) of each root s is a number; not where s is NaN."""
+    return -roots.real * longest < _LARGEST_EXPONENT
+
+
+def _steps(system: Characteristic, roots: Roots) -> Roots:
+    """Return the smallest mu of M v = mu M' v at each root; NaN where there is none."""
+    M, slope = system.characteristic_matrix(roots)
+    try:
+        inverse = np.linalg.eigvals(np.linalg.solve(M, slope))
+    except np.linalg.LinAlgError:  # one is singular, or no number: each by itself
+        return np.array([_step(*pair) for pair in zip(M, slope, strict=True)])
+    largest = np.abs(inverse).argmax(axis=-1)[..., None]
+    with np.errstate(all="ignore"):  # of a constant M
+        steps = 1.0 / np.take_along_axis(inverse, largest, -1)[..., 0]
+    return np.where(np.isfinite(steps), steps, np.nan)
+
+
+def _step(M: Roots, slope: Roots) -> complex:
+    mu = scipy.linalg.eigvals(M, slope)
+    mu = mu[np.isfinite(mu)]
+    return complex(mu[np.argmin(np.abs(mu))]) if mu.size else complex(np.nan)
+
+
+def _residuals(system: Characteristic, roots: Roots) -> NDArray[np.float64]:
+    """Return the smallest singular value of M at each root, relative to the size of its terms."""
+    M, _ = system.characteristic_matrix(roots)
+    bounds = np.array([system.bound(root.real) for root in roots])
+    return np.linalg.svd(M, compute_uv=False)[..., -1] / (np.abs(roots) + bounds + 1e-300)
 
 
 def _same(system: Characteristic, a: complex, b: complex, scale: float) -> bool:
@@ -82,7 +103,7 @@ def _same(system: Characteristic, a: complex, b: complex, scale: float) -> bool:
     precision, while two simple roots may be closer than that.
     """
     near = abs(a - b) <= _CLOSE * (abs(a) + abs(b) + scale)
-    return near and _residual(system, (a + b) / 2) <= _SAME
+    return near and bool(_residuals(system, np.array([(a + b) / 2]))[0] <= _SAME)
 
 
 def _distinct(system: Characteristic, roots: list[complex]) -> Roots:
@@ -244,8 +265,7 @@ def _rightmost_roots(loop: ClosedLoop, count: int) -> Roots:
         matrix = collocated(loop.A[0], R, late, nodes)
         seeds = np.linalg.eigvals(matrix)
         seeds = seeds[np.argsort(-seeds.real)][: 3 * count + 30 + 8 * loop.order]
-        polished = [_polish(loop, complex(seed)) for seed in seeds if seed.imag >= 0]
-        upper = _distinct(loop, [root for root in polished if root is not None])
+        upper = _distinct(loop, _polished(loop, seeds[seeds.imag >= 0]))
         largest = 3 * matrix.shape[0] // 2 > _LARGEST_MATRIX
         if upper.size:
             try:
@@ -335,8 +355,7 @@ def _neutral_roots(blocks: Blocks, count: int) -> Roots:
     seeds = np.linalg.eigvals(collocated(blocks.A, blocks.Cv[acts], late, _NEUTRAL_NODES))
     seeds = seeds[seeds.imag >= 0.0]
     seeds = seeds[np.argsort(-seeds.real, kind="stable")][: 4 * count + 30]
-    polished = [_polish(blocks, complex(seed)) for seed in seeds]
-    found = _distinct(blocks, [root for root in polished if root is not None]).tolist()
+    found = _distinct(blocks, _polished(blocks, seeds)).tolist()
     # many lie next to one line: there the slow ones come first
     step = 0.1 / float(blocks.delays.max())
     found.sort(key=lambda root: (-round(root.real / step), root.imag))

@@ -52,10 +52,18 @@ AFFORDABLE_ORDERS = (0, 1, 2)
 
 
 def conditions_of(
-    system: DelaySystem, K: NDArray[Any], order: int, *, performance: bool
+    system: DelaySystem,
+    K: NDArray[Any],
+    order: int,
+    *,
+    performance: bool,
+    large: bool | None = None,
 ) -> list[Condition]:
-    """Return the conditions that are worth a try at this order, the sharpest first."""
-    if is_large(system, K):
+    """Return the conditions that are worth a try at this order, the sharpest first.
+
+    large : what `is_large` says, where it is known.
+    """
+    if is_large(system, K) if large is None else large:
         return [
             *_of_ages(system, K, order, performance, supports_of(system, K)),
             *_of_ages(system, K, order, performance, supports_of(system, K, controls=True)),
@@ -108,7 +116,8 @@ def affordable_conditions(
     At order 0, of which one is always affordable, and with known ages up to order 1. `ranking`:
     to compare gains with each other; about a second each.
     """
-    found = conditions_of(system, K, order, performance=performance)
+    large = is_large(system, K)
+    found = conditions_of(system, K, order, performance=performance, large=large)
     late = [x for x in system.delays if x.d > 0]
     if order and not any(order == 1 or not x.any_age for x in late):
         return []  # ages that vary gain nothing from a higher order
@@ -119,7 +128,7 @@ def affordable_conditions(
             return one.unknowns(delays)
         return one.unknowns(delays) * _corners(system, order, one.functionals, down_to_zero=False)
 
-    if is_large(system, K):
+    if large:
         quick = [x for x in found if _work(x, system) <= _MOST_WORK and order < 2]
         cheapest = min(found, key=lambda x: _work(x, system))
         return quick or ([] if order else [cheapest])
