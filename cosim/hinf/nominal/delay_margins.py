@@ -50,6 +50,7 @@ _LARGEST_EFFORT = 400_000
 _POLISHED = 4  # boxes that Newton starts from: those of least delay, and those closest to a root
 _EVERY = 4  # halvings between two such starts
 _NEWTON = 20
+_SETTLED = 1e-13  # the last step of Newton, relative: what is left is rounding
 _FULL = 2.0 * math.pi
 
 
@@ -161,9 +162,10 @@ class _Pencil:
 
     def polished(self, boxes: _Boxes) -> _Roots:
         """Return the roots that Newton reaches from the centres of the boxes."""
-        w, theta = boxes.w, boxes.theta
+        w, theta = boxes.w.copy(), boxes.theta.copy()
+        moving = np.arange(w.size)
         for _ in range(_NEWTON):
-            F, by_w, by_theta = self.at(w, theta)
+            F, by_w, by_theta = self.at(w[moving], theta[moving])
             u, s, vh = np.linalg.svd(F)
             u, v, sigma = u[:, :, -1].conj(), vh[:, -1, :].conj(), s[:, -1]
             a = np.einsum("wi,wij,wj->w", u, by_w, v)
@@ -171,8 +173,12 @@ class _Pencil:
             # least squares: at a touch a and b are parallel
             real = np.stack([np.stack([a.real, b.real], -1), np.stack([a.imag, b.imag], -1)], -2)
             step = -sigma[:, None] * np.linalg.pinv(real, rcond=1e-12)[:, :, 0]
-            w = w + np.clip(step[:, 0], -0.05 * self.rates, 0.05 * self.rates)
-            theta = theta + np.clip(step[:, 1], -0.3, 0.3)
+            w[moving] += np.clip(step[:, 0], -0.05 * self.rates, 0.05 * self.rates)
+            theta[moving] += np.clip(step[:, 1], -0.3, 0.3)
+            size = np.stack([np.abs(w[moving]), np.ones(moving.size)], -1)
+            moving = moving[~(np.abs(step) <= _SETTLED * size).all(axis=1)]
+            if not moving.size:
+                break
         F, _, _ = self.at(w, theta)
         sigma = np.linalg.svd(F, compute_uv=False)[:, -1]
         size = (self.rates + w) * (1.0 + w * self.delays.max())  # of the rounding in F
