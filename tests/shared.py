@@ -71,8 +71,7 @@ def fmu_store(*flavours: str) -> Path:
     The flavours named are there and native, the default of every command, each built once per
     session; native ones also of the designs that built-in scenarios name.
     """
-    from cosim.fmu.export.build import build_fmu  # noqa: PLC0415 - most tests need no FMU
-    from cosim.fmu.export.catalogue import CATALOGUE  # noqa: PLC0415
+    from cosim.fmu import CATALOGUE, build_fmu  # noqa: PLC0415 - most tests need no FMU
 
     def build(folder: Path, flavour: str) -> None:
         for spec in CATALOGUE.values():
@@ -86,8 +85,7 @@ def fmu_store(*flavours: str) -> Path:
 
 
 def _build_of_designs(root: Path) -> None:
-    from cosim.scenario.fmu_cache import FmuCache  # noqa: PLC0415 - most tests need no FMU
-    from cosim.scenario.read import builtin_names, load  # noqa: PLC0415
+    from cosim.scenario import FmuCache, builtin_names, load  # noqa: PLC0415 - most tests need no FMU
 
     parts = (part.fmu for n in builtin_names() for part in load(n).scenario.components.values())
     for fmu in {fmu for fmu in parts if ":" in fmu}:

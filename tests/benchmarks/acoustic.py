@@ -25,11 +25,8 @@ from rich.table import Table
 
 from cosim.fmu import FmuSlave, compiled_library
 from cosim.master import EngineName, Run, Session, System
+from cosim.scenario import FmuCache, gain_parameters, load, prepare
 from cosim.scenario.assembly import assemble
-from cosim.scenario.fmu_cache import FmuCache
-from cosim.scenario.gain import gain_parameters
-from cosim.scenario.preparation import prepare
-from cosim.scenario.read import load
 from tests.benchmarks._show import show
 
 END, STEP, REPEATS = 120.0, 0.01, 15

@@ -30,11 +30,9 @@ from distributed.comm.tcp import TCP
 from rich.console import Console
 from rich.table import Table
 
-from cosim.study import workers as pools
+from cosim.study import load_study, plan_of, workers as pools
 from cosim.study.batch import Job, Row
-from cosim.study.read import load_study
 from cosim.study.run_log import RunLog
-from cosim.study.running import plan_of
 from cosim.study.shipping import Ticket, shipment_of
 
 SETTINGS = {

@@ -35,8 +35,7 @@ from cosim.hinf.lmi import Answer, Problem
 from cosim.hinf.nominal import one_thread
 from cosim.hinf.problem import DEFAULT_K1, DEFAULT_K2
 from cosim.hinf.theorems import Scalars
-from cosim.models import paper_example
-from cosim.models.delay_system import DelaySystem
+from cosim.models import DelaySystem, paper_example
 
 SCALES = (0.9, 1.0, 1.1)
 """Multiples of k1 and k2 that are asked for."""

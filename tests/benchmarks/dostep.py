@@ -24,7 +24,7 @@ from fmpy.fmi2 import FMU2Slave
 from rich.console import Console
 from rich.table import Table
 
-from cosim.fmu.export.build import ensure_fmu
+from cosim.fmu import ensure_fmu
 from cosim.fmu.export.native.compiler import STANDARD, host_compiler
 from cosim.fmu.export.native.platforms import host
 

@@ -36,6 +36,7 @@ from rich.table import Table
 from cosim.fmu import describe_fmu
 from cosim.master import (
     Component,
+    ComponentInstance,
     Connection,
     Endpoint,
     EngineName,
@@ -47,7 +48,6 @@ from cosim.master import (
     make_schedule,
     simulate,
 )
-from cosim.master.component_instance import ComponentInstance
 from cosim.network import Jitter, PacketLink
 from cosim.trace import TraceWriter
 from tests.benchmarks._peers import PEERS, ByPeer

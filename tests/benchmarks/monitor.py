@@ -20,11 +20,15 @@ from unittest.mock import patch
 from rich.console import Console
 from rich.table import Table
 
-from cosim.scenario import execute_recorded, load
+from cosim.scenario import (
+    FmuCache,
+    PreparedScenario,
+    execute_recorded,
+    load,
+    prepare,
+    supervision_of,
+)
 from cosim.scenario.execute import _Runs
-from cosim.scenario.fmu_cache import FmuCache
-from cosim.scenario.preparation import PreparedScenario, prepare
-from cosim.scenario.supervision import supervision_of
 
 SCENARIOS = ("auv-acoustic", "auv-survey", "auv-remote", "survey-outages", "auv-direct")
 

@@ -29,10 +29,8 @@ import psutil
 from rich.console import Console
 from rich.table import Table
 
-from cosim.study.execution import execute_study
-from cosim.study.plan import Plan, make_plan
-from cosim.study.read import load_study
-from cosim.study.schema import Study
+from cosim.study import Plan, Study, execute_study, load_study
+from cosim.study.plan import make_plan
 from cosim.study.study_runner import BaseScenario
 from cosim.study.workers import InProcessPool, local
 from tests.benchmarks._cpu import cpu_s

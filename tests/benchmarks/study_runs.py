@@ -32,11 +32,8 @@ from cosim.fmu import FmuDescription, compiled_library
 from cosim.hinf.nominal import one_thread
 from cosim.master import Component, Session
 from cosim.scenario.execute import assembled_system
-from cosim.study import Study
+from cosim.study import Plan, Study, load_study, plan_of
 from cosim.study.batch import register_runner, run_and_measure, run_batch
-from cosim.study.plan import Plan
-from cosim.study.read import load_study
-from cosim.study.running import plan_of
 from tests.benchmarks._cpu import cpu_s
 from tests.benchmarks._show import show
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from cli.shell import cosim
 
-from cosim.core.errors import InputError
+from cosim.core import InputError
 from cosim.hinf import design_from_json
 
 BENCHMARK = """

@@ -16,7 +16,7 @@ import pytest
 from cli.shell import COMMAND, SCENARIOS, cosim
 from shared import sampled
 
-from cosim.core.errors import InputError
+from cosim.core import InputError
 from cosim.trace import Trace
 
 LONG = (SCENARIOS / "valid" / "over-a-packet-link.toml").read_text("utf-8")

@@ -10,7 +10,7 @@ import pytest
 from cli.shell import cosim
 from shared import sampled
 
-from cosim.core.errors import (
+from cosim.core import (
     CheckFailedError,
     ComponentError,
     CosimError,

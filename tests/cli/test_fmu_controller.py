@@ -17,7 +17,7 @@ from shared import fmu_store
 from cosim.fmu import component_module
 from cosim.hinf import design, design_to_json
 from cosim.hinf.certificate import certificate_bytes
-from cosim.models.delay_system import Delay, DelaySystem
+from cosim.models import Delay, DelaySystem
 from cosim.trace import Trace
 
 SPEC = component_module("hinf_controller.variables").SPEC

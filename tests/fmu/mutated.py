@@ -20,9 +20,10 @@ from typing import Any, NamedTuple
 
 from lxml import etree
 
+from cosim.fmu import GROUPS, RULES
 from cosim.fmu.inspect.inspection import describe_root
 from cosim.fmu.inspect.markup import parse_xml
-from cosim.fmu.inspect.rules import GROUPS, RULES, example_description
+from cosim.fmu.inspect.rules import example_description
 
 XML = "modelDescription.xml"
 

@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from cosim.core.errors import InputError
-from cosim.fmu import describe_fmu, inspect_fmu
-from cosim.fmu.export.catalogue import CATALOGUE
+from cosim.core import InputError
+from cosim.fmu import CATALOGUE, describe_fmu, inspect_fmu
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from foreign.c_fmu import TYPES, c_fmu, every, talker
 
-from cosim.core.errors import ComponentError, InputError
+from cosim.core import ComponentError, InputError
 from cosim.fmu import FmuDescription, FmuSlave, describe_fmu
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from cosim.core.errors import ComponentError, InputError
+from cosim.core import ComponentError, InputError
 from cosim.fmu import FmuSlave, describe_fmu
 
 

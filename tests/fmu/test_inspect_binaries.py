@@ -15,9 +15,9 @@ import pytest
 from fmu.packed import FMI3, compiled, described, files_of, pack
 from macholib.ptypes import Structure, p_uint32
 
-from cosim.fmu import component_module
+from cosim.fmu import component_module, inspect_fmu
 from cosim.fmu.export.model_description import fmi2_xml
-from cosim.fmu.inspect import binaries, inspect_fmu, macho
+from cosim.fmu.inspect import binaries, macho
 from cosim.fmu.inspect.fmi_functions import functions
 from cosim.fmu.inspect.image import Image
 from cosim.fmu.inspect.library import Binary, read_binary

@@ -24,10 +24,8 @@ from fmu.packed import (
     without,
 )
 
-from cosim.core.errors import InputError
-from cosim.fmu.export.catalogue import CATALOGUE
-from cosim.fmu.inspect import inspect_fmu
-from cosim.fmu.inspect.rules import RULES
+from cosim.core import InputError
+from cosim.fmu import CATALOGUE, RULES, inspect_fmu
 
 CONTAINER = Path(fmpy.__file__).parent / "container_fmu" / "binaries"
 SO, DLL = "binaries/linux64/AuvPlant.so", "binaries/win64/AuvPlant.dll"

@@ -11,9 +11,8 @@ import pytest
 from fmu.packed import FMI1, FMI3, XML, described, each_library_read_once, files_of, pack
 from hypothesis import HealthCheck, given, settings, strategies as st
 
-from cosim.core.errors import InputError
-from cosim.fmu.inspect import inspect_fmu
-from cosim.fmu.inspect.inspection_facts import fmu_facts
+from cosim.core import InputError
+from cosim.fmu import fmu_facts, inspect_fmu
 from cosim.fmu.inspect.library import read_binary
 
 CONTAINER = Path(fmpy.__file__).parent / "container_fmu" / "binaries"

@@ -6,10 +6,11 @@ import re
 
 import pytest
 
+from cosim.fmu import GROUPS, RULES
 from cosim.fmu.inspect.findings import Finding
 from cosim.fmu.inspect.inspection import describe_root
 from cosim.fmu.inspect.markup import parse_xml
-from cosim.fmu.inspect.rules import GROUPS, RULES, example_description
+from cosim.fmu.inspect.rules import example_description
 from docs_site.rules_page import page
 
 WITH_BASE = [code for code, rule in RULES.items() if rule.base]

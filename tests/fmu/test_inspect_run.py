@@ -8,11 +8,10 @@ from pathlib import Path
 import pytest
 from fmu.packed import compiled, files_of, pack, with_file
 
-from cosim.fmu.export.catalogue import CATALOGUE
-from cosim.fmu.inspect import Finding, inspect_fmu
+from cosim.fmu import CATALOGUE, inspect_fmu, run_findings
+from cosim.fmu.inspect import Finding
 from cosim.fmu.inspect.fmi_functions import functions
 from cosim.fmu.inspect.platforms import FMI2, this_machine
-from cosim.fmu.inspect.run import run_findings
 
 XML = """<?xml version="1.0" encoding="UTF-8"?>
 <fmiModelDescription fmiVersion="2.0" modelName="Tiny" guid="{1}">

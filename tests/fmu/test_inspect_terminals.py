@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from fmu.packed import described, pack
 
-from cosim.fmu.inspect import inspect_fmu
+from cosim.fmu import inspect_fmu
 from cosim.fmu.inspect.rules import example_description
 from cosim.fmu.inspect.terminals import BUILD, TERMINALS
 

@@ -7,7 +7,7 @@ import math
 import pytest
 from scipy import constants
 
-from cosim.fmu.export.spec import UNITS
+from cosim.fmu import UNITS
 from cosim.fmu.inspect.units import BASES, si_of_name
 
 

@@ -9,7 +9,7 @@ import pytest
 from foreign.c_fmu import c_fmu, every, source_of, talker
 from pythonfmu import FmuBuilder
 
-from cosim.core.errors import ComponentError, InputError
+from cosim.core import ComponentError, InputError
 from cosim.fmu import FmuSlave, describe_fmu
 
 _SCRIPT = """

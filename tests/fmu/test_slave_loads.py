@@ -11,7 +11,7 @@ import pytest
 from foreign.c_fmu import c_fmu, every, talker
 from packed import FMI1, Files, files_of, pack, renamed, with_file, without
 
-from cosim.core.errors import ComponentError, CosimError, InputError
+from cosim.core import ComponentError, CosimError, InputError
 from cosim.fmu import FmuSlave, describe_fmu
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from foreign.c_fmu import c_fmu, every, talker
 
-from cosim.core.errors import ComponentError, InputError
+from cosim.core import ComponentError, InputError
 from cosim.fmu import FmuDescription, FmuSlave, describe_fmu
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from foreign.c_fmu import c_fmu, every, talker
 
-from cosim.core.errors import InputError
+from cosim.core import InputError
 from cosim.fmu import FmuSlave, describe_fmu
 
 

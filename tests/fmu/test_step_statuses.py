@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import pytest
 from foreign.steered import VERSIONS, parameters, steered_fmu
 
-from cosim.core.errors import ComponentError
+from cosim.core import ComponentError
 from cosim.fmu import FmuSlave, describe_fmu
 
 if TYPE_CHECKING:

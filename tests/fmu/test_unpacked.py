@@ -13,9 +13,9 @@ import pytest
 from foreign.c_fmu import c_fmu, talker
 from packed import files_of, pack
 
-from cosim.core.errors import InputError
-from cosim.fmu import CheckedArchive, FmuDescription, FmuSlave, describe_fmu
-from cosim.fmu.unpacking import PREFIX, remove_unpacked, unpack_fmu
+from cosim.core import InputError
+from cosim.fmu import CheckedArchive, FmuDescription, FmuSlave, describe_fmu, unpack_fmu
+from cosim.fmu.unpacking import PREFIX, remove_unpacked
 
 
 @pytest.fixture(scope="module")

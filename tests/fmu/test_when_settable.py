@@ -12,9 +12,9 @@ from master.coupled import rewritten
 from master.scalar import scalar_fmu
 from packed import XML, pack
 
-from cosim.core.errors import InputError
-from cosim.fmu import FmuSlave, describe_fmu
-from cosim.fmu.port import Phase, may_be_set
+from cosim.core import InputError
+from cosim.fmu import FmuSlave, describe_fmu, may_be_set
+from cosim.fmu.port import Phase
 from cosim.master import Component, Session, System, make_schedule
 from cosim.trace import Trace
 

@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from raw_fmu import RawFmu
 
-from cosim.fmu import component_module
-from cosim.fmu.export.build import build_fmu
+from cosim.fmu import build_fmu, component_module
 from cosim.network import LinkState, PacketLink, TransportLink, align, schedule
 from cosim.scenario.ssp.link_fmu import link_spec
 

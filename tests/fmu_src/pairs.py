@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
     from raw_fmu import RawFmu
 
-    from cosim.fmu.export.spec import ComponentSpec
+    from cosim.fmu import ComponentSpec
 
 VARIABLES = component_module("observer.variables")
 

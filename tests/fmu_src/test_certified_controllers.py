@@ -11,7 +11,7 @@ import certified_gains
 import numpy as np
 import pytest
 
-from cosim.fmu.export.catalogue import CATALOGUE
+from cosim.fmu import CATALOGUE
 from cosim.fmu.export.certificate_section import certified_section
 from cosim.hinf import characteristic_roots, check_certificate, hinf_norm, system_by_name
 from cosim.hinf.certificate import certificate_bytes, system_from_json

@@ -9,7 +9,7 @@ import pytest
 from shared import fmu_store
 
 from cosim.cli.runs import make_fmu_cache
-from cosim.core.errors import InputError
+from cosim.core import InputError
 from cosim.fmu import build_fmu, describe_fmu, inspect_fmu
 from cosim.scenario import execute_run, load, prepare
 from cosim.trace import Table, Trace

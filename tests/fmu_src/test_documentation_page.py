@@ -13,7 +13,7 @@ import pytest
 from cli.shell import cosim
 from lxml import etree
 
-from cosim.fmu.export.catalogue import CATALOGUE
+from cosim.fmu import CATALOGUE
 from cosim.fmu.export.documentation import documentation_files
 from cosim.fmu.export.page.text import to_html
 

@@ -16,15 +16,13 @@ import pytest
 from fmpy import read_model_description
 from fmpy.validation import validate_fmu
 
-from cosim.fmu.export.build import ensure_fmu
-from cosim.fmu.export.catalogue import CATALOGUE
+from cosim.fmu import CATALOGUE, UNITS, Variable, ensure_fmu
 from cosim.fmu.export.python import package
-from cosim.fmu.export.spec import UNITS, Variable
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from cosim.fmu.export.spec import ComponentSpec
+    from cosim.fmu import ComponentSpec
 
 NAMES = sorted(CATALOGUE)
 PAPER = CATALOGUE["PaperController"]

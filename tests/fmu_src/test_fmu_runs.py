@@ -18,8 +18,8 @@ from raw_fmu import RawFmu, matrices
 from shared import slow_share_of
 from truth.dde import Hold, solve
 
-from cosim.fmu.export.catalogue import CATALOGUE
-from cosim.models.auv import TABLE_1
+from cosim.fmu import CATALOGUE
+from cosim.models import TABLE_1
 
 NAMES = sorted(CATALOGUE)
 

@@ -12,7 +12,7 @@ import pytest
 from link_runs import INITIAL, Channel, build, expected, signal
 from shared import sampled, share_of
 
-from cosim.core.errors import InputError
+from cosim.core import InputError
 from cosim.fmu import component_module
 from cosim.network import (
     QUEUE_FULL,

@@ -15,10 +15,9 @@ from driven import drive, started
 from raw_fmu import RawFmu
 from truth.dde import Hold, solve
 
-from cosim.fmu.export.catalogue import CATALOGUE
+from cosim.fmu import CATALOGUE, ComponentSpec
 from cosim.fmu.export.native.c_model import behaviour_of
 from cosim.fmu.export.native.package import build_native_fmu
-from cosim.fmu.export.spec import ComponentSpec
 
 NAMES = sorted(CATALOGUE)
 

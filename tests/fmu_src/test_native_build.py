@@ -18,10 +18,8 @@ from fmpy.build import build_platform_binary
 from fmpy.validation import validate_fmu
 from shared import copied, sampled, slow_share_of
 
-from cosim.core.errors import InputError
-from cosim.fmu.export.archive import deterministic_zip
-from cosim.fmu.export.build import ensure_fmu
-from cosim.fmu.export.catalogue import CATALOGUE
+from cosim.core import InputError
+from cosim.fmu import CATALOGUE, deterministic_zip, ensure_fmu
 from cosim.fmu.export.native import compiler
 from cosim.fmu.export.native.package import guid
 from cosim.fmu.export.native.platforms import host

@@ -17,14 +17,12 @@ from shared import sampled
 from tape_binaries import binary_of
 
 from cosim.core import InputError
-from cosim.fmu import ComponentSpec, component_module
-from cosim.fmu.export.archive import deterministic_zip
-from cosim.fmu.export.catalogue import CATALOGUE
+from cosim.fmu import CATALOGUE, KINDS, ComponentSpec, component_module, deterministic_zip
 from cosim.fmu.export.native.kinds import recorded_model
 from cosim.fmu.export.native.package import build_native_fmu
 from cosim.fmu.export.native.platforms import host
 from cosim.fmu.export.native.tape_model import model_data
-from cosim.fmu.export.native.tape_package import KINDS, MODEL, build_tape_fmu
+from cosim.fmu.export.native.tape_package import MODEL, build_tape_fmu
 from cosim.models import Delay, DelaySystem
 from cosim.network import Jitter, LossChain, PacketLink, TransportLink
 from cosim.scenario.binding import Given

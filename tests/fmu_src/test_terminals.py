@@ -11,8 +11,7 @@ from fmpy import read_model_description
 from fmpy.model_description import read_build_description
 from lxml import etree
 
-from cosim.fmu.export.catalogue import CATALOGUE
-from cosim.fmu.export.components import component_module
+from cosim.fmu import CATALOGUE, component_module
 from cosim.fmu.export.native.compiler import STANDARD
 from cosim.fmu.export.terminals import terminal_files
 from cosim.network import PacketLink

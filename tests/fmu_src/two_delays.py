@@ -5,8 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from cosim.fmu.export.python.delay_plant import DelayPlant
-from cosim.fmu.export.spec import ComponentSpec, Variable
+from cosim.fmu import ComponentSpec, DelayPlant, Variable
 from cosim.models import auv
 
 

@@ -6,7 +6,7 @@ import copy
 from collections.abc import Callable, Container, Iterator
 from typing import Any
 
-from cosim.core.errors import InputError
+from cosim.core import InputError
 from cosim.hinf import check_certificate
 
 

@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.models.delay_system import DelaySystem
+from cosim.models import DelaySystem
 
 Array = NDArray[np.float64]
 

@@ -23,7 +23,7 @@ from cosim.hinf.certificate import (
 from cosim.hinf.exact import exact
 from cosim.hinf.lmi import in_cvxpy
 from cosim.hinf.theorems import Proof, minus_omega, positive, shapes_of
-from cosim.models.delay_system import Delay, DelaySystem
+from cosim.models import Delay, DelaySystem
 
 Array = NDArray[np.float64]
 

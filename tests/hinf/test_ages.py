@@ -16,7 +16,7 @@ from truth_of_ages import gain_over_patterns, period_radius
 from truth_of_loops import loop_of, norm
 
 import cosim
-from cosim.core.errors import InputError, NotAchievableError
+from cosim.core import InputError, NotAchievableError
 from cosim.hinf import (
     analyse,
     auv_system,
@@ -30,7 +30,7 @@ from cosim.hinf import (
 from cosim.hinf.certificate import system_from_json, system_to_json
 from cosim.hinf.lmi import Condition
 from cosim.hinf.problem import system_from_toml
-from cosim.models.delay_system import Delay, DelaySystem
+from cosim.models import Delay, DelaySystem
 
 NETWORKED = -np.array([[3.75, 11.5]])
 """The gain of the networked loop of the literature (Zhang, Branicky, Phillips 2001)."""

@@ -28,7 +28,7 @@ from cosim.hinf.theorems import (
     minus_phi,
     positive_delays,
 )
-from cosim.models.delay_system import Delay, DelaySystem
+from cosim.models import Delay, DelaySystem
 
 N_STATES = 2
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(12)

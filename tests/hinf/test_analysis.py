@@ -20,14 +20,13 @@ from numpy.polynomial import Legendre, Polynomial
 from shared import sampled
 from solver_points import Array, benchmark, random_system
 
-from cosim.core.errors import InputError
+from cosim.core import InputError
 from cosim.hinf import analyse, auv_system, certified_delay, check_certificate, hinf_norm
 from cosim.hinf.certificate import analysis_from_json
 from cosim.hinf.exact import exact, exact_matrix
 from cosim.hinf.nominal import close
 from cosim.hinf.theorems import Age, Loop, minus_phi, with_inverse_of_gamma
-from cosim.models import paper_example
-from cosim.models.delay_system import Delay, DelaySystem
+from cosim.models import Delay, DelaySystem, paper_example
 
 PRINTED = [paper_example.PRINTED_K]
 EXACT_BOUND = 6.172581371

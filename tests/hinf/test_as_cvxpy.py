@@ -10,13 +10,12 @@ import cvxpy as cp
 import numpy as np
 import pytest
 
-from cosim.core.errors import InputError, NotAchievableError
+from cosim.core import InputError, NotAchievableError
 from cosim.hinf import analyse, as_cvxpy, check_certificate
 from cosim.hinf.lmi import Answer, Problem
 from cosim.hinf.synthesis import cvxpy_lmi
 from cosim.hinf.theorems import Scalars
-from cosim.models import paper_example
-from cosim.models.delay_system import Delay, DelaySystem
+from cosim.models import Delay, DelaySystem, paper_example
 
 K1, K2 = (0.6,), (0.2,)
 

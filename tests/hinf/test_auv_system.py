@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from cosim.core.errors import InputError
+from cosim.core import InputError
 from cosim.hinf import Design, auv_system, design
 from cosim.hinf.problem import DEFAULT_K1, DEFAULT_K2, AuvDesignSettings
-from cosim.models.delay_system import DelaySystem
+from cosim.models import DelaySystem
 
 DAMPING, STATE_DELAY, LINK, SHORT = 0.05, 0.5, 1.25, 0.05
 

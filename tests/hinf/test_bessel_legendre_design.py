@@ -11,7 +11,7 @@ from shared import sampled
 from solver_points import random_system
 from truth_of_loops import first_loss, loop_of, norm
 
-from cosim.core.errors import InputError, NotAchievableError
+from cosim.core import InputError, NotAchievableError
 from cosim.hinf import (
     auv_system,
     check_certificate,
@@ -23,8 +23,7 @@ from cosim.hinf import (
 )
 from cosim.hinf.lmi import Condition, GainLmi, multiplier_of, scalar_multiplier
 from cosim.hinf.nominal import close
-from cosim.models import paper_example
-from cosim.models.delay_system import Delay, DelaySystem
+from cosim.models import Delay, DelaySystem, paper_example
 
 LINK = DelaySystem(
     [[0, 1], [0, -0.1]],

@@ -15,10 +15,9 @@ from scipy.linalg import expm
 from shared import sampled
 from solver_points import Array, Point, benchmark, random_system, solved
 
-from cosim.core.errors import InputError
+from cosim.core import InputError
 from cosim.hinf import check_certificate
-from cosim.models import paper_example
-from cosim.models.delay_system import Delay, DelaySystem
+from cosim.models import Delay, DelaySystem, paper_example
 
 
 @pytest.fixture(scope="module")

@@ -12,7 +12,7 @@ import pytest
 from changed_json import changed, leaves, refused
 from solver_points import benchmark, solved
 
-from cosim.core.errors import InputError
+from cosim.core import InputError
 from cosim.hinf import check_certificate
 from cosim.hinf.certificate import read_certificate
 from cosim.hinf.exact import MAX_DIGITS

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from heun_integrator import integrate, sawtooth, turning
 
-from cosim.core.errors import InputError, NotAchievableError
+from cosim.core import InputError, NotAchievableError
 from cosim.hinf import Delay, DelaySystem, design
 from cosim.hinf.certificate import GainLimit, PeakControl, norm_above, offset_corners
 from cosim.hinf.lmi import proved_peak_control

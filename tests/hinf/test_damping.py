@@ -16,7 +16,7 @@ from scipy.special import lambertw
 from shared import sampled
 from truth_of_loops import collocated, loop_of
 
-from cosim.core.errors import InputError, NotAchievableError
+from cosim.core import InputError, NotAchievableError
 from cosim.hinf import (
     Delay,
     DelaySystem,

@@ -11,7 +11,7 @@ from heun_integrator import integrate, sawtooth, turning
 from shared import sampled
 from solver_points import random_system
 
-from cosim.core.errors import InputError, NotAchievableError
+from cosim.core import InputError, NotAchievableError
 from cosim.hinf import Delay, DelaySystem, design, spectral_abscissa
 from cosim.hinf.certificate import acting_delays, corners, growth_of, is_above_exponential
 from cosim.hinf.exact import exact

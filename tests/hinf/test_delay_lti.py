@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import scipy.signal
 
-from cosim.core.errors import InputError
+from cosim.core import InputError
 from cosim.hinf import Delay, DelayLTI, DelaySystem, lti
 from cosim.hinf.nominal import close
 from cosim.hinf.response import append, dead_time, exp, feedback, parallel, series

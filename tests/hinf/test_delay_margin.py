@@ -11,11 +11,10 @@ import pytest
 from scipy.optimize import brentq
 from shared import sampled
 
-from cosim.core.errors import InputError
+from cosim.core import InputError
 from cosim.hinf import delay_margin, spectral_abscissa
 from cosim.hinf.nominal import ClosedLoop, close
-from cosim.models import paper_example
-from cosim.models.delay_system import Delay, DelaySystem
+from cosim.models import Delay, DelaySystem, paper_example
 
 
 def free(A: object, *terms: tuple[float, object]) -> DelaySystem:

@@ -12,9 +12,10 @@ import pytest
 from hypothesis import given, settings, strategies as st
 from numpy.typing import NDArray
 
-from cosim.core.errors import InputError
-from cosim.hinf.problem.envelope import Envelope, Scaling, auv_uncertainty, quadratic_part
-from cosim.models.auv import TABLE_1, thrust_map, vehicle_derivatives, velocity_coefficients
+from cosim.core import InputError
+from cosim.hinf.problem import Envelope
+from cosim.hinf.problem.envelope import Scaling, auv_uncertainty, quadratic_part
+from cosim.models import TABLE_1, thrust_map, vehicle_derivatives, velocity_coefficients
 
 BOXES = (
     Envelope(0.3, 0.3, 0.2, 0.06, 0.35),

@@ -13,7 +13,7 @@ from solver_points import Array, Point, random_system, value
 
 from cosim.hinf import as_cvxpy
 from cosim.hinf.exact import exact_matrix, identity
-from cosim.models.delay_system import DelaySystem
+from cosim.models import DelaySystem
 
 
 def _system(

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import scipy.signal
 
-from cosim.core.errors import InputError
+from cosim.core import InputError
 from cosim.hinf import Delay, DelaySystem, analyse, design, hinf_norm
 from cosim.hinf.nominal import close, frequency_response
 from cosim.hinf.response import to_control

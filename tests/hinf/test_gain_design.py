@@ -7,7 +7,7 @@ import doctest
 import numpy as np
 import pytest
 
-from cosim.core.errors import InputError
+from cosim.core import InputError
 from cosim.hinf import Delay, DelaySystem, check_certificate, design, greatest_delay
 from cosim.hinf.synthesis import gain_design as designing
 from cosim.models import paper_example

@@ -12,7 +12,7 @@ from shared import sampled
 from solver_points import benchmark
 
 from cosim.cli.application import main
-from cosim.core.errors import InputError, NotAchievableError
+from cosim.core import InputError, NotAchievableError
 from cosim.hinf import check_certificate, design, greatest_delay
 from cosim.hinf.problem import with_delays
 from cosim.hinf.synthesis import delay_by_theorem_2

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from changed_json import changed, leaves, refused
 
-from cosim.core.errors import InputError
+from cosim.core import InputError
 from cosim.hinf import (
     Delay,
     DelaySystem,

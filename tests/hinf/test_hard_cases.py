@@ -9,15 +9,14 @@ import pytest
 from numpy.typing import NDArray
 from shared import sampled, slow_share_of
 
-from cosim.core.errors import InputError, NotAchievableError
+from cosim.core import InputError, NotAchievableError
 from cosim.hinf import auv_system, check_certificate, design, greatest_delay
 from cosim.hinf.lmi import Answer, Problem, scaling_of
 from cosim.hinf.problem import DEFAULT_K1, DEFAULT_K2, with_delays
 from cosim.hinf.synthesis import theorem_2
 from cosim.hinf.synthesis.stabilisability import unstabilisable_root
 from cosim.hinf.theorems import Scalars
-from cosim.models import paper_example
-from cosim.models.delay_system import Delay, DelaySystem
+from cosim.models import Delay, DelaySystem, paper_example
 
 Array = NDArray[np.float64]
 

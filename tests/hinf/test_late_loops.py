@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from truth_of_late_loops import LateLoop
 
-from cosim.core.errors import InputError, NotAchievableError
+from cosim.core import InputError, NotAchievableError
 from cosim.hinf import check_certificate, lti
 from cosim.hinf.response import dead_time, feedback, parallel
 

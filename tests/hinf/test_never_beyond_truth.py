@@ -27,11 +27,11 @@ from truth_of_loops import (
     norm,
 )
 
-from cosim.core.errors import NotAchievableError
+from cosim.core import NotAchievableError
 from cosim.hinf import analyse, certified_delay, design, greatest_delay, hinf_norm
 from cosim.hinf.nominal import close
 from cosim.hinf.problem import with_delays
-from cosim.models.delay_system import Delay, DelaySystem
+from cosim.models import Delay, DelaySystem
 
 _ROUNDING = 1e-9
 _SHARES = (0.0, 0.35, 0.8)

@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 
-from cosim.core.errors import InputError
+from cosim.core import InputError
 from cosim.hinf import (
     Design,
     analyse,
@@ -21,8 +21,7 @@ from cosim.hinf import (
 from cosim.hinf.nominal import close, nominal_figures_of
 from cosim.hinf.problem import without_uncertainty
 from cosim.hinf.synthesis import nominal_gamma
-from cosim.models import paper_example
-from cosim.models.delay_system import Delay, DelaySystem
+from cosim.models import Delay, DelaySystem, paper_example
 
 
 @pytest.fixture(scope="module")

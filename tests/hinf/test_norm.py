@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 import scipy.linalg
 
-from cosim.core.errors import InputError
+from cosim.core import InputError
 from cosim.hinf import hinf_norm
 from cosim.hinf.nominal import ClosedLoop, NormResult, close, gain_at
-from cosim.models import paper_example
-from cosim.models.delay_system import Delay, DelaySystem
+from cosim.models import Delay, DelaySystem, paper_example
 
 
 def norm_of(loop: ClosedLoop) -> NormResult:

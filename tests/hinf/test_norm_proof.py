@@ -9,12 +9,11 @@ import numpy as np
 import pytest
 from shared import sampled
 
-from cosim.core.errors import InputError
+from cosim.core import InputError
 from cosim.hinf import auv_system, hinf_norm, spectral_abscissa
 from cosim.hinf.certificate import NormProof
 from cosim.hinf.nominal import close, gain_at, norm_proved
-from cosim.models import paper_example
-from cosim.models.delay_system import Delay, DelaySystem
+from cosim.models import Delay, DelaySystem, paper_example
 
 CLOSE = 1e-8
 

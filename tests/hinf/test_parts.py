@@ -13,7 +13,7 @@ from solver_points import random_system
 from cosim.hinf import analyse, auv_system, check_certificate, design
 from cosim.hinf.lmi import Answer, Problem, scaling_of
 from cosim.hinf.theorems import Scalars
-from cosim.models.delay_system import Delay, DelaySystem
+from cosim.models import Delay, DelaySystem
 
 
 def side_by_side(a: DelaySystem, b: DelaySystem) -> DelaySystem:

@@ -13,12 +13,10 @@ from solver_points import random_system
 
 from cosim.hinf import as_cvxpy
 from cosim.hinf.exact import exact
-from cosim.hinf.lmi import Answer, Problem, in_cvxpy
-from cosim.hinf.lmi.conic import Constraint, solve
+from cosim.hinf.lmi import Answer, Constraint, Problem, in_cvxpy, solve
 from cosim.hinf.lmi.svec import smat, svec
 from cosim.hinf.theorems import Scalars, minus_omega_of_scalars
-from cosim.models import paper_example
-from cosim.models.delay_system import DelaySystem
+from cosim.models import DelaySystem, paper_example
 
 Array = NDArray[np.float64]
 

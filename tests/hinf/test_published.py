@@ -14,7 +14,7 @@ from truth_of_loops import abscissa, first_loss, loop_of, norm
 
 from cosim.hinf import analyse, certified_delay, check_certificate, design
 from cosim.hinf.problem import with_delays
-from cosim.models.delay_system import Delay, DelaySystem
+from cosim.models import Delay, DelaySystem
 
 SCALAR = DelaySystem([[0.0]], delays=[Delay(1.0, [[-1.0]])])
 SECOND_ORDER = DelaySystem([[0, 1], [-2, 0.1]], delays=[Delay(1.0, [[0, 0], [1, 0]])])

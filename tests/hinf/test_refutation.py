@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from solver_points import benchmark, random_system
 
 from cosim.cli.application import main
-from cosim.core.errors import InputError, NotAchievableError
-from cosim.fmu.export.controller import export_controller
+from cosim.core import InputError, NotAchievableError
+from cosim.fmu import export_controller
 from cosim.hinf import auv_system, check_certificate, design, greatest_delay
 from cosim.hinf.certificate import Place, conditions, fixed_at, gamma_floor
 from cosim.hinf.exact import exact, exact_matrix
@@ -25,8 +25,7 @@ from cosim.hinf.lmi import Answer, Problem, in_cvxpy, refute
 from cosim.hinf.problem import DEFAULT_K1, DEFAULT_K2, with_delays
 from cosim.hinf.synthesis import delay_by_theorem_2
 from cosim.hinf.theorems import Scalars, minus_omega, products, rates_from_rows, shapes_of
-from cosim.models import paper_example
-from cosim.models.delay_system import Delay, DelaySystem
+from cosim.models import Delay, DelaySystem, paper_example
 
 Array = NDArray[np.float64]
 

@@ -10,7 +10,7 @@ import matplotlib as mpl
 import numpy as np
 import pytest
 
-from cosim.core.errors import InputError
+from cosim.core import InputError
 from cosim.hinf import (
     Delay,
     DelaySystem,

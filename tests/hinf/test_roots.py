@@ -7,12 +7,11 @@ import numpy as np
 import pytest
 from scipy.special import lambertw
 
-from cosim.core.errors import InputError
+from cosim.core import InputError
 from cosim.hinf import characteristic_roots, spectral_abscissa
 from cosim.hinf.nominal import ClosedLoop, close
 from cosim.hinf.nominal.roots import roots_right_of
-from cosim.models import paper_example
-from cosim.models.delay_system import Delay, DelaySystem
+from cosim.models import Delay, DelaySystem, paper_example
 
 
 def benchmark(d: float) -> ClosedLoop:

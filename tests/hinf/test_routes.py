@@ -16,7 +16,7 @@ from shared import sampled, share_of
 from truth_of_loops import loop_of, norm
 from varied_systems import FRIDMAN_SHAKED, NOMOTO_SHIP, chain, varied_system
 
-from cosim.core.errors import InputError, NotAchievableError
+from cosim.core import InputError, NotAchievableError
 from cosim.hinf import as_cvxpy, auv_system, check_certificate, design
 from cosim.hinf.lmi import Answer, Problem, scaling_of
 from cosim.hinf.lmi.loop_units import own_units

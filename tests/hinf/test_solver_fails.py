@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ from broken_solvers import break_all, break_clarabel
 from cli.shell import cosim
 from shared import sampled
 
-from cosim.core.errors import NotAchievableError
+from cosim.core import NotAchievableError
 from cosim.hinf import (
     Analysis,
     analyse,
@@ -23,8 +24,17 @@ from cosim.hinf import (
     design,
     greatest_delay,
 )
-from cosim.hinf.lmi import proved_peak_control
-from cosim.hinf.lmi.solver_status import FAILED, count, not_found, solver_words, status_of
+from cosim.hinf.lmi import (
+    FAILED,
+    Constraint,
+    Solution,
+    not_found,
+    proved_peak_control,
+    solve,
+    solver_words,
+    widest_margin,
+)
+from cosim.hinf.lmi.solver_status import count, status_of
 from cosim.hinf.problem import DEFAULT_K1, DEFAULT_K2, design_constraints_of, with_delays
 from cosim.hinf.synthesis.decay_search import proved_decay
 from cosim.hinf.synthesis.theorem_2 import checked_scalars
@@ -139,6 +149,20 @@ def test_the_vehicle_at_half_a_second_and_three(tmp_path: Path) -> None:
     proof = check_certificate(json.loads((tmp_path / "r.json").read_text("utf-8")))
     assert proof.valid
     assert proof.claim["gamma"] == "20"
+
+
+def test_a_point_with_a_margin_is_tried_though_the_solver_fails() -> None:
+    """Whatever it says of its last point: the proof decides. A point without one is left."""
+
+    def failing(constraints: Any, q: Any, *, tolerance: float) -> Solution:
+        return replace(solve(constraints, q, tolerance=tolerance), status="failed")
+
+    above = Constraint(1, np.zeros(1), np.ones((1, 1)))  # y >= 0, and y at most the bound
+    found = widest_margin([above], [above], 1e3, solver=failing)
+    assert found is not None
+    assert found[0] == pytest.approx(1.0, rel=1e-6)
+    below = Constraint(1, -np.ones(1), np.zeros((1, 1)))  # -1 >= 0
+    assert widest_margin([below], [above], 1e3, solver=failing) is None
 
 
 def test_words_for_each_status() -> None:

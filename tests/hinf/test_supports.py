@@ -14,14 +14,14 @@ from shared import sampled
 from truth_of_ages import gain_over_patterns, period_radius
 from truth_of_loops import abscissa, loop_of, norm
 
-from cosim.core.errors import InputError
+from cosim.core import InputError
 from cosim.hinf import analyse, auv_system, check_certificate
 from cosim.hinf.certificate import loop_to_json, standalone
 from cosim.hinf.certificate.standalone_numbers import RefusedError
 from cosim.hinf.lmi import Condition
 from cosim.hinf.synthesis import conditions
 from cosim.hinf.theorems import Support, supports_of
-from cosim.models.delay_system import Delay, DelaySystem
+from cosim.models import Delay, DelaySystem
 
 VEHICLE_GAIN = np.hstack([-0.06 * np.eye(4), -0.53 * np.eye(4)])
 

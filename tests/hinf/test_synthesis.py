@@ -7,12 +7,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cosim.core.errors import InputError, NotAchievableError
+from cosim.core import InputError, NotAchievableError
 from cosim.hinf import analyse, auv_system, check_certificate, design, greatest_delay
 from cosim.hinf.problem import DEFAULT_K1, DEFAULT_K2
 from cosim.hinf.synthesis import theorem_2
-from cosim.models import paper_example
-from cosim.models.delay_system import Delay, DelaySystem
+from cosim.models import Delay, DelaySystem, paper_example
 
 
 def test_section_5_is_certified_close_above_its_least_gamma() -> None:

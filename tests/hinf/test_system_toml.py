@@ -11,13 +11,11 @@ import pytest
 from hypothesis import given, strategies as st
 from hypothesis.extra import numpy as hnp
 
-from cosim.core import parse_toml
-from cosim.core.errors import InputError
+from cosim.core import InputError, parse_toml
 from cosim.hinf.certificate import system_from_json, system_to_json
 from cosim.hinf.certificate.system_parts import MATRICES
 from cosim.hinf.problem import load_system, system_from_toml
-from cosim.models import paper_example
-from cosim.models.delay_system import Delay, DelaySystem
+from cosim.models import Delay, DelaySystem, paper_example
 
 PAPER = """
 [system]

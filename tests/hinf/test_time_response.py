@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from truth_of_late_loops import LateLoop
 
-from cosim.core.errors import InputError
+from cosim.core import InputError
 from cosim.hinf import Delay, DelaySystem, lti
 from cosim.hinf.response import dead_time, feedback, parallel
 from cosim.models import DelayLine

@@ -10,7 +10,7 @@ import pytest
 
 from cosim.hinf import Design, auv_system, check_certificate, design
 from cosim.hinf.problem import DEFAULT_ENVELOPE, DEFAULT_K1, DEFAULT_K2
-from cosim.models.auv import TABLE_1, inertia, thrust_map, vehicle_derivatives
+from cosim.models import TABLE_1, inertia, thrust_map, vehicle_derivatives
 
 OFFSET = (1.0, 1.0, 0.6, 0.15, 0.0, 0.0, 0.0, 0.0)
 """Where a flight may start [m, m, m, rad, m/s, ...]."""

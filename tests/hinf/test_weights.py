@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cosim.core.errors import InputError
+from cosim.core import InputError
 from cosim.hinf import DelaySystem, design
 from cosim.hinf.problem import weighted
 from cosim.models import paper_example

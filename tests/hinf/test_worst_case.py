@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cosim.core.errors import InputError
+from cosim.core import InputError
 from cosim.hinf import DelaySystem, characteristic_roots, hinf_norm, system_by_name
 from cosim.hinf.nominal import ClosedLoop, close, gain_at, worst_case, worst_uncertainty
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.linalg import eigvals
 from scipy.optimize import brentq, minimize_scalar
 
-from cosim.models.delay_system import DelaySystem
+from cosim.models import DelaySystem
 
 Array = NDArray[np.float64]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cosim.models.delay_system import Delay, DelaySystem
+from cosim.models import Delay, DelaySystem
 
 FRIDMAN_SHAKED = DelaySystem(
     [[0, 0], [0, 1]],

@@ -21,7 +21,7 @@ from hostile.runs import STEPS, Interrupt, run_row
 from shared import sampled, share_of
 from study.deadly import DEADLY, U, folder, truth
 
-from cosim.study.table import read_table
+from cosim.study import read_table
 from cosim.trace import Trace
 
 SAMPLE = (

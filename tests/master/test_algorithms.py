@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scalar import ns, scalar_fmu, scalars
 
-from cosim.core.errors import InputError
+from cosim.core import InputError
 from cosim.master import EngineName, simulate
 from cosim.network import PacketLink, TransportLink
 

@@ -15,7 +15,7 @@ from mixed import mixed_fmu
 
 import cosim.master.engine as engine_module
 import cosim.master.kernel as kernel_module
-from cosim.core.errors import InputError
+from cosim.core import InputError
 from cosim.fmu import compiled_library, describe_fmu
 from cosim.master import (
     Component,
@@ -25,11 +25,11 @@ from cosim.master import (
     Observer,
     Run,
     System,
+    load_kernel,
     make_schedule,
     simulate,
 )
 from cosim.master.engine import choose_engine
-from cosim.master.kernel import load_kernel
 from cosim.network import Jitter, PacketLink, TransportLink
 
 ENGINES: tuple[EngineName, EngineName] = ("python", "kernel")

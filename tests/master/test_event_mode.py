@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from events import event_fmu
 
-from cosim.core.errors import InputError
+from cosim.core import InputError
 from cosim.fmu import describe_fmu
 from cosim.master import (
     Component,

@@ -9,7 +9,7 @@ import pytest
 from hostile.hostile_fmu import hostile_fmu, misbehaviour
 from scalar import end, ns
 
-from cosim.core.errors import ComponentError
+from cosim.core import ComponentError
 from cosim.fmu import describe_fmu
 from cosim.master import (
     Component,

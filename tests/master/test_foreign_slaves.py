@@ -12,10 +12,11 @@ import numpy as np
 import pytest
 from foreign.c_fmu import c_fmu, every, talker
 
-from cosim.core.errors import InputError
+from cosim.core import InputError
 from cosim.fmu import FmuDescription, describe_fmu
 from cosim.master import (
     Component,
+    ComponentInstance,
     Connection,
     Endpoint,
     LogLevel,
@@ -25,7 +26,6 @@ from cosim.master import (
     make_schedule,
     simulate,
 )
-from cosim.master.component_instance import ComponentInstance
 from cosim.network import PacketLink, TransportLink
 from cosim.trace import Trace, TraceWriter
 

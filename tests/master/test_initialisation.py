@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from scalar import scalar_fmu, scalars
 
-from cosim.core.errors import ComponentError
+from cosim.core import ComponentError
 from cosim.master import EngineName, Session, simulate
 
 

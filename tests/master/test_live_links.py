@@ -14,7 +14,7 @@ import pytest
 from coupled import rewritten
 from scalar import end, ns, scalar_fmu, scalars
 
-from cosim.core.errors import InputError
+from cosim.core import InputError
 from cosim.master import DelaySource, EngineName, Run, Session, Snapshot, System, simulate
 from cosim.network import DelayProfile, DelaySignal, Jitter, PacketLink, TransportLink
 

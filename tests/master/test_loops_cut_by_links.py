@@ -10,7 +10,7 @@ import pytest
 from loops import ENGINES, LOOP, PAIR, POINTS, STEP, STOP, advanced, declared, output, settled
 from scalar import end, ns, scalars
 
-from cosim.core.errors import InputError
+from cosim.core import InputError
 from cosim.master import DelaySource, EngineName, receiving_order, simulate
 from cosim.network import DelayProfile, DelaySignal, PacketLink, TransportLink
 

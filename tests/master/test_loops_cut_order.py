@@ -13,7 +13,7 @@ import pytest
 from loops import LOOP, PAIR, STEP, STOP, declared, undeclared
 from scalar import end, ns, scalars
 
-from cosim.core.errors import InputError
+from cosim.core import InputError
 from cosim.fmu import describe_fmu
 from cosim.master import Component, Connection, System, make_schedule, receiving_order
 

@@ -7,7 +7,7 @@ import pytest
 from loops import ENGINES, LOOP, PAIR, STEP, STOP, declared, settled
 from scalar import end, ns, scalars
 
-from cosim.core.errors import ComponentError, InputError
+from cosim.core import ComponentError, InputError
 from cosim.master import DelaySource, EngineName, Session, simulate
 from cosim.network import DelayProfile, DelaySignal, PacketLink, TransportLink
 

@@ -11,7 +11,7 @@ from foreign.c_fmu import c_fmu, every
 from loops import ENGINES, LOOP, PAIR, POINTS, STEP, STOP, advanced, cut_at_p, declared, undeclared
 from scalar import end, ns, scalars
 
-from cosim.core.errors import InputError
+from cosim.core import InputError
 from cosim.fmu import describe_fmu
 from cosim.master import (
     Component,

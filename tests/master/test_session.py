@@ -11,7 +11,7 @@ import pytest
 from coupled import rewritten
 from scalar import end, ns, scalar_fmu, scalars
 
-from cosim.core.errors import ComponentError, InputError
+from cosim.core import ComponentError, InputError
 from cosim.master import (
     DelaySource,
     EngineName,

@@ -19,7 +19,7 @@ from foreign.c_fmu import c_fmu, every
 from hostile.hostile_fmu import hostile_fmu, misbehaviour
 from scalar import end, ns, scalar_fmu, scalars
 
-from cosim.core.errors import ComponentError, InputError, LossError
+from cosim.core import ComponentError, InputError, LossError
 from cosim.fmu import describe_fmu
 from cosim.master import (
     Component,

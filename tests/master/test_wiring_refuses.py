@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from coupled import end, ns, rewritten, section_5, system
 
-from cosim.core.errors import InputError
+from cosim.core import InputError
 from cosim.fmu import describe_fmu
 from cosim.master import Component, Endpoint, make_schedule, simulate
 from cosim.network import PacketLink, TransportLink

@@ -11,15 +11,15 @@ import numpy as np
 import pytest
 import symengine
 
-from cosim.models.auv import (
+from cosim.models import (
     STATE,
     TABLE_1,
-    hydrodynamic_force,
     inertia,
     thrust_map,
     vehicle_derivatives,
     velocity_coefficients,
 )
+from cosim.models.auv import hydrodynamic_force
 
 PARAMETERS = {**TABLE_1, **{f"damping.{axis}": 0.04 + 0.01 * i for i, axis in enumerate("uvwr")}}
 

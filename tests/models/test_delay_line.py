@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from truth.dde import Hold, solve
 
-from cosim.models.delay_line import DelayLine
+from cosim.models import DelayLine
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cosim.models import paper_example
-from cosim.models.delay_system import Delay, DelaySystem
+from cosim.models import Delay, DelaySystem, paper_example
 
 I2 = np.eye(2)
 

@@ -9,9 +9,14 @@ import numpy as np
 import pytest
 import symengine
 
-from cosim.models import paper_example
-from cosim.models.delayed_linear import linear_derivatives, linear_output, product
-from cosim.models.feedback import clamped_command, feedback_command
+from cosim.models import (
+    clamped_command,
+    feedback_command,
+    linear_derivatives,
+    linear_output,
+    paper_example,
+    product,
+)
 
 LETTERS = ("A", "A1", "B", "C", "D", "D1", "D2", "E", "H", "H1")
 

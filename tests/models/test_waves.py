@@ -11,20 +11,8 @@ from hypothesis import given, strategies as st
 from scipy.integrate import quad
 from scipy.linalg import expm
 
-from cosim.models.waves import (
-    GRAVITY,
-    HIGHEST,
-    LOWEST,
-    Component,
-    Gains,
-    accelerations,
-    at_depth,
-    discretise,
-    gains,
-    sea,
-    splitmix64,
-    uniforms,
-)
+from cosim.models import GRAVITY, Component, Gains, accelerations, at_depth, gains, sea
+from cosim.models.waves import HIGHEST, LOWEST, discretise, splitmix64, uniforms
 
 ALONG_ONLY = Gains(1.0, 0.0, 0.0, 0.0)
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from cosim.core.errors import InputError
+from cosim.core import InputError
 from cosim.network import (
     MAX_NS,
     DelayProfile,

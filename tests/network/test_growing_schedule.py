@@ -24,7 +24,7 @@ from test_link_exact import (
     same,
 )
 
-from cosim.core.errors import InputError
+from cosim.core import InputError
 from cosim.network import (
     REASONS,
     DelayProfile,

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from cosim.core.errors import InputError
+from cosim.core import InputError
 from cosim.network import (
     DelayProfile,
     DelaySignal,

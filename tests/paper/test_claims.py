@@ -9,13 +9,14 @@ import numpy as np
 import pytest
 from scipy import optimize
 
+from cosim.paper import How, Row, Verdict
 from cosim.paper.exact import Draw, inverse, is_positive, is_zero, schur
 from cosim.paper.lemmas import lemma_3_counterexample, lemma_rows
 from cosim.paper.misprints import COUNTEREXAMPLES, accepts, margin, misprint_rows
 from cosim.paper.model import agrees, model_rows
 from cosim.paper.omega import CORRECTED, PRINTED, Reading
 from cosim.paper.proof_2 import differing_blocks, drawn_proof
-from cosim.paper.row import SECTIONS, How, Row, Verdict
+from cosim.paper.row import SECTIONS
 from cosim.paper.theorem_1 import drawn_loop, functional_form, printed_pi, theorem_1_rows, theta
 from cosim.paper.theorem_2 import theorem_2_rows
 

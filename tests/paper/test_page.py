@@ -15,16 +15,15 @@ from cli.shell import cosim as command
 from rich.console import Console
 
 import cosim.paper
-from cosim.core.errors import InputError
+from cosim.core import InputError
 from cosim.models import paper_example as example
-from cosim.paper import Report, Row, Verdict
+from cosim.paper import Report, Row, Verdict, page, paper_view
 from cosim.paper.every_delay import every_delay
 from cosim.paper.figures import curves, figure_rows
-from cosim.paper.html_page import page, typeset
+from cosim.paper.html_page import typeset
 from cosim.paper.lemmas import lemma_rows
 from cosim.paper.row import EXAMPLE, SECTIONS
 from cosim.paper.table_2 import table_2, table_rows
-from cosim.paper.view import paper_view
 
 VOID = {"meta", "col", "img", "br"}
 

@@ -11,12 +11,11 @@ from truth.dde import solve
 from cosim.hinf import hinf_norm
 from cosim.hinf.nominal import ClosedLoop, close
 from cosim.hinf.problem import with_delays
-from cosim.models import paper_example as example
-from cosim.models.delay_system import Delay, DelaySystem
+from cosim.models import Delay, DelaySystem, paper_example as example
+from cosim.paper import Verdict
 from cosim.paper.every_delay import every_delay
 from cosim.paper.example import largest_radius
 from cosim.paper.figures import curves, figure_rows
-from cosim.paper.row import Verdict
 from cosim.paper.simulation import simulate
 from cosim.paper.table_2 import direct_term, table_2
 

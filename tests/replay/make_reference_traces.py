@@ -14,10 +14,7 @@ import tempfile
 from pathlib import Path
 from unittest.mock import patch
 
-from cosim.scenario.execute import execute_run
-from cosim.scenario.fmu_cache import FmuCache
-from cosim.scenario.preparation import prepare
-from cosim.scenario.read import load, parse
+from cosim.scenario import FmuCache, execute_run, load, parse, prepare
 
 FOLDER = Path(__file__).parents[2] / "traces" / "reference"
 ENDS = {

@@ -233,7 +233,7 @@ def test_a_new_transport_link(tmp_path: Path) -> None:
 
 def test_a_link_of_a_scenario_file(tmp_path: Path) -> None:
     """[links.NAME] of any scenario; without loss and order it is the schedule's own delays."""
-    from cosim.scenario.read import load  # noqa: PLC0415
+    from cosim.scenario import load  # noqa: PLC0415
 
     text = load("auv-acoustic").text.replace("loss = 0.05", "loss = 1.0")
     (tmp_path / "deaf.toml").write_text(text)

@@ -16,11 +16,7 @@ from shared import fmu_store
 from cosim.hinf import design_from_json
 from cosim.replay import rerun
 from cosim.replay.trace_attachments import worst_case_in
-from cosim.scenario.execute import execute_run
-from cosim.scenario.fmu_cache import FmuCache
-from cosim.scenario.gain import problem_of
-from cosim.scenario.preparation import prepare
-from cosim.scenario.read import parse
+from cosim.scenario import FmuCache, execute_run, parse, prepare, problem_of
 from cosim.trace import DESIGN_ATTACHMENT, SCENARIO_ATTACHMENT, Trace
 
 KEPT = sorted(Path(__file__).parents[2].joinpath("traces", "reference").glob("*.mcap"))

@@ -10,10 +10,7 @@ import numpy as np
 import pytest
 
 from cosim.master import Run
-from cosim.scenario.execute import execute_unrecorded
-from cosim.scenario.fmu_cache import FmuCache
-from cosim.scenario.preparation import prepare
-from cosim.scenario.read import LoadedScenario, parse
+from cosim.scenario import FmuCache, LoadedScenario, execute_unrecorded, parse, prepare
 
 SCENARIO = """\
 title = "Pushed for two seconds"

@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from cosim.core.errors import InputError
-from cosim.scenario.binding import Meaning, bind, formula
-from cosim.scenario.expression import Expression, ExpressionError
+from cosim.core import InputError
+from cosim.scenario import ExpressionError, formula
+from cosim.scenario.binding import Meaning, bind
+from cosim.scenario.expression import Expression
 from cosim.scenario.functions import OF_SIGNALS
 from cosim.scenario.quantity import Dimension, QuantityError, dimension, parse_quantity
 from cosim.scenario.values import value_in

@@ -13,7 +13,7 @@ from cosim import Scenario
 from cosim.core import InputError
 from cosim.scenario import load, open_source
 from cosim.scenario.copies import written_out
-from cosim.study.schema import Study
+from cosim.study import Study
 from cosim.study.varied import Variations
 
 TEXT = (SCENARIOS / "valid" / "copies.toml").read_text("utf-8")

@@ -7,9 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cosim.core.errors import NotAchievableError
-from cosim.models.delay_system import Delay, DelaySystem
-from cosim.scenario.gain import Problem, solve
+from cosim.core import NotAchievableError
+from cosim.models import Delay, DelaySystem
+from cosim.scenario import Problem
+from cosim.scenario.gain import solve
 from cosim.scenario.guarantee.claim import covers_plant_delays
 
 

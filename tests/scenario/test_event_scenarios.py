@@ -11,7 +11,7 @@ from master.events import event_fmu
 from shared import fmu_store
 
 from cosim.cli.runs import make_fmu_cache
-from cosim.core.errors import InputError
+from cosim.core import InputError
 from cosim.master import Limits
 from cosim.scenario import FmuCache, Outcome, Supervision, execute_run, load, prepare
 from cosim.trace import Trace, diff, verify

@@ -32,18 +32,14 @@ from cosim.network import (
     Recording,
     TransportLink,
 )
+from cosim.scenario import FmuCache, Problem, execute_run, load, prepare, problem_of
 from cosim.scenario.age import AgeMeasure, MeasuredAges
-from cosim.scenario.execute import execute_run
 from cosim.scenario.feedback_age import FeedbackAge, feedback_age
-from cosim.scenario.fmu_cache import FmuCache
-from cosim.scenario.gain import Problem, problem_of, solve, with_known_age
+from cosim.scenario.gain import solve, with_known_age
 from cosim.scenario.guarantee.ages import FedBack, feedback_findings
 from cosim.scenario.measure import measured
-from cosim.scenario.preparation import prepare
-from cosim.scenario.read import load
 from cosim.scenario.schema import DesignPart
-from cosim.trace import describe, render
-from cosim.trace.outcome.verdict import assumptions_of
+from cosim.trace import assumptions_of, describe, render
 
 STEP = ns(0.05)
 UP = [("plant.eta.x", "controller.eta.x"), ("plant.nu.u", "controller.nu.u")]

@@ -11,7 +11,7 @@ from cli.shell import BUILT_IN, cosim
 from outcomes.ways import log_of
 from shared import fmu_store, made_once
 
-from cosim.scenario.read import builtin_names, load
+from cosim.scenario import builtin_names, load
 from cosim.trace import CONCLUSION, Trace, describe, outcome_of, verify
 from cosim.trace.outcome.verdict import status_of
 

@@ -18,12 +18,16 @@ from cosim import hinf
 from cosim.cli.runs import exit_with
 from cosim.core import InputError
 from cosim.hinf.certificate import AGE_FROM, standalone
-from cosim.scenario.execute import execute_recorded, execute_unrecorded
-from cosim.scenario.fmu_cache import FmuCache
+from cosim.scenario import (
+    FmuCache,
+    execute_recorded,
+    execute_unrecorded,
+    load,
+    parse,
+    prepare,
+    supervision_of,
+)
 from cosim.scenario.guarantee.claim import AGE_RULES, GUARANTEES, KINDS, age_rule
-from cosim.scenario.preparation import prepare
-from cosim.scenario.read import load, parse
-from cosim.scenario.supervision import supervision_of
 from cosim.trace import RunOutcome, assumptions_of, describe, guarantee_of
 
 ROOT = Path(hinf.__file__).parents[2]

@@ -18,8 +18,8 @@ from hostile.hostile_fmu import hostile_fmu
 from shared import sampled
 from ssp.archives import component, ssd
 
-from cosim.core.errors import InputError
-from cosim.scenario.python_api import open_session
+from cosim.core import InputError
+from cosim.scenario import open_session
 from cosim.study import run_study
 
 SCENARIO = """

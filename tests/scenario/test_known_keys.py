@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from cosim.core import InputError
-from cosim.scenario.read import load
+from cosim.scenario import load
 
 
 @pytest.mark.parametrize(

@@ -13,11 +13,9 @@ import tomli_w
 
 from cosim import hinf
 from cosim.models import Measurement
+from cosim.scenario import FmuCache, parse, prepare
 from cosim.scenario.execute import assembled_system, loop_beside_design
-from cosim.scenario.fmu_cache import FmuCache
 from cosim.scenario.guarantee.ages import command_findings
-from cosim.scenario.preparation import prepare
-from cosim.scenario.read import parse
 
 Data = dict[str, Any]
 

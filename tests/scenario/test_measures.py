@@ -23,24 +23,30 @@ from cosim.core import Findings
 from cosim.hinf import auv_system
 from cosim.hinf.problem import AuvDesignSettings
 from cosim.master import Run, System
-from cosim.scenario import Outcome, measure as measures_module
+from cosim.scenario import (
+    BoundExpression,
+    FmuCache,
+    LoadedScenario,
+    Outcome,
+    Scenario,
+    builtin_names,
+    execute_unrecorded,
+    load,
+    measure as measures_module,
+    prepare,
+)
 from cosim.scenario.age import AgeMeasure
 from cosim.scenario.assertions import AssertionsMeasure, bind_assertions
-from cosim.scenario.binding import BoundExpression
 from cosim.scenario.coupling import CouplingMeasure
 from cosim.scenario.cut_delays import CutMeasure
 from cosim.scenario.envelope import LargestMagnitudes
 from cosim.scenario.events import AssertionPart
-from cosim.scenario.execute import assembled_system, execute_unrecorded
+from cosim.scenario.execute import assembled_system
 from cosim.scenario.final_values import LastOutputs
-from cosim.scenario.fmu_cache import FmuCache
 from cosim.scenario.limits import Saturation, SaturationMeasure
 from cosim.scenario.measure import Measure, measured
 from cosim.scenario.performance import GainMeasure, binding_for
-from cosim.scenario.preparation import prepare
-from cosim.scenario.read import LoadedScenario, builtin_names, load
 from cosim.scenario.run_measures import RunMeasures
-from cosim.scenario.schema import Scenario
 
 SYSTEMS = 200
 VEHICLE = auv_system(AuvDesignSettings())

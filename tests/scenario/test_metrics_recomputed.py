@@ -9,12 +9,8 @@ import pytest
 from cli.shell import shared_run, trace_of
 from shared import fmu_store
 
-from cosim.models.auv import STATE, TABLE_1, thrust_map
-from cosim.scenario.execute import execute_run
-from cosim.scenario.fmu_cache import FmuCache
-from cosim.scenario.gain import problem_of
-from cosim.scenario.preparation import prepare
-from cosim.scenario.read import LoadedScenario, load, parse
+from cosim.models import STATE, TABLE_1, thrust_map
+from cosim.scenario import FmuCache, LoadedScenario, execute_run, load, parse, prepare, problem_of
 from cosim.trace import Table, Trace
 
 FORCE = ("force.x", "force.y", "force.z", "moment.z")

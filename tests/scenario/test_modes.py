@@ -14,11 +14,7 @@ from cli.shell import cosim
 
 from cosim import open_session
 from cosim.core import InputError
-from cosim.scenario.execute import execute_unrecorded
-from cosim.scenario.fmu_cache import FmuCache
-from cosim.scenario.preparation import prepare
-from cosim.scenario.read import load, parse
-from cosim.scenario.run_series import RunSeries
+from cosim.scenario import FmuCache, RunSeries, execute_unrecorded, load, parse, prepare
 from cosim.trace import Trace
 
 MISSION = """\

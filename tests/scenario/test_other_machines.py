@@ -19,7 +19,7 @@ import pytest
 from cli.shell import cosim
 from shared import share_of
 
-from cosim.scenario.read import builtin_names
+from cosim.scenario import builtin_names
 
 # of NumPy up to 2.3, and of later ones
 _AVX512 = (

@@ -14,18 +14,24 @@ import pytest
 from cli.shell import cosim
 
 from cosim import hinf
-from cosim.core.errors import InputError
-from cosim.fmu.export.catalogue import CATALOGUE
+from cosim.core import InputError
+from cosim.fmu import CATALOGUE
 from cosim.hinf import check_certificate, design_from_json, system_by_name
 from cosim.hinf.certificate import certificate_bytes
-from cosim.scenario.execute import execute_unrecorded
-from cosim.scenario.extend import open_source
-from cosim.scenario.fmu_cache import FmuCache
-from cosim.scenario.preparation import PreparedScenario, prepare
-from cosim.scenario.python_api import open_session, run
-from cosim.scenario.read import builtin_names, load, loaded_of, with_settings
-from cosim.study.read import builtin_studies, load_study
-from cosim.study.schema import Study
+from cosim.scenario import (
+    FmuCache,
+    PreparedScenario,
+    builtin_names,
+    execute_unrecorded,
+    load,
+    open_session,
+    open_source,
+    prepare,
+    run,
+    with_settings,
+)
+from cosim.scenario.read import loaded_of
+from cosim.study import Study, builtin_studies, load_study
 from cosim.study.varied import Variations
 
 DESIGNS = Path(str(files("cosim.scenario").joinpath("library", "designs")))

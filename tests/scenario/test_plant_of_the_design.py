@@ -12,11 +12,16 @@ import pytest
 from cosim import hinf
 from cosim.core import InputError
 from cosim.models import TABLE_1, inertia
-from cosim.scenario.execute import execute_unrecorded
-from cosim.scenario.fmu_cache import FmuCache
-from cosim.scenario.plant import design_settings_for, parameters_of_plant
-from cosim.scenario.preparation import PreparedScenario, prepare
-from cosim.scenario.read import LoadedScenario, parse
+from cosim.scenario import (
+    FmuCache,
+    LoadedScenario,
+    PreparedScenario,
+    execute_unrecorded,
+    parameters_of_plant,
+    parse,
+    prepare,
+)
+from cosim.scenario.plant import design_settings_for
 
 SCENARIO = """\
 title = "Two seconds"

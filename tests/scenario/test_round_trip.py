@@ -14,15 +14,22 @@ import tomli_w
 from cli.shell import SCENARIOS, cosim
 from hypothesis import HealthCheck, given, settings, strategies as st
 
-from cosim.core.errors import CosimError
-from cosim.scenario.check import problems_of, schema_problems
-from cosim.scenario.editor_schema import json_schema
-from cosim.scenario.execute import execute_run
-from cosim.scenario.extend import open_source, source_of
-from cosim.scenario.fmu_cache import FmuCache
-from cosim.scenario.preparation import prepare
-from cosim.scenario.read import builtin_names, load, of_scenario, parse
-from cosim.scenario.schema import Scenario
+from cosim.core import CosimError
+from cosim.scenario import (
+    FmuCache,
+    Scenario,
+    builtin_names,
+    execute_run,
+    json_schema,
+    load,
+    open_source,
+    parse,
+    prepare,
+    problems_of,
+)
+from cosim.scenario.check import schema_problems
+from cosim.scenario.extend import source_of
+from cosim.scenario.read import of_scenario
 
 VALID = sorted(map(str, (SCENARIOS / "valid").glob("*.toml")))
 EVERY = [*builtin_names(), *VALID]

@@ -10,17 +10,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from cosim.core.errors import InputError
+from cosim.core import InputError
 from cosim.master import Run
 from cosim.network import standard_normal
+from cosim.scenario import FmuCache, execute_unrecorded, parse, prepare
 from cosim.scenario.binding import Meaning, bind
 from cosim.scenario.computed import ComputedTable
-from cosim.scenario.execute import execute_unrecorded
 from cosim.scenario.expression import Expression
-from cosim.scenario.fmu_cache import FmuCache
-from cosim.scenario.preparation import prepare
 from cosim.scenario.quantity import dimension
-from cosim.scenario.read import parse
 
 Reals = NDArray[np.float64]
 

@@ -15,10 +15,9 @@ import numpy as np
 import pytest
 from fed import blocks_of_one, fed
 
-from cosim.fmu import component_module, describe_fmu
-from cosim.fmu.export.build import build_fmu
+from cosim.fmu import build_fmu, component_module, describe_fmu
 from cosim.master import Component, Connection, Endpoint, Run, System, make_schedule, simulate
-from cosim.models.auv import STATE
+from cosim.models import STATE
 from cosim.scenario.limits import Saturation, SaturationMeasure, saturation
 
 S = 10**9

@@ -13,7 +13,7 @@ from master.scalar import scalar_fmu
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
-from cosim.core.errors import InputError
+from cosim.core import InputError
 from cosim.scenario import FmuCache, StepCheck, check_step, parse, prepare, run
 from cosim.trace import Trace
 

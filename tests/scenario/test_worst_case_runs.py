@@ -13,10 +13,7 @@ from cli.shell import cosim, shared_run, trace_of
 from truth.dde import solve
 
 from cosim.hinf import check_certificate, system_by_name
-from cosim.scenario.execute import execute_run as execute_prepared
-from cosim.scenario.fmu_cache import FmuCache
-from cosim.scenario.preparation import prepare
-from cosim.scenario.read import load, parse
+from cosim.scenario import FmuCache, execute_run as execute_prepared, load, parse, prepare
 from cosim.trace import Trace
 
 PRINTED = np.array([[0.6432, -0.5679]])

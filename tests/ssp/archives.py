@@ -10,10 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.master import Run, simulate
-from cosim.scenario.fmu_cache import FmuCache
-from cosim.scenario.preparation import prepare
-from cosim.scenario.read import LoadedScenario, parse
-from cosim.scenario.ssp.export import Links, SspExport, export_ssp, system_of
+from cosim.scenario import FmuCache, LoadedScenario, SspExport, export_ssp, parse, prepare
+from cosim.scenario.ssp.export import Links, system_of
 
 SPACES = " ".join(
     f'xmlns:{prefix}="http://ssp-standard.org/SSP1/SystemStructure{name}"'

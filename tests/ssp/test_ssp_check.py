@@ -13,8 +13,8 @@ from typer.testing import CliRunner
 
 from cosim.cli.application import app
 from cosim.core import InputError
-from cosim.scenario.ssp.check import check_ssp
-from cosim.scenario.ssp.tool_rules import RULES, SSP_TOOLS, SspTool
+from cosim.scenario import SSP_TOOLS, SspTool, check_ssp
+from cosim.scenario.ssp.tool_rules import RULES
 
 SOURCE = "resources/p.fmu"
 OMS = (

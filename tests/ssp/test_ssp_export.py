@@ -12,10 +12,9 @@ from fmpy.ssp.ssd import find_components, read_ssd
 from lxml import etree
 from ssp.archives import LINKED, execute_scenario, export, loaded, signals
 
-from cosim.core.errors import InputError
-from cosim.fmu.inspect import inspect_fmu
-from cosim.scenario.read import load
-from cosim.scenario.ssp.importing import import_ssp
+from cosim.core import InputError
+from cosim.fmu import inspect_fmu
+from cosim.scenario import import_ssp, load
 from cosim.scenario.ssp.names import NAMESPACES, OWN
 
 NAMES = ("plant.x[1]", "plant.x[2]", "plant.z[1]", "controller.u[1]")

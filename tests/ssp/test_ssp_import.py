@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 from ssp.archives import component, connection, execute_scenario, loaded, signals, ssd, write
 
-from cosim.core.errors import InputError
-from cosim.scenario.read import load
-from cosim.scenario.ssp.importing import import_ssp
+from cosim.core import InputError
+from cosim.scenario import import_ssp, load
 
 EXPERIMENT = '<ssd:DefaultExperiment startTime="0" stopTime="1.5"/>\n'
 UNITS = (

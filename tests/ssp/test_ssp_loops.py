@@ -11,11 +11,7 @@ from cli.shell import cosim
 from master.scalar import scalar_fmu
 from ssp.archives import component, connection, execute_scenario, loaded, ssd, write
 
-from cosim.scenario.fmu_cache import FmuCache
-from cosim.scenario.preparation import prepare
-from cosim.scenario.read import load
-from cosim.scenario.ssp.export import export_ssp
-from cosim.scenario.ssp.importing import import_ssp
+from cosim.scenario import FmuCache, export_ssp, import_ssp, load, prepare
 
 EXPERIMENT = '<ssd:DefaultExperiment startTime="0" stopTime="1"/>\n'
 LOOP = (("p:y", "q:u"), ("q:y", "p:u"))

@@ -21,14 +21,10 @@ from ssp.archives import (
     write,
 )
 
-from cosim.core.errors import InputError
-from cosim.fmu.export.catalogue import CATALOGUE
-from cosim.scenario.fmu_cache import FmuCache
-from cosim.scenario.preparation import prepare
-from cosim.scenario.read import load
+from cosim.core import InputError
+from cosim.fmu import CATALOGUE
+from cosim.scenario import FmuCache, export_ssp, import_ssp, load, prepare
 from cosim.scenario.ssp.archive import Archive
-from cosim.scenario.ssp.export import export_ssp
-from cosim.scenario.ssp.importing import import_ssp
 from cosim.scenario.ssp.names import NAMESPACES, SSD, identifiers
 from cosim.scenario.ssp.parameters import BoundValue, bound_values, values_for
 from cosim.scenario.ssp.units import UnitBase

@@ -12,9 +12,9 @@ from typing import Any
 from hostile.hostile_fmu import hostile_fmu, misbehaviour
 from shared import made_once
 
-from cosim.scenario.read import parse
-from cosim.study.plan import Plan, make_plan
-from cosim.study.schema import Study
+from cosim.scenario import parse
+from cosim.study import Plan, Study
+from cosim.study.plan import make_plan
 from cosim.study.study_runner import BaseScenario
 
 STEP, STEPS = 0.1, 20

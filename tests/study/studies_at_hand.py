@@ -14,11 +14,10 @@ from typing import Any
 from shared import made_once
 from study.deadly import base, study
 
-from cosim.scenario.read import parse
-from cosim.study.execution import execute_study
+from cosim.scenario import parse
+from cosim.study import Study, execute_study
 from cosim.study.folder import RESULTS
 from cosim.study.plan import make_plan
-from cosim.study.schema import Study
 from cosim.study.study_runner import BaseScenario
 
 _PARAMETERS = "components.tiny.parameters"

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from cosim.core.errors import InputError
+from cosim.core import InputError
 from cosim.master import Run
+from cosim.study import Metric
 from cosim.study.measurement import measure, needs_zero_state_run
-from cosim.study.schema import Metric
 
 T = np.linspace(0.0, 20.0, 4001)
 

@@ -15,15 +15,11 @@ import pytest
 from scipy import stats
 from study.deadly import STEP, STEPS, U, plan
 
-from cosim.core.errors import ComponentError, InputError
-from cosim.study.execution import execute_study
+from cosim.core import ComponentError, InputError
+from cosim.study import Study, execute_study, plain_sample, rare_estimate, read_table, repeat_run
 from cosim.study.folder import RESULTS, RUN_LOG
 from cosim.study.points import Points
 from cosim.study.rare_study import RarePoints
-from cosim.study.repeat import repeat_run
-from cosim.study.schema import Study
-from cosim.study.stages import plain_sample, rare_estimate
-from cosim.study.table import read_table
 from cosim.study.workers import local
 
 LEFT = (1.0 - STEP) ** STEPS  # of x0 at the end

@@ -13,9 +13,7 @@ from shared import sampled
 from cosim.master import Run, Session, System, make_schedule, receiving_order
 from cosim.scenario import Outcome, load
 from cosim.scenario.execute import assembled_system
-from cosim.study import Study
-from cosim.study.plan import Plan
-from cosim.study.running import plan_of
+from cosim.study import Plan, Study, plan_of
 from cosim.study.study_runner import StudyRunner
 
 

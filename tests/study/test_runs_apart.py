@@ -10,8 +10,7 @@ from pathlib import Path
 import pytest
 from study.deadly import DEADLY, plan, truth
 
-from cosim.study.execution import execute_study
-from cosim.study.table import read_table
+from cosim.study import execute_study, read_table
 from cosim.study.workers import in_process, local
 
 VALUES = [0.0, DEADLY, 1.0, DEADLY + 1.0, 2.0]

@@ -12,16 +12,19 @@ from study.deadly import plan, truth
 
 from cosim.hinf import characteristic_roots, system_by_name
 from cosim.hinf.nominal import close
-from cosim.models.delay_system import Delay, DelaySystem
-from cosim.study.execution import execute_study
-from cosim.study.pictures import draw
+from cosim.models import Delay, DelaySystem
+from cosim.study import (
+    boundary,
+    draw,
+    draw_stability,
+    execute_study,
+    load_study,
+    loop_delay_margin,
+    read_table,
+    run_study,
+)
 from cosim.study.plan import make_plan
-from cosim.study.read import load_study
-from cosim.study.running import run_study
-from cosim.study.stability_boundary import boundary, loop_delay_margin
-from cosim.study.stability_picture import draw_stability
 from cosim.study.study_runner import BaseScenario
-from cosim.study.table import read_table
 
 PNG = b"\x89PNG"
 

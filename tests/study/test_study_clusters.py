@@ -20,12 +20,10 @@ import pytest
 from hostile.hostile_fmu import hostile_fmu
 from study.deadly import DEADLY, plan
 
-from cosim.core.errors import ComponentError, InputError
-from cosim.study import shipping
-from cosim.study.execution import execute_study
+from cosim.core import ComponentError, InputError
+from cosim.study import execute_study, read_table, shipping
 from cosim.study.folder import RESULTS
 from cosim.study.plan import make_plan
-from cosim.study.table import read_table
 from cosim.study.workers import cluster, local
 
 BLIND = """

@@ -6,11 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from cosim.core.errors import InputError
-from cosim.scenario.read import load
-from cosim.study.plan import Plan, make_plan
-from cosim.study.read import builtin_studies, load_study
-from cosim.study.schema import Study
+from cosim.core import InputError
+from cosim.scenario import load
+from cosim.study import Plan, Study, builtin_studies, load_study
+from cosim.study.plan import make_plan
 from cosim.study.study_runner import BaseScenario
 
 HERE = Path(__file__).parent

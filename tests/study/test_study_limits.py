@@ -13,15 +13,11 @@ import pytest
 from study.deadly import DEADLY, U, plan, truth
 
 from cosim.core import InputError, LossError
-from cosim.study import batch
+from cosim.study import Plan, batch, execute_study, read_table, repeat_run
 from cosim.study.batch import Row
-from cosim.study.execution import execute_study
 from cosim.study.folder import RESULTS, RUN_LOG, Folder
 from cosim.study.manifest import manifest_of
-from cosim.study.plan import Plan
-from cosim.study.repeat import repeat_run
 from cosim.study.run_log import RunLog
-from cosim.study.table import read_table
 from cosim.trace import Trace
 
 

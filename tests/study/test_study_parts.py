@@ -10,12 +10,10 @@ from typing import Any
 import pytest
 from study.deadly import plan
 
-from cosim.core.errors import InputError
-from cosim.study.execution import execute_study
-from cosim.study.folder import MANIFEST, RESULTS, RUN_LOG, read_manifest, read_rows
-from cosim.study.merge import merge_studies
+from cosim.core import InputError
+from cosim.study import execute_study, merge_studies, read_rows, read_table
+from cosim.study.folder import MANIFEST, RESULTS, RUN_LOG, read_manifest
 from cosim.study.run_log import line_of
-from cosim.study.table import read_table
 
 VALUES = [0.1 * i for i in range(6)]
 

@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING, cast
 
 import pytest
 
-from cosim.core.errors import InputError
-from cosim.scenario.key_paths import put, split
+from cosim.core import InputError
+from cosim.scenario import put, split
+from cosim.study import Metric
 from cosim.study.measurement import measure, value_at
-from cosim.study.schema import Metric, of_x
+from cosim.study.schema import of_x
 
 if TYPE_CHECKING:
     from cosim.master import Run

@@ -8,9 +8,8 @@ import pytest
 from cli.shell import cosim
 from study.studies_at_hand import study_folder
 
-from cosim.core.errors import InputError
-from cosim.study.picture_kinds import PICTURE_KINDS, draw_study
-from cosim.study.table import read_table
+from cosim.core import InputError
+from cosim.study import PICTURE_KINDS, draw_study, read_table
 
 
 @pytest.mark.slow

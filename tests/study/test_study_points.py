@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from cosim.core.errors import InputError
+from cosim.core import InputError
+from cosim.study import SampledAxis, Study
 from cosim.study.points import Points
 from cosim.study.sampling import distributed
-from cosim.study.schema import SampledAxis, Study
 
 
 def points(*vary: dict[str, Any], **more: Any) -> Points:

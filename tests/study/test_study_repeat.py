@@ -10,7 +10,7 @@ from cli.shell import cosim
 from shared import copied
 from study.studies_at_hand import study_folder
 
-from cosim.study.table import read_table
+from cosim.study import read_table
 
 
 def test_a_run_is_repeated_as_the_study_had_it(tmp_path: Path) -> None:

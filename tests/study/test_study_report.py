@@ -19,12 +19,12 @@ from report_browser import Page, browser, needs_chromium
 from shared import copied, sampled
 from study.studies_at_hand import STUDIES, study_folder
 
-from cosim.core.errors import InputError
-from cosim.study.report import content, write_study_report
+from cosim.core import InputError
+from cosim.study import read_table, write_study_report
+from cosim.study.report import content
 from cosim.study.report.content import StudyContent, content_of, figures, thinned
 from cosim.study.report.write import study_page
 from cosim.study.summary import mean_of, quantile_of
-from cosim.study.table import read_table
 
 
 class _Texts(HTMLParser):

@@ -9,13 +9,11 @@ from typing import Any
 import pytest
 from study.deadly import DEADLY, U, plan, truth
 
-from cosim.core.errors import InputError, LossError
-from cosim.study import batch
-from cosim.study.execution import execute_study
-from cosim.study.folder import MANIFEST, RESULTS, RUN_LOG, Folder, read_rows
+from cosim.core import InputError, LossError
+from cosim.study import batch, execute_study, read_rows, read_table
+from cosim.study.folder import MANIFEST, RESULTS, RUN_LOG, Folder
 from cosim.study.manifest import manifest_of
 from cosim.study.study_runner import StudyRunner
-from cosim.study.table import read_table
 from cosim.trace import Trace
 
 

@@ -9,9 +9,9 @@ import pytest
 from study.deadly import plan
 
 from cosim.core import InputError
+from cosim.study import sensitivity
 from cosim.study.batch import Row
 from cosim.study.manifest import manifest_of
-from cosim.study.sensitivity_indices import sensitivity
 from cosim.study.table import make_table
 
 A, B = 7.0, 0.1

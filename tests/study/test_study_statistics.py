@@ -9,13 +9,13 @@ import pytest
 from scipy.stats import spearmanr
 from study.studies_at_hand import study_folder
 
+from cosim.study import read_table
 from cosim.study.association import cells_of, groups_of, rank_correlations
 from cosim.study.columns import Column, column_of, columns_of
 from cosim.study.convergence import convergence_of
 from cosim.study.distribution import distribution_of
 from cosim.study.points import Points
 from cosim.study.summary import mean_of, share
-from cosim.study.table import read_table
 
 
 def test_every_run_is_in_one_bin() -> None:

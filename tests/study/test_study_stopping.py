@@ -9,13 +9,10 @@ import numpy as np
 import pytest
 from study.deadly import U, plan
 
-from cosim.core.errors import InputError
-from cosim.study.execution import execute_study
+from cosim.core import InputError
+from cosim.study import Study, execute_study, read_table, stopping_of
 from cosim.study.folder import RESULTS, RUN_LOG
-from cosim.study.schema import Study
-from cosim.study.stages import stopping_of
 from cosim.study.stopping import looks, stopping
-from cosim.study.table import read_table
 
 MOST = 4000
 AXIS: dict[str, Any] = {"kind": "random", "name": "u", "path": U, "normal": [0.0, 1.0]}

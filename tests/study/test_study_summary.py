@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from study.deadly import plan
 
-from cosim.core.errors import InputError
+from cosim.core import InputError
+from cosim.study import summarise
 from cosim.study.batch import Row
 from cosim.study.manifest import manifest_of
-from cosim.study.summary import mean_of, quantile_of, share, summarise
+from cosim.study.summary import mean_of, quantile_of, share
 from cosim.study.table import make_table
 
 

@@ -15,10 +15,9 @@ import pytest
 from shared import slow_share_of
 from study.deadly import DEADLY, plan, truth
 
-from cosim.core.errors import ComponentError, InputError
-from cosim.study.execution import execute_study
+from cosim.core import ComponentError, InputError
+from cosim.study import execute_study, read_table
 from cosim.study.folder import RESULTS
-from cosim.study.table import read_table
 from cosim.study.workers import WorkerDied, cluster, local
 
 

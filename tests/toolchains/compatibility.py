@@ -27,8 +27,7 @@ from shared import fmu_folder, share_below  # noqa: E402 - the folder of tests i
 from toolchains import test_c_host, test_toolchains as runs  # noqa: E402
 from toolchains.peer_run import TOOLS, Part, PeerRun, Tool, run_peer  # noqa: E402
 
-from cosim.fmu import CATALOGUE, inspect_fmu, run_findings  # noqa: E402
-from cosim.fmu.export.flavours import FMI_VERSION  # noqa: E402
+from cosim.fmu import CATALOGUE, FMI_VERSION, inspect_fmu, run_findings  # noqa: E402
 
 COLUMNS = ("load", "loop", "state", "reset", "two instances")
 _STEP_NS, _STEPS = 20_000_000, 25

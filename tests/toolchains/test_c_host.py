@@ -15,10 +15,10 @@ import pytest
 from fmpy import read_model_description
 from shared import sampled
 
-from cosim.fmu.export.catalogue import CATALOGUE
+from cosim.fmu import CATALOGUE, PLATFORMS
 from cosim.fmu.export.native.compiler import cross_compiler, host_compiler, shared_library
 from cosim.fmu.export.native.package import sources
-from cosim.fmu.export.native.platforms import PLATFORMS, host
+from cosim.fmu.export.native.platforms import host
 
 HERE = Path(__file__).resolve().parent
 HEADERS = HERE.parents[1] / "cosim" / "fmu" / "export" / "native" / "c" / "headers"

@@ -10,8 +10,7 @@ import pytest
 from toolchains import compatibility
 from toolchains.compatibility import COLUMNS, Row
 
-from cosim.fmu import CATALOGUE
-from cosim.fmu.export.flavours import FMI_VERSION
+from cosim.fmu import CATALOGUE, FMI_VERSION
 
 PAGE = Path(__file__).parents[2] / "docs" / "compatibility.md"
 

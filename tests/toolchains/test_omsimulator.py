@@ -12,12 +12,9 @@ import pytest
 from shared import sampled
 
 from cosim.master import simulate
-from cosim.scenario.extend import builtin_names
-from cosim.scenario.fmu_cache import FmuCache
-from cosim.scenario.preparation import prepare
-from cosim.scenario.read import load, parse
-from cosim.scenario.ssp.export import export_ssp, system_of
-from cosim.scenario.ssp.names import SspVersion, identifiers
+from cosim.scenario import FmuCache, SspVersion, builtin_names, export_ssp, load, parse, prepare
+from cosim.scenario.ssp.export import system_of
+from cosim.scenario.ssp.names import identifiers
 
 PROGRAM = shutil.which("OMSimulator")
 TOLERANCE = 1e-10

@@ -12,7 +12,7 @@ from cli.shell import cosim, trace_of
 from numpy.typing import NDArray
 from outcomes.ways import found
 
-from cosim.core.errors import InputError
+from cosim.core import InputError
 from cosim.trace import Trace
 from cosim.trace.live import rerun_view
 

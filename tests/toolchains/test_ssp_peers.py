@@ -16,10 +16,8 @@ from toolchains.peer_run import skip_without
 from toolchains.ssp_peer_run import PEERS, Archive, Peer, label, run_peer
 
 from cosim.master import simulate
-from cosim.scenario.fmu_cache import FmuCache
-from cosim.scenario.preparation import prepare
-from cosim.scenario.read import parse
-from cosim.scenario.ssp.export import Links, export_ssp, system_of
+from cosim.scenario import FmuCache, export_ssp, parse, prepare
+from cosim.scenario.ssp.export import Links, system_of
 
 TOLERANCE = 1e-9
 
@@ -138,7 +136,7 @@ def test_vehicle_over_its_acoustic_links_runs_elsewhere_as_here(
 ) -> None:
     """A designed gain, a sea, a path to follow, and two lossy links with jitter."""
     skip_without(peer.modules)
-    from cosim.scenario.read import load  # noqa: PLC0415
+    from cosim.scenario import load  # noqa: PLC0415
 
     text = load("auv-acoustic").text.replace("end = 180.0", "end = 60.0")
     text = text.replace('events = "align"', 'events = "grid"')

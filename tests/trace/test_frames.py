@@ -11,11 +11,19 @@ import pandas as pd
 import pytest
 from hypothesis import given, strategies as st
 
-from cosim.core.errors import InputError
+from cosim.core import InputError
 from cosim.network import GilbertElliott, Jitter, PacketLink, schedule
-from cosim.trace import DROPPED_SIGNALS, Rows, Signal, Trace, Traces, TraceWriter
-from cosim.trace.rows.hold import rows_in_force, sample_and_hold
-from cosim.trace.tables.table import Table
+from cosim.trace import (
+    DROPPED_SIGNALS,
+    Rows,
+    Signal,
+    Table,
+    Trace,
+    Traces,
+    TraceWriter,
+    rows_in_force,
+)
+from cosim.trace.rows.hold import sample_and_hold
 
 S = 10**9
 

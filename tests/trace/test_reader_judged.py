@@ -25,7 +25,7 @@ from mcap.writer import CompressionType, IndexType, Writer
 from mcap_protobuf.decoder import DecoderFactory
 from written import side_by_side
 
-from cosim.core.errors import InputError, LossError
+from cosim.core import InputError, LossError
 from cosim.trace import Poses, Rows, Signal, Trace, TraceWriter, content_hash
 from cosim.trace.rows.decode import RowDecoder
 

@@ -15,7 +15,7 @@ from mcap.writer import CompressionType, Writer
 from shared import slow_share_of
 from written import ETA, write
 
-from cosim.core.errors import CosimError, InputError, LossError
+from cosim.core import CosimError, InputError, LossError
 from cosim.trace import Rows, Trace, TraceWriter, content_hash
 from cosim.trace.file import file_parts
 from cosim.trace.file.contents_scan import by_scan

@@ -17,7 +17,7 @@ from test_trace_recover import ROWS, a_trace, chunks_of, contents
 from test_trace_verify import a_run, patched
 from written import write
 
-from cosim.core.errors import CosimError, InputError
+from cosim.core import CosimError, InputError
 from cosim.trace import Trace, recover, verify
 from cosim.trace.file.walk import Walk
 

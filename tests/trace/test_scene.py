@@ -15,7 +15,7 @@ from mcap.writer import Writer
 from mcap_protobuf.decoder import DecoderFactory
 from scene_run import scene_run
 
-from cosim.models.auv import TABLE_1
+from cosim.models import TABLE_1
 from cosim.trace import Signal, Trace, TraceWriter, begins_with, content_hash, diff
 from cosim.trace.report.series import Recording
 from cosim.trace.rows.scene import HULL_DIAMETER_M, HULL_LENGTH_M, MOST_POINTS, Path as PathSoFar

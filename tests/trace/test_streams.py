@@ -13,7 +13,7 @@ import pytest
 from mcap.writer import CompressionType, Writer
 from recorded_runs import write_run, write_topics
 
-from cosim.core.errors import InputError
+from cosim.core import InputError
 from cosim.trace import Signal, Trace, TraceWriter, diff, diff_json, export, verify
 from cosim.trace.exports import export as table_export
 from cosim.trace.live.timed import TimedMessages

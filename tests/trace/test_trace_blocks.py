@@ -13,7 +13,7 @@ from hypothesis import given, settings, strategies as st
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 
-from cosim.core.errors import InputError
+from cosim.core import InputError
 from cosim.trace import Poses, Rows, Signal, TraceWriter
 from cosim.trace.file.stream import McapStream
 from cosim.trace.rows.encode import RowEncoder

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from written import write
 
-from cosim.core.errors import CosimError, InputError, LossError
+from cosim.core import CosimError, InputError, LossError
 from cosim.trace import (
     Attachment,
     Trace,

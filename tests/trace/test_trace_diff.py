@@ -13,7 +13,7 @@ from hypothesis import given, strategies as st
 from mcap.writer import Writer
 from written import ETA, write
 
-from cosim.core.errors import InputError
+from cosim.core import InputError
 from cosim.trace import (
     DROPPED_SIGNALS,
     Attachment,
@@ -23,8 +23,10 @@ from cosim.trace import (
     Tolerances,
     TraceWriter,
     diff,
+    diff_json,
+    diff_verdict,
+    differences,
 )
-from cosim.trace.comparison.format import diff_json, diff_verdict, differences
 from cosim.trace.comparison.tolerance import distances, exceeds
 
 S = 10**9

@@ -17,9 +17,8 @@ import pytest
 from cli.shell import cosim
 from scipy.io import loadmat, whosmat
 
-from cosim.core.errors import InputError
-from cosim.trace import Rows, Signal, Trace, TraceWriter, content_hash
-from cosim.trace.exports.export import export
+from cosim.core import InputError
+from cosim.trace import Rows, Signal, Trace, TraceWriter, content_hash, export
 from cosim.trace.exports.mat_file import matlab_names
 
 KINDS = [

@@ -8,7 +8,7 @@ from google.protobuf.descriptor import FieldDescriptor
 from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from hypothesis import given, strategies as st
 
-from cosim.core.errors import InputError
+from cosim.core import InputError
 from cosim.trace import Signal
 from cosim.trace.rows import foxglove, layout
 from cosim.trace.rows.encode import tag

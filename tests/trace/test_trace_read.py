@@ -18,7 +18,7 @@ from mcap.writer import CompressionType, Writer
 from rich.console import Console
 from written import ETA, write
 
-from cosim.core.errors import InputError, LossError
+from cosim.core import InputError, LossError
 from cosim.trace import (
     Attachment,
     Poses,

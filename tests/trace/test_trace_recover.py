@@ -16,7 +16,7 @@ from mcap.writer import CompressionType, Writer
 from shared import share_of
 from written import write
 
-from cosim.core.errors import CosimError, InputError
+from cosim.core import CosimError, InputError
 from cosim.trace import Attachment, Trace, content_hash, recover
 
 ROWS = [(10 * k, 10 * k, k, [0.5 * k, -k]) for k in range(200)]

@@ -19,7 +19,7 @@ from mcap.stream_reader import StreamReader
 from mcap.writer import CompressionType, Writer
 from test_trace_recover import foreign
 
-from cosim.core.errors import InputError
+from cosim.core import InputError
 from cosim.network import DELIVERED, IN_FLIGHT, REASONS, Jitter, PacketLink, schedule
 from cosim.trace import Attachment, Signal, Trace, TraceWriter, result_of_link, verify
 

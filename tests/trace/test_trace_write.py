@@ -16,7 +16,7 @@ from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 from written import side_by_side
 
-from cosim.core.errors import InputError
+from cosim.core import InputError
 from cosim.network import LOST, OVERTAKEN, REASONS, Jitter, PacketLink, schedule
 from cosim.trace import (
     DROPPED_SIGNALS,

@@ -22,7 +22,7 @@ from mcap.reader import make_reader
 from mcap.records import Message
 from mcap.stream_reader import StreamReader
 
-from cosim.core.errors import InputError, LossError
+from cosim.core import InputError, LossError
 from cosim.trace import Rows, Signal, Trace, TraceWriter
 from cosim.trace.file.compress import Compressor
 

@@ -1,7 +1,11 @@
 from .condition import (
     Condition as Condition,
 )
-from .conic import Solution as Solution
+from .conic import (
+    Constraint as Constraint,
+    Solution as Solution,
+    solve as solve,
+)
 from .constrained_problem import ConstrainedProblem as ConstrainedProblem
 from .cvxpy_form import in_cvxpy as in_cvxpy
 from .decay_lmi import CornersProblem as CornersProblem
@@ -12,6 +16,7 @@ from .gain_lmi import (
     scalar_multiplier as scalar_multiplier,
 )
 from .injection_lmi import InjectionLmi as InjectionLmi
+from .margin import widest_margin as widest_margin
 from .outage_lmi import OutageLmi as OutageLmi
 from .peak_lmi import (
     THETAS as THETAS,

@@ -47,7 +47,9 @@ def widest_margin(
         asked = [c.less(svec(np.diag(s))) for c, s in zip(main, scales, strict=True)]
         bounded = [*asked, *floors, *free, Constraint(1, np.ones(1), -last)]
         solution = solver(bounded, -last[0], tolerance=TOLERANCE)
-        if not solution.usable or not accept(solution.y[:-1]):
+        # where the solver fails with a margin, its point is tried as well: the proof decides
+        tried = solution.usable or bool(np.isfinite(solution.y).all() and solution.y[-1] > 0.0)
+        if not tried or not accept(solution.y[:-1]):
             break
         found = float(solution.y[-1]), solution.y[:-1]
         if found[0] <= enough:

@@ -49,7 +49,7 @@ _LARGEST_EXPONENT = 200.0
 _NO_DELAY = 1e-100  # of the fastest mode's time: what it adds lies beyond every number
 
 
-def _polished(system: Characteristic, seeds: Roots) -> list[complex]:
+def _polished(system: Characteristic, seeds: NDArray[Any]) -> list[complex]:
     """Return the roots that successive linear problems reach from some seeds, all at once."""
     roots, scale, longest = seeds.astype(np.complex128), system.bound(0.0), max(system.delays)
     moving = np.arange(roots.size)
@@ -93,7 +93,8 @@ def _residuals(system: Characteristic, roots: Roots) -> NDArray[np.float64]:
     """Return the smallest singular value of M at each root, relative to the size of its terms."""
     M, _ = system.characteristic_matrix(roots)
     bounds = np.array([system.bound(root.real) for root in roots])
-    return np.linalg.svd(M, compute_uv=False)[..., -1] / (np.abs(roots) + bounds + 1e-300)
+    smallest = np.linalg.svd(M, compute_uv=False)[..., -1]
+    return np.asarray(smallest / (np.abs(roots) + bounds + 1e-300), dtype=np.float64)
 
 
 def _same(system: Characteristic, a: complex, b: complex, scale: float) -> bool:

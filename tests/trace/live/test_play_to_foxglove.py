@@ -22,8 +22,8 @@ from mcap.reader import make_reader
 from recorded_runs import write_run
 from websockets.sync.client import connect
 
-from cosim.core.errors import InputError
-from cosim.trace.live import Player
+from cosim.core import InputError
+from cosim.trace import Player
 from cosim.trace.rows.layout import message_class
 
 MESSAGE, TIME, STATE = 1, 2, 5

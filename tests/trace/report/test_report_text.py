@@ -17,11 +17,9 @@ from outcomes.ways import TITLE, found
 from report_files import foreign, small
 from shared import copied
 
-from cosim.core.errors import InputError
+from cosim.core import InputError
 from cosim.page import MAX_BYTES
-from cosim.trace import RunOutcome, Trace, outcome_of
-from cosim.trace.outcome.verdict import assumptions_of
-from cosim.trace.report import write_report
+from cosim.trace import RunOutcome, Trace, assumptions_of, outcome_of, write_report
 from cosim.trace.report.content import content_of
 from cosim.trace.report.html_page import figures, page
 from cosim.trace.report.write import default_output
