@@ -159,6 +159,14 @@ def test_a_keeper_serves_one_worker_after_the_other() -> None:
     assert len(found) == 1
 
 
+def test_a_fresh_one_has_the_modules_of_this_package_that_are_here() -> None:
+    """Its keeper has loaded them for all its workers, so that a second run does not wait for it."""
+    import cosim.page as here  # noqa: PLC0415 - a module that no worker needs by itself
+
+    with worker("fresh") as one:
+        assert asked(one, "modules", here.__name__, "matplotlib") == [here.__name__]
+
+
 def test_a_keeper_serves_again_though_its_worker_ends_as_it_is_killed() -> None:
     """The command to kill it may come when there is nothing left to kill."""
     for _ in range(20):

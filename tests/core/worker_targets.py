@@ -29,7 +29,7 @@ def obey(
         frames.send(_done(what, more, end, descriptors, arguments, known))
 
 
-def _done(  # noqa: C901, PLR0912 - one case for each word
+def _done(  # noqa: C901, PLR0911, PLR0912 - one case for each word
     what: str,
     more: list[Any],
     end: socket.socket,
@@ -46,6 +46,8 @@ def _done(  # noqa: C901, PLR0912 - one case for each word
             os._exit(more[0])
         case "print":
             sys.stdout.write(f"{more[0]}\n")
+        case "modules":
+            return [name for name in more if name in sys.modules]
         case "environment":
             return [os.getcwd(), os.environ.get("COSIM_TEST")]  # noqa: PTH109 - as it is
         case "descriptors":
