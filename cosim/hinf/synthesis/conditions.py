@@ -116,11 +116,13 @@ def affordable_conditions(
     At order 0, of which one is always affordable, and with known ages up to order 1. `ranking`:
     to compare gains with each other; about a second each.
     """
-    large = is_large(system, K)
-    found = conditions_of(system, K, order, performance=performance, large=large)
     late = [x for x in system.delays if x.d > 0]
     if order and not any(order == 1 or not x.any_age for x in late):
         return []  # ages that vary gain nothing from a higher order
+    known, large = any(x.ages_are_known for x in late), is_large(system, K)
+    if order > 1 and (known or large):
+        return []
+    found = conditions_of(system, K, order, performance=performance, large=large)
     delays = [x.d for x in system.delays]
 
     def cost(one: Condition) -> int:
@@ -129,12 +131,9 @@ def affordable_conditions(
         return one.unknowns(delays) * _corners(system, order, one.functionals, down_to_zero=False)
 
     if large:
-        quick = [x for x in found if _work(x, system) <= _MOST_WORK and order < 2]
+        quick = [x for x in found if _work(x, system) <= _MOST_WORK]
         cheapest = min(found, key=lambda x: _work(x, system))
         return quick or ([] if order else [cheapest])
-    known = any(x.ages_are_known for x in late)
-    if known and order > 1:
-        return []
     if order and all(x.any_age for x in late):  # then this one is that of order 0
         found = [x for x in found if not x.is_plain]
     most = (_MOST_FOR_RANKING if ranking else _MOST_WITH_AGES) if known else _MOST_UNKNOWNS
@@ -152,9 +151,9 @@ def _work(one: Condition, system: DelaySystem) -> float:
 
 def affordable_order(system: DelaySystem, K: NDArray[Any], *, performance: bool) -> int:
     """Return the greatest affordable order."""
-    return max(
+    return next(
         order
-        for order in AFFORDABLE_ORDERS
+        for order in reversed(AFFORDABLE_ORDERS)
         if affordable_conditions(system, K, order, performance=performance)
     )
 
