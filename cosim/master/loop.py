@@ -39,7 +39,7 @@ from cosim.master.plain_loop import PlainLoop
 from cosim.master.row_sums import sum_of_rows
 from cosim.master.run import Run, RunStatus, run_status_of
 from cosim.master.system import System
-from cosim.master.table import ROW_SUM, WORDS, EarlyStop, make_table
+from cosim.master.table import ROW_SUM, EarlyStop, make_table
 from cosim.master.unreceived_inputs import fill_unreceived_inputs
 from cosim.master.wiring import Wiring
 from cosim.trace import Cause
@@ -92,8 +92,8 @@ class Loop:
         self._early_stop: EarlyStop | None = None
         self._exchanged: int | None = None
         self.adjustments = Adjustments(wiring.rows.shape[1])
-        self._word = np.zeros(WORDS, np.int64) if word is None else word
-        self.table = make_table(system, wiring, self.adjustments, self._word)
+        self.table = make_table(system, wiring, self.adjustments, word)
+        self._word = self.table.word
         self._engine = build_engine(choice.name, self.table, events)
         self._events: EventPoints | None = None
         if events:

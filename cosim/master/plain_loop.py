@@ -93,7 +93,8 @@ class PlainLoop:
                     case Step():
                         status = call(k, following)
                     case Complete():
-                        self._add_to_sum(k)
+                        if table.is_watched:
+                            self._add_to_sum(k)
                         status = self._range_status(k)
                     case Guess(loop=loop):
                         self._guess(loop, k)

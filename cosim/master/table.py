@@ -187,6 +187,7 @@ class Table:
     word : int64 (WORDS,): the word in progress (see `WORD_BITS`), whether an engine is at work on
         it, with `threads` the word that crashed, and those of the threads, -1 for none; and the
         sum of the complete rows.
+    is_watched : whether another process reads `word`; else nobody asks for the sum of the rows.
     threads : on so many the steps of a point are carried out side by side.
     no_way_back : whether no saved state of a slave may be restored; int64 (1,).
     """
@@ -202,6 +203,7 @@ class Table:
     adjustments: Adjustments
     direct_routes: frozenset[Route]
     word: Integers
+    is_watched: bool
     threads: int = 1
     no_way_back: Integers = field(default_factory=lambda: np.ones(1, np.int64))
 
@@ -269,8 +271,13 @@ _REFUSED: Mapping[type[Operation], Literal["get", "set", "step"]] = MappingProxy
 )
 
 
-def make_table(system: System, wiring: Wiring, adjustments: Adjustments, word: Integers) -> Table:
-    """Make the table of a wiring whose instances have their slaves."""
+def make_table(
+    system: System, wiring: Wiring, adjustments: Adjustments, word: Integers | None
+) -> Table:
+    """Make the table of a wiring whose instances have their slaves.
+
+    word : as of `Table`, where another process watches it; None: nobody does.
+    """
     parts = [_InstanceOperations(i, instance) for i, instance in enumerate(wiring.instances)]
     sending: list[Operation] = []
     if system.algorithm == "gauss-seidel":
@@ -289,7 +296,8 @@ def make_table(system: System, wiring: Wiring, adjustments: Adjustments, word: I
         bounds=wiring.bounds,
         adjustments=adjustments,
         direct_routes=wiring.direct_routes,
-        word=word,
+        word=np.zeros(WORDS, np.int64) if word is None else word,
+        is_watched=word is not None,
         threads=system.threads,
     )
 
