@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Final, Literal
 
 from cosim import hinf, scenario
 from cosim.core import InputError, write_whole
@@ -27,6 +27,30 @@ def named_problem(name: str) -> tuple[hinf.problem.NamedSystem, Any]:
         problem.system, problem.k1, problem.k2, design_constraints=problem.design_constraints
     )
     return named, part.gain
+
+
+AUTO: Final = "auto"
+"""The word for an order that is chosen by what it costs."""
+
+
+def order_of(text: str, *words: str) -> int | Literal["auto"] | None:
+    """Return the order that --order names, one of these words or a number; None: Theorem 2.
+
+    Raises
+    ------
+    InputError : neither.
+    """
+    if text in words:
+        return AUTO if text == AUTO else None
+    try:
+        return int(text)
+    except ValueError:
+        raise InputError(
+            "not an order",
+            where="--order",
+            expected=f"{', '.join(words)} or a whole number",
+            got=repr(text),
+        ) from None
 
 
 def with_weights(

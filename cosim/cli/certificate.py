@@ -11,7 +11,7 @@ from rich.console import Group, RenderableType
 from rich.text import Text
 
 from cosim import hinf, replay
-from cosim.cli.arguments import named_problem, write_json
+from cosim.cli.arguments import AUTO, named_problem, order_of, write_json
 from cosim.cli.certificate_view import certificate_view, system_facts
 from cosim.cli.common import (
     JsonOption,
@@ -23,7 +23,7 @@ from cosim.cli.design_answers import design_json
 from cosim.cli.design_view import design_view
 from cosim.cli.help_text import HelpTyper
 from cosim.cli.output_feedback import output_feedback_json, output_feedback_view
-from cosim.core import DESIGN_FILE, CheckFailedError, InputError, at_most
+from cosim.core import DESIGN_FILE, CheckFailedError, at_most
 from cosim.models import DelaySystem
 
 certificate_app = HelpTyper(
@@ -142,11 +142,11 @@ def prove(
     cosim certificate prove flight.mcap --hold 0.1 --save gain.json
     """
     data = replay.certificate_in(file).data
-    number = _order(order)
+    asked = order_of(order, AUTO) or 0  # never None: Theorem 2 is no word here
     with progress() as report_progress:
         report_progress(f"proof of {file}", 0.0)
         before = hinf.synthesis.design_from_certificate(data, where=str(file))
-        found = hinf.synthesis.proved_again(before, hold=hold, order=number)
+        found = hinf.synthesis.proved_again(before, hold=hold, order=asked)
     if save is not None:
         write_json(save, DESIGN_FILE.stamped(hinf.design_to_json(found)))
     lost = [
@@ -180,18 +180,3 @@ def _beside(before: hinf.Design | hinf.OutputFeedback, lost: list[str]) -> list[
     lines = [] if before.gamma is None else [f"gamma before: {at_most(before.gamma)}"]
     lines += [f"not proved again: {', '.join(lost)}"] if lost else []
     return [Text(line) for line in lines]
-
-
-def _order(text: str) -> int | None:
-    """Return the order that --order names; None for auto.
-
-    Raises
-    ------
-    InputError : neither.
-    """
-    try:
-        return None if text == "auto" else int(text)
-    except ValueError:
-        raise InputError(
-            "not an order", where="--order", expected="auto or a whole number", got=repr(text)
-        ) from None

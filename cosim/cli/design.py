@@ -7,13 +7,21 @@ from contextlib import contextmanager
 from dataclasses import asdict, replace
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Final, Literal
+from typing import Annotated, Final
 
 import numpy as np
 import typer
 
 from cosim import hinf
-from cosim.cli.arguments import gain_from, named_problem, numbers, with_weights, write_json
+from cosim.cli.arguments import (
+    AUTO,
+    gain_from,
+    named_problem,
+    numbers,
+    order_of,
+    with_weights,
+    write_json,
+)
 from cosim.cli.common import (
     JsonOption,
     answer,
@@ -106,7 +114,6 @@ OutagesOption = Annotated[
     ),
 ]
 
-AUTO: Final = "auto"
 THEOREM_2: Final = "theorem-2"
 
 
@@ -240,7 +247,7 @@ def design(
     options = dict(locals())
     named, gain = named_problem(name)
     if named.observer is not None:
-        answer_output_feedback(named, options, _order(order, AUTO, THEOREM_2))
+        answer_output_feedback(named, options, order_of(order, AUTO, THEOREM_2))
         return
     if weights is not None:
         named = with_weights(named, numbers("--weights", weights))
@@ -266,7 +273,7 @@ def design(
         k: v for k, v in asked.items() if v is not None
     }
     goal = named.gamma if gamma is None else gamma
-    condition = _order(order, AUTO, THEOREM_2)
+    condition = order_of(order, AUTO, THEOREM_2)
     greatest: hinf.GreatestDelay | None = None
     with progress() as report_progress, _refutation_saved(save_refutation):
         report_progress(f"design of {name}", 0.0)
@@ -354,21 +361,6 @@ def _with_structure(
         own = None if weights is None else numbers("--integral-weights", weights)
         system = hinf.problem.with_integral(system, states, weights=own, age=age)
     return system
-
-
-def _order(text: str, *words: str) -> int | Literal["auto"] | None:
-    """Return the order that --order names, one of these words or a number; None: Theorem 2."""
-    if text in words:
-        return AUTO if text == AUTO else None
-    try:
-        return int(text)
-    except ValueError:
-        raise InputError(
-            "not an order",
-            where="--order",
-            expected=f"{', '.join(words)} or a whole number",
-            got=repr(text),
-        ) from None
 
 
 @contextmanager
@@ -469,11 +461,11 @@ def analyse(
                 expected="K and L in [observer]",
                 hint="cosim design finds them",
             )
-        answer_output_feedback(named, options, _order(order, AUTO))
+        answer_output_feedback(named, options, order_of(order, AUTO))
         return
     system = _at_delays(named.system, delays, least_ages, sampled=sampled)
     K = own_gain if gain is None else gain_from(gain)
-    condition = _order(order, AUTO) or 0  # never None: Theorem 2 is no word here
+    condition = order_of(order, AUTO) or 0  # never None: Theorem 2 is no word here
     greatest: hinf.synthesis.CertifiedDelay | None = None
     with progress() as report_progress:
         report_progress(f"analysis of {name}", 0.0)

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from math import prod
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -117,6 +118,11 @@ class Condition:
             for name, x in shapes_of_ages(loop, ages, bounded=self.performance).items()
             if name not in ("gamma", "1/gamma")
         )
+
+    def corners(self, delays: Sequence[float], *, down_to_zero: bool = False) -> int:
+        """Return at how many corners -Phi is shown; `down_to_zero` as of `margin`."""
+        _, ages = self._at(delays, self.theorem(delays, down_to_zero=down_to_zero))
+        return prod(len(age.corners()) for age in ages)
 
     def largest_part(self, delays: Sequence[float]) -> int:
         """Return the most rows that -Phi has in one part."""

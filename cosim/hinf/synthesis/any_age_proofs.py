@@ -23,7 +23,7 @@ from cosim.models import Delay, DelaySystem, Measurement
 
 
 def proved_again(
-    found: Design | OutputFeedback, *, hold: float | None = None, order: Order | None = None
+    found: Design | OutputFeedback, *, hold: float | None = None, order: Order = "auto"
 ) -> Design | OutputFeedback:
     """Return the same gains, with a proof for ages that a run can have.
 
@@ -32,7 +32,7 @@ def proved_again(
     found : a design; one whose ages are already such is proved again as it is.
     hold : greatest age [s], at the end of its use, of what acts at once in `found`: of commands,
         of a state feedback, of measurements without an age.
-    order : of the analysis; None: "auto".
+    order : of the analysis.
 
     Raises
     ------
@@ -49,7 +49,7 @@ def proved_again(
             expected="the greatest age at the end of its use, in seconds",
             hint="a controller that commands at every step of 0.05 s: 0.1, a step and the coupling",
         )
-    again = _proved(found, hold, "auto" if order is None else order)
+    again = _proved(found, hold, order)
     note = found.certificate.get(PLANT_NOTE)
     if note is None:
         return again

@@ -16,7 +16,6 @@ Theorem 2 is a further one, with a gain that it designs (`cosim.hinf.synthesis.t
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -95,15 +94,16 @@ def _of_ages(
     found: list[Condition] = []
     tried: list[tuple[str, ...]] = []
     possible = [functionals_of(x) for x in system.delays]
+    delays = [x.d for x in system.delays]
     for level in range(max(map(len, possible))):
         own = tuple(each[min(level, len(each) - 1)] for each in possible)
         if own in tried:
             continue
         tried.append(own)
         condition = Condition(system, K, order, own, performance=performance, supports=supports)
-        rows = condition.largest_part([x.d for x in system.delays])
+        rows = condition.largest_part(delays)
         large = "looped" in own and rows > MOST_ROWS
-        if not large and _corners(system, order, own, down_to_zero=False) <= MAX_CORNERS:
+        if not large and condition.corners(delays) <= MAX_CORNERS:
             found.append(condition)
     return found
 
@@ -128,7 +128,7 @@ def affordable_conditions(
     def cost(one: Condition) -> int:
         if one.is_plain:
             return one.unknowns(delays)
-        return one.unknowns(delays) * _corners(system, order, one.functionals, down_to_zero=False)
+        return one.unknowns(delays) * one.corners(delays)
 
     if large:
         quick = [x for x in found if _work(x, system) <= _MOST_WORK]
@@ -145,8 +145,7 @@ def _work(one: Condition, system: DelaySystem) -> float:
     delays = [x.d for x in system.delays]
     if one.is_plain:
         return math.inf
-    corners = _corners(system, one.order, one.functionals, down_to_zero=False)
-    return float(corners * (one.unknowns(delays) * one.largest_part(delays)) ** 2)
+    return float(one.corners(delays) * (one.unknowns(delays) * one.largest_part(delays)) ** 2)
 
 
 def affordable_order(system: DelaySystem, K: NDArray[Any], *, performance: bool) -> int:
@@ -173,7 +172,7 @@ def prove(
         is tried before there is a second one.
     """
     if not condition.is_plain:
-        count = _corners(system, condition.order, condition.functionals, down_to_zero=down_to_zero)
+        count = condition.corners([x.d for x in system.delays], down_to_zero=down_to_zero)
         if count > MAX_CORNERS:
             return None, f"its {count} corners are more than the {MAX_CORNERS} that are proved here"
     delays, reason = [x.d for x in system.delays], ""
@@ -204,10 +203,3 @@ def widened(
     if condition.order == 0 or not 0 < box <= MAX_BOX:
         return None
     return prove(condition, system, K, gamma, down_to_zero=True)[0]
-
-
-def _corners(system: DelaySystem, order: int, own: Sequence[str], *, down_to_zero: bool) -> int:
-    """Return how many corners Phi has."""
-    each = {"interval": 2 if order else 1, "rate": 4 if order else 2, "looped": 2}
-    each["constant"] = 2 if down_to_zero else 1
-    return math.prod(each.get(x, 1) for x, y in zip(own, system.delays, strict=True) if y.d > 0)
