@@ -163,7 +163,9 @@ def test_a_fresh_one_has_the_modules_of_this_package_that_are_here() -> None:
     """Its keeper has loaded them for all its workers, so that a second run does not wait for it."""
     import cosim.page as here  # noqa: PLC0415 - a module that no worker needs by itself
 
-    with worker("fresh") as one:
+    with worker("fresh") as one:  # an isolated component waits for none of them
+        assert asked(one, "modules", here.__name__) == []
+    with worker("fresh", loaded=True) as one:
         assert asked(one, "modules", here.__name__, "matplotlib") == [here.__name__]
 
 

@@ -59,7 +59,7 @@ class Start:
         socket to the process that wants the worker, and the descriptors that it gave.
     folder, environment : of the process that wants the worker.
     patience_s : how long it may go on when nobody listens any more.
-    modules : of this package that the process has which wants the worker.
+    modules : of this package, which a fresh keeper loads once for all its workers.
     """
 
     target: str
@@ -70,13 +70,15 @@ class Start:
     modules: tuple[str, ...]
 
     @classmethod
-    def here(cls, target: str, arguments: Sequence[Any], patience_s: float = ORPHAN_S) -> Start:
-        """Return it for a worker of this process."""
+    def here(
+        cls, target: str, arguments: Sequence[Any], patience_s: float, *, loaded: bool
+    ) -> Start:
+        """Return it for a worker of this process; `loaded` : with the modules that are here."""
         try:
             folder = str(Path.cwd())
         except OSError:  # the folder is gone
             folder = "/"
-        modules = tuple(name for name in sys.modules if name.startswith(_PACKAGE))
+        modules = tuple(name for name in sys.modules if loaded and name.startswith(_PACKAGE))
         return cls(target, tuple(arguments), folder, dict(os.environ), patience_s, modules)
 
     def settle(self) -> None:

@@ -74,6 +74,8 @@ class Worker:
     known : objects that it has as they are here, if it is forked from this process.
     patience_s : how long it may go on when this process is gone: it may be just leaving.
     method : see `Method`; None: the best one here and now.
+    loaded : whether a fresh one has the modules of this package that are here from its start: for
+        workers that need them all, one after the other.
 
     Raises
     ------
@@ -100,6 +102,7 @@ class Worker:
         known: Sequence[Any] = (),
         patience_s: float = keeper.ORPHAN_S,
         method: Method | None = None,
+        loaded: bool = False,
     ) -> None:
         found = method or default_method()
         if found is None:
@@ -117,7 +120,7 @@ class Worker:
         self._end_heard = b""
         self._of_slaves: dict[int, int] = {}
         self._opened = contextlib.ExitStack()  # what stays open as long as the worker is known
-        start = keeper.Start.here(target, arguments, patience_s)
+        start = keeper.Start.here(target, arguments, patience_s, loaded=loaded)
         try:
             _find_room()
             with contextlib.ExitStack() as theirs:

@@ -187,6 +187,7 @@ class Supervisor:
                 received=Message,
                 known=[*first, *self._known, *wired],
                 method=self._started_by,
+                loaded=True,
             )
             if self._wired is not None:
                 self._wired.shared.keep_from_forks()  # of other children
