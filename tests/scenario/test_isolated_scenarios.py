@@ -46,7 +46,7 @@ def executed(
     )
 
 
-@pytest.mark.parametrize(("name", "method"), sampled(WAYS, 1))
+@pytest.mark.parametrize(("name", "method"), sampled(WAYS, 2))
 def test_trace_is_that_of_one_process(
     tmp_path: Path,
     name: str,
