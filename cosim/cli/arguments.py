@@ -10,6 +10,9 @@ from typing import Any, Final, Literal
 from cosim import hinf, scenario
 from cosim.core import InputError, write_whole
 
+AUTO: Final = "auto"
+"""The word for an order that is chosen by what it costs."""
+
 
 def named_problem(name: str) -> tuple[hinf.problem.NamedSystem, Any]:
     """Return the system that a name stands for, and the gain if it names a scenario with a gain."""
@@ -27,10 +30,6 @@ def named_problem(name: str) -> tuple[hinf.problem.NamedSystem, Any]:
         problem.system, problem.k1, problem.k2, design_constraints=problem.design_constraints
     )
     return named, part.gain
-
-
-AUTO: Final = "auto"
-"""The word for an order that is chosen by what it costs."""
 
 
 def order_of(text: str, *words: str) -> int | Literal["auto"] | None:

@@ -74,11 +74,12 @@ class Start:
         cls, target: str, arguments: Sequence[Any], patience_s: float, *, loaded: bool
     ) -> Start:
         """Return it for a worker of this process; `loaded` : with the modules that are here."""
+        there = list(sys.modules) if loaded else []  # other threads may be importing
         try:
             folder = str(Path.cwd())
         except OSError:  # the folder is gone
             folder = "/"
-        modules = tuple(name for name in sys.modules if loaded and name.startswith(_PACKAGE))
+        modules = tuple(name for name in there if name.startswith(_PACKAGE))
         return cls(target, tuple(arguments), folder, dict(os.environ), patience_s, modules)
 
     def settle(self) -> None:

@@ -120,7 +120,8 @@ class Worker:
         self._end_heard = b""
         self._of_slaves: dict[int, int] = {}
         self._opened = contextlib.ExitStack()  # what stays open as long as the worker is known
-        start = keeper.Start.here(target, arguments, patience_s, loaded=loaded)
+        only_fresh = loaded and found == "fresh"  # a fork has them
+        start = keeper.Start.here(target, arguments, patience_s, loaded=only_fresh)
         try:
             _find_room()
             with contextlib.ExitStack() as theirs:

@@ -171,11 +171,11 @@ def prove(
     is_search : of many delays, where any proof will do: that of the first round of `widest_margin`
         is tried before there is a second one.
     """
+    delays, reason = [x.d for x in system.delays], ""
     if not condition.is_plain:
-        count = condition.corners([x.d for x in system.delays], down_to_zero=down_to_zero)
+        count = condition.corners(delays, down_to_zero=down_to_zero)
         if count > MAX_CORNERS:
             return None, f"its {count} corners are more than the {MAX_CORNERS} that are proved here"
-    delays, reason = [x.d for x in system.delays], ""
     for enough in (math.inf, -math.inf) if is_search else (-math.inf,):
         with solver_words() as words:
             found = condition.margin(delays, gamma, down_to_zero=down_to_zero, enough=enough)
