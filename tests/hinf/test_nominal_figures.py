@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import pickle
 
 import numpy as np
 import pytest
@@ -73,9 +74,9 @@ def test_figures_scale_with_the_unit_of_time(rate: float) -> None:
     assert found.delay_margin == (None, None)
     late = DelaySystem([[-rate]], delays=[Delay(0, [[-2 * rate]])])
     exact = 2 * math.pi / (3 * math.sqrt(3)) / rate
-    assert nominal_figures_of(late, np.zeros((0, 1))).delay_margin == (
-        pytest.approx(exact, rel=1e-9),
-    )
+    found = nominal_figures_of(late, np.zeros((0, 1)))
+    assert found.delay_margin is not None
+    assert found.delay_margin[0] == found.margin_of(0) == pytest.approx(exact, rel=1e-9)
 
 
 def test_a_delay_too_short_for_any_number_is_none() -> None:
@@ -89,11 +90,14 @@ def test_figures_without_performance_or_stability() -> None:
     quarter = DelaySystem([[0]], delays=[Delay(1.0, [[-1]])])
     found = nominal_figures_of(quarter, np.zeros((0, 1)))
     assert (found.exact_norm, found.exact_norm_upper, found.norm_frequency) == (None, None, None)
-    assert found.delay_margin == (pytest.approx(math.pi / 2),)
+    assert found.delay_margin is not None
+    assert found.delay_margin[0] == pytest.approx(math.pi / 2)
     late = DelaySystem([[0]], C=[[1]], D=[[1]], delays=[Delay(2.0, [[-1]])])
     found = nominal_figures_of(late, np.zeros((0, 1)))
+    assert found.abscissa is not None
     assert found.abscissa > 0
-    assert found[1:] == (None, None, None, (None,))
+    assert (found.exact_norm, found.exact_norm_upper, found.norm_frequency) == (None, None, None)
+    assert (found.delay_margin, found.worst_case) == ((None,), None)
 
 
 def test_design_and_analysis_have_the_same_figures(paper: Design) -> None:
@@ -101,7 +105,22 @@ def test_design_and_analysis_have_the_same_figures(paper: Design) -> None:
     analysis = analyse(paper_example.system(), [paper_example.PRINTED_K], order=0)
     expected = nominal_figures_of(paper_example.system(), [paper_example.PRINTED_K])
     for found in (paper, analysis):
-        assert {name: getattr(found, name) for name in expected._fields} == expected._asdict()
+        assert found.figures == expected
+        assert found.exact_norm_upper == expected.exact_norm_upper
+        assert found.delay_margin == expected.delay_margin
+
+
+def test_figures_are_computed_when_they_are_read_and_once() -> None:
+    """They travel with what is known, and are the same wherever they are read."""
+    figures = nominal_figures_of(paper_example.system(), [paper_example.PRINTED_K])
+    assert "exact_norm_upper" not in vars(figures)
+    with np.errstate(all="raise"):  # of whoever reads
+        upper = figures.exact_norm_upper
+    assert vars(figures)["exact_norm_upper"] == upper
+    there = pickle.loads(pickle.dumps(figures))  # noqa: S301 - of this test
+    assert vars(there)["exact_norm_upper"] == upper
+    assert "delay_margin" not in vars(there)
+    assert there == figures
 
 
 def test_a_design_comes_back_from_its_file(paper: Design) -> None:
@@ -179,4 +198,5 @@ def test_undecided_margin_does_not_stop_a_design() -> None:
     system = DelaySystem([[-0.9]], delays=[Delay(20.0, [[-1]]), Delay(0.5, [[-0.1]])])
     found = analyse(system, order=1)
     assert found.delay_margin is None
+    assert found.abscissa is not None
     assert found.abscissa < 0

@@ -11,7 +11,7 @@ from .closed_loop import (
     checked_system as checked_system,
     close as close,
 )
-from .delay_margins import delay_margin as delay_margin
+from .delay_margins import delay_margin as delay_margin, margin_of_delay as margin_of_delay
 from .divided_time import (
     OutageBound as OutageBound,
     outage_bound as outage_bound,
@@ -38,6 +38,7 @@ from .mean_square import (
 )
 from .nominal_figures import (
     BEYOND as BEYOND,
+    HasFigures as HasFigures,
     NominalFigures as NominalFigures,
     figures_if_known as figures_if_known,
     nominal_figures_of as nominal_figures_of,

@@ -81,17 +81,26 @@ def delay_margin(
     NotAchievableError : roots too close to the axis over too wide a range to decide, or roots
         that cannot be found.
     """
-    A, _, delays = closed_terms(system, K)
     if abscissa is None:
         abscissa = spectral_abscissa(close(system, K))
+    return tuple(margin_of_delay(system, K, index, abscissa) for index in range(len(system.delays)))
+
+
+def margin_of_delay(system: DelaySystem, K: ArrayLike, index: int, abscissa: float) -> float | None:
+    """Compute one entry of `delay_margin`, of the delay with this index from 0.
+
+    Raises
+    ------
+    InputError, NotAchievableError : as `delay_margin`.
+    """
     if not abscissa < 0.0:
-        return (None,) * len(system.delays)
+        return None
+    A, _, delays = closed_terms(system, K)
     A = balanced(A)
     rates = sum(float(np.linalg.norm(M, 2)) for M in A)
     horizon = HORIZON * max(-1.0 / abscissa, 1.0 / rates, *delays)
-    return tuple(
-        _first_loss(_Pencil(A, delays, k, rates), delays[k], horizon) for k in range(1, len(delays))
-    )
+    k = index + 1
+    return _first_loss(_Pencil(A, delays, k, rates), delays[k], horizon)
 
 
 class _Boxes(NamedTuple):

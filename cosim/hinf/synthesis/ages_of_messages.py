@@ -20,9 +20,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from cosim.core import InputError, NotAchievableError, Progress, html_table, silent
 from cosim.hinf.nominal import (
+    NominalFigures,
     checked_system,
-    close,
-    hinf_norm,
     one_thread,
 )
 from cosim.hinf.problem import DELAY_LIMIT, refuse_structure
@@ -286,24 +285,17 @@ def _row(
         found = analyse(system, gain, gamma if system.has_performance else None)
         reason = None if found.certified else found.reason
     stable = found.abscissa is not None and found.abscissa < 0.0
-    margins = found.delay_margin if stable else None
     K = gain_of(system, found.K)
     return AgeRow(
         age=age,
         K=K,
         gamma=found.gamma,
         exact_norm=found.exact_norm,
-        control=_norm(_with_control_as_z(system), K) if stable else None,
-        margin=None if margins is None else margins[index],
+        control=NominalFigures(_with_control_as_z(system), K).exact_norm if stable else None,
+        margin=found.figures.margin_of(index) if stable else None,
         stable=stable,
         reason=reason,
     )
-
-
-def _norm(system: DelaySystem, K: NDArray[np.float64]) -> float | None:
-    """Return the exact norm from w to z of a stable loop; None without w or z."""
-    found = hinf_norm(close(system, K)) if system.has_performance else None
-    return None if found is None else found.value
 
 
 def _with_control_as_z(system: DelaySystem) -> DelaySystem:

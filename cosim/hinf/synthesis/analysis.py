@@ -31,6 +31,7 @@ from cosim.hinf.certificate import (
 from cosim.hinf.lmi import Condition, not_found, solver_words
 from cosim.hinf.nominal import (
     BEYOND,
+    HasFigures,
     NominalFigures,
     Verdict,
     checked_system,
@@ -60,7 +61,7 @@ _MUCH = 0.1  # share of gamma worth a proof of exactly these delays, or an odd g
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Analysis(Value):
+class Analysis(HasFigures, Value):
     """The result of an analysis: what is certified of a loop, and its nominal figures.
 
     It cannot be changed, and two are equal where everything they say is.
@@ -75,8 +76,9 @@ class Analysis(Value):
     gamma : certified bound of the gain from w to z, uncertainty included; None where only
         stability is certified, or nothing.
     least_gamma : the solver's least gamma: not a proof; None where it finds none.
-    abscissa, exact_norm, exact_norm_upper, norm_frequency, delay_margin : of the nominal loop
-        (`cosim.hinf.nominal.nominal_figures`).
+    figures : of the nominal loop. They are attributes of the analysis too, `abscissa`,
+        `exact_norm`, `exact_norm_upper`, `norm_frequency`, `delay_margin` and `worst_case`: see
+        `NominalFigures`.
     certificate : the proof as JSON values, for `check_certificate`; None if not certified.
     guarantees : the damping, where it was asked for and is proved; also in the certificate, if
         there is one.
@@ -94,11 +96,7 @@ class Analysis(Value):
     reason: str | None
     gamma: float | None
     least_gamma: float | None
-    abscissa: float | None
-    exact_norm: float | None
-    exact_norm_upper: float | None
-    norm_frequency: float | None
-    delay_margin: tuple[float | None, ...] | None
+    figures: NominalFigures
     certificate: dict[str, Any] | None
     guarantees: Guarantees = field(default_factory=Guarantees)
     damping_reason: str | None = None
@@ -194,7 +192,7 @@ def analyse(
         reason = unknown or f"{BEYOND} ({error}): choose other units"
         first = AFFORDABLE_ORDERS[0] if order == "auto" else order
         nothing: dict[str, Any] = dict.fromkeys(("gamma", "least_gamma", "certificate"))
-        found = Analysis(system, K, first, False, reason, **nothing, **figures._asdict())  # noqa: FBT003
+        found = Analysis(system, K, first, False, reason, **nothing, figures=figures)  # noqa: FBT003
     if asked is not None:
         found = _with_damping(found, K, asked)
     return found if gain is not None else replace(found, K=None)
@@ -366,7 +364,7 @@ def _analysed(
         gamma=None if proof is None else level,
         least_gamma=(leasts[-1] if proof is not None else min(leasts)) if leasts else None,
         certificate=proof,
-        **figures._asdict(),
+        figures=figures,
     )
 
 

@@ -120,7 +120,7 @@ def certified_delay(
         gamma=None if search.d is None else gamma,
         least_gamma=None,
         certificate=search.certificate,
-        **figures_if_known(system_at_d, K)[0]._asdict(),
+        figures=figures_if_known(system_at_d, K)[0],
     )
     return CertifiedDelay(
         delay_index=delay_index,

@@ -14,16 +14,17 @@ from numpy.typing import NDArray
 
 from cosim.core import html_table, matrix_text
 from cosim.hinf.certificate import Certificate, Guarantees, check_certificate
+from cosim.hinf.nominal import HasFigures
 from cosim.hinf.synthesis.result_text import proved_words, result_rows
 from cosim.hinf.synthesis.same_as_proved import require_proved_gain
 from cosim.models import DelaySystem, Value
 
 if TYPE_CHECKING:
-    from cosim.hinf.nominal import WorstCase
+    from cosim.hinf.nominal import NominalFigures
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Design(Value):
+class Design(HasFigures, Value):
     """A certified gain, with its proof and the figures of its nominal loop.
 
     It cannot be changed, and two designs are equal where everything they say is. Another gain is
@@ -37,14 +38,12 @@ class Design(Value):
         system has no w or no z, and stability alone is certified.
     k1, k2 : one per delay; empty where the proof has an `order`.
     least_gamma : the solver's least gamma at k1, k2; not proved.
-    abscissa, exact_norm, exact_norm_upper, norm_frequency, delay_margin : of the nominal loop
-        (`cosim.hinf.nominal.nominal_figures`); None also where it could not be computed (a delay
-        too long for its roots to be counted), or where an older file has none.
+    figures : of the nominal loop. They are attributes of the design too, `abscissa`,
+        `exact_norm`, `exact_norm_upper`, `norm_frequency`, `delay_margin` and `worst_case`: see
+        `NominalFigures`. None where an older file has none.
     certificate : the proof as JSON values, for `check_certificate`.
     order : Bessel-Legendre order of the proof, an analysis of K without k1, k2; None for
         Theorem 2.
-    worst_case : the sinusoid that the nominal loop amplifies most; None where its norm is not
-        attained at a finite frequency, and in older files.
     guarantees : the design constraints that are proved, also in the certificate.
 
     Raises
@@ -58,14 +57,9 @@ class Design(Value):
     k1: tuple[float, ...]
     k2: tuple[float, ...]
     least_gamma: float | None
-    abscissa: float | None
-    exact_norm: float | None
-    exact_norm_upper: float | None
-    norm_frequency: float | None
-    delay_margin: tuple[float | None, ...] | None
+    figures: NominalFigures
     certificate: dict[str, Any]
     order: int | None = None
-    worst_case: WorstCase | None = None
     guarantees: Guarantees = field(default_factory=Guarantees)
 
     def __post_init__(self) -> None:

@@ -25,7 +25,7 @@ from cosim.models import DelaySystem, Matrix, Measurement, Value
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class OutputFeedback(Value):
+class OutputFeedback(nominal.HasFigures, Value):
     """An observer and its gain, certified together, with the figures of their nominal pair.
 
     It cannot be changed, and two are equal where everything they say is.
@@ -38,9 +38,7 @@ class OutputFeedback(Value):
     certificate : the proof as JSON values, for `check_certificate`, of kind "output-feedback".
     order : Bessel-Legendre order of the proof.
     least_gamma : the solver's least gamma; not proved.
-    abscissa, exact_norm, exact_norm_upper, norm_frequency, delay_margin : of the nominal pair
-        (`cosim.hinf.nominal.nominal_figures`).
-    worst_case : the sinusoid that the nominal pair amplifies most; None without one.
+    figures : of the nominal pair, which are attributes too: `abscissa`, `exact_norm`, ...
     state_peaks : bounds of every |u_i(t)|, then of every |x_i(t)|, where they were asked for.
 
     Raises
@@ -53,12 +51,7 @@ class OutputFeedback(Value):
     certificate: dict[str, Any]
     order: int
     least_gamma: float | None
-    abscissa: float
-    exact_norm: float | None
-    exact_norm_upper: float | None
-    norm_frequency: float | None
-    delay_margin: tuple[float | None, ...] | None
-    worst_case: nominal.WorstCase | None
+    figures: nominal.NominalFigures
     state_peaks: StatePeaks | None = None
 
     def __post_init__(self) -> None:
@@ -137,11 +130,9 @@ def output_feedback_from_json(data: Any, *, where: str) -> OutputFeedback:
     pair, variables = pair_from_json(data), data["pair"]["variables"]
     kept = data.get("figures")
     if has_figures(kept) and "delay_margin" in kept:  # older files have not all of them
-        figures = figures_from_json(kept, where, pair.system)
+        least, figures = figures_from_json(kept, where, pair.system, pair.gain)
     else:
-        computed = nominal.nominal_figures_of(pair.system, pair.gain)
-        worst = nominal.worst_case_at(pair.system, pair.gain, computed.norm_frequency)
-        figures = {**computed._asdict(), "least_gamma": None, "worst_case": worst}
+        least, figures = None, nominal.nominal_figures_of(pair.system, pair.gain)
     gamma = variables["gamma"]
     return OutputFeedback(
         pair=pair,
@@ -149,5 +140,6 @@ def output_feedback_from_json(data: Any, *, where: str) -> OutputFeedback:
         certificate={key: x for key, x in data.items() if key not in ("figures", "schema")},
         order=variables["order"],
         state_peaks=guarantees_from_json(data["pair"], pair.system, pair.gain).state_peaks,
-        **figures,
+        least_gamma=least,
+        figures=figures,
     )

@@ -101,8 +101,7 @@ def _of_ages(
             continue
         tried.append(own)
         condition = Condition(system, K, order, own, performance=performance, supports=supports)
-        rows = condition.largest_part(delays)
-        large = "looped" in own and rows > MOST_ROWS
+        large = "looped" in own and condition.largest_part(delays) > MOST_ROWS
         if not large and condition.corners(delays) <= MAX_CORNERS:
             found.append(condition)
     return found

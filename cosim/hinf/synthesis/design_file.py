@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from fractions import Fraction
 from typing import Any
 
@@ -20,6 +19,7 @@ from cosim.hinf.synthesis.kept_figures import (
     figures_to_json,
     has_figures,
 )
+from cosim.models import DelaySystem
 
 
 def design_to_json(design: Design | OutputFeedback) -> dict[str, Any]:
@@ -51,7 +51,8 @@ def design_from_json(data: Any, *, where: str) -> Design | OutputFeedback:
             expected=f"figures: {', '.join(FIGURES)}, optionally {', '.join(LATER_FIGURES)}",
             got=format_value(sorted(figures) if isinstance(figures, dict) else figures),
         )
-    return _design(data, figures, where)
+    system = system_from_json(data["system"])
+    return _design(data, system, *figures_from_json(figures, where, system, np.array(data["K"])))
 
 
 def design_from_certificate(data: Any, *, where: str) -> Design | OutputFeedback:
@@ -72,11 +73,7 @@ def design_from_certificate(data: Any, *, where: str) -> Design | OutputFeedback
             "not a design", where=where, expected="the proof of a gain", got=_kind_of(data)
         )
     system = system_from_json(data["system"])
-    found, _ = nominal.figures_if_known(system, K)
-    margin = found.delay_margin
-    figures = found._asdict() | {"delay_margin": None if margin is None else list(margin)}
-    worst = nominal.worst_case_at(system, np.array(K), found.norm_frequency)
-    return replace(_design(data, figures, where), worst_case=worst)
+    return _design(data, system, None, nominal.figures_if_known(system, K)[0])
 
 
 def _observes(data: Any) -> bool:
@@ -93,11 +90,13 @@ def _kind_of(data: Any) -> str:
     return f"a certificate of kind {data['kind']}" if "kind" in data else "no gain K"
 
 
-def _design(data: Any, figures: dict[str, Any], where: str) -> Design:
+def _design(
+    data: Any, system: DelaySystem, least: float | None, figures: nominal.NominalFigures
+) -> Design:
     """Return the design of a certificate whose proof holds, with these figures."""
     # the claimed values are read from the proof, never from a note beside it
     proved = data["variables"]
-    system, K = system_from_json(data["system"]), np.array(data["K"], dtype=float)
+    K = np.array(data["K"], dtype=float)
     order: int | None = proved.get("order")
     own = ("kind", "theorem", "claim", "system", "variables", "K", KEY)
     return Design(
@@ -109,7 +108,8 @@ def _design(data: Any, figures: dict[str, Any], where: str) -> Design:
         certificate={key: data[key] for key in own if key in data},
         order=order,
         guarantees=guarantees_from_json(data, system, K),
-        **figures_from_json(figures, where, system),
+        least_gamma=least,
+        figures=figures,
     )
 
 

@@ -12,11 +12,8 @@ from cosim.core import NotAchievableError
 from cosim.hinf.certificate import certificate_to_json, gamma_floor
 from cosim.hinf.lmi import Scaling, not_found, solver_words
 from cosim.hinf.nominal import (
-    NominalFigures,
-    WorstCase,
     figures_if_known,
     nominal_figures_of,
-    worst_case_at,
 )
 from cosim.hinf.synthesis.analysis import (
     Analysis,
@@ -49,13 +46,12 @@ def design_of_theorem_2(
         k2=tuple(map(float, theorem.k2)),
         least_gamma=least,
         certificate=certificate_to_json(system, K, proof),
-        worst_case=worst_case_at(system, K, figures.norm_frequency),
-        **figures._asdict(),
+        figures=figures,
     )
 
 
-def design_of_analysis(found: Analysis, worst_case: WorstCase | None = None) -> Design:
-    """Return the design of a gain that an analysis proves; `worst_case` where it is known."""
+def design_of_analysis(found: Analysis) -> Design:
+    """Return the design of a gain that an analysis proves."""
     if found.K is None or found.certificate is None:
         raise ValueError("expected a proved gain, got an analysis without")
     return Design(
@@ -67,8 +63,7 @@ def design_of_analysis(found: Analysis, worst_case: WorstCase | None = None) -> 
         least_gamma=found.least_gamma,
         certificate=found.certificate,
         order=found.order,
-        worst_case=worst_case or worst_case_at(found.system, found.K, found.norm_frequency),
-        **NominalFigures.of(found)._asdict(),
+        figures=found.figures,
     )
 
 
@@ -159,8 +154,7 @@ def quickly_proved(system: DelaySystem, gain: ArrayLike) -> Design | None:
 
 def _in_full(quick: Analysis, gamma: float | None, order: Order) -> Analysis:
     """Return the full analysis of the gain of a quick one."""
-    figures = NominalFigures.of(quick)
-    return best_analysis(quick.system, gain_of(quick.system, quick.K), gamma, order, figures)
+    return best_analysis(quick.system, gain_of(quick.system, quick.K), gamma, order, quick.figures)
 
 
 def given_gain_design(

@@ -12,7 +12,8 @@ from typing import Any
 from cosim.core import InputError, format_value
 from cosim.hinf import nominal
 from cosim.hinf.certificate import number
-from cosim.models import DelaySystem
+from cosim.hinf.nominal import NominalFigures
+from cosim.models import DelaySystem, Matrix
 
 FIGURES = ("least_gamma", "abscissa", "exact_norm", "norm_frequency")
 LATER_FIGURES = ("exact_norm_upper", "delay_margin", "worst_case")
@@ -21,7 +22,8 @@ LATER_FIGURES = ("exact_norm_upper", "delay_margin", "worst_case")
 
 def figures_to_json(design: Any) -> dict[str, Any]:
     """Return the figures of a design, or of an observer with its gain, as JSON values."""
-    figures = {name: getattr(design, name) for name in (*FIGURES, "exact_norm_upper")}
+    names = (*FIGURES, "exact_norm_upper")
+    figures: dict[str, Any] = {name: getattr(design, name) for name in names}
     margin = design.delay_margin
     figures["delay_margin"] = None if margin is None else list(margin)
     if design.worst_case is not None:  # else left out: a design that is read is written as it was
@@ -38,16 +40,18 @@ def has_figures(figures: Any) -> bool:
     return isinstance(figures, dict) and set(FIGURES) <= set(figures) <= known
 
 
-def figures_from_json(figures: dict[str, Any], where: str, system: DelaySystem) -> dict[str, Any]:
-    """Return figures by the name of their attribute; None for what is absent.
+def figures_from_json(
+    figures: dict[str, Any], where: str, system: DelaySystem, K: Matrix
+) -> tuple[float | None, NominalFigures]:
+    """Return the solver's least gamma, and the figures of a nominal loop; None for what is absent.
 
-    system : of the nominal loop.
+    system, K : of the nominal loop.
 
     Raises
     ------
     InputError : values of another kind or number.
     """
-    found: dict[str, Any] = {
+    values: dict[str, Any] = {
         name: _number_or_none(figures.get(name), f"{where}: {name}")
         for name in (*FIGURES, "exact_norm_upper")
     }
@@ -56,7 +60,9 @@ def figures_from_json(figures: dict[str, Any], where: str, system: DelaySystem) 
         margins = _margins(margins, f"{where}: delay_margin", len(system.delays))
     if worst is not None:
         worst = nominal.worst_case_from_json(worst, f"{where}: worst_case", system.C.shape[1])
-    return {**found, "delay_margin": margins, "worst_case": worst}
+    least = values.pop("least_gamma")
+    values |= {"delay_margin": margins, "worst_case": worst}
+    return least, NominalFigures.with_values(system, K, values)
 
 
 def _number_or_none(value: Any, where: str) -> float | None:

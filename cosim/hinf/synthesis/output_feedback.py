@@ -37,7 +37,6 @@ from cosim.hinf.nominal import (
     checked_system,
     nominal_figures_of,
     one_thread,
-    worst_case_at,
 )
 from cosim.hinf.problem import ages_are_known
 from cosim.hinf.synthesis.analysis import (
@@ -242,7 +241,7 @@ def _best(
     with solver_words():
         for count, (K, L) in enumerate(proposed, 1):
             pair = pair_of(system, measurements, K, L, **known)
-            figures = nominal_figures_of(pair.system, pair.gain, quick=True)
+            figures = nominal_figures_of(pair.system, pair.gain)
             quick = best_analysis(*(pair.system, pair.gain, gamma, order, figures), ranking=True)
             if figures.abscissa is not None and figures.abscissa < 0:
                 tried.append((pair, figures))
@@ -265,11 +264,9 @@ def _best(
             hint="younger measurements, less uncertainty, a larger gamma, or gains of your own",
         )
     pair, found = min(made, key=lambda one: one[1].gamma or 0.0)
-    if not brief:
-        found = replace(found, **nominal_figures_of(pair.system, pair.gain)._asdict())
     large = not brief and is_large(pair.system, pair.gain)
     if order == "auto" and (large or ages_are_known(pair.system)):  # ranking tried what is quick
-        full = best_analysis(pair.system, pair.gain, gamma, order, NominalFigures.of(found))
+        full = best_analysis(pair.system, pair.gain, gamma, order, found.figures)
         found = min((found, full), key=lambda one: (not one.certified, one.gamma or 0.0))
     return _certified(pair, found)
 
@@ -305,8 +302,7 @@ def _certified(pair: ObserverPair, found: Analysis) -> OutputFeedback:
         certificate=output_feedback_to_json(pair, found.certificate),
         order=found.order,
         least_gamma=found.least_gamma,
-        worst_case=worst_case_at(pair.system, pair.gain, found.norm_frequency),
-        **NominalFigures.of(found)._asdict(),
+        figures=found.figures,
     )
 
 

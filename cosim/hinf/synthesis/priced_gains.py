@@ -55,7 +55,7 @@ def priced_gains(system: DelaySystem) -> Iterator[Matrix]:
         if gain_remark(system, K) is not None:
             continue
         try:
-            figures = nominal_figures_of(system, K, quick=True)
+            figures = nominal_figures_of(system, K)
         except NotAchievableError:
             continue
         if figures.exact_norm is not None:

@@ -31,7 +31,6 @@ from functools import partial
 from itertools import chain
 
 from cosim.core import NotAchievableError, report
-from cosim.hinf.nominal import NominalFigures
 from cosim.hinf.problem import ages_are_known, of_any_age
 from cosim.hinf.synthesis import theorem_2
 from cosim.hinf.synthesis.ages_gains import (
@@ -134,11 +133,10 @@ def _proved_again(found: Design) -> Design:
     if _unknowns(found.system, 0) > _MOST_UNKNOWNS or is_exact(found):
         return found
     report("the best proof of this gain", 0.0)
-    figures = NominalFigures.of(found)
-    again = best_analysis(found.system, found.K, None, "auto", figures, below=found.gamma)
+    again = best_analysis(found.system, found.K, None, "auto", found.figures, below=found.gamma)
     if not again.certified:
         return found
-    best = preferred([found, design_of_analysis(again, found.worst_case)])
+    best = preferred([found, design_of_analysis(again)])
     return replace(best, least_gamma=best.least_gamma or found.least_gamma)
 
 
