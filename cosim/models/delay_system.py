@@ -93,11 +93,11 @@ def _by_state(name: str, value: Any, n: int) -> tuple[bool, ...]:
 
 def _size(name: str, sizes: dict[str, int]) -> int:
     """Return the dimension that all given matrices share; 0 if none is given."""
-    found = set(sizes.values())
-    if len(found) > 1:
+    counts = set(sizes.values())
+    if len(counts) > 1:
         got = ", ".join(f"{matrix} has {size}" for matrix, size in sizes.items())
         raise ValueError(f"{name}: matrices disagree; expected one number, got {got}")
-    return found.pop() if found else 0
+    return counts.pop() if counts else 0
 
 
 def _block_sizes(value: Any, s: int, r: int) -> tuple[tuple[int, int], ...] | None:
@@ -478,11 +478,11 @@ class DelaySystem(Value):
     def blocks(self) -> tuple[tuple[slice, slice], ...]:
         """The columns of E and the rows of H of every block of F; empty without uncertainty."""
         s, r = self.E.shape[1], self.H.shape[0]
-        found, column, row = [], 0, 0
+        pairs, column, row = [], 0, 0
         for p, q in self.uncertainty_blocks or (((s, r),) if s else ()):
-            found.append((slice(column, column + p), slice(row, row + q)))
+            pairs.append((slice(column, column + p), slice(row, row + q)))
             column, row = column + p, row + q
-        return tuple(found)
+        return tuple(pairs)
 
     @property
     def has_performance(self) -> bool:

@@ -123,24 +123,24 @@ class VehicleEquations:
         """Return the quantities that must be positive for valid parameters, with messages."""
         pivots, _ = pivots_and_inverse(symmetric_part(self.mass_matrix(p)), self._axes)
         text = "the mass matrix with added mass must be positive definite: it fails at nu."
-        found = [
+        conditions = [
             (pivot, f"{text}{VELOCITIES[axis]}")
             for pivot, axis in zip(pivots, self._axes, strict=True)
         ]
         if self._quaternion:
             q = [p[f"initial.quaternion.q{i}"] for i in range(4)]
             off = abs(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3] - 1.0)
-            found.append((1e-6 - off, "the initial quaternion must have the length 1"))
-        return found
+            conditions.append((1e-6 - off, "the initial quaternion must have the length 1"))
+        return conditions
 
     def dimensional(self, p: Mapping[str, Any]) -> dict[str, Any]:
         """Return the dimensional derivatives by name."""
         prime = self.terms["prime"]
-        found = {}
+        values = {}
         for d in self._derivatives:
             value = p[f"hydro.{d.parameter}"]
-            found[d.name] = d.scale(p, prime=prime) * value if prime else value
-        return found
+            values[d.name] = d.scale(p, prime=prime) * value if prime else value
+        return values
 
     def mass_matrix(self, p: Mapping[str, Any]) -> dict[tuple[int, int], Any]:
         """Return M = M_RB + M_A, sparse, by axes 0 to 5."""
@@ -215,20 +215,20 @@ class VehicleEquations:
 
     def _fin(self, p: Mapping[str, Any], fin: Mapping[str, Any]) -> dict[str, Any]:
         name = fin["name"]
-        found: dict[str, Any] = {"coefficients": {}, "pressure": None}
+        values: dict[str, Any] = {"coefficients": {}, "pressure": None}
         for key in fin["derivatives"]:
             d = derivative_named(key)
             if d is not None:
                 value = p[f"derivative.{name}.{d.parameter}"]
                 prime = self.terms["prime"]
-                found["coefficients"][key] = d.scale(p, prime=prime) * value if prime else value
+                values["coefficients"][key] = d.scale(p, prime=prime) * value if prime else value
         if fin["area"]:
-            found["pressure"] = p["density"] / 2 * p[f"area.{name}"]
-            found["lift"] = p[f"lift.{name}"]
-            found["drag"] = p[f"drag.{name}"] if fin["drag"] else None
+            values["pressure"] = p["density"] / 2 * p[f"area.{name}"]
+            values["lift"] = p[f"lift.{name}"]
+            values["drag"] = p[f"drag.{name}"] if fin["drag"] else None
             for key in ("direction", "position"):
-                found[key] = {"xyz".index(a): p[f"{key}.{name}.{a}"] for a in fin[key]}
-        return found
+                values[key] = {"xyz".index(a): p[f"{key}.{name}.{a}"] for a in fin[key]}
+        return values
 
     def rates(
         self, x: Sequence[Any], late: Sequence[Any], u: Sequence[Any], c: Any, ns: Any

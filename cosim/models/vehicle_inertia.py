@@ -45,16 +45,16 @@ def rigid_body_mass(
     r_g, inertia : those of their components that are not zero.
     """
     m = p["mass"]
-    found: Sparse = {(i, i): m for i in range(3)}
+    mass: Sparse = {(i, i): m for i in range(3)}
     for entries, sign in ((_LATER, 1), (_EARLIER, -1)):
         for i, j, axis in entries:
             if axis in r_g:
                 moment = m * p[f"r_g.{axis}"]
-                found[i, j] = found[j, i] = moment if sign > 0 else -moment
+                mass[i, j] = mass[j, i] = moment if sign > 0 else -moment
     for name in inertia:
         i, j = _INERTIA[name]
-        found[i, j] = found[j, i] = p[f"inertia.{name}"]
-    return {(i, j): found[i, j] for i in axes for j in axes if (i, j) in found}
+        mass[i, j] = mass[j, i] = p[f"inertia.{name}"]
+    return {(i, j): mass[i, j] for i in axes for j in axes if (i, j) in mass}
 
 
 def symmetric_part(m: Sparse) -> Sparse:
@@ -90,12 +90,12 @@ def pivots_and_inverse(m: Sparse, axes: Sequence[int]) -> tuple[list[Any], Spars
 
 def multiplied(m: Sparse, x: Mapping[int, Any]) -> dict[int, Any]:
     """Return m x by row; rows and entries that are always zero are absent."""
-    found: dict[int, Any] = {}
+    sums: dict[int, Any] = {}
     for i, j in sorted(m):
         if j in x:
             term = m[i, j] * x[j]
-            found[i] = found[i] + term if i in found else term
-    return found
+            sums[i] = sums[i] + term if i in sums else term
+    return sums
 
 
 def coriolis_force(
@@ -107,12 +107,12 @@ def coriolis_force(
     without : entries (row, column) of C that are left out, counted from 0.
     """
     momentum = multiplied(m, nu)
-    found: dict[int, Any] = {}
+    force: dict[int, Any] = {}
     for i, j, sign, k in _CORIOLIS:
         if i in nu and j in nu and k in momentum and (i, j) not in without:
             term = momentum[k] * nu[j]
-            if i in found:
-                found[i] = found[i] + term if sign > 0 else found[i] - term
+            if i in force:
+                force[i] = force[i] + term if sign > 0 else force[i] - term
             else:
-                found[i] = term if sign > 0 else -term
-    return found
+                force[i] = term if sign > 0 else -term
+    return force

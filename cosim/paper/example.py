@@ -203,10 +203,10 @@ def _worst_run(known: Example) -> Row:
 
 def peak_of(loop: ClosedLoop) -> NormResult:
     """Return the exact norm of a stable loop."""
-    found = hinf_norm(loop)
-    if found is None:
+    norm = hinf_norm(loop)
+    if norm is None:
         raise ArithmeticError("expected a stable loop")
-    return found
+    return norm
 
 
 def _numbers(K: Any) -> str:
@@ -266,10 +266,10 @@ def largest_radius(A: Any, A1: Any) -> float:
     beyond = a1 / (grid[-1] - a)  # a bound beyond the grid
     best = int(np.argmax([radius(omega) for omega in grid]))
     low, high = grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)]
-    found: Any = optimize.minimize_scalar(
+    least: Any = optimize.minimize_scalar(
         lambda omega: -radius(omega), bounds=(low, high), method="bounded"
     )
-    return max(radius(float(grid[best])), -float(found.fun), float(beyond))
+    return max(radius(float(grid[best])), -float(least.fun), float(beyond))
 
 
 def _roots(roots: Any) -> str:

@@ -138,8 +138,8 @@ def margin(s: Data, reading: Reading) -> tuple[float, Unknowns | None]:
     bounds += [X >> t * np.eye(n), Q >> t * np.eye(n), X << _LARGEST_X * np.eye(n)]
     if not solve(cp.Maximize(t), bounds):
         return -1.0, None
-    found = [np.asarray(V.value, dtype=np.float64) for V in (X, R, Q, Y, eps)]
-    return float(np.asarray(t.value)), Unknowns(*found)
+    values = [np.asarray(V.value, dtype=np.float64) for V in (X, R, Q, Y, eps)]
+    return float(np.asarray(t.value)), Unknowns(*values)
 
 
 def greatest_delay_as_printed(gamma: float, near: float) -> float:

@@ -302,16 +302,16 @@ def _maclaurin() -> Row:
 
 def _vehicle_design() -> Row:
     named = system_by_name("auv")
-    found = design(named.system, named.k1, named.k2, gamma=named.gamma, order=None)
+    designed = design(named.system, named.k1, named.k2, gamma=named.gamma, order=None)
     return Row(
         MODEL,
         "Eqs. (5), (6): the vehicle as an uncertain system with delay",
         "ΔA, A1, C, E, H without numbers; no controller for the vehicle",
-        f"with this project's choice: γ = {at_most(found.gamma, 5)} certified, exact nominal norm "
-        f"{found.exact_norm:.4g}",
+        f"with this project's choice: γ = {at_most(designed.gamma, 5)} certified, exact nominal "
+        f"norm {designed.exact_norm:.4g}",
         How.CERTIFIED,
         Verdict.NOT_COMPARABLE,
         "The example of section 5 is not a vehicle. Here E and H are proved over an envelope of "
         "speeds, and the feedback is delayed.",
-        value=found.gamma,
+        value=designed.gamma,
     )

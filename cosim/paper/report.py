@@ -46,17 +46,17 @@ class Report:
     @property
     def counts(self) -> dict[Verdict, int]:
         """Number of rows per verdict, for all verdicts."""
-        found = Counter(row.verdict for row in self.rows)
-        return {verdict: found[verdict] for verdict in Verdict}
+        verdicts = Counter(row.verdict for row in self.rows)
+        return {verdict: verdicts[verdict] for verdict in Verdict}
 
     @property
     def errors(self) -> dict[str, list[str]]:
         """Each error of the paper once, by the row it is counted at: the rows that show it."""
-        found: dict[str, list[str]] = {}
+        failed: dict[str, list[str]] = {}
         for row in self.rows:
             for error in row.errors:
-                found.setdefault(error, []).append(row.what)
-        return found
+                failed.setdefault(error, []).append(row.what)
+        return failed
 
     def to_json(self) -> dict[str, Any]:
         """Return plain JSON values."""

@@ -95,8 +95,10 @@ def actuation_of(vehicle: Vehicle, trim: Trim, velocities: Sequence[str]) -> Act
         whole = _rank(scaled) == len(every)
         rows = range(len(every)) if whole else own
         inverse = limits[:, None] * np.linalg.pinv(scaled[list(rows)], rcond=_RANK)
-        found = inverse[:, own] if whole else inverse
-        found = np.where(np.abs(found) > 1e-10 * np.abs(found).max(), found, 0.0)
+        allocation = inverse[:, own] if whole else inverse
+        allocation = np.where(
+            np.abs(allocation) > 1e-10 * np.abs(allocation).max(), allocation, 0.0
+        )
         commands = tuple(velocities)
     else:
         if not moving.any():
@@ -105,13 +107,13 @@ def actuation_of(vehicle: Vehicle, trim: Trim, velocities: Sequence[str]) -> Act
                 where="control.states",
                 got=", ".join(velocities) or "no velocity",
             )
-        found = (np.eye(k) * limits)[:, moving]
+        allocation = (np.eye(k) * limits)[:, moving]
         commands = tuple(a.command for a, own in zip(vehicle.actuators, moving, strict=True) if own)
     return Actuation(
         tuple(a.command for a in vehicle.actuators),
         np.array([trim.commands[a.command] for a in vehicle.actuators]),
         limits,
-        found,
+        allocation,
         commands,
         accelerations,
         np.array([a.lag for a in vehicle.actuators]),

@@ -67,16 +67,16 @@ class Faults:
         parts += [self._hydro, self._hull]
         parts += [partial(self._thruster, i) for i in range(len(self._file.thrusters))]
         parts += [partial(self._fin, i) for i in range(len(self._file.fins))]
-        found: set[str] = set()
+        known: set[str] = set()
         for group in ([*parts, self._actuators], [self._design], [self._mass]):
             for part in group:
                 try:
                     part()
                 except InputError as fault:
-                    if str(fault) not in found:
-                        found.add(str(fault))
+                    if str(fault) not in known:
+                        known.add(str(fault))
                         yield fault
-            if found:
+            if known:
                 return
 
     def _attitude(self) -> None:

@@ -55,21 +55,21 @@ def crossings(
     ----------
     set_points : names of the states that have one.
     """
-    found = []
+    each = []
     for sensor in sensors:
         way = [f"every {sensor.interval:g} s"]
         way += [f"up to {sensor.transit:g} s under way"] if sensor.in_packets else []
         way += [sensor.remark] if sensor.remark else []
         what = f"{sensor.name}: {', '.join(sensor.measures)}"
-        found.append(Crossing(what, sensor.over, sensor.age, ", ".join(way)))
+        each.append(Crossing(what, sensor.over, sensor.age, ", ".join(way)))
     if set_points:
-        found.append(Crossing(f"set-points: {', '.join(set_points)}", "link", None))
-    found.append(Crossing("commands", "onboard", settings.command_age))
-    return tuple(sorted(found, key=lambda one: one.over != "link"))
+        each.append(Crossing(f"set-points: {', '.join(set_points)}", "link", None))
+    each.append(Crossing("commands", "onboard", settings.command_age))
+    return tuple(sorted(each, key=lambda one: one.over != "link"))
 
 
 def crossing_lines(
-    found: Sequence[Crossing], sensors: Sequence[Sensor], states: Sequence[str]
+    crossed: Sequence[Crossing], sensors: Sequence[Sensor], states: Sequence[str]
 ) -> list[str]:
     """Return a line for each crossing, and for what one might expect to cross and does not.
 
@@ -78,8 +78,8 @@ def crossing_lines(
     sensors : of the vehicle file.
     states : that are controlled.
     """
-    lines = [one.line for one in found]
-    if not any(one.over == "link" and one.greatest_age_s is not None for one in found):
+    lines = [one.line for one in crossed]
+    if not any(one.over == "link" and one.greatest_age_s is not None for one in crossed):
         lines.append("no measurement crosses the slow link: the loop does not depend on it")
     for sensor in sensors:
         if sensor.over == "link" and not {*sensor.measures} & {*states}:
@@ -88,12 +88,12 @@ def crossing_lines(
     return lines
 
 
-def crossing_title(found: Sequence[Crossing]) -> str:
+def crossing_title(crossed: Sequence[Crossing]) -> str:
     """Return in a few words what crosses the slow link."""
-    over_link = [one.what.partition(":")[0] for one in found if one.over == "link"]
+    over_link = [one.what.partition(":")[0] for one in crossed if one.over == "link"]
     if not over_link:
         return "nothing crosses the slow link, loop closed on board"
     names = " and ".join(over_link)
-    if all(one.greatest_age_s is None for one in found if one.over == "link"):
+    if all(one.greatest_age_s is None for one in crossed if one.over == "link"):
         return f"{names} over a slow link, every measurement on board"
     return f"{names} over a slow link, loop closed on board"

@@ -57,9 +57,12 @@ def with_defaults(vehicle: Vehicle, *, speed_given: bool) -> Vehicle:
         taken["sensors"] = "; ".join(f"{s.name}: {', '.join(s.measures)}" for s in vehicle.sensors)
     euler = vehicle.attitude == "euler"
     if not speed_given and euler and any(a.kind == "fin" for a in vehicle.actuators):
-        found = _steered(vehicle)
-        if found is not vehicle:
-            vehicle, taken["trim"] = found, f"u = {found.trim['nu.u']:g} m/s, since fins steer it"
+        steered = _steered(vehicle)
+        if steered is not vehicle:
+            vehicle, taken["trim"] = (
+                steered,
+                f"u = {steered.trim['nu.u']:g} m/s, since fins steer it",
+            )
     if not vehicle.control.states:
         motion = tuple(n for n in vehicle.outputs if n[:4] == "eta." or n[:3] == "nu.")
         states = (_controlled(vehicle) if euler else ()) or motion
@@ -71,12 +74,12 @@ def with_defaults(vehicle: Vehicle, *, speed_given: bool) -> Vehicle:
 
 def _measuring(sensors: Sequence[Sensor], names: set[str]) -> list[Sensor]:
     """Return the sensors with what they measure of these names."""
-    found = []
+    measuring = []
     for sensor in sensors:
         own = {m: n for m, n in zip(sensor.measures, sensor.noise, strict=True) if m in names}
         if own:
-            found.append(replace(sensor, measures=tuple(own), noise=tuple(own.values())))
-    return found
+            measuring.append(replace(sensor, measures=tuple(own), noise=tuple(own.values())))
+    return measuring
 
 
 def _trim(vehicle: Vehicle) -> Trim | None:
@@ -115,7 +118,7 @@ def _apart(vehicle: Vehicle, trim: Trim) -> list[str]:
     that are moved most come first: stern planes turn a vehicle, and its heave follows.
     """
     rows = _shares(vehicle, trim)
-    found: list[str] = []
+    apart: list[str] = []
     basis = np.zeros((0, rows.shape[1]))
     order = np.argsort(-np.linalg.norm(rows, axis=1), kind="stable").tolist()
     if not vehicle.trim:
@@ -126,8 +129,8 @@ def _apart(vehicle: Vehicle, trim: Trim) -> list[str]:
         rest = float(np.linalg.norm(left))
         if size > _MOVED and rest > MAINLY * size:
             basis = np.vstack([basis, left / rest])
-            found.append(vehicle.velocities[i].removeprefix("nu."))
-    return found
+            apart.append(vehicle.velocities[i].removeprefix("nu."))
+    return apart
 
 
 def _controlled(vehicle: Vehicle) -> tuple[str, ...]:

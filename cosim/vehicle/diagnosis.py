@@ -51,18 +51,18 @@ def diagnose(text: str, where: str) -> list[Finding]:
 
     Errors of the file come alone: without it there is no vehicle to look at.
     """
-    found: list[Finding] = []
+    findings: list[Finding] = []
     try:
         for error in _file_errors(text, where):
-            found.append(Finding("error", error))  # noqa: PERF401 - what is found before one raises
-        if found:
-            return found
+            findings.append(Finding("error", error))  # noqa: PERF401 - what is found before one raises
+        if findings:
+            return findings
         vehicle = vehicle_from_toml(text, where=where)
-        found.extend(_of_motion(vehicle))
-        found.extend(_of_sensors(vehicle))
+        findings.extend(_of_motion(vehicle))
+        findings.extend(_of_sensors(vehicle))
     except CosimError as beyond:
-        found.append(Finding("error", beyond))
-    return found
+        findings.append(Finding("error", beyond))
+    return findings
 
 
 def _file_errors(text: str, where: str) -> Iterator[InputError]:
@@ -192,9 +192,9 @@ def drag_shares(vehicle: Vehicle, trim: Trim) -> dict[str, float]:
     at = [vehicle.states.index(name) for name in vehicle.velocities]
     effect = command_effect(vehicle, trim)
     limits = np.array([a.limit for a in vehicle.actuators])
-    found: dict[str, float] = {}
+    shares: dict[str, float] = {}
     if np.linalg.matrix_rank(effect * limits, tol=1e-8) < len(_driven(vehicle, effect, at)):
-        return found  # at speed, what holds one velocity moves another
+        return shares  # at speed, what holds one velocity moves another
     for i in at:
         name = vehicle.states[i]
         if name not in vehicle.envelope or name[3:] not in _driven(vehicle, effect, at):
@@ -205,8 +205,8 @@ def drag_shares(vehicle: Vehicle, trim: Trim) -> dict[str, float]:
         needed = np.zeros(len(at))
         needed[at.index(i)] = -change[at.index(i)]
         scaled = np.linalg.lstsq(effect * limits, needed, rcond=1e-9)[0]
-        found[name] = float(np.abs(scaled).max(initial=0.0))
-    return found
+        shares[name] = float(np.abs(scaled).max(initial=0.0))
+    return shares
 
 
 def _driven(vehicle: Vehicle, effect: Matrix, at: list[int]) -> set[str]:
@@ -233,8 +233,8 @@ def poles(vehicle: Vehicle, trim: Trim) -> NDArray[np.complex128]:
             state[vehicle.states[i]] += sign * _STEP
             ends.append(_rates_at(vehicle, state, trim))
         columns.append((ends[0] - ends[1]) / (2 * _STEP))
-    found = np.linalg.eigvals(np.array(columns).T)
-    return np.asarray(sorted(found, key=lambda s: (-s.real, -s.imag)), dtype=np.complex128)
+    roots = np.linalg.eigvals(np.array(columns).T)
+    return np.asarray(sorted(roots, key=lambda s: (-s.real, -s.imag)), dtype=np.complex128)
 
 
 def _stability(vehicle: Vehicle, trim: Trim) -> Iterator[Finding]:

@@ -198,8 +198,8 @@ def _wider(
     for name, use in outcome.metrics["envelope_use"].items():
         if use > 1.0 and name in bounds:
             bounds[name] *= _WIDER * use
-    found = proved_for(model, design, measurements_of(model, sensors), bounds)
-    return None if found is None else (found[0], _noted(found[1], found[0]))
+    wider = proved_for(model, design, measurements_of(model, sensors), bounds)
+    return None if wider is None else (wider[0], _noted(wider[1], wider[0]))
 
 
 def _noted(design: hinf.OutputFeedback, model: LinearModel) -> hinf.OutputFeedback:

@@ -96,12 +96,12 @@ def _ratio(design: hinf.OutputFeedback) -> float:
     return (design.gamma or 0.0) / (design.exact_norm or 1.0)
 
 
-def _with_remarks(found: Certified, whole: LinearModel, say: Say) -> Certified:
+def _with_remarks(designed: Certified, whole: LinearModel, say: Say) -> Certified:
     """Return what was certified; say so where that is not for the whole envelope."""
-    if found[0] is not whole:
-        bounds = ", ".join(f"{name} {bound:.3g}" for name, bound in found[0].envelope.items())
+    if designed[0] is not whole:
+        bounds = ", ".join(f"{name} {bound:.3g}" for name, bound in designed[0].envelope.items())
         say(f"certified for less than the whole envelope; about the trim at most: {bounds}")
-    return found
+    return designed
 
 
 def proved_for(
@@ -114,7 +114,7 @@ def proved_for(
     other = linear_model(model.vehicle, envelope=envelope)
     known = known_delays(other.system)
     try:
-        found = hinf.design_output_feedback(
+        designed = hinf.design_output_feedback(
             *(known, measured),
             gain=design.K,
             injections=design.L,
@@ -125,7 +125,7 @@ def proved_for(
         )
     except NotAchievableError:
         return None
-    return other, found
+    return other, designed
 
 
 def _most_uncertain(model: LinearModel) -> str:
@@ -136,10 +136,10 @@ def _most_uncertain(model: LinearModel) -> str:
     moves = (np.abs(system.A) * bounds).sum(axis=1, keepdims=True)
     shares = np.divide(radius * bounds, moves, out=np.zeros_like(radius), where=moves > 0)
     places = np.argsort(-shares, axis=None, kind="stable")[:3]
-    found = [np.unravel_index(k, shares.shape) for k in places]
+    entries = [np.unravel_index(k, shares.shape) for k in places]
     return ", ".join(
         f"{model.states[i]}' by {model.states[j]} ({system.A[i, j]:.3g} +- {radius[i, j]:.3g})"
-        for i, j in found
+        for i, j in entries
         if radius[i, j] > 0
     )
 
@@ -149,14 +149,14 @@ def measurements_of(
 ) -> tuple[Measurement, ...]:
     """Return the measurements of the design: rows of x, each with its age and its noise."""
     n = len(model.states)
-    found = []
+    measurements = []
     for sensor in sensors:
         rows = np.zeros((len(sensor.measures), n))
         for k, name in enumerate(sensor.measures):
             rows[k, model.states.index(name)] = 1.0
         ages: dict[str, Any] = {"any_age": True, "noise": list(sensor.noise), "over": sensor.over}
-        found.append(Measurement(sensor.name, rows, sensor.age, **ages))
-    return tuple(found)
+        measurements.append(Measurement(sensor.name, rows, sensor.age, **ages))
+    return tuple(measurements)
 
 
 def made_before(
@@ -180,13 +180,13 @@ def made_before(
     data = hinf.certificate.certificate_from_bytes(content, str(place))
     if not _same_question(data, model, measured):
         return None
-    found = hinf.design_from_json(data, where=str(place))
-    if not isinstance(found, hinf.OutputFeedback):
+    designed = hinf.design_from_json(data, where=str(place))
+    if not isinstance(designed, hinf.OutputFeedback):
         return None
-    pair = found.pair
+    pair = designed.pair
     if (pair.command_age, pair.command_any_age) == (command_age, True):
         say(f"made before, its proof checked again: {place}")
-        return found
+        return designed
     asked = f"for commands of any age up to {command_age:g} s: {place}"
     try:
         again = hinf.design_output_feedback(

@@ -94,8 +94,8 @@ class _Rows:
 
     def truth(self, name: str, trim: float) -> Reals:
         """Return a deviation of the plant from its trim, at the controller's points."""
-        found: Reals = np.interp(self.controlled, self.seconds, self.plant[name]) - trim
-        return found
+        values: Reals = np.interp(self.controlled, self.seconds, self.plant[name]) - trim
+        return values
 
 
 def _states(figure: Any, place: Any, rows: _Rows, subject: PictureSubject) -> None:

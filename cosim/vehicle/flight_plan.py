@@ -131,18 +131,18 @@ def planned_sensors(
         own = {name: noise for name, noise in pairs if name in states}
         if own:
             used.append(replace(sensor, measures=tuple(own), noise=tuple(own.values())))
-    found = [_over_link(sensor, settings) for sensor in used if sensor.over == "link"]
+    planned = [_over_link(sensor, settings) for sensor in used if sensor.over == "link"]
     aboard = [sensor for sensor in used if sensor.over == "onboard"]
     if aboard:
-        found.insert(0, _on_board(aboard, settings))
-    if not found:
+        planned.insert(0, _on_board(aboard, settings))
+    if not planned:
         raise InputError(
             "no sensor measures a controlled state",
             where="sensors",
             expected=f"one that measures some of {', '.join(states)}",
             got=", ".join(name for sensor in sensors for name in sensor.measures) or "no sensors",
         )
-    return tuple(found)
+    return tuple(planned)
 
 
 def _on_board(sensors: Sequence[Sensor], settings: FlightSettings) -> PlannedSensor:

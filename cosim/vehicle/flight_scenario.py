@@ -119,14 +119,14 @@ def _head(
     mission: Mission,
     settings: FlightSettings,
 ) -> str:
-    found = crossings(sensors, mission.names(states), settings)
-    listed = "\n".join(f"  {one.line}" for one in found)
+    crossed = crossings(sensors, mission.names(states), settings)
+    listed = "\n".join(f"  {one.line}" for one in crossed)
     asked = "follows set-points that a ship sends" if mission.set_points else "holds its trim"
     return f'''\
 # Made by `cosim vehicle fly`; change it as you like, and run it again: cosim run scenario.toml
 #   cosim scenario check scenario.toml     list its errors
 #   cosim vehicle show vehicle.toml        the vehicle
-title = "{vehicle}: {crossing_title(found)}"
+title = "{vehicle}: {crossing_title(crossed)}"
 description = """
 The vehicle {asked}. An observer on board estimates its state from
 measurements that carry the time at which they were taken. What crosses which link, and the ages

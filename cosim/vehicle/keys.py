@@ -51,12 +51,12 @@ def vehicle_tables() -> Mapping[str, tuple[str, Mapping[str, VehicleKey]]]:
     """Return the tables of a vehicle file: heading -> what it is for, and its keys."""
     schema = vehicle_schema()
     parts = schema["$defs"]
-    found = {"top of the file": ("What the vehicle is.", _keys(schema, parts, _TABLES))}
+    tables = {"top of the file": ("What the vehicle is.", _keys(schema, parts, _TABLES))}
     for name, heading in _TABLES.items():
         part = parts[_part_of(schema["properties"][name])]
         purpose = " ".join(part["description"].split()).partition(": ")[2]
-        found[heading] = purpose[:1].upper() + purpose[1:], _keys(part, parts, ())
-    return found
+        tables[heading] = purpose[:1].upper() + purpose[1:], _keys(part, parts, ())
+    return tables
 
 
 def _part_of(key: dict[str, Any]) -> str:
@@ -69,13 +69,13 @@ def _part_of(key: dict[str, Any]) -> str:
 
 def _keys(part: dict[str, Any], parts: dict[str, Any], without: Any) -> dict[str, VehicleKey]:
     required = part.get("required", ())
-    found = {}
+    keys = {}
     for name, key in part["properties"].items():
         if name not in without:
             text = key["description"]
             units = _UNIT.findall(text)
-            found[name] = VehicleKey(_value(key, parts), ", ".join(units), text, name in required)
-    return found
+            keys[name] = VehicleKey(_value(key, parts), ", ".join(units), text, name in required)
+    return keys
 
 
 def _value(key: dict[str, Any], parts: dict[str, Any]) -> str:

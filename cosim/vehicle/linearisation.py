@@ -92,20 +92,20 @@ def linear_model(
     """
     trim = find_trim(vehicle)
     model = _Coordinates(vehicle, trim, {**vehicle.envelope, **(envelope or {})}, current)
-    found = enclose(model.rates, model.box)
+    enclosure = enclose(model.rates, model.box)
     return LinearModel(
         vehicle,
-        _system(model, found, loop_delay),
+        _system(model, enclosure, loop_delay),
         model.states,
         model.actuation.commands,
         trim,
         MappingProxyType(
-            {name: model.bounds[name] for name in found.needed if name in model.bounds}
+            {name: model.bounds[name] for name in enclosure.needed if name in model.bounds}
         ),
         MappingProxyType(
             {
                 name: float(size)
-                for name, size in zip(model.states, found.disturbance, strict=True)
+                for name, size in zip(model.states, enclosure.disturbance, strict=True)
                 if size > 0
             }
         ),
@@ -113,13 +113,13 @@ def linear_model(
     )
 
 
-def _system(model: _Coordinates, found: LinearEnclosure, loop_delay: float) -> DelaySystem:
+def _system(model: _Coordinates, enclosure: LinearEnclosure, loop_delay: float) -> DelaySystem:
     vehicle, n, m = model.vehicle, len(model.states), len(model.actuation.commands)
     delays = []
-    H = found.uncertain.H if found.uncertain.blocks else None
+    H = enclosure.uncertain.H if enclosure.uncertain.blocks else None
     if vehicle.damping is not None:
         late = None if H is None else H[:, n:]
-        delays.append(Delay(vehicle.damping.delay, found.A1, late, any_age=True))
+        delays.append(Delay(vehicle.damping.delay, enclosure.A1, late, any_age=True))
     if loop_delay > 0:
         delays.append(Delay(loop_delay, np.zeros((n, n)), feedback=True, any_age=True))
     D = np.diag(model.weights)[np.array(model.weights) > 0]
@@ -128,17 +128,17 @@ def _system(model: _Coordinates, found: LinearEnclosure, loop_delay: float) -> D
     C = np.eye(n)[:, accelerated]
     p = len(D) + len(D2)
     return DelaySystem(
-        A=found.A,
-        B=found.B,
+        A=enclosure.A,
+        B=enclosure.B,
         C=C,
         D=np.vstack([D, np.zeros((len(D2), n))]),
         D1=np.zeros((p, C.shape[1])),
         D2=np.vstack([np.zeros((len(D), m)), D2]),
-        E=found.uncertain.E if H is not None else None,
+        E=enclosure.uncertain.E if H is not None else None,
         H=None if H is None else H[:, :n],
         delays=delays,
         name=vehicle.name,
-        uncertainty_blocks=found.uncertain.blocks or None,
+        uncertainty_blocks=enclosure.uncertain.blocks or None,
     )
 
 
@@ -278,13 +278,13 @@ class _Coordinates:
                 then[f"actual.{actuator.name}"] = 0.0
         inputs = dict(zip(own.actuators, command, strict=True))
         inputs |= dict(zip(_CURRENTS, rest[2 * count :], strict=True))
-        found = self.vehicle.rates(
+        values = self.vehicle.rates(
             [now[name] for name in self.vehicle.states],
             [then[name] for name in self.vehicle.states] if self.vehicle.damping else (),
             [inputs.get(name, 0.0) for name in self.vehicle.inputs],
             ns,
         )
-        by_name = dict(zip(self.vehicle.states, found, strict=True))
+        by_name = dict(zip(self.vehicle.states, values, strict=True))
         return [by_name[name] for name in self._plant] + self._lags(list(acting.values()), u)
 
     def _lags(self, acting: Sequence[Any], u: Sequence[Any]) -> list[Any]:

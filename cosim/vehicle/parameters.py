@@ -295,7 +295,7 @@ def _canonical(name: str) -> str:
 
 
 def _derivative(name: str) -> Derivative:
-    found = derivative_named(name)
-    if found is None:
+    derivative = derivative_named(name)
+    if derivative is None:
         raise KeyError(name)
-    return found
+    return derivative

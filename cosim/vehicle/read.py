@@ -86,11 +86,11 @@ def vehicle_data(text: str, where: str) -> dict[str, Any]:
 
 def _flattened(table: Mapping[str, Any], before: str = "") -> dict[str, Any]:
     """Return a table whose names with dots may be written without quotes: nu.u = 0.3."""
-    found: dict[str, Any] = {}
+    flat: dict[str, Any] = {}
     for key, value in table.items():
         name = f"{before}{key}"
-        found |= _flattened(value, f"{name}.") if isinstance(value, dict) else {name: value}
-    return found
+        flat |= _flattened(value, f"{name}.") if isinstance(value, dict) else {name: value}
+    return flat
 
 
 def _vehicle(file: VehicleFile, text: str) -> Vehicle:

@@ -40,14 +40,14 @@ def vehicle_template(name: str, like: str) -> str:
     lines = [_HEAD.format(name=name, like=like, file=f"{name}.toml")]
     heading, explained, inside = _TOP, set[tuple[str, str]](), False
     for line in vehicle_text(like).splitlines():
-        found = None if inside else _KEY.match(line)
+        match = None if inside else _KEY.match(line)
         if _TABLE.fullmatch(line):
             heading = line
             purpose = "" if line not in tables else tables[line][0]
             lines += _comment(purpose) if (heading, "") not in explained else []
             explained.add((heading, ""))
-        elif found is not None:
-            key = found["key"].strip('"')
+        elif match is not None:
+            key = match["key"].strip('"')
             known = tables[heading][1].get(key) if heading in tables else None
             if known is not None and (heading, key) not in explained:
                 lines += _comment(known.text)

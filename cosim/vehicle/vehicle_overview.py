@@ -113,7 +113,7 @@ def overview(vehicle: Vehicle) -> Overview:
 _BLUE, _RED, _GREY = "#0b6e99", "#d1495b", "#666666"
 
 
-def draw_overview(found: Overview, target: Path) -> Path:
+def draw_overview(overview: Overview, target: Path) -> Path:
     """Draw where the actuators are, the poles at the trim, and drag and limits by velocity.
 
     Raises
@@ -121,18 +121,18 @@ def draw_overview(found: Overview, target: Path) -> Path:
     InputError : matplotlib is not installed, or the picture cannot be written.
     """
     plt = pyplot()
-    vehicle = found.vehicle
+    vehicle = overview.vehicle
     with plt.rc_context({"font.size": 9, "axes.grid": True, "grid.alpha": 0.25}):
         figure, (left, middle, right) = plt.subplots(1, 3, figsize=(13, 4.4), layout="constrained")
         figure.suptitle(f"{vehicle.name}: {vehicle.description}", fontweight="bold")
         _layout(left, vehicle)
-        real, imag = [s.real for s in found.poles], [s.imag for s in found.poles]
+        real, imag = [s.real for s in overview.poles], [s.imag for s in overview.poles]
         middle.axvline(0, color=_GREY, lw=0.8)
         middle.plot(real, imag, "x", color=_BLUE, mew=2, ms=8)
-        title = "Poles at the trim, without control" if found.poles else "No trim, no poles"
+        title = "Poles at the trim, without control" if overview.poles else "No trim, no poles"
         middle.set(title=title, xlabel="real part [1/s]", ylabel="imaginary part [1/s]")
-        names = list(found.drag)[::-1]
-        shares = [100 * found.drag[name] for name in names]
+        names = list(overview.drag)[::-1]
+        shares = [100 * overview.drag[name] for name in names]
         colours = [_RED if share > 100 else _BLUE for share in shares]
         labels = [f"{name} = {vehicle.envelope[name]:g}" for name in names]
         right.barh(labels, shares, color=colours, height=0.6)

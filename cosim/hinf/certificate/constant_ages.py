@@ -36,10 +36,10 @@ def constant_ages_claimed(certificate: dict[str, Any]) -> dict[str, float]:
     """
     if certificate.get("kind") == KIND:
         measurements = measurements_from_json(certificate["measurements"])
-        found = {x.name: x.d for x in measurements if has_constant_age(x)}
+        stated = {x.name: x.d for x in measurements if has_constant_age(x)}
         if not certificate["command_any_age"]:
-            found[COMMANDS] = number(certificate["command_age"], "command_age")
-        return found
+            stated[COMMANDS] = number(certificate["command_age"], "command_age")
+        return stated
     K = certificate.get("K")
     if not (K and K[0]):
         return {}

@@ -95,19 +95,19 @@ def acting_delays(system: DelaySystem) -> tuple[int, ...]:
     ------
     InputError : there are more than `MAX_ACTING`.
     """
-    found = tuple(
+    acting = tuple(
         j
         for j, x in enumerate(system.delays)
         if x.d > 0 and (x.A.any() or x.H.any() or (x.feedback and system.B.any()))
     )
-    if len(found) > MAX_ACTING:
+    if len(acting) > MAX_ACTING:
         raise InputError(
             "too many delays for a proof of decay",
             where="decay",
             expected=f"at most {MAX_ACTING} delays through which anything acts",
-            got=str(len(found)),
+            got=str(len(acting)),
         )
-    return found
+    return acting
 
 
 def corners(growth: tuple[Any, ...], acting: tuple[int, ...]) -> Iterator[tuple[Any, ...]]:

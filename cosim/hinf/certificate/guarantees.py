@@ -104,5 +104,5 @@ def guarantees_from_json(data: dict[str, Any], system: DelaySystem, gain: Matrix
 
 def _kind_of(name: str) -> type[Guarantee]:
     module, kind = _KINDS[name]
-    found: type[Guarantee] = getattr(import_module(f"cosim.hinf.certificate.{module}"), kind)
-    return found
+    guarantee: type[Guarantee] = getattr(import_module(f"cosim.hinf.certificate.{module}"), kind)
+    return guarantee

@@ -219,13 +219,13 @@ def exact_noise(injection: Matrix, noise: Sequence[float]) -> tuple[float, ...]:
     injection : (n, k). An L of few digits costs nothing; one of 53 bits costs a factor of two at
     most.
     """
-    found = []
+    matrices = []
     for column, size in zip(injection.T, noise, strict=True):
         bits = max((_odd_bits(x) for x in column.tolist()), default=0)
         mantissa, exponent = math.frexp(size)
         kept = max(_BITS - bits, 1)
-        found.append(math.ldexp(math.ceil(math.ldexp(mantissa, kept)), exponent - kept))
-    return tuple(found)
+        matrices.append(math.ldexp(math.ceil(math.ldexp(mantissa, kept)), exponent - kept))
+    return tuple(matrices)
 
 
 def _odd_bits(x: float) -> int:

@@ -184,11 +184,11 @@ def measurements_from_json(data: Any) -> list[Measurement]:
     """
     findings = Findings(Values())
     parts = valid(_Measurements, {"measurements": data}, findings.origin).measurements
-    found = []
+    measurements = []
     for i, part in enumerate(parts):
         with findings.at("measurements", i):
-            found.append(part.measurement(part.C, any_age=part.any_age))
-    return found
+            measurements.append(part.measurement(part.C, any_age=part.any_age))
+    return measurements
 
 
 def measurement_differences(data: Any, wanted: Sequence[Measurement]) -> list[str]:
@@ -200,14 +200,14 @@ def measurement_differences(data: Any, wanted: Sequence[Measurement]) -> list[st
     if [x.name for x in own] != [x.name for x in wanted]:
         names = [", ".join(x.name for x in each) or "none" for each in (own, wanted)]
         return [f"measurements: {names[0]} and {names[1]}"]
-    found = []
+    differences = []
     for x, other in zip(own, wanted, strict=True):
         one, two = ({**measurement_to_json(y), "over": ""} for y in (x, other))
         if all(a >= b for a, b in zip(x.noise, other.noise, strict=False)):
             one["noise"] = two["noise"]
-        found += [
+        differences += [
             f"{x.name}, {key}: {one.get(key)} and {two.get(key)}"
             for key in sorted({*one, *two})
             if one.get(key) != two.get(key)
         ]
-    return found
+    return differences

@@ -55,13 +55,13 @@ def exp(x, y):
     k, one = int(abs(x) + abs(y)).bit_length() + 1, 2**256
     need(abs(x) <= 21 and k < 40, "an exponent too great")
     z = C(int(x * one / 2**k // 1), int(y * one / 2**k // 1))
-    term = found = C(one)
+    term = value = C(one)
     for i in range(1, 61):
         term = term * z // one // i
-        found = found + term
+        value = value + term
     for _ in range(k):
-        found = found * found // one
-    return found // (one // UNIT)
+        value = value * value // one
+    return value // (one // UNIT)
 
 
 def product(A, B):

@@ -255,11 +255,11 @@ class Loop:
 
     def scalings(self, eps: list[Any]) -> tuple[M, M]:
         """Return diagonals with eps_i on the columns of E and on the rows of H of block i."""
-        found = []
+        weights = []
         for i in (0, 1):
             each = [x for pair, x in zip(self.blocks, eps, strict=True) for _ in range(pair[i])]
-            found.append(M({(k, k): x for k, x in enumerate(each)}) + M())
-        return found[0], found[1]
+            weights.append(M({(k, k): x for k, x in enumerate(each)}) + M())
+        return weights[0], weights[1]
 
     def _read_ages(self) -> None:
         flags = [[x.get(key, False) for x in self.delays] for key in ("sampled", "any_age")]

@@ -255,10 +255,10 @@ def fitted(make: Callable[..., Made], *parts: Any, **more: Any) -> Made:
     try:
         return make(*parts, **more)
     except ValueError as error:
-        found = _SHAPE.fullmatch(str(error))
-        if found is None:
+        shapes = _SHAPE.fullmatch(str(error))
+        if shapes is None:
             raise InputError(str(error)) from error
-        what, expected, got = found.groups()
+        what, expected, got = shapes.groups()
         hint = _SHAPES.get(what[0])
         raise InputError(what, expected=expected, got=got, hint=hint) from error
 

@@ -190,10 +190,10 @@ class Contour:
 
 def _whole(roots: Any) -> int:
     """Return the whole number that a ball encloses."""
-    found = roots.unique_fmpz()
-    if found is None:
+    number = roots.unique_fmpz()
+    if number is None:
         raise NotCountedError(_ON_THE_BOUNDARY)
-    return int(found)
+    return int(number)
 
 
 def _balanced(terms: Mapping[float, Any]) -> dict[float, Any]:

@@ -133,10 +133,10 @@ class Condition:
         program, known = self._compiled(delays)[1], {"1/gamma": 1.0 / reference}
         main, others = program.constraints(known, multiples={"gamma": reference})
         cost = program.cost(["gamma"], known)
-        found = self._solver([*main, *others], cost, tolerance=TOLERANCE)
-        if not (found.usable and found.value > 0):
+        solution = self._solver([*main, *others], cost, tolerance=TOLERANCE)
+        if not (solution.usable and solution.value > 0):
             return None
-        return float(reference * np.sqrt(found.value))
+        return float(reference * np.sqrt(solution.value))
 
     def margin(
         self,
@@ -155,14 +155,14 @@ class Condition:
         program = self._compiled(delays, down_to_zero=down_to_zero)[1]
         known = known_gamma(gamma) if self.performance else {}
         constraints = program.constraints(known)
-        found = widest_margin(*constraints, bound, enough=enough, solver=self._solver)
-        if found is None:
+        centre = widest_margin(*constraints, bound, enough=enough, solver=self._solver)
+        if centre is None:
             return None
-        unknowns = program.values(found[1], known)
+        unknowns = program.values(centre[1], known)
         for name in known:
             del unknowns[name]
         unknowns |= {} if gamma is None else {"gamma": gamma}
-        return found[0], Proof(self.theorem(delays, down_to_zero=down_to_zero), unknowns)
+        return centre[0], Proof(self.theorem(delays, down_to_zero=down_to_zero), unknowns)
 
     def theorem(self, delays: Sequence[float], *, down_to_zero: bool = False) -> AgesTheorem:
         """Return the theorem at these delays; `down_to_zero` as of `margin`."""
@@ -230,9 +230,9 @@ def known_gamma(gamma: float | None) -> dict[str, float]:
 
 def _solve_steadily(constraints: Sequence[Constraint], q: Array, *, tolerance: float) -> Solution:
     """Minimise by Clarabel; where it fails and the problem is small, by normal equations."""
-    found = solve(constraints, q, tolerance=tolerance)
-    if found.status != "failed" or len(q) > _MOST_TRIED_AGAIN:
-        return found
+    solution = solve(constraints, q, tolerance=tolerance)
+    if solution.status != "failed" or len(q) > _MOST_TRIED_AGAIN:
+        return solution
     return solve_dense(constraints, q, tolerance=tolerance)
 
 

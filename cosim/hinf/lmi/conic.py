@@ -103,7 +103,7 @@ def solve(
         cones.append(clarabel.ZeroConeT(1))
     b = np.concatenate(right)
     try:
-        found = clarabel.DefaultSolver(
+        solver = clarabel.DefaultSolver(
             scipy.sparse.csc_matrix((len(q), len(q))),
             q,
             scipy.sparse.csc_matrix(scipy.sparse.vstack(rows)),
@@ -118,8 +118,8 @@ def solve(
         count("Panic")
         nothing = np.full(len(q), np.nan)
         return Solution("failed", nothing, np.nan, (), "Panic")
-    y, z = np.array(found.x), np.array(found.z)
-    word = str(found.status)
+    y, z = np.array(solver.x), np.array(solver.z)
+    word = str(solver.status)
     if not (np.isfinite(y).all() and np.isfinite(z).all()):
         word = f"{word} with numbers that are not finite"
     status = status_of(word)

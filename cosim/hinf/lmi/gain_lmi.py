@@ -102,11 +102,11 @@ class GainLmi:
         program = self._program(multiplier)
         main, others = program.constraints()
         cost = program.cost(["gamma"])
-        found = solve([*main, *others], cost, tolerance=TOLERANCE)
-        if not found.usable or self._reference is None or not found.value > 0:
+        solution = solve([*main, *others], cost, tolerance=TOLERANCE)
+        if not solution.usable or self._reference is None or not solution.value > 0:
             return None
-        gain = self._gain(program.values(found.y))
-        return None if gain is None else (float(self._reference * found.value), gain)
+        gain = self._gain(program.values(solution.y))
+        return None if gain is None else (float(self._reference * solution.value), gain)
 
     def central(self, multiplier: Multiplier, gamma: float | None) -> tuple[float, Array] | None:
         """Return the greatest margin t at `gamma` and its gain; t < 0: the LMI is not met.
@@ -121,16 +121,16 @@ class GainLmi:
             return self._gain(program.values(y, known))
 
         for bound in (BOUND, _GREATER_BOUND):
-            found = widest_margin(
+            centre = widest_margin(
                 *constraints,
                 bound,
                 accept=lambda y: gain_at(y) is not None,
                 enough=0.0,
             )
-            gain = None if found is None else gain_at(found[1])
-            if found is not None and gain is not None:
-                best = found[0], gain
-                if found[0] > 0:
+            gain = None if centre is None else gain_at(centre[1])
+            if centre is not None and gain is not None:
+                best = centre[0], gain
+                if centre[0] > 0:
                     break
         return best
 

@@ -116,9 +116,9 @@ class InjectionLmi:
             Constraint(c.size, c.constant - _LEVEL * svec(np.eye(c.size)), c.columns)
             for c in others
         ]
-        found = solve([*main, *level], program.cost(["gamma"]), tolerance=TOLERANCE)
-        values = program.values(found.y)
-        if not (found.usable and values["gamma"] > 0):
+        solution = solve([*main, *level], program.cost(["gamma"]), tolerance=TOLERANCE)
+        values = program.values(solution.y)
+        if not (solution.usable and values["gamma"] > 0):
             return None
         try:
             factors = scipy.linalg.lu_factor(values["U"])

@@ -45,11 +45,11 @@ def channel_units(system: DelaySystem, back: Array, T: float) -> Array:
     ----------
     back, T : `own_units`.
     """
-    found = np.ones(system.E.shape[1])
+    units = np.ones(system.E.shape[1])
     E = T * back[:, None] * system.E
     H = [M / back for M in (system.H, *(delay.H for delay in system.delays))]
     for p, q in system.blocks if len(system.blocks) > 1 else ():
         size = float(np.linalg.norm(E[:, p])), float(np.linalg.norm([M[q] for M in H]))
         if min(size) > 0:
-            found[p] = np.exp2(np.round(np.log2(size[1] / size[0]) / 2))
-    return found
+            units[p] = np.exp2(np.round(np.log2(size[1] / size[0]) / 2))
+    return units

@@ -42,7 +42,7 @@ def widest_margin(
     floors = [c.less(svec(_FLOOR * np.eye(c.size))) for c in others]
     last = np.zeros((1, main[0].columns.shape[1] + 1))
     last[0, -1] = 1.0
-    scales, found = [np.ones(c.size) for c in main], None
+    scales, centre = [np.ones(c.size) for c in main], None
     for _ in range(2):
         asked = [c.less(svec(np.diag(s))) for c, s in zip(main, scales, strict=True)]
         bounded = [*asked, *floors, *free, Constraint(1, np.ones(1), -last)]
@@ -51,10 +51,10 @@ def widest_margin(
         tried = solution.usable or bool(np.isfinite(solution.y).all() and solution.y[-1] > 0.0)
         if not tried or not accept(solution.y[:-1]):
             break
-        found = float(solution.y[-1]), solution.y[:-1]
-        if found[0] <= enough:
+        centre = float(solution.y[-1]), solution.y[:-1]
+        if centre[0] <= enough:
             break
-        scales = [np.maximum(np.diag(c.at(found[1])), 1e-9) for c in main]
+        scales = [np.maximum(np.diag(c.at(centre[1])), 1e-9) for c in main]
         greatest = max(float(s.max()) for s in scales)
         scales = [s / greatest for s in scales]
-    return found
+    return centre

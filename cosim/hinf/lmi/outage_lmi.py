@@ -59,15 +59,15 @@ class OutageLmi:
 
     def is_met(self, gamma: float | None) -> bool:
         """Whether the solver finds a point with a margin; gamma None: of stability alone."""
-        found = self._found(gamma, enough=np.inf)
-        return found is not None and found[0] > 0
+        centre = self._found(gamma, enough=np.inf)
+        return centre is not None and centre[0] > 0
 
     def central(self, gamma: float | None) -> Outages | None:
         """Return a point of great margin; None if the solver finds none."""
-        found = self._found(gamma, enough=-np.inf)
-        if found is None:
+        centre = self._found(gamma, enough=-np.inf)
+        if centre is None:
             return None
-        values, modes = found[1], self._modes(gamma)
+        values, modes = centre[1], self._modes(gamma)
         for b in range(len(self._system.blocks)):
             values.setdefault(f"eps_out[{b}]", values[f"eps[{b}]"])  # in touch alone
         shapes = shapes_of_outages(self._system, self._K, modes)
@@ -98,8 +98,8 @@ class OutageLmi:
         known = {} if gamma is None else known_gamma(gamma)
         program = Program(main, others, units, numbers=numbers)
         bound = greatest(gamma, self._T * self._back[:, None] * system.C)
-        found = widest_margin(*program.constraints(known), bound, enough=enough)
-        return None if found is None else (found[0], program.values(found[1], known))
+        centre = widest_margin(*program.constraints(known), bound, enough=enough)
+        return None if centre is None else (centre[0], program.values(centre[1], known))
 
 
 def _below_decay(alpha: Fraction | int, d: float) -> float:

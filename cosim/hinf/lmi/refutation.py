@@ -50,8 +50,8 @@ def refute(
     system : with the delays of `p`.
     problem : of the same system, whatever its delays.
     """
-    found = _central(problem, p, gamma)
-    if found is None:
+    centre = _central(problem, p, gamma)
+    if centre is None:
         return None
     place = Place(
         tuple(exact(value) for value in p.k1),
@@ -59,7 +59,7 @@ def refute(
         None if gamma is None else exact(gamma),
     )
     units = problem.units_of_rows(p)
-    multipliers = _made_exact(system, place, units[:, None] * found * units)
+    multipliers = _made_exact(system, place, units[:, None] * centre * units)
     if multipliers is None or refutation_failure(system, place, multipliers) is not None:
         return None
     return refutation_to_json(system, place, multipliers)

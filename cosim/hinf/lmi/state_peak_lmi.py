@@ -76,10 +76,10 @@ class _PeakCondition(Condition):
         inside = [
             Constraint(c.size, c.constant - off * svec(np.eye(c.size)), c.columns) for c in asked
         ]
-        found = solve([*inside, *rest], program.cost([*units], known), tolerance=TOLERANCE)
-        if not found.usable:
+        solution = solve([*inside, *rest], program.cost([*units], known), tolerance=TOLERANCE)
+        if not solution.usable:
             return None
-        values = program.values(found.y, known)
+        values = program.values(solution.y, known)
         gamma = values.get("gamma")
         if gamma is not None and not gamma > 0:
             return None

@@ -240,7 +240,7 @@ def blocks_from(
     N = delays.size
     sizes = {"A": (n, n), "B": (n, m), "C": (p, n), "D": (p, m), "Bw": (n, N), "Dw": (p, N)}
     sizes |= {"Cv": (N, n), "Dv": (N, m), "Dvw": (N, N)}
-    found = {}
+    matrices = {}
     for name, shape in sizes.items():
         matrix = np.array(given.get(name, np.zeros(shape)), dtype=np.float64)
         if matrix.shape != shape or not np.isfinite(matrix).all():
@@ -250,8 +250,8 @@ def blocks_from(
                 expected=f"finite numbers, shape {shape}",
                 got="nan or infinity" if matrix.shape == shape else str(matrix.shape),
             )
-        found[name] = matrix
-    return Blocks(**found, delays=delays).simplified()
+        matrices[name] = matrix
+    return Blocks(**matrices, delays=delays).simplified()
 
 
 def beside(*systems: Blocks) -> Blocks:

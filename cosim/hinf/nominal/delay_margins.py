@@ -198,8 +198,8 @@ class _Pencil:
 def _delays_from(d: float, roots: _Roots) -> Reals:
     """Return the least (theta + 2 pi m) / w >= d; one that is less by rounding counts as d."""
     m = np.maximum(np.ceil((d * roots.w - roots.theta) / _FULL - 1e-9), 0.0)
-    found: Reals = np.maximum((roots.theta + _FULL * m) / roots.w, d)
-    return found
+    at_roots: Reals = np.maximum((roots.theta + _FULL * m) / roots.w, d)
+    return at_roots
 
 
 def _least_delays(d: float, boxes: _Boxes) -> Reals:
@@ -207,8 +207,8 @@ def _least_delays(d: float, boxes: _Boxes) -> Reals:
     low, high = np.maximum(boxes.w - boxes.dw, 0.0), boxes.w + boxes.dw
     last = boxes.theta + boxes.dtheta
     m = np.maximum(np.ceil((d * low - last) / _FULL - 1e-9), 0.0)
-    found: Reals = np.maximum((boxes.theta - boxes.dtheta + _FULL * m) / high, d)
-    return found
+    least: Reals = np.maximum((boxes.theta - boxes.dtheta + _FULL * m) / high, d)
+    return least
 
 
 def _first_loss(pencil: _Pencil, d: float, horizon: float) -> float | None:
@@ -217,7 +217,7 @@ def _first_loss(pencil: _Pencil, d: float, horizon: float) -> float | None:
         return None
     half, pi = np.array([0.5 * pencil.rates]), np.array([math.pi])
     boxes = _Boxes(half, pi, half, pi)
-    found: list[tuple[float, float]] = []  # (delay, sigma)
+    losses: list[tuple[float, float]] = []  # (delay, sigma)
     best, effort = horizon, 0
     for halvings in itertools.count(1):
         by_w, by_theta = pencil.change_bounds(boxes)
@@ -227,7 +227,7 @@ def _first_loss(pencil: _Pencil, d: float, horizon: float) -> float | None:
         if not left.any():
             break
         boxes, change_bounds, least = boxes.of(left), change_bounds[left], least[left]
-        if found and effort > _ENOUGH and least.min() >= best * (1.0 - _COARSE):
+        if losses and effort > _ENOUGH and least.min() >= best * (1.0 - _COARSE):
             break
         if effort > _LARGEST_EFFORT:
             raise NotAchievableError(
@@ -240,9 +240,9 @@ def _first_loss(pencil: _Pencil, d: float, horizon: float) -> float | None:
             closest = np.argsort(-change_bounds, kind="stable")[:_POLISHED]
             first = np.union1d(np.argsort(least, kind="stable")[:_POLISHED], closest)
             roots = pencil.polished(boxes.of(first))
-            found += zip(_delays_from(d, roots).tolist(), roots.sigma.tolist(), strict=True)
-            best = min([best, *(tau for tau, _ in found)])
+            losses += zip(_delays_from(d, roots).tolist(), roots.sigma.tolist(), strict=True)
+            best = min([best, *(tau for tau, _ in losses)])
         boxes = boxes.halves((by_w > by_theta)[left])
     # at a touch Newton is inexact: of equally low delays, the one closest to a root
-    lowest = [(sigma, tau) for tau, sigma in found if tau <= best * (1.0 + _SAME)]
+    lowest = [(sigma, tau) for tau, sigma in losses if tau <= best * (1.0 + _SAME)]
     return min(lowest)[1] if lowest and best < horizon else None

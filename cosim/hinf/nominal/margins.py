@@ -189,14 +189,14 @@ class _Crossings:
         extra: list[tuple[float, float]] = []
         for k in peaks.tolist():
             sign = math.copysign(1.0, size[k])
-            found = scipy.optimize.minimize_scalar(
+            extremum = scipy.optimize.minimize_scalar(
                 lambda w, sign=sign: sign * self._size(w),
                 bounds=(omega[k - 1], omega[k + 1]),
                 method="bounded",
                 options={"xatol": 1e-12 * omega[k]},
             )
-            if found.fun < 0.0:
-                extra.append((float(found.x), sign * float(found.fun)))
+            if extremum.fun < 0.0:
+                extra.append((float(extremum.x), sign * float(extremum.fun)))
         omega = np.append(omega, [w for w, _ in extra])
         size = np.append(size, [value for _, value in extra])
         order = np.argsort(omega, kind="stable")
@@ -206,18 +206,18 @@ class _Crossings:
         """Return (frequency, |L|) of every crossing of the negative real axis, 0 included."""
         turned = self.values.imag
         both = (self.values.real < 0.0)[:-1] | (self.values.real < 0.0)[1:]
-        found = []
+        crossings = []
         for k in np.flatnonzero((turned[1:] * turned[:-1] < 0.0) & both).tolist():
             low, high = self.omega[k], self.omega[k + 1]
             root = scipy.optimize.brentq(self._turned, low, high, xtol=1e-300, rtol=_RELATIVE)
             value = complex(self.loop.at(1j * root)[0, 0])
             if value.real < 0.0:
-                found.append((float(root), abs(value)))
+                crossings.append((float(root), abs(value)))
         try:
             start = complex(self.loop.at(0.0)[0, 0])
         except np.linalg.LinAlgError:
-            return found
-        return [(0.0, -start.real), *found] if start.real < 0.0 else found
+            return crossings
+        return [(0.0, -start.real), *crossings] if start.real < 0.0 else crossings
 
     def gain_margin(self) -> tuple[float, float]:
         """Return (factor > 1, frequency), infinite where no crossing lies inside the circle."""
@@ -232,8 +232,8 @@ class _Crossings:
 
 def _brackets(function: Any, omega: Reals, values: Reals) -> list[float]:
     """Return the zeros of a function with these values, one in every change of sign."""
-    found = [float(w) for w in omega[values == 0.0]]
+    zeros = [float(w) for w in omega[values == 0.0]]
     for k in np.flatnonzero(values[1:] * values[:-1] < 0.0).tolist():
         root = scipy.optimize.brentq(function, omega[k], omega[k + 1], xtol=1e-300, rtol=_RELATIVE)
-        found.append(float(root))
-    return sorted(found)
+        zeros.append(float(root))
+    return sorted(zeros)

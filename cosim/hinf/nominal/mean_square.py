@@ -253,14 +253,14 @@ def _has_lyapunov_function(
     # the adjoint of the step of the second moments
     S = scipy.linalg.solve(np.eye(whole.shape[0]) - whole.T, right).reshape(k, n, n)
     S = (S + S.transpose(0, 2, 1)) / 2
-    found = [flint.arb_mat(exact_matrix(one)) for one in S]
+    balls = [flint.arb_mat(exact_matrix(one)) for one in S]
     for i in range(k):
-        after = sum((flint.arb(exact(moves[i, j])) * found[j] for j in range(k)), 0 * found[0])
-        change = flint.arb_mat(found[i])
+        after = sum((flint.arb(exact(moves[i, j])) * balls[j] for j in range(k)), 0 * balls[0])
+        change = flint.arb_mat(balls[i])
         share = flint.arb(exact(chance[i]))
         for weight, A in ((1 - share, modes[0]), (share, modes[1])):
             change = change - weight * (A.transpose() * after * A)
-        for one in (found[i], change):
+        for one in (balls[i], change):
             lower = [[one[a, b] for b in range(a + 1)] for a in range(n)]
             if first_bad_pivot(lower) is not None:
                 return False

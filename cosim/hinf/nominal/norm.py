@@ -135,13 +135,13 @@ def _on(loop: Response, bounds: GainBounds, low: Reals, high: Reals, ends: Reals
 
 def _refine(loop: Response, low: float, high: float) -> tuple[float, float]:
     """Return the highest gain near a local peak between `low` and `high`, and its frequency."""
-    found = scipy.optimize.minimize_scalar(
+    peak = scipy.optimize.minimize_scalar(
         lambda w: -float(gain_at(loop, w)),
         bounds=(low, high),
         method="bounded",
         options={"xatol": 1e-12 * high, "maxiter": 200},
     )
-    return -float(found.fun), float(found.x)
+    return -float(peak.fun), float(peak.x)
 
 
 def _higher(a: tuple[float, float], b: tuple[float, float]) -> tuple[float, float]:

@@ -55,8 +55,8 @@ def norm_certificate(system: DelaySystem, K: ArrayLike, level: float) -> dict[st
     """
     gain = _checked(system, K, level)
     with ball_precision(NORM_BITS):
-        found = _Search(system, gain, level).steps()
-    return None if found is None else norm_to_json(system, gain, level, *found)
+        steps = _Search(system, gain, level).steps()
+    return None if steps is None else norm_to_json(system, gain, level, *steps)
 
 
 def norm_proved_of(blocks: Blocks, norm: NormResult) -> float | None:

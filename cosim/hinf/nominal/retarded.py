@@ -120,14 +120,14 @@ def plain_of(blocks: Blocks) -> Plain | None:
     InputError : a neutral system.
     """
     terms = terms_of(blocks)
-    found = [
+    forms = [
         Plain(own, transposed, shift)
         for transposed in (False, True)
         for own, shift in [_unshifted(_transposed(terms) if transposed else terms)]
         if not any(term.B.any() or term.D.any() for term in own[1:])
     ]
     # outputs that are not late as well make Eq. (7)
-    return min(found, key=lambda one: one.system() is None, default=None)
+    return min(forms, key=lambda one: one.system() is None, default=None)
 
 
 def _transposed(terms: tuple[Term, ...]) -> tuple[Term, ...]:

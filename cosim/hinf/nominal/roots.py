@@ -109,14 +109,14 @@ def _same(system: Characteristic, a: complex, b: complex, scale: float) -> bool:
 
 def _distinct(system: Characteristic, roots: list[complex]) -> Roots:
     """Return the roots in the upper half-plane, merged, rightmost first."""
-    found: list[complex] = []
+    distinct: list[complex] = []
     scale = system.bound(0.0)
     for root in roots:
         real = _same(system, root, root.conjugate(), scale)
         upper = complex(root.real, 0.0 if real else abs(root.imag))
-        if not any(_same(system, upper, other, scale) for other in found):
-            found.append(upper)
-    return np.array(sorted(found, key=lambda r: -r.real), dtype=np.complex128)
+        if not any(_same(system, upper, other, scale) for other in distinct):
+            distinct.append(upper)
+    return np.array(sorted(distinct, key=lambda r: -r.real), dtype=np.complex128)
 
 
 def _log_derivative(loop: ClosedLoop, s: Any) -> tuple[Roots, Roots]:
@@ -210,10 +210,10 @@ def approximate_roots(loop: ClosedLoop, nodes: int = _FIRST_NODES) -> Roots:
     The rightmost ones are close to characteristic roots as a rule; some may be none, or missing.
     """
     loop = ClosedLoop(balanced(loop.A), loop.delays)
-    found: Roots = np.linalg.eigvals(collocated(loop.A[0], *late_signals(loop), nodes)).astype(
+    roots: Roots = np.linalg.eigvals(collocated(loop.A[0], *late_signals(loop), nodes)).astype(
         np.complex128
     )
-    return found[np.argsort(-found.real, kind="stable")]
+    return roots[np.argsort(-roots.real, kind="stable")]
 
 
 def characteristic_roots(loop: ClosedLoop, count: int = 10) -> Roots:
@@ -356,11 +356,11 @@ def _neutral_roots(blocks: Blocks, count: int) -> Roots:
     seeds = np.linalg.eigvals(collocated(blocks.A, blocks.Cv[acts], late, _NEUTRAL_NODES))
     seeds = seeds[seeds.imag >= 0.0]
     seeds = seeds[np.argsort(-seeds.real, kind="stable")][: 4 * count + 30]
-    found = _distinct(blocks, _polished(blocks, seeds)).tolist()
+    roots = _distinct(blocks, _polished(blocks, seeds)).tolist()
     # many lie next to one line: there the slow ones come first
     step = 0.1 / float(blocks.delays.max())
-    found.sort(key=lambda root: (-round(root.real / step), root.imag))
-    pairs = [[r, r.conjugate()] if r.imag else [r] for r in found]
+    roots.sort(key=lambda root: (-round(root.real / step), root.imag))
+    pairs = [[r, r.conjugate()] if r.imag else [r] for r in roots]
     whole = [root for pair in pairs for root in pair]
     end = count + (0 < count < len(whole) and whole[count - 1].imag > 0.0)
     return np.array(whole[:end], dtype=np.complex128)

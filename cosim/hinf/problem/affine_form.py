@@ -117,12 +117,12 @@ class AffineForm:
         """Return a function's values: from balls of the ends of x to balls of its extremes."""
         ends = np.stack([np.ravel(end) for end in np.broadcast_arrays(*self.bounds)])
         pairs, places = np.unique(ends, axis=1, return_inverse=True)
-        found = np.full(pairs.shape, math.nan)
+        extremes = np.full(pairs.shape, math.nan)
         for k, (a, b) in enumerate(pairs.T):
             if math.isfinite(a) and math.isfinite(b):
                 low, high = function(flint.arb(a), flint.arb(b))
-                found[:, k] = float(low.lower()), float(high.upper())
-        low, high = found[:, places.ravel()].reshape(2, *np.shape(self.bounds[0]))
+                extremes[:, k] = float(low.lower()), float(high.upper())
+        low, high = extremes[:, places.ravel()].reshape(2, *np.shape(self.bounds[0]))
         return AffineForm.between(np.nextafter(low, -math.inf), np.nextafter(high, math.inf))
 
     def rounded(self) -> AffineForm:

@@ -154,5 +154,5 @@ def _uncertainty(settings: AuvDesignSettings) -> tuple[Matrix, Matrix, Blocks | 
         whole=((0, 1), (4, 5)),
         weights=(*[settings.position_weight or 1.0] * 4, *[0.0] * 4),
     )
-    found = enclose(equations, box).uncertain
-    return found.E, found.H[:, :8], found.blocks
+    uncertain = enclose(equations, box).uncertain
+    return uncertain.E, uncertain.H[:, :8], uncertain.blocks

@@ -67,5 +67,5 @@ DEPENDENCE = SimpleNamespace(
 
 def variables_of(rows: Iterable[Any]) -> tuple[Names, Names]:
     """Return the variables in the rows, and those that some row is not linear in."""
-    found = [_of(row) for row in rows]
-    return frozenset().union(*(a for a, _ in found)), frozenset().union(*(b for _, b in found))
+    by_row = [_of(row) for row in rows]
+    return frozenset().union(*(a for a, _ in by_row)), frozenset().union(*(b for _, b in by_row))

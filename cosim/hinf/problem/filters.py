@@ -61,16 +61,16 @@ class Filter:
                 expected="A (k, k), B (k, q), C (p, k) and D (p, q) of finite numbers",
                 got=", ".join(f"{n} {M.shape}" for n, M in zip("ABC", given, strict=True)),
             )
-        found = cls(given[0], given[1], given[2], direct)
-        if k and np.linalg.eigvals(found.A).real.max() >= 0:
+        filter_ = cls(given[0], given[1], given[2], direct)
+        if k and np.linalg.eigvals(filter_.A).real.max() >= 0:
             raise InputError(
                 "this filter is not stable: no gain moves its poles",
                 where=where,
                 expected="poles with a negative real part",
-                got=f"{np.linalg.eigvals(found.A).real.max():g}",
+                got=f"{np.linalg.eigvals(filter_.A).real.max():g}",
                 hint="move a pole at zero slightly to the left",
             )
-        return found
+        return filter_
 
     @classmethod
     def from_coefficients(

@@ -91,8 +91,8 @@ def jacobian(
     with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
         rows = [dual(row).slope or AffineForm(0.0) for row in function(variables, AFFINE)]
         ends = np.array([[np.broadcast_to(end, turn.size) for end in x.bounds] for x in rows])
-    found = ends.reshape(len(rows), 2, len(columns), cells)
-    return found[:, 0].transpose(2, 0, 1), found[:, 1].transpose(2, 0, 1)
+    bounds = ends.reshape(len(rows), 2, len(columns), cells)
+    return bounds[:, 0].transpose(2, 0, 1), bounds[:, 1].transpose(2, 0, 1)
 
 
 def _mean(slope: AffineForm, own: Sequence[int], within: int, count: int) -> tuple[Bounds, Bounds]:

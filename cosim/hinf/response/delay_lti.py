@@ -283,15 +283,15 @@ class DelayLTI(Blocks):
         InputError : there is none: neutral, or inputs and outputs late in different ways.
         """
         plain = plain_of(self)
-        found = None if plain is None or not self.order else plain.system()
-        if found is None:
+        retarded = None if plain is None or not self.order else plain.system()
+        if retarded is None:
             raise InputError(
                 "no DelaySystem has the response of this system",
                 where="system",
                 expected="states, and delays between them, or at all inputs or all outputs alike",
                 hint="a filter before the late input or behind the late output gives it a state",
             )
-        return found
+        return retarded
 
     def analyse(self, gamma: float | None = None, **how: Any) -> Analysis:
         """Certify a bound of the norm, or stability, in rational arithmetic: `cosim.hinf.analyse`.
@@ -435,22 +435,22 @@ def parallel(*models: Any) -> DelayLTI:
     ------
     InputError : sizes that do not fit.
     """
-    found = [blocks_of(model) for model in models]
-    shapes = {one.D.shape for one in found}
+    all_blocks = [blocks_of(model) for model in models]
+    shapes = {one.D.shape for one in all_blocks}
     p, m = max(shapes)
-    found = [
+    all_blocks = [
         one.between(np.ones((p, 1)), np.ones((1, m))) if one.D.shape == (1, 1) else one
-        for one in found
+        for one in all_blocks
     ]
-    if len({one.D.shape for one in found}) > 1:
+    if len({one.D.shape for one in all_blocks}) > 1:
         raise InputError(
             "models of different sizes cannot be added",
             where="parallel",
             expected=f"{p} outputs, {m} inputs",
             got=", ".join(f"{a} by {b}" for a, b in sorted(shapes)),
         )
-    k = len(found)
-    return _made(beside(*found).between(np.tile(np.eye(p), k), np.tile(np.eye(m), k).T))
+    k = len(all_blocks)
+    return _made(beside(*all_blocks).between(np.tile(np.eye(p), k), np.tile(np.eye(m), k).T))
 
 
 def append(*models: Any) -> DelayLTI:

@@ -151,8 +151,8 @@ class Solution:
         h = self.ends[index] - self.starts[index]
         local = np.clip((times - self.starts[index]) / h, 0.0, 1.0)
         rows = interpolation(self.of, local)
-        found: Reals = np.einsum("tk,tpkc->ptc", rows, self.values[index])
-        return found
+        interpolated: Reals = np.einsum("tk,tpkc->ptc", rows, self.values[index])
+        return interpolated
 
 
 def solve(blocks: Blocks, asked: Question, end: float, stages: int = STAGES) -> Solution:
@@ -171,7 +171,7 @@ def solve(blocks: Blocks, asked: Question, end: float, stages: int = STAGES) -> 
 def _instants(blocks: Blocks, asked: Question, end: float) -> list[tuple[float, _Instant]]:
     """Return every instant in [0, end] at which a derivative up to the twelfth jumps."""
     N, m = blocks.delays.size, blocks.inputs
-    found: list[tuple[float, _Instant]] = []
+    instants: list[tuple[float, _Instant]] = []
     waiting: list[tuple[float, int, _Instant]] = []
     count = itertools.count()
 
@@ -195,8 +195,8 @@ def _instants(blocks: Blocks, asked: Question, end: float) -> list[tuple[float, 
         while waiting and waiting[0][0] - t <= _NEAR * max(t, 1e-300):
             instant = instant.with_another(heapq.heappop(waiting)[2])
         order_v, impulse_v = _onward(blocks, instant)
-        found.append((t, instant))
-        if len(found) > _MOST_INSTANTS:
+        instants.append((t, instant))
+        if len(instants) > _MOST_INSTANTS:
             raise InputError(
                 "too many instants at which the response is not smooth",
                 where=f"the first {t:g} s of {end:g} s",
@@ -209,7 +209,7 @@ def _instants(blocks: Blocks, asked: Question, end: float) -> list[tuple[float, 
             impulse = nothing.copy()
             impulse[i] = impulse_v[i]
             add(t + float(blocks.delays[i]), _NEVER, order_w, impulse)
-    return found
+    return instants
 
 
 def _onward(blocks: Blocks, instant: _Instant) -> tuple[Reals, Reals]:
@@ -348,9 +348,9 @@ class _Stepper:
             if not middles.size:
                 continue
             known = self._history(i, middles, middles)
-            found = interpolation(self.of, (middles - (a - tau)) / h) @ w[i]
+            computed = interpolation(self.of, (middles - (a - tau)) / h) @ w[i]
             allowed = _PASSED * max(self.size[self.blocks.order + i], float(np.abs(known).max()))
-            if not np.abs(found - known).max() <= allowed:
+            if not np.abs(computed - known).max() <= allowed:
                 return False
         return True
 
@@ -389,10 +389,10 @@ class _Stepper:
         if key not in self.factors:
             matrix = np.eye(n * stages) - float(key) * np.kron(self.blocks.A, self.of.a)
             self.factors[key] = scipy.linalg.lu_factor(matrix, check_finite=False)
-        found = scipy.linalg.lu_solve(
+        states_at = scipy.linalg.lu_solve(
             self.factors[key], right.reshape(n * stages, -1), check_finite=False
         )
-        return np.asarray(found).reshape(right.shape)
+        return np.asarray(states_at).reshape(right.shape)
 
     def _late_values(self, a: float, h: float) -> tuple[Reals, tuple[int, ...]]:
         """Return w at the nodes as far as it is known, and the channels that look into the piece.
@@ -467,8 +467,8 @@ class _Stepper:
         direct = direct[:, 1:] + np.einsum("vw,wkc->vkc", s.Dvw, first)
         flat = direct.reshape(N * stages, columns)
         known = right.reshape(n * stages, columns) + through @ flat
-        found = np.asarray(scipy.linalg.lu_solve(states, known, check_finite=False))
-        X[:, 1:] = found.reshape(n, stages, columns)
+        late_outputs = np.asarray(scipy.linalg.lu_solve(states, known, check_finite=False))
+        X[:, 1:] = late_outputs.reshape(n, stages, columns)
         own = np.einsum("vn,nkc->vkc", s.Cv, X[:, 1:]).reshape(N * stages, columns) + flat
         v = (channels @ own).reshape(N, stages, columns)
         return np.concatenate([v0[:, None], v], axis=1)

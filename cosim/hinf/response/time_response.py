@@ -222,9 +222,9 @@ def _superposed(unit: Solution, times: Reals, weights: Reals) -> Reals:
         chosen = begins[i : i + block]
         gaps = times[None, :] - times[chosen, None]
         late = gaps >= 0.0
-        found = np.zeros((unit.values.shape[1], *gaps.shape, weights.shape[0]))
-        found[:, late] = unit.at(gaps[late])
-        y += np.einsum("pkti,ik->pt", found, weights[:, chosen])
+        answers = np.zeros((unit.values.shape[1], *gaps.shape, weights.shape[0]))
+        answers[:, late] = unit.at(gaps[late])
+        y += np.einsum("pkti,ik->pt", answers, weights[:, chosen])
     return y
 
 
@@ -245,8 +245,8 @@ def _from_rest(
     first = solve(blocks, asked, float(times[-1]))
 
     def outputs(stages: int) -> Reals:
-        found = first if stages == STAGES else solve(blocks, asked, float(times[-1]), stages)
-        y = np.moveaxis(found.at(times), 1, 2)
+        solved = first if stages == STAGES else solve(blocks, asked, float(times[-1]), stages)
+        y = np.moveaxis(solved.at(times), 1, 2)
         return y[0, 0] if y.shape[:2] == (1, 1) else y
 
     return TimeResponse(kind, times, outputs(STAGES), first.impulses, outputs)

@@ -83,16 +83,16 @@ def gains_of_the_ages(
         inside = None
         if system.has_performance:
             inside = lmi.central(scalar_multiplier(b, system), _WELL_ABOVE * value)
-        for found in ((value, gain), inside):
-            proposed = rounded(found)
+        for proposal in ((value, gain), inside):
+            proposed = rounded(proposal)
             if proposed is not None:
                 yield proposed[1]
 
 
 def _stable_gain(lmi: GainLmi, multiplier: Multiplier) -> tuple[float, Matrix] | None:
     """Return minus the greatest margin of stability and its gain; None where it is not positive."""
-    found = lmi.central(multiplier, None)
-    return None if found is None or found[0] <= 0 else (-found[0], found[1])
+    centre = lmi.central(multiplier, None)
+    return None if centre is None or centre[0] <= 0 else (-centre[0], centre[1])
 
 
 def _tried(lmi: GainLmi, system: DelaySystem) -> list[tuple[float, float, Matrix]]:
@@ -104,10 +104,10 @@ def _tried(lmi: GainLmi, system: DelaySystem) -> list[tuple[float, float, Matrix
         best = min((value for value, _, _ in tried), default=np.inf)
         while _LEAST_B < b / longest < 1 / _LEAST_B:
             at = scalar_multiplier(b, system)
-            found = lmi.least_gamma(at) if system.has_performance else _stable_gain(lmi, at)
-            if found is None or found[0] >= best:
+            proposal = lmi.least_gamma(at) if system.has_performance else _stable_gain(lmi, at)
+            if proposal is None or proposal[0] >= best:
                 break
-            best = found[0]
-            tried.append((best, b, found[1]))
+            best = proposal[0]
+            tried.append((best, b, proposal[1]))
             b *= step
     return tried

@@ -67,9 +67,9 @@ class AgeRow:
     reason: str | None
 
     def __repr__(self) -> str:
-        found = "certified" if self.certified else f"not certified: {self.reason}"
+        verdict = "certified" if self.certified else f"not certified: {self.reason}"
         gamma = "" if self.gamma is None else f"gamma {self.gamma:.6g} "
-        return f"<AgeRow: {self.age:g} s, {gamma}{found}>"
+        return f"<AgeRow: {self.age:g} s, {gamma}{verdict}>"
 
     @property
     def certified(self) -> bool:
@@ -276,23 +276,23 @@ def _row(
 ) -> AgeRow:
     """Design, or prove, at one age."""
     age, reason = system.delays[index].d, None
-    found: Design | Analysis
+    loop: Design | Analysis
     try:
-        found = design(system, k1, k2, gamma=gamma, gain=gain)
+        loop = design(system, k1, k2, gamma=gamma, gain=gain)
     except NotAchievableError as error:
         if gain is None:
             return AgeRow(age, None, None, None, None, None, stable=False, reason=error.what)
-        found = analyse(system, gain, gamma if system.has_performance else None)
-        reason = None if found.certified else found.reason
-    stable = found.abscissa is not None and found.abscissa < 0.0
-    K = gain_of(system, found.K)
+        loop = analyse(system, gain, gamma if system.has_performance else None)
+        reason = None if loop.certified else loop.reason
+    stable = loop.abscissa is not None and loop.abscissa < 0.0
+    K = gain_of(system, loop.K)
     return AgeRow(
         age=age,
         K=K,
-        gamma=found.gamma,
-        exact_norm=found.exact_norm,
+        gamma=loop.gamma,
+        exact_norm=loop.exact_norm,
         control=NominalFigures(_with_control_as_z(system), K).exact_norm if stable else None,
-        margin=found.figures.margin_of(index) if stable else None,
+        margin=loop.figures.margin_of(index) if stable else None,
         stable=stable,
         reason=reason,
     )
@@ -316,11 +316,11 @@ def _limit(
 ) -> AgeLimit:
     """Return the greatest certified age of a row's gain under one assumption; from `known` on."""
     at = _at(system, index, row.age, assumption, least_age)
-    found, done = certified_age(
+    greatest, done = certified_age(
         *(at, gain_of(at, row.K), gamma),
         delay_index=index,
         limit=limit,
         precision=_PRECISION,
         known=known,
     )
-    return AgeLimit(assumption, found, done)
+    return AgeLimit(assumption, greatest, done)

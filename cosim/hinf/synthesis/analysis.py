@@ -185,27 +185,27 @@ def analyse(
     figures, unknown = figures_if_known(system, K)
     try:
         with np.errstate(over="raise", invalid="raise"):
-            found = best_analysis(system, K, gamma, order, figures)
-        if unknown is not None and not found.certified:
-            found = replace(found, reason=f"{unknown}; {found.reason}")
+            analysis = best_analysis(system, K, gamma, order, figures)
+        if unknown is not None and not analysis.certified:
+            analysis = replace(analysis, reason=f"{unknown}; {analysis.reason}")
     except (ArithmeticError, np.linalg.LinAlgError) as error:
         reason = unknown or f"{BEYOND} ({error}): choose other units"
         first = AFFORDABLE_ORDERS[0] if order == "auto" else order
         nothing: dict[str, Any] = dict.fromkeys(("gamma", "least_gamma", "certificate"))
-        found = Analysis(system, K, first, False, reason, **nothing, figures=figures)  # noqa: FBT003
+        analysis = Analysis(system, K, first, False, reason, **nothing, figures=figures)  # noqa: FBT003
     if asked is not None:
-        found = _with_damping(found, K, asked)
-    return found if gain is not None else replace(found, K=None)
+        analysis = _with_damping(analysis, K, asked)
+    return analysis if gain is not None else replace(analysis, K=None)
 
 
-def _with_damping(found: Analysis, K: Matrix, asked: Damping) -> Analysis:
+def _with_damping(analysis: Analysis, K: Matrix, asked: Damping) -> Analysis:
     """Return an analysis with the damping that is proved of its gain, or why it is not."""
-    reason = asked.failure(found.system, K)
+    reason = asked.failure(analysis.system, K)
     if reason is not None:
-        return replace(found, damping_reason=reason)
-    proved, certificate = Guarantees(damping=asked), found.certificate
+        return replace(analysis, damping_reason=reason)
+    proved, certificate = Guarantees(damping=asked), analysis.certificate
     whole = None if certificate is None else proved.beside(certificate)
-    return replace(found, guarantees=proved, certificate=whole)
+    return replace(analysis, guarantees=proved, certificate=whole)
 
 
 def check_order_of_analysis(order: Order) -> None:
@@ -304,9 +304,9 @@ def _worth(one: Claim) -> float:
     return (one.gamma or 0.0) * (1.0 + _MUCH) ** worse
 
 
-def is_exact(found: Claim) -> bool:
+def is_exact(claim: Claim) -> bool:
     """Whether no analysis of the same gain can be sharper: gamma is the nominal norm."""
-    return bool(found.exact_norm and (found.gamma or 0.0) < found.exact_norm * (1 + 1e-3))
+    return bool(claim.exact_norm and (claim.gamma or 0.0) < claim.exact_norm * (1 + 1e-3))
 
 
 def _analysed(
@@ -333,9 +333,9 @@ def _analysed(
         at_level = partial(prove, condition, system, K)
         if system.has_performance:
             with solver_words() as words:
-                found = condition.least_gamma(delays, reference)
-            leasts += [] if found is None else [found]
-            if gamma is None and found is None:
+                least = condition.least_gamma(delays, reference)
+            leasts += [] if least is None else [least]
+            if gamma is None and least is None:
                 reason = reason or f"no gamma was found: {not_found(words)}"
                 continue
         if gamma is None and leasts:

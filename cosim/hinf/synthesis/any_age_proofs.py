@@ -23,14 +23,14 @@ from cosim.models import Delay, DelaySystem, Measurement
 
 
 def proved_again(
-    found: Design | OutputFeedback, *, hold: float | None = None, order: Order = "auto"
+    proved: Design | OutputFeedback, *, hold: float | None = None, order: Order = "auto"
 ) -> Design | OutputFeedback:
     """Return the same gains, with a proof for ages that a run can have.
 
     Parameters
     ----------
-    found : a design; one whose ages are already such is proved again as it is.
-    hold : greatest age [s], at the end of its use, of what acts at once in `found`: of commands,
+    proved : a design; one whose ages are already such is proved again as it is.
+    hold : greatest age [s], at the end of its use, of what acts at once in `proved`: of commands,
         of a state feedback, of measurements without an age.
     order : of the analysis.
 
@@ -41,7 +41,7 @@ def proved_again(
     """
     if hold is not None and not (np.isfinite(hold) and hold > 0):
         raise InputError("not an age", where="hold", expected="seconds > 0", got=repr(hold))
-    at_once = [name for name, d in constant_ages_claimed(found.certificate).items() if d == 0]
+    at_once = [name for name, d in constant_ages_claimed(proved.certificate).items() if d == 0]
     if at_once and hold is None:
         raise InputError(
             f"at once in the certificate, but held in a run: {', '.join(at_once)}",
@@ -49,8 +49,8 @@ def proved_again(
             expected="the greatest age at the end of its use, in seconds",
             hint="a controller that commands at every step of 0.05 s: 0.1, a step and the coupling",
         )
-    again = _proved(found, hold, order)
-    note = found.certificate.get(PLANT_NOTE)
+    again = _proved(proved, hold, order)
+    note = proved.certificate.get(PLANT_NOTE)
     if note is None:
         return again
     return replace(again, certificate={**again.certificate, PLANT_NOTE: note})
@@ -62,7 +62,7 @@ _COST = 1.25
 """So much greater may gamma be for commands that are held than for commands at once."""
 
 
-def for_any_command(found: OutputFeedback, *, most: float | None = None) -> OutputFeedback:
+def for_any_command(proved: OutputFeedback, *, most: float | None = None) -> OutputFeedback:
     """Return a design proved for commands of any age up to one that costs little.
 
     Commands at once are of no run: they are held from one to the next. So the greatest of some ages
@@ -72,29 +72,29 @@ def for_any_command(found: OutputFeedback, *, most: float | None = None) -> Outp
 
     most : greatest gamma, in place of a quarter more than that of the design.
     """
-    ages = constant_ages_claimed(found.certificate)
-    least = min((x.d for x in found.measurements if x.d > 0), default=0.0)
-    large = is_large(found.pair.system, found.pair.gain)
-    if not ages or any(ages.values()) or not least or large or found.state_peaks is not None:
-        return found
+    ages = constant_ages_claimed(proved.certificate)
+    least = min((x.d for x in proved.measurements if x.d > 0), default=0.0)
+    large = is_large(proved.pair.system, proved.pair.gain)
+    if not ages or any(ages.values()) or not least or large or proved.state_peaks is not None:
+        return proved
     for share in _SHARES:
         try:
-            again = proved_again(found, hold=float(f"{share * least:.3g}"))
+            again = proved_again(proved, hold=float(f"{share * least:.3g}"))
         except NotAchievableError:
             continue
-        bound = most or _COST * (found.gamma or 0.0)
+        bound = most or _COST * (proved.gamma or 0.0)
         cheap = again.gamma is None or again.gamma <= bound
         if isinstance(again, OutputFeedback) and cheap:
             return again
-    return found
+    return proved
 
 
 def _proved(
-    found: Design | OutputFeedback, hold: float | None, order: Order
+    proved: Design | OutputFeedback, hold: float | None, order: Order
 ) -> Design | OutputFeedback:
-    if isinstance(found, Design):
-        return design(_of_any_age(found.system, hold), gain=found.K, order=order)
-    pair = found.pair
+    if isinstance(proved, Design):
+        return design(_of_any_age(proved.system, hold), gain=proved.K, order=order)
+    pair = proved.pair
     return design_output_feedback(
         *(pair.plant, [_measured(x, hold) for x in pair.measurements]),
         gain=pair.K,

@@ -69,14 +69,16 @@ def bessel_legendre_gains(
     if not gains and continued:
         gains = _continued(stable)
     if not system.has_performance:
-        better = [found[1] for K in gains[:1] if (found := stable.improved_gain(K)) is not None]
+        better = [
+            improved[1] for K in gains[:1] if (improved := stable.improved_gain(K)) is not None
+        ]
         yield from (*better, *gains)
         return
     gains = _descended(system, order, gains, gamma)
     if gamma is not None and gains:
         # of greatest margin at `gamma`
-        found = Loop(system, order, gamma).improved_gain(gains[0])
-        gains = [gains[0]] if found is None else [found[1], gains[0]]
+        improved = Loop(system, order, gamma).improved_gain(gains[0])
+        gains = [gains[0]] if improved is None else [improved[1], gains[0]]
     yield from gains
 
 
@@ -93,16 +95,16 @@ class Loop:
 
     def is_feasible(self, K: Gain) -> bool:
         """Whether the solver finds the analysis LMI of K feasible."""
-        found = self._margin(K)
-        return found is not None and found[0] > 0
+        centre = self._margin(K)
+        return centre is not None and centre[0] > 0
 
     def improved_gain(self, K: Gain, at: Loop | None = None) -> tuple[float, Gain] | None:
         """Return (margin, gain) for the delays of `at`, designed with the multipliers of K here."""
-        found = self._margin(K)
-        if found is None:
+        centre = self._margin(K)
+        if centre is None:
             return None
         lmi = GainLmi((at or self).system, self.order, K, self.gamma)
-        return rounded(lmi.central(multiplier_of(found[1], self.system), self.gamma))
+        return rounded(lmi.central(multiplier_of(centre[1], self.system), self.gamma))
 
     def initial_gains(self) -> list[Gain]:
         """Return the gains found with scalar multipliers."""
@@ -111,9 +113,9 @@ class Loop:
             multipliers = scalar_multiplier(scale * max(self._delays), self.system)
             K = np.zeros(self.system.B.T.shape)
             lmi = GainLmi(self.system, self.order, K, self.gamma)
-            found = rounded(lmi.central(multipliers, self.gamma))
-            if found is not None and found[0] > 0:
-                gains.append(found[1])
+            proposal = rounded(lmi.central(multipliers, self.gamma))
+            if proposal is not None and proposal[0] > 0:
+                gains.append(proposal[1])
         return gains
 
     def _margin(self, K: Gain) -> tuple[float, Proof] | None:
@@ -133,9 +135,9 @@ def continue_gain(
         tries += 1
         at, K = passed[-1]
         there = min(at * factor, end)
-        found = loop_at(at).improved_gain(K, loop_at(there))
-        if found is not None and found[0] > 0 and loop_at(there).is_feasible(found[1]):
-            passed.append((there, found[1]))
+        improved = loop_at(at).improved_gain(K, loop_at(there))
+        if improved is not None and improved[0] > 0 and loop_at(there).is_feasible(improved[1]):
+            passed.append((there, improved[1]))
             factor = min(factor**1.5, 2.0)
         elif loop_at(there).is_feasible(K):
             passed.append((there, K))
@@ -144,9 +146,9 @@ def continue_gain(
     return passed
 
 
-def rounded(found: tuple[float, Gain] | None) -> tuple[float, Gain] | None:
+def rounded(proposal: tuple[float, Gain] | None) -> tuple[float, Gain] | None:
     """Return (value, gain) with the gain rounded."""
-    return None if found is None else (found[0], rounded_gain(found[1]))
+    return None if proposal is None else (proposal[0], rounded_gain(proposal[1]))
 
 
 def _scalar_gains(system: DelaySystem, order: int) -> list[Gain]:
@@ -171,9 +173,9 @@ def _continued(loop: Loop) -> list[Gain]:
     lengths = np.array([delay.d for delay in loop.system.delays])
     short = loop.at((_SHORT * lengths).tolist())
     for K in short.initial_gains()[:1]:
-        share, found = continue_gain(lambda s: loop.at((s * lengths).tolist()), K, _SHORT, 1.0)[-1]
+        share, last = continue_gain(lambda s: loop.at((s * lengths).tolist()), K, _SHORT, 1.0)[-1]
         if share == 1.0:
-            return [found]
+            return [last]
     return []
 
 
@@ -209,10 +211,10 @@ def _round(system: DelaySystem, order: int, gamma: float, K: Gain) -> Gain | Non
     """Return a gain of less gamma, by the multipliers of K, away from the edge; None: none."""
     delays = [delay.d for delay in system.delays]
     analysis = Condition(system, K, order, performance=True)
-    found = analysis.margin(delays, (1 + _ABOVE) * gamma)
-    if found is None:
+    proved = analysis.margin(delays, (1 + _ABOVE) * gamma)
+    if proved is None:
         return None
-    multipliers = multiplier_of(found[1], system)
+    multipliers = multiplier_of(proved[1], system)
     lmi = GainLmi(system, order, K, gamma)
     least = lmi.least_gamma(multipliers)
     if least is None:

@@ -148,10 +148,10 @@ def certified_age(
     known : an age that is likely to be certified, to begin with.
     """
     order = affordable_order(system, K, performance=gamma is not None)
-    found = _searched(
+    search = _searched(
         system, K, gamma, delay_index, order, limit, precision, quick=True, known=known
     ).d
-    return found, found is not None and found >= limit
+    return search, search is not None and search >= limit
 
 
 def _searched(
@@ -228,11 +228,11 @@ class _Search:
         bounded = self._gamma is not None
         if self._quick:
             # those that compare gains: many delays are tried
-            found = affordable_conditions(
+            affordable = affordable_conditions(
                 self._system, self._K, order, performance=bounded, ranking=True
             )
-            if found:
-                return found
+            if affordable:
+                return affordable
         return conditions_of(self._system, self._K, order, performance=bounded)
 
     def climb(

@@ -91,7 +91,7 @@ def _of_ages(
     supports: Supports | None = None,
 ) -> list[Condition]:
     """Return the conditions of ages as they are, the sharpest first."""
-    found: list[Condition] = []
+    conditions: list[Condition] = []
     tried: list[tuple[str, ...]] = []
     possible = [functionals_of(x) for x in system.delays]
     delays = [x.d for x in system.delays]
@@ -103,8 +103,8 @@ def _of_ages(
         condition = Condition(system, K, order, own, performance=performance, supports=supports)
         large = "looped" in own and condition.largest_part(delays) > MOST_ROWS
         if not large and condition.corners(delays) <= MAX_CORNERS:
-            found.append(condition)
-    return found
+            conditions.append(condition)
+    return conditions
 
 
 def affordable_conditions(
@@ -121,7 +121,7 @@ def affordable_conditions(
     known, large = any(x.ages_are_known for x in late), is_large(system, K)
     if order > 1 and (known or large):
         return []
-    found = conditions_of(system, K, order, performance=performance, large=large)
+    conditions = conditions_of(system, K, order, performance=performance, large=large)
     delays = [x.d for x in system.delays]
 
     def cost(one: Condition) -> int:
@@ -130,13 +130,13 @@ def affordable_conditions(
         return one.unknowns(delays) * one.corners(delays)
 
     if large:
-        quick = [x for x in found if _work(x, system) <= _MOST_WORK]
-        cheapest = min(found, key=lambda x: _work(x, system))
+        quick = [x for x in conditions if _work(x, system) <= _MOST_WORK]
+        cheapest = min(conditions, key=lambda x: _work(x, system))
         return quick or ([] if order else [cheapest])
     if order and all(x.any_age for x in late):  # then this one is that of order 0
-        found = [x for x in found if not x.is_plain]
+        conditions = [x for x in conditions if not x.is_plain]
     most = (_MOST_FOR_RANKING if ranking else _MOST_WITH_AGES) if known else _MOST_UNKNOWNS
-    return [x for x in found if cost(x) <= most] or ([] if order else found[-1:])
+    return [x for x in conditions if cost(x) <= most] or ([] if order else conditions[-1:])
 
 
 def _work(one: Condition, system: DelaySystem) -> float:
@@ -177,10 +177,10 @@ def prove(
             return None, f"its {count} corners are more than the {MAX_CORNERS} that are proved here"
     for enough in (math.inf, -math.inf) if is_search else (-math.inf,):
         with solver_words() as words:
-            found = condition.margin(delays, gamma, down_to_zero=down_to_zero, enough=enough)
-        if found is None:
+            centre = condition.margin(delays, gamma, down_to_zero=down_to_zero, enough=enough)
+        if centre is None:
             return None, reason or not_found(words)
-        margin, point = found
+        margin, point = centre
         proof = point.exactly(system, K)
         failed = proof.failure(system, K)
         if failed is None:

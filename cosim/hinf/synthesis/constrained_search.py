@@ -42,14 +42,14 @@ _STEPS = 2  # designs with relaxed constraints
 
 
 def prove_constraints(
-    found: Design, design_constraints: DesignConstraints, at: Scalars | None
+    proved: Design, design_constraints: DesignConstraints, at: Scalars | None
 ) -> tuple[Guarantees | None, str]:
     """Prove the design constraints for the gain as it is; or return None and why.
 
     at : k1, k2 to begin with; any may do, since the gain is given. None where neither a decay nor
         a peak is asked for.
     """
-    system, K = found.system, found.K
+    system, K = proved.system, proved.K
     scalars = [] if at is None else starts(at)
     made: dict[str, Any] = {}
     if design_constraints.gain_limit is not None:
@@ -77,7 +77,7 @@ def prove_constraints(
 
 
 def constrained(
-    found: Design, design_constraints: DesignConstraints, at: Scalars | None = None
+    proved: Design, design_constraints: DesignConstraints, at: Scalars | None = None
 ) -> Design:
     """Return a design with the constraints proved for its gain; `at` as in `prove_constraints`.
 
@@ -85,26 +85,26 @@ def constrained(
     ------
     NotAchievableError : they are not, and why.
     """
-    guarantees, reason = prove_constraints(found, design_constraints, at)
+    guarantees, reason = prove_constraints(proved, design_constraints, at)
     if guarantees is None:
         raise NotAchievableError(
             "the design constraints could not be proved for this gain",
-            where=found.system.name or None,
+            where=proved.system.name or None,
             expected=describe_constraints(design_constraints),
             got=reason,
         )
-    return with_guarantees(found, guarantees)
+    return with_guarantees(proved, guarantees)
 
 
-def with_guarantees(found: Design, guarantees: Guarantees) -> Design:
+def with_guarantees(proved: Design, guarantees: Guarantees) -> Design:
     """Return the design with the guarantees in its claim, their proofs in its certificate."""
-    certificate = guarantees.beside(found.certificate)
-    return replace(found, guarantees=guarantees, certificate=certificate)
+    certificate = guarantees.beside(proved.certificate)
+    return replace(proved, guarantees=guarantees, certificate=certificate)
 
 
-def scalars_of(found: Design) -> Scalars:
+def scalars_of(proved: Design) -> Scalars:
     """Return k1, k2 and the delays of a design by Theorem 2."""
-    return checked_scalars(found.system, found.k1, found.k2)
+    return checked_scalars(proved.system, proved.k1, proved.k2)
 
 
 class ConstrainedSearch:
@@ -126,14 +126,14 @@ class ConstrainedSearch:
 
     def best(self, plain: Design | None) -> Design:
         """Design with the constraints in full, then relax them towards `plain` while provable."""
-        found, reason = None, ""
+        best, reason = None, ""
         tried = starts(self._start)[:_STARTS]
         for p in tried:
-            found, reason = self._at(1.0, p)
-            if found is not None:
+            best, reason = self._at(1.0, p)
+            if best is not None:
                 self._start = p
                 break
-        if found is None:
+        if best is None:
             raise NotAchievableError(
                 "no gain was found that meets the design constraints",
                 where=self._system.name or None,
@@ -146,20 +146,20 @@ class ConstrainedSearch:
                 hint="weaker constraints, other k1, k2 or a search for them, a larger gamma"
                 + ("; the solver failed: other units" if FAILED in reason else ""),
             )
-        if self._gamma is not None or found.gamma is None or plain is None:
-            return found
+        if self._gamma is not None or best.gamma is None or plain is None:
+            return best
         self._free = self._of_itself(plain)
-        low, high, strength = 0.0, 1.0, self._guess(found)
+        low, high, strength = 0.0, 1.0, self._guess(best)
         for _ in range(_STEPS):
             if not low < strength < high:
                 strength = (low + high) / 2
             other, _ = self._at(strength, self._start)
-            if other is not None and other.gamma is not None and other.gamma < found.gamma:
-                found, high = other, strength
+            if other is not None and other.gamma is not None and other.gamma < best.gamma:
+                best, high = other, strength
             else:
                 low = strength
             strength = (low + high) / 2
-        return found
+        return best
 
     def _at(self, strength: float, p: Scalars) -> tuple[Design | None, str]:
         """Design with the constraints at this strength; None and why, unless all are proved."""
@@ -168,7 +168,7 @@ class ConstrainedSearch:
         if problem is None:
             return None, not_found(solve_count)
         try:
-            found = theorem_2.design(
+            designed = theorem_2.design(
                 self._system,
                 p.k1,
                 p.k2,
@@ -178,8 +178,10 @@ class ConstrainedSearch:
             )
         except NotAchievableError as error:
             return None, error.what if FAILED in error.what else f"{error.what}: {error.got}"
-        guarantees, reason = prove_constraints(found, self._design_constraints, scalars_of(found))
-        return (None, reason) if guarantees is None else (with_guarantees(found, guarantees), "")
+        guarantees, reason = prove_constraints(
+            designed, self._design_constraints, scalars_of(designed)
+        )
+        return (None, reason) if guarantees is None else (with_guarantees(designed, guarantees), "")
 
     def _of_itself(self, plain: Design) -> dict[str, Any]:
         """Return the limits above which the bounds of the LMI do not affect the first design."""
@@ -214,9 +216,9 @@ class ConstrainedSearch:
             )
         return replace(d, **changes)
 
-    def _guess(self, found: Design) -> float:
+    def _guess(self, designed: Design) -> float:
         """Estimate the strength at which the proved bounds would just meet the limits."""
-        d, more = self._design_constraints, found.guarantees
+        d, more = self._design_constraints, designed.guarantees
         pairs = []
         if d.gain_limit is not None and more.gain_limit is not None:
             pairs.append((d.gain_limit, float(more.gain_limit.bound), self._free["gain_limit"]))

@@ -67,15 +67,15 @@ def damped_design(
     passed: list[Matrix] = []
     reasons: list[str] = []
     try:
-        found = undamped(replace(constraints, damping=None, within=None))
+        designed = undamped(replace(constraints, damping=None, within=None))
     except NoGainError:
         raise
     except NotAchievableError as error:
         reasons.append(f"without the damping: {error.what}")
     else:
-        if asked.failure(system, found.K) is None:
-            return with_guarantees(found, replace(found.guarantees, damping=asked))
-        passed.append(found.K)
+        if asked.failure(system, designed.K) is None:
+            return with_guarantees(designed, replace(designed.guarantees, damping=asked))
+        passed.append(designed.K)
     gains = _damped_gains(system, constraints, passed[:])
     for K in _ranked(system, asked, gains, passed):
         try:
@@ -165,7 +165,7 @@ def _regulators(system: DelaySystem, constraints: DesignConstraints) -> list[Mat
     A = sum((x.A for x in system.delays), system.A) * own.state / own.state[:, None] * own.T
     B = system.B * own.input / own.state[:, None] * own.T
     late = max((x.d for x in system.delays if x.feedback), default=0.0) / own.T
-    found: list[tuple[float, float, int, Matrix]] = []
+    regulators: list[tuple[float, float, int, Matrix]] = []
     for share, weight in itertools.product(_SHARES, _WEIGHTS):
         shifted = A + share * within * own.T * np.eye(n)
         # modes that no input moves so far to the left have no regulator
@@ -177,5 +177,5 @@ def _regulators(system: DelaySystem, constraints: DesignConstraints) -> list[Mat
             if np.isfinite(K).all() and K.any():
                 missed = loop.excess(K, constraints.damping or 0.0, within).value
                 gain = loop.gain(K).value if loop.has_gain else 0.0
-                found.append((max(missed, 0.0), gain, len(found), K))
-    return [K for *_, K in sorted(found, key=lambda one: one[:3])[:_REGULATORS]]
+                regulators.append((max(missed, 0.0), gain, len(regulators), K))
+    return [K for *_, K in sorted(regulators, key=lambda one: one[:3])[:_REGULATORS]]

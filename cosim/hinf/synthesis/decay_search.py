@@ -23,15 +23,15 @@ def corner_scalars(
 ) -> list[Scalars]:
     """Return k1, k2 feasible for the outermost corner alone: `p`, and the best fixed start."""
     outermost = CornersProblem(system, rate, outermost=True)
-    found: list[tuple[float, int, Scalars]] = []
+    corners: list[tuple[float, int, Scalars]] = []
     for at in starts(p):
         answer = outermost.margin(at, None, gain)
         if isinstance(answer, Answer) and answer.value > 0:
-            found.append((float(f"{-answer.value:.{_DIGITS}g}"), len(found), at))
+            corners.append((float(f"{-answer.value:.{_DIGITS}g}"), len(corners), at))
             if gain is not None and at is p:
                 break
-    likely = [at for _, _, at in sorted(found)[:1]]
-    return [p, *(at for at in likely if at is not p)] if any(x[2] is p for x in found) else likely
+    likely = [at for _, _, at in sorted(corners)[:1]]
+    return [p, *(at for at in likely if at is not p)] if any(x[2] is p for x in corners) else likely
 
 
 def proved_decay(

@@ -125,13 +125,13 @@ def delay_by_theorem_2(
     def prove(d: float) -> tuple[GreatestDelay | None, str]:
         at = _replaced(last, delay_index, d)
         there = with_delay(system, delay_index, d)
-        found, reason = find_certified_gain(there, problem, at, gamma)
-        if found is None:
+        proved, reason = find_certified_gain(there, problem, at, gamma)
+        if proved is None:
             return None, reason
         beyond = None if d == limit else _refuted(system, problem, at, gamma, delay_index)
         greatest = GreatestDelay(
             delay=d,
-            design=design_of_theorem_2(there, *found, None),
+            design=design_of_theorem_2(there, *proved, None),
             limit_reached=d == limit,
             refuted_at=None if beyond is None else beyond[0],
             refutation=None if beyond is None else beyond[1],
@@ -167,19 +167,19 @@ def _searched_end(
     problem: Problem, p: Scalars, gamma: float | None, delay_index: int
 ) -> Scalars | None:
     """Return the end at the k1, k2 of the greatest delay found, or the limit."""
-    found = search_greatest_delay(problem, p, gamma, delay_index)
-    if found is None or found.d[delay_index] == p.d[delay_index]:
-        return found
-    margin = _margin_by(problem, found, gamma, delay_index)
-    low = found.d[delay_index]
+    end = search_greatest_delay(problem, p, gamma, delay_index)
+    if end is None or end.d[delay_index] == p.d[delay_index]:
+        return end
+    margin = _margin_by(problem, end, gamma, delay_index)
+    low = end.d[delay_index]
     if margin(low) <= 0:
-        return found
+        return end
     for share in _BEYOND:
-        high = min(found.d[delay_index] * (1 + share), p.d[delay_index])
+        high = min(end.d[delay_index] * (1 + share), p.d[delay_index])
         if margin(high) <= 0:
-            return _replaced(found, delay_index, _zero(margin, low, high))
+            return _replaced(end, delay_index, _zero(margin, low, high))
         low = high
-    return _replaced(found, delay_index, low)
+    return _replaced(end, delay_index, low)
 
 
 def _margin_by(
@@ -313,10 +313,10 @@ def delay_by_order(
     def prove(tried: tuple[float, Gain]) -> tuple[GreatestDelay | None, str]:
         d, gain = tried
         try:
-            found = given_gain_design(at(d).system, gain, gamma, order)
+            designed = given_gain_design(at(d).system, gain, gamma, order)
         except NotAchievableError as error:  # also a loop too fast for its roots to be counted
             return None, str(error.got or error.what)
-        return GreatestDelay(d, found, d == limit, None, None), ""
+        return GreatestDelay(d, designed, d == limit, None, None), ""
 
     below = [(d, K) for d in delays_below(end, itself=True)]
     greatest, reason = first_proved([*below, *reversed(passed[:-1])], prove)

@@ -58,11 +58,11 @@ def search_greatest_delay(
         if key not in seen:
             at = scalars(u)
             report("searching the greatest delay", 1.0 - (budget - problem.solve_count) / _SOLVES)
-            found = _slack(problem, at, gamma)
-            if found is None:
+            value_and_slopes = _slack(problem, at, gamma)
+            if value_and_slopes is None:
                 seen[key] = (_WALL, np.zeros(2 * N + 1))
             else:
-                value, slopes = found
+                value, slopes = value_and_slopes
                 if value >= 0 and at.d[delay_index] > best[0].d[delay_index]:
                     best[0] = at
                 seen[key] = (value, _chain(at, slopes, delay_index))
@@ -108,8 +108,8 @@ def _first_feasible(
         d = share * p.d[delay_index]
         as_given = replace(p, d=(*p.d[:delay_index], d, *p.d[delay_index + 1 :]))
         at = [as_given, *starts(scaled(p, delay_index, d))]
-        found = [(s, _slack(problem, s, gamma)) for s in at]
-        slacks = [(s, slack[0]) for s, slack in found if slack is not None and slack[0] > 0]
+        with_slack = [(s, _slack(problem, s, gamma)) for s in at]
+        slacks = [(s, slack[0]) for s, slack in with_slack if slack is not None and slack[0] > 0]
         if slacks:
             return max(slacks, key=lambda x: x[1])[0]
     return None

@@ -70,9 +70,9 @@ def proposals(
     zero = np.zeros(system.B.T.shape)
     others = (seeded.normal(size=zero.shape) * descent.units if k else zero for k in range(drawn))
     for start in itertools.chain(starts, others):
-        found = descent.from_start(start)
-        if found is not None:
-            yield found
+        K = descent.from_start(start)
+        if K is not None:
+            yield K
 
 
 class Descent:
@@ -109,10 +109,10 @@ class Descent:
 
     def from_start(self, start: Matrix) -> Matrix | None:
         """Return the gain that the stages reach; None where one of them fails."""
-        found = self._admissible(start)
-        if found is None or not self._loop.has_gain:
-            return None if found is None else found[0]
-        K, log_e = found
+        admissible = self._admissible(start)
+        if admissible is None or not self._loop.has_gain:
+            return None if admissible is None else admissible[0]
+        K, log_e = admissible
         if self._loop.has_scaling:
             log_e = log_e - log_e.mean()
             values = [self._loop.gain(K, log_e + e).value for e in _SCALINGS]
@@ -161,17 +161,17 @@ class Descent:
     def _missed(self, K: Matrix) -> Value:
         """Return by which share K misses a constraint, the most of all; negative: it meets them."""
         d, loop = self._asked, self._loop
-        found: list[Value] = []
+        shares: list[Value] = []
         if d.damping is not None and d.within is not None:
-            found.append(loop.excess(K, d.damping, d.within))
+            shares.append(loop.excess(K, d.damping, d.within))
         if d.decay is not None:
             v = loop.abscissa(K)
-            found.append(v._replace(value=v.value / d.decay + 1, in_gain=v.in_gain / d.decay))
+            shares.append(v._replace(value=v.value / d.decay + 1, in_gain=v.in_gain / d.decay))
         if d.gain_limit is not None:
             left, sizes, right = np.linalg.svd(K, full_matrices=False)
             slope = np.outer(left[:, 0], right[0]) / d.gain_limit
-            found.append(Value(sizes[0] / d.gain_limit - 1, slope, np.zeros(loop.scalings)))
-        return max(found, key=lambda x: x.value)
+            shares.append(Value(sizes[0] / d.gain_limit - 1, slope, np.zeros(loop.scalings)))
+        return max(shares, key=lambda x: x.value)
 
     def _missed_most(self, K: Matrix, log_e: Reals) -> Value:
         """Return `_missed`, or the gain from p to q where that is higher."""
@@ -209,10 +209,10 @@ class Descent:
             return gain
 
         def of(x: Reals) -> tuple[float, Reals]:
-            found = function(gain_of(x), x[count:])
-            slope = np.append((found.in_gain * self.units)[free], found.in_scaling)
+            value = function(gain_of(x), x[count:])
+            slope = np.append((value.in_gain * self.units)[free], value.in_scaling)
             slope[:count] += 2 * _SMALL * x[:count]
-            return found.value + _SMALL * float(x[:count] @ x[:count]), slope
+            return value.value + _SMALL * float(x[:count] @ x[:count]), slope
 
         start = np.append(K[free] / self.units[free], log_e)
         best = minimised(of, start, evaluations=self._evaluations, below=below)

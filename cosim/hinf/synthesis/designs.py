@@ -50,20 +50,20 @@ def design_of_theorem_2(
     )
 
 
-def design_of_analysis(found: Analysis) -> Design:
+def design_of_analysis(analysis: Analysis) -> Design:
     """Return the design of a gain that an analysis proves."""
-    if found.K is None or found.certificate is None:
+    if analysis.K is None or analysis.certificate is None:
         raise ValueError("expected a proved gain, got an analysis without")
     return Design(
-        system=found.system,
-        K=found.K,
-        gamma=found.gamma,
+        system=analysis.system,
+        K=analysis.K,
+        gamma=analysis.gamma,
         k1=(),
         k2=(),
-        least_gamma=found.least_gamma,
-        certificate=found.certificate,
-        order=found.order,
-        figures=found.figures,
+        least_gamma=analysis.least_gamma,
+        certificate=analysis.certificate,
+        order=analysis.order,
+        figures=analysis.figures,
     )
 
 
@@ -148,8 +148,8 @@ def quickly_proved(system: DelaySystem, gain: ArrayLike) -> Design | None:
     """
     K = gain_of(system, gain)
     figures = nominal_figures_of(system, K)
-    found = best_analysis(system, K, None, "auto", figures, ranking=True)
-    return design_of_analysis(found) if found.certified else None
+    analysis = best_analysis(system, K, None, "auto", figures, ranking=True)
+    return design_of_analysis(analysis) if analysis.certified else None
 
 
 def _in_full(quick: Analysis, gamma: float | None, order: Order) -> Analysis:
@@ -167,16 +167,16 @@ def given_gain_design(
     InputError : numbers that do not fit the system.
     NotAchievableError : it is not.
     """
-    found = analyse(system, gain, gamma, order=order)
-    if not found.certified:
+    analysis = analyse(system, gain, gamma, order=order)
+    if not analysis.certified:
         raise NotAchievableError(
             "this gain could not be certified" + ("" if order == "auto" else f" at order {order}"),
             where=system.name or None,
             expected="an exact proof" if gamma is None else f"a proof of gamma = {gamma:g}",
-            got=found.reason,
-            hint=hint_after(str(found.reason), "a larger gamma, another order"),
+            got=analysis.reason,
+            hint=hint_after(str(analysis.reason), "a larger gamma, another order"),
         )
-    return design_of_analysis(found)
+    return design_of_analysis(analysis)
 
 
 def rounded_gain(K: Matrix, units: Scaling | None = None) -> Matrix:

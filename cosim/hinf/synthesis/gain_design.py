@@ -183,22 +183,22 @@ def _with_constraints(
     return damped_design(asked.system, design_constraints, damping, undamped, proved)
 
 
-def _sharpest(found: Design, gamma: float | None, order: Order | None) -> Design:
+def _sharpest(designed: Design, gamma: float | None, order: Order | None) -> Design:
     """Return a design of Theorem 2 with constraints, its gamma proved by the condition asked for.
 
     Raises
     ------
     NotAchievableError : an order is asked for, and its condition does not prove the gain.
     """
-    if found.order is not None or order is None:
-        return found
+    if designed.order is not None or order is None:
+        return designed
     if isinstance(order, int):
-        again = given_gain_design(found.system, found.K, gamma, order)
-    elif gamma is not None and not ages_are_known(found.system):
-        return found
+        again = given_gain_design(designed.system, designed.K, gamma, order)
+    elif gamma is not None and not ages_are_known(designed.system):
+        return designed
     else:
-        again = analysed_again(found)
-    return again if again is found else with_guarantees(again, found.guarantees)
+        again = analysed_again(designed)
+    return again if again is designed else with_guarantees(again, designed.guarantees)
 
 
 def _designed(asked: Request, order: Order | None, solver: str, *, search: bool) -> Design:
@@ -263,10 +263,10 @@ def _constrained(
     # without a constraint the best gain may be unbounded
     with suppress(NotAchievableError):
         plain = theorem_2.design(asked.system, asked.k1, asked.k2, gamma=asked.gamma, search=search)
-    found = _by_theorem_2(
+    designed = _by_theorem_2(
         asked, plain, design_constraints, order, search=search, may_search=may_search
     )
-    return _sharpest(found, asked.gamma, order)
+    return _sharpest(designed, asked.gamma, order)
 
 
 def _by_theorem_2(
@@ -327,29 +327,29 @@ def _proved_with_constraints(
 ) -> Design:
     """Prove a given gain with the constraints."""
     system = asked.system
-    found = _proved(asked, gain, order, "clarabel", search=search)
+    proved = _proved(asked, gain, order, "clarabel", search=search)
     at = theorem_2.checked_scalars(system, asked.k1, asked.k2)
-    at = at if found.order is not None else scalars_of(found)
-    return constrained(found, design_constraints, at)
+    at = at if proved.order is not None else scalars_of(proved)
+    return constrained(proved, design_constraints, at)
 
 
-def nominal_gamma(found: Design) -> float | None:
+def nominal_gamma(proved: Design) -> float | None:
     """Return the least certified gamma of the same K, k1, k2 or order, without uncertainty.
 
-    Its distance to `found.gamma` is the cost of E, H, its distance to the exact norm the
+    Its distance to `proved.gamma` is the cost of E, H, its distance to the exact norm the
     conservatism of the condition. Takes about as long as half a design.
 
     Returns
     -------
-    None where only stability is certified; `found.gamma` where nothing is uncertain.
+    None where only stability is certified; `proved.gamma` where nothing is uncertain.
 
     Raises
     ------
     NotAchievableError : no proof was found.
     """
-    if found.gamma is None or not found.system.E.size:
-        return found.gamma
-    nominal = without_uncertainty(found.system)
-    if found.order is not None:
-        return analyse(nominal, found.K, order=found.order).gamma
-    return theorem_2.design(nominal, found.k1, found.k2, gain=found.K).gamma
+    if proved.gamma is None or not proved.system.E.size:
+        return proved.gamma
+    nominal = without_uncertainty(proved.system)
+    if proved.order is not None:
+        return analyse(nominal, proved.K, order=proved.order).gamma
+    return theorem_2.design(nominal, proved.k1, proved.k2, gain=proved.K).gamma

@@ -65,19 +65,19 @@ def greatest_delay(
     if gamma is not None:
         check_achievable(gamma, system)
     asked = gamma, one, two, delay_index, limit
-    found, errors = _by_conditions(of_any_age(system), asked, order, given=given, search=look)
+    greatest, errors = _by_conditions(of_any_age(system), asked, order, given=given, search=look)
     if ages_are_known(system) and order is not None:
         own: Order = order if isinstance(order, int) else "auto"
 
         def design_at(there: DelaySystem) -> Design:
             return designed_by_some_route(Request(there, one, two, given, look, gamma), own)
 
-        found = improved_delay(
-            system, gamma, found, design_at, delay_index=delay_index, limit=limit, order=own
+        greatest = improved_delay(
+            system, gamma, greatest, design_at, delay_index=delay_index, limit=limit, order=own
         )
-    if found is None:
+    if greatest is None:
         raise none_succeeded(errors)
-    return found
+    return greatest
 
 
 def _by_conditions(
@@ -85,10 +85,10 @@ def _by_conditions(
 ) -> tuple[GreatestDelay | None, list[tuple[str, NotAchievableError]]]:
     """Return the greatest delay by the conditions that are worth trying, and what each lacked."""
     errors: list[tuple[str, NotAchievableError]] = []
-    found: GreatestDelay | None = None
+    greatest: GreatestDelay | None = None
     plain: GreatestDelay | NotAchievableError | None = None
     for condition, improves in _conditions_of_delay(system, order, given=given):
-        if found is not None and not improves:
+        if greatest is not None and not improves:
             continue
         try:
             if condition is None:
@@ -101,9 +101,9 @@ def _by_conditions(
             plain = error if condition is None else plain
             errors.append(("Theorem 2" if condition is None else f"order {condition}", error))
             continue
-        if found is None or tried.delay > _WORTH * found.delay:
-            found = tried
-    return found, errors
+        if greatest is None or tried.delay > _WORTH * greatest.delay:
+            greatest = tried
+    return greatest, errors
 
 
 def _conditions_of_delay(

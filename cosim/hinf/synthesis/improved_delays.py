@@ -49,20 +49,20 @@ def improved_delay(
             if K is None:
                 at = system if best is None else _at(system, delay_index, best.delay, limit)
                 K = design_at(at).K
-            found = certified_delay(
+            certified = certified_delay(
                 system, K, gamma, delay_index=delay_index, order=order, limit=limit
             )
         except (NotAchievableError, InputError):  # also a delay below the least age
             break
         K = None
-        if found.d is None or (best is not None and found.d < _WORTH * best.delay):
+        if certified.d is None or (best is not None and certified.d < _WORTH * best.delay):
             # no proof reaches further for ages of any variation alone
             if best is not start or not ages_are_known(system):
                 break
             continue
-        proved = design_of_analysis(found.analysis)
-        best = GreatestDelay(found.d, proved, found.limit_reached, None, None)
-        if found.limit_reached:
+        proved = design_of_analysis(certified.analysis)
+        best = GreatestDelay(certified.d, proved, certified.limit_reached, None, None)
+        if certified.limit_reached:
             break
     return best
 

@@ -52,9 +52,9 @@ def first_proved(
     """
     reason = ""
     for level in levels:
-        found, reason = prove(level)
-        if found is not None:
-            return found, ""
+        proof, reason = prove(level)
+        if proof is not None:
+            return proof, ""
     return None, reason
 
 
@@ -73,11 +73,11 @@ def least_proved(
             at_last = prove(last)
             if at_last[0] is None:
                 break
-        found, _ = prove(level)
-        if found is not None:
-            return (level, found), ""
-    found, reason = at_last or prove(last)
-    return (None, reason) if found is None else ((last, found), "")
+        proof, _ = prove(level)
+        if proof is not None:
+            return (level, proof), ""
+    proof, reason = at_last or prove(last)
+    return (None, reason) if proof is None else ((last, proof), "")
 
 
 def clearly_below(levels: Iterable[float], proved: float | None) -> list[float]:

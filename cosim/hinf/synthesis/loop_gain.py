@@ -193,12 +193,12 @@ class LoopGain:
         log_e : one number per block of F, or one for all.
         """
         log_e = np.broadcast_to(np.asarray(log_e, dtype=np.float64), (self.scalings,))
-        found: list[Value] = []
+        gains: list[Value] = []
         for ages in self._ages:
-            found.append(self._gain_at(K, log_e, ages))
-            if not np.isfinite(found[-1].value):
-                return found[-1]
-        return max(found, key=lambda x: x.value)
+            gains.append(self._gain_at(K, log_e, ages))
+            if not np.isfinite(gains[-1].value):
+                return gains[-1]
+        return max(gains, key=lambda x: x.value)
 
     def excess(self, K: Matrix, ratio: float, within: float) -> Value:
         """Return by how much the damping of a root of the nominal loop misses `ratio`.
@@ -242,15 +242,15 @@ class LoopGain:
         A = [M + _fed(self._B, K, S) for M, S in zip(self._A, self._S, strict=True)]
         if not self._in_parts:
             return approximate_roots(ClosedLoop(A, ages.tolist()), nodes)
-        found = []
+        all_roots = []
         for part in self._parts(np.abs(A).sum(axis=0), "strong"):
             own = [M[np.ix_(part, part)] for M in A]
             late = [
                 k for k, M in enumerate(own) if k == 0 or M.any()
             ]  # without the others: smaller
             inner = ClosedLoop([own[k] for k in late], ages[late].tolist())
-            found.append(approximate_roots(inner, nodes))
-        roots = np.concatenate(found)
+            all_roots.append(approximate_roots(inner, nodes))
+        roots = np.concatenate(all_roots)
         return np.asarray(roots[np.argsort(-roots.real, kind="stable")])
 
     def _parts(
@@ -326,14 +326,14 @@ class LoopGain:
         share = np.linspace(0.0, 1.0, _POINTS)
         for each in range(_ROUNDS):
             inner = low[:, None] + (high - low)[:, None] * share
-            found = self._levels(K, brief, inner.ravel(), ages).reshape(inner.shape)
-            if not np.isfinite(found).all():
+            at_points = self._levels(K, brief, inner.ravel(), ages).reshape(inner.shape)
+            if not np.isfinite(at_points).all():
                 return nothing
-            top = found.argmax(axis=1)
+            top = at_points.argmax(axis=1)
             rows = np.arange(len(top))
-            first = int(found[rows, top].argmax())
-            if found.max() > best:
-                best, at = float(found[first, top[first]]), float(inner[first, top[first]])
+            first = int(at_points[rows, top].argmax())
+            if at_points.max() > best:
+                best, at = float(at_points[first, top[first]]), float(inner[first, top[first]])
             if each == _ROUNDS_OF_ALL:
                 rows = rows[first : first + 1]
             low = inner[rows, np.maximum(top[rows] - 1, 0)]
@@ -368,11 +368,11 @@ class LoopGain:
         """Return H^-1, by the parts that do not act on each other."""
         if not self._in_parts:
             return np.asarray(np.linalg.inv(H))
-        found = np.zeros_like(H)
+        inverse = np.zeros_like(H)
         for part in self._parts(np.abs(H).sum(axis=0), "weak"):
             at = (slice(None), part[:, None], part)
-            found[at] = np.linalg.inv(H[at])
-        return found
+            inverse[at] = np.linalg.inv(H[at])
+        return inverse
 
     def _in_brief(self, log_e: Reals) -> _Brief:
         """Return what F connects at these scalings in as few signals as there are states.

@@ -53,17 +53,17 @@ def minimised(
             continue
         # before anything is known of the curvature: a tenth of the unit in which x counts
         t = 0.1 / max(float(np.linalg.norm(direction)), 1e-300) if first else 1.0
-        found = _line_search(function, x, value, direction, slope, t)
-        used += found.evaluations
-        if found.x is None:
+        line = _line_search(function, x, value, direction, slope, t)
+        used += line.evaluations
+        if line.x is None:
             if first:
                 break
             inverse, first = np.eye(x.size), True  # once more along the gradient
             continue
-        change = found.gradient - gradient
-        step = found.x - x
+        change = line.gradient - gradient
+        step = line.x - x
         curvature = float(change @ step)
-        passed.append(found.value)
+        passed.append(line.value)
         small = len(passed) > _WINDOW and passed[-1 - _WINDOW] - passed[-1] <= _ENOUGH
         if curvature > 1e-14 * float(np.linalg.norm(change) * np.linalg.norm(step)):
             if first:
@@ -74,7 +74,7 @@ def minimised(
                 - np.outer(moved, step)
                 - np.outer(step, moved)
             ) / curvature
-        x, value, gradient, first = found.x, found.value, found.gradient, False
+        x, value, gradient, first = line.x, line.value, line.gradient, False
         if small:
             break
     return Minimum(x, value, used)
@@ -95,15 +95,15 @@ def _line_search(
     best = _Step(None, value, direction, 0)
     for used in range(1, _LINE + 1):
         there = x + t * direction
-        found, gradient = function(there)
-        if found > value + _DECREASE * t * slope or not np.isfinite(found):
+        there_value, gradient = function(there)
+        if there_value > value + _DECREASE * t * slope or not np.isfinite(there_value):
             high = t
         elif float(gradient @ direction) < _CURVATURE * slope:
             low = t
-            if found < best.value:
-                best = _Step(there, found, gradient, used)
+            if there_value < best.value:
+                best = _Step(there, there_value, gradient, used)
         else:
-            return _Step(there, found, gradient, used)
+            return _Step(there, there_value, gradient, used)
         t = 2 * low if high == np.inf else 0.5 * (low + high)
         if high - low <= 1e-12 * high:
             break

@@ -91,8 +91,8 @@ def certified_outages(
         raise InputError("not a rate of decay", where="alpha", expected="a positive number of 1/s")
     search = _Search(system, K, gamma, back, fallback_age)
     with lmi.solver_words() as words:
-        found = search.least_share() if alpha is None else search.at(_decimal(alpha))
-    if found is None:
+        outages = search.least_share() if alpha is None else search.at(_decimal(alpha))
+    if outages is None:
         raise NotAchievableError(
             "no rate of decay in touch was found, with a rate of growth out of touch",
             where=system.name or None,
@@ -101,11 +101,11 @@ def certified_outages(
             got=lmi.not_found(words) if search.reason is None else search.reason,
             hint="a shorter age, a smaller alpha, a greater gamma; or a gain for this age",
         )
-    return found
+    return outages
 
 
 def with_outages(
-    found: Proved,
+    proved: Proved,
     *,
     gamma: float | None = None,
     alpha: float | None = None,
@@ -123,20 +123,20 @@ def with_outages(
     ------
     InputError, NotAchievableError : as `certified_outages`; an analysis without a certificate.
     """
-    if found.certificate is None or found.K is None:
-        raise InputError("there is no certified gain", where="found", expected="a proof of a gain")
-    if gamma is None and found.gamma is not None:
-        gamma = float(f"{_TIMES_GAMMA * found.gamma:.4g}")
+    if proved.certificate is None or proved.K is None:
+        raise InputError("there is no certified gain", where="proved", expected="a proof of a gain")
+    if gamma is None and proved.gamma is not None:
+        gamma = float(f"{_TIMES_GAMMA * proved.gamma:.4g}")
     outages = certified_outages(
-        found.system,
-        found.K,
+        proved.system,
+        proved.K,
         gamma=gamma,
         alpha=alpha,
         fallback=fallback,
         fallback_age=fallback_age,
     )
-    more = replace(found.guarantees, outages=outages)
-    return replace(found, guarantees=more, certificate=more.beside(found.certificate))
+    more = replace(proved.guarantees, outages=outages)
+    return replace(proved, guarantees=more, certificate=more.beside(proved.certificate))
 
 
 class _Search:
@@ -169,9 +169,9 @@ class _Search:
             for alpha in _between(tried):
                 self._try(alpha, tried)
         for alpha in sorted(tried, key=lambda a: tried[a]):
-            found = self.at(_decimal(alpha), tried[alpha][1])
-            if found is not None:
-                return found
+            outages = self.at(_decimal(alpha), tried[alpha][1])
+            if outages is not None:
+                return outages
         return None
 
     def _try(self, alpha: float, tried: dict[float, tuple[float, float]]) -> None:

@@ -172,8 +172,8 @@ def design_output_feedback(
         kept = None if gain is None else given.K
         L_kept = None if injections is None else list(given.L)
         proposed = _proposals(given, known, kept, L_kept, start)
-    found = _best(system, measurements, proposed, known, gamma, order, brief=quick)
-    return found if starts is None else _with_peaks(found, starts, energy)
+    designed = _best(system, measurements, proposed, known, gamma, order, brief=quick)
+    return designed if starts is None else _with_peaks(designed, starts, energy)
 
 
 def _starts(
@@ -203,9 +203,9 @@ def _starts(
     return np.asarray(columns)
 
 
-def _with_peaks(found: OutputFeedback, starts: Matrix, energy: float) -> OutputFeedback:
+def _with_peaks(designed: OutputFeedback, starts: Matrix, energy: float) -> OutputFeedback:
     """Return an output feedback with proved peaks of u and x."""
-    pair, N = found.pair, len(found.pair.system.A)
+    pair, N = designed.pair, len(designed.pair.system.A)
     (n, m) = pair.plant.B.shape
     rows = np.vstack([pair.gain[:m], np.eye(N)[:n]])
     check_peaks_asked(rows, starts, N, "offset")
@@ -219,9 +219,9 @@ def _with_peaks(found: OutputFeedback, starts: Matrix, energy: float) -> OutputF
             expected="a functional of order 0",
             hint="younger measurements; a design without offset",
         )
-    inner = Guarantees(state_peaks=peaks).beside(found.certificate["pair"])
+    inner = Guarantees(state_peaks=peaks).beside(designed.certificate["pair"])
     certificate = output_feedback_to_json(pair, inner)
-    return replace(found, certificate=certificate, state_peaks=peaks)
+    return replace(designed, certificate=certificate, state_peaks=peaks)
 
 
 def _best(
@@ -263,12 +263,12 @@ def _best(
             got=reason,
             hint="younger measurements, less uncertainty, a larger gamma, or gains of your own",
         )
-    pair, found = min(made, key=lambda one: one[1].gamma or 0.0)
+    pair, analysis = min(made, key=lambda one: one[1].gamma or 0.0)
     large = not brief and is_large(pair.system, pair.gain)
     if order == "auto" and (large or ages_are_known(pair.system)):  # ranking tried what is quick
-        full = best_analysis(pair.system, pair.gain, gamma, order, found.figures)
-        found = min((found, full), key=lambda one: (not one.certified, one.gamma or 0.0))
-    return _certified(pair, found)
+        full = best_analysis(pair.system, pair.gain, gamma, order, analysis.figures)
+        analysis = min((analysis, full), key=lambda one: (not one.certified, one.gamma or 0.0))
+    return _certified(pair, analysis)
 
 
 def _by_all_conditions(
@@ -287,22 +287,22 @@ def _by_all_conditions(
         if any((one.gamma or 0.0) <= _POOR * (one.exact_norm or np.inf) for one in proved):
             break
         if is_large(pair.system, pair.gain):
-            found = best_analysis(pair.system, pair.gain, gamma, 0, figures)
-            more += [(pair, found)] if found.certified else []
+            analysis = best_analysis(pair.system, pair.gain, gamma, 0, figures)
+            more += [(pair, analysis)] if analysis.certified else []
     return more
 
 
-def _certified(pair: ObserverPair, found: Analysis) -> OutputFeedback:
+def _certified(pair: ObserverPair, analysis: Analysis) -> OutputFeedback:
     """Return the output feedback of a certified analysis of its pair."""
-    if found.certificate is None:
+    if analysis.certificate is None:
         raise ValueError("expected a certified analysis")
     return OutputFeedback(
         pair=pair,
-        gamma=found.gamma,
-        certificate=output_feedback_to_json(pair, found.certificate),
-        order=found.order,
-        least_gamma=found.least_gamma,
-        figures=found.figures,
+        gamma=analysis.gamma,
+        certificate=output_feedback_to_json(pair, analysis.certificate),
+        order=analysis.order,
+        least_gamma=analysis.least_gamma,
+        figures=analysis.figures,
     )
 
 
@@ -347,8 +347,8 @@ def _proposals(
             others = [loop.theta(*x) * loop.free for x in pairs]
             starts += _in_turn(others, alone) if plant.E.size else others[:1]
         before = age
-        found = next((x for x in map(descent.from_start, starts) if x is not None), None)
-        if found is None and theta is None and np.isfinite(descent.least_alone):
+        better = next((x for x in map(descent.from_start, starts) if x is not None), None)
+        if better is None and theta is None and np.isfinite(descent.least_alone):
             raise TooUncertainError(
                 "no observer and gain were found that bear what is uncertain",
                 float(np.exp(descent.least_alone)),
@@ -356,12 +356,12 @@ def _proposals(
                 where=plant.name or None,
                 hint="less uncertainty, younger measurements",
             )
-        if found is None:
+        if better is None:
             continue
-        theta = found
+        theta = better
         # commands as late as they are may be more than gains for commands at once bear
-        too_quick = age == 0.0 < given.command_age and as_it_is.abscissa(found).value >= 0
-        gains = loop.gains(found)
+        too_quick = age == 0.0 < given.command_age and as_it_is.abscissa(better).value >= 0
+        gains = loop.gains(better)
         rounded = rounded_gain(gains[0], units) if K is None else K
         yield rounded, [_short(x) for x in gains[1]] if L is None else L
 
@@ -412,11 +412,11 @@ def _units(plant: DelaySystem, estimated: NDArray[np.bool_]) -> Scaling:
         A=plant.A[np.ix_(slow, slow)] + through[:, :count],
         B=plant.B[slow] + through[:, count:],
     )
-    found = units_of(reduced)[0]
+    scaling = units_of(reduced)[0]
     state = np.ones(len(plant.A))
-    state[slow] = found.state
-    state[known] = np.abs(at_rest) @ np.concatenate([found.state, found.input])
-    return replace(found, state=np.where(state > 0, state, 1.0))
+    state[slow] = scaling.state
+    state[known] = np.abs(at_rest) @ np.concatenate([scaling.state, scaling.input])
+    return replace(scaling, state=np.where(state > 0, state, 1.0))
 
 
 def _short(L: Matrix) -> Matrix:
@@ -436,7 +436,7 @@ def _regulators(plant: DelaySystem, units: Scaling) -> list[Matrix]:
     A = own.A + sum((x.A for x in own.delays), np.zeros_like(own.A))
     A = A + np.diag(np.diagonal(np.abs(own.E) @ np.abs(own.H))) if own.blocks else A
     (n, m) = own.B.shape
-    found = []
+    gains = []
     for share in _CHEAPER:
         Q = own.D.T @ own.D + _SMALL * np.eye(n)
         R = share * own.D2.T @ own.D2 + _SMALL * np.eye(m)
@@ -445,8 +445,8 @@ def _regulators(plant: DelaySystem, units: Scaling) -> list[Matrix]:
         except (ValueError, np.linalg.LinAlgError):
             continue
         in_units = -np.linalg.solve(R, own.B.T @ P)
-        found.append(np.asarray(in_units * units.input[:, None] / units.state))
-    return found or [np.zeros((m, n))]
+        gains.append(np.asarray(in_units * units.input[:, None] / units.state))
+    return gains or [np.zeros((m, n))]
 
 
 def _injections(given: ObserverPair, units: Scaling) -> list[list[Matrix]]:
@@ -486,8 +486,8 @@ def _injections_of_part(
         *(_restricted(given.plant, own), measurements, given.estimated[own]),
         *(units.state[own], units.T),
     )
-    found = [lmi.least_gamma(b * longest) for b in _MULTIPLIERS]
-    best = min((x for x in found if x is not None), key=lambda x: x[0], default=None)
+    solutions = [lmi.least_gamma(b * longest) for b in _MULTIPLIERS]
+    best = min((x for x in solutions if x is not None), key=lambda x: x[0], default=None)
     return None if best is None else best[1]
 
 

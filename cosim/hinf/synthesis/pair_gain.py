@@ -113,7 +113,7 @@ class PairGain:
     def _by_theta(self, value: Value) -> Value:
         """Return a value with the derivative by theta in place of that by the pair's gain."""
         (m, n), errors = self._K, int(self._chosen.sum())
-        by_K, found = value.in_gain[:m, :n].copy(), []
+        by_K, by_all_L = value.in_gain[:m, :n].copy(), []
         by_K[:, self._chosen] -= value.in_gain[:m, n:]
         column = self._first
         for i, (rows, noise) in enumerate(zip(self._rows, self._noise, strict=True)):
@@ -122,8 +122,8 @@ class PairGain:
             if value.in_disturbance is not None:
                 by_L = by_L - value.in_disturbance[n:, column : column + len(noise)] * noise
             column += len(noise)
-            found.append(by_L.ravel())
-        return value._replace(in_gain=np.concatenate([by_K.ravel(), *found])[None])
+            by_all_L.append(by_L.ravel())
+        return value._replace(in_gain=np.concatenate([by_K.ravel(), *by_all_L])[None])
 
     def abscissa(self, K: Matrix) -> Value:
         """Return the greatest real part of the characteristic roots [1/s]."""

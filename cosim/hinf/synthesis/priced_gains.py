@@ -48,10 +48,10 @@ def priced_gains(system: DelaySystem) -> Iterator[Matrix]:
             if not isinstance(first, Answer):
                 continue
             gamma = first.value * problem.scaling.a**2
-        found = problem.priced(at, price * gamma, ROUGH_TOLERANCE)
-        if not isinstance(found, Answer) or not np.isfinite(found.unknowns["Y"]).all():
+        answer = problem.priced(at, price * gamma, ROUGH_TOLERANCE)
+        if not isinstance(answer, Answer) or not np.isfinite(answer.unknowns["Y"]).all():
             continue
-        K = gain_at(found.unknowns, problem.scaling)
+        K = gain_at(answer.unknowns, problem.scaling)
         if gain_remark(system, K) is not None:
             continue
         try:

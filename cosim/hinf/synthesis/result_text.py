@@ -7,14 +7,14 @@ from typing import Any
 from cosim.core import matrix_text
 
 
-def proved_words(found: Any) -> str:
+def proved_words(result: Any) -> str:
     """Return what a design or an analysis proves, in a few words."""
-    if not found.certified:
-        return f"not certified: {found.reason}"
-    delays = found.system.delays
-    cover = ", for every smaller delay too" if delays and found.covers_smaller_delays else ""
-    what = "stability" if found.gamma is None else f"gamma {found.gamma:.6g}"
-    on = ", on the support of each delay" if support_words(found.certificate) else ""
+    if not result.certified:
+        return f"not certified: {result.reason}"
+    delays = result.system.delays
+    cover = ", for every smaller delay too" if delays and result.covers_smaller_delays else ""
+    what = "stability" if result.gamma is None else f"gamma {result.gamma:.6g}"
+    on = ", on the support of each delay" if support_words(result.certificate) else ""
     return f"{what} certified{cover}{on}"
 
 
@@ -32,20 +32,20 @@ def support_words(certificate: dict[str, Any] | None) -> str:
     )
 
 
-def result_rows(found: Any) -> dict[str, str]:
+def result_rows(result: Any) -> dict[str, str]:
     """Return the rows about a design or an analysis in a notebook."""
-    rows = {} if found.K is None else {"K": matrix_text(found.K, most=24)}
-    rows["certified"] = proved_words(found)
-    on = support_words(found.certificate)
+    rows = {} if result.K is None else {"K": matrix_text(result.K, most=24)}
+    rows["certified"] = proved_words(result)
+    on = support_words(result.certificate)
     if on:
         rows["proved on the support of each delay"] = on
-    if found.abscissa is not None:
-        rows["rightmost root (computed)"] = f"real part {found.abscissa:.6g} 1/s"
-    if found.exact_norm is not None:
-        rows["norm of the nominal loop (computed)"] = f"{found.exact_norm:.6g}"
-    if found.exact_norm_upper is not None:
-        rows["the same, an upper bound (proved)"] = f"{found.exact_norm_upper:.6g}"
-    for i, margin in enumerate(found.delay_margin or (), 1):
+    if result.abscissa is not None:
+        rows["rightmost root (computed)"] = f"real part {result.abscissa:.6g} 1/s"
+    if result.exact_norm is not None:
+        rows["norm of the nominal loop (computed)"] = f"{result.exact_norm:.6g}"
+    if result.exact_norm_upper is not None:
+        rows["the same, an upper bound (proved)"] = f"{result.exact_norm_upper:.6g}"
+    for i, margin in enumerate(result.delay_margin or (), 1):
         rows[f"stable up to delay {i} of (computed)"] = (
             "any" if margin is None else f"{margin:.6g} s"
         )

@@ -99,45 +99,47 @@ def designed_by_some_route(asked: Request, order: Order = "auto") -> Design:
     ------
     NotAchievableError : the error of the first route, with the others listed.
     """
-    found: list[Design] = []
+    designs: list[Design] = []
     errors: list[tuple[str, NotAchievableError]] = []
     known = ages_are_known(asked.system)
     for route in _routes_with_ages(asked, order) if known else _routes(asked):
-        if found and not route.improves:
+        if designs and not route.improves:
             continue
         report(route.name, 0.0)
         try:
-            found.append(route.design(found))
+            designs.append(route.design(designs))
         except NotAchievableError as error:
             if isinstance(error, NoGainError):
                 raise
             errors.append((route.name, error))
-            if len(errors) == 1 and not found:
+            if len(errors) == 1 and not designs:
                 cause = unstabilisable_error(asked.system)
                 if cause is not None:
                     raise cause from None
-    if not found:
+    if not designs:
         raise none_succeeded(errors)
-    return preferred([analysed_again(one) if asked.gamma is None else one for one in found])
+    return preferred([analysed_again(one) if asked.gamma is None else one for one in designs])
 
 
-def analysed_again(found: Design) -> Design:
+def analysed_again(designed: Design) -> Design:
     """Return a design of Theorem 2 with the best proof of its gain that is affordable."""
-    if found.gamma is None or found.abscissa is None or found.order is not None:
-        return found
-    return _proved_again(found)
+    if designed.gamma is None or designed.abscissa is None or designed.order is not None:
+        return designed
+    return _proved_again(designed)
 
 
-def _proved_again(found: Design) -> Design:
+def _proved_again(designed: Design) -> Design:
     """Return a design with a proof of its gain by an analysis, where that one is better."""
-    if _unknowns(found.system, 0) > _MOST_UNKNOWNS or is_exact(found):
-        return found
+    if _unknowns(designed.system, 0) > _MOST_UNKNOWNS or is_exact(designed):
+        return designed
     report("the best proof of this gain", 0.0)
-    again = best_analysis(found.system, found.K, None, "auto", found.figures, below=found.gamma)
+    again = best_analysis(
+        designed.system, designed.K, None, "auto", designed.figures, below=designed.gamma
+    )
     if not again.certified:
-        return found
-    best = preferred([found, design_of_analysis(again)])
-    return replace(best, least_gamma=best.least_gamma or found.least_gamma)
+        return designed
+    best = preferred([designed, design_of_analysis(again)])
+    return replace(best, least_gamma=best.least_gamma or designed.least_gamma)
 
 
 def _routes(asked: Request) -> Iterator[Route]:
@@ -145,17 +147,17 @@ def _routes(asked: Request) -> Iterator[Route]:
     constant = any(x.d > 0 and not x.any_age for x in s.delays)
     late = any(x.d > 0 for x in s.delays)
 
-    def theorem_2_at(found: Sequence[Design], *, search: bool) -> Design:
-        del found
+    def theorem_2_at(designs: Sequence[Design], *, search: bool) -> Design:
+        del designs
         return _by_theorem_2(asked, search=search)
 
-    def proposed(found: Sequence[Design], *, order: int, continued: bool) -> Design:
-        starts = [one.K for one in found]
+    def proposed(designs: Sequence[Design], *, order: int, continued: bool) -> Design:
+        starts = [one.K for one in designs]
         gains = bessel_legendre_gains(s, order, starts, gamma, continued=continued)
         return proved_by_analysis(s, gains, gamma, "auto")
 
-    def for_stability(found: Sequence[Design]) -> Design:
-        del found
+    def for_stability(designs: Sequence[Design]) -> Design:
+        del designs
         K = theorem_2.stabilising_gain(s, asked.k1, asked.k2)
         starts = [] if K is None else [K]
         better: Iterator[Matrix] = iter(())
@@ -199,8 +201,8 @@ def _routes_with_ages(asked: Request, order: Order) -> Iterator[Route]:
         tried[:] = made
         return is_past_the_best(made)
 
-    def shorter(found: Sequence[Design]) -> Design:
-        del found
+    def shorter(designs: Sequence[Design]) -> Design:
+        del designs
         failures: list[str] = []
         gains = gains_for_shorter_ages(s, asked.k1, asked.k2, failures, search=search)
         try:
@@ -212,14 +214,14 @@ def _routes_with_ages(asked: Request, order: Order) -> Iterator[Route]:
                 error.got = "; ".join([str(error.got), *failures[:2]])
             raise
 
-    def of_the_ages(found: Sequence[Design]) -> Design:
+    def of_the_ages(designs: Sequence[Design]) -> Design:
         # where a gamma is missed, from the gain that came nearest to it
-        start = (found[0].K, found[0].gamma) if found else nearest_to_a_goal(tried)
+        start = (designs[0].K, designs[0].gamma) if designs else nearest_to_a_goal(tried)
         gains = gains_of_the_ages(s, 1 if order == "auto" else order, start)
         return proved_by_analysis(s, gains, gamma, order, enough=lambda _: False)
 
-    def by_cvxpy(found: Sequence[Design]) -> Design:
-        del found
+    def by_cvxpy(designs: Sequence[Design]) -> Design:
+        del designs
         plain = cvxpy_design(of_any_age(s), asked.k1, asked.k2, search=asked.search is not False)
         return proved_by_analysis(s, [plain.K], gamma, order)
 

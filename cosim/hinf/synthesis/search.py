@@ -69,14 +69,14 @@ def least_gamma(
         return answer
 
     size = problem.size
-    found = _feasible_starts(ask, p, valley=size >= _LARGE)
+    feasible = _feasible_starts(ask, p, valley=size >= _LARGE)
     if size >= _VERY_LARGE or (answers and ends_at(min(answers, key=lambda x: x.value))):
-        found = found[:0]
+        feasible = feasible[:0]
     # k1 = -k2 is a narrow valley: first along it, from two starts since the best may lead to a
     # worse local minimum, then across
     ends = [
         _descend(ask, at, sign=1.0, steps=_STEPS_ALONG, ratios=False)
-        for at, _ in sorted(found, key=lambda x: x[1])[:2]
+        for at, _ in sorted(feasible, key=lambda x: x[1])[:2]
     ]
     if ends and size < _LARGE:
         _descend(ask, min(ends, key=lambda x: x[1])[0], sign=1.0, steps=_STEPS)
@@ -98,10 +98,10 @@ def widest_margin(
         report("searching k1, k2 for stability", next(asked) / expected)
         return _answer(problem.margin(at, gamma, gain, tolerance=ROUGH_TOLERANCE))
 
-    found = _feasible_starts(ask, p)
-    if not found:
+    feasible = _feasible_starts(ask, p)
+    if not feasible:
         return None
-    best, value = max(found, key=lambda x: x[1])
+    best, value = max(feasible, key=lambda x: x[1])
     if value > 0:
         return best, value
     best, value = _descend(ask, best, sign=-1.0, enough=0.0)
@@ -228,8 +228,8 @@ def _descend(
     return best[0] if best else (start, sign * _value(ask(start)))
 
 
-def _answer(found: Answer | Solution) -> Answer | None:
-    return found if isinstance(found, Answer) else None
+def _answer(solved: Answer | Solution) -> Answer | None:
+    return solved if isinstance(solved, Answer) else None
 
 
 def _value(answer: Answer | None) -> float:

@@ -112,10 +112,10 @@ def structured_gains(
     last: list[Matrix] = []
     for factor in factors:
         longer = _at_ages(system, factor)
-        found = _ranked(longer, proposals(longer, last))
-        last = found[:1]
+        ranked = _ranked(longer, proposals(longer, last))
+        last = ranked[:1]
         yield from last
-        others += found[1:]
+        others += ranked[1:]
     yield from others
     if system.is_structured:  # otherwise it has been tried
         yield from _ranked(system, proposals(system, list(_of_whole_state(system)), drawn=0))

@@ -128,9 +128,9 @@ def design(
         ([first, *others], FAR),
     ):
         for condition in conditions:
-            found = condition.first(gamma, shares, below)
-            if found is not None:
-                return design_of_theorem_2(system, *found, condition.least_gamma)
+            proved = condition.first(gamma, shares, below)
+            if proved is not None:
+                return design_of_theorem_2(system, *proved, condition.least_gamma)
     if below is not None:
         raise NotAchievableError(f"nothing clearly below gamma = {below:g} was proved")
     raise first.refusal(gamma)
@@ -144,10 +144,10 @@ def stabilising_gain(
     The LMI of stability is homogeneous, and so better scaled than one with gamma.
     """
     problem = Problem(without_performance(system))
-    found = widest_margin(problem, checked_scalars(system, k1, k2), None)
-    if found is None or not found[1] > 0:
+    widest = widest_margin(problem, checked_scalars(system, k1, k2), None)
+    if widest is None or not widest[1] > 0:
         return None
-    answer = problem.margin(found[0], None)
+    answer = problem.margin(widest[0], None)
     return gain_at(answer.unknowns, problem.scaling) if isinstance(answer, Answer) else None
 
 
@@ -217,15 +217,15 @@ class Theorem2Condition:
         if self._gain is None and near is not None and self._problem.size >= _LARGE:
             # the gain of the least gamma saves a solve, where it has a margin
             gains = [gain_at(near.unknowns, self._problem.scaling), None]
-        found = None
+        proved = None
         for gain in gains if self._tried else gains[:1]:
-            found, self._reason = find_certified_gain(
+            proved, self._reason = find_certified_gain(
                 self._system, self._problem, self._p, gamma, gain, near
             )
-            if found is not None:
+            if proved is not None:
                 break
         self._tried.append(gamma)
-        return found, self._reason
+        return proved, self._reason
 
     def refusal(self, gamma: float | None) -> NotAchievableError:
         """Return the error that says why nothing is proved here, after `prove`."""
@@ -290,8 +290,8 @@ def _searched(
     """Return better k1, k2, the best first; those of `p` where none are found."""
     if problem.has_gamma:
         return [at for at, _ in least_gamma(problem, p, gain, ends_at=ends_at)] or [p]
-    found = widest_margin(problem, p, None, gain)
-    return [p if found is None else found[0]]
+    widest = widest_margin(problem, p, None, gain)
+    return [p if widest is None else widest[0]]
 
 
 def gain_at(unknowns: dict[str, Any], units: Scaling) -> NDArray[np.float64]:

@@ -30,7 +30,7 @@ def products(
     fixed : numbers that are no unknowns here, by name.
     """
     shapes, constant = shapes_of(inequalities), flint.fmpq(0)
-    found: dict[str, Any] = {}
+    by_name: dict[str, Any] = {}
     for inequality, W in zip(inequalities, multipliers, strict=True):
         for unknown, left, right, weight, is_number in inequality.terms:
             part = 2 * weight * left.on(inequality.rows) * W
@@ -42,8 +42,8 @@ def products(
                 continue
             if shapes[unknown].symmetric:
                 part = HALF * (part + part.transpose())
-            found[unknown] = found[unknown] + part if unknown in found else part
-    return found, constant
+            by_name[unknown] = by_name[unknown] + part if unknown in by_name else part
+    return by_name, constant
 
 
 def farkas_failure(

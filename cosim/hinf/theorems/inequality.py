@@ -42,25 +42,25 @@ class Signal:
 
     def on(self, rows: Mapping[str, int]) -> Any:
         """Return it as one matrix that acts on all rows."""
-        found = flint.fmpq_mat(self.height, sum(rows.values()))
+        matrix = flint.fmpq_mat(self.height, sum(rows.values()))
         first = 0
         for name, size in rows.items():
             if name in self.maps:
                 for i, entry in enumerate(self.maps[name].entries()):
-                    found[i // size, first + i % size] = entry
+                    matrix[i // size, first + i % size] = entry
             first += size
-        return found
+        return matrix
 
     def floats_on(self, rows: Mapping[str, int]) -> Matrix:
         """Return it as one matrix of doubles, rounded."""
-        found = np.zeros((self.height, sum(rows.values())))
+        matrix = np.zeros((self.height, sum(rows.values())))
         first = 0
         for name, size in rows.items():
             if name in self.maps:
                 entries = [float(entry) for entry in self.maps[name].entries()]
-                found[:, first : first + size] = np.reshape(entries, (self.height, size))
+                matrix[:, first : first + size] = np.reshape(entries, (self.height, size))
             first += size
-        return found
+        return matrix
 
     def __add__(self, other: Signal) -> Signal:
         mine, more = self.maps, other.maps
@@ -274,14 +274,14 @@ def number_itself(name: str) -> Inequality:
 
 def shapes_of(inequalities: Iterable[Inequality]) -> dict[str, Shape]:
     """Return the shape of every unknown, from how it is used."""
-    found: dict[str, Shape] = {}
+    shapes: dict[str, Shape] = {}
     for unknown, left, right, _, is_number in (t for one in inequalities for t in one.terms):
         if unknown is None:
             continue
-        symmetric = left is right or (unknown in found and found[unknown].symmetric)
+        symmetric = left is right or (unknown in shapes and shapes[unknown].symmetric)
         size = (1, 1) if is_number else (left.height, right.height)
-        found[unknown] = Shape(*size, symmetric, is_number)
-    return found
+        shapes[unknown] = Shape(*size, symmetric, is_number)
+    return shapes
 
 
 def first_failure(inequalities: Iterable[Inequality], values: Mapping[str, Any]) -> str | None:
