@@ -28,6 +28,7 @@ def retired() -> set[str]:
 
 
 RETIRED = retired()
+FILLERS = {"found", "late", "own", "whole"}
 LIBRARY = {*builtin_names(), *builtin_studies()}  # users name these: station keeping is a manoeuvre
 
 
@@ -124,6 +125,19 @@ def test_no_file_or_folder_bears_a_retired_noun() -> None:
 def test_no_name_bears_a_retired_noun() -> None:
     """Classes, functions, arguments, attributes, variables: product and tests alike."""
     assert offending(item for path in product() for item in names_in(path)) == []
+
+
+@pytest.mark.parametrize("package", ["hinf", "models", "vehicle", "paper"])
+def test_no_variable_has_a_filler_for_a_name(package: str) -> None:
+    """What is found, late, one's own or the whole has a name: a margin, delays, units, the loop."""
+    bad = []
+    for path in (p for p in product() if p.is_relative_to(ROOT / "cosim" / package)):
+        for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+            stored = isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store)
+            name = node.id if stored else node.arg if isinstance(node, ast.arg) else ""
+            if name in FILLERS:
+                bad.append(f"{path.relative_to(ROOT)}:{node.lineno}: {name}")
+    assert bad == []
 
 
 def test_no_key_of_the_product_bears_a_retired_noun() -> None:

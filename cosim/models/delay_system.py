@@ -219,11 +219,11 @@ class Delay(Value):
             words.append(f"at least {self.least_age:g} s")
         if self.feedback:
             chosen = _mask(self.feedback, len(self.A))
-            states = ", ".join(str(i) for i, own in enumerate(chosen.T, 1) if np.any(own))
-            whole = isinstance(self.feedback, bool)
-            words.append("feedback" if whole else f"feedback of x[{states}]")
+            states = ", ".join(str(i) for i, row in enumerate(chosen.T, 1) if np.any(row))
+            of_whole_state = isinstance(self.feedback, bool)
+            words.append("feedback" if of_whole_state else f"feedback of x[{states}]")
             if chosen.ndim == 2:
-                rows = ", ".join(str(i) for i, own in enumerate(chosen, 1) if own.any())
+                rows = ", ".join(str(i) for i, row in enumerate(chosen, 1) if row.any())
                 words[-1] += f" to u[{rows}]"
         return ", ".join(words)
 
@@ -245,9 +245,9 @@ def _fed_back_at_once(
     feedback: Sequence[Any] | None, delays: Sequence[Delay], m: int, n: int
 ) -> tuple[bool, ...] | tuple[tuple[bool, ...], ...] | None:
     """Return what is fed back at once, checked beside the delays; None where that is usual."""
-    whole = [i for i, delay in enumerate(delays, 1) if delay.feedback is True]
-    if len(whole) > 1:
-        raise ValueError(f"feedback: expected at most one delay, got delays {whole}")
+    of_whole_state = [i for i, delay in enumerate(delays, 1) if delay.feedback is True]
+    if len(of_whole_state) > 1:
+        raise ValueError(f"feedback: expected at most one delay, got delays {of_whole_state}")
     if feedback is None:
         at_once: Feedback = not any(x.feedback for x in delays)
     else:
@@ -414,9 +414,9 @@ class DelaySystem(Value):
         (n, m), q, p = self.B.shape, self.C.shape[1], self.D.shape[0]
         counts = [(n, "state"), (m, "control"), (q, "disturbance"), (p, "output")]
         words = [f"{k} {what}{'' if k == 1 else 's'}" for k, what in counts if k]
-        late = "; ".join(delay.description for delay in self.delays)
+        listed = "; ".join(delay.description for delay in self.delays)
         words.append(
-            f"{'delays' if len(self.delays) > 1 else 'delay'} {late}" if late else "no delay"
+            f"{'delays' if len(self.delays) > 1 else 'delay'} {listed}" if listed else "no delay"
         )
         if self.E.size:
             words.append("uncertain")

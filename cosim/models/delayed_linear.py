@@ -41,7 +41,7 @@ def linear_derivatives(
     delays = range(1, len(delayed) + 1)
     terms = [
         product(m["A"], x),
-        *(product(m[f"A{i}"], late) for i, late in zip(delays, delayed, strict=True)),
+        *(product(m[f"A{i}"], x_of_delay) for i, x_of_delay in zip(delays, delayed, strict=True)),
         product(m["B"], u),
         product(m["C"], w),
     ]
@@ -50,7 +50,10 @@ def linear_derivatives(
         f = amplitude * ns.sin(omega * t)
         seen = [
             product(m["H"], x),
-            *(product(m[f"H{i}"], late) for i, late in zip(delays, delayed, strict=True)),
+            *(
+                product(m[f"H{i}"], x_of_delay)
+                for i, x_of_delay in zip(delays, delayed, strict=True)
+            ),
         ]
         inner = [f * total(parts) for parts in zip(*seen, strict=True)]
         # F(t) is rectangular: all entries outside its main diagonal are zero

@@ -82,8 +82,8 @@ class Measurement(Value):
             raise ValueError(
                 f"over of {name}: expected {' or '.join(get_args(Over))}, got {over!r}"
             )
-        own = (name, rows, ages.d, ages.any_age, ages.least_age, ages.rate, ages.sampled)
-        for key, value in zip(self.__annotations__, (*own, values, over), strict=True):
+        settings = (name, rows, ages.d, ages.any_age, ages.least_age, ages.rate, ages.sampled)
+        for key, value in zip(self.__annotations__, (*settings, values, over), strict=True):
             object.__setattr__(self, key, value)
 
     def __repr__(self) -> str:

@@ -231,14 +231,14 @@ class VehicleEquations:
         return values
 
     def rates(
-        self, x: Sequence[Any], late: Sequence[Any], u: Sequence[Any], c: Any, ns: Any
+        self, x: Sequence[Any], delayed: Sequence[Any], u: Sequence[Any], c: Any, ns: Any
     ) -> list[Any]:
         """Return x'.
 
         Parameters
         ----------
         x : in the order of `states`.
-        late : x(t-d), the whole state; empty without onboard damping.
+        delayed : x(t-d), the whole state; empty without onboard damping.
         u : in the order of `inputs`.
         c : `constants`.
         ns : namespace of functions.
@@ -261,7 +261,7 @@ class VehicleEquations:
         actual, lag_rates = self._actuated(x[first + len(axes) :], u, p, ns)
         total = self._forces(nu_r, actual, R, c, ns)
         acceleration = multiplied(c["inverse"], total)
-        damped = dict(zip(axes, late[first : first + len(axes)], strict=True)) if late else {}
+        damped = dict(zip(axes, delayed[first : first + len(axes)], strict=True)) if delayed else {}
         dnu = []
         for i, axis in enumerate(axes):
             rate = acceleration.get(axis, 0.0)

@@ -131,8 +131,8 @@ def discretise(
     ]
     energy = total(e for _, e in drawn_bins)
     return [
-        harmonic(omega, own, energy, Hs, drawn[2 * k + 1], ns)
-        for k, (omega, own) in enumerate(drawn_bins)
+        harmonic(omega, bin_, energy, Hs, drawn[2 * k + 1], ns)
+        for k, (omega, bin_) in enumerate(drawn_bins)
     ]
 
 
@@ -165,9 +165,9 @@ def _in_bin(
     return x * (2 * math.pi / Tp), width * ns.exp(ns.log(peak_factor) * enhancement)
 
 
-def harmonic(omega: Any, own: Any, energy: Any, Hs: Any, drawn: Any, ns: Any) -> Component:
-    """Return the harmonic of a bin with `own` of all `energy`, its phase drawn in [0, 1)."""
-    return Component(omega, Hs / 4 * ns.sqrt(2 * own / energy), 2 * math.pi * drawn)
+def harmonic(omega: Any, bin_: Any, energy: Any, Hs: Any, drawn: Any, ns: Any) -> Component:
+    """Return the harmonic of a bin with `bin_` of all `energy`, its phase drawn in [0, 1)."""
+    return Component(omega, Hs / 4 * ns.sqrt(2 * bin_ / energy), 2 * math.pi * drawn)
 
 
 def sea(

@@ -108,9 +108,9 @@ def _solve(
     eps, t = cp.Variable(), cp.Variable()
     Y: Any = cp.Variable((m, n)) if K is None else K @ X
     level: Any = cp.Variable() if gamma is None else gamma
-    whole = symmetric_expression(_blocks(_matrices(system), X, Y, Q, eps, level))
-    rows = np.eye(whole.shape[0])
-    bounds = [whole << (0 if gamma is None else -t) * rows]
+    lmi = symmetric_expression(_blocks(_matrices(system), X, Y, Q, eps, level))
+    rows = np.eye(lmi.shape[0])
+    bounds = [lmi << (0 if gamma is None else -t) * rows]
     bounds += [X >> 0, X << 1e3 * np.eye(n), t <= 1]
     goal = cp.Minimize(level) if gamma is None else cp.Maximize(t)
     if not solve(goal, bounds) or (gamma is not None and not float(np.asarray(t.value)) > 0):
@@ -133,5 +133,5 @@ def _proved(
     X, Q = (X + X.T) / 2, (Q + Q.T) / 2
     exact = {name: fractions(M) for name, M in _matrices(system).items()}
     eps, level = Fraction(point["eps"]), Fraction(gamma)
-    whole = np.block(mirrored(_blocks(exact, X, fractions(K) @ X, Q, eps, level)))
-    return is_positive(-whole) and is_positive(X)
+    lmi = np.block(mirrored(_blocks(exact, X, fractions(K) @ X, Q, eps, level)))
+    return is_positive(-lmi) and is_positive(X)

@@ -68,9 +68,9 @@ def schur(matrix: Exact, keep: int) -> Exact:
 
 def is_positive(matrix: Exact) -> bool:
     """Return whether a symmetric matrix is proved positive definite."""
-    whole = rational_matrix(matrix)
+    rational = rational_matrix(matrix)
     n = matrix.shape[0]
-    return first_bad_pivot([[whole[i, j] for j in range(i + 1)] for i in range(n)]) is None
+    return first_bad_pivot([[rational[i, j] for j in range(i + 1)] for i in range(n)]) is None
 
 
 def is_zero(matrix: Exact) -> bool:

@@ -41,8 +41,8 @@ def curves() -> Curves:
         points=_POINTS,
     )
     size = abs(run.x).max(axis=1)
-    late = [t for t, s in zip(run.t, size, strict=True) if s > size[0] / 10]
-    return Curves(run, max(late))
+    unsettled = [t for t, s in zip(run.t, size, strict=True) if s > size[0] / 10]
+    return Curves(run, max(unsettled))
 
 
 def figure_rows(drawn: Curves) -> list[Row]:

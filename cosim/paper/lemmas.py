@@ -77,8 +77,8 @@ def at(x: list[Any], t: Fraction) -> Exact:
 
 def integral(p: Any, low: Fraction, high: Fraction) -> Fraction:
     """Return the integral of a polynomial."""
-    whole: Fraction = at([p.integral()], high)[0, 0] - at([p.integral()], low)[0, 0]
-    return whole
+    integrated: Fraction = at([p.integral()], high)[0, 0] - at([p.integral()], low)[0, 0]
+    return integrated
 
 
 def lemma_2_gap(x: list[Any], X: Exact, M1: Exact, M2: Exact, h: Fraction) -> Fraction:
@@ -135,9 +135,9 @@ def lemma_3_counterexample() -> tuple[Exact, Exact, Exact]:
     for seed in range(1000):
         draw = Draw(seed)
         S11, S12, S22 = -draw.positive(2), draw.matrix(2, 2), -draw.positive(2)
-        whole = np.block([[S11, S12], [S12.T, S22]])
+        S = np.block([[S11, S12], [S12.T, S22]])
         printed = S11 - S12.T @ inverse(S22) @ S12
-        if is_positive(-whole) and max(printed[0, 0], printed[1, 1]) >= 0:
+        if is_positive(-S) and max(printed[0, 0], printed[1, 1]) >= 0:
             return S11, S12, S22
     raise ArithmeticError("no counterexample among 1000 drawn matrices, where many are expected")
 
@@ -146,9 +146,9 @@ def _lemma_3() -> list[Row]:
     S11, S12, S22 = lemma_3_counterexample()
     printed = S11 - S12.T @ inverse(S22) @ S12
     worst = max(printed[0, 0], printed[1, 1])
-    whole = np.block([[S11, S12], [S12.T, S22]])
+    S = np.block([[S11, S12], [S12.T, S22]])
     corrected = S11 - S12 @ inverse(S22) @ S12.T
-    both = is_positive(-corrected) and is_positive(-schur(whole, 2))
+    both = is_positive(-corrected) and is_positive(-schur(S, 2))
     return [
         Row(
             THEORY,

@@ -17,8 +17,8 @@ def mirrored(upper: list[list[Any]]) -> list[list[Any]]:
 
 def symmetric_expression(upper: list[list[Any]]) -> Any:
     """Return the cvxpy expression of a symmetric matrix, given its block rows as `mirrored`."""
-    whole: Any = cp.bmat(mirrored(upper))  # type: ignore[attr-defined]  # re-exported by a wildcard
-    return (whole + whole.T) / 2
+    expression: Any = cp.bmat(mirrored(upper))  # type: ignore[attr-defined]  # re-exported by a wildcard
+    return (expression + expression.T) / 2
 
 
 def zeros(rows: int, columns: int) -> Any:

@@ -121,8 +121,8 @@ def accepts(s: Data, reading: Reading) -> bool:
         fractions(point.Y),
         fractions(point.eps).item(),
     )
-    whole: Exact = np.block(mirrored(omega(exact, v, reading)))
-    return all(map(is_positive, (-whole, v.X, v.R, v.Q)))
+    Omega: Exact = np.block(mirrored(omega(exact, v, reading)))
+    return all(map(is_positive, (-Omega, v.X, v.R, v.Q)))
 
 
 def margin(s: Data, reading: Reading) -> tuple[float, Unknowns | None]:
@@ -133,8 +133,8 @@ def margin(s: Data, reading: Reading) -> tuple[float, Unknowns | None]:
     (n, m), t = s.B.shape, cp.Variable()
     X, R, Q = (cp.Variable((n, n), symmetric=True) for _ in range(3))
     Y, eps = cp.Variable((m, n)), cp.Variable()
-    whole = symmetric_expression(omega(s, Unknowns(X, R, Q, Y, eps), reading))
-    bounds = [whole << -t * np.eye(whole.shape[0]), t <= 1]
+    Omega = symmetric_expression(omega(s, Unknowns(X, R, Q, Y, eps), reading))
+    bounds = [Omega << -t * np.eye(Omega.shape[0]), t <= 1]
     bounds += [X >> t * np.eye(n), Q >> t * np.eye(n), X << _LARGEST_X * np.eye(n)]
     if not solve(cp.Maximize(t), bounds):
         return -1.0, None

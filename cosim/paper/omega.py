@@ -78,7 +78,7 @@ def omega(s: Data, v: Unknowns, reading: Reading = CORRECTED) -> list[list[Any]]
     X, R, d, k1, over = v.X, v.R, s.d, s.k1, 1 / s.k2
     BY, EE = s.B @ v.Y, v.eps * (s.E @ s.E.T)
     factor = over if reading.omega_12 else s.k2
-    late = s.A1.T if reading.omega_25 else s.A1
+    A1 = s.A1.T if reading.omega_25 else s.A1
     return [
         [
             X @ s.A.T + s.A @ X + v.Q + 2 * k1 * X + BY.T + BY + EE,
@@ -93,7 +93,7 @@ def omega(s: Data, v: Unknowns, reading: Reading = CORRECTED) -> list[list[Any]]
             -(over * over) * v.Q - 2 * over * X,
             zeros(n, q),
             zeros(n, p),
-            d * over * (X @ late),
+            d * over * (X @ A1),
             d * R,
             over * (X @ s.H1.T),
         ],

@@ -82,8 +82,8 @@ def psi(v: Proof) -> Exact:
         [-s.d * inverse(R), zeros(n, n)],
         [-s.d * R],
     ]
-    whole: Exact = np.block(mirrored(rows))
-    return whole
+    Psi: Exact = np.block(mirrored(rows))
+    return Psi
 
 
 def lambda_18(v: Proof) -> Exact:
@@ -98,8 +98,8 @@ def lambda_18(v: Proof) -> Exact:
     inside[slope, x] = inside[x, slope].T
     inside[slope, slope] = inside[slope, slope] + s.d * s.d * EE
     column = np.vstack([s.H.T, s.H1.T, zeros(q + p + 2 * n, r)])
-    whole: Exact = np.block([[inside, column], [column.T, -eps * identity(r)]])
-    return whole
+    Lambda: Exact = np.block([[inside, column], [column.T, -eps * identity(r)]])
+    return Lambda
 
 
 def congruent(v: Proof) -> Exact:
@@ -109,8 +109,8 @@ def congruent(v: Proof) -> Exact:
     X = inverse(v.loop.P)
     parts = [X, X / s.k2, identity(q), identity(p), identity(n), inverse(v.loop.R), identity(r)]
     T = block_diag(*parts)
-    whole: Exact = T.T @ lambda_18(v) @ T
-    return whole
+    Lambda: Exact = T.T @ lambda_18(v) @ T
+    return Lambda
 
 
 def differing_blocks(v: Proof, reading: Reading) -> list[str]:

@@ -68,9 +68,9 @@ def simulate(
         return feedback_command([example.PRINTED_K], x[:2], (0.0, 0.0), None)
 
     def rate(t: float, state: list[float], lagged: list[list[float]]) -> list[float]:
-        x, late = state[:2], [lagged[0][:2]]
+        x, delayed = state[:2], [lagged[0][:2]]
         u, w = control(x), disturbance(t)
-        slope = linear_derivatives(t, x, late, u, w, _MATRICES, uncertainty, math)
+        slope = linear_derivatives(t, x, delayed, u, w, _MATRICES, uncertainty, math)
         z = linear_output(x, u, w, _MATRICES)
         return [*slope, sum(v * v for v in z), sum(v * v for v in w)]
 

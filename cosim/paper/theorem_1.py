@@ -60,14 +60,14 @@ def drawn_loop() -> Loop:
 
 def functional_form(v: Loop) -> Exact:
     """Return M with V' + z'z / gamma - gamma w'w <= eta' M eta, by Lemma 2 for the integral."""
-    x, late, w = _pick(0, _N), _pick(_N, _N), _pick(2 * _N, _Q)
-    slope = v.A @ x + v.A1 @ late + v.C @ w
+    x, delayed, w = _pick(0, _N), _pick(_N, _N), _pick(2 * _N, _Q)
+    slope = v.A @ x + v.A1 @ delayed + v.C @ w
     z = v.D @ x + v.D1 @ w
-    m = v.M1 @ x + v.M2 @ late
-    whole = x.T @ v.P @ slope + (x - late).T @ m
-    whole = whole + whole.T + x.T @ v.Q @ x - late.T @ v.Q @ late
-    whole = whole + v.d * (slope.T @ v.R @ slope + m.T @ inverse(v.R) @ m)
-    result: Exact = whole + z.T @ z / v.gamma - v.gamma * w.T @ w
+    m = v.M1 @ x + v.M2 @ delayed
+    form = x.T @ v.P @ slope + (x - delayed).T @ m
+    form = form + form.T + x.T @ v.Q @ x - delayed.T @ v.Q @ delayed
+    form = form + v.d * (slope.T @ v.R @ slope + m.T @ inverse(v.R) @ m)
+    result: Exact = form + z.T @ z / v.gamma - v.gamma * w.T @ w
     return result
 
 
@@ -162,7 +162,7 @@ def _derivative() -> Row:
     x = polynomials(draw, n, 3)
     slope = [p.derivative() for p in x]
     lag = flint.fmpq_poly([flint.fmpq(-1, 2), 1])  # t - d
-    late = [p(lag) for p in x]
+    delayed = [p(lag) for p in x]
     half = flint.fmpq(1, 2)
     once, energy = form(Q, x).integral(), form(R, slope).integral()
     twice = energy.integral()
@@ -172,7 +172,7 @@ def _derivative() -> Row:
     printed = (
         form(cross, both)
         + form(Q, x)
-        - form(Q, late)
+        - form(Q, delayed)
         + half * form(R, slope)
         - (energy - energy(lag))
     )

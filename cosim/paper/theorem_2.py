@@ -161,10 +161,10 @@ def _own_lmi(v: Proof) -> Row:
     n, _, q, p, _, _, _ = s.sizes
     scale = np.array([Fraction(1)] * n + [1 / s.k2] * n + [Fraction(1)] * (rows - 2 * n))
     ours = -(scale[:, None] * ours * scale[None, :])
-    whole = np.block(mirrored(omega(s, u)))
+    Omega = np.block(mirrored(omega(s, u)))
     of_lemma_3 = np.arange(3 * n + q + p, 4 * n + q + p)
-    order = [*np.delete(np.arange(len(whole)), of_lemma_3), *of_lemma_3]
-    agrees = is_zero(ours - schur(whole[np.ix_(order, order)], rows))
+    order = [*np.delete(np.arange(len(Omega)), of_lemma_3), *of_lemma_3]
+    agrees = is_zero(ours - schur(Omega[np.ix_(order, order)], rows))
     return Row(
         THEOREM_2,
         "the LMI that cosim design proves",

@@ -82,20 +82,20 @@ def actuation_of(vehicle: Vehicle, trim: Trim, velocities: Sequence[str]) -> Act
     effects = command_effect(vehicle, trim)
     limits = np.array([a.limit for a in vehicle.actuators])
     every = vehicle.velocities
-    own = [every.index(name) for name in velocities]
+    places = [every.index(name) for name in velocities]
     scaled = effects * limits
     bounds = np.array([vehicle.envelope.get(name, 1.0) for name in every])
     shares = np.abs(scaled) / bounds[:, None]
-    controlled, ahead = shares[own].max(axis=0, initial=0.0), shares[every.index("nu.u")]
+    controlled, ahead = shares[places].max(axis=0, initial=0.0), shares[every.index("nu.u")]
     moving = controlled > np.maximum(_RANK, MAINLY * ahead)
     scaled = scaled * moving
     k = len(limits)
-    accelerations = _rank(scaled[own]) == len(own) > 0
+    accelerations = _rank(scaled[places]) == len(places) > 0
     if accelerations:
-        whole = _rank(scaled) == len(every)
-        rows = range(len(every)) if whole else own
+        full_rank = _rank(scaled) == len(every)
+        rows = range(len(every)) if full_rank else places
         inverse = limits[:, None] * np.linalg.pinv(scaled[list(rows)], rcond=_RANK)
-        allocation = inverse[:, own] if whole else inverse
+        allocation = inverse[:, places] if full_rank else inverse
         allocation = np.where(
             np.abs(allocation) > 1e-10 * np.abs(allocation).max(), allocation, 0.0
         )
@@ -108,7 +108,9 @@ def actuation_of(vehicle: Vehicle, trim: Trim, velocities: Sequence[str]) -> Act
                 got=", ".join(velocities) or "no velocity",
             )
         allocation = (np.eye(k) * limits)[:, moving]
-        commands = tuple(a.command for a, own in zip(vehicle.actuators, moving, strict=True) if own)
+        commands = tuple(
+            a.command for a, moves in zip(vehicle.actuators, moving, strict=True) if moves
+        )
     return Actuation(
         tuple(a.command for a in vehicle.actuators),
         np.array([trim.commands[a.command] for a in vehicle.actuators]),

@@ -242,11 +242,11 @@ class Faults:
             )
 
     def _sign(self, d: Derivative, value: float, given: dict[str, str]) -> None:
-        own = VELOCITIES[d.row]
-        damps = d.factors == own * len(d.factors) and (len(d.factors) == 1 or d.absolute)
+        velocity = VELOCITIES[d.row]
+        damps = d.factors == velocity * len(d.factors) and (len(d.factors) == 1 or d.absolute)
         if not damps or value <= 0 or d.angles:
             return
-        quadratic = f"{FORCES[d.row]}_|{own}|{own}"
+        quadratic = f"{FORCES[d.row]}_|{velocity}|{velocity}"
         if not d.dot and len(d.factors) == 1 and quadratic in given:
             return
         self._refuse(

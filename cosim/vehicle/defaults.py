@@ -48,12 +48,12 @@ def with_defaults(vehicle: Vehicle, *, speed_given: bool) -> Vehicle:
     """
     taken = dict(vehicle.defaults)
     if not vehicle.sensors:
-        own = (
+        chosen = (
             {*vehicle.states, *_ANGLE.values()}
             if vehicle.degrees_of_freedom == 6
             else {*vehicle.states}
         )
-        vehicle = replace(vehicle, sensors=tuple(_measuring(DEFAULT_SENSORS, own)))
+        vehicle = replace(vehicle, sensors=tuple(_measuring(DEFAULT_SENSORS, chosen)))
         taken["sensors"] = "; ".join(f"{s.name}: {', '.join(s.measures)}" for s in vehicle.sensors)
     euler = vehicle.attitude == "euler"
     if not speed_given and euler and any(a.kind == "fin" for a in vehicle.actuators):
@@ -76,9 +76,9 @@ def _measuring(sensors: Sequence[Sensor], names: set[str]) -> list[Sensor]:
     """Return the sensors with what they measure of these names."""
     measuring = []
     for sensor in sensors:
-        own = {m: n for m, n in zip(sensor.measures, sensor.noise, strict=True) if m in names}
-        if own:
-            measuring.append(replace(sensor, measures=tuple(own), noise=tuple(own.values())))
+        noises = {m: n for m, n in zip(sensor.measures, sensor.noise, strict=True) if m in names}
+        if noises:
+            measuring.append(replace(sensor, measures=tuple(noises), noise=tuple(noises.values())))
     return measuring
 
 
@@ -168,8 +168,8 @@ def _also_ahead(vehicle: Vehicle, trim: Trim, letters: set[str]) -> bool:
     """Whether what moves these velocities moves the vehicle ahead as well."""
     shares, names = np.abs(_shares(vehicle, trim)), vehicle.velocities
     ahead = shares[names.index("nu.u")]
-    own = shares[[names.index(f"nu.{x}") for x in sorted(letters)]].max(axis=0, initial=0.0)
-    return bool(((own > MAINLY * ahead) & (ahead > MAINLY * own)).any())
+    share = shares[[names.index(f"nu.{x}") for x in sorted(letters)]].max(axis=0, initial=0.0)
+    return bool(((share > MAINLY * ahead) & (ahead > MAINLY * share)).any())
 
 
 def _tips(vehicle: Vehicle, trim: Trim, letter: str) -> bool:

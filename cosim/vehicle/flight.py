@@ -250,14 +250,14 @@ def plant_note(model: LinearModel) -> scenario.DesignedPlant:
     trim = dict(model.trim.state)
     limits = {f"actual.{a.name}": a.limit for a in vehicle.actuators}
     inverse = np.asarray(np.linalg.pinv(actuation.thrust_map), dtype=np.float64)
-    own = [name for name in model.states if not name.startswith("acting.")]
-    acting = len(own) < len(model.states)
+    states = [name for name in model.states if not name.startswith("acting.")]
+    acting = len(states) < len(model.states)
     lagged = [a for a in vehicle.actuators if a.lag] if acting else []
-    names = (*own, *(f"actual.{a.name}" for a in lagged))
+    names = (*states, *(f"actual.{a.name}" for a in lagged))
     rows = np.zeros((len(model.states), len(names)))
     for i, name in enumerate(model.states):
-        if name in own:  # an actuator counts in share of its limit
-            rows[i, own.index(name)] = 1.0 / limits.get(name, 1.0)
+        if name in states:  # an actuator counts in share of its limit
+            rows[i, states.index(name)] = 1.0 / limits.get(name, 1.0)
             continue
         entry = model.commands.index(name.removeprefix("acting."))
         for actuator in lagged:
@@ -293,8 +293,8 @@ def plant_note(model: LinearModel) -> scenario.DesignedPlant:
 
 def _share_of_envelope(model: LinearModel) -> float:
     """Return the least share of a bound in the vehicle's file that the model covers, at most 1."""
-    whole = model.vehicle.envelope
-    shares = [b / whole[name] for name, b in model.envelope.items() if whole.get(name)]
+    envelope = model.vehicle.envelope
+    shares = [b / envelope[name] for name, b in model.envelope.items() if envelope.get(name)]
     return float(f"{min([1.0, *shares]):.6g}")
 
 

@@ -32,7 +32,7 @@ Certified = tuple[LinearModel, tuple[PlannedSensor, ...], hinf.OutputFeedback]
 
 
 def certified_design(
-    whole: LinearModel, settings: FlightSettings, folder: Path, say: Say
+    on_envelope: LinearModel, settings: FlightSettings, folder: Path, say: Say
 ) -> Certified:
     """Return model, sensors and design; where nothing good is certified, for a smaller envelope.
 
@@ -44,7 +44,7 @@ def certified_design(
     poor: Certified | None = None
     share, i, start = 1.0, 0, None
     for _ in range(_TRIES):
-        share, craft, model = _SHARES[i], whole.vehicle, whole
+        share, craft, model = _SHARES[i], on_envelope.vehicle, on_envelope
         if share < 1.0:
             envelope = {name: share * bound for name, bound in craft.envelope.items()}
             model = linear_model(craft, envelope=envelope)
@@ -77,17 +77,17 @@ def certified_design(
             continue
         if poor is not None and not _ratio(design) < _ratio(poor[2]) / 2:
             break
-        return _with_remarks((model, sensors, design), whole, say)
+        return _with_remarks((model, sensors, design), on_envelope, say)
     if poor is not None:
-        return _with_remarks(poor, whole, say)
+        return _with_remarks(poor, on_envelope, say)
     raise NotAchievableError(
         "no observer and gain could be certified",
-        where=whole.vehicle.name,
+        where=on_envelope.vehicle.name,
         expected="a proof for some share of the envelope",
         got="; ".join(refused),
-        hint=f"most uncertain is {_most_uncertain(whole)}: smaller bounds of these in [envelope], "
-        "another [trim], sensors on board that are faster (age), a faster link (--link), or other "
-        "controlled states ([control] states)",
+        hint=f"most uncertain is {_most_uncertain(on_envelope)}: smaller bounds of these in "
+        "[envelope], another [trim], sensors on board that are faster (age), a faster link "
+        "(--link), or other controlled states ([control] states)",
     )
 
 
@@ -96,9 +96,9 @@ def _ratio(design: hinf.OutputFeedback) -> float:
     return (design.gamma or 0.0) / (design.exact_norm or 1.0)
 
 
-def _with_remarks(designed: Certified, whole: LinearModel, say: Say) -> Certified:
+def _with_remarks(designed: Certified, on_envelope: LinearModel, say: Say) -> Certified:
     """Return what was certified; say so where that is not for the whole envelope."""
-    if designed[0] is not whole:
+    if designed[0] is not on_envelope:
         bounds = ", ".join(f"{name} {bound:.3g}" for name, bound in designed[0].envelope.items())
         say(f"certified for less than the whole envelope; about the trim at most: {bounds}")
     return designed
@@ -212,7 +212,7 @@ def _same_question(data: Any, model: LinearModel, measured: Sequence[Measurement
     except (InputError, KeyError, TypeError):
         return False
     given = [(m.name, m.C.tolist(), m.delay(len(model.states)).description) for m in measured]
-    own = [
+    keys = [
         (m.name, m.C.tolist(), m.delay(len(pair.plant.A)).description) for m in pair.measurements
     ]
     noise = all(
@@ -220,7 +220,7 @@ def _same_question(data: Any, model: LinearModel, measured: Sequence[Measurement
         for a, b in zip(measured, pair.measurements, strict=False)
     )
     same = hinf.certificate.first_difference(known_delays(model.system), pair.plant) is None
-    return own == given and noise and same
+    return keys == given and noise and same
 
 
 def known_delays(system: DelaySystem) -> DelaySystem:

@@ -128,9 +128,9 @@ def planned_sensors(
     used = []
     for sensor in sensors:
         pairs = zip(sensor.measures, sensor.noise, strict=True)
-        own = {name: noise for name, noise in pairs if name in states}
-        if own:
-            used.append(replace(sensor, measures=tuple(own), noise=tuple(own.values())))
+        noises = {name: noise for name, noise in pairs if name in states}
+        if noises:
+            used.append(replace(sensor, measures=tuple(noises), noise=tuple(noises.values())))
     planned = [_over_link(sensor, settings) for sensor in used if sensor.over == "link"]
     aboard = [sensor for sensor in used if sensor.over == "onboard"]
     if aboard:
@@ -199,8 +199,8 @@ def link_times(settings: FlightSettings) -> tuple[float, float]:
 def _whole(seconds: float, step: float, rounded: Any = math.ceil) -> float:
     """Return a time as a multiple of a step; what is one but for rounding is that one."""
     number = seconds / step
-    whole = round(number) if abs(number - round(number)) < 1e-6 else rounded(number)
-    return round(whole * step, 9)
+    rounded_number = round(number) if abs(number - round(number)) < 1e-6 else rounded(number)
+    return round(rounded_number * step, 9)
 
 
 def loss_in_runs(loss: float) -> dict[str, float] | float:

@@ -221,8 +221,8 @@ def _wire(source: str, target: str, link: str | None = None) -> str:
 
 
 def _link(sensor: PlannedSensor, settings: FlightSettings) -> str:
-    own = sensor.interval, sensor.transit, sensor.jitter, sensor.loss
-    return _packet(sensor.name, *own, settings)
+    settings_of_link = sensor.interval, sensor.transit, sensor.jitter, sensor.loss
+    return _packet(sensor.name, *settings_of_link, settings)
 
 
 def _packet(

@@ -118,8 +118,8 @@ def _system(model: _Coordinates, enclosure: LinearEnclosure, loop_delay: float) 
     delays = []
     H = enclosure.uncertain.H if enclosure.uncertain.blocks else None
     if vehicle.damping is not None:
-        late = None if H is None else H[:, n:]
-        delays.append(Delay(vehicle.damping.delay, enclosure.A1, late, any_age=True))
+        delayed = None if H is None else H[:, n:]
+        delays.append(Delay(vehicle.damping.delay, enclosure.A1, delayed, any_age=True))
     if loop_delay > 0:
         delays.append(Delay(loop_delay, np.zeros((n, n)), feedback=True, any_age=True))
     D = np.diag(model.weights)[np.array(model.weights) > 0]
@@ -179,18 +179,19 @@ class _Coordinates:
 
         With one lag for all, u itself acts behind it, whatever the thrust map.
         """
-        own = self.actuation
-        left = own.limits + np.abs(own.at_trim)
-        if own.common_lag:
-            inverse = np.abs(np.linalg.pinv(own.thrust_map))
+        actuation = self.actuation
+        left = actuation.limits + np.abs(actuation.at_trim)
+        if actuation.common_lag:
+            inverse = np.abs(np.linalg.pinv(actuation.thrust_map))
             bounds = inverse @ left
             return {
-                f"acting.{name}": float(x) for name, x in zip(own.commands, bounds, strict=True)
+                f"acting.{name}": float(x)
+                for name, x in zip(actuation.commands, bounds, strict=True)
             }
         return {
-            f"actual.{a.name}": float(left[i] / own.limits[i])
+            f"actual.{a.name}": float(left[i] / actuation.limits[i])
             for i, a in enumerate(self.vehicle.actuators)
-            if own.used[i] and a.lag
+            if actuation.used[i] and a.lag
         }
 
     def _weights(self) -> tuple[float, ...]:
@@ -204,20 +205,20 @@ class _Coordinates:
 
     def _effort(self) -> Matrix:
         """Return D2: u, each entry by its weight, and actuators that have a weight of their own."""
-        own, given = self.actuation, self.vehicle.control.weights
-        if not own.accelerations:
-            return np.diag([given.get(name, 1.0) for name in own.commands])
+        actuation, given = self.actuation, self.vehicle.control.weights
+        if not actuation.accelerations:
+            return np.diag([given.get(name, 1.0) for name in actuation.commands])
         rows = [
-            given[name] * own.thrust_map[i] / own.limits[i]
-            for i, name in enumerate(own.actuators)
+            given[name] * actuation.thrust_map[i] / actuation.limits[i]
+            for i, name in enumerate(actuation.actuators)
             if name in given
         ]
-        return np.vstack([np.eye(len(own.commands)), *rows])
+        return np.vstack([np.eye(len(actuation.commands)), *rows])
 
     def _box(self, actuation: Actuation) -> Box:
         n, place = len(self.states), self._trim.state
         bound = {name: self.bounds.get(name, np.inf) for name in (*self.states, *self._others)}
-        own = [place.get(name, 0.0) for name in self.states]
+        centre = [place.get(name, 0.0) for name in self.states]
         other = [place[name] for name in self._others]
         names = [
             *self.states,
@@ -237,7 +238,7 @@ class _Coordinates:
         )
         return Box(
             tuple(names),
-            (*own, *own, *[0.0] * m, *other, *other, *[0.0] * len(_CURRENTS)),
+            (*centre, *centre, *[0.0] * m, *other, *other, *[0.0] * len(_CURRENTS)),
             (*sizes[0], *sizes[0], *[0.0] * m, *sizes[1], *sizes[1], *moved),
             n,
             m,
@@ -248,35 +249,37 @@ class _Coordinates:
 
     def rates(self, variables: Sequence[Any], ns: Any) -> list[Any]:
         """Return the rates of the states."""
-        own, n, m = self.actuation, len(self.states), len(self.actuation.commands)
-        x, late, u = variables[:n], variables[n : 2 * n], variables[2 * n : 2 * n + m]
+        actuation, n, m = self.actuation, len(self.states), len(self.actuation.commands)
+        x, delayed, u = variables[:n], variables[n : 2 * n], variables[2 * n : 2 * n + m]
         rest = variables[2 * n + m :]
         count = len(self._others)
         command = [
             _combined(middle, row, u)
-            for middle, row in zip(own.at_trim, own.thrust_map, strict=True)
+            for middle, row in zip(actuation.at_trim, actuation.thrust_map, strict=True)
         ]
-        actual = dict(zip(own.actuators, command, strict=True))
+        actual = dict(zip(actuation.actuators, command, strict=True))
         acting = dict(zip(self.acting, x[len(self._plant) :], strict=True))
         for i, actuator in enumerate(self.vehicle.actuators):
-            if actuator.lag and not own.used[i]:
-                actual[actuator.command] = float(own.at_trim[i])
+            if actuator.lag and not actuation.used[i]:
+                actual[actuator.command] = float(actuation.at_trim[i])
             elif actuator.lag:
-                share = np.eye(len(own.actuators))[i] * own.limits[i]
-                row = own.thrust_map[i]
-                if not own.common_lag:
+                share = np.eye(len(actuation.actuators))[i] * actuation.limits[i]
+                row = actuation.thrust_map[i]
+                if not actuation.common_lag:
                     row = np.array(
                         [share[i] * (name == f"actual.{actuator.name}") for name in acting]
                     )
-                actual[actuator.command] = _combined(own.at_trim[i], row, list(acting.values()))
+                actual[actuator.command] = _combined(
+                    actuation.at_trim[i], row, list(acting.values())
+                )
         now = dict(zip(self._plant, x, strict=False)) | dict(zip(self._others, rest, strict=False))
-        then = dict(zip(self._plant, late, strict=False))
+        then = dict(zip(self._plant, delayed, strict=False))
         then |= dict(zip(self._others, rest[count:], strict=False))
         for actuator in self.vehicle.actuators:
             if actuator.lag:
                 now[f"actual.{actuator.name}"] = actual[actuator.command]
                 then[f"actual.{actuator.name}"] = 0.0
-        inputs = dict(zip(own.actuators, command, strict=True))
+        inputs = dict(zip(actuation.actuators, command, strict=True))
         inputs |= dict(zip(_CURRENTS, rest[2 * count :], strict=True))
         values = self.vehicle.rates(
             [now[name] for name in self.vehicle.states],
@@ -289,12 +292,13 @@ class _Coordinates:
 
     def _lags(self, acting: Sequence[Any], u: Sequence[Any]) -> list[Any]:
         """Return the rates of what acts: within the limits, a first-order lag behind u."""
-        own = self.actuation
-        if own.common_lag:
-            return [(u[j] - value) * (1.0 / own.common_lag) for j, value in enumerate(acting)]
-        lagged = [i for i, lag in enumerate(own.lags) if lag and own.used[i]]
+        actuation = self.actuation
+        if actuation.common_lag:
+            return [(u[j] - value) * (1.0 / actuation.common_lag) for j, value in enumerate(acting)]
+        lagged = [i for i, lag in enumerate(actuation.lags) if lag and actuation.used[i]]
         return [
-            (_combined(0.0, own.thrust_map[i] / own.limits[i], u) - value) * (1.0 / own.lags[i])
+            (_combined(0.0, actuation.thrust_map[i] / actuation.limits[i], u) - value)
+            * (1.0 / actuation.lags[i])
             for i, value in zip(lagged, acting, strict=True)
         ]
 

@@ -122,11 +122,11 @@ class _Loop:
         block[:wide, :wide], block[:wide, wide:] = loop.A[0], np.eye(wide)
         moved = scipy.linalg.expm(step * block)
         ahead, by_input = moved[:wide, :wide], moved[:wide, wide:]
-        late = [round(d / step) for d in loop.delays[1:]]
+        steps = [round(d / step) for d in loop.delays[1:]]
         x = np.zeros((len(times) + 1, wide))
         most = np.zeros(len(loop.D[0]))
         for k, w in enumerate(signal):
-            old = [x[k - n] if k >= n else x[0] for n in late]
+            old = [x[k - n] if k >= n else x[0] for n in steps]
             y = loop.D[0] @ x[k] + loop.D1 @ w
             driven = loop.C @ w
             for A, D, then in zip(loop.A[1:], loop.D[1:], old, strict=True):

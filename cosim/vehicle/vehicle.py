@@ -149,7 +149,7 @@ class Vehicle:
     def rates(
         self,
         x: Sequence[Any],
-        late: Sequence[Any],
+        delayed: Sequence[Any],
         u: Sequence[Any],
         ns: Any = FloatFunctions,
         parameters: Mapping[str, Any] | None = None,
@@ -159,13 +159,15 @@ class Vehicle:
         Parameters
         ----------
         x : in the order of `states` (n,).
-        late : x(t-d) (n,), or nothing without onboard damping.
+        delayed : x(t-d) (n,), or nothing without onboard damping.
         u : in the order of `inputs` (m,).
         ns : sin, cos, sqrt, exp, atan2, asin, min and max of two, for the scalars given.
         parameters : in place of the vehicle's own, of the same names.
         """
-        own = self._constants if parameters is None else self.equations.constants(parameters, ns)
-        return self.equations.rates(x, late, u, own, ns)
+        constants = (
+            self._constants if parameters is None else self.equations.constants(parameters, ns)
+        )
+        return self.equations.rates(x, delayed, u, constants, ns)
 
     @cached_property
     def _constants(self) -> Mapping[str, Any]:

@@ -64,12 +64,12 @@ def loop_claim(system: DelaySystem, proof: Proof) -> dict[str, Any]:
     Also where nothing is proved yet: of the theorem and a gamma alone.
     """
     theorem, claim = cast("AgesTheorem", proof.theorem), claim_of(system, proof.gamma)
-    late = zip(
+    of_delays = zip(
         theorem.functionals, theorem.lower or (None,) * len(theorem.functionals), strict=True
     )
     for delay_claim, delay in zip(claim["delays"], system.delays, strict=True):
         if delay.d > 0:
-            functional, low = next(late)
+            functional, low = next(of_delays)
             age = _age_claim(delay, functional, _covered_from(theorem, low))
             delay_claim.update(age)
         elif theorem.is_analysis and not delay.any_age:

@@ -80,8 +80,8 @@ def ages_to_json(proof: Proof) -> dict[str, Any]:
     for j, (functional, support) in enumerate(
         zip(theorem.functionals, theorem.supports, strict=True)
     ):
-        own = [name for name in UNKNOWNS if f"{name}[{j}]" in proof.unknowns]
-        matrices = {name: matrix_to_text(proof.unknowns[f"{name}[{j}]"]) for name in own}
+        names = [name for name in UNKNOWNS if f"{name}[{j}]" in proof.unknowns]
+        matrices = {name: matrix_to_text(proof.unknowns[f"{name}[{j}]"]) for name in names}
         of = {} if support is None else {support.of: [i + 1 for i in support.numbers]}
         terms.append({"functional": functional, "matrices": matrices} | of)
     beside = unknowns_to_json(proof.unknowns, {"eps": blocks_in(proof.unknowns), "gamma": None})
@@ -123,10 +123,14 @@ def ages_from_json(system: DelaySystem, gain: Matrix, data: Any, where: str = "v
     beside: Counts = {"P": None, "eps": len(system.blocks), "gamma": None}
     unknowns = unknowns_from_json(data, shapes, beside, where)
     for j, (table, place) in enumerate(zip(tables, places, strict=True)):
-        own = {name: s for name in UNKNOWNS if (s := shapes.get(f"{name}[{j}]")) is not None}
+        shapes_of_term = {
+            name: s for name in UNKNOWNS if (s := shapes.get(f"{name}[{j}]")) is not None
+        }
         at = f"{place}.matrices"
-        known_keys(table["matrices"], at, tuple(own), required=tuple(own))
-        matrices = unknowns_from_json(table["matrices"], own, dict.fromkeys(own), at)
+        known_keys(table["matrices"], at, tuple(shapes_of_term), required=tuple(shapes_of_term))
+        matrices = unknowns_from_json(
+            table["matrices"], shapes_of_term, dict.fromkeys(shapes_of_term), at
+        )
         unknowns |= {f"{name}[{j}]": M for name, M in matrices.items()}
     return Proof(theorem, unknowns)
 
@@ -150,17 +154,19 @@ def _order_from_json(order: Any, where: str) -> int:
 
 def _lower(system: DelaySystem, order: int, texts: Any, where: str) -> tuple[Any, ...]:
     """The least of each positive delay: from 0 to the delay, null where any age is allowed."""
-    late = positive_delays(system)
-    fits = order > 0 and isinstance(texts, list) and len(texts) == len(late)
-    if not fits or any((x is None) != delay.any_age for x, delay in zip(texts, late, strict=True)):
+    positive = positive_delays(system)
+    fits = order > 0 and isinstance(texts, list) and len(texts) == len(positive)
+    if not fits or any(
+        (x is None) != delay.any_age for x, delay in zip(texts, positive, strict=True)
+    ):
         raise InputError(
             "does not fit the system",
             where=where,
-            expected=f"from order 1 on: {len(late)} numbers, null where any age is allowed",
+            expected=f"from order 1 on: {len(positive)} numbers, null where any age is allowed",
             got=format_value(texts),
         )
     lower = []
-    for j, (text, delay) in enumerate(zip(texts, late, strict=True)):
+    for j, (text, delay) in enumerate(zip(texts, positive, strict=True)):
         low = None if text is None else from_text(text, f"{where}[{j}]")
         if low is not None and not 0 <= low <= exact(delay.d):
             raise InputError(

@@ -44,11 +44,11 @@ def constant_ages_claimed(certificate: dict[str, Any]) -> dict[str, float]:
     if not (K and K[0]):
         return {}
     system = system_from_json(certificate["system"])
-    at_once, *late = system.selections
+    at_once, *delayed = system.selections
     ages = [0.0] if at_once.any() else []
     ages += [
         x.d
-        for x, acting in zip(system.delays, late, strict=True)
+        for x, acting in zip(system.delays, delayed, strict=True)
         if acting.any() and has_constant_age(x)
     ]
     return {FEEDBACK: max(ages)} if ages else {}

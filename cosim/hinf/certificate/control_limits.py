@@ -158,9 +158,9 @@ def squared_peaks(
 ) -> tuple[Any, ...] | None:
     """Return bounds of every u_i^2, as balls (`flint.arb`); None for a nearly singular X."""
     K, X = exact_matrix(gain), proof.unknowns["X"]
-    late = X
+    weights = X
     for j, delay in enumerate(system.delays):
-        late = late + exact(delay.d) * proof.unknowns[f"Q[{j}]"]
+        weights = weights + exact(delay.d) * proof.unknowns[f"Q[{j}]"]
     corners = offset_corners(offset)
     n = len(offset)
     starts = flint.fmpq_mat(n, len(corners), [corner[i] for i in range(n) for corner in corners])
@@ -173,7 +173,7 @@ def squared_peaks(
                     p = flint.arb_mat(X).solve(flint.arb_mat(starts))
                 except ZeroDivisionError:
                     continue
-                levels = p.transpose() * flint.arb_mat(late) * p
+                levels = p.transpose() * flint.arb_mat(weights) * p
                 for k in range(len(corners)):
                     level = level.max(levels[k, k])
             if energy != 0:

@@ -128,10 +128,10 @@ class NormProof:
     def point(self, c: float) -> NormPoint:
         """Return H and G with their derivatives at jc."""
         j, loop = flint.acb(0, 1), self.contour
-        late = loop.late(flint.acb(0, c))
-        H = loop.at(flint.acb(0, c), late)
+        shifts = loop.late(flint.acb(0, c))
+        H = loop.at(flint.acb(0, c), shifts)
         H1, D, D1 = loop.eye * j, self.D[0], self.D[0] * 0
-        for d, e, A, Di in list(zip(loop.delays, late, loop.A, self.D, strict=True))[1:]:
+        for d, e, A, Di in list(zip(loop.delays, shifts, loop.A, self.D, strict=True))[1:]:
             H1 = H1 + A * (j * d * e)
             D, D1 = D + Di * e, D1 - Di * (j * d * e)
         S = H.inv()

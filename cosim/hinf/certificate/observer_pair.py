@@ -112,18 +112,18 @@ def pair_of(
             got=str(len(L)),
         )
     injections, exact_measurements = [], []
-    for own, injection in zip(measurements, L, strict=True):
-        rows = _matrix(f"L of {own.name}", injection, (n, len(own.C)))
+    for measurement, injection in zip(measurements, L, strict=True):
+        rows = _matrix(f"L of {measurement.name}", injection, (n, len(measurement.C)))
         if rows[~chosen].any():
             state = int(np.flatnonzero(rows.any(axis=1) & ~chosen)[0])
             raise InputError(
                 "a state that is known is corrected by a measurement",
-                where=f"L of {own.name}[{state + 1}]",
+                where=f"L of {measurement.name}[{state + 1}]",
                 expected="a row of zeros",
                 got=str(rows[state].tolist()),
             )
         injections.append(rows)
-        exact_measurements.append(replace(own, noise=exact_noise(rows, own.noise)))
+        exact_measurements.append(replace(measurement, noise=exact_noise(rows, measurement.noise)))
     if not (math.isfinite(command_age) and command_age >= 0):
         raise InputError(
             "not an age", where="command_age", expected="seconds >= 0", got=repr(command_age)
@@ -154,15 +154,15 @@ def _assembled(
         return np.hstack([matrix, np.zeros((len(matrix), columns))])
 
     noisy = [
-        -own[chosen][:, on] * np.array(x.noise)[on]
-        for own, x in zip(L, measurements, strict=True)
+        -L_i[chosen][:, on] * np.array(x.noise)[on]
+        for L_i, x in zip(L, measurements, strict=True)
         for on in [np.array(x.noise) > 0]
     ]
     noise = np.hstack(noisy) + 0.0  # no negative zero
     C = np.block([[system.C, np.zeros((n, noise.shape[1]))], [system.C[chosen], noise]])
     B = np.zeros((N, values))
     B[:n, :m] = system.B
-    B[n:, m:] = -np.hstack([own[chosen] for own in L]) + 0.0
+    B[n:, m:] = -np.hstack([L_i[chosen] for L_i in L]) + 0.0
     gain = np.zeros((values, N))
     gain[:m, :n], gain[:m, n:] = K, -K[:, chosen] + 0.0
 
@@ -172,8 +172,8 @@ def _assembled(
         return mask.tolist()  # type: ignore[no-any-return]
 
     delays = [term for x in system.delays for term in _of_both(x, chosen)]
-    at_once, late = acting(slice(0, m)), command_age > 0
-    if late:
+    at_once, is_delayed = acting(slice(0, m)), command_age > 0
+    if is_delayed:
         zero = np.zeros((N, N))
         delays.append(Delay(command_age, zero, None, at_once, command_any_age))
     first = m
@@ -193,7 +193,7 @@ def _assembled(
         H=wide(system.H) if system.H.size else None,
         delays=delays,
         name=system.name,
-        feedback=None if late else at_once,
+        feedback=None if is_delayed else at_once,
         uncertainty_blocks=system.uncertainty_blocks,
     )
     return pair, gain

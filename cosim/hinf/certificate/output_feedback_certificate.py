@@ -42,7 +42,7 @@ def output_feedback_to_json(pair: ObserverPair, certificate: dict[str, Any]) -> 
         command_age=pair.command_age,
         command_any_age=pair.command_any_age,
         K=pair.K.tolist(),
-        L=[own.tolist() for own in pair.L],
+        L=[L_i.tolist() for L_i in pair.L],
         pair=dict(certificate),
     )
 
@@ -107,7 +107,7 @@ def pair_from_json(data: dict[str, Any]) -> ObserverPair:
     """
     plant = system_from_json(data["plant"], "plant")
     measurements = measurements_from_json(data["measurements"])
-    estimated, late = data["estimated"], data["command_any_age"]
+    estimated, any_command = data["estimated"], data["command_any_age"]
     if not isinstance(estimated, list) or not all(isinstance(x, bool) for x in estimated):
         raise InputError(
             "not which states are estimated",
@@ -115,12 +115,12 @@ def pair_from_json(data: dict[str, Any]) -> ObserverPair:
             expected="a list of truth values, one per state",
             got=format_value(estimated),
         )
-    if not isinstance(late, bool):
+    if not isinstance(any_command, bool):
         raise InputError(
             "not a truth value",
             where="command_any_age",
             expected="true or false",
-            got=format_value(late),
+            got=format_value(any_command),
         )
     if not isinstance(data["L"], list):
         raise InputError(
@@ -135,15 +135,15 @@ def pair_from_json(data: dict[str, Any]) -> ObserverPair:
         matrix_from_rows(data["K"], "K"),
         [matrix_from_rows(rows, f"L[{i}]") for i, rows in enumerate(data["L"])],
         command_age=number(data["command_age"], "command_age"),
-        command_any_age=late,
+        command_any_age=any_command,
         estimated=estimated,
     )
-    for own, given in zip(pair.measurements, measurements, strict=True):
-        if own.noise != given.noise:
+    for proved, given in zip(pair.measurements, measurements, strict=True):
+        if proved.noise != given.noise:
             raise InputError(
                 "products of this noise with L are no doubles",
-                where=f"measurement {own.name}: noise",
-                expected=str(list(own.noise)),
+                where=f"measurement {proved.name}: noise",
+                expected=str(list(proved.noise)),
                 got=str(list(given.noise)),
             )
     return pair
@@ -196,12 +196,12 @@ def measurement_differences(data: Any, wanted: Sequence[Measurement]) -> list[st
 
     Noise that is proved may be greater than wanted.
     """
-    own = measurements_from_json(data)
-    if [x.name for x in own] != [x.name for x in wanted]:
-        names = [", ".join(x.name for x in each) or "none" for each in (own, wanted)]
+    proved = measurements_from_json(data)
+    if [x.name for x in proved] != [x.name for x in wanted]:
+        names = [", ".join(x.name for x in each) or "none" for each in (proved, wanted)]
         return [f"measurements: {names[0]} and {names[1]}"]
     differences = []
-    for x, other in zip(own, wanted, strict=True):
+    for x, other in zip(proved, wanted, strict=True):
         one, two = ({**measurement_to_json(y), "over": ""} for y in (x, other))
         if all(a >= b for a, b in zip(x.noise, other.noise, strict=False)):
             one["noise"] = two["noise"]

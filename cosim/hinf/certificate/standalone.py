@@ -57,22 +57,22 @@ def variables_of(s, table, gain):
 
 def omega(s, loop, X, Q, R, eps, k1, k2, gamma, z=True, rate=0):
     """Omega of Theorem 2 without its rows m_j (Schur complement); loop: G_i, Z_i, H_i X."""
-    late = range(1, len(s.d))
+    delays = range(1, len(s.d))
     rows = [(f"x{i}", s.n) for i in range(len(s.d))]
     rows += [("w", s.q), ("z", s.p * z)] if gamma is not None else []
-    o = sn.Form([*rows, *((f"r{j}", s.n) for j in late if s.d[j]), ("h", s.r)])
+    o = sn.Form([*rows, *((f"r{j}", s.n) for j in delays if s.d[j]), ("h", s.r)])
     x = [o[f"x{i}"] for i in range(len(s.d))]
     f, out, h = (total(A @ y for A, y in zip(each, x)) for each in loop)
     f = f + s.C @ o["w"] + rate * X @ x[0]
     o.add(x[0], f)
     o.add(o["z"], out + s.D1 @ o["w"])
     o.add(o["h"], h)
-    e, (L_p, L_q) = s.E.T @ (x[0] + total(s.d[j] * o[f"r{j}"] for j in late)), s.scalings(eps)
+    e, (L_p, L_q) = s.E.T @ (x[0] + total(s.d[j] * o[f"r{j}"] for j in delays)), s.scalings(eps)
     o.square(e, L_p)
     o.square(o["h"], L_q, -1)
     for y in (o["w"], o["z"]):
         o.add(y, y, -(gamma or 0) / F(2))
-    for j, Q_j, R_j, one, two in zip(late, Q, R, k1, k2):
+    for j, Q_j, R_j, one, two in zip(delays, Q, R, k1, k2):
         slack, r, d = one * x[0] + two * x[j], o[f"r{j}"], s.d[j]
         o.square(x[0], Q_j)
         o.square(x[j], Q_j, -1)
@@ -172,13 +172,16 @@ def state_peaks(s, table):
     bare.p = s.p or 1
     gamma, _, more = analysis_proved({"kind": "analysis", "variables": v}, bare)
     need(more == {"order": 0} and (gamma is None) == (energy == 0), "not order 0, or no mu")
-    P, late = sn.symmetric(v["P"], s.n), sn.symmetric(v["P"], s.n)
+    P, weights = sn.symmetric(v["P"], s.n), sn.symmetric(v["P"], s.n)
     for d, Q in zip([d for d in s.d[1:] if d > 0], v["Q"], strict=True):
-        late = late + (M() if Q is None else d * sn.symmetric(Q, s.n))
+        weights = weights + (M() if Q is None else d * sn.symmetric(Q, s.n))
     columns = [S @ M({(i, 0): F(x) for i, x in enumerate(a)}) for a in product((1, -1), repeat=k)]
-    level = max((x.T @ late @ x).get((0, 0), 0) for x in columns) + (gamma or 0) * energy**2
-    own = G @ inverse(P, s.n) @ G.T
-    need(all(x**2 >= level * own.get((i, i), 0) for i, x in enumerate(bounds)), "bounds too low")
+    level = max((x.T @ weights @ x).get((0, 0), 0) for x in columns) + (gamma or 0) * energy**2
+    of_energy = G @ inverse(P, s.n) @ G.T
+    need(
+        all(x**2 >= level * of_energy.get((i, i), 0) for i, x in enumerate(bounds)),
+        "bounds too low",
+    )
     words = (
         "|g_i x(t)| <= bounds_i for every t >= 0, g_i the rows, from any constant initial state "
     )
@@ -199,7 +202,7 @@ def inverse(A, n):
 
 def refutation(c, s):
     """Farkas: multipliers > 0 that cancel every unknown of Omega and leave nothing positive."""
-    n, late, none = s.n, range(1, len(s.d)), M()
+    n, places, none = s.n, range(1, len(s.d)), M()
     k1, k2, gamma = sn.values(c["at"], "k1 k2 gamma")
     (k1, k2), gamma = (
         [[sn.text(x) for x in each] for each in (k1, k2)],
@@ -220,23 +223,23 @@ def refutation(c, s):
             (s.open_D @ X if i == 0 else none) + (s.D2 @ Y if fed else none)
             for i, fed in enumerate(s.fed)
         ]
-        matrices = [[own.get(j, none) for j in late] for own in (dict(Q), dict(R))]
+        matrices = [[each.get(j, none) for j in places] for each in (dict(Q), dict(R))]
         return omega(s, (G, out, [H @ X for H in s.H]), X, *matrices, eps, k1, k2, gamma)
 
     constant = at()
     Z = sn.symmetric(Z, constant.n)
-    own = {"X": sn.symmetric(X, n)} | {j: sn.symmetric(A, n) for j, A in enumerate(Q, 1) if A}
+    W = {"X": sn.symmetric(X, n)} | {j: sn.symmetric(A, n) for j, A in enumerate(Q, 1) if A}
     sn.positive(Z, constant.n, "the multiplier Z")
-    for A in own.values():
+    for A in W.values():
         sn.positive(A, n, "a multiplier")
 
     def against(A, B):
         return sum(x * B.get(key, 0) for key, x in A.items())
 
     units = [M({(i, j): F(1), (j, i): F(1)}) for i in range(n) for j in range(i + 1)]
-    unknowns = [({"X": U}, own["X"], U) for U in units]
-    unknowns += [({"Q": [(j, U)]}, own[j], U) for U in units for j in late if not s.varies[j]]
-    unknowns += [({"R": [(j, U)]}, none, U) for U in units for j in late]
+    unknowns = [({"X": U}, W["X"], U) for U in units]
+    unknowns += [({"Q": [(j, U)]}, W[j], U) for U in units for j in places if not s.varies[j]]
+    unknowns += [({"R": [(j, U)]}, none, U) for U in units for j in places]
     unknowns += [({"Y": M({(i, j): F(1)})}, none, none) for i in range(s.m) for j in range(n)]
     unknowns += [({"eps": [F(i == k) for k in blocks]}, none, none) for i in blocks]
     for unknown, A, U in unknowns:
@@ -262,8 +265,8 @@ def analysis(c, s):
     gamma, delays, more = analysis_proved(c, s)
     claim = claim_of(s, gamma)
     both = zip(claim["delays"], delays)
-    own = {"delays": [own | changed for own, changed in both]}
-    return claim | own | more | guarantees(c, s)
+    stated = {"delays": [delay | changed for delay, changed in both]}
+    return claim | stated | more | guarantees(c, s)
 
 
 def output_feedback(c, plant):
@@ -298,8 +301,8 @@ def check(content):
         need(kind in CHECKS, f"certificates of kind {kind!r} are not read here")
         proof, required, _ = CHECKS[kind]
         need({*required.split()} <= {*c}, f"expected the keys {required}")
-        own = ("plant", None) if kind == "output-feedback" else ("system", c.get("K"))
-        proved = proof(c, sn.Loop(c[own[0]], own[1]))
+        statement = ("plant", None) if kind == "output-feedback" else ("system", c.get("K"))
+        proved = proof(c, sn.Loop(c[statement[0]], statement[1]))
         claim = sn.without_sentences(c["claim"])
         need(claim == proved, "the claim is not the one that is proved")
     except sn.RefusedError:
@@ -314,8 +317,8 @@ def not_read(c):
     _, required, optional = CHECKS[c.get("kind")]
     yield from (key for key in c if key not in f"{required} {optional}".split())
     yield from ("claim.hypotheses" for key in c["claim"] if key == "hypotheses")
-    for own in ("system", "plant"):
-        yield from (f"{own}.{key}" for key in ("name", "integrals") if key in c.get(own, ()))
+    for part in ("system", "plant"):
+        yield from (f"{part}.{key}" for key in ("name", "integrals") if key in c.get(part, ()))
     for i, x in enumerate(c.get("measurements", ())):
         yield from (f"measurements[{i}].over" for key in x if key == "over")
     yield from (f"pair.{key}" for key in (not_read(c["pair"]) if "pair" in c else ()))

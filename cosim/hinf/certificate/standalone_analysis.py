@@ -38,14 +38,14 @@ class Term:
         )
         self.part, self.rest = self.d if kind == "constant" else self.a, self.d - self.a
         self.start = f"h{j}" if self.a > 0 else "x"
-        between, late = kind in ("interval", "rate"), [f"h{j}"] * (self.a > 0)
+        between, at_least = kind in ("interval", "rate"), [f"h{j}"] * (self.a > 0)
         means = [f"W{j},{k}" for k in range(order * (self.part > 0))]
         middle = [f"a{j}", f"b{j}"] * (between and order > 0)
-        self.rows = [f"x{j}", *means] if kind == "constant" else [*late, *means, f"x{j}"]
+        self.rows = [f"x{j}", *means] if kind == "constant" else [*at_least, *means, f"x{j}"]
         self.rows += [f"d{j}"] * between + middle
         self.rows += [f"t{j}", f"r{j}"] * (kind == "looped" and self.a > 0)
         one = [f"ab{j}"] * (order > 0)
-        self.blocks = means + {"looped": late, "interval": one, "rate": middle}.get(kind, [])
+        self.blocks = means + {"looped": at_least, "interval": one, "rate": middle}.get(kind, [])
 
     def read(self, table, rows, *, crude):
         n = self.n
@@ -126,11 +126,11 @@ class Term:
         if self.kind == "looped":
             (z, z_0), rate = self.loop_maps(o), f
             if self.a:
-                late = o[f"r{j}"]
+                oldest = o[f"r{j}"]
                 o.square(f, at["N"])
-                o.square(late, at["N"], -1)
-                rate = f + late.at(n, 0)
-                blocks.append((start, late))
+                o.square(oldest, at["N"], -1)
+                rate = f + oldest.at(n, 0)
+                blocks.append((start, oldest))
             o.square(z, at["X_a"], -1)
             o.add(z, at["X_b"] @ z_0, -1)
             o.add(everything, at["Y"] @ z, -1)
@@ -170,28 +170,30 @@ def on_support(s, j, table):
     size, places = s.n if given == ["states"] else s.m, {x: k for k, x in enumerate(numbers)}
     need(numbers[0] >= 0 and numbers[-1] < size, "a support of what there is not")
 
-    whole, select = (s.A[j], s.H[j], s.D[j]), M({(i, k): F(1) for i, k in places.items()})
+    matrices, select = (s.A[j], s.H[j], s.D[j]), M({(i, k): F(1) for i, k in places.items()})
     if given == ["states"]:
-        C, parts = select.T, [A @ select for A in whole]
+        C, parts = select.T, [A @ select for A in matrices]
     else:
         C, parts = select.T @ s.late_gain[j], [s.B @ select, M(), s.D2 @ select]
-    same = all(part @ C + M() == A for part, A in zip(parts, whole))
+    same = all(part @ C + M() == A for part, A in zip(parts, matrices))
     need(same, "the delay acts outside its support")
     return C, len(numbers), *parts
 
 
-def lengths_of(v, s, late, order):
+def lengths_of(v, s, positive, order):
     """The lengths of every constant delay at which Phi is shown, and the claim about it."""
     if "lower" not in v:
         exact = order > 0 and not v.get("down_to_zero", False)
-        ends = [(s.d[j],) if exact or not order else (s.d[j], F(0)) for j in late]
-        return ends, [EXACTLY if exact else UP_TO] * len(late)
+        ends = [(s.d[j],) if exact or not order else (s.d[j], F(0)) for j in positive]
+        return ends, [EXACTLY if exact else UP_TO] * len(positive)
     lower = [None if x is None else sn.text(x) for x in v["lower"]]
-    need(order > 0 and len(lower) == len(late), "lower does not fit")
-    need([x is None for x in lower] == [s.varies[j] for j in late], "lower does not fit")
-    need(all(x is None or 0 <= x <= s.d[j] for j, x in zip(late, lower)), "lower is not below d")
+    need(order > 0 and len(lower) == len(positive), "lower does not fit")
+    need([x is None for x in lower] == [s.varies[j] for j in positive], "lower does not fit")
+    need(
+        all(x is None or 0 <= x <= s.d[j] for j, x in zip(positive, lower)), "lower is not below d"
+    )
     words = [f"constant, from {x} to d" if x else UP_TO for x in lower]
-    return [(s.d[j],) if x is None else (s.d[j], x) for j, x in zip(late, lower)], words
+    return [(s.d[j],) if x is None else (s.d[j], x) for j, x in zip(positive, lower)], words
 
 
 def analysis_proved(c, s):
@@ -203,7 +205,7 @@ def analysis_proved(c, s):
     order = int(sn.number(v["order"]))
     need(order == v["order"] and 0 <= order <= 12, "no order")
     need(not ages or isinstance(v["down_to_zero"], bool), "down_to_zero is not true or false")
-    late = [j for j in range(1, len(s.d)) if s.d[j] > 0]
+    positive = [j for j in range(1, len(s.d)) if s.d[j] > 0]
     gamma, eps = (
         sn.scalar(v["gamma"], needed=v["gamma"] is not None),
         s.multipliers(v["eps"]),
@@ -214,7 +216,7 @@ def analysis_proved(c, s):
         for x in given:
             sn.values(x, "matrices functional", "states controls")
         tables, kinds = ([x[key] for x in given] for key in ("matrices", "functional"))
-        for j, kind in zip(late, kinds):
+        for j, kind in zip(positive, kinds):
             holds = ["rate"] * (s.rate[j] is not None) + ["looped", "wirtinger"] * s.sampled[j]
             need(
                 kind in [*holds, "interval" if s.varies[j] else "constant"], f"{kind} does not hold"
@@ -224,9 +226,10 @@ def analysis_proved(c, s):
             {"R": R} | ({} if Q is None else {"Q": Q}) for Q, R in zip(v["Q"], v["R"], strict=True)
         ]
         kinds = ["constant"] * len(tables)
-    need(len(tables) == len(kinds) == len(late), "not one term per positive delay")
+    need(len(tables) == len(kinds) == len(positive), "not one term per positive delay")
     terms = [
-        Term(s, j, k, order * (ages or not s.varies[j]), x) for j, k, x in zip(late, kinds, given)
+        Term(s, j, k, order * (ages or not s.varies[j]), x)
+        for j, k, x in zip(positive, kinds, given)
     ]
     rows = [("x", n), *((row, term.n) for term in terms for row in term.rows)]
     rows += [("w", s.q)] * (gamma is not None) + [("p", s.s)]
@@ -246,15 +249,15 @@ def analysis_proved(c, s):
             for term in terms:
                 term.add_to_value(o, sampled=term in sampled)
             sn.positive(o.matrix, o.n, "P with what the other terms add to V")
-    lengths, words = lengths_of(v, s, late, order)
+    lengths, words = lengths_of(v, s, positive, order)
     for corner in product(*(term.corners(ends) for term, ends in zip(terms, lengths))):
         further = [t for t, (age, _) in zip(terms, corner) if t.kind == "looped" and age == t.d]
         o = sn.Form([*rows, *((f"v{t.j}", t.m * t.n) for t in further)])
         now = [i for i, d in enumerate(s.d) if not d]  # x(t), and delays of zero
         f, z, q = (
             total(each[i] for i in now) @ o["x"]
-            + total(A @ o[f"x{t.j}"] for A, t in zip(own, terms))
-            for each, own in (
+            + total(A @ o[f"x{t.j}"] for A, t in zip(of_terms, terms))
+            for each, of_terms in (
                 (s.A, [t.A for t in terms]),
                 (s.D, [t.D for t in terms]),
                 (s.H, [t.H for t in terms]),
@@ -262,8 +265,8 @@ def analysis_proved(c, s):
         )
         f, z = f + s.C @ o["w"] + s.E @ o["p"], z + s.D1 @ o["w"]
         pairs = [(o["x"], f)]
-        for term, own in zip(terms, corner):
-            pairs += term.add_to(o, f, own, sn.eye(sum(size for _, size in rows)))
+        for term, length in zip(terms, corner):
+            pairs += term.add_to(o, f, length, sn.eye(sum(size for _, size in rows)))
         y, rate = (total(x.at(i, 0) for i, x in zip(first, each)) for each in zip(*pairs))
         o.add(y, P @ rate)
         L_p, L_q = s.scalings(eps)
@@ -272,7 +275,7 @@ def analysis_proved(c, s):
         for x, weight in ((z, gamma and 1 / gamma), (o["w"], gamma and -gamma)):
             o.add(x, x, (weight or 0) / F(2))
         sn.positive(-1 * o.matrix, o.n, "-Phi")
-    claims = {j: age_claim(s, t, w) for j, t, w in zip(late, terms, words)}
+    claims = {j: age_claim(s, t, w) for j, t, w in zip(positive, terms, words)}
     exact = {"age": EXACTLY} if not ages and order and "lower" not in v else {}
     delays = [claims.get(j, {} if s.varies[j] else exact) for j in range(1, len(s.d))]
     return gamma, delays, {"order": order}

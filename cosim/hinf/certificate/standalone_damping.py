@@ -144,14 +144,14 @@ class Walk:
         """Return e^(-d Re s) for each delay, rounded up, where Re s >= real, or >= -within."""
         return [F(exp(-d * max(real, -self.within), F(0)).x + 2, UNIT) for d in self.d]
 
-    def slope(self, whole, late, real):
-        return whole + sum(x * e for x, e in zip(late, self.growth(real)))
+    def slope(self, of_A, shifts, real):
+        return of_A + sum(x * e for x, e in zip(shifts, self.growth(real)))
 
     def at(self, re, im):
-        late = [exp(-d * re, -d * im) for d in self.d]
+        shifts = [exp(-d * re, -d * im) for d in self.d]
         n, s = self.n, C(int(re * UNIT // 1), int(im * UNIT // 1))
         H = [[s if i == j else C(0) for j in range(n)] for i in range(n)]
-        for e, A in zip(late, self.A):
+        for e, A in zip(shifts, self.A):
             H = [[h + C(-1) * e * a // UNIT for h, a in zip(*rows)] for rows in zip(H, A)]
         det = determinant(H)
         need(det.x or det.y, "a root on the boundary")
@@ -172,18 +172,18 @@ class Walk:
             rest = product(S, H)
             for i in range(self.n):
                 rest[i][i] = rest[i][i] + C(-UNIT * 2**80)
-            whole = size(S, 2**80)
-            known = size(rest, UNIT * 2**80) + 2 * self.error * whole
-            late = [
-                d * (size(product(S, A), UNIT * 2**80) + F(self.n, UNIT) * whole)
+            of_A = size(S, 2**80)
+            known = size(rest, UNIT * 2**80) + 2 * self.error * of_A
+            of_delays = [
+                d * (size(product(S, A), UNIT * 2**80) + F(self.n, UNIT) * of_A)
                 for d, A in zip(self.d, self.A)
             ]
             room = self.longest - known
             need(room > 0, "a root on the boundary, or as good as")
-            h = room / self.slope(whole, late, re)
-            h = room / self.slope(whole, late, re + h * way[0])
+            h = room / self.slope(of_A, of_delays, re)
+            h = room / self.slope(of_A, of_delays, re + h * way[0])
             h = min(F(float(h) * 0.999), end - t)
-            ahead = self.slope(whole, late, re + h * way[0])
+            ahead = self.slope(of_A, of_delays, re + h * way[0])
             need(h > 0 and known + h * ahead <= self.longest, "a step that proves nothing")
             self.steps += 1
             need(self.steps <= STEPS, "too many steps")

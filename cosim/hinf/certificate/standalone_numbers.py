@@ -227,9 +227,9 @@ class Loop:
         )
         self.open, self.H = ([at.get((key, i), M()) for i in range(len(tables))] for key in "AH")
         self._read_ages()
-        late = [x.get("feedback", False) for x in self.delays]
-        self.whole = "feedback" not in system and all(x in (False, True) for x in late)
-        self.fed = [system.get("feedback", self.whole and not any(late)), *late]
+        delayed = [x.get("feedback", False) for x in self.delays]
+        self.whole = "feedback" not in system and all(x in (False, True) for x in delayed)
+        self.fed = [system.get("feedback", self.whole and not any(delayed)), *delayed]
         rows = max(self.m, 1)
         masks = [x if isinstance(x, list) else [x] * self.n for x in self.fed]
         masks = [x if isinstance(x[0], list) else [x] * rows for x in masks]
@@ -239,13 +239,13 @@ class Loop:
         need(fits and all(once), "states fed back twice")
         self.K = M() if gain is None else matrix(gain, self.m, self.n, number)
         self.late_gain = [
-            M({(i, j): x for (i, j), x in self.K.items() if own[i][j]}) for own in masks
+            M({(i, j): x for (i, j), x in self.K.items() if mask[i][j]}) for mask in masks
         ]
         need(total(self.late_gain) == self.K, "a state that is not fed back has a gain")
         self.A = [A + self.B @ x for A, x in zip(self.open, self.late_gain, strict=True)]
-        own = [at.get(("D", 0), M()), *(M() for _ in self.delays)]
-        self.D = [D + self.D2 @ x for D, x in zip(own, self.late_gain, strict=True)]
-        self.open_D = own[0]
+        self.open_D = at.get(("D", 0), M())
+        open_D = [self.open_D, *(M() for _ in self.delays)]
+        self.D = [D + self.D2 @ x for D, x in zip(open_D, self.late_gain, strict=True)]
 
     def multipliers(self, x: Any) -> list[Fraction]:
         """Read eps: "p/q", a list where F has several blocks, or null."""

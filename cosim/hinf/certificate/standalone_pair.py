@@ -26,7 +26,7 @@ def observer_claim(c):
     return {
         "measurements": [x["name"] for x in c["measurements"]],
         "noise": [x["noise"] for x in c["measurements"]],
-        "known_states": [j for j, own in enumerate(c["estimated"], 1) if not own],
+        "known_states": [j for j, is_estimated in enumerate(c["estimated"], 1) if not is_estimated],
         "command_age": c["command_age"],
         "command_any_age": c["command_any_age"],
     }
@@ -58,15 +58,15 @@ def need_pair(c, plant, s):
         terms = [(both @ A_j, H_j, table)] if apart else [(of_both(A_j), H_j, table)]
         if apart:
             terms.append((-1 * up @ A_j @ estimate, M(), {"d": table["d"]}))
-        for one, other, own in terms:
-            A, H, ages = [*A, one], [*H, other], [*ages, age_of(own)]
+        for one, other, L_i in terms:
+            A, H, ages = [*A, one], [*H, other], [*ages, age_of(L_i)]
     D = [plant.open_D, *(M() for _ in ages)]
-    late = sn.number(c["command_age"])
-    need(late >= 0, "a negative age of the command")
+    command_age = sn.number(c["command_age"])
+    need(command_age >= 0, "a negative age of the command")
     A_u, D_u = plant.B @ K @ estimate, plant.D2 @ K @ estimate
-    if late > 0:
+    if command_age > 0:
         A, D, H = [*A, A_u], [*D, D_u], [*H, M()]
-        ages.append(age_of({"d": late, "any_age": c["command_any_age"]}))
+        ages.append(age_of({"d": command_age, "any_age": c["command_any_age"]}))
     else:
         A[0], D[0] = A[0] + A_u, D[0] + D_u
     columns, C = plant.q, both @ plant.C

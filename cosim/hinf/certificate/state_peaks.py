@@ -94,12 +94,12 @@ class StatePeaks(Guarantee):
 def squared_state_peaks(system: DelaySystem, peaks: StatePeaks) -> list[Any]:
     """Return g P^-1 g' times the level for every row, exactly (`fmpq`)."""
     P, mu = peaks.proof.unknowns["P"], peaks.proof.gamma
-    late = P
+    weights = P
     for j, delay in enumerate(positive_delays(system)):
         if not delay.any_age:
-            late = late + exact(delay.d) * peaks.proof.unknowns[f"Q[{j}]"]
+            weights = weights + exact(delay.d) * peaks.proof.unknowns[f"Q[{j}]"]
     starts = exact_matrix(peaks.starts)
-    product = starts.transpose() * late * starts
+    product = starts.transpose() * weights * starts
     k, level = product.nrows(), flint.fmpq(0)
     for a in half_of_corners(k):
         level = max(level, sum((a[i] * a[j] * product[i, j] for i in range(k) for j in range(k)),

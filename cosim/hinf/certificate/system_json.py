@@ -49,7 +49,7 @@ def feedback_to_json(feedback: Feedback) -> bool | list[Any]:
     """Return what is fed back as JSON: true, false, one truth value per state, or rows of them."""
     if isinstance(feedback, bool):
         return feedback
-    return [own if isinstance(own, bool) else list(own) for own in feedback]
+    return [row if isinstance(row, bool) else list(row) for row in feedback]
 
 
 class _SystemOfCertificate(SystemPart):

@@ -76,17 +76,17 @@ class Contour:
         """Return the factors e^{-s d_i} at a point."""
         return [(-s * d).exp() for d in self.delays]
 
-    def at(self, s: Any, late: Sequence[Any] | None = None) -> Any:
-        """Return H(s); `late` are the factors at s if they are known."""
+    def at(self, s: Any, shifts: Sequence[Any] | None = None) -> Any:
+        """Return H(s); `shifts` are the factors at s if they are known."""
         H = s * self.eye
-        for A, e in zip(self.A, late or self.late(s), strict=True):
+        for A, e in zip(self.A, shifts or self.late(s), strict=True):
             H = H - A * e
         return H
 
     def farthest(self, real: Any) -> Any:
         """Return a: no root with Re s >= real has a greater modulus."""
-        late = zip(self.A, self.late(real), strict=True)
-        return sum((size(A) * e for A, e in late), flint.arb(0))
+        shifted = zip(self.A, self.late(real), strict=True)
+        return sum((size(A) * e for A, e in shifted), flint.arb(0))
 
     def longest(self, phase: Any) -> Any:
         """Return a rho <= 1 with sqrt(n) asin(rho) < phase, phase <= pi."""
@@ -184,8 +184,8 @@ class Contour:
 
     def _slope(self, of_S: Any, sizes: list[Any], real: Any) -> Any:
         """Return rho / h with the e_i at this real part."""
-        late = zip(self.late(real), sizes, strict=True)
-        return of_S + sum((e * x for e, x in late), flint.arb(0))
+        shifted = zip(self.late(real), sizes, strict=True)
+        return of_S + sum((e * x for e, x in shifted), flint.arb(0))
 
 
 def _whole(roots: Any) -> int:

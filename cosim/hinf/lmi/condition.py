@@ -166,10 +166,10 @@ class Condition:
 
     def theorem(self, delays: Sequence[float], *, down_to_zero: bool = False) -> AgesTheorem:
         """Return the theorem at these delays; `down_to_zero` as of `margin`."""
-        late = [i for i, d in enumerate(delays) if d > 0]
-        kinds = tuple(self.functionals[i] for i in late)
+        positive = [i for i, d in enumerate(delays) if d > 0]
+        kinds = tuple(self.functionals[i] for i in positive)
         lower = constants_down_to_zero(kinds) if down_to_zero and self.order else None
-        supports = tuple(self._supports[i] for i in late)
+        supports = tuple(self._supports[i] for i in positive)
         return AgesTheorem(self.order, kinds, supports, lower, is_analysis=self.is_plain)
 
     def _at(self, delays: Sequence[float], theorem: AgesTheorem) -> tuple[Loop, list[Age]]:
@@ -178,13 +178,13 @@ class Condition:
             replace(x, d=d, least_age=x.least_age if d else 0.0)
             for x, d in zip(self._system.delays, delays, strict=True)
         ]
-        late = tuple(i for i, d in enumerate(delays) if d > 0)
-        if late not in self._loops:  # of the delays nothing but their lengths is in it
+        late_delays = tuple(i for i, d in enumerate(delays) if d > 0)
+        if late_delays not in self._loops:  # of the delays nothing but their lengths is in it
             system = replace(self._system, delays=tuple(changed))
-            self._loops[late] = Loop.of(system, self._K, theorem.supports)
-        positive = [changed[i] for i in late]
+            self._loops[late_delays] = Loop.of(system, self._K, theorem.supports)
+        positive = [changed[i] for i in late_delays]
         lengths = [exact(x.d) for x in positive]
-        loop = replace(self._loops[late], delays=positive, d=lengths)
+        loop = replace(self._loops[late_delays], delays=positive, d=lengths)
         return loop, theorem.ages(loop)
 
     def _compiled(
@@ -216,10 +216,10 @@ class Condition:
         units = {"x": 1.0 / self._back, "p": self._channel}
         for age, C in zip(ages, loop.support, strict=True):
             size = np.reshape([float(x) for x in C.entries()], (age.width, -1)) / self._back
-            own = np.linalg.norm(size, axis=1)
-            own = np.where(own > 0, own, 1.0)
-            units |= dict.fromkeys(age.names, own) | {f"r{age.j}": own / self._T}
-            units[f"v{age.j}"] = np.tile(own / self._T, 1 + age.late)
+            norms = np.linalg.norm(size, axis=1)
+            norms = np.where(norms > 0, norms, 1.0)
+            units |= dict.fromkeys(age.names, norms) | {f"r{age.j}": norms / self._T}
+            units[f"v{age.j}"] = np.tile(norms / self._T, 1 + age.late)
         return units
 
 

@@ -23,7 +23,7 @@ def in_cvxpy(one: Inequality, unknowns: Mapping[str, Any]) -> Any:
     unknowns : by name, cvxpy variables or expressions, or arrays and numbers.
     """
     size = sum(one.rows.values())
-    whole: Any = np.zeros((size, size))
+    matrix: Any = np.zeros((size, size))
     for unknown, left, right, weight, is_number in one.terms:
         L, R = left.floats_on(one.rows), right.floats_on(one.rows)
         if unknown is None:
@@ -32,5 +32,5 @@ def in_cvxpy(one: Inequality, unknowns: Mapping[str, Any]) -> Any:
             half = unknowns[unknown] * (float(weight) * (L.T @ R))
         else:
             half = L.T @ unknowns[unknown] @ (float(weight) * R)
-        whole = whole + half + half.T
-    return whole
+        matrix = matrix + half + half.T
+    return matrix

@@ -88,8 +88,8 @@ class GainLmi:
         self._back = back
         kinds = functionals or [widest_functional(x) for x in system.delays]
         loop = Loop.of(system, np.zeros(system.B.T.shape))
-        late = [kind for kind, x in zip(kinds, system.delays, strict=True) if x.d > 0]
-        self._ages = [Age(loop, j, kind, order) for j, kind in enumerate(late)]
+        of_positive = [kind for kind, x in zip(kinds, system.delays, strict=True) if x.d > 0]
+        self._ages = [Age(loop, j, kind, order) for j, kind in enumerate(of_positive)]
 
     @property
     def rows(self) -> int:

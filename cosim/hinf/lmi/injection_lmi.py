@@ -60,10 +60,10 @@ class InjectionLmi:
         state: Array,
         T: float,
     ) -> None:
-        own = np.ix_(estimated, estimated)
+        errors = np.ix_(estimated, estimated)
         n, unit = int(estimated.sum()), state[estimated]
         delays = [
-            *(replace(x, A=x.A[own], H=np.zeros((0, n))) for x in plant.delays),
+            *(replace(x, A=x.A[errors], H=np.zeros((0, n))) for x in plant.delays),
             *(x.delay(n) for x in measurements),
         ]
         delays = [
@@ -71,7 +71,7 @@ class InjectionLmi:
             for x in delays
         ]
         outer = T / unit[:, None]
-        self._A = [outer * A * unit for A in (plant.A[own], *(x.A for x in delays))]
+        self._A = [outer * A * unit for A in (plant.A[errors], *(x.A for x in delays))]
         self._T, self._state, self._estimated = T, unit, estimated
         self._outputs = [np.abs(x.C) @ state for x in measurements]
         self._C = [
@@ -82,8 +82,8 @@ class InjectionLmi:
         ]
         first = outer * plant.C[estimated]
         self._w = [first, *(np.zeros((n, len(x))) for x in self._noise)]
-        system = DelaySystem(plant.A[own], C=np.hstack(self._w), D=np.eye(n), delays=delays)
-        late = [x for x in delays if x.d > 0]
+        system = DelaySystem(plant.A[errors], C=np.hstack(self._w), D=np.eye(n), delays=delays)
+        positive = [x for x in delays if x.d > 0]
         # of each delay only what acts through it
         acting = [*self._A[1 : 1 + len(plant.delays)], *self._C]
         needed = [np.flatnonzero(x.any(axis=0)) for x in acting]
@@ -98,9 +98,9 @@ class InjectionLmi:
         loop = Loop.of(system, np.zeros((0, n)), supports)
         self._ages = [
             Age(loop, j, "interval" if delay.any_age else "constant", 0)
-            for j, delay in enumerate(late)
+            for j, delay in enumerate(positive)
         ]
-        places = iter(range(len(late)))
+        places = iter(range(len(positive)))
         self._on = [f"x{next(places)}" if delay.d > 0 else "x" for delay in delays]
 
     def _measured(self, measurements: Sequence[Measurement]) -> list[tuple[Measurement, Array]]:

@@ -129,13 +129,15 @@ def units_of(system: DelaySystem) -> list[Scaling]:
     """
     balanced = scaling_of(system)
     n, m = system.B.shape
-    own = replace(balanced, state=np.ones(n), input=np.ones(m), a=1.0, c=np.ones_like(balanced.c))
+    in_units = replace(
+        balanced, state=np.ones(n), input=np.ones(m), a=1.0, c=np.ones_like(balanced.c)
+    )
     spread = float(balanced.state.max() / balanced.state.min())
     s = system
     parts = (s.A, s.B, s.C, s.D, s.D2, s.E, s.H, *(M for x in s.delays for M in (x.A, x.H)))
     entries = np.concatenate([np.abs(M[M != 0]).ravel() for M in parts])
     even = entries.size and entries.max() < _EVEN * entries.min()
-    return [own, balanced] if even and spread > _SPREAD else [balanced, own]
+    return [in_units, balanced] if even and spread > _SPREAD else [balanced, in_units]
 
 
 def _rough_gain(system: DelaySystem, flow: Array, rate: float, back: Array) -> float:

@@ -69,10 +69,10 @@ class _PeakCondition(Condition):
             self._row_units(loop, ages),
             numbers=self._numbers() | units,
         )
-        own = np.linalg.norm(program.unit_of("P")[:, None] * self._starts) or 1.0
+        unit = np.linalg.norm(program.unit_of("P")[:, None] * self._starts) or 1.0
         known = {"1/gamma": 1.0} if self.performance else {}  # there is no z
         asked, rest = program.constraints(known)
-        off = margin / float(own) ** 2
+        off = margin / float(unit) ** 2
         inside = [
             Constraint(c.size, c.constant - off * svec(np.eye(c.size)), c.columns) for c in asked
         ]

@@ -75,29 +75,29 @@ class Blocks:
         """Return M(s) and dM/ds, each s.shape + (n + N, n + N)."""
         s = np.asarray(s, dtype=np.complex128)
         n, N = self.order, self.delays.size
-        late = np.exp(-s[..., None] * self.delays)
+        phases = np.exp(-s[..., None] * self.delays)
         from_w = np.vstack([self.Bw, self.Dvw])
         M = np.zeros((*s.shape, n + N, n + N), dtype=np.complex128)
         M[..., :n, :n] = s[..., None, None] * np.eye(n) - self.A
         M[..., n:, :n] = -self.Cv
-        M[..., n:] = -from_w * late[..., None, :]
+        M[..., n:] = -from_w * phases[..., None, :]
         M[..., n:, n:] += np.eye(N)
         slope = np.zeros_like(M)
         slope[..., :n, :n] = np.eye(n)
-        slope[..., n:] = from_w * (self.delays * late)[..., None, :]
+        slope[..., n:] = from_w * (self.delays * phases)[..., None, :]
         return M, slope
 
     def bound(self, real: float) -> float:
         """Return a bound of the terms of M(s) but s, Re s >= real [1/s]."""
-        late = np.abs(np.vstack([self.Bw, self.Dvw])).sum(axis=0) @ np.exp(-real * self.delays)
-        return float(1.0 + np.abs(self.A).sum() + np.abs(self.Cv).sum() + late)
+        delayed = np.abs(np.vstack([self.Bw, self.Dvw])).sum(axis=0) @ np.exp(-real * self.delays)
+        return float(1.0 + np.abs(self.A).sum() + np.abs(self.Cv).sum() + delayed)
 
     def resolvent(self, s: Complexes) -> tuple[Complexes, Complexes, Complexes]:
         """Return S = M^-1, S [B; Dv] and [C  Dw E] S at s (k,)."""
         S = np.asarray(np.linalg.inv(self.characteristic_matrix(s)[0]), dtype=np.complex128)
-        late = np.exp(-s[:, None] * self.delays)
+        phases = np.exp(-s[:, None] * self.delays)
         now = np.broadcast_to(self.C, (s.size, *self.C.shape))
-        out = np.concatenate([now, self.Dw * late[:, None, :]], axis=2)
+        out = np.concatenate([now, self.Dw * phases[:, None, :]], axis=2)
         S_in: Complexes = S @ np.vstack([self.B, self.Dv])
         out_S: Complexes = out @ S
         return S, S_in, out_S
@@ -120,13 +120,13 @@ class Blocks:
         """
         s = np.asarray(s, dtype=np.complex128)
         M, _ = self.characteristic_matrix(s)
-        late = np.exp(-s[..., None] * self.delays)
+        phases = np.exp(-s[..., None] * self.delays)
         if not M.shape[-1]:
             return np.broadcast_to(self.D, (*s.shape, *self.D.shape)).astype(np.complex128)
         right = np.vstack([self.B, self.Dv]).astype(np.complex128)
         inner = np.linalg.solve(M, np.broadcast_to(right, (*s.shape, *right.shape)))
         n = self.order
-        late_part = (self.Dw * late[..., None, :]) @ inner[..., n:, :]
+        late_part = (self.Dw * phases[..., None, :]) @ inner[..., n:, :]
         return np.asarray(self.C @ inner[..., :n, :] + late_part + self.D, dtype=np.complex128)
 
     @property
@@ -165,26 +165,26 @@ class Blocks:
             for X in (self.C, self.Dw, self.D)
         )
         into = np.eye(self.inputs) + gain @ MD
-        late, now = gain @ MDw, gain @ MC
+        delayed, now = gain @ MDw, gain @ MC
         return Blocks(
             A=self.A + self.B @ now,
             B=self.B @ into,
             C=MC,
             D=MD,
-            Bw=self.Bw + self.B @ late,
+            Bw=self.Bw + self.B @ delayed,
             Dw=MDw,
             Cv=self.Cv + self.Dv @ now,
             Dv=self.Dv @ into,
-            Dvw=self.Dvw + self.Dv @ late,
+            Dvw=self.Dvw + self.Dv @ delayed,
             delays=self.delays,
         )
 
     def between(self, left: ArrayLike, right: ArrayLike) -> Blocks:
         """Return the system left G right, with constant matrices (p', p) and (m, m')."""
         out, into = np.asarray(left, dtype=np.float64), np.asarray(right, dtype=np.float64)
-        own = self.matrices
-        own |= {"C": out @ self.C, "Dw": out @ self.Dw, "D": out @ self.D @ into}
-        return Blocks(**own | {"B": self.B @ into, "Dv": self.Dv @ into})
+        matrices = self.matrices
+        matrices |= {"C": out @ self.C, "Dw": out @ self.Dw, "D": out @ self.D @ into}
+        return Blocks(**matrices | {"B": self.B @ into, "Dv": self.Dv @ into})
 
     def transposed(self) -> Blocks:
         """Return the system with G(s)' for G(s): the same roots and the same norm."""
@@ -258,13 +258,13 @@ def beside(*systems: Blocks) -> Blocks:
     """Return the block-diagonal system of these: all inputs, all outputs, nothing connected."""
 
     def diagonal(name: str) -> Reals:
-        own = [getattr(one, name) for one in systems]
-        whole = np.zeros((sum(M.shape[0] for M in own), sum(M.shape[1] for M in own)))
+        same = [getattr(one, name) for one in systems]
+        diagonals = np.zeros((sum(M.shape[0] for M in same), sum(M.shape[1] for M in same)))
         row = column = 0
-        for M in own:
-            whole[row : row + M.shape[0], column : column + M.shape[1]] = M
+        for M in same:
+            diagonals[row : row + M.shape[0], column : column + M.shape[1]] = M
             row, column = row + M.shape[0], column + M.shape[1]
-        return whole
+        return diagonals
 
     names = [field.name for field in fields(Blocks) if field.name != "delays"]
     delays = np.concatenate([one.delays for one in systems])
@@ -277,7 +277,7 @@ def balanced_blocks(blocks: Blocks) -> tuple[Blocks, Reals]:
         return blocks, np.ones(0)
     through = np.abs(blocks.A) + np.abs(blocks.Bw) @ np.abs(blocks.Cv)
     scale = np.asarray(scipy.linalg.matrix_balance(through, permute=False, separate=True)[1][0])
-    whole = replace(
+    balanced = replace(
         blocks,
         A=blocks.A * scale[None, :] / scale[:, None],
         B=blocks.B / scale[:, None],
@@ -285,16 +285,16 @@ def balanced_blocks(blocks: Blocks) -> tuple[Blocks, Reals]:
         C=blocks.C * scale[None, :],
         Cv=blocks.Cv * scale[None, :],
     )
-    return whole, scale
+    return balanced, scale
 
 
 def from_inputs(blocks: Blocks) -> Blocks:
     """Return the blocks without states that no input can move, by the pattern of zeros alone."""
     n = blocks.order
-    own = np.block([[blocks.A, blocks.Bw], [blocks.Cv, blocks.Dvw]]) != 0.0
+    acts = np.block([[blocks.A, blocks.Bw], [blocks.Cv, blocks.Dvw]]) != 0.0
     moved = np.concatenate([blocks.B.any(axis=1), blocks.Dv.any(axis=1)])
     while True:
-        more = moved | own[:, moved].any(axis=1)
+        more = moved | acts[:, moved].any(axis=1)
         if (more == moved).all():
             break
         moved = more
@@ -306,10 +306,10 @@ def from_inputs(blocks: Blocks) -> Blocks:
 
 def _picked(blocks: Blocks, keep: Any) -> Blocks:
     """Return the blocks with these channels alone."""
-    own = blocks.matrices
-    own |= {"Bw": blocks.Bw[:, keep], "Dw": blocks.Dw[:, keep], "Cv": blocks.Cv[keep]}
-    own |= {"Dv": blocks.Dv[keep], "Dvw": blocks.Dvw[np.ix_(keep, keep)]}
-    return Blocks(**own | {"delays": blocks.delays[keep]})
+    matrices = blocks.matrices
+    matrices |= {"Bw": blocks.Bw[:, keep], "Dw": blocks.Dw[:, keep], "Cv": blocks.Cv[keep]}
+    matrices |= {"Dv": blocks.Dv[keep], "Dvw": blocks.Dvw[np.ix_(keep, keep)]}
+    return Blocks(**matrices | {"delays": blocks.delays[keep]})
 
 
 def _without_zero_delays(blocks: Blocks) -> Blocks:
@@ -319,8 +319,8 @@ def _without_zero_delays(blocks: Blocks) -> Blocks:
         return blocks
     rest = np.flatnonzero(blocks.delays > 0.0)
     m, p = blocks.inputs, blocks.outputs
-    own = _picked(blocks, rest).matrices
-    own |= {
+    matrices = _picked(blocks, rest).matrices
+    matrices |= {
         "B": np.hstack([blocks.B, blocks.Bw[:, zero]]),
         "C": np.vstack([blocks.C, blocks.Cv[zero]]),
         "D": np.block(
@@ -331,8 +331,8 @@ def _without_zero_delays(blocks: Blocks) -> Blocks:
     }
     F = np.zeros((m + zero.size, p + zero.size))
     F[m:, p:] = np.eye(zero.size)
-    whole = Blocks(**own).closed(F)
-    return whole.between(np.eye(p, p + zero.size), np.eye(m + zero.size, m))
+    closed = Blocks(**matrices).closed(F)
+    return closed.between(np.eye(p, p + zero.size), np.eye(m + zero.size, m))
 
 
 def _used(blocks: Blocks) -> Blocks:
@@ -353,9 +353,9 @@ def _merged(blocks: Blocks) -> Blocks:
         return blocks
     add = np.zeros((len(owner), len(owner)))
     add[np.arange(len(owner)), owner] = 1.0
-    own = blocks.matrices
-    own |= {name: getattr(blocks, name) @ add for name in ("Bw", "Dw", "Dvw")}
-    return _picked(Blocks(**own), keep)
+    matrices = blocks.matrices
+    matrices |= {name: getattr(blocks, name) @ add for name in ("Bw", "Dw", "Dvw")}
+    return _picked(Blocks(**matrices), keep)
 
 
 def _chained(blocks: Blocks) -> Blocks:
@@ -368,10 +368,10 @@ def _chained(blocks: Blocks) -> Blocks:
         others = np.delete(blocks.Dvw[:, i], j)
         if i == j or others.any() or blocks.Bw[:, i].any() or blocks.Dw[:, i].any():
             continue
-        own = {name: M.copy() for name, M in blocks.matrices.items()}
+        matrices = {name: M.copy() for name, M in blocks.matrices.items()}
         c = blocks.Dvw[j, i]
         for name in ("Cv", "Dv", "Dvw"):
-            own[name][j] = c * getattr(blocks, name)[i]
-        own["delays"][j] = blocks.delays[i] + blocks.delays[j]
-        return _chained(_used(Blocks(**own)))
+            matrices[name][j] = c * getattr(blocks, name)[i]
+        matrices["delays"][j] = blocks.delays[i] + blocks.delays[j]
+        return _chained(_used(Blocks(**matrices)))
     return blocks

@@ -131,9 +131,9 @@ class ClosedLoop:
             object.__setattr__(self, "D1", checked_matrix("D1", direct, p, disturbance.shape[1]))
 
     def __repr__(self) -> str:
-        late = ", ".join(f"{d:.6g}" for d in self.delays[1:])
+        listed = ", ".join(f"{d:.6g}" for d in self.delays[1:])
         gain = "no w or no z" if self.D1 is None else "{1} w, {0} z".format(*self.D1.shape)
-        delays = f"delays {late} s" if late else "no delay"
+        delays = f"delays {listed} s" if listed else "no delay"
         return f"<ClosedLoop: {self.order} states, {gain}, {delays}>"
 
     @property
@@ -178,15 +178,15 @@ class ClosedLoop:
 
     def characteristic_matrix(self, s: Any) -> tuple[Stack, Stack]:
         """Return H(s) = s I - sum_i A_i e^{-s d_i} and dH/ds, each s.shape + (n, n)."""
-        eye, late = np.eye(self.order), self._late(s)
-        H = np.asarray(s)[..., None, None] * eye - _sum(self.A, late)
-        return H, eye + _sum(self.A, late * np.array(self.delays))
+        eye, phases = np.eye(self.order), self._late(s)
+        H = np.asarray(s)[..., None, None] * eye - _sum(self.A, phases)
+        return H, eye + _sum(self.A, phases * np.array(self.delays))
 
     def resolvent(self, s: Any) -> tuple[Stack, Stack, Stack]:
         """Return S = H^-1, S C and D S at s; only where there are w and z."""
-        late = self._late(s)
-        S = np.linalg.inv(s[..., None, None] * np.eye(self.order) - _sum(self.A, late))
-        return S, S @ np.asarray(self.C), _sum(self.D, late) @ S
+        phases = self._late(s)
+        S = np.linalg.inv(s[..., None, None] * np.eye(self.order) - _sum(self.A, phases))
+        return S, S @ np.asarray(self.C), _sum(self.D, phases) @ S
 
     def output_matrix(self, s: Any) -> Stack:
         """Return sum_i D_i e^{-s d_i}; s.shape + (p, n). Only where there are w and z."""
@@ -208,8 +208,10 @@ class ClosedLoop:
 
     def _late(self, s: Any) -> Stack:
         """Return the factors e^{-s d_i}, s.shape + (N + 1,)."""
-        late: Stack = np.exp(-np.asarray(s, dtype=np.complex128)[..., None] * np.array(self.delays))
-        return late
+        phases: Stack = np.exp(
+            -np.asarray(s, dtype=np.complex128)[..., None] * np.array(self.delays)
+        )
+        return phases
 
 
 def _sum(matrices: tuple[Matrix, ...], weights: Stack) -> Stack:
@@ -270,8 +272,8 @@ def closed_terms(system: DelaySystem, K: ArrayLike) -> Terms:
     open_A = (system.A, *(delay.A for delay in system.delays))
     open_D = (system.D, *(np.zeros_like(system.D) for _ in system.delays))
     fed = [gain * S if S.any() else None for S in chosen]
-    A = [M if own is None else M + system.B @ own for M, own in zip(open_A, fed, strict=True)]
-    D = [M if own is None else M + system.D2 @ own for M, own in zip(open_D, fed, strict=True)]
+    A = [M if K_i is None else M + system.B @ K_i for M, K_i in zip(open_A, fed, strict=True)]
+    D = [M if K_i is None else M + system.D2 @ K_i for M, K_i in zip(open_D, fed, strict=True)]
     return Terms(A, D, [0.0, *(delay.constant_age for delay in system.delays)])
 
 

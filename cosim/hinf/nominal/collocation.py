@@ -27,36 +27,36 @@ _RANK = 1e-13  # of the late terms, against the largest
 def late_signals(loop: ClosedLoop) -> tuple[Matrix, dict[float, Matrix]]:
     """Return R (r, n) and the late terms of a closed loop for `collocated`, r their rank."""
     n = loop.order
-    late = {d: A for d, A in zip(loop.delays, loop.A, strict=True) if d > 0.0 and A.any()}
-    if not late:
+    by_delay = {d: A for d, A in zip(loop.delays, loop.A, strict=True) if d > 0.0 and A.any()}
+    if not by_delay:
         return np.zeros((0, n)), {}
-    whole = np.vstack(list(late.values()))
-    used = np.flatnonzero(whole.any(axis=0))
-    _, sizes, rows = np.linalg.svd(whole[:, used], full_matrices=False)
+    stacked = np.vstack(list(by_delay.values()))
+    used = np.flatnonzero(stacked.any(axis=0))
+    _, sizes, rows = np.linalg.svd(stacked[:, used], full_matrices=False)
     rank = int((sizes > _RANK * sizes[0]).sum())
     R = np.eye(n)[used]
     if rank < used.size:
         R = rows[:rank] @ R
     none = np.zeros((len(R), len(R)))
-    return R, {d: np.vstack([A @ R.T, none]) for d, A in late.items()}
+    return R, {d: np.vstack([A @ R.T, none]) for d, A in by_delay.items()}
 
 
-def collocated(A: Matrix, R: Matrix, late: Mapping[float, Matrix], nodes: int) -> Matrix:
+def collocated(A: Matrix, R: Matrix, by_delay: Mapping[float, Matrix], nodes: int) -> Matrix:
     """Return the matrix of x and the past of y, (n + r N, n + r N).
 
     Parameters
     ----------
     A : (n, n). R : (r, n).
-    late : by delay d > 0 [s], [B_d; G_d] (n + r, r); every signal acts at one delay at least.
+    by_delay : by delay d > 0 [s], [B_d; G_d] (n + r, r); every signal acts at one delay at least.
     nodes : N.
     """
     n, r = A.shape[0], R.shape[0]
     if not r:
         return A
     x, D = _chebyshev(nodes)
-    span = np.max([d * M.any(axis=0) for d, M in late.items()], axis=0)
+    span = np.max([d * M.any(axis=0) for d, M in by_delay.items()], axis=0)
     now, past = np.zeros((n + r, r)), np.zeros((n + r, r, nodes))
-    for d, M in late.items():
+    for d, M in by_delay.items():
         weights = np.array([_interpolation(x, max(1.0 - 2.0 * d / T, -1.0)) for T in span])
         now += M * weights[:, 0]
         past += M[:, :, None] * weights[:, 1:]

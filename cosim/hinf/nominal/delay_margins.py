@@ -146,10 +146,10 @@ class _Pencil:
     def at(self, w: Reals, theta: Reals) -> tuple[Any, Any, Any]:
         """Return F, dF/dw and dF/dtheta, each w.shape + (n, n)."""
         eye = np.eye(self.n)
-        late = np.exp(-1j * w[:, None] * self.delays)
+        phases = np.exp(-1j * w[:, None] * self.delays)
         turned = np.exp(-1j * theta)[:, None, None] * self.moved
-        F = 1j * w[:, None, None] * eye - np.einsum("wi,ijk->wjk", late, self.rest) - turned
-        by_w = 1j * (eye + np.einsum("wi,ijk->wjk", late * self.delays, self.rest))
+        F = 1j * w[:, None, None] * eye - np.einsum("wi,ijk->wjk", phases, self.rest) - turned
+        by_w = 1j * (eye + np.einsum("wi,ijk->wjk", phases * self.delays, self.rest))
         return F, by_w, 1j * turned
 
     def change_bounds(self, boxes: _Boxes) -> tuple[Reals, Reals]:

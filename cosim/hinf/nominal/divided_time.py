@@ -102,12 +102,12 @@ def outage_bound(outages: Outages, times: ArrayLike, touch: ArrayLike) -> Outage
     rise = np.where(there, -2 * alpha, 2 * beta) * length
     deficits, suspensions, since = 0.0, [], None
     greatest = guaranteed = 0.0
-    for begin, span, own, change in zip(t.tolist(), length.tolist(), there.tolist(), rise.tolist(),
-                                        strict=False):  # fmt: skip
-        if not own and since is None:
+    columns = (t[:-1], length, there, rise)
+    for begin, span, in_touch, change in zip(*(x.tolist() for x in columns), strict=True):
+        if not in_touch and since is None:
             since = begin
         after = deficits + change
-        if own and after <= 0:
+        if in_touch and after <= 0:
             made_up = deficits / (2 * alpha)
             guaranteed += span - made_up
             if since is not None:

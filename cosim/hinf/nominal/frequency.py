@@ -156,8 +156,8 @@ def nyquist_of(loop: Blocks, winding: Winding, omega: ArrayLike | None = None) -
 
 
 def _determinant(loop: Blocks, omega: Reals) -> Complexes:
-    whole = np.eye(loop.inputs) + loop.at(1j * omega)
-    return np.asarray(np.linalg.det(whole) - 1.0, dtype=np.complex128)
+    return_difference = np.eye(loop.inputs) + loop.at(1j * omega)
+    return np.asarray(np.linalg.det(return_difference) - 1.0, dtype=np.complex128)
 
 
 def _refined(loop: Blocks, omega: Reals) -> Reals:

@@ -182,10 +182,10 @@ class _Crossings:
         omega = self.omega
         # an extremum between samples may cross twice
         inner = np.arange(1, size.size - 1)
-        before, own, after = size[inner - 1], size[inner], size[inner + 1]
-        top = (own < 0.0) & (own >= before) & (own >= after)
-        bottom = (own > 0.0) & (own <= before) & (own <= after)
-        peaks = inner[(np.abs(own) < _NEAR) & (top | bottom)]
+        before, here, after = size[inner - 1], size[inner], size[inner + 1]
+        top = (here < 0.0) & (here >= before) & (here >= after)
+        bottom = (here > 0.0) & (here <= before) & (here <= after)
+        peaks = inner[(np.abs(here) < _NEAR) & (top | bottom)]
         extra: list[tuple[float, float]] = []
         for k in peaks.tolist():
             sign = math.copysign(1.0, size[k])

@@ -139,7 +139,7 @@ def jump_mean_square(
         k, n = chance.size, len(floats[0])
         squares = [np.kron(A, A) for A in floats]
         # second moments by state j after a step: sum_i P_ij ((1 - l_i) A0 Q_i A0' + l_i A1 Q_i A1')
-        whole = np.block(
+        transfer = np.block(
             [
                 [
                     moves[i, j] * ((1 - chance[i]) * squares[0] + chance[i] * squares[1])
@@ -148,8 +148,8 @@ def jump_mean_square(
                 for j in range(k)
             ]
         )
-        radius = _radius(whole)
-        proved = radius < 1 and _has_lyapunov_function(modes, moves, chance, whole, n)
+        radius = _radius(transfer)
+        proved = radius < 1 and _has_lyapunov_function(modes, moves, chance, transfer, n)
     return MeanSquare(
         radius,
         radius < 1,
@@ -195,9 +195,9 @@ def _lifted(
 ) -> tuple[Any, Any]:
     """Return the step of (x, u_{k-1}, .., u_{k-m-1}) with message k, and without it, in balls."""
     n, m = system.B.shape
-    T, late = exact(period), exact(playout)
-    back = int((late / T).floor())
-    rest = late - back * T
+    T, playout_s = exact(period), exact(playout)
+    back = int((playout_s / T).floor())
+    rest = playout_s - back * T
     # held over the first `rest` of the period: u_{k-back-1}; then u_{k-back}
     first, second = (_constant_input(system, flint.fmpq(h)) for h in (rest, T - rest))
     past = m * (back + 1)
@@ -226,9 +226,9 @@ def _constant_input(system: DelaySystem, h: Any) -> tuple[Any, Any]:
     """Enclose e^{A h} and the integral of e^{A s} B over [0, h]."""
     n, m = system.B.shape
     A, B = exact_matrix(system.A), exact_matrix(system.B)
-    whole = [[A[i, j] for j in range(n)] + [B[i, j] for j in range(m)] for i in range(n)]
-    whole += [[flint.fmpq(0)] * (n + m) for _ in range(m)]
-    made = (flint.arb_mat([[flint.arb(x * h) for x in row] for row in whole])).exp()
+    augmented = [[A[i, j] for j in range(n)] + [B[i, j] for j in range(m)] for i in range(n)]
+    augmented += [[flint.fmpq(0)] * (n + m) for _ in range(m)]
+    made = (flint.arb_mat([[flint.arb(x * h) for x in row] for row in augmented])).exp()
     return (
         flint.arb_mat([[made[i, j] for j in range(n)] for i in range(n)]),
         flint.arb_mat([[made[i, n + j] for j in range(m)] for i in range(n)]),
@@ -244,14 +244,14 @@ def _has_lyapunov_function(
     modes: tuple[Any, Any],
     moves: NDArray[np.float64],
     chance: NDArray[np.float64],
-    whole: NDArray[np.float64],
+    transfer: NDArray[np.float64],
     n: int,
 ) -> bool:
     """Show S_i > 0 with S_i - sum_j P_ij ((1 - l_i) A0'S_j A0 + l_i A1'S_j A1) > 0, in balls."""
     k = chance.size
     right = np.tile(np.eye(n).ravel(), k)
     # the adjoint of the step of the second moments
-    S = scipy.linalg.solve(np.eye(whole.shape[0]) - whole.T, right).reshape(k, n, n)
+    S = scipy.linalg.solve(np.eye(transfer.shape[0]) - transfer.T, right).reshape(k, n, n)
     S = (S + S.transpose(0, 2, 1)) / 2
     balls = [flint.arb_mat(exact_matrix(one)) for one in S]
     for i in range(k):

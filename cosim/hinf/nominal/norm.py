@@ -96,8 +96,8 @@ class _Bounds:
         delays = np.array(loop.delays)
         a = loop.sizes
         b = np.array([np.linalg.norm(D, 2) for D in loop.D])
-        late = [float(delays**k @ sizes) for sizes in (a, b) for k in (1, 2)]
-        self.constants = (1.0 + late[0], late[1], late[2], late[3])
+        moments = [float(delays**k @ sizes) for sizes in (a, b) for k in (1, 2)]
+        self.constants = (1.0 + moments[0], moments[1], moments[2], moments[3])
         self.direct = float(np.linalg.norm(D1, 2))
         self.a = float(a.sum())
         self.through = float(b.sum() * np.linalg.norm(C, 2))
@@ -335,11 +335,11 @@ class _BlockBounds:
     def __init__(self, high: HighFrequency) -> None:
         s = high.blocks
         self.high = high
-        late = s.Dw.any() and s.Dv.any()
-        self.direct = 0.0 if late else high.direct
+        neutral = s.Dw.any() and s.Dv.any()
+        self.direct = 0.0 if neutral else high.direct
         # something to measure frequencies by, also without a state
         self.a = max(high.a, float((1.0 / s.delays).max(initial=0.0)))
-        self.through = max(high.through, self.a * (high.direct if late else 0.0))
+        self.through = max(high.through, self.a * (high.direct if neutral else 0.0))
         into = np.vstack([s.Bw, s.Dvw])
 
         def size(M: Reals) -> float:

@@ -72,9 +72,9 @@ def draw_bode(response: Any, ax: Any = None) -> Any:
         upper.legend(frameon=False)
     _mark_margins(response, upper, lower, phase[0, 0])
     _lowest_phase(response, lower, phase)
-    for own in (upper, lower):
-        own.set_xlim(response.omega[0], response.omega[-1])
-        own.grid(which="both", **_GRID)
+    for axes in (upper, lower):
+        axes.set_xlim(response.omega[0], response.omega[-1])
+        axes.grid(which="both", **_GRID)
     return ax
 
 

@@ -62,8 +62,8 @@ class Plain:
         first, *rest = self.terms
         if any(term.C.any() for term in rest):
             return None
-        late = [Delay(term.h, term.A) for term in rest if term.A.any()]
-        return DelaySystem(first.A, None, first.B, first.C, first.D, delays=late)
+        delays = [Delay(term.h, term.A) for term in rest if term.A.any()]
+        return DelaySystem(first.A, None, first.B, first.C, first.D, delays=delays)
 
 
 def terms_of(blocks: Blocks) -> tuple[Term, ...]:
@@ -121,10 +121,10 @@ def plain_of(blocks: Blocks) -> Plain | None:
     """
     terms = terms_of(blocks)
     forms = [
-        Plain(own, transposed, shift)
+        Plain(shifted, transposed, shift)
         for transposed in (False, True)
-        for own, shift in [_unshifted(_transposed(terms) if transposed else terms)]
-        if not any(term.B.any() or term.D.any() for term in own[1:])
+        for shifted, shift in [_unshifted(_transposed(terms) if transposed else terms)]
+        if not any(term.B.any() or term.D.any() for term in shifted[1:])
     ]
     # outputs that are not late as well make Eq. (7)
     return min(forms, key=lambda one: one.system() is None, default=None)

@@ -259,11 +259,11 @@ def _rightmost_roots(loop: ClosedLoop, count: int) -> Roots:
         seeds = np.linalg.eigvals(loop.A[0])
         upper = _distinct(loop, [complex(seed) for seed in seeds])
         return _complete(loop, upper, count)[0]
-    R, late = late_signals(loop)
+    R, by_delay = late_signals(loop)
     # few signals allow more nodes, of which fewer are added later
     nodes, before = _FIRST_NODES * (2 if 2 * len(R) <= loop.order else 1), 0
     while True:
-        matrix = collocated(loop.A[0], R, late, nodes)
+        matrix = collocated(loop.A[0], R, by_delay, nodes)
         seeds = np.linalg.eigvals(matrix)
         seeds = seeds[np.argsort(-seeds.real)][: 3 * count + 30 + 8 * loop.order]
         upper = _distinct(loop, _polished(loop, seeds[seeds.imag >= 0]))
@@ -352,8 +352,8 @@ def _neutral_roots(blocks: Blocks, count: int) -> Roots:
     """Return roots near the eigenvalues of the collocated system, polished."""
     acts = np.vstack([blocks.Bw, blocks.Dvw]).any(axis=0)  # others lead to outputs alone
     from_w, delays = np.vstack([blocks.Bw, blocks.Dvw[acts]])[:, acts], blocks.delays[acts]
-    late = {tau: from_w * (delays == tau) for tau in set(delays.tolist())}
-    seeds = np.linalg.eigvals(collocated(blocks.A, blocks.Cv[acts], late, _NEUTRAL_NODES))
+    by_delay = {tau: from_w * (delays == tau) for tau in set(delays.tolist())}
+    seeds = np.linalg.eigvals(collocated(blocks.A, blocks.Cv[acts], by_delay, _NEUTRAL_NODES))
     seeds = seeds[seeds.imag >= 0.0]
     seeds = seeds[np.argsort(-seeds.real, kind="stable")][: 4 * count + 30]
     roots = _distinct(blocks, _polished(blocks, seeds)).tolist()
@@ -361,6 +361,6 @@ def _neutral_roots(blocks: Blocks, count: int) -> Roots:
     step = 0.1 / float(blocks.delays.max())
     roots.sort(key=lambda root: (-round(root.real / step), root.imag))
     pairs = [[r, r.conjugate()] if r.imag else [r] for r in roots]
-    whole = [root for pair in pairs for root in pair]
-    end = count + (0 < count < len(whole) and whole[count - 1].imag > 0.0)
-    return np.array(whole[:end], dtype=np.complex128)
+    both = [root for pair in pairs for root in pair]
+    end = count + (0 < count < len(both) and both[count - 1].imag > 0.0)
+    return np.array(both[:end], dtype=np.complex128)

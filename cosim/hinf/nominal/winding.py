@@ -85,8 +85,8 @@ def winding_of(loop: Blocks) -> Winding:
     turned, points = _along_line(ratio, start, top)
     total, omega = total + turned, np.append(omega, points)
     # f(conj s) = conj f(s): the lower half turns as much, and the arc at infinity goes back
-    whole = 2.0 * total - 2.0 * _end_phase(loop, top)
-    turns = whole / (2.0 * math.pi)
+    unwound = 2.0 * total - 2.0 * _end_phase(loop, top)
+    turns = unwound / (2.0 * math.pi)
     if abs(turns - round(turns)) > 0.05:
         raise NotAchievableError(
             "the turns about -1 cannot be counted",
@@ -100,8 +100,8 @@ def winding_of(loop: Blocks) -> Winding:
 def _top(loop: Blocks) -> float:
     """Return a frequency from which on L is within a half of its direct part, if that is less."""
     high = HighFrequency(loop)
-    late = bool(loop.Dw.any() and loop.Dv.any())
-    if late:
+    is_neutral = bool(loop.Dw.any() and loop.Dv.any())
+    if is_neutral:
         top = high.last(0.5 * (1.0 + min(high.direct, 1.0)))
     else:
         inverse = np.linalg.inv(np.eye(loop.inputs) + loop.D)

@@ -50,8 +50,8 @@ class AffineForm:
         """Return the form, with a symbol of its own, of what lies between two bounds."""
         middle = lower / 2 + upper / 2
         size = np.maximum(upper - middle, middle - lower)
-        own = AffineForm(middle, {new_symbol(): size})
-        return own.rounded()
+        made = AffineForm(middle, {new_symbol(): size})
+        return made.rounded()
 
     @property
     def radius(self) -> Bounds:

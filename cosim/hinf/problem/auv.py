@@ -151,7 +151,7 @@ def _uncertainty(settings: AuvDesignSettings) -> tuple[Matrix, Matrix, Blocks | 
         n=8,
         m=4,
         first=(3,),
-        whole=((0, 1), (4, 5)),
+        by_norm=((0, 1), (4, 5)),
         weights=(*[settings.position_weight or 1.0] * 4, *[0.0] * 4),
     )
     uncertain = enclose(equations, box).uncertain

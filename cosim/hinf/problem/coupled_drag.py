@@ -39,7 +39,7 @@ def drag_and_slopes(
 
 
 def _part(
-    v: AffineForm, w: AffineForm, own: float, other: float, softening: float
+    v: AffineForm, w: AffineForm, linear: float, other: float, softening: float
 ) -> tuple[AffineForm, AffineForm, AffineForm]:
     """Return F_v, its slope by v and its slope by w."""
     (v_low, v_high), (w_low, w_high) = v.bounds, w.bounds
@@ -50,13 +50,13 @@ def _part(
     x, y = _shares(v_square, w_square), _shares(w_square, v_square)
     cosine = _signed(np.sqrt(x[0]), np.sqrt(x[1]), v_low, v_high)
     sine = _signed(np.sqrt(y[0]), np.sqrt(y[1]), w_low, w_high)
-    squares = v.square() * AffineForm(own) + w.square() * AffineForm(other)
+    squares = v.square() * AffineForm(linear) + w.square() * AffineForm(other)
     value = squares * _form(_product(g, cosine))
-    rest = softening * max(own, other) + _OUTWARD * (own + other) * h[1]
-    by_v = _product(gh, _quadratic(other - own, 3 * own - 2 * other, other, x))
+    rest = softening * max(linear, other) + _OUTWARD * (linear + other) * h[1]
+    by_v = _product(gh, _quadratic(other - linear, 3 * linear - 2 * other, other, x))
     half = _product(cosine, sine)  # of the same angle
     half = np.maximum(half[0], -0.5), np.minimum(half[1], 0.5)
-    by_w = _product(_product(gh, half), _quadratic(0.0, other - own, other, x))
+    by_w = _product(_product(gh, half), _quadratic(0.0, other - linear, other, x))
     return value, _form((by_v[0], by_v[1] + rest)), _form((by_w[0] - rest, by_w[1] + rest))
 
 

@@ -50,10 +50,10 @@ def with_measured(system: DelaySystem, states: Sequence[int]) -> DelaySystem:
             expected=_listed(np.flatnonzero(system.measured)),
             got=str(lost[0] + 1),
         )
-    at_once, *late = (selection * keep > 0 for selection in system.selections)
+    at_once, *delayed = (selection * keep > 0 for selection in system.selections)
     delays = tuple(
         replace(x, feedback=tuple(chosen.tolist()))
-        for x, chosen in zip(system.delays, late, strict=True)
+        for x, chosen in zip(system.delays, delayed, strict=True)
     )
     if not keep.any():
         raise InputError("no state is measured", where="measured", expected="at least one state")
@@ -91,9 +91,9 @@ def with_integral(
     _refuse_masks(system, "integral")
     S = _rows(system, integrated, n)
     k = len(S)
-    late = [x for x in system.delays if x.feedback]
+    fed_back = [x for x in system.delays if x.feedback]
     if age is None:
-        age = max((x.d for x in late if x.any_age), default=0.0)
+        age = max((x.d for x in fed_back if x.any_age), default=0.0)
     if not (math.isfinite(age) and age >= 0):
         raise InputError("not an age", where="integral.age", expected="seconds >= 0", got=repr(age))
     below = np.zeros((n, k))
@@ -105,11 +105,11 @@ def with_integral(
     delays = [
         replace(
             x,
-            A=wider(x.A, own),
+            A=wider(x.A, measured),
             H=np.hstack([x.H, np.zeros((len(x.H), k))]),
-            feedback=(*(own > 0).tolist(), *[False] * k),
+            feedback=(*(measured > 0).tolist(), *[False] * k),
         )
-        for x, own in zip(system.delays, chosen, strict=True)
+        for x, measured in zip(system.delays, chosen, strict=True)
     ]
     mine = [False] * n + [True] * k
     feedback = (*(at_once > 0).tolist(), *[age == 0] * k)
@@ -124,8 +124,8 @@ def with_integral(
         "D": np.hstack([system.D, np.zeros((len(system.D), k))]),
     }
     if system.has_performance:
-        own = _weights(system, S, weights)
-        rows = np.hstack([np.zeros((k, n)), np.diag(own)])
+        measured = _weights(system, S, weights)
+        rows = np.hstack([np.zeros((k, n)), np.diag(measured)])
         matrices["D"] = np.vstack([matrices["D"], rows])
         matrices["D1"] = np.vstack([system.D1, np.zeros((k, system.D1.shape[1]))])
         matrices["D2"] = np.vstack([system.D2, np.zeros((k, system.D2.shape[1]))])
@@ -162,10 +162,10 @@ def without_integrals(system: DelaySystem) -> DelaySystem:
         return system
     n = len(system.A) - k
     delays = [
-        replace(x, A=x.A[:n, :n], H=x.H[:, :n], feedback=tuple((own[:n] > 0).tolist()))
-        for x, own in zip(system.delays, system.selections[1:], strict=True)
+        replace(x, A=x.A[:n, :n], H=x.H[:, :n], feedback=tuple((selection[:n] > 0).tolist()))
+        for x, selection in zip(system.delays, system.selections[1:], strict=True)
         # a delay of the integrals alone
-        if own[:n].any() or not own.any()
+        if selection[:n].any() or not selection.any()
     ]
     rows = len(system.D) - (k if system.has_performance else 0)
     at_once = tuple((system.selections[0][:n] > 0).tolist())
@@ -231,17 +231,17 @@ def _weights(system: DelaySystem, S: Matrix, weights: Sequence[float] | None) ->
     if weights is None:
         seen = np.linalg.norm(system.D @ S.T, axis=0)
         return np.where(seen > 0, seen, 1.0) * _SHARE / (system.feedback_delay or 1.0)
-    own = np.array([float(x) for x in weights])
-    if len(own) == 1:
-        own = np.full(len(S), own[0])
-    if own.shape != (len(S),) or not (np.isfinite(own) & (own > 0)).all():
+    numbers = np.array([float(x) for x in weights])
+    if len(numbers) == 1:
+        numbers = np.full(len(S), numbers[0])
+    if numbers.shape != (len(S),) or not (np.isfinite(numbers) & (numbers > 0)).all():
         raise InputError(
             "the weights do not fit the integrals",
             where="integral.weights",
             expected=f"one positive number, or {len(S)} of them",
             got=str(list(weights)),
         )
-    return own
+    return numbers
 
 
 def _check_states(states: Sequence[int], n: int, where: str) -> None:

@@ -166,19 +166,19 @@ def _check(have: int, want: int, where: str, what: str) -> None:
 def _augmented(system: DelaySystem, k: int, **matrices: Any) -> DelaySystem:
     """Return the system with these matrices and k further states that nobody measures."""
     more = np.zeros((len(system.H), k))
-    at_once, *late = system.selections
+    at_once, *delayed = system.selections
     delays = tuple(
         Delay(
             x.d,
             scipy.linalg.block_diag(x.A, np.zeros((k, k))),
             np.hstack([x.H, more]),
-            _with_unmeasured(own, k),
+            _with_unmeasured(selection, k),
             x.any_age,
             least_age=x.least_age,
             rate=x.rate,
             sampled=x.sampled,
         )
-        for x, own in zip(system.delays, late, strict=True)
+        for x, selection in zip(system.delays, delayed, strict=True)
     )
     return replace(
         system,
@@ -190,6 +190,6 @@ def _augmented(system: DelaySystem, k: int, **matrices: Any) -> DelaySystem:
     )
 
 
-def _with_unmeasured(own: Matrix, k: int) -> Any:
+def _with_unmeasured(selection: Matrix, k: int) -> Any:
     """Return a selection, or a mask of entries of K, with k further states that are not in it."""
-    return tuple((np.hstack([own, np.zeros((*own.shape[:-1], k))]) > 0).tolist())
+    return tuple((np.hstack([selection, np.zeros((*selection.shape[:-1], k))]) > 0).tolist())

@@ -47,7 +47,7 @@ class Box:
         is zero for u, in which the function is linear.
     n, m : numbers of states and of controls.
     first : states that move first, so that a product with them is uncertain in its other factor.
-    whole : rows and columns of a part whose norm is bounded as a whole, such as a rotation; it
+    by_norm : rows and columns of a part whose norm is bounded as a whole, such as a rotation; it
         depends on the states that move first alone.
     weights : of x in the nominal loop that decides which factor of a product is uncertain.
     """
@@ -58,7 +58,7 @@ class Box:
     n: int
     m: int
     first: tuple[int, ...] = ()
-    whole: tuple[tuple[int, ...], tuple[int, ...]] = ((), ())
+    by_norm: tuple[tuple[int, ...], tuple[int, ...]] = ((), ())
     weights: tuple[float, ...] = ()
 
 
@@ -125,8 +125,8 @@ def _bounds(
     function: Function, box: Box, order: Sequence[int], pieces: int
 ) -> tuple[Bounds, Bounds]:
     """Return the mean Jacobian for the states in this order; x(t-d) and u move after them."""
-    whole = [*order, *range(box.n, 2 * box.n + box.m)]
-    lower, upper = mean_jacobian(function, box.centre, box.radius, whole, pieces)
+    columns = [*order, *range(box.n, 2 * box.n + box.m)]
+    lower, upper = mean_jacobian(function, box.centre, box.radius, columns, pieces)
     wrong = np.argwhere(~(np.isfinite(lower) & np.isfinite(upper)))
     if wrong.size:
         i, j = wrong[0]
@@ -207,9 +207,9 @@ def _wholes(function: Function, box: Box, centre: Bounds, radius: Bounds) -> lis
     The states that move first are taken cell by cell; the norm in a cell is at most that of the
     middles plus that of the radii. `centre` becomes the value at the trim there.
     """
-    inside: Any = radius[np.ix_(*box.whole)] > 0
-    rows = [i for i, own in zip(box.whole[0], inside.any(axis=1), strict=True) if own]
-    columns = [j for j, own in zip(box.whole[1], inside.any(axis=0), strict=True) if own]
+    inside: Any = radius[np.ix_(*box.by_norm)] > 0
+    rows = [i for i, holds in zip(box.by_norm[0], inside.any(axis=1), strict=True) if holds]
+    columns = [j for j, holds in zip(box.by_norm[1], inside.any(axis=0), strict=True) if holds]
     part = np.ix_(rows, columns)
     if len(rows) < 2 or len(columns) < 2:
         return []

@@ -49,11 +49,11 @@ def mean_jacobian(
     place = {j: p for p, j in enumerate(order)}
     turn = np.repeat(np.arange(count), pieces)
     share = np.tile((np.arange(pieces) + 0.5) / pieces, count)
-    own, within = [new_symbol() for _ in centre], new_symbol()
+    symbols, within = [new_symbol() for _ in centre], new_symbol()
     variables = []
     for j, (middle, size) in enumerate(zip(centre, radius, strict=True)):
         mine, moved = turn == place.get(j, -1), turn > place.get(j, -1)
-        parts = {own[j]: np.where(mine, share * size, np.where(moved, size, 0.0))}
+        parts = {symbols[j]: np.where(mine, share * size, np.where(moved, size, 0.0))}
         if mine.any():
             parts[within] = np.where(mine, size / (2 * pieces), 0.0)
         slope = AffineForm(mine.astype(float)) if mine.any() else None
@@ -63,7 +63,7 @@ def mean_jacobian(
         lower, upper = np.zeros((2, len(rows), len(centre)))
         for i, row in enumerate(rows):
             if row is not None:
-                mean, spread = _mean(row, own, within, count)
+                mean, spread = _mean(row, symbols, within, count)
                 lower[i, list(order)], upper[i, list(order)] = mean - spread, mean + spread
     return lower, upper
 
@@ -95,7 +95,9 @@ def jacobian(
     return bounds[:, 0].transpose(2, 0, 1), bounds[:, 1].transpose(2, 0, 1)
 
 
-def _mean(slope: AffineForm, own: Sequence[int], within: int, count: int) -> tuple[Bounds, Bounds]:
+def _mean(
+    slope: AffineForm, symbols: Sequence[int], within: int, count: int
+) -> tuple[Bounds, Bounds]:
     """Return middle and radius, per variable, of the mean of a slope over the pieces of its ray.
 
     Symbols of the variables are the same in every piece; what an operation left unknown may differ
@@ -105,13 +107,13 @@ def _mean(slope: AffineForm, own: Sequence[int], within: int, count: int) -> tup
     def mean(values: Any) -> Bounds:
         K = slope.middle.size if slope.middle.ndim else 1
         shape = max(np.size(values), K)
-        whole = np.broadcast_to(values, shape) if shape % count == 0 else np.full(count, values)
-        return np.asarray(np.mean(whole.reshape(count, -1), axis=1))
+        spread = np.broadcast_to(values, shape) if shape % count == 0 else np.full(count, values)
+        return np.asarray(np.mean(spread.reshape(count, -1), axis=1))
 
     middle, size = mean(slope.middle), mean(slope.rest)
     for k, part in slope.parts.items():
         if k != within:
-            size = size + (np.abs(mean(part)) if k in own else mean(np.abs(part)))
+            size = size + (np.abs(mean(part)) if k in symbols else mean(np.abs(part)))
     return middle, size + (np.abs(middle) + size) * 2.0**-40 * (size > 0)
 
 

@@ -110,15 +110,15 @@ def measured(
             rows = np.eye(n)[_states(part.states, n, place)] if part.C is None else part.C
             given = "any_age" in part.model_fields_set
             sensors.append(part.measurement(rows, any_age=part.any_age and (given or part.d > 0)))
-    own = tuple(sensors)
+    measurements = tuple(sensors)
     with findings.at("measurements"):
-        checked_measurements(system, own)
-        states = [j for x in own if x.states is not None for j in x.states]
-        whole = all(x.states is not None and not any(x.noise) for x in own)
-        if file.observer is None and whole and sorted(states) == list(range(n)):
-            return fed_back(system, own), None
+        checked_measurements(system, measurements)
+        states = [j for x in measurements if x.states is not None for j in x.states]
+        exact_state = all(x.states is not None and not any(x.noise) for x in measurements)
+        if file.observer is None and exact_state and sorted(states) == list(range(n)):
+            return fed_back(system, measurements), None
     with findings.at("observer"):
-        return system, _settings(file.observer or ObserverPart(), own, system)
+        return system, _settings(file.observer or ObserverPart(), measurements, system)
 
 
 def _states(numbers: list[int] | None, n: int, where: str) -> list[int]:
@@ -134,7 +134,7 @@ def _states(numbers: list[int] | None, n: int, where: str) -> list[int]:
 
 
 def _settings(
-    part: ObserverPart, own: tuple[Measurement, ...], system: DelaySystem
+    part: ObserverPart, measurements: tuple[Measurement, ...], system: DelaySystem
 ) -> ObserverSettings:
     """Return the settings of [observer], and refuse what is no pair."""
     n, m = system.B.shape
@@ -144,25 +144,25 @@ def _settings(
         estimated = tuple(j not in known for j in range(n))
     injections = None
     if part.L is not None:
-        if set(part.L) != {x.name for x in own}:
+        if set(part.L) != {x.name for x in measurements}:
             raise InputError(
                 "not one injection per measurement",
                 where="observer.L",
-                expected="a table with a matrix for " + ", ".join(x.name for x in own),
+                expected="a table with a matrix for " + ", ".join(x.name for x in measurements),
                 got=", ".join(part.L) or "nothing",
             )
-        injections = tuple(part.L[x.name] for x in own)
+        injections = tuple(part.L[x.name] for x in measurements)
     age = part.command_age or 0.0
-    late = part.command_any_age and age > 0  # a command is held until the next one
+    any_age = part.command_any_age and age > 0  # a command is held until the next one
     pair_of(
-        *(system, own, np.zeros((m, n)) if part.K is None else part.K),
-        [np.zeros(x.C.T.shape) for x in own] if injections is None else injections,
+        *(system, measurements, np.zeros((m, n)) if part.K is None else part.K),
+        [np.zeros(x.C.T.shape) for x in measurements] if injections is None else injections,
         command_age=age,
-        command_any_age=late,
+        command_any_age=any_age,
         estimated=estimated,
     )
     return ObserverSettings(
-        *(own, estimated, age, late, part.K, injections),
+        *(measurements, estimated, age, any_age, part.K, injections),
         offset=counted_as(part.offset, n, "observer.offset", "state"),
         initial_error=counted_as(part.initial_error, n, "observer.initial_error", "state"),
         energy=part.energy or 0.0,

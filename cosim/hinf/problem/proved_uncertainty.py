@@ -64,12 +64,12 @@ def uncertain_matrix(
     left = radius.copy()
     columns, rows, blocks = [], [], []
     n, size = radius.shape
-    for whole in wholes:
-        left[np.ix_(whole.rows, whole.columns)] = 0.0
-        root = _root(whole.norm)
-        columns += [root * _unit(n, i) for i in whole.rows]
-        rows += [root * _unit(size, j) for j in whole.columns]
-        blocks.append((len(whole.rows), len(whole.columns)))
+    for form in wholes:
+        left[np.ix_(form.rows, form.columns)] = 0.0
+        root = _root(form.norm)
+        columns += [root * _unit(n, i) for i in form.rows]
+        rows += [root * _unit(size, j) for j in form.columns]
+        blocks.append((len(form.rows), len(form.columns)))
     for i, j in np.argwhere(left > 0):
         columns.append(_root(left[i, j]) * _unit(n, i))
         rows.append(_root(left[i, j]) * _unit(size, j))

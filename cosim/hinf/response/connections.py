@@ -74,6 +74,6 @@ def in_series(first: Blocks, following: Blocks) -> Blocks:
             )
     F = np.zeros((first.inputs + following.inputs, first.outputs + following.outputs))
     F[first.inputs :, : first.outputs] = np.eye(first.outputs)
-    whole = beside(first, following).closed(F)
+    chain = beside(first, following).closed(F)
     left = np.eye(following.outputs, first.outputs + following.outputs, first.outputs)
-    return whole.between(left, np.eye(first.inputs + following.inputs, first.inputs)).simplified()
+    return chain.between(left, np.eye(first.inputs + following.inputs, first.inputs)).simplified()

@@ -72,10 +72,10 @@ class DelayLTI(Blocks):
         """Return one line: sizes and delays."""
         delays = sorted(set(self.delays.tolist()))
         kind = "neutral, " if self.is_neutral else ""
-        late = ", ".join(f"{d:.6g}" for d in delays[:6]) + (", ..." if len(delays) > 6 else "")
+        listed = ", ".join(f"{d:.6g}" for d in delays[:6]) + (", ..." if len(delays) > 6 else "")
         counts = [(self.inputs, "input"), (self.outputs, "output"), (self.order, "state")]
         words = [f"{k} {what}{'' if k == 1 else 's'}" for k, what in counts]
-        words.append(f"internal delays {late} s" if delays else "no delay")
+        words.append(f"internal delays {listed} s" if delays else "no delay")
         return f"<DelayLTI: {kind}{', '.join(words)}>"
 
     def _repr_html_(self) -> str:
@@ -486,8 +486,8 @@ def feedback(forward: Any, backward: Any = 1, sign: int = -1) -> DelayLTI:
     m, p = G.inputs, G.outputs
     F = np.zeros((m + p, p + m))
     F[:m, p:], F[m:, :p] = sign * np.eye(m), np.eye(p)
-    whole = beside(G, H).closed(F)
-    return _made(whole.between(np.eye(p, p + m), np.eye(m + p, m)))
+    loop = beside(G, H).closed(F)
+    return _made(loop.between(np.eye(p, p + m), np.eye(m + p, m)))
 
 
 def _made(blocks: Blocks) -> DelayLTI:

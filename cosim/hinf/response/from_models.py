@@ -80,7 +80,7 @@ def _of_state_space(A: Reals, B: Reals, C: Reals | None, D: Reals) -> Blocks:
 def _of_loop(loop: ClosedLoop) -> Blocks:
     """w -> z of a closed loop, every state late on a channel of its own where it is used late."""
     n = loop.order
-    late = [
+    delayed = [
         (d, A, loop.D[i] if loop.D else np.zeros((0, n)))
         for i, (d, A) in enumerate(zip(loop.delays, loop.A, strict=True))
         if d > 0.0
@@ -89,37 +89,37 @@ def _of_loop(loop: ClosedLoop) -> Blocks:
     D = loop.D[0] if loop.D else np.zeros((0, n))
     D1 = np.zeros((0, 0)) if loop.D1 is None else np.asarray(loop.D1)
     given: dict[str, Any] = {"A": loop.A[0], "B": C, "C": D, "D": D1}
-    given |= _channels(n, late)
+    given |= _channels(n, delayed)
     return blocks_from(given, (n, C.shape[1], D.shape[0]), "loop")
 
 
 def _of_system(system: DelaySystem) -> Blocks:
     """[w, u] -> z of a system with delays; u acts at once, since its delay is the feedback's."""
     n, p = system.A.shape[0], system.D.shape[0]
-    late = [(x.constant_age, x.A, np.zeros((p, n))) for x in system.delays]
+    delayed = [(x.constant_age, x.A, np.zeros((p, n))) for x in system.delays]
     given: dict[str, Any] = {"A": system.A, "B": np.hstack([system.C, system.B]), "C": system.D}
-    given |= {"D": np.hstack([system.D1, system.D2]), **_channels(n, late)}
+    given |= {"D": np.hstack([system.D1, system.D2]), **_channels(n, delayed)}
     return blocks_from(given, (n, given["B"].shape[1], p), system.name or "system")
 
 
-def _channels(n: int, late: Sequence[tuple[float, Reals, Reals]]) -> dict[str, Any]:
+def _channels(n: int, delayed: Sequence[tuple[float, Reals, Reals]]) -> dict[str, Any]:
     """Return the channels of terms A_i x(t-d_i), D_i x(t-d_i): one per state that is used."""
     Bw, Dw, Cv, delays = [], [], [], []
-    for d, A, D in late:
-        whole = np.vstack([A, D])
+    for d, A, D in delayed:
+        stacked = np.vstack([A, D])
         # of low rank, as a feedback is, fewer signals than states are late
-        left, sizes, right = np.linalg.svd(whole, full_matrices=False)
-        rank = int((sizes > 1e-15 * whole.size * sizes.max(initial=0.0)).sum())
-        used = np.flatnonzero(whole.any(axis=0))
+        left, sizes, right = np.linalg.svd(stacked, full_matrices=False)
+        rank = int((sizes > 1e-15 * stacked.size * sizes.max(initial=0.0)).sum())
+        used = np.flatnonzero(stacked.any(axis=0))
         if rank == 1 < used.size:
             into, out = right[:1], left[:, :1] * sizes[:1]
         else:
-            into, out = np.eye(n)[used], whole[:, used]
+            into, out = np.eye(n)[used], stacked[:, used]
         Bw.append(out[:n])
         Dw.append(out[n:])
         Cv.append(into)
         delays += [d] * len(into)
-    if not late:
+    if not delayed:
         return {}
     return {"Bw": np.hstack(Bw), "Dw": np.hstack(Dw), "Cv": np.vstack(Cv), "delays": delays}
 
@@ -161,17 +161,17 @@ def _column(tops: list[Reals], bottoms: list[Reals], j: int) -> Blocks:
     for i, (top, bottom) in enumerate(zip(tops, bottoms, strict=True)):
         _check_proper(top, bottom, f"model[{i}][{j}]")
     while left:
-        own = _monic(tops[left[0]], bottoms[left[0]])[1]
-        same = [i for i in left if np.array_equal(_monic(tops[i], bottoms[i])[1], own)]
+        denominator = _monic(tops[left[0]], bottoms[left[0]])[1]
+        same = [i for i in left if np.array_equal(_monic(tops[i], bottoms[i])[1], denominator)]
         rows = [_monic(tops[i], bottoms[i])[0] for i in same]
-        parts.append(_canonical_form(rows, own))
+        parts.append(_canonical_form(rows, denominator))
         places.append(same)
         left = [i for i in left if i not in same]
     order = np.concatenate(places)
-    whole = beside(*parts)
+    joined = beside(*parts)
     sort = np.zeros((len(tops), len(tops)))
     sort[order, np.arange(len(tops))] = 1.0
-    return whole.between(sort, np.ones((len(parts), 1)))
+    return joined.between(sort, np.ones((len(parts), 1)))
 
 
 def _monic(top: Reals, bottom: Reals) -> tuple[Reals, Reals]:

@@ -163,9 +163,9 @@ def solve(blocks: Blocks, asked: Question, end: float, stages: int = STAGES) -> 
     InputError : delays so short against `end`, or so many, that there are too many pieces.
     NotAchievableError : numbers that leave the range of doubles.
     """
-    own, scale = balanced_blocks(blocks)
+    balanced, scale = balanced_blocks(blocks)
     start = asked.start / scale[:, None]
-    return _Stepper(own, replace(asked, start=start), end, rule(stages)).run()
+    return _Stepper(balanced, replace(asked, start=start), end, rule(stages)).run()
 
 
 def _instants(blocks: Blocks, asked: Question, end: float) -> list[tuple[float, _Instant]]:
@@ -322,9 +322,9 @@ class _Stepper:
         else:
             # the known parts of w act as above; the unknown ones are in the matrix
             v = self._with_channels(h, inside, x, right, direct, X)
-            late = np.einsum("ikl,ilc->ikc", self._inside(h, inside), v)
-            w = w + late
-            direct = direct + np.einsum("vw,wkc->vkc", s.Dvw, late)
+            delayed = np.einsum("ikl,ilc->ikc", self._inside(h, inside), v)
+            w = w + delayed
+            direct = direct + np.einsum("vw,wkc->vkc", s.Dvw, delayed)
         V = np.einsum("vn,nkc->vkc", s.Cv, X) + direct
         Y = np.einsum("pn,nkc->pkc", s.C, X) + np.einsum("pw,wkc->pkc", s.Dw, w)
         Y += np.einsum("pm,mkc->pkc", s.D, u)
@@ -360,8 +360,8 @@ class _Stepper:
         Not finite values give an infinite tail.
         """
         s = self.blocks
-        own = np.abs(values).max(axis=(1, 2), initial=0.0)
-        size = np.maximum(self.size, own)
+        sizes = np.abs(values).max(axis=(1, 2), initial=0.0)
+        size = np.maximum(self.size, sizes)
         n = s.order
         # what rounds a row is the size of its terms, not of their sum
         terms = np.concatenate(
@@ -434,8 +434,8 @@ class _Stepper:
         rows = np.zeros((self.blocks.delays.size, nodes.size, nodes.size))
         for i in inside:
             share = nodes - self.blocks.delays[i] / h
-            own = ~(nodes * h < self.blocks.delays[i])
-            rows[i, own] = interpolation(self.of, share[own])
+            past = ~(nodes * h < self.blocks.delays[i])
+            rows[i, past] = interpolation(self.of, share[past])
         return rows
 
     def _with_channels(
@@ -469,8 +469,8 @@ class _Stepper:
         known = right.reshape(n * stages, columns) + through @ flat
         late_outputs = np.asarray(scipy.linalg.lu_solve(states, known, check_finite=False))
         X[:, 1:] = late_outputs.reshape(n, stages, columns)
-        own = np.einsum("vn,nkc->vkc", s.Cv, X[:, 1:]).reshape(N * stages, columns) + flat
-        v = (channels @ own).reshape(N, stages, columns)
+        signals = np.einsum("vn,nkc->vkc", s.Cv, X[:, 1:]).reshape(N * stages, columns) + flat
+        v = (channels @ signals).reshape(N, stages, columns)
         return np.concatenate([v0[:, None], v], axis=1)
 
 

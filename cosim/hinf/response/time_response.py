@@ -221,9 +221,9 @@ def _superposed(unit: Solution, times: Reals, weights: Reals) -> Reals:
     for i in range(0, begins.size, block):
         chosen = begins[i : i + block]
         gaps = times[None, :] - times[chosen, None]
-        late = gaps >= 0.0
+        begun = gaps >= 0.0
         answers = np.zeros((unit.values.shape[1], *gaps.shape, weights.shape[0]))
-        answers[:, late] = unit.at(gaps[late])
+        answers[:, begun] = unit.at(gaps[begun])
         y += np.einsum("pkti,ik->pt", answers, weights[:, chosen])
     return y
 
@@ -297,16 +297,16 @@ def _rising(t: ArrayLike) -> Reals:
 
 def _settling(blocks: Blocks) -> float:
     """Return an end [s] by which a response has settled, or shows where it goes."""
-    late = float(blocks.delays.sum())
+    total_delay = float(blocks.delays.sum())
     try:
         roots = roots_of(blocks, 8)
     except NotAchievableError:
         roots = np.zeros(0, dtype=np.complex128)
     speeds = np.abs(roots.real)[np.abs(roots.real) > 1e-9 * np.abs(roots).max(initial=0.0)]
-    slowest = 1.0 / float(speeds.min()) if speeds.size else max(late, 1.0)
+    slowest = 1.0 / float(speeds.min()) if speeds.size else max(total_delay, 1.0)
     if roots.size and roots[0].real > 0.0:
         slowest = 1.0 / float(roots[0].real)  # it grows: seven of its time constants are enough
     fastest = min([slowest, *blocks.delays.tolist()])
-    end = min(_SETTLED * slowest + 2.0 * late, _LONGEST * fastest)
+    end = min(_SETTLED * slowest + 2.0 * total_delay, _LONGEST * fastest)
     digit = 10.0 ** math.floor(math.log10(end))
     return float(math.ceil(end / digit) * digit)

@@ -48,11 +48,11 @@ def rational(blocks: Blocks, order: int | None) -> Blocks:
         Dvw=np.zeros((0, 0)),
         delays=np.zeros(0),
     )
-    whole = beside(opened, *(_pade(tau, order) for tau in blocks.delays.tolist()))
-    F = np.zeros((whole.inputs, whole.outputs))
+    joined = beside(opened, *(_pade(tau, order) for tau in blocks.delays.tolist()))
+    F = np.zeros((joined.inputs, joined.outputs))
     F[m : m + N, p + N :] = np.eye(N)  # w from the approximants
     F[m + N :, p : p + N] = np.eye(N)  # v into them
-    return whole.closed(F).between(np.eye(p, whole.outputs), np.eye(whole.inputs, m))
+    return joined.closed(F).between(np.eye(p, joined.outputs), np.eye(joined.inputs, m))
 
 
 def _pade(tau: float, order: int) -> Blocks:
@@ -90,13 +90,13 @@ def to_control(loop: ClosedLoop | Blocks, omega: ArrayLike) -> Any:
 
 def state_space_for_control(blocks: Blocks, order: int | None) -> Any:
     """Return a `control.StateSpace`."""
-    own = rational(blocks, order)
-    return control_module().ss(own.A, own.B, own.C, own.D)
+    model = rational(blocks, order)
+    return control_module().ss(model.A, model.B, model.C, model.D)
 
 
 def state_space_for_scipy(blocks: Blocks, order: int | None) -> Any:
     """Return a `scipy.signal.StateSpace`."""
     import scipy.signal  # noqa: PLC0415 - slow to import
 
-    own = rational(blocks, order)
-    return scipy.signal.StateSpace(own.A, own.B, own.C, own.D)
+    model = rational(blocks, order)
+    return scipy.signal.StateSpace(model.A, model.B, model.C, model.D)

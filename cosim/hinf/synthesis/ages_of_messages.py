@@ -166,13 +166,17 @@ def message_ages(
     InputError : numbers that do not fit the system.
     NotAchievableError : no gain was found at any of the ages.
     """
-    system, index, own = _with_feedback(checked_system(system, control=True))
-    if not own:
+    system, index, has_feedback = _with_feedback(checked_system(system, control=True))
+    if not has_feedback:
         k1 = k2 = None
     known = system.delays[index]
     if assumption is None:
         assumption = (
-            "sampled" if known.sampled else "any" if known.any_age or not own else "constant"
+            "sampled"
+            if known.sampled
+            else "any"
+            if known.any_age or not has_feedback
+            else "constant"
         )
         least_age = least_age or known.least_age
     if ages is None:
@@ -193,7 +197,7 @@ def message_ages(
             hint="younger messages (--ages), or a larger --gamma",
         )
     middle = proved[len(proved) // 2]
-    present = (known.d if own else 0.0) if own_age is None else own_age
+    present = (known.d if has_feedback else 0.0) if own_age is None else own_age
     chosen = min(proved, key=lambda row: abs(row.age - present)) if present else middle
     limits: list[AgeLimit] = []
     proved_for = chosen.age  # what is proved for any age is so for others

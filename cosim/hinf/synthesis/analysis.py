@@ -204,8 +204,8 @@ def _with_damping(analysis: Analysis, K: Matrix, asked: Damping) -> Analysis:
     if reason is not None:
         return replace(analysis, damping_reason=reason)
     proved, certificate = Guarantees(damping=asked), analysis.certificate
-    whole = None if certificate is None else proved.beside(certificate)
-    return replace(analysis, guarantees=proved, certificate=whole)
+    certificate_with_it = None if certificate is None else proved.beside(certificate)
+    return replace(analysis, guarantees=proved, certificate=certificate_with_it)
 
 
 def check_order_of_analysis(order: Order) -> None:
@@ -247,15 +247,17 @@ def best_analysis(
     orders = [order] if order != "auto" else [1, 0] if known else [*AFFORDABLE_ORDERS]
     if ranking and known:
         orders = sorted(orders)  # the quick one first
-    for own in orders:
+    for each in orders:
         conditions: list[Condition] = []
         if order == "auto" and not excluded:
-            conditions = affordable_conditions(system, K, own, performance=bounded, ranking=ranking)
+            conditions = affordable_conditions(
+                system, K, each, performance=bounded, ranking=ranking
+            )
         elif not excluded:
-            conditions = conditions_of(system, K, own, performance=bounded)
+            conditions = conditions_of(system, K, each, performance=bounded)
         if not conditions and not excluded:
             continue
-        last = _analysed(system, K, gamma, own, conditions, figures, below)
+        last = _analysed(system, K, gamma, each, conditions, figures, below)
         made.append(last)
         if last.gamma is not None:
             below = min(_worth(last), np.inf if below is None else below)

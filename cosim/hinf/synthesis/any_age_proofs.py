@@ -115,10 +115,10 @@ def _measured(x: Measurement, hold: float | None) -> Measurement:
 
 def _of_any_age(system: DelaySystem, hold: float | None) -> DelaySystem:
     """Return a system whose feedback is of any age; its other delays stay as they are."""
-    at_once, *late = system.selections
+    at_once, *delayed = system.selections
     zero = np.zeros_like(system.A)
     delays: list[Delay] = []
-    for x, acting in zip(system.delays, late, strict=True):
+    for x, acting in zip(system.delays, delayed, strict=True):
         if not acting.any() or not has_constant_age(x):
             delays.append(x)
             continue
@@ -127,7 +127,7 @@ def _of_any_age(system: DelaySystem, hold: float | None) -> DelaySystem:
         d = x.d if x.d > 0 else hold or 0.0
         delays.append(Delay(d, zero, None, x.feedback, True, least_age=x.least_age))  # noqa: FBT003
     if at_once.any():
-        whole = system.feedback is None
-        acting_now = True if whole else system.feedback
+        of_whole_state = system.feedback is None
+        acting_now = True if of_whole_state else system.feedback
         delays.append(Delay(hold or 0.0, zero, None, acting_now, True))  # type: ignore[arg-type]  # noqa: FBT003
     return replace(system, delays=tuple(delays), feedback=None)

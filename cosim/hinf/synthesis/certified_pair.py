@@ -69,8 +69,8 @@ class OutputFeedback(nominal.HasFigures, Value):
         """Return the gains, what is proved and the figures of the pair, for notebooks."""
         rows = {"system": repr(self.system)[1:-1], "K": matrix_text(self.K)}
         rows |= {
-            f"L of {x.name}": matrix_text(own)
-            for x, own in zip(self.measurements, self.L, strict=True)
+            f"L of {x.name}": matrix_text(L_i)
+            for x, L_i in zip(self.measurements, self.L, strict=True)
         }
         return html_table(repr(self), rows | result_rows(self))
 

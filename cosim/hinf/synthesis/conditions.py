@@ -80,7 +80,7 @@ def is_large(system: DelaySystem, K: NDArray[Any]) -> bool:
     by_entry = any(np.ndim(x) > 1 for x in system.selections)
     most = _LARGE_BY_ENTRY if by_entry else _LARGE
     many = plain.unknowns([x.d for x in system.delays]) > most
-    return many and any(own is not None for own in supports_of(system, K))
+    return many and any(support is not None for support in supports_of(system, K))
 
 
 def _of_ages(
@@ -96,12 +96,14 @@ def _of_ages(
     possible = [functionals_of(x) for x in system.delays]
     delays = [x.d for x in system.delays]
     for level in range(max(map(len, possible))):
-        own = tuple(each[min(level, len(each) - 1)] for each in possible)
-        if own in tried:
+        functionals = tuple(each[min(level, len(each) - 1)] for each in possible)
+        if functionals in tried:
             continue
-        tried.append(own)
-        condition = Condition(system, K, order, own, performance=performance, supports=supports)
-        large = "looped" in own and condition.largest_part(delays) > MOST_ROWS
+        tried.append(functionals)
+        condition = Condition(
+            system, K, order, functionals, performance=performance, supports=supports
+        )
+        large = "looped" in functionals and condition.largest_part(delays) > MOST_ROWS
         if not large and condition.corners(delays) <= MAX_CORNERS:
             conditions.append(condition)
     return conditions
@@ -115,10 +117,10 @@ def affordable_conditions(
     At order 0, of which one is always affordable, and with known ages up to order 1. `ranking`:
     to compare gains with each other; about a second each.
     """
-    late = [x for x in system.delays if x.d > 0]
-    if order and not any(order == 1 or not x.any_age for x in late):
+    positive = [x for x in system.delays if x.d > 0]
+    if order and not any(order == 1 or not x.any_age for x in positive):
         return []  # ages that vary gain nothing from a higher order
-    known, large = any(x.ages_are_known for x in late), is_large(system, K)
+    known, large = any(x.ages_are_known for x in positive), is_large(system, K)
     if order > 1 and (known or large):
         return []
     conditions = conditions_of(system, K, order, performance=performance, large=large)
@@ -133,7 +135,7 @@ def affordable_conditions(
         quick = [x for x in conditions if _work(x, system) <= _MOST_WORK]
         cheapest = min(conditions, key=lambda x: _work(x, system))
         return quick or ([] if order else [cheapest])
-    if order and all(x.any_age for x in late):  # then this one is that of order 0
+    if order and all(x.any_age for x in positive):  # then this one is that of order 0
         conditions = [x for x in conditions if not x.is_plain]
     most = (_MOST_FOR_RANKING if ranking else _MOST_WITH_AGES) if known else _MOST_UNKNOWNS
     return [x for x in conditions if cost(x) <= most] or ([] if order else conditions[-1:])

@@ -209,10 +209,10 @@ class ConstrainedSearch:
             free = self._free.get("gain_limit", d.gain_limit)
             changes["gain_limit"] = inside * _between(free, d.gain_limit, strength)
         if d.peak_control is not None:
-            own = self._free.get("peak_control", d.peak_control)
+            peak = self._free.get("peak_control", d.peak_control)
             changes["peak_control"] = tuple(
                 inside * _between(free, limit, strength)
-                for limit, free in zip(d.peak_control, own, strict=True)
+                for limit, free in zip(d.peak_control, peak, strict=True)
             )
         return replace(d, **changes)
 

@@ -156,10 +156,10 @@ def as_cvxpy(
     by_name |= {f"eps[{b}]": v["eps"][b] if blocks > 1 else v["eps"] for b in range(blocks)}
     k = [exact(x) for x in p.k1], [exact(x) for x in p.k2]
     bounded = system.has_performance
-    whole = in_cvxpy(minus_omega(system, *k, bounded=bounded), by_name)
+    inequality = in_cvxpy(minus_omega(system, *k, bounded=bounded), by_name)
     least = gamma is None and bounded
     margin = 0.0 if least else cp.Variable(name="margin")
-    constraints = [(whole + whole.T) / 2 >> margin * np.eye(whole.shape[0])]
+    constraints = [(inequality + inequality.T) / 2 >> margin * np.eye(inequality.shape[0])]
     constraints += [in_cvxpy(one, by_name) >> 0 for one in positive(system)]
     if least:
         objective: Any = cp.Minimize(v["gamma"])
@@ -176,16 +176,16 @@ def _unknowns(system: DelaySystem, gain: Matrix | None, gamma: float | None) -> 
     import cvxpy as cp  # noqa: PLC0415
 
     n, m = system.B.shape
-    blocks, late = len(system.blocks), list(enumerate(system.delays, 1))
+    blocks, delays = len(system.blocks), list(enumerate(system.delays, 1))
     X = cp.Variable((n, n), symmetric=True, name="X")
     return {
         "X": X,
         "Y": cp.Variable((m, n), name="Y") if gain is None else gain @ X,
         "Q": tuple(
             np.zeros((n, n)) if x.any_age else cp.Variable((n, n), symmetric=True, name=f"Q{j}")
-            for j, x in late
+            for j, x in delays
         ),
-        "R": tuple(cp.Variable((n, n), symmetric=True, name=f"R{j}") for j, _ in late),
+        "R": tuple(cp.Variable((n, n), symmetric=True, name=f"R{j}") for j, _ in delays),
         "eps": cp.Variable(blocks, name="eps") if blocks > 1 else cp.Variable(name="eps"),
         "gamma": cp.Variable(name="gamma") if gamma is None else gamma,
     }

@@ -161,18 +161,18 @@ def _regulators(system: DelaySystem, constraints: DesignConstraints) -> list[Mat
     K e^{(A + B K) d}. In units in which the states and inputs compare.
     """
     loop, (n, m) = LoopGain(system), system.B.shape
-    own, within = units_of(system)[0], constraints.within or 0.0
-    A = sum((x.A for x in system.delays), system.A) * own.state / own.state[:, None] * own.T
-    B = system.B * own.input / own.state[:, None] * own.T
-    late = max((x.d for x in system.delays if x.feedback), default=0.0) / own.T
+    units, within = units_of(system)[0], constraints.within or 0.0
+    A = sum((x.A for x in system.delays), system.A) * units.state / units.state[:, None] * units.T
+    B = system.B * units.input / units.state[:, None] * units.T
+    longest = max((x.d for x in system.delays if x.feedback), default=0.0) / units.T
     regulators: list[tuple[float, float, int, Matrix]] = []
     for share, weight in itertools.product(_SHARES, _WEIGHTS):
-        shifted = A + share * within * own.T * np.eye(n)
+        shifted = A + share * within * units.T * np.eye(n)
         # modes that no input moves so far to the left have no regulator
         with suppress(np.linalg.LinAlgError, ValueError), np.errstate(all="ignore"):
             X = scipy.linalg.solve_continuous_are(shifted, B, np.eye(n), weight * np.eye(m))
             K = -B.T @ X / weight
-            K = K @ scipy.linalg.expm((A + B @ K) * late) * own.input[:, None] / own.state
+            K = K @ scipy.linalg.expm((A + B @ K) * longest) * units.input[:, None] / units.state
             K = np.where(loop.free, K, 0.0)
             if np.isfinite(K).all() and K.any():
                 missed = loop.excess(K, constraints.damping or 0.0, within).value

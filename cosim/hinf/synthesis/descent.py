@@ -60,11 +60,11 @@ def proposals(
     evaluations : of each stage, at most.
     constraints : what the nominal loop must meet, but for the peak of the control.
     """
-    own = units_of(system)[0]
+    units = units_of(system)[0]
     descent = Descent(
         LoopGain(system),
         LoopGain(system, only_uncertain=True) if system.E.size else None,
-        *(own.input[:, None] / own.state, 1.0 / own.T, evaluations, constraints),
+        *(units.input[:, None] / units.state, 1.0 / units.T, evaluations, constraints),
     )
     seeded = np.random.default_rng(2013)
     zero = np.zeros(system.B.T.shape)

@@ -98,14 +98,14 @@ def _design(
     proved = data["variables"]
     K = np.array(data["K"], dtype=float)
     order: int | None = proved.get("order")
-    own = ("kind", "theorem", "claim", "system", "variables", "K", KEY)
+    keys = ("kind", "theorem", "claim", "system", "variables", "K", KEY)
     return Design(
         system=system,
         K=K,
         gamma=None if proved["gamma"] is None else _double(proved["gamma"]),
         k1=() if order is not None else tuple(map(_double, proved["k1"])),
         k2=() if order is not None else tuple(map(_double, proved["k2"])),
-        certificate={key: data[key] for key in own if key in data},
+        certificate={key: data[key] for key in keys if key in data},
         order=order,
         guarantees=guarantees_from_json(data, system, K),
         least_gamma=least,

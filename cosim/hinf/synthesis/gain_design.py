@@ -228,8 +228,8 @@ def _proved(
     if solver == "cvxpy":
         return cvxpy_design(system, one, two, gamma=gamma, gain=gain, search=search)
     if ages_are_known(system):
-        own: Order = order if isinstance(order, int) else "auto"
-        return given_gain_design(system, gain, gamma, own)
+        of_analysis: Order = order if isinstance(order, int) else "auto"
+        return given_gain_design(system, gain, gamma, of_analysis)
     if order is not None:
         try:
             return given_gain_design(system, gain, gamma, order)

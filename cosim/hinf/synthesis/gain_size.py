@@ -31,8 +31,8 @@ def gain_remark(system: DelaySystem, K: Matrix) -> str | None:
     open_ = system.A + sum((delay.A for delay in system.delays), np.zeros_like(system.A))
     added = system.B @ K
     longest = max((delay.d for delay in system.delays), default=0.0)
-    own = max(_fastest(open_), _fastest(system.A), 1 / longest if longest > 0 else 0.0)
-    scale = own if own > 0 else 1.0
+    fastest = max(_fastest(open_), _fastest(system.A), 1 / longest if longest > 0 else 0.0)
+    scale = fastest if fastest > 0 else 1.0
     size = sum((_norm(delay.A) for delay in system.delays), _norm(system.A))
     faster, larger = _fastest(open_ + added) / scale, _norm(added) / max(size, scale)
     free = not system.has_performance or not system.D2.any(axis=0).all()

@@ -67,13 +67,19 @@ def greatest_delay(
     asked = gamma, one, two, delay_index, limit
     greatest, errors = _by_conditions(of_any_age(system), asked, order, given=given, search=look)
     if ages_are_known(system) and order is not None:
-        own: Order = order if isinstance(order, int) else "auto"
+        of_analysis: Order = order if isinstance(order, int) else "auto"
 
         def design_at(there: DelaySystem) -> Design:
-            return designed_by_some_route(Request(there, one, two, given, look, gamma), own)
+            return designed_by_some_route(Request(there, one, two, given, look, gamma), of_analysis)
 
         greatest = improved_delay(
-            system, gamma, greatest, design_at, delay_index=delay_index, limit=limit, order=own
+            system,
+            gamma,
+            greatest,
+            design_at,
+            delay_index=delay_index,
+            limit=limit,
+            order=of_analysis,
         )
     if greatest is None:
         raise none_succeeded(errors)

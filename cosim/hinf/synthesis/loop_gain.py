@@ -244,11 +244,11 @@ class LoopGain:
             return approximate_roots(ClosedLoop(A, ages.tolist()), nodes)
         all_roots = []
         for part in self._parts(np.abs(A).sum(axis=0), "strong"):
-            own = [M[np.ix_(part, part)] for M in A]
-            late = [
-                k for k, M in enumerate(own) if k == 0 or M.any()
+            part_of_A = [M[np.ix_(part, part)] for M in A]
+            acting = [
+                k for k, M in enumerate(part_of_A) if k == 0 or M.any()
             ]  # without the others: smaller
-            inner = ClosedLoop([own[k] for k in late], ages[late].tolist())
+            inner = ClosedLoop([part_of_A[k] for k in acting], ages[acting].tolist())
             all_roots.append(approximate_roots(inner, nodes))
         roots = np.concatenate(all_roots)
         return np.asarray(roots[np.argsort(-roots.real, kind="stable")])
@@ -302,8 +302,8 @@ class LoopGain:
         """Return H'(s)."""
         weights = ages * np.exp(-s * ages)
         phi = (weights @ self._S.reshape(len(self._S), -1)).reshape(self._S.shape[1:])
-        late = np.einsum("i,iab->ab", weights, self._A) + _fed(self._B, K, phi)
-        return np.asarray(np.eye(len(self._B)) + late, dtype=np.complex128)
+        delayed = np.einsum("i,iab->ab", weights, self._A) + _fed(self._B, K, phi)
+        return np.asarray(np.eye(len(self._B)) + delayed, dtype=np.complex128)
 
     def _gain_at(self, K: Matrix, log_e: Reals, ages: Reals) -> Value:
         nothing = Value(np.inf, np.zeros(K.shape), np.zeros(self.scalings))
@@ -384,8 +384,8 @@ class LoopGain:
         if not blocks:
             return _Brief(self._C, self._E, self._D, self._H)
         columns, rows = (
-            np.repeat(np.exp(log_e), [x.stop - x.start for x in own])
-            for own in zip(*blocks, strict=True)
+            np.repeat(np.exp(log_e), [x.stop - x.start for x in block])
+            for block in zip(*blocks, strict=True)
         )
         E, H = (self._E, self._H) if self._blocks else (self._C, self._D)
         into = _triangle((E / columns).T).T
@@ -420,8 +420,8 @@ class LoopGain:
 
     def _slopes(self, K: Matrix, log_e: Reals, omega: float, ages: Reals) -> Value:
         """Return log g at one frequency, with its derivatives."""
-        whole, states = self._maps(K, log_e, np.array([omega]), ages)
-        at, x = _At(*(part[0] for part in whole)), states[0]
+        maps, states = self._maps(K, log_e, np.array([omega]), ages)
+        at, x = _At(*(part[0] for part in maps)), states[0]
         z, q = at.on_output @ x, at.on_uncertain @ x
         z[:, : self._D1.shape[1]] += self._D1
         square, v = self._least(z, q, log_e)
@@ -433,10 +433,10 @@ class LoopGain:
         slope = np.zeros(self.scalings)
         for i, (p, h) in enumerate(self._blocks):
             e2 = float(np.exp(2 * log_e[i]))
-            own = np.vdot(b[h], b[h]).real
-            size -= float(e2 * own)
+            energy = np.vdot(b[h], b[h]).real
+            size -= float(e2 * energy)
             row = row + square * e2 * b[h].conj() @ on_q[h]
-            slope[i] = -2 * square * e2 * float(np.vdot(v_p[p], v_p[p]).real - own)
+            slope[i] = -2 * square * e2 * float(np.vdot(v_p[p], v_p[p]).real - energy)
         for i, (p, h) in enumerate(self._scaled_alone):
             slope[i] = 2 * float(np.vdot(a[h], a[h]).real - square * np.vdot(v[p], v[p]).real)
         in_disturbance = None
@@ -467,8 +467,8 @@ class LoopGain:
         if len(self._blocks) == 1:
             return np.asarray(N - float(np.exp(2 * log_e[0])) * (q.conj().swapaxes(-1, -2) @ q))
         sizes = np.repeat(np.exp(log_e), [rows.stop - rows.start for _, rows in self._blocks])
-        own = sizes[:, None] * q
-        return np.asarray(N - own.conj().swapaxes(-1, -2) @ own)
+        scaled = sizes[:, None] * q
+        return np.asarray(N - scaled.conj().swapaxes(-1, -2) @ scaled)
 
     def _least(self, z: Complexes, q: Complexes, log_e: Reals) -> tuple[float, Any]:
         """Return the least g with z*z <= g^2 N, its vector; infinite where N is not positive."""

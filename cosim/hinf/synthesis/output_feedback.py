@@ -182,16 +182,16 @@ def _starts(
     """Return the columns of initial states (x, e), each with one offset."""
     n, sizes = len(pair.estimated), []
     for name, values in (("offset", offset), ("initial_error", initial_error or ())):
-        own = np.array([float(x) for x in values])
-        fits = len(own) == n or (name == "initial_error" and initial_error is None)
-        if not (fits and np.isfinite(own).all() and (own >= 0).all()):
+        numbers = np.array([float(x) for x in values])
+        fits = len(numbers) == n or (name == "initial_error" and initial_error is None)
+        if not (fits and np.isfinite(numbers).all() and (numbers >= 0).all()):
             raise InputError(
                 "not the size of an initial state",
                 where=name,
                 expected=f"{n} numbers >= 0, one per state",
                 got=str(list(values)),
             )
-        sizes.append(own)
+        sizes.append(numbers)
     x, e = np.diag(sizes[0]), np.diag(sizes[0])[pair.estimated]
     if initial_error is not None:
         error = np.diag(sizes[1])[pair.estimated]
@@ -432,19 +432,19 @@ def _regulators(plant: DelaySystem, units: Scaling) -> list[Matrix]:
     The first weighs u as z does, further ones less. What is uncertain of a state's own rate is
     taken at its least damping.
     """
-    own = units.system(plant)
-    A = own.A + sum((x.A for x in own.delays), np.zeros_like(own.A))
-    A = A + np.diag(np.diagonal(np.abs(own.E) @ np.abs(own.H))) if own.blocks else A
-    (n, m) = own.B.shape
+    scaled = units.system(plant)
+    A = scaled.A + sum((x.A for x in scaled.delays), np.zeros_like(scaled.A))
+    A = A + np.diag(np.diagonal(np.abs(scaled.E) @ np.abs(scaled.H))) if scaled.blocks else A
+    (n, m) = scaled.B.shape
     gains = []
     for share in _CHEAPER:
-        Q = own.D.T @ own.D + _SMALL * np.eye(n)
-        R = share * own.D2.T @ own.D2 + _SMALL * np.eye(m)
+        Q = scaled.D.T @ scaled.D + _SMALL * np.eye(n)
+        R = share * scaled.D2.T @ scaled.D2 + _SMALL * np.eye(m)
         try:
-            P = scipy.linalg.solve_continuous_are(A, own.B, Q, R)
+            P = scipy.linalg.solve_continuous_are(A, scaled.B, Q, R)
         except (ValueError, np.linalg.LinAlgError):
             continue
-        in_units = -np.linalg.solve(R, own.B.T @ P)
+        in_units = -np.linalg.solve(R, scaled.B.T @ P)
         gains.append(np.asarray(in_units * units.input[:, None] / units.state))
     return gains or [np.zeros((m, n))]
 
@@ -457,15 +457,15 @@ def _injections(given: ObserverPair, units: Scaling) -> list[list[Matrix]]:
     """
     best = [np.zeros(x.C.T.shape) for x in given.measurements]
     solved = True
-    for own in parts_of_plant(given.plant, given.measurements):
-        seen = [i for i, x in enumerate(given.measurements) if x.C[:, own].any()]
-        if not (given.estimated[own].any() and seen):
+    for states in parts_of_plant(given.plant, given.measurements):
+        seen = [i for i, x in enumerate(given.measurements) if x.C[:, states].any()]
+        if not (given.estimated[states].any() and seen):
             continue
-        rows = [np.asarray(given.measurements[i].C[:, own].any(axis=1)) for i in seen]
-        part = _injections_of_part(given, units, own, list(zip(seen, rows, strict=True)))
+        rows = [np.asarray(given.measurements[i].C[:, states].any(axis=1)) for i in seen]
+        part = _injections_of_part(given, units, states, list(zip(seen, rows, strict=True)))
         solved = solved and part is not None
         for i, chosen, L in zip(seen, rows, part or (), strict=False):
-            best[i][np.ix_(own, chosen)] = L
+            best[i][np.ix_(states, chosen)] = L
     alone = [x.C.T * (_RATE / (x.d or _AGELESS * units.T)) for x in given.measurements]
     return ([best] if solved else []) + [alone]
 
@@ -473,35 +473,35 @@ def _injections(given: ObserverPair, units: Scaling) -> list[list[Matrix]]:
 def _injections_of_part(
     given: ObserverPair,
     units: Scaling,
-    own: NDArray[np.bool_],
+    states: NDArray[np.bool_],
     measured: Sequence[tuple[int, NDArray[np.bool_]]],
 ) -> list[Matrix] | None:
     """Return the injections (states of a part, rows that measure it) of the LMI; None without."""
     measurements = [
-        replace(x, C=x.C[rows][:, own], noise=np.array(x.noise)[rows].tolist())
+        replace(x, C=x.C[rows][:, states], noise=np.array(x.noise)[rows].tolist())
         for x, rows in ((given.measurements[i], rows) for i, rows in measured)
     ]
     longest = max(x.d for x in measurements) or _AGELESS * units.T
     lmi = InjectionLmi(
-        *(_restricted(given.plant, own), measurements, given.estimated[own]),
-        *(units.state[own], units.T),
+        *(_restricted(given.plant, states), measurements, given.estimated[states]),
+        *(units.state[states], units.T),
     )
     solutions = [lmi.least_gamma(b * longest) for b in _MULTIPLIERS]
     best = min((x for x in solutions if x is not None), key=lambda x: x[0], default=None)
     return None if best is None else best[1]
 
 
-def _restricted(plant: DelaySystem, own: NDArray[Any], **changed: Any) -> DelaySystem:
+def _restricted(plant: DelaySystem, states: NDArray[Any], **changed: Any) -> DelaySystem:
     """Return a plant with some of its states alone."""
-    inner = np.ix_(own, own)
-    changed = {"A": plant.A[inner], "B": plant.B[own]} | changed
+    inner = np.ix_(states, states)
+    changed = {"A": plant.A[inner], "B": plant.B[states]} | changed
     return replace(
         plant,
-        C=plant.C[own],
-        D=plant.D[:, own],
-        E=plant.E[own],
-        H=plant.H[:, own],
-        delays=tuple(replace(x, A=x.A[inner], H=x.H[:, own]) for x in plant.delays),
+        C=plant.C[states],
+        D=plant.D[:, states],
+        E=plant.E[states],
+        H=plant.H[:, states],
+        delays=tuple(replace(x, A=x.A[inner], H=x.H[:, states]) for x in plant.delays),
         feedback=None,
         **changed,
     )

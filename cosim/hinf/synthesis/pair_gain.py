@@ -78,22 +78,22 @@ class PairGain:
 
     def theta(self, K: Matrix, L: Sequence[Matrix]) -> Matrix:
         """Return K and L (each (n, k_i)) as one row."""
-        return np.concatenate([K.ravel(), *(own[self._chosen].ravel() for own in L)])[None]
+        return np.concatenate([K.ravel(), *(L_i[self._chosen].ravel() for L_i in L)])[None]
 
     def gains(self, theta: Matrix) -> tuple[Matrix, list[Matrix]]:
         """Return K (m, n) and every L (n, k_i) of a row."""
-        K, *own = self._parts(theta)
-        L = [np.zeros((len(self._chosen), x.shape[1])) for x in own]
-        for whole, part in zip(L, own, strict=True):
-            whole[self._chosen] = part
+        K, *chosen = self._parts(theta)
+        L = [np.zeros((len(self._chosen), x.shape[1])) for x in chosen]
+        for full, part in zip(L, chosen, strict=True):
+            full[self._chosen] = part
         return K, L
 
     def _parts(self, theta: Matrix) -> list[Matrix]:
         """Return K, and every L without the rows of known states."""
         sizes = [self._K, *((x.shape[1], x.shape[0]) for x in self._rows)]
         ends = np.cumsum([a * b for a, b in sizes])
-        whole = np.split((theta + self._given)[0], ends[:-1])
-        return [x.reshape(s) for x, s in zip(whole, sizes, strict=True)]
+        pieces = np.split((theta + self._given)[0], ends[:-1])
+        return [x.reshape(s) for x, s in zip(pieces, sizes, strict=True)]
 
     def _at(self, theta: Matrix) -> tuple[LoopGain, Matrix]:
         """Return the loop at the noise of theta, and the gain of the pair."""
@@ -101,13 +101,13 @@ class PairGain:
         errors, (m, n) = int(self._chosen.sum()), self._K
         gain = np.zeros((m + errors * len(L), n + errors))
         gain[:m] = np.hstack([K, -K[:, self._chosen]])
-        for i, (own, rows) in enumerate(zip(L, self._rows, strict=True)):
+        for i, (L_i, rows) in enumerate(zip(L, self._rows, strict=True)):
             first = m + i * errors
-            gain[first : first + errors, n:] = own @ rows
+            gain[first : first + errors, n:] = L_i @ rows
         if self._C is None or self._C.shape[1] == self._first:
             return self._loop, gain
         C, first = self._C.copy(), self._first
-        C[n:, first:] = -np.hstack([own * x for own, x in zip(L, self._noise, strict=True)])
+        C[n:, first:] = -np.hstack([L_i * x for L_i, x in zip(L, self._noise, strict=True)])
         return self._loop.with_disturbance(C), gain
 
     def _by_theta(self, value: Value) -> Value:

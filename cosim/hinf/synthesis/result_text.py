@@ -22,8 +22,8 @@ def support_words(certificate: dict[str, Any] | None) -> str:
     """Return the support of each delay that a certificate names: "delay 1: states 3, 4"."""
     if certificate is None or "terms" not in certificate.get("variables", {}):
         return ""
-    late = [i for i, delay in enumerate(certificate["system"]["delays"], 1) if delay["d"] > 0]
-    each = zip(late, certificate["variables"]["terms"], strict=True)
+    positive = [i for i, delay in enumerate(certificate["system"]["delays"], 1) if delay["d"] > 0]
+    each = zip(positive, certificate["variables"]["terms"], strict=True)
     return "; ".join(
         f"delay {i}: {of} {', '.join(map(str, term[of]))}"
         for i, term in each

@@ -145,7 +145,7 @@ def _proved_again(designed: Design) -> Design:
 def _routes(asked: Request) -> Iterator[Route]:
     s, gamma = asked.system, asked.gamma
     constant = any(x.d > 0 and not x.any_age for x in s.delays)
-    late = any(x.d > 0 for x in s.delays)
+    has_delay = any(x.d > 0 for x in s.delays)
 
     def theorem_2_at(designs: Sequence[Design], *, search: bool) -> Design:
         del designs
@@ -161,7 +161,7 @@ def _routes(asked: Request) -> Iterator[Route]:
         K = theorem_2.stabilising_gain(s, asked.k1, asked.k2)
         starts = [] if K is None else [K]
         better: Iterator[Matrix] = iter(())
-        if starts and late and _unknowns(s, 0) <= _MOST_UNKNOWNS:
+        if starts and has_delay and _unknowns(s, 0) <= _MOST_UNKNOWNS:
             better = bessel_legendre_gains(s, 0, starts, gamma, continued=False)
         return proved_by_analysis(s, chain(better, starts), gamma, "auto")
 
@@ -174,7 +174,7 @@ def _routes(asked: Request) -> Iterator[Route]:
         yield Route("Theorem 2 with k1, k2 searched", partial(theorem_2_at, search=True))
     if s.has_performance:
         yield Route("Theorem 2 for stability, then its gain", for_stability)
-    orders = [n for n in (_ORDERS if constant else (0,)) if late]
+    orders = [n for n in (_ORDERS if constant else (0,)) if has_delay]
     orders = [n for n in orders if _unknowns(s, n) <= _MOST_UNKNOWNS]
     for order in orders:
         pays = constant and is_small(s) and not asked.given and gamma is None and order == 1
@@ -234,11 +234,11 @@ def _routes_with_ages(asked: Request, order: Order) -> Iterator[Route]:
 def _by_theorem_2(asked: Request, *, search: bool) -> Design:
     """Design by Theorem 2; where that asks for a gain out of all proportion, with a price on it."""
     s, gamma = asked.system, asked.gamma
-    late = any(x.d > 0 for x in s.delays)
+    has_delay = any(x.d > 0 for x in s.delays)
     # where z does not contain every input a gain has no price; order 1 does it for small systems
     weighed = s.has_performance and s.D2.any(axis=0).all()
     priced: Design | None = None
-    if search and gamma is None and late and weighed and not is_small(s):
+    if search and gamma is None and has_delay and weighed and not is_small(s):
         try:
             return theorem_2.design(s, asked.k1, asked.k2, search=True, in_proportion=True)
         except theorem_2.OutOfProportionError as error:
@@ -263,7 +263,7 @@ def is_small(system: DelaySystem) -> bool:
 def _unknowns(system: DelaySystem, order: int) -> int:
     """Return the number of unknowns of an analysis of this order: a measure of its cost."""
     n = len(system.A)
-    late = [x for x in system.delays if x.d > 0]
-    rows = n * (1 + sum(0 if x.any_age else order for x in late))
-    constant = sum(not x.any_age for x in late)
-    return rows * (rows + 1) // 2 + (len(late) + constant) * n * (n + 1) // 2
+    positive = [x for x in system.delays if x.d > 0]
+    rows = n * (1 + sum(0 if x.any_age else order for x in positive))
+    constant = sum(not x.any_age for x in positive)
+    return rows * (rows + 1) // 2 + (len(positive) + constant) * n * (n + 1) // 2

@@ -83,23 +83,23 @@ def _gain_differences(
         yield apart[0]
         return
     gain = gain_from_json(certificate["K"], proved)
-    own = np.zeros_like(gain) if K is None else K
-    if own.shape != gain.shape:
-        yield f"K: shape {own.shape} and {gain.shape}"
+    stated = np.zeros_like(gain) if K is None else K
+    if stated.shape != gain.shape:
+        yield f"K: shape {stated.shape} and {gain.shape}"
         return
-    for i, j in np.argwhere(own != gain).tolist():
-        yield f"K[{i + 1},{j + 1}]: {float(own[i, j])!r} and {float(gain[i, j])!r}"
+    for i, j in np.argwhere(stated != gain).tolist():
+        yield f"K[{i + 1},{j + 1}]: {float(stated[i, j])!r} and {float(gain[i, j])!r}"
 
 
 def _bound_differences(certificate: Mapping[str, Any], stated: Mapping[str, Any]) -> Iterator[str]:
-    for name, own in stated.items():
+    for name, number in stated.items():
         proved = certificate["variables"].get(name)
         if isinstance(proved, str):
             proved = float(Fraction(proved))
         elif isinstance(proved, list):
             proved = tuple(float(Fraction(x)) for x in proved)
-        if own != proved:
-            yield f"{name}: {own!r} and {proved!r}"
+        if number != proved:
+            yield f"{name}: {number!r} and {proved!r}"
 
 
 def _refuse(differences: Iterator[str]) -> None:

@@ -119,8 +119,8 @@ def initial_scalars(
     If one is given, the other is its negative; if none is, k2 = 1/(2d).
     """
     if k1 is None and k2 is None:
-        late = [delay.d for delay in system.delays if delay.d > 0]
-        k2 = [0.5 / (delay.d or min(late, default=1.0)) for delay in system.delays]
+        positive = [delay.d for delay in system.delays if delay.d > 0]
+        k2 = [0.5 / (delay.d or min(positive, default=1.0)) for delay in system.delays]
         search = search is None or search
     if k2 is None:
         k2 = [-value for value in k1 or ()]
@@ -151,10 +151,10 @@ def _feasible_starts(ask: Ask, p: Scalars, *, valley: bool = False) -> list[tupl
 
     valley : leave out the fixed starts away from k1 = -k2.
     """
-    own, *fixed = starts(p)
+    given, *fixed = starts(p)
     if valley:
         fixed = [at for at in fixed if all(x == -y for x, y in zip(at.k1, at.k2, strict=True))]
-    tried = [(at, ask(at)) for at in (own, *fixed)]
+    tried = [(at, ask(at)) for at in (given, *fixed)]
     return [(at, answer.value) for at, answer in tried if answer is not None]
 
 

@@ -59,16 +59,16 @@ def structured_design(
     InputError : numbers that do not fit the system.
     NotAchievableError : no gain could be certified.
     """
-    own: Order = "auto" if order is None else order
+    of_analysis: Order = "auto" if order is None else order
 
     def proved(K: ArrayLike) -> Design:
-        return constrained(given_gain_design(system, K, gamma, own), constraints)
+        return constrained(given_gain_design(system, K, gamma, of_analysis), constraints)
 
     if gain is not None:
         return proved(gain)
 
     def undamped(asked: DesignConstraints) -> Design:
-        return constrained(descent_design(system, gamma, own, asked.gain_limit), asked)
+        return constrained(descent_design(system, gamma, of_analysis, asked.gain_limit), asked)
 
     damping = constraints.damping_to_prove
     if damping is None:
@@ -147,12 +147,12 @@ def _at_ages(system: DelaySystem, factor: float) -> DelaySystem:
 
 def _of_whole_state(system: DelaySystem) -> Iterator[Matrix]:
     """Yield a gain of Theorem 2 that feeds back every state, through the longest feedback."""
-    late = [j for j, x in enumerate(system.delays) if x.feedback]
-    longest = max(late, key=lambda j: system.delays[j].d, default=None)
+    fed_back = [j for j, x in enumerate(system.delays) if x.feedback]
+    longest = max(fed_back, key=lambda j: system.delays[j].d, default=None)
     delays = tuple(
         Delay(x.d, x.A, x.H, j == longest, x.any_age) for j, x in enumerate(system.delays)
     )
-    whole = replace(system, delays=delays, feedback=None)
-    k1, k2, _ = initial_scalars(whole, None, None, None)
+    unstructured = replace(system, delays=delays, feedback=None)
+    k1, k2, _ = initial_scalars(unstructured, None, None, None)
     with suppress(NotAchievableError):
-        yield theorem_2.design(whole, k1, k2, search=bool(delays)).K
+        yield theorem_2.design(unstructured, k1, k2, search=bool(delays)).K

@@ -195,8 +195,8 @@ class Theorem2Condition:
         if self._is_below(gamma) and self._least.accurate:
             return []
         # a proof for less holds for gamma too; far above the least, the LMI is badly scaled
-        own = [] if gamma in self._tried else [gamma]
-        return [*own, *(level for level in above if level is not None and level < gamma)]
+        exact = [] if gamma in self._tried else [gamma]
+        return [*exact, *(level for level in above if level is not None and level < gamma)]
 
     def first(
         self, gamma: float | None, shares: Sequence[float], below: float | None

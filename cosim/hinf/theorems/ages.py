@@ -130,12 +130,14 @@ class Age:
     def positive(self) -> Iterator[Inequality]:
         """Yield what must be positive of its unknowns: each alone, and [Zh M; M' Zh]."""
         names = {"interval": ["S", "Z"], "rate": ["S_1", "S_2", "Z"], "wirtinger": ["W"]}
-        own = names.get(self.functional, ["N"] if self.functional == "looped" and self.late else [])
+        matrices = names.get(
+            self.functional, ["N"] if self.functional == "looped" and self.late else []
+        )
         if self.functional == "jensen":
-            own = ["R"]
+            matrices = ["R"]
         elif self.part > 0:
-            own = ["Q", "R", *own]
-        for name in own:
+            matrices = ["Q", "R", *matrices]
+        for name in matrices:
             yield itself(f"{name}[{self.j}]", self.width)
         if self.between:
             count = 1 + (self.order > 0)
@@ -219,10 +221,10 @@ class Age:
     def _looped(self, form: Inequality, f: Signal, xi: Signal, *, at_end: bool) -> Pairs:
         j, (z, z_0), rate, pairs = self.j, self._z(form), f, []
         if self.late:
-            late = form.row(f"r{j}")
+            end = form.row(f"r{j}")
             form.square(f"N[{j}]", f, -1)
-            form.square(f"N[{j}]", late)
-            rate, pairs = stack([f, late]), [(form.row(f"h{j}"), late)]
+            form.square(f"N[{j}]", end)
+            rate, pairs = stack([f, end]), [(form.row(f"h{j}"), end)]
         form.square(f"X_a[{j}]", z)
         form.twice(f"X_b[{j}]", z, z_0)
         form.twice(f"Y[{j}]", xi, z)

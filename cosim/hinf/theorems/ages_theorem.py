@@ -81,8 +81,8 @@ class AgesTheorem(Theorem):
         """Return the terms of every positive delay."""
         lower = self.lower or (None,) * len(self.functionals)
         return [
-            Age(loop, j, own, self.order, low)
-            for j, (own, low) in enumerate(zip(self.functionals, lower, strict=True))
+            Age(loop, j, functional, self.order, low)
+            for j, (functional, low) in enumerate(zip(self.functionals, lower, strict=True))
         ]
 
     def inequalities(
@@ -130,29 +130,29 @@ class AgesTheorem(Theorem):
             )
 
     def _check_functionals(self, system: DelaySystem) -> None:
-        late = positive_delays(system)
-        if len(self.functionals) != len(late):
+        positive = positive_delays(system)
+        if len(self.functionals) != len(positive):
             raise InputError(
                 "one functional per positive delay",
                 where="functionals",
-                expected=str(len(late)),
+                expected=str(len(positive)),
                 got=str(len(self.functionals)),
             )
-        for j, (own, delay) in enumerate(zip(self.functionals, late, strict=True)):
+        for j, (functional, delay) in enumerate(zip(self.functionals, positive, strict=True)):
             possible = functionals_of(delay, is_analysis=self.is_analysis)
-            if own not in possible:
+            if functional not in possible:
                 raise InputError(
                     "this functional does not hold for the delay",
                     where=f"variables.terms[{j}].functional",
                     expected=" or ".join(possible),
-                    got=str(own),
+                    got=str(functional),
                 )
 
 
 def constants_down_to_zero(functionals: Sequence[str]) -> tuple[Any, ...]:
     """Return the `lower` of a claim that covers every constant delay, from order 1 on."""
     zero = exact(0.0)
-    return tuple(zero if own == "constant" else None for own in functionals)
+    return tuple(zero if functional == "constant" else None for functional in functionals)
 
 
 def functionals_of(delay: Delay, *, is_analysis: bool = False) -> tuple[str, ...]:
@@ -177,10 +177,12 @@ def supports_of(
     for delay, acting in _acting_late(system, gain):
         states = np.flatnonzero(np.vstack([delay.A, delay.H, acting]).any(axis=0))
         rows = np.flatnonzero(acting.any(axis=1))
-        own = Support("states", tuple(map(int, states)) or (0,))
+        support = Support("states", tuple(map(int, states)) or (0,))
         if controls and 0 < rows.size < states.size and not (delay.A.any() or delay.H.any()):
-            own = Support("controls", tuple(map(int, rows)))
-        supports.append(None if own.of == "states" and len(own.numbers) == len(system.A) else own)
+            support = Support("controls", tuple(map(int, rows)))
+        supports.append(
+            None if support.of == "states" and len(support.numbers) == len(system.A) else support
+        )
     return tuple(supports)
 
 
@@ -193,25 +195,25 @@ def _acting_late(system: DelaySystem, gain: Matrix) -> list[tuple[Delay, Matrix]
 
 def _check_supports(system: DelaySystem, gain: Matrix, supports: Sequence[Support | None]) -> None:
     """Refuse a support outside of which a delay acts; an `InputError` that names the delay."""
-    late = _acting_late(system, gain)
-    for j, ((delay, acting), own) in enumerate(zip(late, supports, strict=True)):
-        if own is None:
+    through_delays = _acting_late(system, gain)
+    for j, ((delay, acting), support) in enumerate(zip(through_delays, supports, strict=True)):
+        if support is None:
             continue
-        size, what = (len(system.A), "state") if own.of == "states" else (len(gain), "control")
-        where = f"variables.terms[{j}].{own.of}"
-        got = str([i + 1 for i in own.numbers])
-        fits = own.numbers and all(0 <= i < size for i in own.numbers)
-        if not fits or list(own.numbers) != sorted(set(own.numbers)):
+        size, what = (len(system.A), "state") if support.of == "states" else (len(gain), "control")
+        where = f"variables.terms[{j}].{support.of}"
+        got = str([i + 1 for i in support.numbers])
+        fits = support.numbers and all(0 <= i < size for i in support.numbers)
+        if not fits or list(support.numbers) != sorted(set(support.numbers)):
             raise InputError(
                 f"not an ascending list of {what}s",
                 where=where,
                 expected=f"numbers from 1 to {size}",
                 got=got,
             )
-        if own.of == "states":
-            outside = np.delete(np.vstack([delay.A, delay.H, acting]), own.numbers, axis=1)
+        if support.of == "states":
+            outside = np.delete(np.vstack([delay.A, delay.H, acting]), support.numbers, axis=1)
         else:
-            outside = np.vstack([delay.A, delay.H, np.delete(acting, own.numbers, axis=0)])
+            outside = np.vstack([delay.A, delay.H, np.delete(acting, support.numbers, axis=0)])
         if outside.any():
             raise InputError(
                 "the delay acts outside its support",

@@ -64,8 +64,8 @@ def minus_phi_of_design(
     subtract_derivative(form, ages, corner, r, xi)
 
     m = sum((S * form.row(name) for name, S in multiplier.items()), x)
-    late = iter(ages)
-    on = [x, *(form.row(f"x{next(late).j}") if delay.d > 0 else x for delay in system.delays)]
+    remaining = iter(ages)
+    on = [x, *(form.row(f"x{next(remaining).j}") if delay.d > 0 else x for delay in system.delays)]
     acts = [bool(system.immediate_feedback), *(bool(delay.feedback) for delay in system.delays)]
     acting = next(each for each, acted in zip(on, acts, strict=True) if acted)
 
@@ -90,8 +90,8 @@ def minus_phi_of_design(
         for H, each in zip([system.H, *(delay.H for delay in system.delays)], on, strict=True):
             through("X", h, H, each)
         for b, (columns, of_H) in enumerate(system.blocks):
-            eh, own = f"eps[{b}]", p.rows(columns)
-            form.twice(eh, m, exact_matrix(system.E[:, columns]) * own, -1, is_number=True)
-            form.number(eh, own)
+            eh, p_b = f"eps[{b}]", p.rows(columns)
+            form.twice(eh, m, exact_matrix(system.E[:, columns]) * p_b, -1, is_number=True)
+            form.number(eh, p_b)
             form.number(eh, h.rows(of_H))
     return form

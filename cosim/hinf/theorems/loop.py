@@ -64,29 +64,31 @@ class Loop:
     def of(cls, system: DelaySystem, gain: Matrix, supports: Supports | None = None) -> Loop:
         """Close the loop u = K sum_i S_i x(t - d_i); `supports` : one per positive delay."""
         B, D2, n = exact_matrix(system.B), exact_matrix(system.D2), len(system.A)
-        at_once, *late = [gain * selection for selection in system.selections]
+        at_once, *delayed = [gain * selection for selection in system.selections]
         A = [exact_matrix(system.A) + B * exact_matrix(at_once)]
         H, D = [exact_matrix(system.H)], [exact_matrix(system.D) + D2 * exact_matrix(at_once)]
         C: list[Any] = []
-        each = iter(supports or [None] * len(late))
-        for delay, acting in zip(system.delays, late, strict=True):
+        each = iter(supports or [None] * len(delayed))
+        for delay, acting in zip(system.delays, delayed, strict=True):
             K = exact_matrix(acting)
-            own = [exact_matrix(delay.A) + B * K, exact_matrix(delay.H), D2 * K]
+            of_delay = [exact_matrix(delay.A) + B * K, exact_matrix(delay.H), D2 * K]
             if not delay.d > 0:
-                A[0], H[0], D[0] = (M[0] + more for M, more in zip((A, H, D), own, strict=True))
+                A[0], H[0], D[0] = (
+                    M[0] + more for M, more in zip((A, H, D), of_delay, strict=True)
+                )
                 continue
             support, select = next(each), identity(n)
             if support is not None and support.of == "controls":
                 rows = list(support.numbers)
                 select = exact_matrix(acting[rows])
                 none = flint.fmpq_mat(len(system.H), len(rows))
-                own = [exact_matrix(system.B[:, rows]), none, exact_matrix(system.D2[:, rows])]
+                of_delay = [exact_matrix(system.B[:, rows]), none, exact_matrix(system.D2[:, rows])]
             elif support is not None:
                 select = exact_matrix(np.eye(n)[list(support.numbers)])
-                own = [M * select.transpose() for M in own]
+                of_delay = [M * select.transpose() for M in of_delay]
             C.append(select)
-            for whole, more in zip((A, H, D), own, strict=True):
-                whole.append(more)
+            for matrices, more in zip((A, H, D), of_delay, strict=True):
+                matrices.append(more)
         rest = exact_matrix(system.C), exact_matrix(system.D1), exact_matrix(system.E)
         positive = positive_delays(system)
         return cls(A, H, D, C, *rest, system.blocks, positive, [exact(x.d) for x in positive])

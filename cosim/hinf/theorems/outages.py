@@ -77,11 +77,11 @@ def outage_inequalities(system: DelaySystem, gain: Matrix, modes: Modes) -> Iter
 
 def positive_of_outages(system: DelaySystem) -> Iterator[Inequality]:
     """Yield what must be positive beside -Phi."""
-    n, late = len(system.A), positive_delays(system)
-    several = (f"{name}[{j}]" for name in "SR" for j in range(len(late)))
+    n, positive = len(system.A), positive_delays(system)
+    several = (f"{name}[{j}]" for name in "SR" for j in range(len(positive)))
     for name in ("P", *several):
         yield itself(name, n)
-    for j, delay in enumerate(late):
+    for j, delay in enumerate(positive):
         if varies(delay):
             form = Inequality(f"[R M[{j}]; M' R]", {"v": n, "u": n})
             form.square(f"R[{j}]", form.row("v"))
@@ -128,10 +128,10 @@ def minus_phi_of_outages(
             form.square(R, x - end, r)
             continue
         young, old = x - on[j + 1], on[j + 1] - end
-        late = lost and bool(delay.feedback)
-        form.square(R, young, r * (d / exact(modes.fallback_age) if late else 1))
+        falls_back = lost and bool(delay.feedback)
+        form.square(R, young, r * (d / exact(modes.fallback_age) if falls_back else 1))
         form.square(R, old, r)
-        if not late:
+        if not falls_back:
             form.twice(f"M[{j}]", young, old, r)
     eps = "eps_out" if lost else "eps"
     loop.subtract_gain_and_uncertainty(form, on, bounded=modes.gamma is not None, eps=eps)
