@@ -13,7 +13,11 @@ from cosim.fmu.export.native.compiler import STANDARD, host_compiler, shared_lib
 from cosim.fmu.export.native.platforms import Platform, host
 from cosim.fmu.prebuilt import prebuilt_file
 
-_SOURCES = {"kernel": "master/kernel.c", "channel": "fmu/isolation/channel.c"}
+_SOURCES = {
+    "kernel": ("fmu/export/native/c/arithmetic.h", "master/kernel.c"),
+    "channel": ("fmu/isolation/channel.c",),
+}
+"""Their files, one after the other."""
 
 
 def library_source(name: str, *, futex: bool = True) -> bytes:
@@ -21,7 +25,8 @@ def library_source(name: str, *, futex: bool = True) -> bytes:
 
     `futex`: whether the channel sleeps on a futex, which Linux has.
     """
-    source = Path(__file__).parents[1].joinpath(_SOURCES[name]).read_bytes()
+    package = Path(__file__).parents[1]
+    source = b"".join(package.joinpath(file).read_bytes() for file in _SOURCES[name])
     return source if futex else b"#define WITHOUT_FUTEX\n" + source
 
 

@@ -13,6 +13,7 @@ from .engine import (
     EngineChoice as EngineChoice,
     EngineName as EngineName,
 )
+from .guards import NOT_WATCHED as NOT_WATCHED, Guards as Guards
 from .kernel import load_kernel as load_kernel
 from .observers import Observer as Observer
 from .order import (

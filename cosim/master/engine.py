@@ -7,6 +7,7 @@ from typing import Literal, NamedTuple, Protocol
 
 from cosim.core import InputError
 from cosim.master.event_instance import EventInstance
+from cosim.master.guards import Guards
 from cosim.master.kernel import KernelLoop, load_kernel
 from cosim.master.plain_loop import PlainLoop
 from cosim.master.table import EarlyStop, Table
@@ -25,8 +26,13 @@ class EngineChoice(NamedTuple):
 class Engine(Protocol):
     """Carries out a table of operations."""
 
-    def run(self, begin: int, end: int, first: int, last: int) -> EarlyStop | None:
-        """Carry out operations begin to end - 1 at points first to last - 1."""
+    def run(
+        self, begin: int, end: int, first: int, last: int, guards: Guards | None = None
+    ) -> EarlyStop | None:
+        """Carry out operations begin to end - 1 at points first to last - 1.
+
+        guards : looked at behind each point; an early stop is at the first that is not met.
+        """
 
     def close(self) -> None:
         """End its threads."""

@@ -47,6 +47,7 @@ enum { F8, F4, I1, U1, I2, U2, I4, U4, I8, U8 };
 #define ENDED (TOO_LARGE + 1)
 #define UNSETTLED (TOO_LARGE + 2)
 #define OUT_OF_RANGE (TOO_LARGE + 3)
+#define GUARDED (TOO_LARGE + 4)
 #define ROW_SUM 260 /* where the word has the sum of the complete rows, see table.py */
 #define EXACT 9007199254740992.0 /* 2^53 */
 
@@ -83,7 +84,31 @@ typedef struct {
     const int64_t *adjustments, *copying;
     volatile int64_t *word;
     int64_t status, column, passes; /* of an early stop; of the algebraic loop that goes on */
+    const struct Guards *guards;    /* NULL: none */
 } Run;
+
+/* The values of a name: of row index[k] of `base`, or without an index one for each point. */
+typedef struct {
+    const double *base;
+    const int64_t *index;
+    int64_t stride;
+} Source;
+
+/* An operation of the conditions on the values of those before it; the result is in its slot. */
+typedef struct {
+    int64_t operation, a, b;
+    double value;
+} Node;
+
+/* Conditions of which each is expected to be 1 or 0, or not watched (-1); see guards.py. */
+typedef struct Guards {
+    const Source *sources;
+    const Node *nodes;
+    double *slots;
+    int64_t count;
+    const int64_t *results, *expected;
+    int64_t conditions;
+} Guards;
 
 typedef int64_t __attribute__((may_alias)) Bits;
 typedef int64_t __attribute__((vector_size(16), aligned(8), may_alias)) Pair;
@@ -260,6 +285,63 @@ static int unsettled(Run *r, const Operation *o, const double *row) {
     }
     r->passes++;
     return found;
+}
+
+enum { SYMBOL, CONSTANT, ADD, SUBTRACT, MULTIPLY, DIVIDE, NEGATE, POWER, LESSER, GREATER, SIN, COS,
+       EXP, LOG, ROOT, ABSOLUTE, ARCSINE, ARCTANGENT, TAN, ARCCOSINE, ARCTAN, FLOOR, ROUND,
+       HYPOTENUSE, LESS, LESS_EQUAL, EQUAL };
+
+/* Whether every condition is in row k what is expected of it; `first` : the point of the first
+   value of what has no index. What has no value is NaN, and 0 to a negative power infinite: as
+   in functions.py. */
+static int are_met(const Guards *g, int64_t k, int64_t first) {
+    double *slot = g->slots;
+    for (int64_t i = 0; i < g->count; i++) {
+        const Node *o = g->nodes + i;
+        double a, b, r;
+        if (o->operation == SYMBOL) {
+            const Source *s = g->sources + o->a;
+            slot[i] = s->index ? s->base[s->index[k] * s->stride] : s->base[k - first];
+            continue;
+        }
+        if (o->operation == CONSTANT) {
+            slot[i] = o->value;
+            continue;
+        }
+        a = slot[o->a], b = slot[o->b];
+        switch (o->operation) {
+        case ADD: r = a + b; break;
+        case SUBTRACT: r = a - b; break;
+        case MULTIPLY: r = a * b; break;
+        case DIVIDE: r = a / b; break;
+        case NEGATE: r = -a; break;
+        case POWER: r = a == 0.0 && b < 0.0 ? INFINITY : power(a, b); break;
+        case LESSER: r = a <= b || a != a ? a : b; break;
+        case GREATER: r = a >= b || a != a ? a : b; break;
+        case SIN: r = sin(a); break;
+        case COS: r = cos(a); break;
+        case EXP: r = exp(a); break;
+        case LOG: r = log(a); break;
+        case ABSOLUTE: r = fabs(a); break;
+        case ARCSINE: r = asin(a); break;
+        case ARCTANGENT: r = atan2(a, b); break;
+        case TAN: r = tan(a); break;
+        case ARCCOSINE: r = acos(a); break;
+        case ARCTAN: r = atan(a); break;
+        case FLOOR: r = floor(a); break;
+        case ROUND: r = rint(a); break;
+        case HYPOTENUSE: r = hypot(a, b); break;
+        case LESS: r = a < b; break;
+        case LESS_EQUAL: r = a <= b; break;
+        case EQUAL: r = a == b; break;
+        default: r = sqrt(a);
+        }
+        slot[i] = r;
+    }
+    for (int64_t i = 0; i < g->conditions; i++)
+        if (g->expected[i] >= 0 && (slot[g->results[i]] != 0.0) != g->expected[i])
+            return 0;
+    return 1;
 }
 
 /* Carry out one operation of any kind at a point. */
@@ -491,6 +573,10 @@ EXPORT int run(Run *r, const Operation *table, int64_t begin, int64_t end, int64
         if (!r->status && until < end && k != r->final) {
             *r->word = k << 20 | end;
             r->status = by_team(team, r, table, k);
+        }
+        if (!r->status && r->guards && !are_met(r->guards, k, first)) {
+            r->column = k;
+            r->status = GUARDED;
         }
         if (r->status)
             return 1;

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from cosim.core import InputError
 from cosim.fmu import FmuSlave, compiled_library, library_source
 from cosim.master.component_instance import Group
+from cosim.master.guards import Guards
 from cosim.master.routes import Route
 from cosim.master.rows_in_use import RowsInUse
 from cosim.master.table import (
@@ -55,11 +56,18 @@ _RUN = np.dtype(
         for name in (
             *("rows", "width", "outputs", "spare", "final", "no_way_back"),
             *("points", "seconds", "sizes", "bounds", "factor", "offset", "active"),
-            *("adjustments", "copying", "word", "status", "column", "passes"),
+            *("adjustments", "copying", "word", "status", "column", "passes", "guards"),
         )
     ]
 )
 """`Run` of kernel.c."""
+_GUARDS = np.dtype(
+    [
+        (name, "i8")
+        for name in ("sources", "nodes", "slots", "count", "results", "expected", "conditions")
+    ]
+)
+"""`Guards` of kernel.c."""
 
 
 @cache
@@ -95,7 +103,7 @@ class KernelLoop:
             line["number"] = number
             self._encode(line, table.operations[number])
         points, adjustments = table.comm_points, table.adjustments
-        self._run = np.zeros(1, _RUN)
+        self._run, self._guards = np.zeros(1, _RUN), np.zeros(1, _GUARDS)
         self._run["rows"] = self._address(table.rows)
         self._run["width"] = table.rows.shape[1]
         self._run["outputs"], self._run["spare"] = table.outputs, table.spare
@@ -142,9 +150,15 @@ class KernelLoop:
             )
         return team
 
-    def run(self, begin: int, end: int, first: int, last: int) -> EarlyStop | None:
-        """Carry out operations begin to end - 1 at points first to last - 1."""
+    def run(
+        self, begin: int, end: int, first: int, last: int, guards: Guards | None = None
+    ) -> EarlyStop | None:
+        """Carry out operations begin to end - 1 at points first to last - 1.
+
+        guards : looked at behind each point; an early stop is at the first that is not met.
+        """
         run = self._run
+        run["guards"] = 0 if guards is None else self._encoded(guards)
         run["final"] = self._table.comm_points.final
         run["no_way_back"] = self._table.no_way_back[0]
         places = (int(self._places[number]) for number in (begin, end))
@@ -155,6 +169,16 @@ class KernelLoop:
         ):
             return None
         return self._table.early_stop(int(run["status"][0]), int(run["column"][0]))
+
+    def _encoded(self, guards: Guards) -> int:
+        """Return the address of guards as they are now."""
+        line = self._guards
+        line["sources"] = guards.sources.ctypes.data
+        line["nodes"], line["slots"] = guards.nodes.ctypes.data, guards.slots.ctypes.data
+        line["count"], line["results"] = len(guards.nodes), guards.results.ctypes.data
+        line["expected"] = guards.expected.ctypes.data
+        line["conditions"] = len(guards.results)
+        return int(line.ctypes.data)
 
     def _address(self, array: NDArray[Any]) -> int:
         if not array.flags.c_contiguous:

@@ -33,6 +33,7 @@ from cosim.master.engine import EngineChoice, build_engine
 from cosim.master.event_instance import EventInstance
 from cosim.master.event_points import EventPoints
 from cosim.master.exchange import TOO_LARGE
+from cosim.master.guards import Guards
 from cosim.master.observers import ObserverDispatch
 from cosim.master.pacing import Pace
 from cosim.master.plain_loop import PlainLoop
@@ -120,12 +121,16 @@ class Loop:
         *,
         most: int | None = None,
         stop: Callable[[], bool] | None = None,
+        guards: Guards | None = None,
         pace: Pace | None = None,
     ) -> bool:
         """Continue to an instant, by `most` points, or to the end; return whether `stop` ended it.
 
-        `stop` is evaluated after every row; `pace` slows the run down to wall-clock time.
+        `stop` is evaluated after every row, `guards` are looked at by the engine: one that is not
+        met ends it too. `pace` slows the run down to wall-clock time.
         """
+        if guards is not None and guards.reads_inputs:
+            self._copy_inputs()
         points, begun = self._comm_points.points_ns, self.complete
         while self.status is None:
             first = self.complete
@@ -141,11 +146,11 @@ class Loop:
             if pace is not None:
                 known = points[: self._comm_points.count]
                 longest = min(longest, pace.wait(known, first, self._dispatch.check_stop))
-            self._advance(first, min(last, first + longest))
+            met = self._advance(first, min(last, first + longest), guards)
             if pace is not None:
                 pace.done(points[: self._comm_points.count], first, self.complete)
-            if stop is not None and self.complete > first and stop():
-                return True
+            if not met or (stop is not None and self.complete > first and stop()):
+                return stop is not None
         return False
 
     def _make_ready(self) -> None:
@@ -210,7 +215,12 @@ class Loop:
         self.forget_exchange()
 
     def _copy_if_adjusted(self) -> None:
-        if self.adjustments.count[0] and not self.table.copying[0]:
+        if self.adjustments.count[0]:
+            self._copy_inputs()
+
+    def _copy_inputs(self) -> None:
+        """Copy inputs into the rows from now on, those too that are set from the sender's."""
+        if not self.table.copying[0]:
             self.table.copying[0] = 1
             self._wiring.leave_whole_from(self.complete)
 
@@ -242,17 +252,23 @@ class Loop:
         self.cause = replace(Cause.of_error(error, now), component=component)
         self._conclude()
 
-    def _advance(self, first: int, last: int) -> None:
+    def _advance(self, first: int, last: int, guards: Guards | None) -> bool:
+        """Carry out the points first to last - 1, or to a guard; return whether all are met."""
         began = time.perf_counter()
         ready = self._comm_points.ready
         self.forget_exchange()
         last = first + 1 if first == ready else min(last, ready)
         early_stop: EarlyStop | None = None
+        met = guards is None or first != ready  # at a point that is crossed nobody looks at them
         try:
             if first == ready:
                 early_stop = self._cross(ready)
             else:
-                early_stop = self._execute(0, len(self.table.operations), first, last)
+                if guards is not None:
+                    guards.prepare(first, last)
+                early_stop = self._execute(0, len(self.table.operations), first, last, guards)
+            if early_stop is not None and early_stop.what == "guard":
+                last, met, early_stop = early_stop.complete, False, None
             if early_stop is None:
                 self._take_within_steps(first, last)
         except (ComponentError, InputError) as error:
@@ -272,6 +288,7 @@ class Loop:
         self._segment.took(last - first, time.perf_counter() - began)
         if self.status is not None:
             self._conclude()
+        return met
 
     def _take_within_steps(self, first: int, last: int) -> None:
         """Pass on what the components' outputs were within the steps from points first to last - 1.
@@ -293,20 +310,22 @@ class Loop:
                 values = np.array([values for _, values in taken])
                 self._dispatch.within_steps(instance.name, times, values)
 
-    def _execute(self, begin: int, end: int, first: int, last: int) -> EarlyStop | None:
+    def _execute(
+        self, begin: int, end: int, first: int, last: int, guards: Guards | None = None
+    ) -> EarlyStop | None:
         """Carry out operations begin to end - 1 at points first to last - 1."""
         self._word[1] = 1
         try:
-            found = self._engine.run(begin, end, first, last)
+            found = self._engine.run(begin, end, first, last, guards)
         finally:
             self._word[1] = 0
         if found is None or found.status != TOO_LARGE or self.table.threads > 1:
             return found
         # an integer that no double is: from here on by the loop in Python, which has texts for it
         self._engine = PlainLoop(self.table)
-        early_stop = self._execute(self.table.place()[1], end, found.k, found.k + 1)
+        early_stop = self._execute(self.table.place()[1], end, found.k, found.k + 1, guards)
         if early_stop is None and found.k + 1 < last:
-            early_stop = self._execute(begin, end, found.k + 1, last)
+            early_stop = self._execute(begin, end, found.k + 1, last, guards)
         return early_stop
 
     def _cross(self, k: int) -> EarlyStop | None:

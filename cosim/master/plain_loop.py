@@ -20,9 +20,11 @@ from cosim.master.exchange import (
     pointer,
     step_function,
 )
+from cosim.master.guards import Guards
 from cosim.master.row_sums import column_weights, signed
 from cosim.master.table import (
     ENDED,
+    GUARDED,
     OUT_OF_RANGE,
     ROW_SUM,
     UNSETTLED,
@@ -62,9 +64,12 @@ class PlainLoop:
         self._restore_float_mode = float_mode_restorer()
 
     def run(  # noqa: C901, PLR0912 - the algorithm, in one place
-        self, begin: int, end: int, first: int, last: int
+        self, begin: int, end: int, first: int, last: int, guards: Guards | None = None
     ) -> EarlyStop | None:
-        """Carry out operations begin to end - 1 at points first to last - 1."""
+        """Carry out operations begin to end - 1 at points first to last - 1.
+
+        guards : looked at behind each point; an early stop is at the first that is not met.
+        """
         table, final, word = self._table, self._table.comm_points.final, self._table.word.data
         operations, adjusted, always = table.operations, table.adjustments.count.data, When.ALWAYS
         for k in range(first, last):
@@ -107,6 +112,8 @@ class PlainLoop:
                     self._restore_float_mode()
                 if status not in ACCEPTED_STATUSES:
                     return table.early_stop(status, self._column)
+            if guards is not None and not guards.are_met(k):
+                return table.early_stop(GUARDED, k)
         return None
 
     def close(self) -> None:

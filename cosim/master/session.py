@@ -40,6 +40,7 @@ from cosim.master.component_instance import ComponentInstance
 from cosim.master.engine import EngineChoice, EngineName, choose_engine
 from cosim.master.event_instance import EventInstance
 from cosim.master.event_systems import slave_options
+from cosim.master.guards import Guards
 from cosim.master.initialisation import Initialisation
 from cosim.master.loop import Loop
 from cosim.master.observers import Observer, ObserverDispatch
@@ -359,8 +360,21 @@ class Session(SessionBase):
 
         As `run_until` and `step`, but for an end or a failure, which raise nothing.
         """
+        return self.advance(until_ns, most=most, stop=stop, pace=pace)
+
+    @one_thread_at_a_time
+    def advance(
+        self,
+        until_ns: int | None = None,
+        *,
+        most: int | None = None,
+        stop: Condition | None = None,
+        guards: Guards | None = None,
+        pace: Pace | None = None,
+    ) -> bool:
+        """Continue as `go_on`, without events; `guards` end it behind a row that misses one."""
         look = None if stop is None else functools.partial(stop, self)
-        return self._opened().run(until_ns, most=most, stop=look, pace=pace)
+        return self._opened().run(until_ns, most=most, stop=look, guards=guards, pace=pace)
 
     @one_thread_at_a_time
     def read(self, component: str, variable: str) -> Any:

@@ -37,9 +37,9 @@ from cosim.master.wiring import Wiring
 
 Integers = NDArray[np.int64]
 
-ENDED, UNSETTLED, OUT_OF_RANGE = range(TOO_LARGE + 1, TOO_LARGE + 4)
+ENDED, UNSETTLED, OUT_OF_RANGE, GUARDED = range(TOO_LARGE + 1, TOO_LARGE + 5)
 """Not statuses of FMI: the slave asks for the end of the run, or returned early from a step; the
-values of an algebraic loop do not settle; an output is out of range."""
+values of an algebraic loop do not settle; an output is out of range; a guard is not met."""
 WORD_BITS = 20
 """The word in progress is point << WORD_BITS | number of the operation."""
 WORDS = 261
@@ -148,21 +148,21 @@ class AlgebraicLoop:
 
 
 class EarlyStop(NamedTuple):
-    """Why a run cannot go on.
+    """Why a run cannot go on, or is to be looked at before it does.
 
     k : the point.
     complete : number of rows that are complete.
     what : the FMI call that was refused, "get", "set" or "step"; "range" when an output is out
         of range; "end" when a component asked for the end of the run or returned
         early from a step; "loop" when an algebraic
-        loop does not settle.
+        loop does not settle; "guard" behind a row at which a guard is not met.
     instance : index of the instance in the wiring; for "range" and "loop" the column of the value.
     status : as the FMU returned it.
     """
 
     k: int
     complete: int
-    what: Literal["get", "set", "step", "range", "end", "loop"]
+    what: Literal["get", "set", "step", "range", "end", "loop", "guard"]
     instance: int
     status: int
 
@@ -255,6 +255,8 @@ class Table:
     def early_stop(self, status: int, column: int) -> EarlyStop:
         """Return the early stop of the operation in progress, which had this status."""
         k, number = self.place()
+        if status == GUARDED:
+            return EarlyStop(column, column + 1, "guard", 0, 0)
         operation = self.operations[number]
         complete = k + (number >= self.complete)
         if status == OUT_OF_RANGE:

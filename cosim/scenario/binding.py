@@ -21,6 +21,7 @@ from typing import Any, Literal, NamedTuple, Protocol
 import numpy as np
 
 from cosim.core import InputError
+from cosim.fmu import Tape
 from cosim.scenario.expression import Expression, ExpressionError, reference_of
 from cosim.scenario.functions import (
     COMPARISONS,
@@ -32,6 +33,7 @@ from cosim.scenario.functions import (
     Arithmetic,
     folded,
 )
+from cosim.scenario.of_tape import of_tape
 from cosim.scenario.quantity import ANGLE, NUMBER_ONLY, TIME, Dimension
 
 Function = Callable[[Sequence[Any], Arithmetic], Any]
@@ -97,6 +99,10 @@ class BoundExpression:
         with np.errstate(all="ignore"):
             taken = [v if np.ndim(v) else np.float64(v) for v in values]
             return self.node.run(taken, OF_SIGNALS)
+
+    def recorded(self, values: Sequence[Any], tape: Tape) -> Any:
+        """Record it on a tape, at values of `names` there; a number where it depends on none."""
+        return self.node.run(values, of_tape(tape))
 
     def number(self, **values: Any) -> float:
         """Return the number that it is at values of its names, given by name.

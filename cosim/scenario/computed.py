@@ -13,7 +13,6 @@ from cosim.core import InputError
 from cosim.fmu import UNITS, ComponentSpec, Scalar, Tape, component_module
 from cosim.scenario.binding import BoundExpression, Meaning, Scope, bind
 from cosim.scenario.expression import Expression
-from cosim.scenario.functions import OF_SIGNALS, is_product, products
 from cosim.scenario.quantity import Dimension, dimension
 
 _SPECS = component_module("computed.variables")
@@ -23,75 +22,6 @@ _UNIT_OF = {dimension(**exponents): name for name, exponents in reversed([*UNITS
 def unit_named(of: Dimension | None) -> str | None:
     """Return the unit of FMUs made here for a dimension; None where there is none."""
     return None if of is None else _UNIT_OF.get(of)
-
-
-class _OfTape:
-    """Records operations; what depends on numbers alone is computed, as for signals."""
-
-    def __init__(self, tape: Tape) -> None:
-        self._tape = tape
-
-    def _apply(self, operation: str, name: str, *arguments: Any) -> Any:
-        if not any(isinstance(a, Scalar) for a in arguments):
-            return float(getattr(OF_SIGNALS, name)(*arguments))
-        return self._tape.apply(operation, *arguments)
-
-    def divide(self, a: Any, b: Any) -> Any:
-        return a / b  # of two numbers it raises, which the binder locates
-
-    def power(self, base: Any, exponent: Any) -> Any:
-        if is_product(exponent):
-            return products(base, int(exponent), 1.0, self.divide)
-        return self._apply("pow", "power", base, exponent)
-
-    def compare(self, sign: str, a: Any, b: Any) -> Any:
-        if not isinstance(a, Scalar) and not isinstance(b, Scalar):
-            return float(OF_SIGNALS.compare(sign, a, b))
-        if sign in (">", ">="):
-            a, b = b, a
-        word = {"<": "less", ">": "less", "<=": "less_equal", ">=": "less_equal"}.get(sign, "equal")
-        found = self._tape.apply(word, a, b)
-        return 1.0 - found if sign == "!=" else found
-
-    def both(self, a: Any, b: Any) -> Any:
-        return a * b
-
-    def either(self, a: Any, b: Any) -> Any:
-        return self.max(a, b)
-
-    def opposite(self, a: Any) -> Any:
-        return 1.0 - a
-
-    def _folded(self, name: str, values: tuple[Any, ...]) -> Any:
-        result = values[0]
-        for value in values[1:]:
-            result = self._apply(name, name, result, value)
-        return result
-
-    def min(self, *values: Any) -> Any:
-        return self._folded("min", values)
-
-    def max(self, *values: Any) -> Any:
-        return self._folded("max", values)
-
-    def hypot(self, *values: Any) -> Any:
-        return self._folded("hypot", values)
-
-    def floor(self, x: Any) -> Any:
-        return self._apply("floor", "floor", x) + 0.0
-
-    def round(self, x: Any) -> Any:
-        return self._apply("rint", "round", x) + 0.0
-
-    def ceil(self, x: Any) -> Any:
-        return 0.0 - self.floor(-x)
-
-    def log(self, x: Any, base: Any = None) -> Any:
-        found = self._apply("log", "log", x)
-        return found if base is None else found / self._apply("log", "log", base)
-
-    def __getattr__(self, name: str) -> Callable[..., Any]:
-        return lambda *arguments: self._apply(name, name, *arguments)
 
 
 class ComputedTable:
@@ -214,5 +144,5 @@ class ComputedTable:
                 else:
                     values.append(tape.symbol(name))
                     reads |= {name} - {"t"}
-            known[output] = bound.node.run(values, _OfTape(tape)), frozenset(reads)
+            known[output] = bound.recorded(values, tape), frozenset(reads)
         return known[output]

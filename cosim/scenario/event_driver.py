@@ -4,19 +4,28 @@ from __future__ import annotations
 
 import heapq
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cosim.core import InputError
-from cosim.master import MODE_NUMBER, ComponentInstance, Connection, Pace, Run, Session, System
+from cosim.master import (
+    NOT_WATCHED,
+    ComponentInstance,
+    Connection,
+    Guards,
+    Pace,
+    Run,
+    Session,
+    System,
+)
 from cosim.scenario.binding import BoundExpression
 from cosim.scenario.link_keys import nanoseconds
-from cosim.scenario.modes import TIME_IN_STATE
-from cosim.scenario.scope import RunScope
+from cosim.scenario.scope import RunScope, ValueReader
 from cosim.scenario.script import Action, Event, Machine
 from cosim.trace import Cause
 
@@ -34,62 +43,49 @@ class Due(NamedTuple):
 
 
 class LatestValues:
-    """Gives conditions the values of the last complete row."""
+    """The values of the last complete row, and the conditions of events on complete rows."""
 
     def __init__(self, scope: RunScope, instances: Sequence[ComponentInstance]) -> None:
         self._scope, self._instances = scope, instances
 
     @cached_property
-    def _places(self) -> dict[str, tuple[ComponentInstance, int, bool]]:
-        """By name the instance, the number among its outputs or inputs, and whether it is one."""
+    def _places(self) -> dict[str, tuple[ComponentInstance, int]]:
+        """By name of an output or connected input: its instance and column of the rows."""
         return {
-            f"{instance.name}.{column.name}": (instance, j, is_input)
+            f"{instance.name}.{column.name}": (instance, first + j)
             for instance in self._instances
-            for is_input, columns in (
-                (False, instance.output_columns),
-                (True, instance.input_columns),
+            for first, columns in (
+                (instance.output_column, instance.output_columns),
+                (instance.input_column, instance.input_columns),
             )
             for j, column in enumerate(columns)
         }
 
     def value(self, name: str, session: Session) -> float:
-        """Return the value of a name in the last complete row."""
-        k = session.rows - 1
-        if name == "t":
-            return session.row_time_s
-        if name in self._places:
-            instance, j, is_input = self._places[name]
-            if is_input:
-                session.make_rows_whole()
-            rows = instance.inputs if is_input else instance.outputs
-            return float(rows[instance.own_points.last[k], j])
-        first, _, rest = name.partition(".")
-        if self._scope.is_machine(first):
-            return self._of_machine(first, rest, session)
-        constant = self._scope.constant(name)
-        if constant is not None:
-            return constant
-        return float(getattr(session.link_state(first), "age_s" if rest == "age" else rest)[0])
+        """Return the value of an output or connected input in the last complete row."""
+        session.make_rows_whole()
+        instance, column = self._places[name]
+        return float(instance.rows[instance.own_points.last[session.rows - 1], column])
 
-    def _of_machine(self, machine: str, what: str, session: Session) -> float:
-        """Return whether a machine is in a state, or its time in the present one [s]."""
-        values, now = self._instances[0].comm_points.event_values, session.row_time_ns
-        if what == MODE_NUMBER:
-            return float(values.at(machine, now) or 0.0)
-        if what == TIME_IN_STATE:
-            return (now - int(values.since(machine, np.array([now]))[0])) / 1e9
-        return float(values.at(machine, now) == self._scope.state_number(machine, what))
+    def guards(self, conditions: Sequence[BoundExpression]) -> Guards:
+        """Return the conditions as guards; none of them is watched yet."""
+        others = {
+            name: partial(_values_at, ValueReader(self._instances, self._scope, [name]))
+            for condition in conditions
+            for name in condition.names
+            if name not in self._places
+        }
+        return Guards(conditions, self._places, others)
 
     def inputs_of(self, connection: Connection) -> list[str]:
         """Return the names of the elements of a connection's target."""
         name, variable = connection.target
-        return [
-            place.removeprefix(f"{name}.")
-            for place, (instance, j, is_input) in self._places.items()
-            if is_input
-            and instance.name == name
-            and instance.input_columns[j].port.name == variable
-        ]
+        instance = next(one for one in self._instances if one.name == name)
+        return [c.name for c in instance.input_columns if c.port.name == variable]
+
+
+def _values_at(reader: ValueReader, first: int, last: int) -> NDArray[np.float64]:
+    return reader.read(first, last)[0]
 
 
 class EventDriver:
@@ -123,6 +119,19 @@ class EventDriver:
         for event in events:
             if event.at_ns is not None:
                 self._plan(event.at_ns, event.number, begins=True)
+        self._watched = [event.number for event in events if event.condition is not None]
+        conditions = {key: one for key, one in self._all_conditions() if one is not None}
+        self._places = {key: place for place, key in enumerate(conditions)}
+        self._guards = rows.guards([*conditions.values()])
+
+    def _all_conditions(self) -> Iterator[tuple[tuple[str, int], BoundExpression | None]]:
+        """Yield the conditions of the script by whose they are, with a number."""
+        for event in self._events:
+            yield ("when", event.number), event.condition
+            yield ("ends", event.number), event.ends
+        for machine in self._machines:
+            for i, each in enumerate(machine.transitions):
+                yield (f"of {machine.name}", i), each.condition
 
     def drive(self, session: Session, pace: Pace | None = None) -> None:
         """Run to the end, or to where an event stops it."""
@@ -137,13 +146,11 @@ class EventDriver:
         pace: Pace | None = None,
     ) -> bool:
         """Continue as `Session.go_on`, and execute the events on the way."""
-        watched = [e for e in self._events if e.condition is not None]
-        looks = bool(watched or self._machines) or stop is not None
         stopped = False
 
         def look(now: Session) -> bool:
             nonlocal stopped
-            found = self._look(now, watched) | self._look_at_modes(now)
+            found = self._look(now)
             stopped = stop is not None and stop(now)
             return found or stopped
 
@@ -153,9 +160,46 @@ class EventDriver:
             if self.stopped is not None or reached or stopped:
                 break
             instants = [*(due.time_ns for due in self._due[:1]), until_ns]
+            if stop is not None:
+                until = min((each for each in instants if each is not None), default=None)
+                session.advance(until, stop=look, pace=pace)
+                continue
+            at_next = self._watch(session.time_ns, instants)
             until = min((each for each in instants if each is not None), default=None)
-            Session.go_on(session, until, stop=look if looks else None, pace=pace)
+            guards = self._guards if self._places else None
+            most = 1 if at_next else None
+            session.advance(until, most=most, guards=guards, pace=pace)
+            if session.rows:
+                self._look(session)
         return stopped
+
+    def _watch(self, now_ns: int, instants: list[int | None]) -> bool:
+        """Set what the guards expect, and add the instants of what waits for its time alone.
+
+        Return whether a machine may go on at the next point, whatever the row says.
+        """
+        expected: dict[tuple[str, int], int] = {}
+        for number in self._watched:
+            event = self._events[number]
+            if event.every_time or not self.event_counts[number]:
+                expected["when", number] = self._before[number]
+            if number in self._active:
+                expected["ends", number] = False
+        at_next = False
+        for machine in self._machines:
+            state, since_ns = self._modes[machine.name]
+            for i, each in enumerate(machine.transitions):
+                if state not in each.sources:
+                    continue
+                if since_ns + each.after_ns > now_ns:
+                    instants.append(since_ns + each.after_ns)
+                elif each.condition is None:
+                    at_next = True
+                else:
+                    expected[f"of {machine.name}", i] = False
+        for key, place in self._places.items():
+            self._guards.expected[place] = expected.get(key, NOT_WATCHED)
+        return at_next
 
     def execute_due(self, session: Session) -> None:
         """Execute the events, and then the transitions, that are due at the time of the session."""
@@ -227,29 +271,29 @@ class EventDriver:
         self._turn += 1
         heapq.heappush(self._due, Due(time_ns, begins, number, self._turn))
 
-    def _look(self, session: Session, watched: Sequence[Event]) -> bool:
-        """Plan events whose condition became true in the last row; whether there are any."""
+    def _look(self, session: Session) -> bool:
+        """Plan what the conditions on the last row begin or end; whether there is anything."""
+        if self._guards.reads_inputs:
+            session.make_rows_whole()
         found = False
-        for event in watched:
-            condition = event.condition
-            assert condition is not None  # noqa: S101 - those with one are watched
-            now = self._holds(condition, session)
-            rising = now and not self._before[event.number]
-            self._before[event.number] = now
-            if event.number in self._active:
-                assert event.ends is not None  # noqa: S101 - those with one are active
-                if self._holds(event.ends, session):
+        for number in self._watched:
+            event = self._events[number]
+            now = self._holds("when", number, session)
+            rising = now and not self._before[number]
+            self._before[number] = now
+            if number in self._active:
+                if self._holds("ends", number, session):
                     found = True
-                    self._active.remove(event.number)
-                    self._plan(session.time_ns, event.number, begins=False)
-            elif rising and (event.every_time or not self.event_counts[event.number]):
+                    self._active.remove(number)
+                    self._plan(session.time_ns, number, begins=False)
+            elif rising and (event.every_time or not self.event_counts[number]):
                 found = True
-                self._plan(session.time_ns, event.number, begins=True)
-        return found
+                self._plan(session.time_ns, number, begins=True)
+        return self._look_at_modes(session) or found
 
-    def _holds(self, condition: BoundExpression, session: Session) -> bool:
+    def _holds(self, whose: str, number: int, session: Session) -> bool:
         """Whether a condition holds in the last row."""
-        return bool(condition([self._rows.value(n, session) for n in condition.names]))
+        return self._guards.holds(self._places[whose, number], session.rows - 1)
 
     def _look_at_modes(self, session: Session) -> bool:
         """Find the transitions that are taken at the next point; whether there are any."""
@@ -257,9 +301,11 @@ class EventDriver:
             if machine.name in self._next:
                 continue
             state, since_ns = self._modes[machine.name]
-            for each in machine.transitions:
+            for i, each in enumerate(machine.transitions):
                 may = state in each.sources and session.time_ns - since_ns >= each.after_ns
-                if may and (each.condition is None or self._holds(each.condition, session)):
+                if may and (
+                    each.condition is None or self._holds(f"of {machine.name}", i, session)
+                ):
                     self._next[machine.name] = each.target
                     break
         return bool(self._next)
@@ -314,7 +360,7 @@ class EventDriver:
             self._plan(session.time_ns + event.lasts_ns, event.number, begins=False)
         if event.stop is not None:
             if event.condition is None:
-                Session.go_on(session, most=1)  # the point of its time is the last one
+                session.advance(most=1)  # the point of its time is the last one
             self.stopped = f"stopped at t = {session.row_time_s:g} s by {event.words}" + (
                 f": {event.stop}" if event.stop else ""
             )
