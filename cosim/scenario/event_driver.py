@@ -142,10 +142,12 @@ class EventDriver:
         session: Session,
         until_ns: int | None = None,
         *,
+        most: int | None = None,
         stop: Callable[[Session], bool] | None = None,
         pace: Pace | None = None,
     ) -> bool:
         """Continue as `Session.go_on`, and execute the events on the way."""
+        rows = math.inf if most is None else session.rows + most
         stopped = False
 
         def look(now: Session) -> bool:
@@ -156,19 +158,18 @@ class EventDriver:
 
         while session.status == "running" and self.stopped is None:
             self.execute_due(session)
-            reached = until_ns is not None and session.time_ns >= until_ns
+            reached = session.rows >= rows or (until_ns is not None and session.time_ns >= until_ns)
             if self.stopped is not None or reached or stopped:
                 break
             instants = [*(due.time_ns for due in self._due[:1]), until_ns]
+            longest = None if most is None else int(rows) - session.rows
             if stop is not None:
-                until = min((each for each in instants if each is not None), default=None)
-                session.advance(until, stop=look, pace=pace)
+                session.advance(_earliest(instants), most=longest, stop=look, pace=pace)
                 continue
-            at_next = self._watch(session.time_ns, instants)
-            until = min((each for each in instants if each is not None), default=None)
+            if self._watch(session.time_ns, instants):
+                longest = 1
             guards = self._guards if self._places else None
-            most = 1 if at_next else None
-            session.advance(until, most=most, guards=guards, pace=pace)
+            session.advance(_earliest(instants), most=longest, guards=guards, pace=pace)
             if session.rows:
                 self._look(session)
         return stopped
@@ -176,7 +177,7 @@ class EventDriver:
     def _watch(self, now_ns: int, instants: list[int | None]) -> bool:
         """Set what the guards expect, and add the instants of what waits for its time alone.
 
-        Return whether a machine may go on at the next point, whatever the row says.
+        Return whether a machine goes on at the next point, whatever the row says.
         """
         expected: dict[tuple[str, int], int] = {}
         for number in self._watched:
@@ -425,6 +426,10 @@ class EventDriver:
                 self._hold(component, session, hold=False)
             case "delay" | "loss":
                 session.set_event_value(f"{component}.{action.kind}", math.nan)
+
+
+def _earliest(instants: Sequence[int | None]) -> int | None:
+    return min((each for each in instants if each is not None), default=None)
 
 
 def ended_by_event(run: Run, stopped: str | None) -> Run:

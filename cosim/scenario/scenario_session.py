@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any, Literal, Self
@@ -85,10 +84,7 @@ class ScenarioSession(Session):
         """Continue as `Session.go_on`, through the events on the way."""
         if self._driver is None:
             raise InputError("the session is not open", where="Session", hint="with open_session")
-        if most is not None:
-            target = self.rows + most
-            stop = functools.partial(_has_rows, target)
-        return self._driver.advance(self, until_ns, stop=stop, pace=pace)
+        return self._driver.advance(self, until_ns, most=most, stop=stop, pace=pace)
 
     def run_so_far(self, *, complete: bool = False, whole: bool = True) -> Run:
         """Return the run so far, as `Session.run_so_far`; an event that ended it is the reason."""
@@ -120,7 +116,3 @@ class ScenarioSession(Session):
         except CosimError:
             self._driver.restore(before)
             raise
-
-
-def _has_rows(target: int, session: Session) -> bool:
-    return session.rows >= target
