@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import product
+from functools import cached_property
+from itertools import groupby, product
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -70,6 +71,15 @@ class Group:
     route: int | None = None
     clocks: tuple[str, ...] = ()
 
+    @classmethod
+    def of_all(cls, groups: Sequence[Group]) -> Group:
+        """Return neighbours of one type as one group, whatever they come by."""
+        if len(groups) == 1:
+            return groups[0]
+        references = np.concatenate([group.references for group in groups])
+        size = sum(group.size for group in groups)
+        return replace(groups[0], references=references, size=size, route=None)
+
 
 @dataclass(eq=False)
 class ComponentInstance:
@@ -111,6 +121,21 @@ class ComponentInstance:
     def input_column(self) -> int:
         """The first column of its inputs in the rows."""
         return self.connected_inputs[0].column if self.connected_inputs else 0
+
+    @cached_property
+    def input_sets(self) -> tuple[tuple[Group, ...], ...]:
+        """The groups of connected inputs that one FMI call sets together: neighbours of one type.
+
+        Groups are set one by one where a value in the middle of a step is another one than at its
+        point, and in event mode, in which what is set is looked at group by group.
+        """
+        looks_ahead = any(route.at_point is not None for route in self.routes)
+        if looks_ahead or self.component.has_events:
+            return tuple((group,) for group in self.connected_inputs)
+        return tuple(
+            tuple(groups)
+            for _, groups in groupby(self.connected_inputs, lambda g: (g.getter_type, g.clocks))
+        )
 
     def place(self, variable: str, kind: str = "signal") -> tuple[int, Column]:
         """Return the column of the rows that contains an output or connected input.

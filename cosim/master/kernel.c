@@ -41,6 +41,7 @@ static void restore(uint64_t saved) { fesetround((int)saved); }
 
 enum { GET, SET, MOVE, STEP, COMPLETE, GUESS, SETTLE };
 enum { SELDOM, USUAL_GET, USUAL_SET, USUAL_STEP, USUAL_COMPLETE };
+enum { NEIGHBOURS, SCATTERED, ALTERED }; /* what is special in a move */
 enum { ALWAYS, AT_FIRST, NOT_AT_LAST };
 enum { F8, F4, I1, U1, I2, U2, I4, U4, I8, U8 };
 #define TOO_LARGE (INT64_C(1) << 32) /* and the next ones: no FMU can return them, see exchange.py */
@@ -171,6 +172,16 @@ static int64_t typed_exchange(const Operation *o, double *values) {
                 return TOO_LARGE;
         }
     return status;
+}
+
+/* Values from anywhere in a row, unaltered. */
+static inline void gather(const Run *r, const Operation *o, int64_t k, double *target) {
+    int64_t used = o->row[k];
+    if (used < 0)
+        return;
+    const double *from = r->rows + used * r->width;
+    for (uint64_t j = 0; j < o->values; j++)
+        target[o->pairs[2 * j + 1]] = from[o->pairs[2 * j]];
 }
 
 static void move_specially(const Run *r, const Operation *o, int64_t k, double *target) {
@@ -368,8 +379,10 @@ static int64_t carry_out_any(Run *r, const Operation *table, const Operation **a
         status = o->special ? typed_exchange(o, row + o->column) : exchange(o, row + o->column);
         break;
     case MOVE:
-        if (o->special)
+        if (o->special == ALTERED)
             move_specially(r, o, k, row);
+        else if (o->special == SCATTERED)
+            gather(r, o, k, row);
         else
             move(r, o, k, row);
         break;

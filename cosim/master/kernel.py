@@ -37,6 +37,8 @@ _OF_TEAM = 2
 _KINDS = (Get, Set, Move, Step, Complete, Guess, Settle)
 _USUAL = (None, Get, Set, Step, Complete)
 """Kinds that have a shorter way in the kernel, by the number there."""
+_SCATTERED, _ALTERED = 1, 2
+"""What is special in a move."""
 _C_TYPES = ("f8", "f4", "i1", "u1", "i2", "u2", "i4", "u4", "i8", "u8")
 _OPERATION = np.dtype(
     [
@@ -264,7 +266,8 @@ class KernelLoop:
             route.link is not None
             and (route.link.quantization or route.link.substitute is not None)
         )
-        line["special"] = bool(altered) or not (np.diff(pairs, axis=0) == 1).all()
+        scattered = not (np.diff(pairs, axis=0) == 1).all()
+        line["special"] = _ALTERED if altered else _SCATTERED if scattered else 0
         line["source"], line["column"] = pairs[0]
         line["row"] = self._address(sample.row)
         if sample.weight is not None and sample.after is not None:

@@ -12,7 +12,8 @@ An input is constant during a step of its receiver. The policy says at which val
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -88,3 +89,20 @@ class Route:
             self.link is not None and (self.link.quantization or self.link.substitute is not None)
         )
         return not altered and self.spans is not None
+
+
+def merged_routes(routes: Iterable[Route]) -> list[Route]:
+    """Return routes to the same inputs, one for all that read the same rows at every time."""
+    by_samples: dict[tuple[RowsInUse, ...], list[Route]] = {}
+    for route in routes:
+        by_samples.setdefault(route.samples, []).append(route)
+    return [
+        members[0]
+        if len(members) == 1
+        else replace(
+            members[0],
+            columns=np.concatenate([route.columns for route in members]),
+            targets=np.concatenate([route.targets for route in members]),
+        )
+        for members in by_samples.values()
+    ]

@@ -16,7 +16,7 @@ receiver's inputs in the row, a set reads them there: after its operations a row
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum
 from functools import cached_property
@@ -30,7 +30,7 @@ from cosim.master.adjustments import Adjustments
 from cosim.master.communication_points import CommunicationPoints
 from cosim.master.component_instance import ComponentInstance, Group, Rows
 from cosim.master.exchange import TOO_LARGE
-from cosim.master.routes import Route
+from cosim.master.routes import Route, merged_routes
 from cosim.master.rows_in_use import RowsInUse
 from cosim.master.system import System
 from cosim.master.wiring import Wiring
@@ -280,7 +280,8 @@ def make_table(
 
     word : as of `Table`, where another process watches it; None: nobody does.
     """
-    parts = [_InstanceOperations(i, instance) for i, instance in enumerate(wiring.instances)]
+    direct = wiring.direct_routes
+    parts = [_InstanceOperations(i, one, direct) for i, one in enumerate(wiring.instances)]
     sending: list[Operation] = []
     if system.algorithm == "gauss-seidel":
         receiving, steps = _gauss_seidel(parts)
@@ -353,18 +354,20 @@ def _gauss_seidel(parts: Sequence[_InstanceOperations]) -> _Parts:
 class _InstanceOperations:
     """Makes the operations of one component instance."""
 
-    def __init__(self, number: int, instance: ComponentInstance) -> None:
+    def __init__(self, number: int, instance: ComponentInstance, direct: Collection[Route]) -> None:
         self.instance = instance
+        self._routes = [r for r in instance.routes if r in direct]
+        self._routes += merged_routes(r for r in instance.routes if r not in direct)
         own = instance.own_points
         following = None if own.always else own.following
         self._own: dict[str, Any] = {"instance": number, "following": following}
 
     def takes(self) -> Iterator[Operation]:
         """Yield the moves and sets of its inputs at a point."""
-        for route in self.instance.routes:
+        for route in self._routes:
             yield Move(route=route, sample=route.at_point or route.in_step, **self._own)
-        for group in self.instance.connected_inputs:
-            yield Set(group=group, **self._own)
+        for groups in self.instance.input_sets:
+            yield Set(group=Group.of_all(groups), **self._own)
 
     def takes_in_step(self) -> Iterator[Operation]:
         """Yield the moves and sets of inputs that are others in the step than at its point."""

@@ -6,7 +6,7 @@ from collections.abc import Callable, Container, Iterable, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import groupby
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,6 +63,7 @@ def wire(system: System, reserve: Callable[[tuple[int, int]], RowMemory] = _rese
         columns.add("in", name, ports)
     block = min(BLOCK, max(_LEAST_BLOCK, _BLOCK_VALUES // max(columns.width, 1)))
     comm_points = CommunicationPoints(system, block=block)
+    shared = _SharedRows(system, comm_points)
     memory = reserve((comm_points.most + 1, columns.width))
     rows = memory.array
     texts = Texts()
@@ -86,7 +87,7 @@ def wire(system: System, reserve: Callable[[tuple[int, int]], RowMemory] = _rese
             routes=tuple(
                 _route(
                     system,
-                    comm_points,
+                    shared,
                     name,
                     route_key,
                     members,
@@ -231,9 +232,32 @@ def _groups(
     return tuple(groups)
 
 
+class _SharedRows:
+    """The rows in use of routes: those that read the same rows at the same points share them."""
+
+    def __init__(self, system: System, comm_points: CommunicationPoints) -> None:
+        self._system, self._points = system, comm_points
+        self._known: dict[tuple[Any, ...], RowsInUse] = {}
+
+    def of(
+        self, route_key: RouteKey, receiver: str, *, stepped_before: bool, initialised: bool
+    ) -> RowsInUse:
+        """Return the rows in use of a route; an `InputError` as `RowsInUse`."""
+        own = self._points.own_points
+        when = id(own[route_key.source]), id(own[receiver]), stepped_before, initialised
+        key = (route_key.link, route_key.policy, *when)
+        if key not in self._known:
+            self._known[key] = RowsInUse(
+                *(self._system, self._points, route_key, receiver),
+                stepped_before=stepped_before,
+                initialised=initialised,
+            )
+        return self._known[key]
+
+
 def _route(
     system: System,
-    comm_points: CommunicationPoints,
+    shared: _SharedRows,
     name: str,
     route_key: RouteKey,
     members: Iterable[Connection],
@@ -247,11 +271,11 @@ def _route(
     also_at_point = feeds_through and looks_ahead
     if also_at_point:
         _check_in_turns(system, name, route_key)
-    reads = partial(RowsInUse, system, comm_points, receiver=name, stepped_before=stepped_before)
-    in_step = reads(route_key=route_key, initialised=initialised and not also_at_point)
+    reads = partial(shared.of, receiver=name, stepped_before=stepped_before)
+    in_step = reads(route_key, initialised=initialised and not also_at_point)
     at_point = None
     if also_at_point:
-        at_point = reads(route_key=route_key._replace(policy="hold"), initialised=initialised)
+        at_point = reads(route_key._replace(policy="hold"), initialised=initialised)
     if route_key.policy == "midpoint":
         check_midpoint(system, route_key, name)
     pairs = [

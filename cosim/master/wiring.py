@@ -24,7 +24,7 @@ from cosim.master.communication_points import CommunicationPoints
 from cosim.master.component_instance import ComponentInstance, Rows, Texts, element_names
 from cosim.master.order import ReceivingOrder
 from cosim.master.parts import MODE_NUMBER, Endpoint
-from cosim.master.routes import Route
+from cosim.master.routes import Route, merged_routes
 from cosim.master.rows_in_use import RowsInUse
 from cosim.master.system import System
 from cosim.network import LinkState
@@ -102,8 +102,10 @@ class Wiring:
         # the values of an algebraic loop are in the row while it is iterated
         iterated = {name for loop in self.receiving.loops for name in loop}
         for instance in self.instances:
-            for group in () if instance.name in iterated else instance.connected_inputs:
-                route = None if group.route is None else instance.routes[group.route]
+            for groups in () if instance.name in iterated else instance.input_sets:
+                group = groups[0]
+                alone = len(groups) == 1 and group.route is not None
+                route = instance.routes[group.route or 0] if alone else None
                 if route is not None and route.at_point is None and route.verbatim:
                     whole = group.c_type == "f8" and group.size == route.targets.size
                     found |= {route} if whole else set()
@@ -112,13 +114,17 @@ class Wiring:
     def make_whole(self, count: int) -> None:
         """Make the first `count` rows whole: copy the inputs that direct routes brought."""
         first, last = self.whole_rows, int(min(count, self.whole_from[0, 0]))
-        for route in self.direct_routes if first < last else ():
-            used = route.in_step.row[first:last]
-            there = np.flatnonzero(used >= 0)
-            if route.spans is not None:
-                source, target = route.spans
-                self.rows[first + there, target] = self.rows[used[there], source]
+        for sample, columns, targets in self._direct if first < last else ():
+            used = sample.row[first:last]
+            there = np.flatnonzero(used >= 0)[:, None]
+            self.rows[first + there, targets] = self.rows[used[there], columns]
         self.whole_rows = max(self.whole_rows, count)
+
+    @cached_property
+    def _direct(self) -> list[tuple[RowsInUse, Columns, Columns]]:
+        """The columns of direct routes, read and written, by the rows that are read."""
+        merged = merged_routes(self.direct_routes)
+        return [(route.in_step, route.columns, route.targets) for route in merged]
 
     def leave_whole_from(self, first: int) -> None:
         """From row `first` on the loop copies inputs itself, for example to adjust them."""
@@ -196,7 +202,7 @@ class Wiring:
     def samples(self) -> tuple[RowsInUse, ...]:
         """The rows in use of all routes."""
         routes = (route for instance in self.instances for route in instance.routes)
-        return tuple(sample for route in routes for sample in route.samples)
+        return tuple(dict.fromkeys(sample for route in routes for sample in route.samples))
 
     def reset_inputs(self, k: int) -> None:
         """Give the inputs of row k their start values or driven signals again."""
@@ -211,8 +217,10 @@ class Wiring:
     @cached_property
     def _received(self) -> tuple[tuple[Columns, RowsInUse], ...]:
         """The columns of inputs that a route writes, and the rows that they are read from."""
-        routes = (route for instance in self.instances for route in instance.routes)
-        return tuple((route.targets, route.at_point or route.in_step) for route in routes)
+        by_sample: dict[RowsInUse, list[Columns]] = {}
+        for route in (route for instance in self.instances for route in instance.routes):
+            by_sample.setdefault(route.at_point or route.in_step, []).append(route.targets)
+        return tuple((np.concatenate(targets), sample) for sample, targets in by_sample.items())
 
     @cached_property
     def _not_received(self) -> Columns:
