@@ -40,7 +40,7 @@ static void restore(uint64_t saved) { fesetround((int)saved); }
 #endif
 
 enum { GET, SET, MOVE, STEP, COMPLETE, GUESS, SETTLE };
-enum { SELDOM, USUAL_GET, USUAL_SET, USUAL_STEP, USUAL_COMPLETE };
+enum { SELDOM, USUAL_GET, USUAL_SET, USUAL_STEP, USUAL_COMPLETE, USUAL_GATHER };
 enum { NEIGHBOURS, SCATTERED, ALTERED }; /* what is special in a move */
 enum { ALWAYS, AT_FIRST, NOT_AT_LAST };
 enum { F8, F4, I1, U1, I2, U2, I4, U4, I8, U8 };
@@ -52,21 +52,23 @@ enum { F8, F4, I1, U1, I2, U2, I4, U4, I8, U8 };
 #define ROW_SUM 260 /* where the word has the sum of the complete rows, see table.py */
 #define EXACT 9007199254740992.0 /* 2^53 */
 
-/* One operation; the names are explained in table.py. Every field has eight bytes. */
+/* One operation; the names are explained in table.py. Every field has eight bytes; what the usual
+   ones need stands in front, within two lines of the cache. */
 typedef struct {
-    int64_t kind, number, usual;
+    int64_t usual, number;
     void *function, *component;
     const uint32_t *references;
     uint64_t count;
-    int64_t column, source, special;
+    int64_t column;
     const int64_t *row;
+    int64_t source;
     uint64_t values;
-    int64_t type, fmi3, when, ahead, spare;
+    const int64_t *pairs;
+    int64_t kind, special, type, fmi3, when, ahead, spare;
     const int64_t *following;
     void *scratch;
     const int64_t *after;
     const double *weight;
-    const int64_t *pairs;
     double quantization, substitute;
     int64_t substituted;
     uint8_t *results;
@@ -424,6 +426,9 @@ static int64_t carry_out(Run *r, const Operation *table, int64_t begin, int64_t 
             if (last)
                 continue;
             status = ((Step2)o->function)(o->component, now, size, final);
+        } else if (kind == USUAL_GATHER) {
+            gather(r, o, k, here);
+            continue; /* no foreign code has run */
         } else if (kind == USUAL_COMPLETE) {
             if ((status = outside(r, here, k)))
                 return status;

@@ -37,15 +37,17 @@ _OF_TEAM = 2
 _KINDS = (Get, Set, Move, Step, Complete, Guess, Settle)
 _USUAL = (None, Get, Set, Step, Complete)
 """Kinds that have a shorter way in the kernel, by the number there."""
+_GATHER = 5
+"""The number of a move of values from anywhere in a row."""
 _SCATTERED, _ALTERED = 1, 2
 """What is special in a move."""
 _C_TYPES = ("f8", "f4", "i1", "u1", "i2", "u2", "i4", "u4", "i8", "u8")
 _OPERATION = np.dtype(
     [
-        *((name, "i8") for name in ("kind", "number", "usual", "function", "component")),
-        *((name, "i8") for name in ("references", "count", "column", "source", "special", "row")),
-        *((name, "i8") for name in ("values", "type", "fmi3", "when", "ahead", "spare")),
-        *((name, "i8") for name in ("following", "scratch", "after", "weight", "pairs")),
+        *((name, "i8") for name in ("usual", "number", "function", "component", "references")),
+        *((name, "i8") for name in ("count", "column", "row", "source", "values", "pairs")),
+        *((name, "i8") for name in ("kind", "special", "type", "fmi3", "when", "ahead", "spare")),
+        *((name, "i8") for name in ("following", "scratch", "after", "weight")),
         *((name, "f8") for name in ("quantization", "substitute")),
         *((name, "i8") for name in ("substituted", "results", "back", "limit")),
         ("tolerance", "f8"),
@@ -222,16 +224,16 @@ class KernelLoop:
     @staticmethod
     def _usual(line: Any, operation: Operation) -> int:
         """Return the number of a usual kind: doubles in FMI 2.0, at every point, in row k."""
-        if line["fmi3"] or line["special"] or operation.following is not None:
+        if line["fmi3"] or operation.following is not None:
             return 0
-        if isinstance(operation, Step):
-            return _USUAL.index(Step)
-        if operation.when or operation.ahead or operation.spare:
+        kind: type[Operation] = type(operation)
+        if kind is not Step and (operation.when or operation.ahead or operation.spare):
             return 0
-        if isinstance(operation, Set) and not line["row"]:
-            return _USUAL.index(Get)  # the same but for the function
-        kind = type(operation)
-        return _USUAL.index(kind) if kind in _USUAL else 0
+        if kind is Move:
+            return _GATHER if line["special"] == _SCATTERED else 0
+        if kind is Set and not line["row"]:
+            kind = Get  # the same but for the function
+        return _USUAL.index(kind) if kind in _USUAL and not line["special"] else 0
 
     def _encode_slave(self, line: Any, operation: Operation) -> FmuSlave:
         slave = self._table.instances[operation.instance].slave

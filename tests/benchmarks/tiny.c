@@ -41,3 +41,25 @@ int bare_loop(fmi2GetRealTYPE *get_a, fmi2SetRealTYPE *set_a, fmi2DoStepTYPE *st
             return 1;
     return 0;
 }
+
+/* The same for `many` of them: input i of one reads row[from[i]] of the outputs of all. */
+int bare_graph(fmi2GetRealTYPE *get, fmi2SetRealTYPE *set, fmi2DoStepTYPE *step, void **one,
+               long many, const unsigned *out, const unsigned *in, const long *from, double *row,
+               double h, long steps) {
+    double u[N];
+    for (long k = 0; k < steps; k++) {
+        for (long j = 0; j < many; j++)
+            if (get(one[j], out, N, row + j * N))
+                return 1;
+        for (long j = 0; j < many; j++) {
+            for (long i = 0; i < N; i++)
+                u[i] = row[from[j * N + i]];
+            if (set(one[j], in, N, u))
+                return 1;
+        }
+        for (long j = 0; j < many; j++)
+            if (step(one[j], (double)k * h, h, 1))
+                return 1;
+    }
+    return 0;
+}
