@@ -100,9 +100,13 @@ class BoundExpression:
             taken = [v if np.ndim(v) else np.float64(v) for v in values]
             return self.node.run(taken, OF_SIGNALS)
 
-    def recorded(self, values: Sequence[Any], tape: Tape) -> Any:
-        """Record it on a tape, at values of `names` there; a number where it depends on none."""
-        return self.node.run(values, of_tape(tape))
+    def recorded(self, values: Sequence[Any], tape: Tape, *, raises: bool = False) -> Any:
+        """Record it on a tape, at values of `names` there; a number where it depends on none.
+
+        raises : as of `of_tape`, an `ExpressionError` that says the column.
+        """
+        with np.errstate(all="ignore"):
+            return self.node.run(values, of_tape(tape, raises=raises))
 
     def number(self, **values: Any) -> float:
         """Return the number that it is at values of its names, given by name.

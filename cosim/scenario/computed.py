@@ -144,5 +144,5 @@ class ComputedTable:
                 else:
                     values.append(tape.symbol(name))
                     reads |= {name} - {"t"}
-            known[output] = bound.recorded(values, tape), frozenset(reads)
+            known[output] = bound.recorded(values, tape, raises=True), frozenset(reads)
         return known[output]

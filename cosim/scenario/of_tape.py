@@ -9,6 +9,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
+
 from cosim.fmu import Scalar, Tape
 from cosim.scenario.functions import OF_SIGNALS, Arithmetic, is_product, products
 
@@ -16,8 +18,8 @@ from cosim.scenario.functions import OF_SIGNALS, Arithmetic, is_product, product
 class _OfTape:
     """Records operations; what depends on numbers alone is computed, as for signals."""
 
-    def __init__(self, tape: Tape) -> None:
-        self._tape = tape
+    def __init__(self, tape: Tape, *, raises: bool) -> None:
+        self._tape, self._raises = tape, raises
 
     def _apply(self, operation: str, name: str, *arguments: Any) -> Any:
         if not any(isinstance(a, Scalar) for a in arguments):
@@ -25,7 +27,9 @@ class _OfTape:
         return self._tape.apply(operation, *arguments)
 
     def divide(self, a: Any, b: Any) -> Any:
-        return a / b  # of two numbers it raises, which the binder locates
+        if self._raises or isinstance(a, Scalar) or isinstance(b, Scalar):
+            return a / b  # of two numbers it raises, which the binder locates
+        return float(OF_SIGNALS.divide(np.float64(a), np.float64(b)))
 
     def power(self, base: Any, exponent: Any) -> Any:
         if is_product(exponent):
@@ -76,12 +80,15 @@ class _OfTape:
 
     def log(self, x: Any, base: Any = None) -> Any:
         found = self._apply("log", "log", x)
-        return found if base is None else found / self._apply("log", "log", base)
+        return found if base is None else self.divide(found, self._apply("log", "log", base))
 
     def __getattr__(self, name: str) -> Callable[..., Any]:
         return lambda *arguments: self._apply(name, name, *arguments)
 
 
-def of_tape(tape: Tape) -> Arithmetic:
-    """Return the arithmetic that records on a tape."""
-    return _OfTape(tape)
+def of_tape(tape: Tape, *, raises: bool) -> Arithmetic:
+    """Return the arithmetic that records on a tape.
+
+    raises : where a quotient of numbers alone has no value; else it has that of IEEE 754.
+    """
+    return _OfTape(tape, raises=raises)

@@ -95,6 +95,9 @@ CONDITIONS: dict[str, Callable[[Signals], Any]] = {
     "not min(0.5, 0 / (plant.eta.x * 0)) < 1 and t > 1 s": lambda s: s("t") > 1.0,
     "not max(0.5, 0 / (plant.eta.x * 0)) < 1 and t > 1 s": lambda s: s("t") > 1.0,
     "1 / (plant.eta.x * 0) > 1e300": lambda s: s("plant.eta.x") > 0.0,
+    "plant.eta.x < 1 / 0 and t > 1 s": lambda s: s("t") > 1.0,  # numbers alone are IEEE 754 too
+    "plant.eta.x < -1 / 0 or not plant.eta.x < 0 / 0 and t > 2 s": lambda s: s("t") > 2.0,
+    "plant.eta.x < log(2, 1) and t > 1 s": lambda s: s("t") > 1.0,
     "plant.eta.x > 1e9 m": lambda s: s("plant.eta.x") > 1e9,  # never
 }
 LAYOUTS = {

@@ -10,6 +10,7 @@ rewritten. Control flow that depends on a value cannot be recorded and is refuse
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any, NoReturn
 
@@ -48,7 +49,7 @@ class Tape:
         OverflowError : an integer that is not exactly a double.
         """
         number = float(value)
-        if number != value:
+        if number != value and not math.isnan(number):
             raise OverflowError(f"{value!r} is not exactly a double")
         return self._node("constant", (), repr(number), CONSTANT)
 
