@@ -93,9 +93,11 @@ class SupervisedSession(SessionBase):
                 try:
                     self._state = self._run.answer().state
                 except AskedError as asked:
+                    self._interruption.raise_if_requested()
                     raise asked.error from None
                 except BrokenOffError as broken:
                     self._break_off(broken)
+                    self._interruption.raise_if_requested()
                     raise self._failure() from None
             self._interruption.raise_if_requested()
             self._opened = stack.pop_all()

@@ -287,6 +287,17 @@ def test_ctrl_c_ends_a_call_that_does_not_return(tmp_path: Path) -> None:
         assert session.result().points_ns.size == 6
 
 
+@pytest.mark.parametrize("call", ["instantiate", "exit"])
+def test_ctrl_c_while_it_is_opened_is_an_interruption(call: str, tmp_path: Path) -> None:
+    """Not the failure of the run that it ends."""
+    path = pump(tmp_path, "hang-deaf", call=call)
+    timer = threading.Timer(1.5, os.kill, (os.getpid(), signal.SIGINT))
+    timer.start()
+    with pytest.raises(KeyboardInterrupt), open_session(path):
+        pytest.fail("it hangs as it is opened")
+    timer.join()
+
+
 def test_pace_is_kept(tmp_path: Path) -> None:
     pace = Pace(2.0)
     with open_session(pump(tmp_path)) as session:
