@@ -25,6 +25,9 @@ if TYPE_CHECKING:
 
 PREFIX = "cosim-fmus-"
 _WITHOUT_LOCK = "cosim-kept-"
+_DRAFT = "cosim-new-"
+_DRAFT_S = 60.0
+"""After which a folder that has not got its lock and name is left from a process that was killed."""
 _LOCK = "in-use"
 
 
@@ -36,13 +39,17 @@ class _ProcessFolder:
         self.parent = Path(tempfile.gettempdir())
         _remove_stale(self.parent)
         # locked before it gets the name that `_remove_stale` looks for
-        draft = Path(tempfile.mkdtemp(prefix="cosim-new-", dir=self.parent))
-        self._lock = (draft / _LOCK).open("w")
-        lock_file(self._lock)
-        self.folder = self.parent / (
-            f"{PREFIX if has_locks() else _WITHOUT_LOCK}{self.process}-{time.time_ns()}"
-        )
-        draft.rename(self.folder)
+        draft = Path(tempfile.mkdtemp(prefix=_DRAFT, dir=self.parent))
+        try:
+            self._lock = (draft / _LOCK).open("w")
+            lock_file(self._lock)
+            self.folder = self.parent / (
+                f"{PREFIX if has_locks() else _WITHOUT_LOCK}{self.process}-{time.time_ns()}"
+            )
+            draft.rename(self.folder)
+        except BaseException:  # a signal, too, ends the process here
+            shutil.rmtree(draft, ignore_errors=True)
+            raise
 
     @property
     def is_own(self) -> bool:
@@ -151,3 +158,7 @@ def _remove_stale(parent: Path) -> None:
                 gone = lock_file(lock)
             if gone:
                 shutil.rmtree(folder, ignore_errors=True)
+    for draft in parent.glob(f"{_DRAFT}*"):
+        with contextlib.suppress(OSError):
+            if time.time() - draft.stat().st_mtime > _DRAFT_S:
+                shutil.rmtree(draft, ignore_errors=True)

@@ -128,6 +128,40 @@ def test_unpacked_files_are_removed_with_their_process(
     assert list(scratch.iterdir()) == []
 
 
+_SIGNALLED = """
+import os, signal, sys
+from pathlib import Path
+from cosim.fmu import describe_fmu, unpack_fmu
+def stop(number, frame):
+    raise SystemExit(1)
+signal.signal(signal.SIGTERM, stop)
+rename = Path.rename
+def renamed(draft, target):  # where the folder has no name of its own yet
+    os.kill(os.getpid(), signal.SIGNAL)
+    return rename(draft, target)
+Path.rename = renamed
+unpack_fmu(describe_fmu(Path(sys.argv[1])))
+"""
+
+
+def test_a_folder_that_is_being_made_is_left_by_no_signal(
+    described: FmuDescription, scratch: Path
+) -> None:
+    """Nor, a minute after, by a process that was killed at this moment."""
+    for name in ("SIGTERM", "SIGKILL"):
+        line = [sys.executable, "-c", _SIGNALLED.replace("SIGNAL)", f"{name})")]
+        environment = {**os.environ, "TMPDIR": str(scratch)}
+        done = subprocess.run([*line, str(described.path)], env=environment, check=False)  # noqa: S603
+        assert done.returncode == (1 if name == "SIGTERM" else -signal.SIGKILL)
+        assert len(list(scratch.iterdir())) == (name == "SIGKILL")
+    (left,) = scratch.iterdir()
+    os.utime(left, (0, 0))
+    unpack_fmu(described)
+    assert not left.exists()
+    remove_unpacked()
+    assert list(scratch.iterdir()) == []
+
+
 def test_who_has_no_locks_keeps_his_files(described: FmuDescription, scratch: Path) -> None:
     """Nobody can tell whether such a process lives: the next one leaves its folder alone."""
     living = other_process(described, scratch, "ends", 'import sys; sys.modules["fcntl"] = None\n')
