@@ -24,6 +24,7 @@ AtPoints = Callable[[int, int], Reals]
 """Returns the values of a name at the points first to last - 1, (n,), also ahead of the run."""
 
 NOT_WATCHED = -1
+"""What `Guards.expected` has of a condition that is not looked at."""
 OPERATIONS = (
     *("symbol", "constant", "+", "-", "*", "/", "negate", "pow", "min", "max"),
     *("sin", "cos", "exp", "log", "sqrt", "abs", "asin", "atan2", "tan", "acos", "atan"),
