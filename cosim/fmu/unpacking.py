@@ -27,7 +27,7 @@ PREFIX = "cosim-fmus-"
 _WITHOUT_LOCK = "cosim-kept-"
 _DRAFT = "cosim-new-"
 _DRAFT_S = 60.0
-"""After which a folder that has not got its lock and name is left from a process that was killed."""
+"""After which a folder without its lock and name is left from a process that was killed."""
 _LOCK = "in-use"
 
 
