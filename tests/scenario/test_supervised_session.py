@@ -287,7 +287,7 @@ def test_ctrl_c_ends_a_call_that_does_not_return(tmp_path: Path) -> None:
         assert session.result().points_ns.size == 6
 
 
-@pytest.mark.parametrize("call", ["instantiate", "exit"])
+@pytest.mark.parametrize("call", ["enter", "exit"])
 def test_ctrl_c_while_it_is_opened_is_an_interruption(call: str, tmp_path: Path) -> None:
     """Not the failure of the run that it ends."""
     path = pump(tmp_path, "hang-deaf", call=call)
