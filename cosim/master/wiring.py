@@ -11,7 +11,7 @@ become known, and its memory is given back where no row is read any more.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Protocol
@@ -24,7 +24,7 @@ from cosim.master.communication_points import CommunicationPoints
 from cosim.master.component_instance import ComponentInstance, Rows, Texts, element_names
 from cosim.master.order import ReceivingOrder
 from cosim.master.parts import MODE_NUMBER, Endpoint
-from cosim.master.routes import Route, merged_routes
+from cosim.master.routes import Route
 from cosim.master.rows_in_use import RowsInUse
 from cosim.master.system import System
 from cosim.network import LinkState
@@ -102,29 +102,37 @@ class Wiring:
         # the values of an algebraic loop are in the row while it is iterated
         iterated = {name for loop in self.receiving.loops for name in loop}
         for instance in self.instances:
-            for groups in () if instance.name in iterated else instance.input_sets:
-                group = groups[0]
-                alone = len(groups) == 1 and group.route is not None
-                route = instance.routes[group.route or 0] if alone else None
-                if route is not None and route.at_point is None and route.verbatim:
-                    whole = group.c_type == "f8" and group.size == route.targets.size
-                    found |= {route} if whole else set()
+            for group, *others in () if instance.name in iterated else instance.input_sets:
+                if others or group.route is None:
+                    continue
+                route = instance.routes[group.route]
+                whole = group.c_type == "f8" and group.size == route.targets.size
+                if whole and route.at_point is None and route.verbatim:
+                    found.add(route)
         return frozenset(found)
 
     def make_whole(self, count: int) -> None:
         """Make the first `count` rows whole: copy the inputs that direct routes brought."""
         first, last = self.whole_rows, int(min(count, self.whole_from[0, 0]))
-        for sample, columns, targets in self._direct if first < last else ():
+        for sample, spans in self._direct.items() if first < last else ():
             used = sample.row[first:last]
-            there = np.flatnonzero(used >= 0)[:, None]
-            self.rows[first + there, targets] = self.rows[used[there], columns]
+            there = np.flatnonzero(used >= 0)
+            into, of = first + there, used[there]
+            for source, target in spans:
+                self.rows[into, target] = self.rows[of, source]
         self.whole_rows = max(self.whole_rows, count)
 
     @cached_property
-    def _direct(self) -> list[tuple[RowsInUse, Columns, Columns]]:
-        """The columns of direct routes, read and written, by the rows that are read."""
-        merged = merged_routes(self.direct_routes)
-        return [(route.in_step, route.columns, route.targets) for route in merged]
+    def _direct(self) -> Mapping[RowsInUse, Sequence[tuple[slice, slice]]]:
+        """The columns of direct routes, read and written, by the rows that are read.
+
+        As slices, of which NumPy copies a row at once.
+        """
+        by_sample: dict[RowsInUse, list[tuple[slice, slice]]] = {}
+        for route in self.direct_routes:
+            if route.spans is not None:
+                by_sample.setdefault(route.in_step, []).append(route.spans)
+        return by_sample
 
     def leave_whole_from(self, first: int) -> None:
         """From row `first` on the loop copies inputs itself, for example to adjust them."""

@@ -78,11 +78,13 @@ class NominalFigures(Value):
         return {name: self.__dict__[name] for name in _KEPT if name in self.__dict__}
 
     @_computed_once
+    def _loop(self) -> nominal.ClosedLoop:
+        return nominal.close(self.system, self.K)
+
+    @_computed_once
     def _roots(self) -> NDArray[np.complex128]:
-        loop = nominal.close(self.system, self.K)
-        return nominal.characteristic_roots(
-            loop, nominal.ROOTS if self.system.has_performance else 1
-        )
+        count = nominal.ROOTS if self.system.has_performance else 1
+        return nominal.characteristic_roots(self._loop, count)
 
     @_computed_once
     def abscissa(self) -> float | None:
@@ -94,7 +96,7 @@ class NominalFigures(Value):
         if not self.system.has_performance:
             return None
         with suppress(*_BEYOND_DOUBLES), np.errstate(over="raise", invalid="raise"):
-            return nominal.hinf_norm(nominal.close(self.system, self.K), self._roots)
+            return nominal.hinf_norm(self._loop, self._roots)
         return None
 
     @_computed_once
