@@ -84,11 +84,10 @@ class Door(NamedTuple):
     takes: float = 1.0
 
 
-_RUN = ("run", "scenario.toml", "--out", "out.mcap", "--limit", "call=3", "--limit", "start=3")
-_STUDY_RUN = (
-    *("study", "run", "study.toml", "--out", "study"),
-    *("--limit", "call=3", "--limit", "start=3", "--workers"),
-)
+_LIMITS = ("--limit", "call=3", "--limit", "start=3", "--limit", "end=3")
+"""An FMU may hang in any call, in those that end it as well."""
+_RUN = ("run", "scenario.toml", "--out", "out.mcap", *_LIMITS)
+_STUDY_RUN = ("study", "run", "study.toml", "--out", "study", *_LIMITS, "--workers")
 DOORS: Mapping[str, Door] = MappingProxyType(
     {
         "run": Door(lambda _: cosim_line(*_RUN), runs_fmus=True),

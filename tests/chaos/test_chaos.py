@@ -33,5 +33,11 @@ def test_each_trouble_ends_as_it_must(trouble: str) -> None:
     assert attempt(Trial(1, 0, trouble, door), stock(), RUN_S).departures == ()
 
 
+@pytest.mark.slow
+def test_an_fmu_that_hangs_when_it_is_freed_ends_at_its_limit() -> None:
+    """In a study too, whose workers are freed of it one by one."""
+    assert attempt(trial_of(52818025, 9), stock(), RUN_S).departures == ()
+
+
 def test_every_trouble_has_a_door() -> None:
     assert all(set(doors_of(name)) <= set(DOORS) and doors_of(name) for name in TROUBLES)
