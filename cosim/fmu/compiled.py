@@ -10,23 +10,26 @@ from pathlib import Path
 
 from cosim.core import cache_folder, once, say_once, write_whole
 from cosim.fmu.export.native.compiler import STANDARD, host_compiler, shared_library
+from cosim.fmu.export.native.link_step import link_step_header
 from cosim.fmu.export.native.platforms import Platform, host
 from cosim.fmu.prebuilt import prebuilt_file
 
 _SOURCES = {
-    "kernel": ("fmu/export/native/c/arithmetic.h", "master/kernel.c"),
+    "kernel": ("fmu/export/native/c/arithmetic.h", "network/delivery.c", "master/kernel.c"),
     "channel": ("fmu/isolation/channel.c",),
 }
-"""Their files, one after the other."""
+"""Their files, one after the other; the steps of a link stand in front of the kernel's."""
 
 
 def library_source(name: str, *, futex: bool = True) -> bytes:
-    """Return the C of a library of this package: the loop's "kernel", or the "channel" to slaves.
+    """Return the C of a library of this package: the loops' "kernel", or the "channel" to slaves.
 
     `futex`: whether the channel sleeps on a futex, which Linux has.
     """
     package = Path(__file__).parents[1]
     source = b"".join(package.joinpath(file).read_bytes() for file in _SOURCES[name])
+    if name == "kernel":
+        source = link_step_header().encode() + source
     return source if futex else b"#define WITHOUT_FUTEX\n" + source
 
 

@@ -5,6 +5,10 @@ from .communication_schedule import (
     Link as Link,
     make_schedule as make_schedule,
 )
+from .compiled import (
+    compiled_delivery as compiled_delivery,
+    load_kernel as load_kernel,
+)
 from .component_instance import (
     ComponentInstance as ComponentInstance,
     element_names as element_names,
@@ -14,7 +18,6 @@ from .engine import (
     EngineName as EngineName,
 )
 from .guards import NOT_WATCHED as NOT_WATCHED, Guards as Guards
-from .kernel import load_kernel as load_kernel
 from .observers import Observer as Observer
 from .order import (
     ReceivingOrder as ReceivingOrder,

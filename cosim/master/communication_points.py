@@ -25,9 +25,9 @@ from cosim.master.reserved import Reserved
 from cosim.network import (
     SUBSTITUTE,
     Arrivals,
-    GrowingSchedule,
+    Delivery,
     LinkState,
-    MediumSchedule,
+    MediumDelivery,
     PacketLink,
     Traffic,
 )
@@ -106,13 +106,13 @@ class CommunicationPoints:
         self.final = self.most
         self._planned: deque[int] = deque()
         self._planned_until = -1
-        self.links: Mapping[str, GrowingSchedule] = {
+        self.links: Mapping[str, Delivery] = {
             name: link
             for name, link in self._schedule.begin().items()
             if self._with_live or not link.is_live
         }
         self.live = {
-            link.link.resolved_with: link.traffic if isinstance(link, MediumSchedule) else link
+            link.link.resolved_with: link.traffic if isinstance(link, MediumDelivery) else link
             for link in self.links.values()
             if link.is_live
         }
@@ -280,7 +280,7 @@ class CommunicationPoints:
         if self.ready <= k and not self.crossing:
             self.extend()
 
-    def _resolve(self, link: GrowingSchedule | Traffic, value: Any, now: int) -> None:
+    def _resolve(self, link: Delivery | Traffic, value: Any, now: int) -> None:
         """Resolve a message of a live link that is sent now [ns], or what a live medium awaits."""
         delay, loss = (
             self.event_values.at(f"{link.sending_link}.{what}", now) for what in ("delay", "loss")

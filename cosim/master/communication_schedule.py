@@ -11,14 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.core import InputError, distinct
+from cosim.master.compiled import compiled_delivery
 from cosim.master.component_points import own_instants
-from cosim.network import (
-    GrowingSchedule,
-    PacketLink,
-    PacketSchedule,
-    TransportLink,
-    growing_schedules,
-)
+from cosim.network import Delivery, PacketLink, TransportLink, begin_deliveries
 
 Link = PacketLink | TransportLink
 """A link of either kind."""
@@ -82,15 +77,16 @@ class CommunicationSchedule:
     def _packets(self) -> Mapping[str, PacketLink]:
         return {n: link for n, link in self.links.items() if isinstance(link, PacketLink)}
 
-    def begin(self) -> dict[str, GrowingSchedule]:
-        """Return the packet links at the beginning of a run.
+    def begin(self) -> dict[str, Delivery]:
+        """Return the deliveries of the packet links at the beginning of a run.
 
         Raises
         ------
         InputError : far too many messages, a recorded delay that does not last as long as the run.
         """
         step = self.step_ns if self.events == "grid" else None
-        return growing_schedules(self._packets.values(), self.end_ns, step)
+        compiled = compiled_delivery() if self._packets else None
+        return begin_deliveries(self._packets.values(), self.end_ns, step, compiled)
 
     def known(self, after_ns: int, until_ns: int) -> Integers:
         """Return the points in (after, until] [ns] that depend on no link, int64 (n,)."""
@@ -127,14 +123,6 @@ class CommunicationSchedule:
             found.append(link.sendings(-1, self.end_ns))
             found += [] if link.is_live else [link.changes(-1, self.end_ns)[0]]
         return distinct(np.concatenate(found))
-
-    @cached_property
-    def schedules(self) -> Mapping[str, PacketSchedule]:
-        """The schedule of each packet link of known delay, for a run that is not long."""
-        found = {n: link for n, link in self.begin().items() if not link.is_live}
-        for link in found.values():
-            link.advance(self.end_ns)
-        return {name: link.finish(self.end_ns) for name, link in found.items()}
 
 
 def between(instants_ns: Integers, after_ns: int, until_ns: int) -> Integers:

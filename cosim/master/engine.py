@@ -6,9 +6,10 @@ from collections.abc import Mapping
 from typing import Literal, NamedTuple, Protocol
 
 from cosim.core import InputError
+from cosim.master.compiled import load_kernel
 from cosim.master.event_instance import EventInstance
 from cosim.master.guards import Guards
-from cosim.master.kernel import KernelLoop, load_kernel
+from cosim.master.kernel import KernelLoop
 from cosim.master.plain_loop import PlainLoop
 from cosim.master.table import EarlyStop, Table
 

@@ -1,7 +1,8 @@
 /* The loop of a co-simulation: carries out a table of operations at each communication point.
 
    `plain_loop.py` is the specification: it carries out the same table, bit for bit. Compiled
-   without contraction of floating-point operations, and called through one function, `run`. */
+   without contraction of floating-point operations, and called through one function, `run`. One
+   library with the loop over messages, delivery.c, which stands in front. */
 
 #include <math.h>
 #include <stdint.h>
@@ -445,7 +446,6 @@ static int64_t carry_out(Run *r, const Operation *table, int64_t begin, int64_t 
 
 /* Threads that carry out the steps of a point side by side, a group of operations each. */
 #if defined(_WIN32)
-#define EXPORT __declspec(dllexport)
 typedef struct {
     const int64_t *groups;
 } Team;
@@ -459,7 +459,6 @@ static int64_t by_team(Team *t, Run *r, const Operation *table, int64_t k) {
 #else
 #include <pthread.h>
 #include <signal.h>
-#define EXPORT __attribute__((visibility("default")))
 
 typedef struct {
     pthread_mutex_t lock;

@@ -5,15 +5,14 @@ It takes the addresses of the FMUs' functions and instances, and exchanges numbe
 
 from __future__ import annotations
 
-import ctypes
-from functools import cache
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cosim.core import InputError
-from cosim.fmu import FmuSlave, compiled_library, library_source
+from cosim.fmu import FmuSlave
+from cosim.master.compiled import load_kernel
 from cosim.master.component_instance import Group
 from cosim.master.guards import Guards
 from cosim.master.routes import Route
@@ -72,23 +71,6 @@ _GUARDS = np.dtype(
     ]
 )
 """`Guards` of kernel.c."""
-
-
-@cache
-def load_kernel() -> Any:
-    """Return the library of the kernel; the first call may compile it.
-
-    Raises
-    ------
-    InputError : no C compiler, or it rejects the source.
-    """
-    library = compiled_library("kernel", library_source("kernel"))
-    address, number = ctypes.c_void_p, ctypes.c_int64
-    library.run.argtypes = [address, address, *[number] * 4, address, number]
-    library.make_team.argtypes = [number, address, number, address]
-    library.make_team.restype = address
-    library.end_team.argtypes, library.end_team.restype = [address], None
-    return library
 
 
 class KernelLoop:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -17,7 +16,7 @@ from cosim.master.engine import EngineChoice
 from cosim.master.exchange import TOO_LARGE
 from cosim.master.table import EarlyStop
 from cosim.master.wiring import Wiring
-from cosim.network import GrowingSchedule, PacketSchedule
+from cosim.network import Delivery
 from cosim.trace import Cause, CauseKind
 
 RunStatus = Literal["finished", "stopped", "diverged", "failed"]
@@ -41,9 +40,10 @@ class Run:
     instances : the component instances; their rows up to `count` are valid if they were kept, else
         those from `oldest` on.
     engine : the engine that executed the run, and why it was chosen.
-    statistics : of each packet link, up to the last point (`PacketSchedule.statistics`).
+    statistics : of each packet link, up to the last point (`Delivery.statistics`).
     cause : why it did not reach its end; None when it did, or was stopped from outside.
     kept : whether all rows were kept.
+    deliveries : of each packet link, as far as they are known; what was not kept is forgotten.
     """
 
     status: RunStatus
@@ -55,8 +55,8 @@ class Run:
     statistics: Mapping[str, Mapping[str, float | None]]
     cause: Cause | None
     kept: bool
+    deliveries: Mapping[str, Delivery]
     _points_ns: NDArray[np.int64]
-    _links: Mapping[str, GrowingSchedule]
     _wiring: Wiring | None = field(repr=False)
 
     @classmethod
@@ -86,9 +86,7 @@ class Run:
         statistics = {n: one.statistics(end_ns, broken_off=one.is_live) for n, one in links.items()}
         return cls(
             *(status, reason, count, end_ns, wiring.instances, engine, statistics, cause, kept),
-            points.points_ns[:count],
-            links,
-            wiring,
+            *(links, points.points_ns[:count], wiring),
         )
 
     def owned(self) -> Run:
@@ -98,11 +96,7 @@ class Run:
         self._wiring.make_whole(self.count)
         rows = self._wiring.rows[: self.count].copy()
         instances = tuple(instance.with_rows(rows) for instance in self.instances)
-        found = replace(
-            self, instances=instances, _points_ns=self._points_ns.copy(), _links={}, _wiring=None
-        )
-        vars(found)["schedules"] = self.schedules
-        return found
+        return replace(self, instances=instances, _points_ns=self._points_ns.copy(), _wiring=None)
 
     @property
     def points_ns(self) -> NDArray[np.int64]:
@@ -114,18 +108,6 @@ class Run:
         """
         self._check_kept()
         return self._points_ns
-
-    @cached_property
-    def schedules(self) -> Mapping[str, PacketSchedule]:
-        """The schedules of the packet links, up to the last point.
-
-        Raises
-        ------
-        InputError : they were not kept.
-        """
-        self._check_kept()
-        found = self._links.items()
-        return {name: one.finish(self.end_ns, broken_off=one.is_live) for name, one in found}
 
     def _check_kept(self) -> None:
         if not self.kept:

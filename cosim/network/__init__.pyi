@@ -2,10 +2,6 @@ from . import (
     draws as draws,
     stepping as stepping,
 )
-from .alignment import (
-    Alignment as Alignment,
-    align as align,
-)
 from .arrivals import (
     COLLIDED as COLLIDED,
     DELIVERED as DELIVERED,
@@ -23,13 +19,18 @@ from .arrivals import (
     Arrivals as Arrivals,
 )
 from .checks import MAX_NS as MAX_NS
+from .compiled_delivery import CompiledDelivery as CompiledDelivery
 from .delay_signal import DelaySignal as DelaySignal
+from .deliveries import (
+    begin_deliveries as begin_deliveries,
+    deliver as deliver,
+)
+from .delivery import Delivery as Delivery
 from .file_rows import (
     Row as Row,
     no_rows as no_rows,
     read_rows as read_rows,
 )
-from .growing_schedule import GrowingSchedule as GrowingSchedule
 from .impairment import (
     GilbertElliott as GilbertElliott,
     Jitter as Jitter,
@@ -55,20 +56,14 @@ from .medium import (
     Node as Node,
     distance as distance,
 )
-from .medium_schedule import (
-    MediumSchedule as MediumSchedule,
+from .medium_delivery import (
+    MediumDelivery as MediumDelivery,
     Traffic as Traffic,
 )
-from .medium_traffic import (
-    MediumTraffic as MediumTraffic,
-    growing_schedules as growing_schedules,
-)
-from .messages import sending_instants as sending_instants
 from .packet import (
     Order as Order,
     PacketLink as PacketLink,
 )
-from .packet_schedule import PacketSchedule as PacketSchedule
 from .profile import (
     DelayProfile as DelayProfile,
     Interpolation as Interpolation,
@@ -83,7 +78,6 @@ from .recording import (
     Replay as Replay,
     RowOf as RowOf,
 )
-from .scheduling import schedule as schedule
 from .single_draws import (
     single_log as single_log,
     single_uniform as single_uniform,

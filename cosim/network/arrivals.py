@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 DELIVERED = 0
-"""Status of a message that the receiver accepted (`PacketSchedule.status`)."""
+"""Status of a message that the receiver accepted (`Arrivals.status`)."""
 
 LOST = 1
 """Status of a message that the channel lost."""
@@ -59,7 +59,7 @@ class Arrivals(NamedTuple):
         [ns], int64, never decreasing.
     sent_ns : instant of sending [ns], int64.
     sequence : sequence number, int64.
-    status : as in `PacketSchedule`, IN_FLIGHT excepted, int8.
+    status : what became of each, one of those above, int8.
     """
 
     arrival_ns: NDArray[np.int64]

@@ -3,23 +3,14 @@
 At one instant receptions end first, then play-out buffers release, then nodes begin to send, then
 links offer messages, in the order of links. All intervals are half open: packets that meet end to
 end do not disturb each other. So the order of the nodes has no effect.
-
-    schedules = growing_schedules(links, end_ns, points)
-    for each link of fixed nodes: schedules[name].advance(until)    # of all links of its medium
-    traffic = schedules[name].traffic                               # nodes that move
-    at each point t:
-        while traffic.horizon_ns == t:
-            traffic.resolve(traffic.message, coordinates)
 """
 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from heapq import heappop, heappush
 from typing import Any
-
-from numpy.typing import ArrayLike
 
 from cosim.core import InputError
 from cosim.network.arrivals import (
@@ -30,13 +21,12 @@ from cosim.network.arrivals import (
     QUEUE_FULL,
     RECEIVER_SENDING,
 )
-from cosim.network.growing_schedule import GrowingSchedule
 from cosim.network.medium import Medium, distance
-from cosim.network.medium_schedule import MediumSchedule
+from cosim.network.medium_delivery import MediumDelivery
 from cosim.network.packet import PacketLink
+from cosim.network.sendings import NEVER
 from cosim.network.single_draws import single_uniform
 
-_NEVER = 2**63 - 1
 _OVER, _RELEASE, _BEGIN, _OFFER = range(4)  # events of one instant, in order
 
 
@@ -55,7 +45,7 @@ class _Modem:
 
     def __init__(self) -> None:
         self.free = self.deaf_until = 0
-        self.waiting: deque[tuple[MediumSchedule, int]] = deque()
+        self.waiting: deque[tuple[MediumDelivery, int]] = deque()
         self.heard: list[_Heard] = []
         self.tries = 0  # of the first that waits
 
@@ -63,31 +53,37 @@ class _Modem:
 class MediumTraffic:
     """The packets on a medium over [0, end_ns], as far as they are known.
 
-    Made by `growing_schedules`, which makes the schedules of its links.
+    Made by `begin_deliveries`, which makes the deliveries of its links.
 
     Attributes
     ----------
     medium : the medium.
+    message : how many packets and messages were resolved so far.
+    horizon_ns : the instant before which everything is final [ns]; 2**63 - 1 when all is. Of a
+        medium whose nodes move it is that at which the next packet begins to be sent, on a grid
+        the last point up to it: there the places of the nodes decide. Of adjustable links it is
+        that at which the next message is offered.
+    is_live : whether packets are resolved one by one, or messages before they wait (`resolve`).
     """
 
-    def __init__(self, medium: Medium, schedules: Sequence[MediumSchedule], end_ns: int) -> None:
-        self.medium, self._schedules, self._end_ns = medium, schedules, end_ns
+    def __init__(self, medium: Medium, deliveries: Sequence[MediumDelivery], end_ns: int) -> None:
+        self.medium, self._deliveries, self._end_ns = medium, deliveries, end_ns
         self._modems = [_Modem() for _ in medium.nodes]
         self._events: list[tuple[int, int, int, Any]] = []
-        self._sent = self._resolved = 0
-        self._leaders = [self._leader(number) for number in range(len(schedules))]
+        self._sent = self.message = self.horizon_ns = 0
+        self._leaders = [self._leader(number) for number in range(len(deliveries))]
         self._sharing = {
-            one: [s for s, of in zip(schedules, self._leaders, strict=True) if of == number]
-            for number, one in enumerate(schedules)
+            one: [s for s, of in zip(deliveries, self._leaders, strict=True) if of == number]
+            for number, one in enumerate(deliveries)
         }
         self._refused: set[tuple[int, int]] = set()  # messages of links that others share
-        self._adjusts = any(one.link.adjustable for one in schedules)
+        self._adjusts = any(one.link.adjustable for one in deliveries)
         self._fixed: list[list[tuple[int, float, int]]] | None = None
         if not medium.moves:
             places = medium.at(())
             self._fixed = [self._ways(node, places) for node in range(len(places))]
-        self._horizon_ns = 0
-        for number, one in enumerate(schedules):
+        self.is_live = medium.moves or self._adjusts
+        for number, one in enumerate(deliveries):
             one.traffic = self
             self._offer_next(number)
         if self.is_live:
@@ -100,8 +96,8 @@ class MediumTraffic:
         ------
         InputError : they are not of one size, rhythm and queue.
         """
-        link = self._schedules[number].link
-        for other, one in enumerate(self._schedules[:number]):
+        link = self._deliveries[number].link
+        for other, one in enumerate(self._deliveries[:number]):
             if _packet_of(one.link) == _packet_of(link) is not None:
                 for key in ("sample_time_ns", "offset_ns", "frame_size", "queue_limit"):
                     mine, its = getattr(link, key), getattr(one.link, key)
@@ -116,35 +112,15 @@ class MediumTraffic:
         return number
 
     @property
-    def is_live(self) -> bool:
-        """Whether packets are resolved one by one, or messages before they wait (`resolve`)."""
-        return self._fixed is None or self._adjusts
-
-    @property
-    def message(self) -> int:
-        """How many packets and messages were resolved so far."""
-        return self._resolved
-
-    @property
     def sending_link(self) -> str:
         """Name of the link whose message is to be resolved next; "" for a packet, or nothing."""
         awaited = self._events[0] if self._events else None
         offered = self._adjusts and awaited is not None and awaited[1] == _OFFER
-        return self._schedules[awaited[2]].link.name if offered and awaited is not None else ""
-
-    @property
-    def horizon_ns(self) -> int:
-        """The instant before which everything is final [ns]; 2**63 - 1 when all is.
-
-        Of a medium whose nodes move it is that at which the next packet begins to be sent, on a
-        grid the last point up to it: there the places of the nodes decide. Of adjustable links it
-        is that at which the next message is offered.
-        """
-        return self._horizon_ns
+        return self._deliveries[awaited[2]].link.name if offered and awaited is not None else ""
 
     def advance(self, until_ns: int) -> None:
         """Make everything up to and including an instant final, where no node moves."""
-        if until_ns >= self._horizon_ns and not self.is_live:
+        if until_ns >= self.horizon_ns and not self.is_live:
             self._run(min(until_ns, self._end_ns))
 
     def resolve(
@@ -167,15 +143,15 @@ class MediumTraffic:
         ------
         InputError : one out of order, coordinates that are not finite or too far away.
         """
-        if not self.is_live or message != self._resolved or self._horizon_ns == _NEVER:
+        if not self.is_live or message != self.message or self.horizon_ns == NEVER:
             raise InputError(
                 "the packets on a medium must be resolved in order",
                 where=f"medium {self.medium.name!r}",
-                expected=f"packet {self._resolved}, of nodes that move or links that change",
+                expected=f"packet {self.message}, of nodes that move or links that change",
                 got=f"packet {message}",
             )
         at, what, number, _ = heappop(self._events)
-        self._resolved += 1
+        self.message += 1
         if what == _OFFER:
             self._offer(at, number, delay_ns, loss)
         else:
@@ -189,7 +165,7 @@ class MediumTraffic:
             at, what, number, over = events[0]
             if what == _BEGIN and not self._is_heard(at, number):
                 if self._fixed is None:
-                    horizon = self._schedules[0].point_before(at)
+                    horizon = self._deliveries[0].point_before(at)
                     break
                 heappop(events)
                 self._send(at, number, self._fixed[number])
@@ -203,16 +179,15 @@ class MediumTraffic:
             elif what == _OVER:
                 self._end(at, *over)
             elif what == _RELEASE:
-                self._schedules[number].release(over)
+                self._deliveries[number].release(over)
             else:
                 self._offer(at, number)
-        done = horizon > self._end_ns
-        self._horizon_ns = _NEVER if done else horizon
-        for one in self._schedules:
-            one.settle(self._horizon_ns)
+        self.horizon_ns = NEVER if horizon > self._end_ns else horizon
+        for one in self._deliveries:
+            one.settle(self.horizon_ns)
 
     def _offer_next(self, number: int) -> None:
-        at = self._schedules[number].next_sending()
+        at = self._deliveries[number].next_sending()
         if at <= self._end_ns:
             heappush(self._events, (at, _OFFER, number, None))
 
@@ -220,7 +195,7 @@ class MediumTraffic:
         self, at: int, number: int, delay_ns: int | None = None, loss: float | None = None
     ) -> None:
         """Take the next message of a link into the queue of its node, unless too many wait."""
-        one = self._schedules[number]
+        one = self._deliveries[number]
         message, limit = one.offer(delay_ns, loss), one.link.queue_limit
         self._offer_next(number)
         if one.link.playout_ns:
@@ -228,14 +203,14 @@ class MediumTraffic:
         node, leader = one.sender, self._leaders[number]
         if leader != number:  # its packet is that of another link, which was offered before
             if (leader, message) in self._refused:
-                one.outcome(message, at, 0, QUEUE_FULL)
+                one.outcome(message, at, QUEUE_FULL)
             return
         waiting = self._modems[node].waiting
         # what can begin at this instant does not wait: the event of its node comes first
         begins = not waiting and self._begin_of(node, one, message, at) == at
         begins = begins and not self._is_heard(at, node)
         if limit is not None and not begins and sum(w is one for w, _ in waiting) >= limit:
-            one.outcome(message, at, 0, QUEUE_FULL)
+            one.outcome(message, at, QUEUE_FULL)
             if len(self._sharing[one]) > 1:
                 self._refused.add((number, message))
             return
@@ -250,7 +225,7 @@ class MediumTraffic:
         self._modems[node].tries += 1
         heappush(self._events, (begin, _BEGIN, node, None))
 
-    def _begin_of(self, node: int, one: MediumSchedule, message: int, at: int) -> int:
+    def _begin_of(self, node: int, one: MediumDelivery, message: int, at: int) -> int:
         """Return when a node may begin to send a message, from an instant on."""
         medium, modem = self.medium, self._modems[node]
         begin = max(at, modem.free)
@@ -302,7 +277,7 @@ class MediumTraffic:
             for link in self._sharing[one] if heard.end <= self._end_ns else ():
                 if other == link.receiver:
                     self._sent += 1
-                    over = (link, message, heard, travel, range_m)
+                    over = (link, message, heard, range_m)
                     heappush(self._events, (heard.end, _OVER, self._sent, over))
         modem.tries = 0
         if modem.waiting:
@@ -318,7 +293,7 @@ class MediumTraffic:
         modem.heard.append(new)
 
     def _end(
-        self, at: int, one: MediumSchedule, message: int, heard: _Heard, travel: int, range_m: float
+        self, at: int, one: MediumDelivery, message: int, heard: _Heard, range_m: float
     ) -> None:
         """Say what became of a packet that has passed its receiver."""
         medium, link, fate = self.medium, one.link, DELIVERED
@@ -331,52 +306,10 @@ class MediumTraffic:
         elif medium.loss is not None:
             u = single_uniform(link.seed, link.name, "range loss", message)
             fate = LOST if medium.loss.loses(u, range_m) else DELIVERED
-        one.outcome(message, at, travel, fate)
+        one.outcome(message, at, fate)
 
 
 def _packet_of(link: PacketLink) -> tuple[str, str] | None:
     """Return sender and name of the packets that a link shares; None if they are its own."""
     hop = link.hop
     return None if hop is None or not hop.packet else (hop.sender, hop.packet)
-
-
-def growing_schedules(
-    links: Iterable[PacketLink], end_ns: int, points_ns: int | ArrayLike | None = None
-) -> dict[str, GrowingSchedule]:
-    """Return the schedules of the packet links of a run, by name; those over a medium share it.
-
-    `end_ns`, `points_ns` : as of `GrowingSchedule`.
-
-    Raises
-    ------
-    InputError : as `GrowingSchedule`, or two media of one name.
-    """
-    found: dict[str, GrowingSchedule] = {}
-    media: dict[str, list[MediumSchedule]] = {}
-    for link in links:
-        if link.hop is None:
-            found[link.name] = GrowingSchedule(link, end_ns, points_ns)
-            continue
-        found[link.name] = one = MediumSchedule(link, link.hop, end_ns, points_ns)
-        others = media.setdefault(link.hop.medium.name, [])
-        others.append(one)
-        first = others[0].link
-        if first.adjustable != link.adjustable:
-            raise InputError(
-                "the links over a medium are adjustable together",
-                where=f"link {link.name!r}: adjustable",
-                expected=f"{first.adjustable}, as of link {first.name!r}",
-                got=repr(link.adjustable),
-            )
-        if first.hop is not None and first.hop.medium != link.hop.medium:
-            raise InputError(
-                "two media have one name",
-                where=f"link {link.name!r}: hop",
-                expected=f"the medium of link {first.name!r}",
-                got=repr(link.hop.medium),
-            )
-    for over in media.values():
-        hop = over[0].link.hop
-        assert hop is not None  # noqa: S101 - links over a medium have one
-        MediumTraffic(hop.medium, over, int(end_ns))
-    return found

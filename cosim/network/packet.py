@@ -1,6 +1,6 @@
 """A packet link: sampled messages with delay, jitter, loss, copies, order and quantization.
 
-The declaration; `cosim.network.scheduling` computes the schedule. Messages are sent at
+The declaration; `cosim.network.delivery` says what becomes of it. Messages are sent at
 offset + k sample_time, each takes delay + jitter, some are lost, and the receiver holds the one
 it last accepted. All times are integer nanoseconds.
 """
@@ -48,7 +48,7 @@ class PacketLink:
     offset_ns : instant of the first message [ns].
     delay_ns : least time from sending to arrival [ns].
     delay : in place of `delay_ns`, a delay that varies: a `DelayProfile` (recorded) or a
-        `DelaySignal` (known only during the run: `GrowingSchedule`); the value at the instant of
+        `DelaySignal` (known only during the run: `Delivery`); the value at the instant of
         sending counts.
     jitter : extra delay of each message.
     loss : probability that a message is lost (independent), or bursts.
@@ -91,7 +91,7 @@ class PacketLink:
         the losses outside, are as without them.
     quantization : step of the quantizer applied to the values sent; 0: none.
     adjustable : whether delay and loss may be changed while the run goes on: each message is then
-        resolved when it is sent (`GrowingSchedule.resolve`).
+        resolved when it is sent (`Delivery.resolve`).
     seed : seed of the run (0 to 2**63 - 1); links with different names draw independently.
 
     Raises

@@ -1,9 +1,8 @@
 """What becomes of a message: the sender's queue, the channel, and the receiver, one step each.
 
 Written once. This Python steps live links; translated, line by line, it is the C that link FMUs
-step (`cosim.fmu`, link_step.h), so `send` and `receive` use nothing but integers, comparisons,
-`max` and `if`, and `and` only in conditions. `cosim.network.block_stepping` computes the same for
-many messages at once, on arrays.
+and the loop over messages step (`cosim.fmu`, link_step.h; delivery.c), so `send` and `receive` use
+nothing but integers, comparisons, `max` and `if`, and `and` only in conditions.
 """
 
 from __future__ import annotations

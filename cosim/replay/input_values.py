@@ -8,15 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.core import InputError
-from cosim.network import (
-    SUBSTITUTE,
-    PacketLink,
-    PacketSchedule,
-    TransportLink,
-    align,
-    schedule,
-)
+from cosim.core import InputError, distinct
+from cosim.network import SUBSTITUTE, PacketLink, TransportLink, deliver
 from cosim.replay.mapping import Source
 from cosim.trace import Table, Trace, component_of, rows_in_force, series_of
 
@@ -73,18 +66,21 @@ def resampled_inputs(
         )
     shift = int(times[0])
     points = _points(times - shift, step_ns)
-    traffic = None
+    in_use: Integers | None = None
     if linked and isinstance(link, PacketLink):
-        sends = schedule(link, int(points[-1]))
-        aligned = align([sends], points, "align" if step_ns is None else "grid")
-        points, (traffic,) = aligned.points_ns, aligned.schedules
+        end = int(points[-1])
+        delivery = deliver(link, end, step_ns)
+        if step_ns is None:
+            crossings = delivery.sendings(-1, end), delivery.changes(-1, end)[0]
+            points = distinct(np.concatenate([points, *crossings]))
+        in_use = delivery.sent_in_use(points)
     values = {}
     for name, source in sources.items():
-        over_packets = traffic if name in linked else None
-        at = points if over_packets is None else over_packets.sent_ns
+        received = in_use if name in linked else None
+        at = points if received is None else np.maximum(received, 0)
         sent = _values_in_force(tables, source, at + shift, starts[name])
-        if over_packets is not None:
-            values[name] = _received(over_packets, sent, points, starts[name])
+        if isinstance(link, PacketLink) and received is not None:
+            values[name] = _received(link, received, sent, starts[name])
         else:
             values[name] = _transported(link, sent, points) if name in linked else sent
     return InputValues(points, values, shift)
@@ -133,14 +129,12 @@ def _values_in_force(
 
 
 def _received(
-    traffic: PacketSchedule, sent: NDArray[np.float64], points: Integers, start: float
+    link: PacketLink, in_use: Integers, sent: NDArray[np.float64], start: float
 ) -> NDArray[np.float64]:
-    """Return the values of a packet link in use at the points."""
-    used = traffic.in_use(points)
-    values = np.append(traffic.link.quantize(sent), start)
-    received = values[np.where(used >= 0, used, values.size - 1)]
-    if traffic.link.substitute is not None:
-        received[used == SUBSTITUTE] = traffic.link.substitute
+    """Return the values that a receiver has; `in_use`, `sent` : when they were sent, and were."""
+    received = np.where(in_use >= 0, link.quantize(sent), start)
+    if link.substitute is not None:
+        received[in_use == SUBSTITUTE] = link.substitute
     return received
 
 

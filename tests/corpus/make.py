@@ -172,8 +172,7 @@ def session(folder: Path) -> None:
             run.bias("controller", "x[1]", 0.05)
             run.run_until(1.0)
             done = run.result(complete=True)
-        figures = {name: one.statistics() for name, one in done.schedules.items()}
-        of_links = [result_of_link(name, of) for name, of in figures.items()]
+        of_links = [result_of_link(name, of) for name, of in done.statistics.items()]
         writer.finish({"status": done.status, **{k: v for of in of_links for k, v in of.items()}})
 
 

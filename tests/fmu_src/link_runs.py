@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from raw_fmu import RawFmu
 
 from cosim.fmu import build_fmu, component_module
-from cosim.network import LinkState, PacketLink, TransportLink, align, schedule
+from cosim.network import LinkState, PacketLink, TransportLink, deliver
 from cosim.scenario.ssp.link_fmu import link_spec
 
 LinkSignal = component_module("link_channel.variables").LinkSignal
@@ -26,14 +26,14 @@ def signal(points_ns: NDArray[np.int64]) -> NDArray[np.float64]:
 
 def expected(link: PacketLink, step_ns: int, steps: int) -> tuple[NDArray[np.float64], LinkState]:
     """What the receiver has at each point, (steps + 1, 2), and the state of the link."""
-    aligned = align([schedule(link, step_ns * steps)], step_ns, "grid")
-    points, (found,) = aligned.points_ns, aligned.schedules
-    rows, sent = found.rows(points), link.quantize(signal(points))
-    values = sent[np.maximum(rows, 0)]
-    values[rows == -1] = INITIAL
+    points = np.arange(steps + 1) * step_ns
+    delivery = deliver(link, step_ns * steps, step_ns)
+    in_use = delivery.sent_in_use(points)
+    values = link.quantize(signal(np.maximum(in_use, 0)))
+    values[in_use == -1] = INITIAL
     if link.substitute is not None:
-        values[rows == -2] = link.substitute
-    return values, found.state(points)
+        values[in_use == -2] = link.substitute
+    return values, delivery.state(points)
 
 
 def build(link: PacketLink | TransportLink, folder: Path, step_ns: int) -> Path:

@@ -26,8 +26,7 @@ from cosim.network import (
     PacketLink,
     Recording,
     TransportLink,
-    align,
-    schedule,
+    deliver,
 )
 from cosim.scenario.ssp.link_fmu import link_spec
 
@@ -195,8 +194,8 @@ def check_random_links(channel: Path, numbers: range) -> None:
     for number in numbers:
         link = random_link(number)
         values, state = expected(link, STEP, steps)
-        found = align([schedule(link, STEP * steps)], STEP, "grid").schedules[0]
-        refused = found.sent_ns[found.status == QUEUE_FULL]
+        _, sent, _, status = deliver(link, STEP * steps, STEP).arrivals()
+        refused = sent[status == QUEUE_FULL]
         with Channel(channel) as raw:
             rows = raw.begin(packet_parameters(link)).run(STEP, 0, steps)
         assert np.array_equal(rows[:, :2], values[1:]), number
@@ -338,7 +337,7 @@ def test_messages_that_cannot_be_sent_in_time_discard_the_step(channel: Path) ->
     slow = {"sample_time": 0.001, "data_rate": 1.0, "frame_size": 9e6}
     link = PacketLink("uplink", MS, data_rate=1, frame_size=9 * 10**6)
     with pytest.raises(InputError, match="longer to send"):
-        schedule(link, 1000 * MS)
+        deliver(link, 1000 * MS)
     with Channel(channel) as raw:
         raw.begin(slow)
         with pytest.raises(Exception, match=r"failed with status 2"):

@@ -161,7 +161,6 @@ def test_rows_that_are_not_kept_are_refused(fmus: tuple[FmuDescription, FmuDescr
         run = session.result()
         for ask in (
             lambda: run.points_ns,
-            lambda: run.schedules,
             lambda: run.signal("p", "x"),
             session.snapshot,
         ):

@@ -10,7 +10,7 @@ import pytest
 from coupled import ns, section_5, system
 
 from cosim.master import simulate
-from cosim.network import GilbertElliott, Jitter, PacketLink, TransportLink, schedule
+from cosim.network import GilbertElliott, Jitter, PacketLink, TransportLink, draws
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -66,22 +66,24 @@ def replayed(
 ) -> list[float]:
     """What the receiver holds at each point, by going through the messages one at a time.
 
-    `sent` are the sender's values at the points. Takes from the schedule only what chance
-    decides: how long each message is on its way, and which are lost.
+    `sent` are the sender's values at the points. Only what chance decides is drawn: how long each
+    message is on its way, and which are lost.
     """
-    drawn = schedule(link, points[-1])
+    count = (points[-1] - link.offset_ns) // link.sample_time_ns + 1
+    transit = link.delay_ns + draws.jitter_ns(link.jitter, link.seed, link.name, count)
+    losses = draws.lost(link.loss, link.seed, link.name, count)
     events = []
     latest = 0
-    for i in range(drawn.sent_ns.size):
+    for i in range(count):
         send = link.offset_ns + i * link.sample_time_ns
         send = up(send, points) if grid else send
-        arrival = send + int(drawn.transit_ns[i])
+        arrival = send + int(transit[i])
         arrival = up(arrival, points) if grid else arrival
         if link.order == "fifo":
             arrival = max(arrival, latest)
-            latest = latest if drawn.lost[i] else arrival
+            latest = latest if losses[i] else arrival
         if send <= points[-1]:
-            events.append((arrival, i, bool(drawn.lost[i]), float(sent[points.index(send)])))
+            events.append((arrival, i, bool(losses[i]), float(sent[points.index(send)])))
     events.sort()
     value_in_use, newest, seen = start, -1, []
     for t in points:

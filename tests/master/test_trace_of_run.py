@@ -11,7 +11,7 @@ import pytest
 from coupled import ns, section_5, system
 
 from cosim.master import TraceRecorder, simulate
-from cosim.network import Jitter, PacketLink, schedule
+from cosim.network import Jitter, PacketLink, draws
 from cosim.trace import Trace, TraceWriter, content_hash
 
 if TYPE_CHECKING:
@@ -66,21 +66,23 @@ def test_rows_of_the_trace_are_the_rows_of_the_run(fmus: Path, tmp_path: Path) -
             assert np.array_equal(table[name], run.signal(component, name))
 
 
-def test_messages_of_a_link_are_those_of_its_schedule(fmus: Path, tmp_path: Path) -> None:
+def test_messages_of_a_link_are_those_that_were_drawn(fmus: Path, tmp_path: Path) -> None:
     """Sent and delivered times, sequence numbers, values as sent (quantized), drops."""
     run = recorded(section_5(fmus, step=0.05, stop=3.0, links=[LINK]), tmp_path / "a.mcap")
     trace = Trace(tmp_path / "a.mcap")
-    drawn = schedule(LINK, ns(3.0))
+    sent_ns = np.arange(LINK.offset_ns, ns(3.0) + 1, LINK.sample_time_ns)
+    lost_ones = draws.lost(LINK.loss, LINK.seed, LINK.name, sent_ns.size)
+    jitter = draws.jitter_ns(LINK.jitter, LINK.seed, LINK.name, sent_ns.size)
+    arrival = sent_ns + LINK.delay_ns + jitter
     newest, expected, dropped = -1, [], []
-    arrival = drawn.sent_ns + drawn.transit_ns
-    for i in sorted(range(drawn.sent_ns.size), key=lambda i: (arrival[i], i)):
+    for i in sorted(range(sent_ns.size), key=lambda i: (arrival[i], i)):
         if arrival[i] > ns(3.0):
             continue
-        if drawn.lost[i] or i < newest:
-            dropped.append((int(arrival[i]), "lost" if drawn.lost[i] else "overtaken"))
+        if lost_ones[i] or i < newest:
+            dropped.append((int(arrival[i]), "lost" if lost_ones[i] else "overtaken"))
             continue
         newest = i
-        expected.append((int(drawn.sent_ns[i]), int(arrival[i]), i))
+        expected.append((int(sent_ns[i]), int(arrival[i]), i))
     table = trace.read("/link/sc")
     got = zip(table.publish_time_ns, table.log_time_ns, table.sequence, strict=True)
     assert [tuple(int(v) for v in row) for row in got] == expected

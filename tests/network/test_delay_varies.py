@@ -18,7 +18,7 @@ from cosim.network import (
     DelaySignal,
     PacketLink,
     TransportLink,
-    schedule,
+    deliver,
 )
 
 
@@ -244,10 +244,10 @@ def test_signal_refuses(arguments: Any, word: str) -> None:
         DelaySignal(*arguments)
 
 
-def test_schedule_refuses_a_delay_that_follows_a_signal() -> None:
+def test_deliver_refuses_a_delay_that_follows_a_signal() -> None:
     """A delay that depends on the run is refused before it, with a hint."""
-    with pytest.raises(InputError, match="GrowingSchedule"):
-        schedule(PacketLink("a", 10, delay=DelaySignal(1.0)), 100)
+    with pytest.raises(InputError, match=r"follows a signal(.|\n)*Delivery"):
+        deliver(PacketLink("a", 10, delay=DelaySignal(1.0)), 100)
 
 
 def test_transport_with_a_recorded_delay() -> None:

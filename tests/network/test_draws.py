@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from cosim.network import GilbertElliott, Jitter, LossChain, PacketLink, draws, schedule
+from cosim.network import GilbertElliott, Jitter, LossChain, PacketLink, deliver, draws
 
 MASK = 2**64 - 1
 
@@ -61,10 +61,12 @@ def test_uniform_is_the_documented_stream(seed: int, name: str) -> None:
 
 def test_uniform_jitter_exactly() -> None:
     """Uniform jitter is floor(width * 53 bits / 2**53) in exact arithmetic."""
-    link = PacketLink("sc", 10, jitter=Jitter("uniform", width_ns=12_345_678), seed=5)
+    width = Jitter("uniform", width_ns=12_345_678)
+    link = PacketLink("sc", 10**8, jitter=width, seed=5)
     words = raw_stream(5, "sc", "jitter", 101)
     expected = [math.floor(Fraction(word >> 11, 2**53) * 12_345_678) for word in words]
-    assert schedule(link, 1000).transit_ns.tolist() == expected
+    when, sent, _, _ = deliver(link, 10**10 + 10**8 - 1).arrivals()
+    assert (when - sent).tolist() == expected
 
 
 def test_logarithm() -> None:

@@ -1,4 +1,4 @@
-"""Every field of every schedule against an event-by-event model in integers and fractions."""
+"""Every answer of every delivery against an event-by-event model in integers and fractions."""
 
 from __future__ import annotations
 
@@ -15,21 +15,19 @@ import numpy as np
 import pytest
 from shared import sampled, share_of
 
+from cosim.master import compiled_delivery
 from cosim.network import (
     REASONS,
     DelayProfile,
     DelaySignal,
+    Delivery,
     GilbertElliott,
-    GrowingSchedule,
     Jitter,
     LossChain,
     LossWindow,
     PacketLink,
-    PacketSchedule,
     Recording,
     TransportLink,
-    align,
-    schedule,
 )
 
 
@@ -210,37 +208,31 @@ def draw_profile(r: random.Random, unit: int, end: int) -> DelayProfile:
 def draw_points(r: random.Random, end: int, unit: int) -> list[int]:
     if end == 0:
         return [0]
-    if r.random() < 0.6:
-        step = r.randint(1, 20) * unit
-        return [*range(0, end, step), end]
-    return sorted({0, end, *(r.randint(0, end) for _ in range(r.randint(0, 30)))})
+    step = r.choice([r.randint(1, 20) * unit, r.randint(1, 2 * end)])
+    return [*range(0, end, step), end]
 
 
-def check_schedule(s: PacketSchedule, model: link_model.Outcome, instants: list[int]) -> None:
-    """Check every field, and the state at the instants, against the model."""
-    entries = [model.entries[label] for label in model.labels]
-    assert s.sequence.tolist() == [k for k, _ in model.labels]
-    assert s.copy.tolist() == [bool(copy) for _, copy in model.labels]
-    assert s.sent_ns.tolist() == [e.sent for e in entries]
-    assert s.transit_ns.tolist() == [e.transit for e in entries]
-    assert s.lost.tolist() == [e.lost for e in entries]
-    assert s.arrival_ns.tolist() == [e.arrival for e in entries]
-    assert [REASONS[k] for k in s.status.tolist()] == [e.fate for e in entries]
-    delivered = [e.arrival if e.fate == "delivered" else -1 for e in entries]
-    assert s.delivered_ns.tolist() == delivered
-    times, used = s.changes()
+def step_of(points: list[int]) -> int:
+    """The step of communication points."""
+    return points[1] if len(points) > 1 else 1
+
+
+def check_delivery(d: Delivery, end: int, model: link_model.Outcome, instants: list[int]) -> None:
+    """Check every answer of a run that ended, and the state at the instants, by the model."""
+    times, sent = d.changes(-1, end)
     changes = model.changes()
     assert times.tolist() == sorted(changes)
-    assert used.tolist() == [model.index(model.at(t).used) for t in sorted(changes)]
-    check_arrivals(s, model)
-    check_answers(s, model, instants)
-    check_statistics(s.link, s.statistics(), model)
-    delays = [e.arrival - e.sent for e in entries if e.fate == "delivered"]
+    assert sent.tolist() == [model.sent(model.at(t).used) for t in sorted(changes)]
+    assert d.sendings(-1, end).tolist() == sorted({e.sent for e in model.entries.values()})
+    check_arrivals(d, model)
+    check_answers(d, model, instants)
+    check_statistics(d.link, d.statistics(end), model)
+    delays = [e.arrival - e.sent for e in model.entries.values() if e.fate == "delivered"]
     mean = sum(delays) / len(delays) / 1e9 if delays else None  # to the last bit
-    assert s.statistics()["mean_delay_s"] == mean
+    assert d.statistics(end)["mean_delay_s"] == mean
 
 
-def check_arrivals(s: PacketSchedule | GrowingSchedule, model: link_model.Outcome) -> None:
+def check_arrivals(s: Delivery, model: link_model.Outcome) -> None:
     """Check arrivals and drops against the model, in order."""
     expected = [
         (model.entries[label].arrival, model.entries[label].sent, label[0], fate)
@@ -257,17 +249,12 @@ def check_arrivals(s: PacketSchedule | GrowingSchedule, model: link_model.Outcom
     assert list(zip(*columns, strict=True)) == expected
 
 
-def check_answers(
-    s: PacketSchedule | GrowingSchedule, model: link_model.Outcome, instants: list[int]
-) -> None:
+def check_answers(s: Delivery, model: link_model.Outcome, instants: list[int]) -> None:
     notes = [model.at(t) for t in instants]
-    if isinstance(s, PacketSchedule):
-        assert s.in_use(instants).tolist() == [model.index(n.used) for n in notes]
-    else:
-        used = s.sent_in_use(instants).tolist()
-        assert used == [model.sent(n.used) for n in notes]
-        if instants == sorted(instants):
-            assert np.repeat(*s.runs_in_use(np.array(instants))).tolist() == used
+    used = s.sent_in_use(instants).tolist()
+    assert used == [model.sent(n.used) for n in notes]
+    if instants == sorted(instants):
+        assert np.repeat(*s.runs_in_use(np.array(instants))).tolist() == used
     state = s.state(instants)
     assert state.sequence.tolist() == [model.sequence(n.used) for n in notes]
     assert state.delivered.tolist() == [n.delivered for n in notes]
@@ -307,10 +294,8 @@ def check_statistics(link: PacketLink, got: dict[str, Any], model: link_model.Ou
     )
 
 
-def grow(
-    s: GrowingSchedule, case: Case, model: link_model.Outcome, r: random.Random
-) -> Iterator[int]:
-    """Make a schedule known in blocks cut at random; yield the instant up to which it is."""
+def grow(s: Delivery, case: Case, model: link_model.Outcome, r: random.Random) -> Iterator[int]:
+    """Make a delivery known in blocks cut at random; yield the instant up to which it is."""
     known = -1
     while s.horizon_ns <= case.end:
         if not s.is_live:
@@ -332,54 +317,28 @@ def grow(
         yield known
 
 
-def grown(
-    s: GrowingSchedule, case: Case, model: link_model.Outcome, r: random.Random
-) -> PacketSchedule:
-    """Grow a schedule to its end, check what it answers there, and finish it."""
-    for _ in grow(s, case, model, r):
-        pass
-    check_answers(s, model, [r.randint(0, case.end), case.end])
-    check_arrivals(s, model)
-    return s.finish()
-
-
-def same(one: PacketSchedule, other: PacketSchedule) -> None:
-    arrays = ("sent_ns", "transit_ns", "arrival_ns", "delivered_ns", "sequence", "status")
-    for key in (*arrays, "lost", "copy"):
-        a, b = getattr(one, key), getattr(other, key)
-        assert a.dtype == b.dtype
-        assert (a == b).all()
-        assert a.shape == b.shape
+def begin(case: Case, step: int | None, number: int) -> Delivery:
+    """The delivery of a case at its beginning; every second one goes through the compiled loop."""
+    return Delivery(case.link, case.end, step, compiled_delivery() if number % 2 else None)
 
 
 def check_case(number: int) -> None:
-    """One link in all its forms: at once and live, instants as they are and on a grid."""
+    """One link in all its forms: known and live, instants as they are and on a grid."""
     case = draw_case(number)
     r = random.Random(-1 - number)  # noqa: S311 - cases, not secrets
-    link, end, points = case.link, case.end, case.points
-    raw = link_model.raw_draws(link, end)
-    exact = link_model.run(link, end, raw, case.delay)
-    grid = link_model.run(link, end, raw, case.delay, points)
-    instants = [*(r.randint(0, end) for _ in range(4)), 0, end]
-    growing = GrowingSchedule(link, end)
-    finished = grown(growing, case, exact, r)
-    check_schedule(finished, exact, instants)
-    check_schedule(align([finished], points, "grid").schedules[0], grid, instants)
-    raw_on_grid = link_model.raw_draws(link, end, points)
-    on_grid = link_model.run(link, end, raw_on_grid, case.delay, points)
-    on_points = grown(GrowingSchedule(link, end, points), case, on_grid, r)
-    check_schedule(on_points, on_grid, instants)
-    if not isinstance(link.delay, DelaySignal):
-        same(schedule(link, end), finished)
-        same(align([finished], points, "grid").schedules[0], on_points)
-    made, (kept,) = align([finished], points)
-    assert kept is finished
-    sent = {e.sent for e in exact.entries.values()}
-    assert made.tolist() == sorted({*points, *sent, *exact.changes()})
-    if number % 3 == 0:  # a run that ended early has the schedule of the shorter run
-        stop = r.randint(0, end)
-        shorter = link_model.run(link, stop, raw, case.delay)
-        check_schedule(growing.finish(stop), shorter, [0, stop])
+    link, end = case.link, case.end
+    for points in (None, case.points):
+        raw = link_model.raw_draws(link, end, points)
+        model = link_model.run(link, end, raw, case.delay, points)
+        d = begin(case, None if points is None else step_of(points), number)
+        for _ in grow(d, case, model, r):
+            pass
+        check_delivery(d, end, model, [*(r.randint(0, end) for _ in range(4)), 0, end])
+        if number % 3 == 0:  # a run that ended early is as a shorter run
+            stop = r.choice(points) if points else r.randint(0, end)
+            until = None if points is None else [p for p in points if p <= stop]
+            shorter = link_model.run(link, stop, raw, case.delay, until)
+            check_statistics(link, d.statistics(stop), shorter)
 
 
 def check_transport(number: int) -> None:
@@ -387,7 +346,7 @@ def check_transport(number: int) -> None:
     r = random.Random(number)  # noqa: S311 - cases, not secrets
     unit = r.choice([1, 1, 10**6, 2_000_000_011])
     end = r.randint(0, 200) * unit
-    points = draw_points(r, end, unit)
+    points = sorted({0, end, *(r.randint(0, end) for _ in range(r.randint(0, 30)))})
     delay: dict[str, Any] = {"delay_ns": r.randint(0, 120) * unit}
     if r.random() < 0.5:
         delay = {"delay": draw_profile(r, unit, end)}

@@ -4,114 +4,103 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections import Counter
 from dataclasses import replace
 from typing import Any
 
 import link_model
 import numpy as np
 import pytest
+from fates import arrivals, delivered, entries, fates
 from hypothesis import given, strategies as st
-from test_link_exact import draw_case
+from test_link_exact import Case, draw_case
 
 from cosim.network import (
     REASONS,
     DelayProfile,
     DelaySignal,
+    Delivery,
     GilbertElliott,
-    GrowingSchedule,
     Jitter,
     LossChain,
     PacketLink,
-    PacketSchedule,
     TransportLink,
-    align,
+    deliver,
     draws,
-    schedule,
 )
 
 numbers = st.integers(0, 10**9)
 
 
-def schedule_of(number: int) -> PacketSchedule:
-    """The schedule of a random link, with a known or a live delay."""
-    case = draw_case(number)
-    if not isinstance(case.link.delay, DelaySignal):
-        return schedule(case.link, case.end)
-    live = GrowingSchedule(case.link, case.end)
-    while live.horizon_ns <= case.end:
-        live.resolve(live.message, case.values[live.message])
-    return live.finish()
-
-
-def words(s: PacketSchedule) -> list[str]:
-    return [REASONS[k] for k in s.status.tolist()]
+def delivery_of(case: Case) -> Delivery:
+    """The delivery of a random link, with a known or a live delay."""
+    d = Delivery(case.link, case.end)
+    while d.is_live and d.horizon_ns <= case.end:
+        d.resolve(d.message, case.value(d.message))
+    d.advance(case.end)
+    return d
 
 
 @given(numbers)
 def test_no_message_arrives_early(number: int) -> None:
     """Nothing arrives before the instant of sending, the frame and the declared delay."""
     case = draw_case(number)
-    s = schedule_of(number)
-    there = [word != "queue full" for word in words(s)]
-    if s.link.playout_ns:  # anything else is missed before it would have come
-        there = [word == "delivered" for word in words(s)]
-    entries = (s.sequence[there], s.sent_ns[there].tolist(), s.arrival_ns[there].tolist())
-    for k, sent, arrival in zip(*entries, strict=True):
-        assert arrival >= sent + case.link.frame_ns + case.delay(int(k), sent)
+    # with a play-out buffer anything else is missed before it would have come
+    not_there = {"queue full"} if not case.link.playout_ns else {*REASONS} - {"delivered"}
+    for arrival, sent, k, fate in entries(delivery_of(case)):
+        if fate not in not_there:
+            assert arrival >= sent + case.link.frame_ns + case.delay(k, sent)
 
 
 @given(numbers)
 def test_never_reordered_under_fifo(number: int) -> None:
     """Under fifo deliveries come in the order of the sequence numbers, and none is discarded."""
-    s = schedule_of(number)
-    if s.link.order != "fifo":
+    d = delivery_of(draw_case(number))
+    if d.link.order != "fifo":
         return
-    arrived = s.delivered_ns >= 0
-    assert (np.diff(s.delivered_ns[arrived]) >= 0).all()
-    assert not {"overtaken", "duplicate"} & set(words(s))
+    accepted = [entry.message for entry in delivered(d)]
+    assert accepted == sorted(accepted)
+    assert not {"overtaken", "duplicate"} & {entry.fate for entry in entries(d)}
 
 
 @given(numbers)
 def test_newest_wins_never_goes_back(number: int) -> None:
     """Under newest-wins the message in use is never replaced by an older one, or by itself."""
-    s = schedule_of(number)
-    if s.link.order != "newest-wins":
+    d = delivery_of(draw_case(number))
+    if d.link.order != "newest-wins":
         return
-    used = s.changes()[1]
-    assert (np.diff(s.sequence[used[used >= 0]]) > 0).all()
+    accepted = [entry.message for entry in delivered(d)]
+    assert accepted == sorted({*accepted})
 
 
 @given(numbers, st.integers(1, 50))
 def test_longer_run_begins_with_the_same_messages(number: int, more: int) -> None:
     """A longer run begins with the same messages, copies, arrivals, and answers."""
     case = draw_case(number)
-    if isinstance(case.link.delay, DelaySignal):
+    if case.link.is_live:
         return
-    short, long = schedule(case.link, case.end), schedule(case.link, case.end + more)
-    n = short.sequence.size
-    for key in ("sent_ns", "transit_ns", "arrival_ns", "sequence", "lost", "copy"):
-        assert (getattr(long, key)[:n] == getattr(short, key)).all()
-    settled = short.arrival_ns <= case.end
-    assert (long.status[:n][settled] == short.status[settled]).all()
+    short, long = deliver(case.link, case.end), deliver(case.link, case.end + more)
+    assert [entry for entry in entries(long) if entry.arrival <= case.end] == entries(short)
     points = np.linspace(0, case.end, 7).astype(np.int64)
-    assert (long.in_use(points) == short.in_use(points)).all()
+    assert (long.sent_in_use(points) == short.sent_in_use(points)).all()
     for a, b in zip(long.state(points), short.state(points), strict=True):
         assert (a == b).all()
 
 
 def test_the_random_links_are_of_every_kind() -> None:
     """The links that the exact model is run on meet every fate, order, delay and policy."""
-    fates, seen = set(), set()
+    met, seen = set(), set()
     for number in range(200):
         case = draw_case(number)
-        s = schedule_of(number)
-        fates |= set(words(s))
+        d = delivery_of(case)
+        met |= {entry.fate for entry in entries(d)}
+        met |= {"in flight"} if d.statistics(case.end)["in_flight"] else set()
         delay = case.link.delay
         seen |= {case.link.order, case.link.on_loss, type(case.link.loss), type(delay)}
         seen |= {getattr(delay, "interpolation", None), case.link.jitter.kind}
         seen |= {getattr(case.link.recording, "replay", None)}
-        seen |= {"substituted"} if s.statistics()["substitutions"] else set()
-    assert fates == set(REASONS) - set(link_model.ON_MEDIUM)
+        seen |= {"substituted"} if d.statistics(case.end)["substitutions"] else set()
+    assert met == set(REASONS) - set(link_model.ON_MEDIUM)
     assert seen >= {"newest-wins", "fifo", "as-arrived", "hold", "zero", 2.5, "substituted"}
     assert seen >= {float, GilbertElliott, LossChain, type(None), "once", "loop", "blocks"}
     assert seen >= {DelayProfile, DelaySignal}
@@ -146,7 +135,7 @@ def test_draws_of_losses_and_copies_are_the_same_everywhere() -> None:
     assert sha(*(d.astype(np.int64) for d in drawn)) == "dfd894ab404730bb"
 
 
-def test_a_schedule_is_the_same_everywhere() -> None:
+def test_a_delivery_is_the_same_everywhere() -> None:
     """A link with everything has the digest written here."""
     link = PacketLink(
         "uplink",
@@ -160,9 +149,11 @@ def test_a_schedule_is_the_same_everywhere() -> None:
         queue_limit=3,
         seed=2024,
     )
-    s = schedule(link, 20 * 10**9)
-    assert set(words(s)) == set(REASONS) - {"late", *link_model.ON_MEDIUM}
-    assert sha(s.sequence, s.arrival_ns, s.status.astype(np.int64)) == "0d67cd3b5a81cb20"
+    d = deliver(link, 20 * 10**9)
+    assert {entry.fate for entry in entries(d)} == (
+        set(REASONS) - {"late", "in flight", *link_model.ON_MEDIUM}
+    )
+    assert sha(*d.arrivals()) == "6828ef523ad1e8e2"
 
 
 def sha(*arrays: Any) -> str:
@@ -176,13 +167,16 @@ def test_a_copy_is_discarded_or_used_again() -> None:
         for order in ("newest-wins", "fifo", "as-arrived")
     }
     for order, link in links.items():
-        s = schedule(link, 44)
-        figures = s.statistics()
-        assert s.sequence.tolist() == [0, 0, 1, 1, 2, 2, 3, 3, 4, 4]
-        assert s.copy.tolist() == [False, True] * 5
+        s = deliver(link, 44)
+        figures = s.statistics(44)
         twice = order != "newest-wins"
         fate = "delivered" if twice else "duplicate"
-        assert words(s) == ["delivered", fate] * 2 + ["in flight"] * 6
+        assert entries(s) == [
+            (25, 0, 0, "delivered"),
+            (25, 0, 0, fate),
+            (35, 10, 1, "delivered"),
+            (35, 10, 1, fate),
+        ]
         assert (figures["sent"], figures["duplicated"], figures["in_flight"]) == (5, 5, 6)
         assert (figures["delivered"], figures["discarded_copies"]) == ((4, 0) if twice else (2, 2))
         assert s.state([34, 35, 44]).sequence.tolist() == [0, 1, 1]
@@ -193,12 +187,12 @@ def test_played_out_messages_by_hand() -> None:
     delays = DelayProfile(np.array([0, 10, 20, 30, 40]), np.array([5, 30, 12, 31, 0]))
     for order in ("newest-wins", "fifo", "as-arrived"):
         link = PacketLink("a", 10, delay=delays, playout_ns=30, order=order, on_loss="zero")
-        s = schedule(link, 65)
-        assert s.arrival_ns.tolist() == [30, 40, 50, 60, 70, 80, 90]
-        assert words(s) == ["delivered"] * 3 + ["late"] + ["in flight"] * 3
+        s = deliver(link, 65)
+        assert arrivals(s) == [30, 40, 50, 60, -1, -1, -1]
+        assert fates(s) == ["delivered"] * 3 + ["late"] + ["in flight"] * 3
         # the late message is missed at its play-out, as a lost one would be
         assert s.state([29, 30, 49, 50, 59, 60]).sequence.tolist() == [-1, 0, 1, 2, 2, -2]
-        figures = s.statistics()
+        figures = s.statistics(65)
         assert (figures["late"], figures["lost"], figures["dropped"]) == (1, 0, 1)
         assert (figures["substitutions"], figures["max_delay_s"]) == (1, 30e-9)
         assert figures["mean_delay_s"] == 30e-9
@@ -207,23 +201,24 @@ def test_played_out_messages_by_hand() -> None:
 def test_a_message_kept_waiting_under_fifo_may_be_late() -> None:
     """Message 1 waits for message 0, which is late itself; the buffer comes after the channel."""
     delays = DelayProfile(np.array([0, 10, 20]), np.array([60, 0, 0]))
-    fates = {
-        order: words(schedule(PacketLink("a", 10, delay=delays, playout_ns=45, order=order), 80))
+    met = {
+        order: fates(deliver(PacketLink("a", 10, delay=delays, playout_ns=45, order=order), 80))
         for order in ("fifo", "newest-wins")
     }
-    assert fates["fifo"][:3] == ["late", "late", "delivered"]
-    assert fates["newest-wins"][:3] == ["late", "delivered", "delivered"]
+    assert met["fifo"][:3] == ["late", "late", "delivered"]
+    assert met["newest-wins"][:3] == ["late", "delivered", "delivered"]
 
 
 def test_a_copy_may_be_in_time_where_its_message_is_late() -> None:
     """Each of the two has its own jitter, and what is in time comes out."""
     wide = Jitter("uniform", width_ns=100)
-    s = schedule(PacketLink("a", 10, jitter=wide, duplicate=1.0, playout_ns=50), 10_000)
-    fates = np.array(words(s)).reshape(-1, 2)
-    both = {tuple(pair) for pair in fates.tolist()}
+    d = deliver(PacketLink("a", 10, jitter=wide, duplicate=1.0, playout_ns=50), 10_000)
+    pairs: dict[int, list[str]] = {}
+    for entry in entries(d):
+        pairs.setdefault(entry.message, []).append(entry.fate)
+    both = {tuple(pair) for pair in pairs.values()}
     assert both >= {("late", "delivered"), ("delivered", "late"), ("delivered", "duplicate")}
-    arrived = s.delivered_ns >= 0
-    assert (s.delivered_ns[arrived] - s.sent_ns[arrived] == 50).all()
+    assert all(entry.arrival - entry.sent == 50 for entry in delivered(d))
 
 
 def test_on_a_grid_the_play_out_itself_decides() -> None:
@@ -231,35 +226,42 @@ def test_on_a_grid_the_play_out_itself_decides() -> None:
     for delay, fate in ((11, "delivered"), (12, "late")):
         changing = DelayProfile(np.array([0, 1]), np.array([delay, 0]))
         link = PacketLink("a", 100, delay=changing, playout_ns=11)
-        s = align([schedule(link, 40)], 20, "grid").schedules[0]
-        assert (words(s), s.arrival_ns.tolist()) == ([fate], [20])
+        d = deliver(link, 40, 20)
+        assert (fates(d), arrivals(d)) == ([fate], [20])
 
 
 def test_copies_do_not_change_losses_and_delays() -> None:
     """With copies the messages themselves keep their losses and delays."""
     links = [
-        PacketLink("a", 10, jitter=Jitter("uniform", width_ns=90), loss=0.3, duplicate=p, seed=4)
+        PacketLink(
+            *("a", 10),
+            jitter=Jitter("uniform", width_ns=90),
+            loss=0.3,
+            duplicate=p,
+            seed=4,
+            order="as-arrived",
+        )
         for p in (0.0, 0.4)
     ]
-    without, with_copies = (schedule(link, 10_000) for link in links)
-    own = ~with_copies.copy
-    for key in ("sent_ns", "transit_ns", "arrival_ns", "lost", "sequence"):
-        assert (getattr(with_copies, key)[own] == getattr(without, key)).all()
-    assert not with_copies.lost[np.flatnonzero(with_copies.copy) - 1].any()
-    share = with_copies.copy.sum() / (~without.lost).sum()
-    assert share == pytest.approx(0.4, abs=0.1)
+    without, with_copies = (deliver(link, 10_000) for link in links)
+    more = Counter(entries(with_copies))
+    more.subtract(entries(without))
+    copies = [entry for entry, count in more.items() for _ in range(count)]
+    assert min(more.values()) == 0
+    assert {entry.fate for entry in copies} == {"delivered"}
+    assert len(copies) / len(delivered(without)) == pytest.approx(0.4, abs=0.1)
 
 
 def test_a_copy_takes_no_sending_time() -> None:
     """A copy is made after the queue: both leave when the one frame is sent."""
     link = PacketLink("a", 10, duplicate=1.0, order="fifo", data_rate=10**9, frame_size=8)
-    assert schedule(link, 20).arrival_ns.tolist() == [8, 8, 18, 18, 28, 28]
+    assert [e.arrival for e in entries(deliver(link, 29))] == [8, 8, 18, 18, 28, 28]
 
 
 def test_frame_longer_than_the_sample_time() -> None:
     """Frames of 25 every 10: the queue grows by 15 with each message, without bound."""
     link = PacketLink("a", 10, data_rate=10**9, frame_size=25)
-    assert schedule(link, 50).arrival_ns.tolist() == [25, 50, 75, 100, 125, 150]
+    assert arrivals(deliver(link, 150))[:6] == [25, 50, 75, 100, 125, 150]
 
 
 def test_queue_limit_by_hand() -> None:
@@ -270,18 +272,19 @@ def test_queue_limit_by_hand() -> None:
     begins, and waits until 75.
     """
     link = PacketLink("a", 10, data_rate=10**9, frame_size=25, queue_limit=1, on_loss="zero")
-    s = schedule(link, 50)
-    assert s.arrival_ns.tolist() == [25, 50, 20, 75, 40, 100]
+    s = deliver(link, 50)
+    assert arrivals(s) == [25, 50, 20, -1, 40, -1]
+    assert arrivals(deliver(link, 100))[:6] == [25, 50, 20, 75, 40, 100]
     ends = ["in flight"]
-    assert words(s) == ["delivered", "delivered", "queue full", *ends, "queue full", *ends]
+    assert fates(s) == ["delivered", "delivered", "queue full", *ends, "queue full", *ends]
     state = s.state([19, 20, 40, 50])
     assert state.dropped.tolist() == [0, 1, 2, 2]
     assert state.sequence.tolist() == [-1, -1, 0, 1]  # what was never sent is not missed
     none_waits = PacketLink("a", 10, data_rate=10**9, frame_size=25, queue_limit=0)
-    s = schedule(none_waits, 100)
-    full = [k for k, word in enumerate(words(s)) if word == "queue full"]
+    s = deliver(none_waits, 100)
+    full = [k for k, word in enumerate(fates(s)) if word == "queue full"]
     assert full == [1, 2, 4, 5, 7, 8, 10]
-    assert s.statistics()["queue_full"] == s.statistics()["dropped"] == 7
+    assert s.statistics(100)["queue_full"] == s.statistics(100)["dropped"] == 7
 
 
 @pytest.mark.parametrize(
@@ -317,7 +320,7 @@ def test_gilbert_elliott_is_the_chain(p: Any, seed: int, count: int) -> None:
 
 def test_state_by_hand() -> None:
     """Before the first delivery the age is the time since 0; then it is that of the message."""
-    s = schedule(PacketLink("a", 10, delay_ns=25), 60)
+    s = deliver(PacketLink("a", 10, delay_ns=25), 60)
     state = s.state([0, 24, 25, 34, 35, 60])
     assert state.age_s.tolist() == [0.0, 24e-9, 25e-9, 34e-9, 25e-9, 30e-9]
     assert state.sequence.tolist() == [-1, -1, 0, 0, 1, 3]
@@ -330,22 +333,23 @@ def test_state_by_hand() -> None:
 def test_state_while_a_substitute_is_in_use() -> None:
     """All but the first lost: -2 from the loss on, and the age is that of the first."""
     link = PacketLink("a", 10, delay_ns=5, loss=GilbertElliott(1, 0), on_loss="zero")
-    state = schedule(link, 40).state([4, 5, 14, 15, 40])
+    state = deliver(link, 40).state([4, 5, 14, 15, 40])
     assert state.sequence.tolist() == [-1, 0, 0, -2, -2]
     assert state.age_s.tolist() == [4e-9, 5e-9, 14e-9, 15e-9, 40e-9]
     assert state.dropped.tolist() == [0, 0, 0, 1, 3]
     nothing = PacketLink("a", 10, delay_ns=5, loss=1.0, on_loss="zero")
-    state = schedule(nothing, 40).state([4, 5, 40])
+    state = deliver(nothing, 40).state([4, 5, 40])
     assert (state.sequence.tolist(), state.age_s.tolist()) == ([-1, -2, -2], [4e-9, 5e-9, 40e-9])
 
 
 def test_link_without_delay_has_age_zero() -> None:
     """Without delay, sampled at each point, a link is a wire of age 0, in both kinds."""
     link = PacketLink("wire", 10)
-    for policy in ("align", "grid"):
-        points, (s,) = align([schedule(link, 100)], 10, policy)
-        assert s.rows(points).tolist() == list(range(11))
-        assert not s.state(points).age_s.any()
+    points = np.arange(0, 101, 10)
+    for step in (None, 10):
+        d = deliver(link, 100, step)
+        assert d.sent_in_use(points).tolist() == points.tolist()
+        assert not d.state(points).age_s.any()
     assert not TransportLink("wire").state(points).age_s.any()
 
 
@@ -360,9 +364,9 @@ def test_state_of_a_transport_link() -> None:
 
 def test_statistics_have_the_same_keys_for_every_link() -> None:
     """Figures that do not apply to a link are None, and all are JSON."""
-    plain = schedule(PacketLink("a", 10), 100).statistics()
+    plain = deliver(PacketLink("a", 10), 100).statistics(100)
     full = PacketLink("a", 10, duplicate=0.5, data_rate=10**9, frame_size=8, queue_limit=1)
-    figures = schedule(replace(full, playout_ns=9), 100).statistics()
+    figures = deliver(replace(full, playout_ns=9), 100).statistics(100)
     assert list(plain) == list(figures)
     assert plain["duplicated"] is plain["discarded_copies"] is plain["queue_full"] is None
     assert plain["late"] is None
@@ -373,12 +377,13 @@ def test_statistics_have_the_same_keys_for_every_link() -> None:
 def test_a_recorded_delay_is_taken_at_the_instant_of_sending() -> None:
     """Delays 100 until 20, then 5: the message of 20 overtakes those before it."""
     profile = DelayProfile(np.array([0, 20]), np.array([100, 5]))
-    s = schedule(PacketLink("a", 10, delay=profile), 200)
-    assert s.arrival_ns[:4].tolist() == [100, 110, 25, 35]
-    assert words(s)[:4] == ["overtaken", "overtaken", "delivered", "delivered"]
-    moved = align([schedule(PacketLink("a", 15, delay=profile), 60)], 20, "grid").schedules[0]
-    assert moved.sent_ns.tolist() == [0, 20, 40, 60, 60]
-    assert moved.transit_ns.tolist() == [100, 5, 5, 5, 5]  # at 15 it would have been 100
+    d = deliver(PacketLink("a", 10, delay=profile), 200)
+    assert arrivals(d)[:4] == [100, 110, 25, 35]
+    assert fates(d)[:4] == ["overtaken", "overtaken", "delivered", "delivered"]
+    moved = deliver(PacketLink("a", 15, delay=profile, order="as-arrived"), 120, 20)
+    assert moved.sendings(-1, 60).tolist() == [0, 20, 40, 60]
+    # the message of 15 is sent at 20 and takes 5; at 15 it would have taken 100
+    assert arrivals(moved)[:5] == [100, 40, 60, 80, 80]
 
 
 def test_model_of_the_tests_by_hand() -> None:

@@ -13,27 +13,26 @@ import pytest
 from medium_model import MediumModel
 from shared import sampled, share_of
 from test_link_exact import (
-    check_answers,
-    check_arrivals,
-    check_schedule,
+    check_delivery,
+    check_statistics,
     draw_jitter,
     draw_loss,
     draw_points,
     draw_windows,
-    same,
+    step_of,
 )
 
 from cosim.network import (
-    GrowingSchedule,
+    Delivery,
     Hop,
     Medium,
-    MediumSchedule,
+    MediumDelivery,
     Node,
     PacketLink,
     RangeLogit,
     RangeTable,
+    begin_deliveries,
     draws,
-    growing_schedules,
 )
 
 
@@ -212,24 +211,24 @@ def model_of(case: Case, end: int, points: Sequence[int] | None) -> MediumModel:
 
 
 def grow(
-    schedules: dict[str, GrowingSchedule], case: Case, r: random.Random, points: list[int] | None
+    deliveries: dict[str, Delivery], case: Case, r: random.Random, points: list[int] | None
 ) -> None:
-    """Make schedules known in blocks cut at random, in an order of links that is random too."""
-    known, one = -1, next(iter(schedules.values()))
-    assert isinstance(one, MediumSchedule)
+    """Make deliveries known in blocks cut at random, in an order of links that is random too."""
+    known, one = -1, next(iter(deliveries.values()))
+    assert isinstance(one, MediumDelivery)
     traffic = one.traffic
     while one.horizon_ns <= case.end:
         if traffic.is_live:
             at = traffic.horizon_ns
             assert points is None or at in points
             name = traffic.sending_link
-            key = (name, schedules[name].message) if name else ("", 0)
+            key = (name, deliveries[name].message) if name else ("", 0)
             delay, loss = case.changes.get(key, (None, None))
             traffic.resolve(traffic.message, case.values(at), delay_ns=delay, loss=loss)
         else:
             known += r.choice([0, 1, 1, r.randint(0, 1 + case.end // 20), 1 + case.end // 3])
-            r.choice(list(schedules.values())).advance(known)
-        for each in schedules.values():
+            r.choice(list(deliveries.values())).advance(known)
+        for each in deliveries.values():
             assert each.horizon_ns == traffic.horizon_ns
 
 
@@ -239,26 +238,25 @@ def check_case(number: int) -> None:
     r = random.Random(-1 - number)  # noqa: S311 - cases, not secrets
     for points in (None, case.points):
         model = model_of(case, case.end, points)
-        schedules = growing_schedules(case.links, case.end, points)
-        grow(schedules, case, r, points)
+        step = None if points is None else step_of(points)
+        deliveries = begin_deliveries(case.links, case.end, step)
+        grow(deliveries, case, r, points)
         stop = r.choice([0, case.end, r.randint(0, case.end)])
         stop = down(points, stop)
         shorter = model_of(case, stop, None if points is None else [p for p in points if p <= stop])
-        for i, (link, schedule) in enumerate(zip(case.links, schedules.values(), strict=True)):
+        for i, (link, d) in enumerate(zip(case.links, deliveries.values(), strict=True)):
             raw, delays = case.draws(link, points), case.delays(link)
             expected = model.outcome(i, raw, delays, points)
             instants = [*(r.randint(0, case.end) for _ in range(4)), 0, case.end]
-            check_answers(schedule, expected, instants)
-            check_arrivals(schedule, expected)
-            check_schedule(schedule.finish(), expected, instants)
+            check_delivery(d, case.end, expected, instants)
             cut = None if points is None else [p for p in points if p <= stop]
             early = shorter.outcome(i, raw, delays, cut)
-            check_schedule(schedule.finish(stop), early, [0, stop])
+            check_statistics(link, d.statistics(stop), early)
             if number % 10 == 0:  # what a copy forgets is counted, and changes nothing
-                twin = schedule.copy()
+                twin, before = d.copy(), repr(d.arrivals())
                 twin.forget(r.randint(0, case.end))
-                assert repr(twin.statistics(case.end)) == repr(schedule.statistics(case.end))
-                same(schedule.finish(), schedules[link.name].finish())
+                assert repr(twin.statistics(case.end)) == repr(d.statistics(case.end))
+                assert repr(d.arrivals()) == before
 
 
 @pytest.mark.parametrize("part", sampled(range(10), 1))

@@ -11,26 +11,23 @@ from typing import Any
 
 import pytest
 import simpy
+from fates import arrivals, delivered, entries, fates
 from shared import sampled
 from test_medium_exact import Case
 
 from cosim.core import InputError
 from cosim.network import (
-    QUEUE_FULL,
-    REASONS,
     DelaySignal,
-    GrowingSchedule,
+    Delivery,
     Hop,
     Medium,
-    MediumSchedule,
+    MediumDelivery,
     Node,
     PacketLink,
-    PacketSchedule,
     RangeTable,
-    align,
+    begin_deliveries,
+    deliver,
     draws,
-    growing_schedules,
-    schedule,
 )
 
 S = 10**9
@@ -38,20 +35,16 @@ SHIP = Node("ship", (0.0, 0.0))
 AUVS = tuple(Node(f"auv{i}", (1500.0 * i, 0.0)) for i in (1, 2, 3))
 
 
-def run(links: list[PacketLink], end: int, case: Case | None = None) -> dict[str, PacketSchedule]:
-    """The schedules of links over one medium at the end of a run."""
-    found = growing_schedules(links, end)
+def run(links: list[PacketLink], end: int, case: Case | None = None) -> dict[str, Delivery]:
+    """The deliveries of links over one medium at the end of a run."""
+    found = begin_deliveries(links, end)
     one = next(iter(found.values()))
-    assert isinstance(one, MediumSchedule)
+    assert isinstance(one, MediumDelivery)
     while one.is_live and one.horizon_ns <= end:
         assert case is not None
         one.traffic.resolve(one.traffic.message, case.values(one.horizon_ns))
     one.advance(end)
-    return {name: each.finish() for name, each in found.items()}
-
-
-def words(s: PacketSchedule) -> list[str]:
-    return [REASONS[k] for k in s.status.tolist()]
+    return found
 
 
 def medium(**keys: Any) -> Medium:
@@ -68,9 +61,8 @@ def test_a_packet_takes_its_airtime_and_its_way() -> None:
     """Sent at 0: a preamble of 0.2 s, 1000 bit at 1000 bit/s, 1500 m at 1500 m/s, 0.1 s more."""
     over = medium(preamble_ns=S // 5)
     found = run([link("up", "auv1", "ship", over, delay_ns=S // 10)], 20 * S)["up"]
-    assert found.arrival_ns.tolist()[:2] == [23 * S // 10, 123 * S // 10]
-    assert found.transit_ns.tolist()[:2] == [11 * S // 10] * 2
-    assert words(found) == ["delivered", "delivered", "in flight"]
+    assert arrivals(found) == [23 * S // 10, 123 * S // 10, -1]
+    assert fates(found) == ["delivered", "delivered", "in flight"]
 
 
 def test_two_packets_that_meet_at_a_receiver_are_lost_and_end_to_end_they_are_not() -> None:
@@ -80,7 +72,7 @@ def test_two_packets_that_meet_at_a_receiver_are_lost_and_end_to_end_they_are_no
         far = link("far", "auv2", "ship", over)
         near = link("near", "auv1", "ship", over, offset_ns=offset)
         found = run([near, far], 9 * S)
-        assert words(found["near"])[0] == words(found["far"])[0] == fate
+        assert fates(found["near"])[0] == fates(found["far"])[0] == fate
 
 
 def test_a_node_that_sends_hears_nothing_and_a_while_longer() -> None:
@@ -95,8 +87,8 @@ def test_a_node_that_sends_hears_nothing_and_a_while_longer() -> None:
         up = link("up", "auv1", "ship", over)
         down = link("down", "ship", "auv3", over, offset_ns=offset)
         found = run([up, down], 9 * S)
-        assert words(found["up"])[0] == fate
-        assert words(found["down"])[0] == "delivered"
+        assert fates(found["up"])[0] == fate
+        assert fates(found["down"])[0] == "delivered"
 
 
 def test_out_of_range_and_interference_from_out_of_range() -> None:
@@ -105,8 +97,8 @@ def test_out_of_range_and_interference_from_out_of_range() -> None:
         over = medium(max_range=2000.0, interference_range=heard)
         near = link("near", "auv1", "ship", over, offset_ns=S // 2)
         found = run([near, link("far", "auv2", "ship", over)], 9 * S)
-        assert words(found["far"])[0] == "out of range"
-        assert words(found["near"])[0] == fate
+        assert fates(found["far"])[0] == "out of range"
+        assert fates(found["near"])[0] == fate
 
 
 def test_tdma_begins_at_the_beginning_of_slots_to_the_nanosecond() -> None:
@@ -115,18 +107,11 @@ def test_tdma_begins_at_the_beginning_of_slots_to_the_nanosecond() -> None:
     up = link("up", "auv1", "ship", over, sample_time_ns=3 * S, queue_limit=2)
     down = link("down", "ship", "auv1", over, sample_time_ns=8 * S)
     found = run([up, down], 100 * S)
-    begins = {
-        name: [
-            t - 2 * S
-            for t, how in zip(s.arrival_ns.tolist(), words(s), strict=True)
-            if how == "delivered"
-        ]
-        for name, s in found.items()
-    }
+    begins = {name: [entry.arrival - 2 * S for entry in delivered(s)] for name, s in found.items()}
     assert begins["up"][:4] == [0, 5 * S, 15 * S // 2, 25 * S // 2]
     assert {t % (15 * S // 2) for t in begins["up"]} == {0, 5 * S}
     assert {t % (15 * S // 2) for t in begins["down"]} == {5 * S // 2}
-    assert "collided" not in words(found["up"]) + words(found["down"])
+    assert "collided" not in fates(found["up"]) + fates(found["down"])
 
 
 def test_who_listens_waits_and_who_does_not_collides() -> None:
@@ -140,7 +125,7 @@ def test_who_listens_waits_and_who_does_not_collides() -> None:
             for i in (1, 2, 3)
         ]
         found = run(links, 1000 * S)
-        counted[access] = Counter(word for s in found.values() for word in words(s))
+        counted[access] = Counter(word for s in found.values() for word in fates(s))
     assert counted["csma"]["delivered"] > 1.5 * counted["aloha"]["delivered"]
     assert counted["aloha"]["collided"] > 100
 
@@ -155,13 +140,10 @@ def test_one_link_on_a_medium_is_a_link_with_a_data_rate() -> None:
         "up", "a", "b", over, sample_time_ns=3 * S, offset_ns=7, frame_size=4000, queue_limit=3,
         loss=0.3, seed=5,
     )  # fmt: skip
-    one, other = schedule(own, 100 * S), run([shared], 100 * S)["up"]
-    come = other.arrival_ns < 100 * S
-    come &= other.status != QUEUE_FULL
-    for key in ("sent_ns", "transit_ns", "arrival_ns", "lost"):
-        assert (getattr(one, key)[come] == getattr(other, key)[come]).all()
-    assert (one.status == other.status).all()
-    assert one.statistics() == {key: other.statistics()[key] for key in one.statistics()}
+    one, other = deliver(own, 100 * S), run([shared], 100 * S)["up"]
+    assert {*entries(one)} == {*entries(other)}
+    figures = one.statistics(100 * S)
+    assert figures == {key: other.statistics(100 * S)[key] for key in figures}
 
 
 def test_links_that_share_their_packets_send_once() -> None:
@@ -172,12 +154,12 @@ def test_links_that_share_their_packets_send_once() -> None:
         for n in AUVS
     ]
     found = run(calls, 1000 * S)
-    fates = [words(found[call.name])[:-1] for call in calls]
-    assert all(15 < each.count("lost") < 45 for each in fates[:2])
-    assert fates[0] != fates[1]
-    assert set(fates[2]) == {"out of range"}
-    assert found["to_auv1"].arrival_ns[0] == 2 * S
-    assert found["to_auv2"].arrival_ns[0] == 3 * S
+    met = [fates(found[call.name])[:-1] for call in calls]
+    assert all(15 < each.count("lost") < 45 for each in met[:2])
+    assert met[0] != met[1]
+    assert set(met[2]) == {"out of range"}
+    assert arrivals(found["to_auv1"])[0] == 2 * S
+    assert arrivals(found["to_auv2"])[0] == 3 * S
     other = link("to_auv2", "ship", "auv2", over, hop=Hop(over, "ship", "auv2", "call"))
     with pytest.raises(InputError, match="frame_size"):
         run([calls[0], replace(other, name="late", frame_size=7)], S)
@@ -187,12 +169,12 @@ def test_the_share_of_a_table_is_lost() -> None:
     """Half way between no loss at 1 km and certain loss at 2 km half the packets are lost."""
     over = medium(loss=RangeTable((1000.0, 2000.0), (0.0, 1.0)))
     up = link("up", "auv1", "ship", over, seed=1)
-    lost = words(run([up], 10_000 * S)["up"]).count("lost")
+    lost = fates(run([up], 10_000 * S)["up"]).count("lost")
     assert abs(lost - 500) < 5 * 250**0.5
 
 
 def test_what_is_sent_is_delivered_once_or_not_and_never_while_sending() -> None:
-    """Conservation over random media, from the schedules alone."""
+    """Conservation over random media, from the deliveries alone."""
     for number in range(40):
         case = Case(number)
         found = run(case.links, case.end, case)
@@ -201,28 +183,20 @@ def test_what_is_sent_is_delivered_once_or_not_and_never_while_sending() -> None
         for one in case.links:
             s, hop = found[one.name], one.hop
             assert hop is not None
-            assert sorted(s.sequence.tolist()) == list(range(len(s.sequence)))
-            assert (
-                one.playout_ns
-                or one.jitter.kind != "none"
-                or (
-                    (s.delivered_ns < 0)
-                    | (s.delivered_ns >= s.sent_ns + one.frame_ns + one.delay_ns)
-                ).all()
-            )
-            counts = s.statistics()
+            numbers = [entry.message for entry in entries(s)]
+            assert len(numbers) == len({*numbers})
+            assert all(e.arrival >= e.sent + one.frame_ns + one.delay_ns for e in delivered(s))
+            counts = s.statistics(case.end)
             assert counts["sent"] == sum(
                 counts[key] or 0 for key in ("delivered", "dropped", "in_flight")
             )
             if one.playout_ns or one.jitter.kind != "none" or one.order == "fifo":
                 continue  # the arrival is not the end of the packet
-            for k, (arrival, transit, how) in enumerate(
-                zip(s.arrival_ns.tolist(), s.transit_ns.tolist(), words(s), strict=True)
-            ):
+            for arrival, _, k, how in entries(s):
                 packet = hop.packet or one.name, k  # several links may share it
                 over = arrival - one.delay_ns
-                begin = arrival - transit - one.frame_ns
-                if how not in ("in flight", "queue full"):
+                if how != "queue full" and not case.medium.moves:
+                    begin = over - one.frame_ns - travel_ns(case, hop)
                     sending.setdefault(hop.sender, set()).add(
                         (begin, begin + one.frame_ns, *packet)
                     )
@@ -234,6 +208,14 @@ def test_what_is_sent_is_delivered_once_or_not_and_never_while_sending() -> None
             for a, b, _, _ in spans:
                 deaf = case.medium.turnaround_ns
                 assert all(d + deaf <= a or b <= c for c, d, _, _ in sending.get(node, ()))
+
+
+def travel_ns(case: Case, hop: Hop) -> int:
+    """How long a packet travels between nodes that do not move."""
+    names = [node.name for node in case.medium.nodes]
+    ends = (case.where(names.index(name), 0) for name in (hop.sender, hop.receiver))
+    away = math.dist(*([float(x) for x in place] for place in ends))
+    return DelaySignal(1.0 / case.medium.speed).delay_ns(away)
 
 
 class Bay:
@@ -366,24 +348,23 @@ def test_packets_against_processes_in_simpy(part: int) -> None:
         bay.env.run(until=case.end + 1)
         found = {}
         for i, s in enumerate(run(case.links, case.end, case).values()):
-            for k, (how, at) in enumerate(zip(words(s), s.arrival_ns.tolist(), strict=True)):
-                if how != "in flight":
-                    taken = how in ("delivered", "overtaken")
-                    found[i, k] = "received" if taken else how, at
+            for at, _, k, how in entries(s):
+                taken = how in ("delivered", "overtaken")
+                found[i, k] = "received" if taken else how, at
         assert found == bay.fates
 
 
 def test_a_message_that_waits_is_awaited() -> None:
     """The oldest message that may still come is that which waits for its slot."""
     over = medium(access="tdma", slot_ns=20 * S, slots=("ship", "auv1"))
-    found = growing_schedules([link("up", "auv1", "ship", over, offset_ns=S)], 100 * S)["up"]
+    found = begin_deliveries([link("up", "auv1", "ship", over, offset_ns=S)], 100 * S)["up"]
     found.advance(30 * S)  # what was sent at 1 s came at 22 s, that at 11 s and 21 s waits
     assert found.sent_in_use([30 * S]).tolist() == [S]
     found.advance(63 * S)
     assert found.sent_in_use([62 * S]).tolist() == [11 * S]
     assert found.oldest_awaited_ns(21 * S) == S
     assert found.oldest_awaited_ns(62 * S) == 11 * S
-    late = growing_schedules([link("up", "auv1", "ship", over, offset_ns=21 * S)], 100 * S)["up"]
+    late = begin_deliveries([link("up", "auv1", "ship", over, offset_ns=21 * S)], 100 * S)["up"]
     late.advance(59 * S)
     assert late.oldest_awaited_ns(59 * S) == 21 * S  # nothing came, though one waits since then
 
@@ -415,9 +396,8 @@ def test_what_a_medium_refuses() -> None:
             lambda: link("l", "ship", "auv1", medium(access="tdma", slot_ns=S, slots=("auv1",))),
             "has no slot",
         ),
-        (lambda: schedule(link("l", "ship", "auv1", over), S), "other links"),
-        (lambda: GrowingSchedule(link("l", "ship", "auv1", over), S), "other links"),
-        (lambda: align([*run([link("l", "ship", "auv1", over)], S).values()], S, "grid"), "other"),
+        (lambda: deliver(link("l", "ship", "auv1", over), S), "other links"),
+        (lambda: Delivery(link("l", "ship", "auv1", over), S), "other links"),
         (
             lambda: run(
                 [link("l", "ship", "auv1", over), link("k", "ship", "auv1", medium(data_rate=2))], S

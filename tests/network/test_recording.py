@@ -7,17 +7,18 @@ from typing import Any
 
 import numpy as np
 import pytest
+from fates import arrivals, fates
 
 from cosim.core import InputError
 from cosim.network import (
     IN_FLIGHT_NS,
     DelayProfile,
-    GrowingSchedule,
+    Delivery,
     Jitter,
     LossWindow,
     PacketLink,
     Recording,
-    schedule,
+    deliver,
 )
 
 SENT = np.arange(6) * 10
@@ -33,10 +34,18 @@ def recorded(**changes: Any) -> Recording:
 def test_each_message_has_its_own_row() -> None:
     """Instants by hand: of those that came, and of those that did not when they were due."""
     link = PacketLink("up", 10, offset_ns=5, recording=recorded(), order="as-arrived")
-    found = schedule(link, 60)
-    assert found.arrival_ns.tolist() == [8, 19, 40, 37, 46, 62]
-    assert found.delivered_ns.tolist() == [8, -1, 40, 37, -1, -1]
-    assert found.lost.tolist() == LOST.tolist()
+    d = deliver(link, 60)
+    assert arrivals(d) == [8, 19, 40, 37, 46, -1]
+    assert fates(d) == ["delivered", "lost", "delivered", "delivered", "lost", "in flight"]
+    assert LOST.tolist() == [False, True, False, False, True, False]
+
+
+def delays(link: PacketLink, end: int) -> np.ndarray:
+    """From sending to arrival, by message, of those that came or were due in the run."""
+    when, sent, sequence, _ = deliver(replace(link, order="as-arrived"), end).arrivals()
+    found = np.zeros(int(sequence.max()) + 1, np.int64)
+    found[sequence] = when - sent
+    return found
 
 
 def test_blocks_are_whole_and_drawn_by_the_seed() -> None:
@@ -44,37 +53,36 @@ def test_blocks_are_whole_and_drawn_by_the_seed() -> None:
     n, block = 50, 7
     recording = Recording(np.arange(n) * 10, np.zeros(n, bool), np.arange(n), "blocks", block)
     link = PacketLink("up", 10, recording=recording)
-    rows = schedule(link, 9_999).transit_ns.reshape(-1)[: 140 * block].reshape(-1, block)
+    rows = delays(link, 9_999)[: 140 * block].reshape(-1, block)
     assert (np.diff(rows, axis=1) == 1).all()
     starts = set(rows[:, 0].tolist())
     assert min(starts) == 0
     assert max(starts) == n - block
     assert len(starts) > 35
-    other = schedule(replace(link, seed=1), 9_999).transit_ns
-    assert other.tolist() != schedule(link, 9_999).transit_ns.tolist()
+    other = delays(replace(link, seed=1), 9_999)
+    assert other.tolist() != delays(link, 9_999).tolist()
 
 
 def test_in_flight_at_the_end_of_the_recording_is_in_flight_at_the_end_of_the_run() -> None:
     """Replayed once it never comes; a loop, and blocks, end before it."""
     flight = recorded(delay_ns=np.array([3, 4, 15, 2, 1, IN_FLIGHT_NS]))
-    once = schedule(PacketLink("up", 10, recording=flight), 59)
-    assert once.statistics()["in_flight"] == 1
-    loop = schedule(PacketLink("up", 10, recording=flight.played("loop")), 99)
-    assert loop.transit_ns.tolist() == [3, 4, 15, 2, 1] * 2
+    once = deliver(PacketLink("up", 10, recording=flight), 59)
+    assert once.statistics(59)["in_flight"] == 1
+    loop = PacketLink("up", 10, recording=flight.played("loop"))
+    assert delays(loop, 99).tolist() == [3, 4, 15, 2, 1] * 2
 
 
 def test_an_outage_is_laid_over_a_recording() -> None:
     """A window of loss 1 loses what the recording would deliver; one of 0 delivers all."""
     windows = (LossWindow(0, 21, 1.0), LossWindow(40, 50, 0.0))
-    found = schedule(PacketLink("up", 10, recording=recorded(), windows=windows), 59)
-    assert found.lost.tolist() == [True, True, True, False, False, False]
+    link = PacketLink("up", 10, recording=recorded(), windows=windows, order="as-arrived")
+    assert fates(deliver(link, 59)) == ["lost"] * 3 + ["delivered"] * 3
 
 
 def test_by_time_a_message_takes_the_last_row_before_it() -> None:
     """Recorded each 10 ns, sent each 4 ns: rows come twice or thrice, in their own time."""
     link = PacketLink("up", 4, recording=recorded(rows="time"))
-    found = schedule(link, 50)
-    assert found.transit_ns.tolist() == [3, 3, 3, 4, 4, 15, 15, 15, 2, 2, 1, 1, 1]
+    assert delays(link, 50)[:13].tolist() == [3, 3, 3, 4, 4, 15, 15, 15, 2, 2, 1, 1, 1]
 
 
 @pytest.mark.parametrize(
@@ -118,7 +126,7 @@ def test_a_recording_that_does_not_fit_its_link_is_refused(
     """It must last as long as the run, have its rhythm, and stand alone."""
     given = {"sample_time_ns": 10, "recording": recorded()} | changes
     with pytest.raises(InputError) as refused:
-        GrowingSchedule(PacketLink("up", **given), end)
+        Delivery(PacketLink("up", **given), end)
     for word in words:
         assert word in str(refused.value)
 
@@ -127,9 +135,10 @@ def test_losses_alone_leave_delay_and_jitter_to_the_link() -> None:
     """Of a log without times of arrival."""
     jitter = Jitter("uniform", width_ns=5)
     link = PacketLink("up", 10, delay_ns=9, jitter=jitter, recording=recorded(delay_ns=None))
-    found, plain = schedule(link, 50), schedule(replace(link, recording=None), 50)
-    assert found.transit_ns.tolist() == plain.transit_ns.tolist()
-    assert found.lost.tolist() == LOST.tolist()
+    link = replace(link, order="as-arrived")
+    found, plain = deliver(link, 59), deliver(replace(link, recording=None), 59)
+    assert arrivals(found)[:5] == arrivals(plain)[:5]
+    assert [fate == "lost" for fate in fates(found)[:5]] == LOST.tolist()[:5]
 
 
 def test_recordings_are_what_their_rows_say() -> None:

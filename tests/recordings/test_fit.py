@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from cosim.core import InputError
-from cosim.network import Jitter, LossChain, PacketLink, Recording, schedule
+from cosim.network import Jitter, LossChain, PacketLink, Recording, draws
 from cosim.recordings import HiddenChain, fit_link
 from cosim.recordings.delay_fit import delay_models
 from cosim.recordings.hidden_chain import fit_chain, fit_gilbert
@@ -25,8 +25,12 @@ THREE = LossChain(((0.95, 0.04, 0.01), (0.1, 0.85, 0.05), (0.005, 0.005, 0.99)),
 
 def recording_of(count: int, seed: int = 0, **link: Any) -> Recording:
     """What a link of the project does to `count` messages, each 2 s."""
-    found = schedule(PacketLink("up", 2 * S, seed=seed, **link), 2 * S * (count - 1))
-    return Recording(found.sent_ns, found.lost, found.transit_ns)
+    up = PacketLink("up", 2 * S, seed=seed, order="as-arrived", **link)
+    end = 2 * S * (count - 1)
+    sent, delay = np.arange(0, end + 1, 2 * S), np.zeros(count, np.int64)
+    lost = draws.lost(up.loss, up.seed, up.name, count)
+    delay += up.delay_ns + draws.jitter_ns(up.jitter, up.seed, up.name, count)
+    return Recording(sent, lost, delay)
 
 
 def walked(chain: HiddenChain, lost: NDArray[np.bool_]) -> float:

@@ -11,7 +11,7 @@ import pytest
 from mcap.writer import Writer
 
 from cosim.core import InputError
-from cosim.network import IN_FLIGHT_NS, PacketLink, Recording, schedule
+from cosim.network import IN_FLIGHT_NS, PacketLink, Recording, deliver
 from cosim.recordings import (
     MOST_ROWS,
     read_recording,
@@ -212,7 +212,7 @@ def test_replay_is_what_an_independent_loop_does(tmp_path: Path) -> None:
             if row["delivered"]:
                 at = Decimal(row["delivered"]) - Decimal(row["sent"])
                 arrivals.append((2 * 10**9 * k + int(at * 10**9), k))
-    found = schedule(link, end)
+    found = deliver(link, end)
     for instant in range(0, end, 10**9 // 4):
         newest = max((k for at, k in arrivals if at <= instant), default=-1)
         assert found.state(instant).sequence == newest

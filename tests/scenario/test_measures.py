@@ -23,6 +23,7 @@ from cosim.core import Findings
 from cosim.hinf import auv_system
 from cosim.hinf.problem import AuvDesignSettings
 from cosim.master import Run, System
+from cosim.network import PacketLink
 from cosim.scenario import (
     BoundExpression,
     FmuCache,
@@ -67,11 +68,7 @@ def assertions(r: random.Random, system: System) -> list[AssertionPart]:
         else "plant.x"
     )
     end = float(system.comm_schedule.points_ns[-1]) / 1e9
-    links = [
-        n
-        for n in system.links
-        if n in system.comm_schedule.schedules or n in system.comm_schedule.live
-    ]
+    links = [n for n, link in system.links.items() if isinstance(link, PacketLink)]
 
     def condition() -> str:
         if links and r.random() < 0.4:
@@ -165,8 +162,8 @@ def verdicts(system: System, run: Run, parts: list[AssertionPart]) -> list[Any]:
 
     def values(name: str) -> Any:
         first, _, rest = name.partition(".")
-        if first in run.schedules:
-            state = run.schedules[first].state(run.points_ns)
+        if first in run.deliveries:
+            state = run.deliveries[first].state(run.points_ns, broken_off=True)
             return np.asarray(getattr(state, "age_s" if rest == "age" else rest), float)
         return run.points_ns / 1e9 if name == "t" else run.signal(first, rest)
 

@@ -117,8 +117,8 @@ def facts(run: Any) -> Any:
     """All that a result says."""
     count = run.points_ns.size
     rows = [run.points_ns.tobytes(), *(i.rows[:count].tobytes() for i in run.instances)]
-    schedules = {name: one.statistics() for name, one in run.schedules.items()}
-    return run.status, run.reason, run.cause, run.statistics, schedules, rows
+    arrivals = {name: repr(one.arrivals()) for name, one in run.deliveries.items()}
+    return run.status, run.reason, run.cause, run.statistics, arrivals, rows
 
 
 def plain(found: Any) -> Any:

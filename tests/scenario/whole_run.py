@@ -150,8 +150,9 @@ def coupling_delays(run: Run, system: System) -> dict[str, float]:
             starts = instance.own_points.own[instance.own_points.own < points.size - 1]
             ends = points[np.minimum(instance.own_points.following[starts], points.size - 1)]
             if isinstance(link, PacketLink):
-                schedule, sender = run.schedules[link.name], by_name[key.source]
-                times, messages = schedule.changes()
+                sender = by_name[key.source]
+                known = min(run.end_ns, run.deliveries[link.name].horizon_ns - 1)
+                times, in_use = run.deliveries[link.name].changes(-1, known)
                 later = key.policy == "previous"
                 late = 0.0
                 for s, end in zip(starts.tolist(), ends.tolist(), strict=True):
@@ -159,10 +160,8 @@ def coupling_delays(run: Run, system: System) -> dict[str, float]:
                     until = [int(t) for t in times if t <= at]
                     later_ones = [int(t) for t in times if at < t < end]
                     old = 0
-                    if until and messages[len(until) - 1] >= 0:
-                        row = int(
-                            np.searchsorted(points, schedule.sent_ns[messages[len(until) - 1]])
-                        )
+                    if until and in_use[len(until) - 1] >= 0:
+                        row = int(np.searchsorted(points, in_use[len(until) - 1]))
                         old = int(points[row] - points[sender.own_points.last[row]])
                     late = max(late, old + (end - later_ones[0] if later_ones else 0))
             else:

@@ -10,9 +10,10 @@ import numpy as np
 import pandas as pd
 import pytest
 from hypothesis import given, strategies as st
+from network.fates import entries
 
 from cosim.core import InputError
-from cosim.network import GilbertElliott, Jitter, PacketLink, schedule
+from cosim.network import GilbertElliott, Jitter, PacketLink, deliver
 from cosim.trace import (
     DROPPED_SIGNALS,
     Rows,
@@ -166,34 +167,30 @@ LINKS: dict[str, dict[str, Any]] = {
 
 
 @pytest.mark.parametrize("kind", LINKS)
-def test_age_is_that_of_the_schedule(tmp_path: Path, kind: str) -> None:
-    """Against the link's own schedule, at every instant from before the first to the end."""
+def test_age_is_that_of_the_delivery(tmp_path: Path, kind: str) -> None:
+    """Against the link's own delivery, at every instant from before the first to the end."""
     link = PacketLink("up", sample_time_ns=200, delay_ns=150, seed=4, **LINKS[kind])
-    truth = schedule(link, 20_000)
+    truth = deliver(link, 20_000)
     with TraceWriter(tmp_path / "a.mcap", run={}) as writer:
         topic = writer.add_topic(
             "/link/up", [Signal("x")], schema_name="t.L", metadata={"on_loss": str(link.on_loss)}
         )
         drops = writer.add_topic("/link/up/dropped", DROPPED_SIGNALS, schema_name="t.D")
-        for k in np.argsort(truth.arrival_ns, kind="stable"):
-            at, sent, number = (
-                int(a[k]) for a in (truth.arrival_ns, truth.sent_ns, truth.sequence)
-            )
-            if truth.delivered_ns[k] >= 0:
+        for at, sent, number, fate in entries(truth):
+            if fate == "delivered":
                 writer.write(topic, at, [1.0], publish_time_ns=sent, sequence=number)
-            elif at <= truth.end_ns:
-                reason = "lost" if truth.lost[k] else "overtaken"
-                writer.write(drops, at, [reason], publish_time_ns=sent, sequence=number)
+            else:
+                writer.write(drops, at, [fate], publish_time_ns=sent, sequence=number)
         writer.finish({})
     trace = Trace(tmp_path / "a.mcap")
     at = np.arange(0, 20_000, 7)
-    used = truth.in_use(at)
-    expected = np.where(used >= 0, at - truth.sent_ns[used], np.nan)
+    used = truth.sent_in_use(at)
+    expected = np.where(used >= 0, at - used, np.nan)
     times, ages = trace.age("up", at / 1e9)
     assert np.array_equal(np.rint(ages * 1e9), expected, equal_nan=True)
     assert times == pytest.approx(at / 1e9)
-    lost = int(((truth.delivered_ns < 0) & (truth.arrival_ns <= truth.end_ns)).sum())
-    assert len(trace.dropped("up")) == lost
+    lost = [entry for entry in entries(truth) if entry.fate != "delivered"]
+    assert len(trace.dropped("up")) == len(lost)
 
 
 def test_age_has_the_corners_of_the_sawtooth(tmp_path: Path) -> None:

@@ -17,10 +17,11 @@ from mcap.reader import make_reader
 from mcap.records import Attachment as AttachmentRecord, Channel, Message, Metadata, Schema
 from mcap.stream_reader import StreamReader
 from mcap.writer import CompressionType, Writer
+from network.fates import delivered, entries
 from test_trace_recover import foreign
 
 from cosim.core import InputError
-from cosim.network import DELIVERED, IN_FLIGHT, REASONS, Jitter, PacketLink, schedule
+from cosim.network import Jitter, PacketLink, deliver
 from cosim.trace import Attachment, Signal, Trace, TraceWriter, result_of_link, verify
 
 END = 2000
@@ -33,7 +34,7 @@ PROOF = json.dumps({"claim": {"gamma": "1/2"}}).encode()
 
 def a_run(path: Path, link: PacketLink = LINK) -> Path:
     """A plant that sends over a link; what is delivered lies between its rows."""
-    s = schedule(link, END)
+    d = deliver(link, END)
     x = np.random.default_rng(1).normal(size=(END // 10 + 1, 2))
     run = {
         "scenario.sha256": hashlib.sha256(SCENARIO).hexdigest(),
@@ -63,22 +64,20 @@ def a_run(path: Path, link: PacketLink = LINK) -> Path:
         )
         dropped = writer.add_dropped_topic(link.name)
         events: list[tuple[int, int, Any]] = [(10 * k, 0, k) for k in range(len(x))]
-        events += [
-            (int(s.arrival_ns[k]), 1, k)
-            for k in np.argsort(s.arrival_ns, kind="stable")
-            if s.status[k] != IN_FLIGHT
-        ]
+        arrivals = entries(d)
+        events += [(arrival.arrival, 1, k) for k, arrival in enumerate(arrivals)]
         for t, kind, k in sorted(events, key=lambda e: e[:2]):
             if kind == 0:
                 writer.write(out, t, x[k])
                 continue
-            sent = {"publish_time_ns": s.sent_ns[k], "sequence": s.sequence[k]}
-            if s.status[k] == DELIVERED:
-                writer.write(over, t, link.quantize(x[s.sent_ns[k] // 10]), **sent)
+            _, sent_ns, number, fate = arrivals[k]
+            sent = {"publish_time_ns": sent_ns, "sequence": number}
+            if fate == "delivered":
+                writer.write(over, t, link.quantize(x[sent_ns // 10]), **sent)
             else:
-                writer.write(dropped, t, [REASONS[s.status[k]]], **sent)
+                writer.write(dropped, t, [fate], **sent)
         result = {"status": "finished", "steps": str(len(x) - 1)}
-        return writer.finish({**result, **result_of_link(link.name, s.statistics())})
+        return writer.finish({**result, **result_of_link(link.name, d.statistics(END))})
 
 
 def failing(path: Path, **more: Any) -> set[str]:
@@ -266,12 +265,15 @@ def test_sequence_number_beyond_those_sent_fails(tmp_path: Path) -> None:
     """A copy that calls itself the message after the last, while other copies are in flight."""
     wide = Jitter("uniform", width_ns=400)
     link = PacketLink("sc", 20, jitter=wide, duplicate=0.9, order="as-arrived", seed=6)
-    s = schedule(link, END)
-    delivered = s.sequence[s.status == DELIVERED]
-    twice, sent = int(delivered.max()), s.messages.sent_ns.size
-    assert np.count_nonzero(delivered == twice) == 2
+    d = deliver(link, END)
+    numbers = [entry.message for entry in delivered(d)]
+    twice, figures = max(numbers), d.statistics(END)
+    sent, in_flight = figures["sent"], figures["in_flight"]
+    assert sent is not None
+    assert in_flight is not None
+    assert numbers.count(twice) == 2
     # so that the number of those without a fate gives nothing away
-    assert np.count_nonzero(s.status == IN_FLIGHT) > sent - np.unique(delivered).size
+    assert in_flight > sent - len({*numbers})
     left = [1]
 
     def change(name: str, record: Any) -> list[Any]:

@@ -14,10 +14,11 @@ import pytest
 from hypothesis import given, strategies as st
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
+from network.fates import entries
 from written import side_by_side
 
 from cosim.core import InputError
-from cosim.network import LOST, OVERTAKEN, REASONS, Jitter, PacketLink, schedule
+from cosim.network import Jitter, PacketLink, deliver
 from cosim.trace import (
     DROPPED_SIGNALS,
     Attachment,
@@ -136,16 +137,16 @@ def test_layout_of_the_file(tmp_path: Path) -> None:
 def test_links_in_the_trace(tmp_path: Path) -> None:
     """On a link publish time is that of sending, before log time; what is dropped says why."""
     link = PacketLink("sc", 10, delay_ns=3, jitter=Jitter("uniform", width_ns=40), loss=0.2)
-    s = schedule(link, 1000)
+    d = deliver(link, 1000)
     with TraceWriter(tmp_path / "a.mcap", run={}) as writer:
         data = writer.add_topic(link_topic("sc"), ETA, schema_name="cosim.link.Data")
         dropped = writer.add_dropped_topic("sc")
-        for k in np.argsort(s.arrival_ns, kind="stable").tolist():
-            times = {"publish_time_ns": s.sent_ns[k], "sequence": s.sequence[k]}
-            if s.delivered_ns[k] >= 0:
-                writer.write(data, s.delivered_ns[k], [float(k), 0.0], **times)
-            elif s.status[k] in (LOST, OVERTAKEN):
-                writer.write(dropped, s.arrival_ns[k], [REASONS[s.status[k]]], **times)
+        for at, sent, k, fate in entries(d):
+            times = {"publish_time_ns": sent, "sequence": k}
+            if fate == "delivered":
+                writer.write(data, at, [float(k), 0.0], **times)
+            else:
+                writer.write(dropped, at, [fate], **times)
         writer.finish({})
     messages = decoded(tmp_path / "a.mcap")
     assert {m[1].topic for m in messages} == {"/link/sc", "/link/sc/dropped"}
@@ -153,7 +154,7 @@ def test_links_in_the_trace(tmp_path: Path) -> None:
     log = [m[2].log_time for m in messages]
     assert log == sorted(log)
     reasons = [m[3].reason for m in messages if m[1].topic == dropped_topic("sc")]
-    figures = s.statistics()
+    figures = d.statistics(1000)
     assert figures["lost"] == reasons.count("lost") > 0
     assert figures["overtaken"] == reasons.count("overtaken") > 0
     assert DROPPED_SIGNALS[0].name == "reason"

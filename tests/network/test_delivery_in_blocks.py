@@ -1,4 +1,4 @@
-"""Schedules in blocks, of which the oldest is forgotten, against the model and the whole run."""
+"""Deliveries in blocks, of which the oldest is forgotten, against the model."""
 
 from __future__ import annotations
 
@@ -17,44 +17,39 @@ from hypothesis import given, strategies as st
 from shared import sampled, share_of
 from test_link_exact import (
     Case,
+    begin,
     check_answers,
     check_statistics,
     draw_case,
     grow,
-    same,
+    step_of,
 )
 
 from cosim.core import InputError
+from cosim.master import compiled_delivery
 from cosim.network import (
     REASONS,
     DelayProfile,
     DelaySignal,
+    Delivery,
     GilbertElliott,
-    GrowingSchedule,
     Jitter,
     PacketLink,
-    align,
-    messages,
-    schedule,
+    deliver,
+    sendings,
 )
 
 RANGING = PacketLink("ranging", 10, delay=DelaySignal(1e-9))
-
-
-def points_of(case: Case, r: random.Random) -> list[tuple[Any, list[int] | None]]:
-    """What a schedule is asked for, and the points that this means: none, some, a step."""
-    step = max(r.randint(1, 20), case.end // 100)
-    return [(None, None), (case.points, case.points), (step, [*range(0, case.end, step), case.end])]
 
 
 def check_blocks(number: int) -> None:
     """A random link in blocks cut at random, each forgotten sooner or later."""
     case = draw_case(number)
     r = random.Random(-1 - number)  # noqa: S311 - cases, not secrets
-    for asked, points in points_of(case, r):
+    for points in (None, case.points):
         raw = link_model.raw_draws(case.link, case.end, points)
         model = link_model.run(case.link, case.end, raw, case.delay, points)
-        growing = GrowingSchedule(case.link, case.end, asked)
+        growing = begin(case, None if points is None else step_of(points), number)
         sent = sorted({e.sent for e in model.entries.values()})
         after, until = sorted(r.randint(-1, case.end) for _ in range(2))
         assert growing.sendings(-1, case.end).tolist() == sent
@@ -84,42 +79,37 @@ def check_blocks(number: int) -> None:
         check_statistics(case.link, growing.statistics(case.end), model)
 
 
-def finish_otherwise(s: GrowingSchedule) -> None:
+def finish_otherwise(s: Delivery) -> None:
     while s.is_live and s.horizon_ns <= s.end_ns:
         s.resolve(s.message, 39.0 if s.message % 2 else 1.0)
     s.advance(s.end_ns)
     s.forget(s.end_ns)
 
 
-def check_changes(
-    growing: GrowingSchedule, model: link_model.Outcome, after: int, until: int
-) -> None:
+def check_changes(growing: Delivery, model: link_model.Outcome, after: int, until: int) -> None:
     times, sent = growing.changes(after, until)
     assert times.tolist() == [t for t in sorted(model.changes()) if after < t <= until]
     assert sent.tolist() == [model.sent(model.at(t).used) for t in times.tolist()]
 
 
 def check_end(
-    growing: GrowingSchedule, case: Case, points: list[int] | None, raw: link_model.Raw, end: int
+    growing: Delivery, case: Case, points: list[int] | None, raw: link_model.Raw, end: int
 ) -> None:
-    """The statistics of a run that ends there, by the model and, to the last bit, whole."""
+    """The statistics of a run that ends there, by the model and, to the last bit, at once."""
     link, got = case.link, growing.statistics(end)
     until = None if points is None else [p for p in points if p <= end]
     check_statistics(link, got, link_model.run(link, end, raw, case.delay, until))
-    if growing.is_live:
-        return
-    whole = schedule(link, end)
-    if until is not None:
-        whole = align([whole], until, "grid").schedules[0]
-    assert repr(got) == repr(whole.statistics())
+    if not growing.is_live:
+        step = None if points is None else step_of(points)
+        assert repr(got) == repr(deliver(link, case.end, step).statistics(end))
 
 
 @pytest.mark.parametrize("part", sampled(range(6), 1))
-def test_blocks_of_any_size_make_the_same_schedule(
+def test_blocks_of_any_size_make_the_same_delivery(
     part: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """300 random links, cut at random and forgotten, drawn in blocks of one to many messages."""
-    monkeypatch.setattr(messages, "_DRAWN_AT_ONCE", (1, 2, 3, 5, 9, 4096)[part])
+    monkeypatch.setattr(sendings, "DRAWN_AT_ONCE", (1, 2, 3, 5, 9, 4096)[part])
     for number in range(50 * part, 50 * (part + 1)):
         check_blocks(number)
 
@@ -128,54 +118,44 @@ def test_blocks_of_any_size_make_the_same_schedule(
 @pytest.mark.parametrize("part", share_of(range(10)))
 def test_blocks_of_any_size_on_three_thousand(part: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """3000 random links, cut at random and forgotten."""
-    monkeypatch.setattr(messages, "_DRAWN_AT_ONCE", part + 1)
+    monkeypatch.setattr(sendings, "DRAWN_AT_ONCE", part + 1)
     for number in range(1000 + 300 * part, 1000 + 300 * (part + 1)):
         check_blocks(number)
 
 
 @given(st.integers(0, 10**9), st.integers(0, 40))
-def test_constant_values_give_the_schedule_of_a_constant_delay(number: int, delay: int) -> None:
-    """A signal that never changes makes the schedule of that delay, in every field."""
+def test_constant_values_are_a_constant_delay(number: int, delay: int) -> None:
+    """A signal that never changes makes the delivery of that delay, in every answer."""
     case = draw_case(number)
     link = replace(case.link, recording=None)
     link = replace(link, playout_ns=link.playout_ns and link.playout_ns + delay)
     constant = replace(link, delay=None, delay_ns=delay, windows=())
     follows = replace(link, delay=DelaySignal(1e-9), delay_ns=0, windows=())
-    exact = schedule(constant, case.end)
-    for points, expected in (
-        (None, exact),
-        (case.points, align([exact], case.points, "grid").schedules[0]),
-    ):
-        live = GrowingSchedule(follows, case.end, points)
+    for step in (None, step_of(case.points)):
+        live = Delivery(follows, case.end, step)
         while live.horizon_ns <= case.end:
             live.resolve(live.message, float(delay))
-        same(live.finish(), expected)
-        assert repr(live.statistics(case.end)) == repr(expected.statistics())
-        instants = [0, case.end // 3, case.end]
-        used, sent = expected.in_use(instants), np.append(expected.sent_ns, 0)
-        assert live.sent_in_use(instants).tolist() == np.where(used < 0, used, sent[used]).tolist()
+        same(live, deliver(constant, case.end, step))
 
 
-def test_points_added_during_the_run_match_align() -> None:
-    """The points found block by block are those that align() finds in the finished schedule."""
-    ranges = {t: 40.0 - 0.3 * t for t in range(0, 101, 10)}
-    live, grid = GrowingSchedule(RANGING, 100), np.arange(0, 101, 25)
-    points, known = [], -1
-    while known < 100:
-        if live.horizon_ns == known + 1:
-            live.resolve(live.message, ranges[known + 1])
-        until = min(live.horizon_ns - 1, 100)
-        found = [live.changes(known, until)[0], live.sendings(known, until)]
-        points += np.unique(
-            np.concatenate([*found, grid[(grid > known) & (grid <= until)]])
-        ).tolist()
-        known = until
-    assert points == align([live.finish()], grid).points_ns.tolist()
+def same(one: Delivery, other: Delivery) -> None:
+    """They answer alike about the whole run."""
+    end = one.end_ns
+    assert repr(one.statistics(end)) == repr(other.statistics(end))
+    instants = np.linspace(0, end, 40).astype(np.int64)
+    for a, b in (
+        *zip(one.arrivals(), other.arrivals(), strict=True),
+        *zip(one.state(instants), other.state(instants), strict=True),
+        *zip(one.changes(-1, end), other.changes(-1, end), strict=True),
+        (one.in_flight(instants), other.in_flight(instants)),
+    ):
+        assert a.dtype == b.dtype
+        assert a.tolist() == b.tolist()
 
 
 def test_state_after_the_next_sending_is_refused() -> None:
     """A state that depends on a value not given yet is refused, and the message named."""
-    live = GrowingSchedule(RANGING, 100)
+    live = Delivery(RANGING, 100)
     assert live.horizon_ns == 0
     for ask in (live.sent_in_use, live.state, live.advance, lambda t: live.changes(-1, t)):
         with pytest.raises(InputError, match=r"'ranging'.*not known yet"):
@@ -192,12 +172,12 @@ def test_state_after_the_next_sending_is_refused() -> None:
 
 def test_known_delays_are_asked_for_after_advance() -> None:
     """Of a known delay nothing is told that was not computed, and the message says what to do."""
-    known = GrowingSchedule(PacketLink("a", 10, delay_ns=3), 100)
+    known = Delivery(PacketLink("a", 10, delay_ns=3), 100)
     known.advance(12)
     known.advance(5)
     assert (known.horizon_ns, known.message) == (13, 2)
     assert known.sent_in_use([0, 3, 12]).tolist() == [-1, 0, 0]
-    for ask in (known.sent_in_use, known.statistics, known.finish):
+    for ask in (known.sent_in_use, known.statistics):
         with pytest.raises(InputError, match=r"before 13 ns(.|\n)*advance"):
             ask(13)
     known.advance(1000)
@@ -207,7 +187,7 @@ def test_known_delays_are_asked_for_after_advance() -> None:
 
 def test_delay_of_zero_is_in_use_at_once() -> None:
     """A message without delay is in use at the instant of sending; so are two at one point."""
-    live = GrowingSchedule(RANGING, 40, [0, 20, 40])
+    live = Delivery(RANGING, 40, 20)
     assert live.sendings(-1, 40).tolist() == [0, 20, 40]
     live.resolve(0, 0)
     assert (live.horizon_ns, live.state(19).sequence) == (20, 0)
@@ -232,7 +212,7 @@ def test_delay_of_zero_is_in_use_at_once() -> None:
 )
 def test_resolve_refuses(messages: list[int], value: Any, word: str) -> None:
     """Messages out of order and values that give no delay are refused by name."""
-    live = GrowingSchedule(RANGING, 15)
+    live = Delivery(RANGING, 15)
     *before, last = messages
     for k in before:
         live.resolve(k, value)
@@ -242,7 +222,7 @@ def test_resolve_refuses(messages: list[int], value: Any, word: str) -> None:
 
 def test_refused_value_changes_nothing() -> None:
     """After a value was refused, a valid one is accepted."""
-    live = GrowingSchedule(RANGING, 15)
+    live = Delivery(RANGING, 15)
     with pytest.raises(InputError):
         live.resolve(0, -5.0)
     assert live.message == 0
@@ -251,49 +231,55 @@ def test_refused_value_changes_nothing() -> None:
 
 def test_a_link_without_signal_takes_no_value() -> None:
     """A delay that is known needs no value, and one is refused."""
-    known = GrowingSchedule(PacketLink("a", 10, delay_ns=3), 20)
+    known = Delivery(PacketLink("a", 10, delay_ns=3), 20)
     with pytest.raises(InputError, match=r"follows no signal(.|\n)*advance"):
         known.resolve(0, 1.0)
 
 
-def test_finish_refuses() -> None:
-    """A schedule is finished when all that was sent is resolved, at a point, within the run."""
-    live = GrowingSchedule(RANGING, 100, 25)
-    bad = [(100, "never resolved"), (101, "0 to 100"), (-1, "0 to 100"), (30, "two")]
-    for ask in (live.finish, live.statistics):
-        for end, word in bad:
-            with pytest.raises(InputError, match=word):
-                ask(end)
+def test_ends_of_a_run_that_are_refused() -> None:
+    """A run has statistics when all that was sent is resolved, at a point, within the run."""
+    live = Delivery(RANGING, 100, 25)
+
+    def sent(end: int, *, broken_off: bool = False) -> float | None:
+        return live.statistics(end, broken_off=broken_off)["sent"]
+
+    for end, word in [(100, "never resolved"), (101, "0 to 100"), (-1, "0 to 100"), (30, "two")]:
+        with pytest.raises(InputError, match=word):
+            sent(end)
     live.resolve(0, 1)
     with pytest.raises(InputError, match="message 1"):
-        live.finish(25)
-    assert live.finish(25, broken_off=True).sequence.tolist() == [0]
+        sent(25)
+    assert sent(25, broken_off=True) == 1
     with pytest.raises(InputError, match="message 1"):
-        live.finish(50, broken_off=True)
+        sent(50, broken_off=True)
     live.resolve(1, 1)
-    assert live.finish(25, broken_off=True).sequence.tolist() == [0, 1]
+    assert sent(25, broken_off=True) == 2
     live.resolve(2, 1)
-    for broken_off in (False, True):
-        assert live.finish(25, broken_off=broken_off).sequence.tolist() == [0, 1, 2]
-    assert GrowingSchedule(RANGING, 0).sendings(-1, 0).tolist() == [0]
-    assert GrowingSchedule(replace(RANGING, offset_ns=5), 4).finish().sequence.size == 0
+    assert sent(25) == sent(25, broken_off=True) == 3
+    assert Delivery(RANGING, 0).sendings(-1, 0).tolist() == [0]
+    assert Delivery(replace(RANGING, offset_ns=5), 4).statistics(4)["sent"] == 0
 
 
-@pytest.mark.parametrize("points", [None, 10, 25, 30])
-def test_a_run_broken_off_counts_what_was_resolved(points: int | None) -> None:
+@pytest.mark.parametrize("step", [None, 10, 25, 30])
+def test_a_run_broken_off_counts_what_was_resolved(step: int | None) -> None:
     """Ended at an instant of sending, a run counts what arrives there, and no more is sent."""
     link = replace(RANGING, jitter=Jitter("uniform", width_ns=30), duplicate=0.5, loss=0.2)
-    live = GrowingSchedule(replace(link, on_loss="zero"), 600, points)
+    link = replace(link, on_loss="zero")
+    live = Delivery(link, 600, step)
     while live.horizon_ns < 600:
         live.resolve(live.message, 15.0)
         if live.horizon_ns < 600:
             end = live.horizon_ns
-            whole = live.finish(end, broken_off=True).statistics()
+            figures = live.statistics(end, broken_off=True)
             forgetful = live.copy()
             forgetful.forget(end)
-            for one in (live, forgetful):
-                assert repr(one.statistics(end, broken_off=True)) == repr(whole)
-            assert whole["sent"] == live.message
+            assert repr(forgetful.statistics(end, broken_off=True)) == repr(figures)
+            assert figures["sent"] == live.message
+            # a run of that length, of which no more is sent at its end
+            shorter = Delivery(link, end, step)
+            while shorter.message < live.message:
+                shorter.resolve(shorter.message, 15.0)
+            assert repr(shorter.statistics(end, broken_off=True)) == repr(figures)
 
 
 def test_in_flight_is_what_was_sent_and_is_in_no_entry_yet() -> None:
@@ -302,7 +288,7 @@ def test_in_flight_is_what_was_sent_and_is_in_no_entry_yet() -> None:
         *("busy", 10), delay_ns=35, jitter=Jitter("uniform", width_ns=30), loss=0.3, duplicate=0.4,
         order="as-arrived", data_rate=10**9, frame_size=14, queue_limit=3, seed=4,
     )  # fmt: skip
-    growing = GrowingSchedule(link, 4000)
+    growing = Delivery(link, 4000)
     growing.advance(4000)
     entries = growing.arrivals()
     points = np.arange(0, 3000, 7)
@@ -316,30 +302,18 @@ def test_in_flight_is_what_was_sent_and_is_in_no_entry_yet() -> None:
 
 def test_in_flight_where_a_run_breaks_off() -> None:
     """At the horizon of a live link the delay of what is sent there is not known yet."""
-    growing = GrowingSchedule(RANGING, 100)
+    growing = Delivery(RANGING, 100)
     growing.resolve(0, 15.0)
     assert growing.horizon_ns == 10
     assert growing.in_flight([0, 10]).tolist() == [1, 2]
 
 
-def test_live_refuses_what_schedule_and_align_refuse() -> None:
-    """Bad ends and points are refused before the run."""
-    for arguments, word in [
-        ((-1,), "range"),
-        ((100, [0, 5, 5, 100]), "order"),
-        ((100, [0, 50]), "do not end"),
-        ((100, 0), "range"),
-    ]:
-        with pytest.raises(InputError, match=word):
-            GrowingSchedule(RANGING, *arguments)
-
-
 def test_what_was_forgotten_is_refused() -> None:
-    """Instants, arrivals and the whole schedule are refused once they were forgotten."""
-    known = GrowingSchedule(PacketLink("a", 10, delay_ns=3), 100)
+    """Instants and arrivals are refused once they were forgotten."""
+    known = Delivery(PacketLink("a", 10, delay_ns=3), 100)
     known.advance(60)
     known.forget(0)
-    assert known.finish(60).sequence.size == 7
+    assert known.arrivals().sequence.size == 6
     known.forget(40)
     known.forget(30)
     assert known.oldest_ns == 40
@@ -351,25 +325,24 @@ def test_what_was_forgotten_is_refused() -> None:
         (known.statistics, 38),
         (lambda t: known.changes(t - 1, 50), 39),
         (known.arrivals, 3),
-        (known.finish, 60),
     ]:
-        with pytest.raises(InputError, match=r"'a'.*(forgotten|kept)"):
+        with pytest.raises(InputError, match=r"'a'.*forgotten"):
             ask(argument)
     known.forget(1000)
     assert known.oldest_ns == known.horizon_ns == 61
 
 
-def pickled(live: GrowingSchedule) -> Any:
+def pickled(live: Delivery) -> Any:
     return pickle.loads(pickle.dumps(live))  # noqa: S301 - our own
 
 
-@pytest.mark.parametrize("snapshot", [GrowingSchedule.copy, copy.deepcopy, pickled])
+@pytest.mark.parametrize("snapshot", [Delivery.copy, copy.deepcopy, pickled])
 def test_copies_are_independent(snapshot: Any) -> None:
     """A copy made in the middle, fed with other values, changes nothing in the original."""
     link = PacketLink(
         "a", 10, jitter=Jitter("uniform", width_ns=60), duplicate=0.5, delay=DelaySignal(1e-9)
     )
-    alone, run = GrowingSchedule(link, 300), GrowingSchedule(link, 300)
+    alone, run = Delivery(link, 300), Delivery(link, 300)
     half, count = 12, 31
     for k in range(count):
         if k == half:
@@ -379,12 +352,19 @@ def test_copies_are_independent(snapshot: Any) -> None:
     for k in range(half, count):
         taken.resolve(k, float(k))
         other.resolve(k, 100.0)
-    instants = list(range(0, 301, 7))
     for one in (run, taken):
-        same(one.finish(), alone.finish())
-        assert one.sent_in_use(instants).tolist() == alone.sent_in_use(instants).tolist()
-        for a, b in zip(one.state(instants), alone.state(instants), strict=True):
-            assert (a == b).all()
+        same(one, alone)
+
+
+def test_a_copy_of_a_compiled_delivery_goes_on_alike() -> None:
+    """A pickled one goes on in Python: another process has its own library."""
+    link = PacketLink("a", 10, delay_ns=95, jitter=Jitter("uniform", width_ns=60), duplicate=0.5)
+    run = Delivery(link, 3000, None, compiled_delivery())
+    run.advance(1000)
+    twins = [run.copy(), pickled(run)]
+    for one in (run, *twins):
+        one.advance(3000)
+        same(one, deliver(link, 3000))
 
 
 LONG = [
@@ -407,18 +387,18 @@ LONG = [
 
 
 @pytest.mark.parametrize("link", sampled(LONG, 1), ids=lambda link: link.name)
-@pytest.mark.parametrize("points", [None, 25])
+@pytest.mark.parametrize("step", [None, 25])
 def test_memory_does_not_grow_with_the_run(
-    link: PacketLink, points: int | None, monkeypatch: pytest.MonkeyPatch
+    link: PacketLink, step: int | None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Eight times as many messages, forgotten after each block, take the same memory."""
-    monkeypatch.setattr(messages, "_DRAWN_AT_ONCE", 500)
+    monkeypatch.setattr(sendings, "DRAWN_AT_ONCE", 500)
     peaks, left = [], []
     for count in (2_000, 16_000):
         end = 10 * count
         gc.collect()
         tracemalloc.start()
-        growing = GrowingSchedule(link, end, points)
+        growing = Delivery(link, end, step, compiled_delivery())
         for until in range(1000, end + 1, 1000):
             while growing.is_live and growing.horizon_ns <= until:
                 growing.resolve(growing.message, float(growing.message % 7) * 10)
