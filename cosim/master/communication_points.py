@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from itertools import islice, takewhile
 from typing import Any, Final
 
 import numpy as np
@@ -71,7 +72,8 @@ class CommunicationPoints:
         such links share or whose nodes move.
     grows : whether points depend on signals of the run.
     has_events : whether points are added one at a time, as events occur (`add`).
-    on_new : called with the instant of each added point, [ns] and [s].
+    on_new : called with the index of the first of the points that were added, and their instants,
+        [ns] and [s].
     """
 
     def __init__(self, system: Parts, *, live: bool = True, block: int = BLOCK) -> None:
@@ -79,7 +81,7 @@ class CommunicationPoints:
         self._with_live, self._block_ns = live, block * self._schedule.step_ns
         self.most, self.end_ns = self._schedule.most, self._schedule.end_ns
         self.grows, self.has_events = self._schedule.grows, live and system.has_events
-        self.on_new: Callable[[int, float], None] | None = None
+        self.on_new: Callable[[int, Integers, Rows], None] | None = None
         self.event_values, self.modes = EventValues(), system.modes
         if self.has_events:
             self.most = _EVENTS * self.most + _MORE_EVENTS
@@ -174,28 +176,41 @@ class CommunicationPoints:
         ------
         InputError : there are too many.
         """
-        k = self.count
-        if k == self.most - 1:
+        self.replace_from(self.count, np.array([instant_ns]), np.array([seconds]))
+
+    def replace_from(self, first: int, instants_ns: Integers, seconds: Rows) -> None:
+        """Let these be the points from index `first` on, in place of those that were added there.
+
+        Raises
+        ------
+        InputError : there are too many.
+        """
+        last = first + instants_ns.size
+        if last >= self.most:
             raise InputError(
                 "the events of the run add too many points",
                 where="run",
                 expected=f"at most {self.most}: {_EVENTS} per planned point, {_MORE_EVENTS} more",
                 hint="look at the components that ask for events, in the trace",
             )
-        while self._planned_until < instant_ns:  # the links must know
+        while self._planned_until < instants_ns[-1]:  # the links must know
             self._plan()
-        self.points_ns[k], self.seconds[k] = instant_ns, seconds
-        if k:
-            before = int(self.points_ns[k - 1])
-            whole = seconds == instant_ns / 1e9 and self.seconds[k - 1] == before / 1e9
-            size = (instant_ns - before) / 1e9 if whole else seconds - self.seconds[k - 1]
-            self.sizes[k - 1] = size
-        self.count += 1
+        self.points_ns[first:last], self.seconds[first:last] = instants_ns, seconds
+        before = max(first - 1, 0)
+        times, exact = self.points_ns[before:last], self.seconds[before:last]
+        whole = exact == times / 1e9
+        sizes = np.where(whole[1:] & whole[:-1], np.diff(times) / 1e9, np.diff(exact))
+        self.sizes[before : last - 1] = sizes
+        self.count, self.ready = last, last - 1
         for points in self._steps.values():
-            points.extend(self.points_ns, k, k + 1, self.end_ns)
-        self.ready = k
+            points.extend(self.points_ns, first, last, self.end_ns)
         if self.on_new is not None:
-            self.on_new(instant_ns, seconds)
+            self.on_new(first, instants_ns, seconds)
+
+    def planned_before(self, limit_ns: int, most: int) -> Integers:
+        """Return the next instants that are points, before another one [ns], at most so many."""
+        self.planned()
+        return np.array([*takewhile(lambda t: t < limit_ns, islice(self._planned, most))], np.int64)
 
     def finish(self) -> None:
         """Make the last point the last of the run."""

@@ -49,8 +49,7 @@ def choose_engine(
 
     Raises
     ------
-    InputError : the kernel is asked for, or several threads, but it cannot be compiled, or the run
-        has what it does not carry out.
+    InputError : the kernel is asked for, or several threads, but it cannot be compiled.
     """
     choice = _choice(asked, texts=texts, events=events)
     if threads > 1 and choice.name == "python":
@@ -67,26 +66,6 @@ def choose_engine(
 def _choice(asked: EngineName, *, texts: bool, events: bool) -> EngineChoice:
     if asked == "python":
         return EngineChoice("python", "asked for")
-    for present, why, what, expected, cure in (
-        (
-            events,
-            "a component has events",
-            "the kernel carries out runs without events only",
-            "no component in event mode",
-            "take the engine python, or auto; or event_mode = false for the component",
-        ),
-        (
-            texts,
-            "Strings or Binary values are exchanged",
-            "the kernel exchanges numbers only",
-            "no outputs or connected inputs of type String or Binary",
-            "take the engine python, or auto",
-        ),
-    ):
-        if present and asked == "kernel":
-            raise InputError(what, where="engine", expected=expected, hint=cure)
-        if present:
-            return EngineChoice("python", why)
     try:
         load_kernel()
     except InputError as error:
@@ -99,9 +78,14 @@ def _choice(asked: EngineName, *, texts: bool, events: bool) -> EngineChoice:
                 hint=f"{error.hint or 'a C compiler'}; or take the engine python",
             ) from error
         return EngineChoice("python", f"the kernel needs a C compiler: {error.got}")
-    return EngineChoice("kernel", "asked for" if asked == "kernel" else "numbers only")
+    by_python = ["events"] * events + ["Strings and Binary"] * texts
+    reason = f"{' and '.join(by_python)} by Python" if by_python else "numbers only"
+    return EngineChoice("kernel", "asked for" if asked == "kernel" else reason)
 
 
 def build_engine(name: str, table: Table, events: Mapping[int, EventInstance]) -> Engine:
-    """Build the engine of this name for a table; `events` : by number of the instance."""
-    return KernelLoop(table) if name == "kernel" else PlainLoop(table, events)
+    """Build the engine of this name for a table.
+
+    events : by number of the instance; of their points the kernel has those without any alone.
+    """
+    return KernelLoop(table) if name == "kernel" and not events else PlainLoop(table, events)

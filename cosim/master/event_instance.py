@@ -12,6 +12,7 @@ from fractions import Fraction
 from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cosim.core import ComponentError
 from cosim.fmu import LEAST_INTERVAL, FmuSlave, Port, exactly
@@ -215,7 +216,7 @@ class EventInstance:
         plain = exchange_of(self.instance, group, way)
         if way == "get":
             return self._getting(group, columns, plain)
-        return self._setting(group, ports, columns, plain)
+        return self._setting(group, columns, plain)
 
     def _ports_of(self, group: Group) -> list[Port]:
         kinds = {
@@ -226,6 +227,14 @@ class EventInstance:
 
     def _columns(self) -> Sequence[Any]:
         return (*self.instance.output_columns, *self.instance.input_columns)
+
+    def jumps_of(self, group: Group) -> NDArray[np.bool_]:
+        """Return of each value of a group of inputs whether its jump is an event, (values,)."""
+        ports = self._ports_of(group)
+        if group.getter_type == "Clock":
+            return np.ones(group.size, np.bool_)  # a tick is
+        discrete = [not group.clocks and port.variability != "continuous" for port in ports]
+        return np.repeat(discrete, [port.size for port in ports])
 
     def _clock_exchange(
         self, ports: Sequence[Port], columns: slice, way: Literal["get", "set"]
@@ -257,11 +266,9 @@ class EventInstance:
         return get
 
     def _setting(
-        self, group: Group, ports: Sequence[Port], columns: slice, plain: Callable[[Rows], int]
+        self, group: Group, columns: slice, plain: Callable[[Rows], int]
     ) -> Callable[[Rows, int], int]:
-        discrete = np.repeat(
-            [p.variability != "continuous" for p in ports], [p.size for p in ports]
-        )
+        discrete = self.jumps_of(group)
         points = self.instance.comm_points.points_ns
 
         def give(rows: Rows, at: int) -> int:

@@ -12,7 +12,8 @@
             all others step there
 
 So every connection, link, override and recorded row is that of a point, and an event is one more
-point for all components. `docs/explanation/events.md` says how this meets links.
+point for all components. `docs/explanation/events.md` says how this meets links. The points between
+two instants at which anything of this happens are carried out by the kernel (`quiet_points`).
 """
 
 from __future__ import annotations
@@ -20,19 +21,42 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from fractions import Fraction
-from typing import Final
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
 
 from cosim.core import ComponentError
 from cosim.fmu import ACCEPTED_STATUSES, FmuState
 from cosim.master.event_instance import SECOND_NS, EventInstance, nanosecond_of
+from cosim.master.exchange import TOO_LARGE
+from cosim.master.guards import Guards
 from cosim.master.plain_loop import step_call
+from cosim.master.quiet_points import QuietKernel
 from cosim.master.system import System
-from cosim.master.table import ENDED, WORD_BITS, EarlyStop, Step, Table
+from cosim.master.table import ENDED, JUMPED, RETURNED, WORD_BITS, EarlyStop, Step, Table
 from cosim.master.wiring import Wiring
+
+Integers = NDArray[np.int64]
 
 MOST_POINTS: Final = 1000
 """Points of events within `_PROGRESS_NS` after which events count as ones that do not end."""
 _PROGRESS_NS: Final = 1000
+
+
+class _Stepped(NamedTuple):
+    """A component that stepped: its state before, if it may be taken back, and where it was [s]."""
+
+    one: EventInstance
+    saved: FmuState | None
+    begun: float
+
+
+class _Target(NamedTuple):
+    """Where the steps from a point lead: the nanosecond of the next point, and its time [s]."""
+
+    instant_ns: int
+    time: Fraction
 
 
 class EventPoints:
@@ -46,6 +70,8 @@ class EventPoints:
         events: Mapping[int, EventInstance],
         run: Callable[[int, int, int, int], EarlyStop | None],
         row_complete: Callable[[int], None],
+        *,
+        kernel: bool,
     ) -> None:
         self._wiring, self._table, self._events, self._run = wiring, table, events, run
         self._row_complete = row_complete
@@ -69,6 +95,12 @@ class EventPoints:
             one.word = table.word
         if len(self._first) > 1:
             table.no_way_back[0] = 0  # a step may be taken back for an event of another component
+        self._quiet: QuietKernel | None = None
+        self._may_be_quiet = kernel and not any(
+            one.slave.description.scheduled
+            or (one.instance.component.isolate and len(self._first) > 1)
+            for one in self._instances
+        )
 
     def execute(self, k: int) -> EarlyStop | None:
         """Carry out point k and add the next one, if the run goes on.
@@ -104,6 +136,123 @@ class EventPoints:
             self._points.finish()
             return None
         return self._step(k, now_ns)
+
+    def go_quietly(
+        self, k: int, most: int, until_ns: int | None, guards: Guards | None
+    ) -> tuple[int, EarlyStop | None]:
+        """Carry out point k and those that follow it as long as nothing happens, by the kernel.
+
+        Parameters
+        ----------
+        most : points to carry out.
+        until_ns : it goes no further than to the first point at or after this instant [ns].
+        guards : as of an engine.
+
+        Returns
+        -------
+        The number of complete rows, to whose next point the slaves have come; k where point k is
+        none that the kernel carries out. Why the run, or a guard, ends it there.
+
+        Raises
+        ------
+        ComponentError : a slave that returned early gave no time of its step.
+        """
+        instants = self._quiet_instants(k, most, until_ns)
+        if not instants.size:
+            return k, None
+        if self._quiet is None:
+            self._quiet = QuietKernel(self._table, self._events, self._first)
+        last = k + instants.size
+        self._points.replace_from(k + 1, instants, instants / 1e9)
+        self._wiring.fill_routes(k, last)
+        self._wiring.begin_rows(k, last)
+        if guards is not None:
+            guards.prepare(k, last)
+        early_stop = self._quiet.run(0, len(self._table.operations), k, last, guards)
+        if early_stop is None:
+            self._came_to(last)
+            return last, None
+        return self._after_quiet(early_stop, instants, k)
+
+    def _quiet_instants(self, k: int, most: int, until_ns: int | None) -> Integers:
+        """Return the instants to which steps from point k on lead without an event [ns]."""
+        none = np.zeros(0, np.int64)
+        now_ns = int(self._points.points_ns[k])
+        adjusted = self._table.adjustments.count[0] or self._table.copying[0]
+        if not self._may_be_quiet or k == 0 or adjusted or self._asked_to_end is not None:
+            return none
+        if now_ns == self._end_ns or now_ns < self._begin_ns + _PROGRESS_NS:
+            return none
+        limit_ns = self._end_ns + 1
+        for one in self._instances:
+            instants = [nanosecond_of(instant) for instant in one.instants()]
+            limit_ns = min([limit_ns, *instants])
+            quiet = not (one.slave.in_event_mode or one.event_needed)
+            if not quiet or limit_ns <= now_ns or one.time != now_ns / 1e9:
+                return none
+        found = self._points.planned_before(limit_ns, most)
+        if until_ns is not None:
+            found = found[: int(np.searchsorted(found, until_ns)) + 1]
+        close = np.flatnonzero(np.diff(found, prepend=now_ns) < _PROGRESS_NS)
+        return found[: close[0]] if close.size else found
+
+    def _came_to(self, k: int) -> None:
+        """Note that all slaves are at point k, by steps alone, of which the last may announce."""
+        now_ns = int(self._points.points_ns[k])
+        self._now = Fraction(now_ns, SECOND_NS)
+        self._begin_ns, self._crowded = int(self._points.points_ns[k - 1]), 0
+        self._busy.clear()
+        for one in self._instances:
+            one.time = now_ns / 1e9
+            one.event_needed = bool(one.slave.results.event_handling_needed)
+
+    def _after_quiet(
+        self, early_stop: EarlyStop, instants: Integers, k: int
+    ) -> tuple[int, EarlyStop | None]:
+        """Go on where the kernel stopped, in the quiet points from k on."""
+        status, at = early_stop.status, early_stop.k
+        ended = early_stop.what in ("guard", "announced")  # all steps of the point
+        if (reached := at + ended) > k:
+            self._came_to(reached)
+        self._forget_after(reached)
+        if status == RETURNED:
+            return at + 1, self._after_return(early_stop, at, int(instants[at - k]))
+        if status == TOO_LARGE:  # an integer that no double is: Python has texts for it
+            self._may_be_quiet = False
+        if ended or status in (JUMPED, TOO_LARGE):
+            return reached, early_stop if early_stop.what == "guard" else None
+        if early_stop.what in ("step", "end"):  # whose end is named
+            self._points.add(int(instants[at - k]), float(instants[at - k] / 1e9))
+        return early_stop.complete, early_stop
+
+    def _forget_after(self, k: int) -> None:
+        """Let point k be the last one that is known."""
+        points = self._points
+        if points.count > k + 1:
+            last = points.points_ns[k : k + 1].copy(), points.seconds[k : k + 1].copy()
+            points.replace_from(k, *last)
+
+    def _after_return(self, early_stop: EarlyStop, k: int, target_ns: int) -> EarlyStop | None:
+        """End the steps from point k to an instant [ns], of which one returned early."""
+        begun, target = float(self._points.seconds[k]), Fraction(target_ns, SECOND_NS)
+        first = [self._first[i] for _, i in self._steps if i in self._first]
+        numbers = [one.number for one in first]
+        place = numbers.index(early_stop.instance)
+        stepped: list[_Stepped] = []
+        for one in first[: place + 1]:
+            results = one.slave.results
+            one.event_needed = bool(results.event_handling_needed)
+            one.time = float(target)
+            if results.early_return:
+                one.time = one.slave.time_reached(begun, float(target))
+            saved = None if self._quiet is None else self._quiet.saved.get(one.number)
+            stepped.append(_Stepped(one, saved, begun))
+        waiting = first[place + 1 :]
+        to = self._reached(self._ns_of(k), _Target(target_ns, target), stepped, waiting)
+        return self._end_steps(k, to, stepped, waiting)
+
+    def _ns_of(self, k: int) -> int:
+        return int(self._points.points_ns[k])
 
     def _count(self, k: int, now_ns: int) -> None:
         """Count the points with hardly any time between them; too many are a ComponentError."""
@@ -144,35 +293,46 @@ class EventPoints:
     def _step(self, k: int, now_ns: int) -> EarlyStop | None:
         """Step from point k to the next one."""
         target_ns, target = self._next(now_ns)
-        stepped: list[tuple[EventInstance, FmuState | None, float]] = []
         waiting = [self._first[number] for _, number in self._steps if number in self._first]
-        alone = len(waiting) == 1
+        return self._end_steps(k, _Target(target_ns, target), [], waiting)
+
+    def _end_steps(
+        self, k: int, to: _Target, stepped: list[_Stepped], waiting: list[EventInstance]
+    ) -> EarlyStop | None:
+        """Step from point k where some of those that may return early have stepped."""
+        now_ns, alone = int(self._points.points_ns[k]), len(self._first) == 1
         while waiting:
             one = waiting.pop(0)
             saved = None if alone else one.slave.snapshot()
             begun = one.time
-            early_stop = self._step_one(one, k, float(target))
+            early_stop = self._step_one(one, k, float(to.time))
             if early_stop is not None:
-                self._points.add(target_ns, float(target))
+                self._points.add(to.instant_ns, float(to.time))
                 return early_stop
-            stepped.append((one, saved, begun))
-            reached = Fraction(one.time)
-            if one.slave.results.early_return and nanosecond_of(reached) < target_ns:
-                target_ns, target = max(nanosecond_of(reached), now_ns), reached
-                for before in [s for s in stepped if s[0] is not one]:
-                    self._take_back(*before)
-                    stepped.remove(before)
-                    waiting.append(before[0])
+            stepped.append(_Stepped(one, saved, begun))
+            to = self._reached(now_ns, to, stepped, waiting)
         for one, saved, _ in stepped:
-            if saved is not None:
-                one.slave.free(saved)
-        self._points.add(target_ns, float(target))
-        if target_ns > now_ns:
-            self._now = target
-            early_stop = self._step_others(k, float(target))
+            self._free(one, saved)
+        self._points.add(to.instant_ns, float(to.time))
+        if to.instant_ns > now_ns:
+            self._now = to.time
+            early_stop = self._step_others(k, float(to.time))
             if early_stop is not None:
                 return early_stop
         return None
+
+    def _reached(
+        self, now_ns: int, to: _Target, stepped: list[_Stepped], waiting: list[EventInstance]
+    ) -> _Target:
+        """Return where the last one that stepped is; take those before it back if it is early."""
+        one, reached = stepped[-1].one, Fraction(stepped[-1].one.time)
+        if not one.slave.results.early_return or nanosecond_of(reached) >= to.instant_ns:
+            return to
+        for before in stepped[:-1]:
+            self._take_back(before)
+            stepped.remove(before)
+            waiting.append(before.one)
+        return _Target(max(nanosecond_of(reached), now_ns), reached)
 
     def _next(self, now_ns: int) -> tuple[int, Fraction]:
         """Return the next instant that is known, [ns] and [s]."""
@@ -243,12 +403,18 @@ class EventPoints:
         number = next(number for number, owner in self._steps if owner == instance)
         self._table.word[0] = k << WORD_BITS | number
 
-    @staticmethod
-    def _take_back(one: EventInstance, saved: FmuState | None, begun: float) -> None:
+    def _take_back(self, stepped: _Stepped) -> None:
         """Return a component to before its step: another one has an event before its end."""
+        one, saved, begun = stepped
         if saved is not None:
             one.slave.restore(saved)
-            one.slave.free(saved)
+            self._free(one, saved)
         if one.slave.options.intermediate:
             one.slave.forget_within_steps()
         one.time, one.event_needed = begun, False
+
+    def _free(self, one: EventInstance, saved: FmuState | None) -> None:
+        """Free a saved state, unless the kernel saves into it again."""
+        kept = self._quiet is not None and self._quiet.saved.get(one.number) is saved
+        if saved is not None and not kept:
+            one.slave.free(saved)

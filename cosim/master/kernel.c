@@ -40,16 +40,21 @@ static uint64_t modes(void) { return (uint64_t)fegetround(); }
 static void restore(uint64_t saved) { fesetround((int)saved); }
 #endif
 
-enum { GET, SET, MOVE, STEP, COMPLETE, GUESS, SETTLE };
+enum { GET, SET, MOVE, STEP, COMPLETE, GUESS, SETTLE, KEEP };
 enum { SELDOM, USUAL_GET, USUAL_SET, USUAL_STEP, USUAL_COMPLETE, USUAL_GATHER };
 enum { NEIGHBOURS, SCATTERED, ALTERED }; /* what is special in a move */
 enum { ALWAYS, AT_FIRST, NOT_AT_LAST };
-enum { F8, F4, I1, U1, I2, U2, I4, U4, I8, U8 };
+enum { F8, F4, I1, U1, I2, U2, I4, U4, I8, U8, IN_PYTHON };
+enum { NO_EVENTS, EVENTS, MAY_RETURN_EARLY }; /* of the component that a step is of */
 #define TOO_LARGE (INT64_C(1) << 32) /* and the next ones: no FMU can return them, see exchange.py */
 #define ENDED (TOO_LARGE + 1)
 #define UNSETTLED (TOO_LARGE + 2)
 #define OUT_OF_RANGE (TOO_LARGE + 3)
 #define GUARDED (TOO_LARGE + 4)
+#define JUMPED (TOO_LARGE + 5)
+#define RETURNED (TOO_LARGE + 6)
+#define ANNOUNCED (TOO_LARGE + 7)
+#define RAISED (TOO_LARGE + 8)
 #define ROW_SUM 260 /* where the word has the sum of the complete rows, see table.py */
 #define EXACT 9007199254740992.0 /* 2^53 */
 
@@ -75,6 +80,8 @@ typedef struct {
     uint8_t *results;
     int64_t back, limit;
     double tolerance;
+    int64_t events;
+    void *save, **state; /* before the step, of a component that another one may have taken back */
 } Operation;
 
 /* What the operations of a run share. */
@@ -89,6 +96,7 @@ typedef struct {
     volatile int64_t *word;
     int64_t status, column, passes; /* of an early stop; of the algebraic loop that goes on */
     const struct Guards *guards;    /* NULL: none */
+    int64_t announced;              /* an event, by a step of this point */
 } Run;
 
 /* The values of a name: of row index[k] of `base`, or without an index one for each point. */
@@ -121,6 +129,8 @@ typedef int (*Exchange2)(void *, const uint32_t *, size_t, void *);
 typedef int (*Exchange3)(void *, const uint32_t *, size_t, void *, size_t);
 typedef int (*Step2)(void *, double, double, int);
 typedef int (*Step3)(void *, double, double, uint8_t, uint8_t *, uint8_t *, uint8_t *, double *);
+typedef int (*Save)(void *, void **);
+typedef int64_t (*InPython)(int64_t);
 
 static void adjust(const Run *r, double *row, const Operation *o) {
     for (int64_t j = o->column; j < o->column + (int64_t)o->values; j++)
@@ -157,8 +167,11 @@ static int exchange(const Operation *o, void *values) {
 #define INTO(T) typed[j] = (T)values[j]
 #define FROM(T) values[j] = (double)typed[j]
 
-/* Values of another type than double: converted in the scratch of the operation. */
-static int64_t typed_exchange(const Operation *o, double *values) {
+/* Values of another type than double: converted in the scratch of the operation, or by Python. */
+static int64_t typed_exchange(const Run *r, const Operation *o, double *row) {
+    double *values = row + o->column;
+    if (o->type == IN_PYTHON)
+        return ((InPython)o->function)((row - r->rows) / r->width);
     if (o->kind == SET) {
         EVERY_TYPE(INTO)
         return exchange(o, o->scratch);
@@ -231,20 +244,43 @@ static inline int64_t set_directly(const Run *r, const Operation *o, int64_t k, 
     return exchange(o, values);
 }
 
-static inline int64_t step(const Run *r, const Operation *o, int64_t k, int64_t following) {
+static inline int64_t step(Run *r, const Operation *o, int64_t k, int64_t following) {
     double now = r->seconds[k], size = r->sizes[k];
     if (o->following)
         size = (double)(r->points[following] - r->points[k]) / 1e9;
     int final = (int)r->no_way_back;
     if (!o->fmi3)
         return ((Step2)o->function)(o->component, now, size, final);
+    if (o->save) {
+        int saved = ((Save)o->save)(o->component, o->state);
+        if (saved != 0 && saved != 1)
+            return saved;
+    }
     uint8_t *out = o->results;
     out[0] = out[1] = out[2] = 0;
     int status = ((Step3)o->function)(o->component, now, size, (uint8_t)final, out, out + 1,
                                       out + 2, (double *)(out + 8));
     if (status != 0 && status != 1)
         return status;
+    if (o->events && out[0])
+        r->announced = 1;
+    if (out[2] && !out[1] && o->events == MAY_RETURN_EARLY)
+        return RETURNED;
     return out[1] || out[2] ? ENDED : status;
+}
+
+/* Whether one of the values whose jump is an event is another one than in the row before. */
+static int jumps(const Run *r, const Operation *o, const double *row) {
+    for (int64_t j = 0; j < o->limit; j++)
+        if (row[o->pairs[j]] != (o->back ? 0.0 : row[o->pairs[j] - r->width]))
+            return 1;
+    return 0;
+}
+
+/* Values that nobody has now: those of the row before, or of a Clock that does not tick. */
+static void keep(const Run *r, const Operation *o, double *row) {
+    for (int64_t j = o->column; j < o->column + (int64_t)o->values; j++)
+        row[j] = o->special ? 0.0 : row[j - r->width];
 }
 
 /* Whether an output of a complete row is out of range. The magnitudes of doubles are in the order
@@ -370,7 +406,7 @@ static int64_t carry_out_any(Run *r, const Operation *table, const Operation **a
     int64_t status = 0;
     switch (o->kind) {
     case GET:
-        status = o->special ? typed_exchange(o, row + o->column) : exchange(o, row + o->column);
+        status = o->special ? typed_exchange(r, o, row) : exchange(o, row + o->column);
         if (*r->adjustments)
             adjust(r, row, o);
         break;
@@ -379,8 +415,12 @@ static int64_t carry_out_any(Run *r, const Operation *table, const Operation **a
             return set_directly(r, o, k, row);
         if (*r->adjustments)
             adjust(r, row, o);
-        status = o->special ? typed_exchange(o, row + o->column) : exchange(o, row + o->column);
+        if (o->limit && jumps(r, o, row))
+            return JUMPED;
+        if (o->function)
+            status = o->special ? typed_exchange(r, o, row) : exchange(o, row + o->column);
         break;
+    case KEEP: keep(r, o, row); break;
     case MOVE:
         if (o->special == ALTERED)
             move_specially(r, o, k, row);
@@ -585,6 +625,7 @@ EXPORT int run(Run *r, const Operation *table, int64_t begin, int64_t end, int64
                int64_t last, Team *team, int64_t side_by_side) {
     uint64_t saved = modes();
     int64_t until = team && side_by_side < end ? side_by_side : end;
+    r->announced = 0;
     for (int64_t k = first; k < last; k++) {
         r->status = carry_out(r, table, begin, until, k, saved, r->word);
         if (!r->status && until < end && k != r->final) {
@@ -594,6 +635,10 @@ EXPORT int run(Run *r, const Operation *table, int64_t begin, int64_t end, int64
         if (!r->status && r->guards && !are_met(r->guards, k, first)) {
             r->column = k;
             r->status = GUARDED;
+        }
+        if (!r->status && r->announced) {
+            r->column = k;
+            r->status = ANNOUNCED;
         }
         if (r->status)
             return 1;

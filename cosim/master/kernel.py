@@ -1,10 +1,12 @@
 """The kernel: `kernel.c`, prebuilt or compiled at first use, carries out the table of a run.
 
-It takes the addresses of the FMUs' functions and instances, and exchanges numbers only.
+It takes the addresses of the FMUs' functions and instances, and exchanges numbers; Strings and
+Binary it lets Python exchange.
 """
 
 from __future__ import annotations
 
+import ctypes
 from typing import Any, Literal
 
 import numpy as np
@@ -14,10 +16,12 @@ from cosim.core import InputError
 from cosim.fmu import FmuSlave
 from cosim.master.compiled import load_kernel
 from cosim.master.component_instance import Group
+from cosim.master.exchange import exchange_of
 from cosim.master.guards import Guards
 from cosim.master.routes import Route
 from cosim.master.rows_in_use import RowsInUse
 from cosim.master.table import (
+    RAISED,
     ROW_SUM,
     Complete,
     EarlyStop,
@@ -41,6 +45,10 @@ _GATHER = 5
 _SCATTERED, _ALTERED = 1, 2
 """What is special in a move."""
 _C_TYPES = ("f8", "f4", "i1", "u1", "i2", "u2", "i4", "u4", "i8", "u8")
+_IN_PYTHON = len(_C_TYPES)
+"""The number of a type that Python exchanges: a text."""
+_EXCHANGE = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_int64)
+"""Exchanges a group of texts in a row, and returns the status."""
 _OPERATION = np.dtype(
     [
         *((name, "i8") for name in ("usual", "number", "function", "component", "references")),
@@ -50,6 +58,7 @@ _OPERATION = np.dtype(
         *((name, "f8") for name in ("quantization", "substitute")),
         *((name, "i8") for name in ("substituted", "results", "back", "limit")),
         ("tolerance", "f8"),
+        *((name, "i8") for name in ("events", "save", "state")),
     ]
 )
 """`Operation` of kernel.c, its pointers as integers."""
@@ -59,7 +68,16 @@ _RUN = np.dtype(
         for name in (
             *("rows", "width", "outputs", "spare", "final", "no_way_back"),
             *("points", "seconds", "sizes", "bounds", "factor", "offset", "active"),
-            *("adjustments", "copying", "word", "status", "column", "passes", "guards"),
+            *(
+                "adjustments",
+                "copying",
+                "word",
+                "status",
+                "column",
+                "passes",
+                "guards",
+                "announced",
+            ),
         )
     ]
 )
@@ -79,12 +97,13 @@ class KernelLoop:
     def __init__(self, table: Table) -> None:
         self._table = table
         self._library = load_kernel()
-        self._kept: list[NDArray[Any]] = []  # the addresses below point into these
+        self._kept: list[Any] = []  # the addresses below point into these
+        self._raised: BaseException | None = None
         # a set reads the sender's row: the move is left out, as long as nothing is adjusted
         kept = [not self._is_direct(operation) for operation in table.operations]
         self._places = np.cumsum([0, *kept])
         self._operations = np.zeros(sum(kept), _OPERATION)
-        numbers = np.flatnonzero(kept).tolist()
+        numbers = self._in_order(np.flatnonzero(kept).tolist())
         for line, number in zip(self._operations, numbers, strict=True):
             line["number"] = number
             self._encode(line, table.operations[number])
@@ -154,6 +173,9 @@ class KernelLoop:
             int(self._places[self._table.complete + 1]),
         ):
             return None
+        raised, self._raised = self._raised, None
+        if raised is not None:
+            raise raised
         return self._table.early_stop(int(run["status"][0]), int(run["column"][0]))
 
     def _encoded(self, guards: Guards) -> int:
@@ -172,6 +194,10 @@ class KernelLoop:
         self._kept.append(array)
         return int(array.ctypes.data)
 
+    def _in_order(self, numbers: list[int]) -> list[int]:
+        """Return the operations in the order in which they are carried out."""
+        return numbers
+
     def _is_direct(self, operation: Operation) -> bool:
         return (
             isinstance(operation, Move)
@@ -179,8 +205,13 @@ class KernelLoop:
             and operation.route in self._table.direct_routes
         )
 
+    @staticmethod
+    def kind_of(operation: Operation) -> int:
+        """Return the number of the kind of an operation."""
+        return _KINDS.index(type(operation))
+
     def _encode(self, line: Any, operation: Operation) -> None:
-        line["kind"], line["when"] = _KINDS.index(type(operation)), operation.when
+        line["kind"], line["when"] = self.kind_of(operation), operation.when
         line["ahead"], line["spare"] = operation.ahead, operation.spare
         if operation.following is not None:
             line["following"] = self._address(operation.following)
@@ -227,13 +258,32 @@ class KernelLoop:
         self, line: Any, operation: Operation, group: Group, way: Literal["get", "set"]
     ) -> None:
         slave = self._encode_slave(line, operation)
+        line["column"], line["values"] = group.column, group.size
+        if group.c_type not in _C_TYPES:
+            line["special"], line["type"] = True, _IN_PYTHON
+            line["function"] = self._exchange(operation, group, way)
+            return
         line["function"] = slave.address(way, group.getter_type)
         line["references"] = self._address(group.references)
-        line["count"], line["values"] = group.references.size, group.size
-        line["column"], line["type"] = group.column, _C_TYPES.index(group.c_type)
+        line["count"], line["type"] = group.references.size, _C_TYPES.index(group.c_type)
         if group.c_type != "f8":
             line["special"] = True
             line["scratch"] = self._address(np.zeros(group.size, np.uint64))
+
+    def _exchange(self, operation: Operation, group: Group, way: Literal["get", "set"]) -> int:
+        """Return the address of what exchanges a group of texts in a row."""
+        rows = self._table.rows
+        plain = exchange_of(self._table.instances[operation.instance], group, way)
+
+        def exchange(at: int) -> int:
+            try:
+                return plain(rows[at])
+            except BaseException as error:  # noqa: BLE001 - it is raised again behind the kernel
+                self._raised = error
+                return RAISED
+
+        self._kept.append(_EXCHANGE(exchange))
+        return ctypes.cast(self._kept[-1], ctypes.c_void_p).value or 0
 
     def _encode_source(self, line: Any, operation: Set) -> None:
         """Encode from where a set reads what a direct route brings."""

@@ -23,6 +23,7 @@ from contextlib import suppress
 from copy import copy
 from dataclasses import replace
 from types import MappingProxyType
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,6 +48,13 @@ from cosim.trace import Cause
 
 _SEGMENT_S = 0.05
 _LONGEST = 1 << 16
+
+
+class _Ahead(NamedTuple):
+    """How far to go: so many points, and no further than to the first at or after an instant."""
+
+    points: int
+    until_ns: int | None
 
 
 class _SegmentLength:
@@ -99,7 +107,8 @@ class Loop:
         self._events: EventPoints | None = None
         if events:
             self._events = EventPoints(
-                system, wiring, self.table, events, self._execute, self._complete_row
+                *(system, wiring, self.table, events, self._execute, self._complete_row),
+                kernel=choice.name == "kernel",
             )
         self.complete = 0
         self.status: RunStatus | None = None
@@ -146,7 +155,10 @@ class Loop:
             if pace is not None:
                 known = points[: self._comm_points.count]
                 longest = min(longest, pace.wait(known, first, self._dispatch.check_stop))
-            met = self._advance(first, min(last, first + longest), guards)
+            ahead = _Ahead(
+                longest if most is None else min(longest, begun + most - first), until_ns
+            )
+            met = self._advance(first, min(last, first + longest), guards, ahead)
             if pace is not None:
                 pace.done(points[: self._comm_points.count], first, self.complete)
             if not met or (stop is not None and self.complete > first and stop()):
@@ -252,23 +264,17 @@ class Loop:
         self.cause = replace(Cause.of_error(error, now), component=component)
         self._conclude()
 
-    def _advance(self, first: int, last: int, guards: Guards | None) -> bool:
-        """Carry out the points first to last - 1, or to a guard; return whether all are met."""
+    def _advance(self, first: int, last: int, guards: Guards | None, ahead: _Ahead) -> bool:
+        """Carry out the points first to last - 1, or to a guard; return whether all are met.
+
+        ahead : how far to go where points become known on the way, as long as nothing happens.
+        """
         began = time.perf_counter()
-        ready = self._comm_points.ready
         self.forget_exchange()
-        last = first + 1 if first == ready else min(last, ready)
         early_stop: EarlyStop | None = None
-        met = guards is None or first != ready  # at a point that is crossed nobody looks at them
+        met = False
         try:
-            if first == ready:
-                early_stop = self._cross(ready)
-            else:
-                if guards is not None:
-                    guards.prepare(first, last)
-                early_stop = self._execute(0, len(self.table.operations), first, last, guards)
-            if early_stop is not None and early_stop.what == "guard":
-                last, met, early_stop = early_stop.complete, False, None
+            last, early_stop, met = self._carry_out(first, last, guards, ahead)
             if early_stop is None:
                 self._take_within_steps(first, last)
         except (ComponentError, InputError) as error:
@@ -289,6 +295,27 @@ class Loop:
         if self.status is not None:
             self._conclude()
         return met
+
+    def _carry_out(
+        self, first: int, last: int, guards: Guards | None, ahead: _Ahead
+    ) -> tuple[int, EarlyStop | None, bool]:
+        """Carry out points as `_advance`; return where they end, why there, whether all are met."""
+        ready, early_stop = self._comm_points.ready, None
+        if first != ready:
+            last = min(last, ready)
+            if guards is not None:
+                guards.prepare(first, last)
+            early_stop = self._execute(0, len(self.table.operations), first, last, guards)
+        else:
+            last = first
+            if self._events is not None and ahead.points > 1:
+                last, early_stop = self._events.go_quietly(first, *ahead, guards)
+            if last == first and early_stop is None:
+                # at a point that is crossed nobody looks at guards
+                return first + 1, self._cross(ready), guards is None
+        if early_stop is not None and early_stop.what == "guard":
+            return early_stop.complete, None, False
+        return last, early_stop, True
 
     def _take_within_steps(self, first: int, last: int) -> None:
         """Pass on what the components' outputs were within the steps from points first to last - 1.

@@ -40,6 +40,9 @@ Integers = NDArray[np.int64]
 ENDED, UNSETTLED, OUT_OF_RANGE, GUARDED = range(TOO_LARGE + 1, TOO_LARGE + 5)
 """Not statuses of FMI: the slave asks for the end of the run, or returned early from a step; the
 values of an algebraic loop do not settle; an output is out of range; a guard is not met."""
+JUMPED, RETURNED, ANNOUNCED, RAISED = range(GUARDED + 1, GUARDED + 5)
+"""Of the kernel alone: an input whose jump is an event jumps; a component with events returned
+early from a step, or announced an event at its end; Python, called by it, has an exception."""
 WORD_BITS = 20
 """The word in progress is point << WORD_BITS | number of the operation."""
 WORDS = 261
@@ -155,14 +158,15 @@ class EarlyStop(NamedTuple):
     what : the FMI call that was refused, "get", "set" or "step"; "range" when an output is out
         of range; "end" when a component asked for the end of the run or returned
         early from a step; "loop" when an algebraic
-        loop does not settle; "guard" behind a row at which a guard is not met.
+        loop does not settle; "guard" behind a row at which a guard is not met; "announced" behind
+        steps of which one announced an event.
     instance : index of the instance in the wiring; for "range" and "loop" the column of the value.
     status : as the FMU returned it.
     """
 
     k: int
     complete: int
-    what: Literal["get", "set", "step", "range", "end", "loop", "guard"]
+    what: Literal["get", "set", "step", "range", "end", "loop", "guard", "announced"]
     instance: int
     status: int
 
@@ -255,8 +259,9 @@ class Table:
     def early_stop(self, status: int, column: int) -> EarlyStop:
         """Return the early stop of the operation in progress, which had this status."""
         k, number = self.place()
-        if status == GUARDED:
-            return EarlyStop(column, column + 1, "guard", 0, 0)
+        if status in (GUARDED, ANNOUNCED):
+            what: Literal["guard", "announced"] = "guard" if status == GUARDED else "announced"
+            return EarlyStop(column, column + 1, what, 0, status)
         operation = self.operations[number]
         complete = k + (number >= self.complete)
         if status == OUT_OF_RANGE:

@@ -149,7 +149,7 @@ class _Executor:
             ahead = None if job.keep else _AHEAD_BYTES // wiring.all_rows.strides[0]
             report = _Report(self, job.run, shared, ahead)
             wiring.texts.on_new = report.text
-            wiring.comm_points.on_new = report.point
+            wiring.comm_points.on_new = report.new_points
             wiring.comm_points.event_values.on_set = report.event_value
             session = job.make(
                 job.system,
@@ -311,9 +311,9 @@ class _Report(ObserverDispatch):
         """Tell outputs within steps."""
         self._tell(messages.Within(self._run, component, times_ns.tobytes(), values.tobytes()))
 
-    def point(self, instant_ns: int, seconds: float) -> None:
-        """Tell a point that was added."""
-        self._tell(messages.Point(self._run, int(instant_ns), float(seconds)))
+    def new_points(self, first: int, instants_ns: Any, seconds: Any) -> None:
+        """Tell points that were added, from an index on."""
+        self._tell(messages.Points(self._run, first, instants_ns.tobytes(), seconds.tobytes()))
 
     def event_value(self, name: str, instant_ns: int, value: float) -> None:
         """Tell what an event has set."""

@@ -358,14 +358,26 @@ class FollowedRun:
             case messages.Text():
                 if self._wiring.texts.number(message.text) != message.number:
                     raise _MessageError
-            case messages.Point():
-                self._points.add(message.instant_ns, message.seconds)
-                self._wiring.fill_routes(self._points.ready, self._points.count)
+            case messages.Points():
+                self._take_points(message)
             case messages.EventValue():
                 value = message.name, message.instant_ns, message.value
                 self._points.event_values.set(*value)
             case messages.SlaveStarted():
                 self._worker.add_process(message.process, message.memory)
+
+    def _take_points(self, message: messages.Points) -> None:
+        """Add the points that the child added."""
+        points, first = self._points, message.first
+        instants = np.frombuffer(message.instants_ns, np.int64)
+        seconds = np.frombuffer(message.seconds, float)
+        if not 0 <= first <= points.count or not instants.size == seconds.size > 0:
+            raise _MessageError
+        before = int(points.points_ns[first - 1]) if first else 0
+        if self._dispatch.delivered > first or instants[0] < before:
+            raise _MessageError
+        points.replace_from(first, instants, seconds)
+        self._wiring.fill_routes(first, points.count)
 
     def _take_within(self, message: messages.Within) -> None:
         instances = self._wiring.by_name

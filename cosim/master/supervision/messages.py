@@ -64,11 +64,12 @@ class Text(FromChild):
     text: str
 
 
-class Point(FromChild):
-    """A point that was added, since a component has an event."""
+class Points(FromChild):
+    """Points that were added, where components have events, from an index on; as bytes."""
 
-    instant_ns: int
-    seconds: float
+    first: int
+    instants_ns: bytes
+    seconds: bytes
 
 
 class EventValue(FromChild):
@@ -155,7 +156,7 @@ Message = (
     | Line
     | Deliver
     | Text
-    | Point
+    | Points
     | EventValue
     | Within
     | SlaveStarted
