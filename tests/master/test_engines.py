@@ -13,8 +13,8 @@ import pytest
 from coupled import end, ns, section_5
 from mixed import mixed_fmu
 
+import cosim.master.compiled as compiled_module
 import cosim.master.engine as engine_module
-import cosim.master.kernel as kernel_module
 from cosim.core import InputError
 from cosim.fmu import compiled_library, describe_fmu
 from cosim.master import (
@@ -201,12 +201,11 @@ def test_log_level_filters_the_log_of_a_component(mixed: Path) -> None:
 def test_engine_choice_gives_its_reason(monkeypatch: pytest.MonkeyPatch) -> None:
     assert choose_engine("python") == ("python", "asked for")
     assert choose_engine("auto") == ("kernel", "numbers only")
-    assert choose_engine("auto", texts=True) == ("python", "Strings or Binary values are exchanged")
-    with pytest.raises(InputError, match="exchanges numbers only"):
-        choose_engine("kernel", texts=True)
+    assert choose_engine("auto", texts=True) == ("kernel", "Strings and Binary by Python")
+    assert choose_engine("auto", events=True) == ("kernel", "events by Python")
     monkeypatch.setenv("CC", "no-such-compiler")
     monkeypatch.setattr(engine_module, "load_kernel", load_kernel.__wrapped__)
-    monkeypatch.setattr(kernel_module, "compiled_library", compiled_library.__wrapped__)
+    monkeypatch.setattr(compiled_module, "compiled_library", compiled_library.__wrapped__)
     assert choose_engine("auto").name == "python"
     assert "CC=no-such-compiler" in choose_engine("auto").reason
     with pytest.raises(InputError, match="or take the engine python"):
