@@ -63,10 +63,14 @@ class _SegmentLength:
     def __init__(self) -> None:
         self.points = 1
 
-    def took(self, points: int, seconds: float) -> None:
-        """Adapt the length to the time that the last segment took."""
+    def took(self, points: int, seconds: float, *, alone: bool = False) -> None:
+        """Adapt the length to the time that the last segment took.
+
+        alone : it was a point with events, which takes longer than others.
+        """
         share = min(8.0, _SEGMENT_S / max(seconds, 1e-9))
-        self.points = max(1, min(_LONGEST, int(points * share)))
+        length = max(1, min(_LONGEST, int(points * share)))
+        self.points = max(self.points, length) if alone else length
 
 
 class Loop:
@@ -291,7 +295,8 @@ class Loop:
         elif self.status is None and self.complete > self._comm_points.final:
             self.status = "finished"
         self._dispatch.deliver(self.complete)
-        self._segment.took(last - first, time.perf_counter() - began)
+        is_event = self._events is not None and last == first + 1
+        self._segment.took(last - first, time.perf_counter() - began, alone=is_event)
         if self.status is not None:
             self._conclude()
         return met
