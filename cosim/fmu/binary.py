@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from ctypes import (
     CDLL,
     POINTER,
+    addressof,
     byref,
     c_double,
     c_int,
@@ -176,7 +177,7 @@ class CheckedCalls:
 
     def address(self, name: str) -> int:
         """Return the address of a function."""
-        return int(cast(self.function(name), c_void_p).value or 0)
+        return int(c_void_p.from_address(addressof(self.function(name))).value or 0)
 
     def _call(self, fname: str, *args: Any) -> Any:
         """Call a function of the library: the one place through which every call passes.

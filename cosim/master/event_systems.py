@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from cosim.core import InputError
 from cosim.fmu import SlaveOptions
-from cosim.master.parts import Parts
+from cosim.master.parts import Component, Parts
 
 
 def check_events(system: Parts) -> None:
@@ -48,16 +48,14 @@ def check_events(system: Parts) -> None:
             raise _refusal(name, where, "the policy hold or previous", connection.policy)
 
 
-def slave_options(system: Parts, name: str) -> SlaveOptions:
-    """Return what the slave of a component is offered.
+def slave_options(component: Component, *, alone: bool) -> SlaveOptions:
+    """Return what the slave of a component is offered; `alone` : no other one has events.
 
     It may return early from a step if it can be taken back to before that step, for an event of
     another component that comes first, or if no other component may return early.
     """
-    component = system.components[name]
     described = component.description
-    events = [one.description for one in system.components.values() if one.has_events]
-    early = component.has_events and (described.can_get_and_set_state or len(events) == 1)
+    early = component.has_events and (described.can_get_and_set_state or alone)
     return SlaveOptions(
         component.has_events,
         early,

@@ -15,7 +15,7 @@ import numpy as np
 
 from cosim.core import ComponentError
 from cosim.fmu import ACCEPTED_STATUSES, calling
-from cosim.master.component_instance import ComponentInstance, Rows
+from cosim.master.component_instance import ComponentInstance, Group, Rows
 from cosim.master.event_instance import EventInstance
 from cosim.master.exchange import exchange_of
 from cosim.master.parts import Endpoint
@@ -101,10 +101,13 @@ class _InitialisedComponent:
         self._instance, self._slave = instance, instance.slave
         self._routes = [route for route in instance.routes if route.at_start]
         numbers = {instance.routes.index(route) for route in self._routes}
+        given: list[Group] = []
+        for groups in instance.input_sets:
+            has_value = [group.route is None or group.route in numbers for group in groups]
+            some = [group for group, has in zip(groups, has_value, strict=True) if has]
+            given += [Group.of_all(groups)] if all(has_value) else some
         self.connected_inputs = [
-            exchange_of(instance, group, "set")
-            for group in instance.connected_inputs
-            if (group.route is None or group.route in numbers) and group.getter_type != "Clock"
+            exchange_of(instance, group, "set") for group in given if group.getter_type != "Clock"
         ]
         self._gets = [
             exchange_of(instance, group, "get")

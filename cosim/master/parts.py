@@ -208,8 +208,10 @@ class Parts:
 
     def port(self, end: Endpoint) -> Port:
         """Return the variable of an endpoint; `InputError` if there is none."""
-        where = f"component {end.component!r}"
         component = self.components.get(end.component)
         if component is None:
             raise InputError.unknown("component", end.component, self.components)
-        return component.description.port(end.variable, where=where)
+        port = component.description.ports.get(end.variable)
+        if port is None:
+            return component.description.port(end.variable, where=f"component {end.component!r}")
+        return port

@@ -134,6 +134,7 @@ class Session(SessionBase):
     def __enter__(self) -> Self:
         try:
             processes = self._start_processes()
+            alone = sum(one.has_events for one in self.system.components.values()) == 1
             for name, component in self.system.components.items():
                 note = functools.partial(_note, self._dispatch, name, component.log_level)
                 slave = FmuSlave(
@@ -142,7 +143,7 @@ class Session(SessionBase):
                     note,
                     categories=component.log_categories,
                     process=processes.get(name),
-                    options=slave_options(self.system, name),
+                    options=slave_options(component, alone=alone),
                 )
                 self._stack.enter_context(slave)
                 self._wiring.instance(name).slave = slave

@@ -53,7 +53,10 @@ def wire(system: System, reserve: Callable[[tuple[int, int]], RowMemory] = _rese
         arriving[end.component].driven[end.variable] = signal
     for connection in system.connections:
         arriving[connection.target.component].add(system, connection)
-    outputs = {name: _outputs(component) for name, component in system.components.items()}
+    described = {id(one.description): one for one in system.components.values()}
+    of_each = {number: _outputs(component) for number, component in described.items()}
+    outputs = {name: of_each[id(one.description)] for name, one in system.components.items()}
+    output_columns = {number: columns_of(sent) for number, (sent, _) in of_each.items()}
     inputs = {name: _inputs(system, name, arriving[name]) for name in system.components}
     columns = _Columns()
     for name, (ports, _) in outputs.items():
@@ -78,7 +81,7 @@ def wire(system: System, reserve: Callable[[tuple[int, int]], RowMemory] = _rese
             name=name,
             component=component,
             own_points=comm_points.own_points[name],
-            output_columns=columns_of(sent),
+            output_columns=output_columns[id(component.description)],
             input_columns=columns_of(received),
             outputs=rows[:-1, a : a + sum(port.size for port in sent)],
             outputs_without_feedthrough=_groups(sent[:prompt], a),
