@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from types import MappingProxyType
-from typing import Literal
+from typing import Final, Literal
 
 import numpy as np
 
 from cosim.fmu import ACCEPTED_STATUSES, FmuSlave
+from cosim.master.communication_points import CommunicationPoints
 from cosim.master.component_instance import Group
 from cosim.master.event_instance import EventInstance
 from cosim.master.exchange import (
@@ -50,90 +52,121 @@ THIRD, TENTH = 1 / 3, 1 / 10
 or made tiny numbers count as zero."""
 
 
+Call = Callable[[int], int]
+"""Carries out an operation at point k, and returns its status."""
+
+
+_FEW: Final = 40
+"""Up to so many values a loop in Python is sooner through than NumPy has begun."""
+
+
 class PlainLoop:
-    """Carries out a table of operations."""
+    """Carries out a table of operations; each is prepared once, as a function of the point."""
 
     def __init__(
         self, table: Table, events: Mapping[int, EventInstance] = MappingProxyType({})
     ) -> None:
         self._table, self._rows, self._events = table, table.rows, events
-        self._calls = [self._call(operation) for operation in table.operations]
+        self._values = table.rows.reshape(-1).data
         self._column = self._passes = 0
         self._bits = table.rows.view(np.uint64)[:, : table.outputs]
         self._weights = column_weights(table.outputs)
+        self._limits = table.bounds.tolist()
         self._restore_float_mode = float_mode_restorer()
+        self._calls = [*enumerate(map(self._prepared, table.operations))]
 
-    def run(  # noqa: C901, PLR0912 - the algorithm, in one place
+    def run(
         self, begin: int, end: int, first: int, last: int, guards: Guards | None = None
     ) -> EarlyStop | None:
         """Carry out operations begin to end - 1 at points first to last - 1.
 
         guards : looked at behind each point; an early stop is at the first that is not met.
         """
-        table, final, word = self._table, self._table.comm_points.final, self._table.word.data
-        operations, adjusted, always = table.operations, table.adjustments.count.data, When.ALWAYS
+        word, calls = self._table.word.data, self._calls[begin:end]
         for k in range(first, last):
-            number = begin - 1
-            while (number := number + 1) < end:
-                operation, call = operations[number], self._calls[number]
-                following = k + 1 if operation.following is None else int(operation.following[k])
-                if operation.when is not always and _is_left_out(operation.when, k, final):
-                    continue
-                if following < 0:
-                    continue
-                at = following if operation.ahead else table.spare if operation.spare else k
-                word[0] = k << WORD_BITS | number
-                status = OK
-                match operation:
-                    case Get(group=group):
-                        status = call(at)
-                        if adjusted[0]:
-                            table.adjust(group, at)
-                    case Set(group=group):
-                        if adjusted[0]:
-                            table.adjust(group, at)
-                        status = call(at)
-                    case Move():
-                        move(table, operation, k, at)
-                    case Step():
-                        status = call(k, following)
-                    case Complete():
-                        if table.is_watched:
-                            self._add_to_sum(k)
-                        status = self._range_status(k)
-                    case Guess(loop=loop):
-                        self._guess(loop, k)
-                    case Settle(loop=loop) if not self._is_settled(loop, k):
-                        if self._passes < loop.limit:
-                            number = operation.begin
-                        else:
-                            status = UNSETTLED
-                if ONE / TEN != TENTH or ONE / THREE != THIRD or TINY * TEN == 0.0:
-                    self._restore_float_mode()
-                if status not in ACCEPTED_STATUSES:
-                    return table.early_stop(status, self._column)
+            place = k << WORD_BITS
+            for number, call in calls:
+                word[0] = place | number
+                status = call(k)
+                if status and status not in ACCEPTED_STATUSES:
+                    return self._table.early_stop(status, self._column)
             if guards is not None and not guards.are_met(k):
-                return table.early_stop(GUARDED, k)
+                return self._table.early_stop(GUARDED, k)
         return None
 
     def close(self) -> None:
         """Do nothing: it has no threads."""
 
-    def _call(self, operation: Operation) -> Callable[..., int]:
-        """Return the FMI call of an operation."""
-        match operation:
-            case Get(group=group):
-                return self._exchange(operation, group, "get")
-            case Set(group=group):
-                return self._exchange(operation, group, "set")
-            case Step():
-                return self._step(self._table.instances[operation.instance].slave)
-        return int  # makes no call
+    def _prepared(self, operation: Operation) -> Call:
+        """Return what carries out an operation at a point, if it takes place there."""
+        call, following, when = self._call(operation), operation.following, operation.when
+        if following is not None:
+            return _at_own_points(call, following.data, when, self._table.comm_points)
+        if when is When.ALWAYS:
+            return call
+        points = self._table.comm_points
+        if when is When.AT_FIRST:
+            return lambda k: OK if k else call(k)
+        return lambda k: OK if k == points.final else call(k)
 
-    def _exchange(
+    def _call(self, operation: Operation) -> Call:
+        """Return what carries out an operation."""
+        match operation:
+            case Get(group=group) | Set(group=group):
+                way: Literal["get", "set"] = "get" if isinstance(operation, Get) else "set"
+                return self._exchange(operation, group, way)
+            case Move():
+                return self._move(operation)
+            case Step():
+                return self._step(operation)
+            case Complete():
+                return self._complete
+            case Guess(loop=loop):
+                return lambda k: self._guess(loop, k)
+            case Settle(loop=loop):
+                return lambda k: self._settle(loop, operation.begin, k)
+        raise TypeError(f"no operation of a table: {operation}")
+
+    def _row_of(self, operation: Operation) -> Callable[[int], int] | None:
+        """Return what gives the row that an operation uses at a point; None: that of the point."""
+        if operation.ahead:
+            following = operation.following
+            return (lambda k: k + 1) if following is None else following.data.__getitem__
+        spare = self._table.spare
+        return (lambda _: spare) if operation.spare else None
+
+    def _exchange(self, operation: Operation, group: Group, way: Literal["get", "set"]) -> Call:
+        """Return what gets or sets a group of values in a row."""
+        table, row_of, restore = self._table, self._row_of(operation), self._restore_float_mode
+        exchange, adjusted = (
+            self._plain_exchange(operation, group, way),
+            table.adjustments.count.data,
+        )
+        begin, stride = self._address_of(operation, group)
+
+        def call(k: int) -> int:
+            at = k if row_of is None else row_of(k)
+            if adjusted[0] and way == "set":
+                table.adjust(group, at)
+            status = exchange(begin + at * stride)
+            if adjusted[0] and way == "get":
+                table.adjust(group, at)
+            if ONE / TEN != TENTH or ONE / THREE != THIRD or TINY * TEN == 0.0:
+                restore()
+            return status
+
+        return call
+
+    def _address_of(self, operation: Operation, group: Group) -> tuple[int, int]:
+        """Return how an exchange is told its row: by the address of its values, or its number."""
+        if group.c_type != "f8" or operation.instance in self._events:
+            return 0, 1
+        return int(self._rows.ctypes.data) + 8 * group.column, int(self._rows.strides[0])
+
+    def _plain_exchange(
         self, operation: Operation, group: Group, way: Literal["get", "set"]
     ) -> Callable[[int], int]:
-        """Return what gets or sets a group of values in a row."""
+        """Return what makes the FMI call of a get or set, in a row as `_address_of` tells it."""
         rows, instance = self._rows, self._table.instances[operation.instance]
         if operation.instance in self._events:
             in_event_mode = self._events[operation.instance].exchange(group, way)
@@ -141,34 +174,72 @@ class PlainLoop:
         if group.c_type != "f8":
             exchange = exchange_of(instance, group, way)
             return lambda at: exchange(rows[at])
-        slave = instance.slave
-        version = slave.description.version
-        function = exchange_function(version, slave.address(way, group.getter_type))
+        slave, size = instance.slave, group.size
+        function = exchange_function(
+            slave.description.version, slave.address(way, group.getter_type)
+        )
         component, references = pointer(slave.component), pointer(group.references.ctypes.data)
-        count, more = group.references.size, () if version == "2.0" else (group.size,)
-        begin, stride = int(rows.ctypes.data) + 8 * group.column, int(rows.strides[0])
-        return lambda at: function(component, references, count, begin + at * stride, *more)
+        call = partial(function, component, references, group.references.size)
+        return call if slave.description.version == "2.0" else lambda values: call(values, size)
 
-    def _step(self, slave: FmuSlave) -> Callable[[int, int], int]:
-        """Return what steps an instance from a point to another."""
-        points, call = self._table.comm_points, step_call(slave, self._table.no_way_back.data)
+    def _step(self, operation: Operation) -> Call:
+        """Return what steps an instance from a point to its next one."""
+        slave, points = self._table.instances[operation.instance].slave, self._table.comm_points
+        call, restore = step_call(slave, self._table.no_way_back.data), self._restore_float_mode
         times, seconds, sizes = points.points_ns.data, points.seconds.data, points.sizes.data
+        following = None if operation.following is None else operation.following.data
+        results = None
+        if slave.description.version != "2.0":
+            results = (ctypes.c_ubyte * 16).from_address(slave.step_results)
 
-        def step(k: int, following: int) -> int:
-            size = sizes[k] if following == k + 1 else (times[following] - times[k]) / 1e9
-            return call(seconds[k], size)
+        def step(k: int) -> int:
+            size = sizes[k] if following is None else (times[following[k]] - times[k]) / 1e9
+            status = call(seconds[k], size)
+            if ONE / TEN != TENTH or ONE / THREE != THIRD or TINY * TEN == 0.0:
+                restore()
+            if results is not None and (results[1] or results[2]) and status in ACCEPTED_STATUSES:
+                return ENDED
+            return status
 
-        if slave.description.version == "2.0":
-            return step
-        results = (ctypes.c_ubyte * 16).from_address(slave.step_results)
+        return step
 
-        def step_3(k: int, following: int) -> int:
-            status = step(k, following)
-            if status not in ACCEPTED_STATUSES:
-                return status
-            return ENDED if results[1] or results[2] else status
+    def _move(self, operation: Move) -> Call:
+        """Return what copies the values that a route brings to the inputs in a row."""
+        table, row_of, route, sample = (
+            self._table, self._row_of(operation), operation.route, operation.sample
+        )  # fmt: skip
+        used, values, width = sample.row.data, self._values, self._rows.shape[1]
+        if not route.verbatim or sample.weight is not None or route.spans is None:
+            return lambda k: move(table, operation, k, k if row_of is None else row_of(k))
+        columns, targets = route.spans
+        source, target, count = columns.start, targets.start, columns.stop - columns.start
+        substitute = None if route.link is None else route.link.substitute
 
-        return step_3
+        def copy(k: int) -> int:
+            row = used[k]
+            if row >= 0:
+                begin, into = row * width + source, (k if row_of is None else row_of(k)) * width
+                into += target
+                values[into : into + count] = values[begin : begin + count]
+            elif row == SUBSTITUTE and substitute is not None:
+                return move(table, operation, k, k if row_of is None else row_of(k))
+            return OK
+
+        return copy
+
+    def _complete(self, k: int) -> int:
+        """Check that the outputs of a complete row are in range."""
+        if self._table.is_watched:
+            self._add_to_sum(k)
+        if len(self._limits) > _FEW:
+            return self._range_status(k)
+        begin = k * self._rows.shape[1]
+        for value, limit in zip(
+            self._values[begin : begin + len(self._limits)], self._limits, strict=True
+        ):
+            if not -limit <= value <= limit:  # NaN is in no range
+                return self._range_status(k)
+        return OK
 
     def _add_to_sum(self, k: int) -> None:
         """Add the row that is complete to the sum of the rows."""
@@ -182,11 +253,27 @@ class PlainLoop:
         self._column = int(np.argmin(inside))
         return OUT_OF_RANGE
 
-    def _guess(self, loop: AlgebraicLoop, k: int) -> None:
+    def _guess(self, loop: AlgebraicLoop, k: int) -> int:
         """Begin the passes of an algebraic loop with the values of the row before."""
         if k > 0:
             self._rows[k, loop.columns] = self._rows[k - 1, loop.columns]
         self._passes, loop.kept[:] = 0, self._rows[k, loop.columns]
+        return OK
+
+    def _settle(self, loop: AlgebraicLoop, begin: int, k: int) -> int:
+        """Repeat the operations from the guess on until they change no value."""
+        word = self._table.word.data
+        place, end = word[0] - (word[0] & ((1 << WORD_BITS) - 1)), word[0] & ((1 << WORD_BITS) - 1)
+        while not self._is_settled(loop, k):
+            if self._passes >= loop.limit:
+                return UNSETTLED
+            for number, call in self._calls[begin + 1 : end]:
+                word[0] = place | number
+                status = call(k)
+                if status and status not in ACCEPTED_STATUSES:
+                    return status
+            word[0] = place | end
+        return OK
 
     def _is_settled(self, loop: AlgebraicLoop, k: int) -> bool:
         """Whether a pass of an algebraic loop changed no value."""
@@ -222,7 +309,7 @@ def step_call(slave: FmuSlave, no_way_back: Sequence[int]) -> Callable[[float, f
     return step
 
 
-def move(table: Table, operation: Move, k: int, at: int) -> None:
+def move(table: Table, operation: Move, k: int, at: int) -> int:
     """Copy the values that a route brings at point k to the inputs in row `at`."""
     rows, route, sample = table.rows, operation.route, operation.sample
     used = int(sample.row[k])
@@ -239,6 +326,20 @@ def move(table: Table, operation: Move, k: int, at: int) -> None:
         rows[at, route.targets] = values
     elif used == SUBSTITUTE and route.link is not None:
         rows[at, route.targets] = route.link.substitute
+    return OK
+
+
+def _at_own_points(
+    call: Call, following: Sequence[int], when: When, points: CommunicationPoints
+) -> Call:
+    """Return what carries out an operation at the own points of its instance."""
+
+    def carry_out(k: int) -> int:
+        if following[k] < 0 or (when is not When.ALWAYS and _is_left_out(when, k, points.final)):
+            return OK
+        return call(k)
+
+    return carry_out
 
 
 def _is_left_out(when: When, k: int, final: int) -> bool:
