@@ -95,7 +95,8 @@ class PlainLoop:
         return None
 
     def close(self) -> None:
-        """Do nothing: it has no threads."""
+        """Let go of the rows: operations and loop know each other, which only a collector ends."""
+        self._calls.clear()
 
     def _prepared(self, operation: Operation) -> Call:
         """Return what carries out an operation at a point, if it takes place there."""
