@@ -251,10 +251,6 @@ class Delivery:
         self._copies_forgotten += copies
         del self._copies[:copies]
 
-    def copy(self) -> Delivery:
-        """Return a copy that goes on independently; with it those of links over the same medium."""
-        return deepcopy(self)
-
     # -- questions
 
     def sendings(self, after_ns: int, until_ns: int) -> Integers:

@@ -68,7 +68,7 @@ def check_blocks(number: int) -> None:
                     check_end(growing, case, points, raw, end)
             growing.forget(r.choice([0, 0, known, known + 1, r.randint(0, known + 1)]))
             if r.random() < 0.1:  # what a copy does changes nothing
-                other = r.choice([growing.copy(), pickle.loads(pickle.dumps(growing))])  # noqa: S301
+                other = r.choice([copy.deepcopy(growing), pickle.loads(pickle.dumps(growing))])  # noqa: S301
                 finish_otherwise(other)
         expected = [
             (model.entries[label].arrival, model.entries[label].sent, label[0], REASONS.index(fate))
@@ -271,7 +271,7 @@ def test_a_run_broken_off_counts_what_was_resolved(step: int | None) -> None:
         if live.horizon_ns < 600:
             end = live.horizon_ns
             figures = live.statistics(end, broken_off=True)
-            forgetful = live.copy()
+            forgetful = copy.deepcopy(live)
             forgetful.forget(end)
             assert repr(forgetful.statistics(end, broken_off=True)) == repr(figures)
             assert figures["sent"] == live.message
@@ -336,7 +336,7 @@ def pickled(live: Delivery) -> Any:
     return pickle.loads(pickle.dumps(live))  # noqa: S301 - our own
 
 
-@pytest.mark.parametrize("snapshot", [Delivery.copy, copy.deepcopy, pickled])
+@pytest.mark.parametrize("snapshot", [copy.deepcopy, pickled])
 def test_copies_are_independent(snapshot: Any) -> None:
     """A copy made in the middle, fed with other values, changes nothing in the original."""
     link = PacketLink(
@@ -361,7 +361,7 @@ def test_a_copy_of_a_compiled_delivery_goes_on_alike() -> None:
     link = PacketLink("a", 10, delay_ns=95, jitter=Jitter("uniform", width_ns=60), duplicate=0.5)
     run = Delivery(link, 3000, None, compiled_delivery())
     run.advance(1000)
-    twins = [run.copy(), pickled(run)]
+    twins = [copy.deepcopy(run), pickled(run)]
     for one in (run, *twins):
         one.advance(3000)
         same(one, deliver(link, 3000))

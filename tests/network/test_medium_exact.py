@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import random
 from collections.abc import Sequence
 from dataclasses import replace
@@ -253,7 +254,7 @@ def check_case(number: int) -> None:
             early = shorter.outcome(i, raw, delays, cut)
             check_statistics(link, d.statistics(stop), early)
             if number % 10 == 0:  # what a copy forgets is counted, and changes nothing
-                twin, before = d.copy(), repr(d.arrivals())
+                twin, before = copy.deepcopy(d), repr(d.arrivals())
                 twin.forget(r.randint(0, case.end))
                 assert repr(twin.statistics(case.end)) == repr(d.statistics(case.end))
                 assert repr(d.arrivals()) == before
