@@ -143,6 +143,13 @@ class _KeptChild:
 _kept = _KeptChild()
 
 
+def begin_worker() -> None:
+    """Begin as a worker: forget the runners of the process that this one was forked from."""
+    global _alone, _kept
+    _runners.clear()
+    _alone, _kept = threading.Lock(), _KeptChild()
+
+
 @one_thread
 def run_batch(job: Job, runs: Sequence[int]) -> list[Row]:
     """Execute these runs; an error of a run becomes its row."""

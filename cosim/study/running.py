@@ -13,11 +13,12 @@ from cosim.fmu import DEFAULT_FLAVOUR
 from cosim.scenario import LoadedScenario, load
 from cosim.study.consistency import Place, changed_error, nowhere
 from cosim.study.execution import StudyResult, execute_study
+from cosim.study.local_workers import local
 from cosim.study.plan import Plan, make_plan
 from cosim.study.read import load_study
 from cosim.study.schema import Study
 from cosim.study.study_runner import BaseScenario
-from cosim.study.workers import WAIT_S, WorkerPool, cluster, in_process, local
+from cosim.study.workers import WAIT_S, WorkerPool, cluster, in_process
 
 FMUS = Path("fmus")
 
@@ -124,7 +125,7 @@ def pool_for(
         raise InputError(
             "not a number of workers", where="--workers", expected="1, 2, ... or all", got=text
         )
-    return in_process if number == 1 else partial(local, number, wait_s)
+    return in_process if number == 1 else partial(local, number)
 
 
 def _cores() -> int:

@@ -216,11 +216,10 @@ class Offer:
     Parameters
     ----------
     client : of Dask.
-    ships : whether files are handed out too, since workers may share no folder with this process.
     """
 
-    def __init__(self, client: Any, *, ships: bool) -> None:
-        self._client, self._ships = client, ships
+    def __init__(self, client: Any) -> None:
+        self._client = client
         self._name = os.urandom(8).hex()
         self._marks: set[Path] = set()
         self._tickets: dict[str, Ticket] = {}
@@ -233,15 +232,15 @@ class Offer:
         ------
         InputError : see `shipment_of`.
         """
-        if self._ships and self._files is None:
+        if self._files is None:
             self._files = shipment_of(job)
-        shipment, contents = self._files or (None, {})
+        shipment, contents = self._files
         content = pickle.dumps((job, shipment))
         digest = hashlib.sha256(content).hexdigest()
         if digest not in self._tickets:
             new = {digest: content} if self._tickets else {digest: content, **contents}
             self._hand_out(new)
-            ticket = Ticket(self._name, digest, job.software, job.traces if self._ships else None)
+            ticket = Ticket(self._name, digest, job.software, job.traces)
             if ticket.traces is not None:
                 ticket.traces.mkdir(parents=True, exist_ok=True)
                 for left in ticket.traces.glob("*.mark"):  # by a process that was killed
@@ -329,9 +328,8 @@ def _job_of(ticket: Ticket, worker: Any) -> Job:
             return found
 
         job, shipment = pickle.loads(_verified(ticket.job, fetch))  # noqa: S301 - verified
-        if shipment is not None:
-            here = Path(tempfile.mkdtemp(prefix="study-", dir=worker.local_directory))
-            job = replace(job, base=received(shipment, job.base, here, fetch))
+        here = Path(tempfile.mkdtemp(prefix="study-", dir=worker.local_directory))
+        job = replace(job, base=received(shipment, job.base, here, fetch))
         _jobs[ticket.job] = job
         while len(_jobs) > _JOBS_KEPT:
             _jobs.popitem(last=False)

@@ -1,4 +1,4 @@
-"""Worker pools: this process, processes of this machine, or a Dask cluster.
+"""Worker pools: this process, or a Dask cluster (`local_workers`: processes of this machine).
 
 A pool takes batches while there are any and yields their results in the order of completion. The
 results do not depend on the pool.
@@ -10,7 +10,6 @@ import contextlib
 import itertools
 import logging
 import os
-import tempfile
 import time
 import warnings
 from collections.abc import Callable, Iterator
@@ -20,7 +19,6 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from cosim.core import ComponentError, CosimError, InputError
-from cosim.fmu import own_folder
 from cosim.study.batch import Job
 from cosim.study.folder import not_written
 from cosim.study.shipping import Offer, keep_traces, run_ticket
@@ -91,15 +89,14 @@ class InProcessPool:
 
 
 class DaskPool:
-    """The workers of a Dask client.
+    """The workers of a Dask client, which may share no folder with this process.
 
     wait_s : how long to wait for workers when there are none [s]; None: for ever.
-    ships : whether files are shipped, since workers may share no folder with this process.
     """
 
-    def __init__(self, client: Any, wait_s: float | None, *, ships: bool = False) -> None:
+    def __init__(self, client: Any, wait_s: float | None) -> None:
         self._client, self._wait_s = client, wait_s
-        self._offer = Offer(client, ships=ships)
+        self._offer = Offer(client)
         self.notice: Callable[[str], None] = _unheard
         self.size = max(1, self._workers())
 
@@ -230,98 +227,6 @@ def in_process() -> Iterator[WorkerPool]:
 
 
 @contextlib.contextmanager
-def local(workers: int, wait_s: float | None = WAIT_S) -> Iterator[WorkerPool]:
-    """Open a pool of so many processes of this machine; a process that dies is replaced.
-
-    `wait_s` : how long to wait for workers when there are none [s]; None: for ever.
-
-    Raises
-    ------
-    InputError : Dask is not installed.
-    """
-    dask, distributed = _dask()
-    settings = {
-        "distributed.scheduler.allowed-failures": _ATTEMPTS - 1,
-        # after this time Dask gives up a dead worker for good, even if it is just starting again;
-        # `_replace_lost` finds lost workers instead
-        "distributed.deploy.lost-worker-timeout": "10000 days",
-        "distributed.worker.preload": ["cosim.study.worker_preload"],
-        # the profiler keeps an hour of stack samples, which costs memory
-        "distributed.worker.profile.enabled": False,
-        "distributed.admin.tick.limit": "1h",
-    }
-    # set in each worker: what is set before a worker is started may stay set in this process
-    environ = "distributed.nanny.environ"
-    with (
-        # a worker that is killed leaves its files there; if this process is killed, the next one
-        # removes its folder
-        tempfile.TemporaryDirectory(
-            prefix="workers-", dir=own_folder(), ignore_cleanup_errors=True
-        ) as scratch,
-        dask.config.set(
-            {
-                **settings,
-                "temporary-directory": scratch,
-                environ: {**dask.config.get(environ), "TMPDIR": scratch},
-            }
-        ),
-        _silent(),
-        _local_cluster(distributed, workers) as cluster,
-        distributed.Client(cluster) as client,
-    ):
-        cluster.loop.add_callback(_watch, cluster, workers)
-        with contextlib.closing(DaskPool(client, wait_s)) as pool:
-            yield pool
-
-
-@contextlib.contextmanager
-def _local_cluster(distributed: Any, workers: int) -> Iterator[Any]:
-    """Open a cluster of this machine; one that is interrupted while it starts is closed as well."""
-    cluster = distributed.LocalCluster.__new__(distributed.LocalCluster)
-    try:
-        cluster.__init__(
-            n_workers=workers,
-            threads_per_worker=1,
-            processes=True,
-            host="127.0.0.1",
-            dashboard_address=None,
-            silence_logs=logging.CRITICAL,
-        )
-    except BaseException as error:
-        with contextlib.suppress(Exception):  # Dask cannot close all that has half begun
-            cluster.close(timeout=_CONNECT_S)
-        cluster.shutdown_on_close = False  # nor at the end of the process
-        if not isinstance(error, (RuntimeError, OSError)):
-            raise
-        raise ComponentError(
-            "the worker processes cannot be started",
-            where="workers",
-            got=str(error),
-            hint="one worker: --workers 1",
-        ) from error
-    with cluster:
-        yield cluster
-
-
-def _watch(cluster: Any, workers: int) -> None:
-    """Replace lost workers while the cluster runs; called on its event loop."""
-    status = cluster.status.name
-    if status == "running":
-        _replace_lost(cluster, workers)
-    if status not in ("closing", "closed", "failed"):
-        cluster.loop.call_later(_LOOK_S, _watch, cluster, workers)
-
-
-def _replace_lost(cluster: Any, workers: int) -> None:
-    """Replace workers whose nanny process, which restarts them, has ended itself."""
-    lost = [n for n, nanny in cluster.workers.items() if nanny.status.name in ("closed", "failed")]
-    for name in lost:
-        del cluster.workers[name]
-    if lost:
-        cluster.scale(workers)
-
-
-@contextlib.contextmanager
 def cluster(address: str, wait_s: float | None = WAIT_S) -> Iterator[WorkerPool]:
     """Open a pool of the workers of a Dask scheduler, `tcp://HOST:PORT`.
 
@@ -345,7 +250,7 @@ def cluster(address: str, wait_s: float | None = WAIT_S) -> Iterator[WorkerPool]
                 got=f"{type(error).__name__}: {error}"[:300],
                 hint="start one with dask scheduler, and workers with dask worker ADDRESS",
             ) from error
-        with client, contextlib.closing(DaskPool(client, wait_s, ships=True)) as pool:
+        with client, contextlib.closing(DaskPool(client, wait_s)) as pool:
             yield pool
 
 
@@ -355,10 +260,10 @@ def _dask() -> tuple[Any, Any]:
         import distributed  # noqa: PLC0415
     except ImportError as error:
         raise InputError(
-            "studies on several processes need Dask",
+            "studies on a cluster need Dask",
             where="workers",
             got=str(error),
-            hint=f"{_INSTALL}, or use one worker",
+            hint=f"{_INSTALL}; processes of this machine need none: --workers",
         ) from error
     return dask, distributed
 

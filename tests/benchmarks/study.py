@@ -30,9 +30,10 @@ from rich.console import Console
 from rich.table import Table
 
 from cosim.study import Plan, Study, execute_study, load_study
+from cosim.study.local_workers import local
 from cosim.study.plan import make_plan
 from cosim.study.study_runner import BaseScenario
-from cosim.study.workers import InProcessPool, local
+from cosim.study.workers import InProcessPool
 from tests.benchmarks._cpu import cpu_s
 
 WORKERS = 2
@@ -62,17 +63,16 @@ def plan_of(runs: int, seed: int, fmus: Path) -> Plan:
 
 def processes(pool: Any) -> list[psutil.Process]:
     """The worker processes."""
-    return [psutil.Process(pid) for pid in pool._client.run(os.getpid).values()]
+    return [psutil.Process(worker.number) for worker in pool.workers]
 
 
 def memory_over_runs(plan: Plan, pool: Any, folder: Path) -> dict[str, Any]:
     """Fly a study and look at the workers' memory as it goes."""
-    workers = processes(pool)
     seen: list[tuple[int, float]] = []
 
     def look(_what: str, share: float) -> None:
         if share * SAMPLES_OF_MEMORY >= len(seen):
-            size = max(p.memory_info().rss for p in workers) / MIB
+            size = max((p.memory_info().rss for p in processes(pool)), default=0) / MIB
             seen.append((round(share * plan.count), round(size, 1)))
 
     began = time.perf_counter()

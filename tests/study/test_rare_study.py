@@ -18,9 +18,9 @@ from study.deadly import STEP, STEPS, U, plan
 from cosim.core import ComponentError, InputError
 from cosim.study import Study, execute_study, plain_sample, rare_estimate, read_table, repeat_run
 from cosim.study.folder import RESULTS, RUN_LOG
+from cosim.study.local_workers import local
 from cosim.study.points import Points
 from cosim.study.rare_study import RarePoints
-from cosim.study.workers import local
 
 LEFT = (1.0 - STEP) ** STEPS  # of x0 at the end
 U_AXIS: dict[str, Any] = {"kind": "random", "name": "u", "path": U, "normal": [0.0, 1.0]}

@@ -11,7 +11,8 @@ import pytest
 from study.deadly import DEADLY, plan, truth
 
 from cosim.study import execute_study, read_table
-from cosim.study.workers import in_process, local
+from cosim.study.local_workers import local
+from cosim.study.workers import in_process
 
 VALUES = [0.0, DEADLY, 1.0, DEADLY + 1.0, 2.0]
 FAULTS = ("change-folder", "delete-folder", "surroundings", "signals", "close-output")

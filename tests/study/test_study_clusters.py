@@ -23,8 +23,9 @@ from study.deadly import DEADLY, plan
 from cosim.core import ComponentError, InputError
 from cosim.study import execute_study, read_table, shipping
 from cosim.study.folder import RESULTS
+from cosim.study.local_workers import local
 from cosim.study.plan import make_plan
-from cosim.study.workers import cluster, local
+from cosim.study.workers import cluster
 
 BLIND = """
 import os, sys
@@ -172,16 +173,24 @@ def test_a_worker_that_joins_late_with_other_versions_is_named(
     values = [0.1 * i for i in range(6)]
     monkeypatch.setattr("cosim.study.execution.MAX_AT_ONCE", 1)
     found: list[Any] = []
-    with local(1) as pool:
+    with (
+        distributed.LocalCluster(
+            n_workers=1, threads_per_worker=1, host="127.0.0.1", dashboard_address=None
+        ) as workers,
+        distributed.Client(workers) as client,
+    ):
 
         def late(_what: str, share: float) -> None:
             if share > 0.3 and not found:
                 found.append(share)
-                pool._client.run(_pretend_other_versions)
+                client.run(_pretend_other_versions)
 
         with pytest.raises(InputError, match="a worker has other versions") as refused:
             execute_study(
-                plan(values), tmp_path, lambda: contextlib.nullcontext(pool), progress=late
+                plan(values),
+                tmp_path,
+                lambda: cluster(workers.scheduler_address),
+                progress=late,
             )
     assert "numpy 0.1" in refused.value.text()
     assert 1 < read_table(tmp_path)[0].num_rows < 6

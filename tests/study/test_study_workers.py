@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import dask
+import distributed
 import hostile.studies
 import pytest
 from shared import slow_share_of
@@ -18,11 +18,19 @@ from study.deadly import DEADLY, plan, truth
 from cosim.core import ComponentError, InputError
 from cosim.study import execute_study, read_table
 from cosim.study.folder import RESULTS
-from cosim.study.workers import WorkerDied, cluster, local
+from cosim.study.local_workers import local
+from cosim.study.workers import WorkerDied, cluster
+
+
+def dask_cluster(workers: int) -> Any:
+    """Workers of a Dask scheduler on this machine."""
+    return distributed.LocalCluster(
+        n_workers=workers, threads_per_worker=1, host="127.0.0.1", dashboard_address=None
+    )
 
 
 def test_two_processes_give_the_table_of_one_bit_for_bit(tmp_path: Path) -> None:
-    """And the scheduler of the same cluster, asked by its address, as well.
+    """And the workers of a Dask scheduler, asked by its address, as well.
 
     Where this process keeps its temporary files stays what it was.
     """
@@ -31,9 +39,10 @@ def test_two_processes_give_the_table_of_one_bit_for_bit(tmp_path: Path) -> None
     execute_study(plan(values), tmp_path / "here")
     with local(2) as pool:
         execute_study(plan(values), tmp_path / "local", lambda: contextlib.nullcontext(pool))
-        address = pool._client.scheduler.address
+    with dask_cluster(2) as workers:
+        address = workers.scheduler_address
         execute_study(plan(values), tmp_path / "cluster", lambda: cluster(address))
-        assert os.environ.get("TMPDIR") == before
+    assert os.environ.get("TMPDIR") == before
     tables = [(tmp_path / name / RESULTS).read_bytes() for name in ("here", "local", "cluster")]
     assert tables[0] == tables[1] == tables[2]
 
@@ -54,12 +63,11 @@ def test_a_worker_killed_in_the_middle_loses_nothing(tmp_path: Path) -> None:
     execute_study(plan(values, "sleep"), tmp_path / "undisturbed")
     killed: list[int] = []
     with local(3) as pool:
-        pids = list(pool._client.run(os.getpid).values())
 
         def kill(_what: str, share: float) -> None:
             if share > 0.3 and not killed:
-                killed.append(pids[0])
-                os.kill(pids[0], signal.SIGKILL)
+                killed.append(pool.workers[0].number)
+                os.kill(killed[0], signal.SIGKILL)
 
         done = execute_study(
             plan(values, "sleep"),
@@ -93,41 +101,40 @@ def test_a_run_that_crashes_is_recorded_and_stops_no_other(tmp_path: Path) -> No
     assert [found["x"][i] for i in others] == pytest.approx([truth(values[i]) for i in others])
 
 
-def give_up(pool: Any) -> None:
-    """The one who would start the only worker again does not, as when a start fails."""
-    cluster = pool._client.cluster
-    cluster.sync(cluster.workers[0].close)
-
-
 @pytest.mark.slow
-def test_workers_are_replaced_when_they_are_lost_and_not_given_up_before(tmp_path: Path) -> None:
-    """Dask looks once, so long after a death, and closes for good what is not there just then.
-
-    Several runs that kill their workers hit that moment sooner or later, and nobody was left.
-    """
+def test_workers_that_die_are_replaced(tmp_path: Path) -> None:
+    """Each time that they do: the only one is ended whenever a run is done."""
+    killed: list[int] = []
+    values = [DEADLY + 0.1 * i for i in range(12)]
     with local(1) as pool:
-        reported = dask.config.get("distributed.deploy.lost-worker-timeout")
-        assert dask.utils.parse_timedelta(reported) > 365 * 24 * 3600
-        give_up(pool)
-        done = execute_study(plan([0.0, 1.0]), tmp_path, lambda: contextlib.nullcontext(pool))
-    assert done.statuses == {"finished": 2}
+
+        def kill(_what: str, _share: float) -> None:
+            alive = [worker.number for worker in pool.workers]
+            if len(killed) < 3 and alive and alive[0] not in killed:
+                killed.append(alive[0])
+                os.kill(alive[0], signal.SIGKILL)
+
+        done = execute_study(
+            plan(values, "sleep"), tmp_path, lambda: contextlib.nullcontext(pool), progress=kill
+        )
+    assert len(killed) == 3
+    assert done.statuses == {"finished": 12}
 
 
 def test_a_study_that_loses_its_workers_ends_and_can_be_continued(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Where none can be started any more, that is reported; what is done is kept."""
-    monkeypatch.setattr("cosim.study.workers._replace_lost", lambda *_: None)
+    """Where a scheduler has none any more, that is reported; what is done is kept."""
     monkeypatch.setattr("cosim.study.workers._LOOK_S", 0.05)
     monkeypatch.setattr("cosim.study.workers._SAY_S", 0.1)
     notices: list[str] = []
-    with local(1, wait_s=0.5) as pool:
-        give_up(pool)
+    with dask_cluster(0) as nobody:
+        address = nobody.scheduler_address
         with pytest.raises(ComponentError, match="no workers for") as caught:
             execute_study(
                 plan([0.0, 1.0]),
                 tmp_path,
-                lambda: contextlib.nullcontext(pool),
+                lambda: cluster(address, 0.5),
                 progress=lambda what, _: notices.append(what),
             )
     assert "the same command continues" in str(caught.value.hint)

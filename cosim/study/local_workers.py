@@ -1,0 +1,178 @@
+"""Worker processes of this machine: each is a child process that executes batches of runs.
+
+They are forked where that is safe, from a process that has loaded no FMU, and know the study as it
+is here. Each has a child of its own for its runs, as this process has where there is one worker.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import selectors
+import signal
+import socket
+from collections import deque
+from collections.abc import Callable, Collection, Iterator, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+import msgspec
+
+from cosim.core import Frames, RaisedError, Worker, default_method
+from cosim.fmu import adopt_folder, own_folder
+from cosim.study.batch import Job, Row, begin_worker, record_batch, run_batch
+from cosim.study.workers import Batch, BatchFunction, InProcessPool, WorkerDied, WorkerPool
+
+_TARGET: Final = f"{__name__}:serve"
+_ATTEMPTS: Final = 2
+"""A batch is given back after so many workers died on it."""
+_LOOK_S: Final = 0.5
+_LEAVE_S: Final = 2.0
+"""How long a worker may take to end its own child."""
+
+
+class Do(msgspec.Struct):
+    """To a worker: execute these runs, or repeat them with a trace each."""
+
+    records: bool
+    runs: list[int]
+
+
+class Done(msgspec.Struct, tag=True):
+    """From a worker: what became of the runs, as `run_batch` or `record_batch` returns it."""
+
+    rows: list[Row] = []
+    reasons: list[str | None] = []
+
+
+class Failed(msgspec.Struct, tag=True):
+    """From a worker: its batch raised an exception."""
+
+    error: RaisedError
+
+
+class LocalPool:
+    """So many processes of this machine; one that dies is replaced."""
+
+    def __init__(self, size: int) -> None:
+        self.size = size
+        self.notice: Callable[[str], None] = lambda _text: None
+        self.workers: list[Worker] = []
+        self._job: Job | None = None
+
+    def run_batches(
+        self, function: BatchFunction, job: Job, next_batch: Callable[[], Batch | None]
+    ) -> Iterator[tuple[Batch, list[Any] | WorkerDied]]:
+        """Execute batches until `next_batch` returns None; yield each batch and its result.
+
+        Raises
+        ------
+        CosimError : what the function raises; no process can be started.
+        """
+        if job is not self._job:
+            self.close()
+            self._job = job
+        again: deque[tuple[Batch, int]] = deque()
+        busy: dict[Worker, tuple[Batch, int]] = {}
+        try:
+            while True:
+                while len(busy) < self.size:
+                    batch, attempt = again.popleft() if again else (next_batch(), 0)
+                    if batch is None:
+                        break
+                    worker = self._sent(Do(function is record_batch, batch), job, busy)
+                    busy[worker] = batch, attempt
+                if not busy:
+                    return
+                for worker, found in self._heard(busy):
+                    batch, attempt = busy.pop(worker)
+                    if isinstance(found, WorkerDied) and attempt + 1 < _ATTEMPTS:
+                        again.append((batch, attempt + 1))
+                    else:
+                        yield batch, found
+        except BaseException:
+            self.close()
+            raise
+
+    def _sent(self, asked: Do, job: Job, busy: Collection[Worker]) -> Worker:
+        """Send a batch to a worker that has nothing to do; return which."""
+        worker = next((one for one in self.workers if one not in busy), None)
+        if worker is None:
+            # the folder of what is unpacked is that of this process, which removes it
+            worker = Worker(
+                *(_TARGET, (job, str(own_folder()))),
+                received=Done | Failed,
+                captured=False,
+                loaded=True,
+            )
+            self.workers.append(worker)
+        with contextlib.suppress(OSError):  # it has died, which is heard of later
+            worker.frames.send(asked, wait=False)
+        return worker
+
+    def _heard(self, busy: Collection[Worker]) -> Iterator[tuple[Worker, list[Any] | WorkerDied]]:
+        """Wait for a while; yield what workers have done by then, and which have died."""
+        with selectors.DefaultSelector() as selector:
+            for worker in busy:
+                for source in worker.watched():
+                    selector.register(source, selectors.EVENT_READ)
+            selector.select(_LOOK_S)
+        for worker in [*busy]:
+            found = self._result(worker)
+            if found is not None:
+                yield worker, found
+
+    def _result(self, worker: Worker) -> list[Any] | WorkerDied | None:
+        """Return what a worker has done; that it died; None: nothing yet."""
+        message = None
+        with contextlib.suppress(EOFError, OSError):
+            worker.frames.flush()
+            message = worker.frames.take()
+        if isinstance(message, Done):
+            return message.rows or message.reasons
+        if isinstance(message, Failed):
+            raise message.error.error()
+        if worker.exit_status() is None:
+            return None
+        self.workers.remove(worker)
+        worker.close(0.0)
+        return WorkerDied(_ATTEMPTS)
+
+    def close(self) -> None:
+        """End the workers."""
+        for worker in self.workers:
+            worker.let_go()
+        for worker in self.workers:
+            worker.close(_LEAVE_S)
+        self.workers.clear()
+
+
+@contextlib.contextmanager
+def local(workers: int) -> Iterator[WorkerPool]:
+    """Open a pool of so many processes of this machine, or of this one where there are none."""
+    if default_method() is None:
+        yield InProcessPool()
+        return
+    with contextlib.closing(LocalPool(workers)) as pool:
+        yield pool
+
+
+def serve(end: socket.socket, _given: Sequence[int], job: Job, folder: str) -> None:
+    """Be a worker: execute batches until nobody listens any more."""
+    # the terminal sends Ctrl-C to all processes; the one that started the study ends the others
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    begin_worker()
+    adopt_folder(Path(folder))
+    frames = Frames(end, Do)
+    with contextlib.suppress(EOFError, OSError):
+        while True:
+            asked: Do = frames.receive()
+            frames.send(_answer(job, asked))
+
+
+def _answer(job: Job, asked: Do) -> Done | Failed:
+    try:
+        if asked.records:
+            return Done(reasons=record_batch(job, asked.runs))
+        return Done(rows=run_batch(job, asked.runs))
+    except Exception as error:  # noqa: BLE001 - raised where the study is
+        return Failed(RaisedError.of(error))
