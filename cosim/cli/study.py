@@ -174,7 +174,9 @@ def run(
     ] = "none",
     wait_for_workers: Annotated[
         str,
-        typer.Option(help="How long to wait when there are no workers; none: for ever."),
+        typer.Option(
+            help="With --scheduler: how long to wait while there are no workers; none: for ever."
+        ),
     ] = "10 min",
     fresh: Annotated[
         bool, typer.Option("--fresh", help="Delete the results in the folder and start again.")
