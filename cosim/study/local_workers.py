@@ -17,7 +17,7 @@ from typing import Any, Final
 
 import msgspec
 
-from cosim.core import Frames, RaisedError, Worker, default_method
+from cosim.core import FrameError, Frames, RaisedError, Worker, default_method
 from cosim.fmu import adopt_folder, own_folder
 from cosim.study.batch import Job, Row, begin_worker, record_batch, run_batch
 from cosim.study.workers import Batch, BatchFunction, InProcessPool, WorkerDied, WorkerPool
@@ -124,9 +124,13 @@ class LocalPool:
     def _result(self, worker: Worker) -> list[Any] | WorkerDied | None:
         """Return what a worker has done; that it died; None: nothing yet."""
         message = None
-        with contextlib.suppress(EOFError, OSError):
+        try:
             worker.frames.flush()
             message = worker.frames.take()
+        except FrameError:  # an FMU that runs in it wrote to its connection
+            worker.kill()
+        except (EOFError, OSError):
+            pass
         if isinstance(message, Done):
             return message.rows or message.reasons
         if isinstance(message, Failed):
