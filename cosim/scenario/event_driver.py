@@ -146,32 +146,29 @@ class EventDriver:
         stop: Callable[[Session], bool] | None = None,
         pace: Pace | None = None,
     ) -> bool:
-        """Continue as `Session.go_on`, and execute the events on the way."""
+        """Continue as `Session.go_on`, and execute the events on the way.
+
+        stop : is asked after every row, when the events at the time of the session have happened.
+        """
         rows = math.inf if most is None else session.rows + most
-        stopped = False
-
-        def look(now: Session) -> bool:
-            nonlocal stopped
-            found = self._look(now)
-            stopped = stop is not None and stop(now)
-            return found or stopped
-
-        while session.status == "running" and self.stopped is None:
+        asked, stopped = session.rows, False
+        while session.status == "running" and self.stopped is None and not stopped:
             self.execute_due(session)
+            if stop is not None and session.rows > asked:
+                asked, stopped = session.rows, stop(session)
             reached = session.rows >= rows or (until_ns is not None and session.time_ns >= until_ns)
             if self.stopped is not None or reached or stopped:
                 break
             instants = [*(due.time_ns for due in self._due[:1]), until_ns]
             longest = None if most is None else int(rows) - session.rows
-            if stop is not None:
-                session.advance(_earliest(instants), most=longest, stop=look, pace=pace)
-                continue
-            if self._watch(session.time_ns, instants):
+            if self._watch(session.time_ns, instants) or stop is not None:
                 longest = 1
-            guards = self._guards if self._places else None
+            guards = self._guards if self._places and stop is None else None
             session.advance(_earliest(instants), most=longest, guards=guards, pace=pace)
             if session.rows:
                 self._look(session)
+        if stop is not None and not stopped and session.rows > asked and session.status != "failed":
+            stopped = stop(session)  # the last row
         return stopped
 
     def _watch(self, now_ns: int, instants: list[int | None]) -> bool:
