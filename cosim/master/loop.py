@@ -278,7 +278,7 @@ class Loop:
         early_stop: EarlyStop | None = None
         met = False
         try:
-            last, early_stop, met = self._carry_out(first, last, guards, ahead)
+            last, early_stop, met = self._go_through(first, last, guards, ahead)
             if early_stop is None:
                 self._take_within_steps(first, last)
         except (ComponentError, InputError) as error:
@@ -301,7 +301,7 @@ class Loop:
             self._conclude()
         return met
 
-    def _carry_out(
+    def _go_through(
         self, first: int, last: int, guards: Guards | None, ahead: _Ahead
     ) -> tuple[int, EarlyStop | None, bool]:
         """Carry out points as `_advance`; return where they end, why there, whether all are met."""

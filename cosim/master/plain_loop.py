@@ -335,12 +335,12 @@ def _at_own_points(
 ) -> Call:
     """Return what carries out an operation at the own points of its instance."""
 
-    def carry_out(k: int) -> int:
+    def at_own_point(k: int) -> int:
         if following[k] < 0 or (when is not When.ALWAYS and _is_left_out(when, k, points.final)):
             return OK
         return call(k)
 
-    return carry_out
+    return at_own_point
 
 
 def _is_left_out(when: When, k: int, final: int) -> bool:

@@ -76,10 +76,10 @@ class NaiveRun:
         if t == 0:
             return self.parameter(name, "x0")
         before = self.own[name][bisect_left(self.own[name], t) - 1]
-        a, held = self.parameter(name, "a"), self.parameter(name, "b") * self.u(name, before)
+        a, pull = self.parameter(name, "a"), self.parameter(name, "b") * self.u(name, before)
         h = float(Fraction(t - before, 10**9))
         x = self.x(name, before)
-        return x + h * held if a == 0 else math.exp(a * h) * x + math.expm1(a * h) / a * held
+        return x + h * pull if a == 0 else math.exp(a * h) * x + math.expm1(a * h) / a * pull
 
     def y(self, name: str, t: int) -> float:
         """The output with direct feedthrough."""
