@@ -282,3 +282,11 @@ def test_messages_that_take_too_long_to_send() -> None:
     with pytest.raises(InputError, match="longer to send than can be counted") as caught:
         deliver(link, 511)
     assert caught.value.got == f"512 messages of {2**53} ns"
+
+
+def test_the_mean_of_long_delays_is_exact() -> None:
+    """Four thousand delays of 52 days add up to more than 64 bits hold."""
+    link = PacketLink("a", 2**40, delay_ns=2**52)
+    figures = deliver(link, 2**53).statistics(2**53)
+    assert figures["delivered"] == 2**12 + 1
+    assert figures["mean_delay_s"] == 2**52 / 1e9

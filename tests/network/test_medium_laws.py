@@ -20,6 +20,7 @@ from cosim.network import (
     DelaySignal,
     Delivery,
     Hop,
+    Jitter,
     Medium,
     MediumDelivery,
     Node,
@@ -144,6 +145,18 @@ def test_one_link_on_a_medium_is_a_link_with_a_data_rate() -> None:
     assert {*entries(one)} == {*entries(other)}
     figures = one.statistics(100 * S)
     assert figures == {key: other.statistics(100 * S)[key] for key in figures}
+
+
+def test_under_fifo_jitter_behind_a_medium_overtakes_nothing() -> None:
+    """A message waits for those before it, however soon it has come."""
+    wide = Jitter("uniform", width_ns=60 * S)
+    up = link("up", "auv1", "ship", medium(), order="fifo", jitter=wide, seed=2)
+    d = run([up], 1000 * S)["up"]
+    accepted = [entry.message for entry in delivered(d)]
+    assert accepted == sorted(accepted)
+    assert "overtaken" not in fates(d)
+    waited = [e.arrival for e in delivered(d)]
+    assert len(waited) > len({*waited})  # some came with the one they waited for
 
 
 def test_links_that_share_their_packets_send_once() -> None:
