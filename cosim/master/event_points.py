@@ -87,7 +87,11 @@ class EventPoints:
             for number, operation in enumerate(table.operations)
             if isinstance(operation, Step)
         ]
-        self._first = {one.number: one for one in self._instances if one.slave.options.early_return}
+        self._first = {  # in the order of their steps
+            number: events[number]
+            for _, number in self._steps
+            if number in events and events[number].slave.options.early_return
+        }
         self._calls = {
             one.number: step_call(one.slave, table.no_way_back.data) for one in self._instances
         }
@@ -235,9 +239,8 @@ class EventPoints:
     def _after_return(self, early_stop: EarlyStop, k: int, target_ns: int) -> EarlyStop | None:
         """End the steps from point k to an instant [ns], of which one returned early."""
         begun, target = float(self._points.seconds[k]), Fraction(target_ns, SECOND_NS)
-        first = [self._first[i] for _, i in self._steps if i in self._first]
-        numbers = [one.number for one in first]
-        place = numbers.index(early_stop.instance)
+        first = [*self._first.values()]
+        place = [*self._first].index(early_stop.instance)
         stepped: list[_Stepped] = []
         for one in first[: place + 1]:
             results = one.slave.results
@@ -248,11 +251,9 @@ class EventPoints:
             saved = None if self._quiet is None else self._quiet.saved.get(one.number)
             stepped.append(_Stepped(one, saved, begun))
         waiting = first[place + 1 :]
-        to = self._reached(self._ns_of(k), _Target(target_ns, target), stepped, waiting)
+        now_ns = int(self._points.points_ns[k])
+        to = self._reached(now_ns, _Target(target_ns, target), stepped, waiting)
         return self._end_steps(k, to, stepped, waiting)
-
-    def _ns_of(self, k: int) -> int:
-        return int(self._points.points_ns[k])
 
     def _count(self, k: int, now_ns: int) -> None:
         """Count the points with hardly any time between them; too many are a ComponentError."""
@@ -293,8 +294,7 @@ class EventPoints:
     def _step(self, k: int, now_ns: int) -> EarlyStop | None:
         """Step from point k to the next one."""
         target_ns, target = self._next(now_ns)
-        waiting = [self._first[number] for _, number in self._steps if number in self._first]
-        return self._end_steps(k, _Target(target_ns, target), [], waiting)
+        return self._end_steps(k, _Target(target_ns, target), [], [*self._first.values()])
 
     def _end_steps(
         self, k: int, to: _Target, stepped: list[_Stepped], waiting: list[EventInstance]

@@ -11,7 +11,6 @@ from typing import Final, Literal
 import numpy as np
 
 from cosim.fmu import ACCEPTED_STATUSES, FmuSlave
-from cosim.master.communication_points import CommunicationPoints
 from cosim.master.component_instance import Group
 from cosim.master.event_instance import EventInstance
 from cosim.master.exchange import (
@@ -100,15 +99,16 @@ class PlainLoop:
 
     def _prepared(self, operation: Operation) -> Call:
         """Return what carries out an operation at a point, if it takes place there."""
-        call, following, when = self._call(operation), operation.following, operation.when
-        if following is not None:
-            return _at_own_points(call, following.data, when, self._table.comm_points)
-        if when is When.ALWAYS:
-            return call
-        points = self._table.comm_points
+        call, when, points = self._call(operation), operation.when, self._table.comm_points
+        at_some = call
         if when is When.AT_FIRST:
-            return lambda k: OK if k else call(k)
-        return lambda k: OK if k == points.final else call(k)
+            at_some = lambda k: OK if k else call(k)  # noqa: E731 - one of three
+        elif when is When.NOT_AT_LAST:
+            at_some = lambda k: OK if k == points.final else call(k)  # noqa: E731
+        if operation.following is None:
+            return at_some
+        following = operation.following.data
+        return lambda k: OK if following[k] < 0 else at_some(k)
 
     def _call(self, operation: Operation) -> Call:
         """Return what carries out an operation."""
@@ -139,11 +139,8 @@ class PlainLoop:
     def _exchange(self, operation: Operation, group: Group, way: Literal["get", "set"]) -> Call:
         """Return what gets or sets a group of values in a row."""
         table, row_of, restore = self._table, self._row_of(operation), self._restore_float_mode
-        exchange, adjusted = (
-            self._plain_exchange(operation, group, way),
-            table.adjustments.count.data,
-        )
-        begin, stride = self._address_of(operation, group)
+        exchange, begin, stride = self._plain_exchange(operation, group, way)
+        adjusted = table.adjustments.count.data
 
         def call(k: int) -> int:
             at = k if row_of is None else row_of(k)
@@ -158,30 +155,27 @@ class PlainLoop:
 
         return call
 
-    def _address_of(self, operation: Operation, group: Group) -> tuple[int, int]:
-        """Return how an exchange is told its row: by the address of its values, or its number."""
-        if group.c_type != "f8" or operation.instance in self._events:
-            return 0, 1
-        return int(self._rows.ctypes.data) + 8 * group.column, int(self._rows.strides[0])
-
     def _plain_exchange(
         self, operation: Operation, group: Group, way: Literal["get", "set"]
-    ) -> Callable[[int], int]:
-        """Return what makes the FMI call of a get or set, in a row as `_address_of` tells it."""
+    ) -> tuple[Callable[[int], int], int, int]:
+        """Return what makes the FMI call of a get or set, and begin and stride of what it is given.
+
+        That is begin + row * stride: the address of the values there, or the number of the row.
+        """
         rows, instance = self._rows, self._table.instances[operation.instance]
         if operation.instance in self._events:
             in_event_mode = self._events[operation.instance].exchange(group, way)
-            return lambda at: in_event_mode(rows, at)
+            return lambda at: in_event_mode(rows, at), 0, 1
         if group.c_type != "f8":
             exchange = exchange_of(instance, group, way)
-            return lambda at: exchange(rows[at])
+            return lambda at: exchange(rows[at]), 0, 1
         slave, size = instance.slave, group.size
-        function = exchange_function(
-            slave.description.version, slave.address(way, group.getter_type)
-        )
+        version = slave.description.version
+        function = exchange_function(version, slave.address(way, group.getter_type))
         component, references = pointer(slave.component), pointer(group.references.ctypes.data)
         call = partial(function, component, references, group.references.size)
-        return call if slave.description.version == "2.0" else lambda values: call(values, size)
+        begin, stride = int(rows.ctypes.data) + 8 * group.column, int(rows.strides[0])
+        return (call if version == "2.0" else lambda values: call(values, size)), begin, stride
 
     def _step(self, operation: Operation) -> Call:
         """Return what steps an instance from a point to its next one."""
@@ -328,20 +322,3 @@ def move(table: Table, operation: Move, k: int, at: int) -> int:
     elif used == SUBSTITUTE and route.link is not None:
         rows[at, route.targets] = route.link.substitute
     return OK
-
-
-def _at_own_points(
-    call: Call, following: Sequence[int], when: When, points: CommunicationPoints
-) -> Call:
-    """Return what carries out an operation at the own points of its instance."""
-
-    def at_own_point(k: int) -> int:
-        if following[k] < 0 or (when is not When.ALWAYS and _is_left_out(when, k, points.final)):
-            return OK
-        return call(k)
-
-    return at_own_point
-
-
-def _is_left_out(when: When, k: int, final: int) -> bool:
-    return (when is When.AT_FIRST and k > 0) or (when is When.NOT_AT_LAST and k == final)

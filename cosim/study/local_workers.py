@@ -20,11 +20,16 @@ import msgspec
 from cosim.core import FrameError, Frames, RaisedError, Worker, default_method
 from cosim.fmu import adopt_folder, own_folder
 from cosim.study.batch import Job, Row, begin_worker, record_batch, run_batch
-from cosim.study.workers import Batch, BatchFunction, InProcessPool, WorkerDied, WorkerPool
+from cosim.study.workers import (
+    ATTEMPTS,
+    Batch,
+    BatchFunction,
+    InProcessPool,
+    WorkerDied,
+    WorkerPool,
+)
 
 _TARGET: Final = f"{__name__}:serve"
-_ATTEMPTS: Final = 2
-"""A batch is given back after so many workers died on it."""
 _LOOK_S: Final = 0.5
 _LEAVE_S: Final = 2.0
 """How long a worker may take to end its own child."""
@@ -85,7 +90,7 @@ class LocalPool:
                     return
                 for worker, found in self._heard(busy):
                     batch, attempt = busy.pop(worker)
-                    if isinstance(found, WorkerDied) and attempt + 1 < _ATTEMPTS:
+                    if isinstance(found, WorkerDied) and attempt + 1 < ATTEMPTS:
                         again.append((batch, attempt + 1))
                     else:
                         yield batch, found
@@ -139,7 +144,7 @@ class LocalPool:
             return None
         self.workers.remove(worker)
         worker.close(0.0)
-        return WorkerDied(_ATTEMPTS)
+        return WorkerDied(ATTEMPTS)
 
     def close(self) -> None:
         """End the workers."""

@@ -27,7 +27,8 @@ Batch = list[int]
 BatchFunction = Callable[[Job, Batch], list[Any]]
 """Executed in a worker: `run_batch` or `record_batch`."""
 
-_ATTEMPTS = 2  # a batch is given back after so many workers died on it
+ATTEMPTS = 2
+"""A batch is given back after so many workers died on it."""
 # batches submitted per worker, so that none waits for the next; an adaptive cluster grows only if
 # there is more work than for `distributed.adaptive.target-duration`, 5 s, which is not two batches
 _AHEAD = 4
@@ -199,7 +200,7 @@ def _result(future: Any) -> tuple[list[Any], dict[str, bytes]] | WorkerDied:
     try:
         found: tuple[list[Any], dict[str, bytes]] = future.result()
     except KilledWorker:
-        return WorkerDied(_ATTEMPTS)
+        return WorkerDied(ATTEMPTS)
     except CosimError:  # such as other versions there
         raise
     except CancelledError as error:

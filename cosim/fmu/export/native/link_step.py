@@ -10,6 +10,7 @@ import ast
 import inspect
 import textwrap
 from collections.abc import Callable, Iterator
+from functools import cache
 from typing import Any, get_args, get_type_hints
 
 from cosim.network import stepping
@@ -36,6 +37,7 @@ _OPERATORS: dict[type, str] = {
 }
 
 
+@cache
 def link_step_header() -> str:
     """Return the text of link_step.h.
 
