@@ -86,6 +86,14 @@ class Wiring:
         """The rows of the points, (points, values)."""
         return self.all_rows[:-1]
 
+    def use_rows(self, memory: RowMemory) -> None:
+        """Read the rows in other memory from now on."""
+        self.memory = memory
+        for instance in self.instances:
+            first, width = instance.output_column, instance.outputs.shape[1]
+            instance.rows = self.rows
+            instance.outputs = self.rows[:, first : first + width]
+
     @cached_property
     def by_name(self) -> Mapping[str, ComponentInstance]:
         """The instances by the names of their components."""

@@ -16,7 +16,7 @@ import pytest
 from fmpy import read_model_description
 from fmpy.validation import validate_fmu
 
-from cosim.fmu import CATALOGUE, UNITS, Variable, ensure_fmu
+from cosim.fmu import CATALOGUE, UNITS, Variable, build_fmu, ensure_fmu
 from cosim.fmu.export.python import package
 
 if TYPE_CHECKING:
@@ -316,3 +316,24 @@ def test_wrong_tables_are_refused() -> None:
     loose = Variable("y", "output", "an output", depends_on=("eta.x",))
     with pytest.raises(ValueError, match="not inputs"):
         dataclasses.replace(spec, variables=(*spec.variables, loose))
+
+
+_FLOWN_BEFORE = """
+import sys
+from pathlib import Path
+import fmpy
+fmpy.simulate_fmu("PaperController.fmu", stop_time=0.1)
+import pythonfmu
+assert not Path(pythonfmu.__file__).is_relative_to(sys.prefix), pythonfmu.__file__
+from cosim import build_fmu
+path = list(sys.path)
+build_fmu("PaperController", Path("again"), flavour="python", prebuilt=False)
+assert sys.path == path and sys.modules["pythonfmu"] is pythonfmu
+"""
+
+
+def test_a_build_does_not_depend_on_what_was_flown_before(tmp_path: Path) -> None:
+    """An FMU flown in the same process brings a PythonFMU of its own, without binaries."""
+    first = build_fmu("PaperController", tmp_path, flavour="python", prebuilt=False)
+    subprocess.run([sys.executable, "-c", _FLOWN_BEFORE], cwd=tmp_path, check=True)  # noqa: S603
+    assert (tmp_path / "again" / first.name).read_bytes() == first.read_bytes()

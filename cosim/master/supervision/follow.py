@@ -23,7 +23,6 @@ from cosim.master.run import Run, RunStatus
 from cosim.master.session import Session
 from cosim.master.supervision import messages
 from cosim.master.supervision.broken_off import BrokenOffError, CallInProgress, broken_off
-from cosim.master.supervision.checksums import Checksums
 from cosim.master.supervision.child import CUT_OFF
 from cosim.master.supervision.limits import Limits, Timer
 from cosim.master.supervision.messages import (
@@ -35,6 +34,7 @@ from cosim.master.supervision.messages import (
     Raised,
     Request,
 )
+from cosim.master.supervision.taken_rows import TakenRows
 from cosim.master.supervision.wired import Wired
 from cosim.master.system import System
 from cosim.master.table import Move, Set, make_table
@@ -112,6 +112,8 @@ class FollowedRun:
             self._patient = replace(limits, call=limits.call + GRACE_S)
         self._wired = wired
         self._wiring, self._shared = wired.wiring, wired.shared
+        self._taken_rows = TakenRows(self._wiring.memory, self._wiring.outputs)
+        self._wiring.use_rows(self._taken_rows)
         self._points = self._wiring.comm_points
         self._dispatch = ObserverDispatch(observers)
         self._dispatch.make_whole, self._dispatch.points = self._wiring.make_whole, self._points
@@ -130,7 +132,6 @@ class FollowedRun:
         self._taken = 0
         self._to_deliver: messages.Deliver | None = None
         self._unfinished: Any = None
-        self._checksums = Checksums(self._wiring.outputs)
         self.end_failure: tuple[Cause, str] | None = None
         self.child_leaves = False
 
@@ -177,7 +178,7 @@ class FollowedRun:
         self._engine = ended.engine
         complete = self._dispatch.delivered
         try:
-            self._checksums.check(self._wiring.rows)
+            self._taken_rows.compare()
         except ComponentError as error:
             cause = Cause.of_error(error, None)
             return self._run_of("failed", error.text(), cause, complete), found
@@ -197,7 +198,7 @@ class FollowedRun:
             self.end_failure = broken.cause, broken.words
         self._end_output()
         try:
-            self._checksums.check(self._wiring.rows)
+            self._taken_rows.compare()
         except ComponentError as error:
             self.end_failure = self.end_failure or (Cause.of_error(error, None), error.text())
         if not self._muted:
@@ -230,7 +231,7 @@ class FollowedRun:
         self._end_output()
         try:
             self._deliver(complete)
-            self._checksums.check(self._wiring.rows)
+            self._taken_rows.compare()
         except (BrokenOffError, ComponentError) as error:  # beside what has broken it off
             self._add("master", "error", str(error))
         status: RunStatus = "stopped" if broken.cause.kind == "interrupted" else "failed"
@@ -416,12 +417,10 @@ class FollowedRun:
         self._make_ready(complete)
         complete = min(complete, self._points.count)
         try:
-            self._checksums.add(self._wiring.rows, complete, row_sum)
+            self._taken_rows.check(complete, row_sum)
             self._dispatch.deliver(complete)
             if not self._keep:
-                before = min(complete, self._dispatch.unread)
-                checked = self._checksums.check(self._wiring.rows, before)
-                self._wiring.give_back(min(before, checked))
+                self._wiring.give_back(min(complete, self._dispatch.unread))
         except ComponentError as error:
             if error.kind != "altered":
                 raise
@@ -430,7 +429,8 @@ class FollowedRun:
         self._shared.delivered = complete
 
     def _make_ready(self, complete: int) -> None:
-        """Make points ready as the child did, with the delays that follow from complete rows."""
+        """Take rows, and make points ready as the child did, with the delays that follow."""
+        self._taken_rows.take(complete)
         points = self._points
         while (first := points.ready) < complete and not points.has_events:
             if not points.crossing:
@@ -533,9 +533,9 @@ class FollowedRun:
                 i for i, o in enumerate(operations) if isinstance(o, Move | Set) and not o.spare
             ]
             complete = max(k + (number > max([self._table.complete, *receiving])), complete)
-        rows, delivered = self._wiring.rows, self._dispatch.delivered
-        possible = self._begun and delivered <= complete <= rows.shape[0]
-        sound = possible and self._checksums.agree(rows, complete, self._shared.row_sum)
+        delivered = self._dispatch.delivered
+        possible = self._begun and delivered <= complete <= self._wiring.rows.shape[0]
+        sound = possible and self._taken_rows.agree(complete, self._shared.row_sum)
         return complete if sound else delivered
 
     def _log_output(self, name: str, level: str, message: str) -> None:

@@ -98,7 +98,10 @@ class FollowedSession(FollowedRun):
             points.extend()  # as the child did to exchange values at its present point
             self._wiring.fill_routes(first, points.ready)
         count = min(max(count, 0), points.count)
-        return Run.of(self._wiring, count, status, reason, self._engine, cause, kept=True)
+        self._taken_rows.show(count)
+        found = Run.of(self._wiring, count, status, reason, self._engine, cause, kept=True)
+        self._wiring.whole_rows = min(self._wiring.whole_rows, self._dispatch.delivered)
+        return found
 
     def check_snapshot(self, snapshot: Snapshot) -> None:
         """Refuse a snapshot of another system."""
@@ -108,6 +111,7 @@ class FollowedSession(FollowedRun):
         """Return what is known here of the present state of a session; `whole` : with its rows."""
         wiring, points = self._wiring, self._points
         wiring.make_whole(complete)
+        self._taken_rows.show(complete + 1)
         return Snapshot(
             fingerprint(self._system, wiring),
             complete,
@@ -122,7 +126,7 @@ class FollowedSession(FollowedRun):
     def rewind(self, complete: int) -> None:
         """Prepare the observers for rows from `complete` on to be computed anew."""
         self._dispatch.rewind(complete)
-        self._checksums.forget()
+        self._taken_rows.forget()
 
     def go_back(self, snapshot: Snapshot) -> None:
         """Follow the child back to a snapshot, to which it has returned."""

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import ast
 import contextlib
+import importlib
 import importlib.metadata
 import importlib.util
 import io
@@ -17,10 +18,9 @@ import re
 import sys
 import tempfile
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
-
-from pythonfmu.builder import FmuBuilder
+from typing import Any
 
 from cosim.fmu.export.archive import deterministic_zip
 from cosim.fmu.export.documentation import documentation_files
@@ -86,13 +86,11 @@ def build_python_fmu(spec: ComponentSpec, destination: Path) -> Path:
         script = Path(folder, f"{spec.name}_{tag}.py")
         script.write_text(_script(spec, package, renamed), newline="\n")
         raw = Path(folder, "raw")
-        # the builder leaves the folder on sys.path and imports the script by its name
-        path = list(sys.path)
-        with contextlib.redirect_stdout(io.StringIO()):
-            built = FmuBuilder.build_FMU(script, dest=raw, project_files={parts})
-        sys.path[:] = path
-        for name in [m for m in sys.modules if m.startswith(f"{spec.name}_{tag}")]:
-            del sys.modules[name]
+        with (
+            _installed_builder(f"{spec.name}_{tag}") as builder,
+            contextlib.redirect_stdout(io.StringIO()),
+        ):
+            built = builder.build_FMU(script, dest=raw, project_files={parts})
         with zipfile.ZipFile(built) as archive:
             files = {
                 name: archive.read(name)
@@ -104,6 +102,34 @@ def build_python_fmu(spec: ComponentSpec, destination: Path) -> Path:
     files.update(terminal_files(spec))
     files.update(spec.resource_files())
     return deterministic_zip(files, destination / f"{spec.name}.fmu")
+
+
+@contextlib.contextmanager
+def _installed_builder(fmu: str) -> Iterator[Any]:
+    """Give the builder of the PythonFMU that is installed; leave path and modules as they are.
+
+    An FMU that this process has flown may contain a PythonFMU, without binaries, and leave it
+    imported and its folder first on the path; and be the one that is built, `fmu`.
+    """
+    home = str(importlib.metadata.distribution("pythonfmu").locate_file(""))
+    loaded = sys.modules.get("pythonfmu")
+    installed = loaded is None or (loaded.__file__ or "").startswith(home)
+
+    def concerned() -> list[str]:
+        of_fmu = [m for m in sys.modules if m.startswith(fmu)]
+        of_pythonfmu = [m for m in sys.modules if m.partition(".")[0] == "pythonfmu"]
+        return of_fmu if installed else of_fmu + of_pythonfmu
+
+    path = list(sys.path)
+    before = {module: sys.modules.pop(module) for module in concerned()}
+    sys.path.insert(0, home)
+    try:
+        yield importlib.import_module("pythonfmu.builder").FmuBuilder
+    finally:
+        sys.path[:] = path
+        for module in concerned():
+            del sys.modules[module]
+        sys.modules.update(before)
 
 
 def _description(spec: ComponentSpec, identity: str) -> bytes:
