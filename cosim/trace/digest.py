@@ -16,11 +16,14 @@ from __future__ import annotations
 import hashlib
 import struct
 from collections.abc import Iterable, Mapping
+from typing import Any
 
 import numpy as np
 from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from google.protobuf.message import DecodeError
+from numpy.typing import NDArray
 
+from cosim.trace.file.block import HEAD as RECORD_HEAD, Block, Bytes, put_lines
 from cosim.trace.file.declared import Channel
 from cosim.trace.file.messages import Messages
 from cosim.trace.rows.layout import HOST_PREFIX, LOG_TOPIC, SCENE_SCHEMAS
@@ -58,6 +61,25 @@ class ContentDigest:
         part = messages if covered.all() else messages.part(np.flatnonzero(covered))
         self._messages.update(laid_out(part, self._heads))
 
+    def add_block(self, block: Block) -> None:
+        """Take the next messages as they are written: without taking their records apart again."""
+        covered = np.zeros(int(block.channels.max(initial=0)) + 1, np.bool_)
+        covered[[number for number in self._heads if number < covered.size]] = True
+        sizes = np.diff(block.ends, prepend=0) + (_HEAD.itemsize - RECORD_HEAD.size)
+        ends = np.cumsum(np.where(covered[block.channels], sizes, 0))
+        starts = np.empty(ends.size, np.int64)
+        starts[block.order] = ends - sizes
+        out = np.empty(int(ends[-1]), np.uint8)
+        first = 0
+        for part in block.parts:
+            own = slice(first, first := first + part.log_ns.size)
+            if covered[part.channel]:
+                name = np.void(self._heads[part.channel])
+                times = part.log_ns, part.publish_ns
+                lines = _lines(name, *times, part.sequence, part.lines[:, RECORD_HEAD.size :])
+                put_lines(out, starts[own], lines)
+        self._messages.update(out.data)
+
     def hexdigest(self) -> str:
         """Return the hash so far, as 64 hexadecimal digits."""
         return self._messages.hexdigest()
@@ -71,17 +93,23 @@ def laid_out(block: Messages, heads: Mapping[int, bytes]) -> memoryview:
     starts = ends - sizes
     for which, payloads in block.by_size():
         part = block.heads[which]
-        head = np.zeros(which.size, _HEAD)
         found, own = np.unique(part["channel"], return_inverse=True)
         names = b"".join([heads[channel] for channel in found.tolist()])
-        head["channel"] = np.frombuffer(names, head["channel"].dtype)[own]
-        head["log"], head["publish"] = part["log"], part["publish"]
-        head["sequence"], head["size"] = part["sequence"], payloads.shape[1]
-        lines = np.hstack([head.view(np.uint8).reshape(which.size, _HEAD.itemsize), payloads])
-        size = np.dtype(f"V{lines.shape[1]}")
-        places = np.ndarray((out.size - size.itemsize + 1,), size, out, strides=(1,))
-        places[starts[which]] = lines.view(size)[:, 0]
+        name = np.frombuffer(names, _HEAD["channel"])[own]
+        lines = _lines(name, part["log"], part["publish"], part["sequence"], payloads)
+        put_lines(out, starts[which], lines)
     return out.data
+
+
+def _lines(name: Any, log: Any, publish: Any, sequence: Any, payloads: Bytes) -> Bytes:
+    """Return what is hashed of messages of one size, uint8 (k, size)."""
+    count, size = payloads.shape
+    lines = np.empty((count, _HEAD.itemsize + size), np.uint8)
+    head: NDArray[np.void] = np.ndarray((count,), _HEAD, lines, 0, (lines.shape[1],))
+    head["channel"], head["log"], head["publish"] = name, log, publish
+    head["sequence"], head["size"] = sequence, size
+    lines[:, _HEAD.itemsize :] = payloads
+    return lines
 
 
 def digest_of_channel(channel: Channel) -> bytes:

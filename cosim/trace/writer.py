@@ -23,7 +23,7 @@ from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from cosim.core import CosimError, InputError
 from cosim.trace.digest import ContentDigest
 from cosim.trace.file import process_exit
-from cosim.trace.file.block import HEAD, Records, in_order
+from cosim.trace.file.block import HEAD, Block, Records, in_order
 from cosim.trace.file.declared import Channel, Schema
 from cosim.trace.file.disk import Guard, PartialFile
 from cosim.trace.file.flusher import Flusher
@@ -113,8 +113,7 @@ class TraceWriter:
         self._file = PartialFile(self.path, fsync=fsync)
         self.partial_path = self._file.partial_path
         self._content = ContentDigest() if content_hash else None
-        written = None if self._content is None else self._content.add
-        self._stream = McapStream(self._file, chunk_bytes, compression, early=True, written=written)
+        self._stream = McapStream(self._file, chunk_bytes, compression, early=True)
         self._chunk_bytes = chunk_bytes
         self._waiting: deque[bytes] = deque()
         self._guard = Guard(self._file, self._stream)
@@ -239,7 +238,7 @@ class TraceWriter:
         block = in_order(records)
         with self._guard:
             self._lay_out()
-            self._stream.add(block)
+            self._put(block)
             if self._flusher.due():
                 self._flush()
 
@@ -391,6 +390,9 @@ class TraceWriter:
         """The content hash of what is written so far, as `cosim.trace.content_hash`."""
         if self._content is None:
             raise ValueError("expected TraceWriter(..., content_hash=True)")
+        if self._guard.open:
+            with self._guard:
+                self._lay_out()
         return self._content.hexdigest()
 
     def _add(self, row: bytes) -> None:
@@ -423,7 +425,14 @@ class TraceWriter:
                 )
                 for mine, heads, lines in laid_out(rows, self._encoders, HEAD.size)
             ]
-            self._stream.add(in_order(parts, by_time=False))
+            self._put(in_order(parts, by_time=False))
+
+    def _put(self, block: Block) -> None:
+        """Hand a block to the stream, and to the content hash (guard held)."""
+        with self._stream.undivided():
+            self._stream.add(block)
+            if self._content is not None:
+                self._content.add_block(block)
 
 
 def _wrong_numbers(log_ns: Any, publish_ns: Any, sequence: Any) -> InputError:

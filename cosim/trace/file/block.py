@@ -67,12 +67,16 @@ class Block:
     data : all records.
     ends : end of each in `data`, int64 (m,).
     channels, log_ns : of each, int64 (m,).
+    parts : the records as they were before they were put in order; none in a part of a block.
+    order : which of those each record is, counted through all parts, int64 (m,).
     """
 
     data: memoryview
     ends: Integers
     channels: Integers
     log_ns: Integers
+    parts: Sequence[Records] = ()
+    order: Integers | None = None
 
     @property
     def size(self) -> int:
@@ -101,7 +105,8 @@ def in_order(parts: Sequence[Records], *, by_time: bool = True) -> Block:
         ends = np.arange(1, m + 1, dtype=np.int64) * size
         channels = np.full(m, part.channel, np.int64)
         # the times are copied: the caller may use the array again
-        return Block(part.lines.reshape(-1).data, ends, channels, part.log_ns.copy())
+        log = part.log_ns.copy()
+        return Block(part.lines.reshape(-1).data, ends, channels, log, parts, np.arange(m))
     counts = [part.log_ns.size for part in parts]
     log = np.concatenate([part.log_ns for part in parts])
     sizes = np.repeat([part.lines.shape[1] for part in parts], counts)
@@ -113,14 +118,19 @@ def in_order(parts: Sequence[Records], *, by_time: bool = True) -> Block:
     data = np.empty(int(ends[-1]) if ends.size else 0, np.uint8)
     begin = 0
     for part, count in zip(parts, counts, strict=True):
-        size = part.lines.shape[1]
-        # every place at which a record of this size could begin, as one item each
-        places: NDArray[np.void] = np.ndarray(
-            (data.size - size + 1,), np.dtype((np.void, size)), data, 0, (1,)
-        )
-        places[starts[begin : begin + count]] = part.lines.view(places.dtype).ravel()
+        put_lines(data, starts[begin : begin + count], part.lines)
         begin += count
-    return Block(data.data, ends, channels[order], log[order])
+    return Block(data.data, ends, channels[order], log[order], parts, order)
+
+
+def put_lines(data: Bytes, starts: Integers, lines: Bytes) -> None:
+    """Put lines of one length, uint8 (k, size), at these places, (k,)."""
+    size = lines.shape[1]
+    # every place at which one of this size could begin, as one item each
+    places: NDArray[np.void] = np.ndarray(
+        (data.size - size + 1,), np.dtype((np.void, size)), data, 0, (1,)
+    )
+    places[starts] = lines.view(places.dtype).ravel()
 
 
 def _is_ordered(part: Records, *, by_time: bool) -> bool:

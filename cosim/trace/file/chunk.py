@@ -10,7 +10,6 @@ from mcap.opcode import Opcode
 from numpy.typing import NDArray
 
 from cosim.trace.file.block import HEAD, LENGTH_BEFORE, Block, Integers
-from cosim.trace.file.messages import Messages
 
 
 @dataclass(frozen=True)
@@ -28,12 +27,6 @@ class ClosedChunk:
     first: int
     last: int
     index: list[tuple[int, int, bytes]]
-
-    def messages(self) -> Messages:
-        """Return its messages, in file order."""
-        entries = b"".join([entry for _, _, entry in self.index])
-        places = np.frombuffer(entries, "<i8")[1::2]
-        return Messages.at(bytes(self.data), np.sort(places))
 
 
 class OpenChunk:

@@ -35,11 +35,10 @@ from cosim.trace.file.block import Block
 from cosim.trace.file.checksum import crc32
 from cosim.trace.file.chunk import ClosedChunk, OpenChunk
 from cosim.trace.file.compress import Compressor, Data
-from cosim.trace.file.messages import Messages
 from cosim.trace.file.records import MAGIC
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping
+    from collections.abc import Iterator, Mapping
 
 COMPRESSIONS = ("zstd", "lz4", "none")
 _FOOTER_LENGTH = 8 + 8 + 4
@@ -67,7 +66,6 @@ class McapStream:
     compression : one of `COMPRESSIONS`.
     early : write schemas and channels before the chunks too, so that a damaged chunk loses no
         channel that later ones use.
-    written : called with the messages of each chunk that is written, in file order.
     """
 
     def __init__(
@@ -77,9 +75,8 @@ class McapStream:
         compression: str,
         *,
         early: bool = False,
-        written: Callable[[Messages], None] | None = None,
     ) -> None:
-        self._stream, self._written = stream, written
+        self._stream = stream
         self.position = 0
         """End of the last whole record [bytes]."""
         self.sound = True
@@ -297,8 +294,6 @@ class McapStream:
         indexes = builder.end()  # type: ignore[no-untyped-call]
         self._write(indexes)
         self._chunks += 1
-        if self._written is not None:
-            self._written(chunk.messages())
         self._chunk_indexes += _bytes_of(
             ChunkIndex(
                 message_start_time=chunk.first,
