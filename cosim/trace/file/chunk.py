@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 from typing import Any
 
@@ -101,7 +102,9 @@ def _index(
     pairs[:, 0], pairs[:, 1] = times, starts
     if (channels == channels[0]).all():
         return [(int(channels[0]), times.size, pairs.tobytes())]
-    order = np.argsort(channels, kind="stable")
-    members = np.split(order, np.flatnonzero(np.diff(channels[order])) + 1)
-    members.sort(key=lambda mine: int(mine[0]))
-    return [(int(channels[mine[0]]), mine.size, pairs[mine].tobytes()) for mine in members]
+    # of 16 bits, which numbers of channels are: sorted by digits, in a third of the time
+    order = np.argsort(channels.astype(np.uint16), kind="stable")
+    channels, pairs = channels[order], pairs[order]
+    cuts = [0, *(np.flatnonzero(np.diff(channels)) + 1).tolist(), channels.size]
+    spans = sorted(itertools.pairwise(cuts), key=lambda span: int(order[span[0]]))
+    return [(int(channels[i]), j - i, pairs[i:j].tobytes()) for i, j in spans]
