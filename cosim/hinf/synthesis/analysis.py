@@ -47,13 +47,13 @@ from cosim.hinf.synthesis.conditions import (
     prove,
     widened,
 )
-from cosim.hinf.synthesis.ladder import clearly_below, least_proved
+from cosim.hinf.synthesis.ladder import FAR, clearly_below, least_proved
 from cosim.hinf.synthesis.result_text import proved_words, result_rows
 from cosim.hinf.synthesis.same_as_proved import require_proved_gain
 from cosim.hinf.theorems import MAX_ORDER
 from cosim.models import DelaySystem, Matrix, Value
 
-_ABOVE_LEAST = (2e-6, 1e-5, 5e-5, 3e-4, 2e-3, 1e-2, 5e-2)
+_ABOVE_LEAST = (2e-6, 1e-5, 5e-5, 3e-4, 2e-3, 1e-2, 5e-2, *FAR)
 _COSTLY = 500
 """Unknowns from which a proof takes seconds: the finest levels above the least gamma are left."""
 _FIRST_IF_COSTLY = 3
@@ -261,7 +261,8 @@ def best_analysis(
         made.append(last)
         if last.gamma is not None:
             below = min(_worth(last), np.inf if below is None else below)
-        if last.certified and (known or gamma is not None or last.gamma is None or is_exact(last)):
+        enough = known or gamma is not None or last.gamma is None or is_exact(last)
+        if last.certified and enough and not _is_far(last):
             break
     certified = [one for one in made if one.certified]
     if certified:
@@ -309,6 +310,13 @@ def _worth(one: Claim) -> float:
 def is_exact(claim: Claim) -> bool:
     """Whether no analysis of the same gain can be sharper: gamma is the nominal norm."""
     return bool(claim.exact_norm and (claim.gamma or 0.0) < claim.exact_norm * (1 + 1e-3))
+
+
+def _is_far(one: Analysis) -> bool:
+    """Return whether a gamma is proved far above the least one: another order may do better."""
+    if one.gamma is None or one.least_gamma is None:
+        return False
+    return one.gamma > one.least_gamma * (1.0 + FAR[0] / 2)
 
 
 def _analysed(
