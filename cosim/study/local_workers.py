@@ -10,8 +10,8 @@ import contextlib
 import selectors
 import signal
 import socket
-from collections import deque
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections import defaultdict, deque
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -31,6 +31,8 @@ from cosim.study.workers import (
 
 _TARGET: Final = f"{__name__}:serve"
 _LOOK_S: Final = 0.5
+_IN_HAND: Final = 2
+"""Batches that a worker has: the one that it executes, and the next."""
 _LEAVE_S: Final = 2.0
 """How long a worker may take to end its own child."""
 
@@ -55,6 +57,51 @@ class Failed(msgspec.Struct, tag=True):
     error: RaisedError
 
 
+class _Hands:
+    """Which batches each worker has in hand, and how often workers have died on them.
+
+    One waits with each while it executes another: it begins at once, whatever this process does.
+    """
+
+    def __init__(self, next_batch: Callable[[], Batch | None]) -> None:
+        self._next_batch = next_batch
+        self._again: deque[tuple[Batch, int]] = deque()
+        self._of: defaultdict[Worker, deque[tuple[Batch, int]]] = defaultdict(deque)
+
+    @property
+    def full(self) -> list[Worker]:
+        """The workers that have a batch."""
+        return [worker for worker, batches in self._of.items() if batches]
+
+    def count(self, worker: Worker) -> int:
+        """Return how many batches a worker has."""
+        return len(self._of[worker])
+
+    def next_for(self, worker: Worker) -> Batch | None:
+        """Give a worker the next batch, and return it; None: there is none."""
+        if self._again:
+            given = self._again.popleft()
+        elif (batch := self._next_batch()) is not None:
+            given = batch, 0
+        else:
+            return None
+        self._of[worker].append(given)
+        return given[0]
+
+    def done(self, worker: Worker, *, died: bool) -> tuple[Batch, bool]:
+        """Take the batch that a worker executed; return it, and whether it is executed again.
+
+        A worker that died did so in the first that it had.
+        """
+        batch, attempt = self._of[worker].popleft()
+        if not died:
+            return batch, False
+        self._again += self._of.pop(worker)
+        if attempt + 1 < ATTEMPTS:
+            self._again.append((batch, attempt + 1))
+        return batch, attempt + 1 < ATTEMPTS
+
+
 class LocalPool:
     """So many processes of this machine; one that dies is replaced."""
 
@@ -76,54 +123,45 @@ class LocalPool:
         if job is not self._job:
             self.close()
             self._job = job
-        again: deque[tuple[Batch, int]] = deque()
-        busy: dict[Worker, tuple[Batch, int]] = {}
+        hands = _Hands(next_batch)
         try:
             while True:
-                while len(busy) < self.size:
-                    batch, attempt = again.popleft() if again else (next_batch(), 0)
-                    if batch is None:
-                        break
-                    worker = self._sent(Do(function is record_batch, batch), job, busy)
-                    busy[worker] = batch, attempt
-                if not busy:
+                while (worker := self._free(job, hands)) and (batch := hands.next_for(worker)):
+                    with contextlib.suppress(OSError):  # it has died, which is heard of later
+                        worker.frames.send(Do(function is record_batch, batch), wait=False)
+                if not hands.full:
                     return
-                for worker, found in self._heard(busy):
-                    batch, attempt = busy.pop(worker)
-                    if isinstance(found, WorkerDied) and attempt + 1 < ATTEMPTS:
-                        again.append((batch, attempt + 1))
-                    else:
+                for worker, found in self._heard(hands):
+                    batch, again = hands.done(worker, died=isinstance(found, WorkerDied))
+                    if not again:
                         yield batch, found
         except BaseException:
             self.close()
             raise
 
-    def _sent(self, asked: Do, job: Job, busy: Collection[Worker]) -> Worker:
-        """Send a batch to a worker that has nothing to do; return which."""
-        worker = next((one for one in self.workers if one not in busy), None)
-        if worker is None:
+    def _free(self, job: Job, hands: _Hands) -> Worker | None:
+        """Return a worker for another batch, the one with the fewest; None: all have enough."""
+        first = min(self.workers, key=hands.count, default=None)
+        if len(self.workers) < self.size and (first is None or hands.count(first)):
             # the folder of what is unpacked is that of this process, which removes it
-            worker = Worker(
+            first = Worker(
                 *(_TARGET, (job, str(own_folder()))),
                 received=Done | Failed,
                 captured=False,
                 loaded=True,
             )
-            self.workers.append(worker)
-        with contextlib.suppress(OSError):  # it has died, which is heard of later
-            worker.frames.send(asked, wait=False)
-        return worker
+            self.workers.append(first)
+        return first if first is not None and hands.count(first) < _IN_HAND else None
 
-    def _heard(self, busy: Collection[Worker]) -> Iterator[tuple[Worker, list[Any] | WorkerDied]]:
+    def _heard(self, hands: _Hands) -> Iterator[tuple[Worker, list[Any] | WorkerDied]]:
         """Wait for a while; yield what workers have done by then, and which have died."""
         with selectors.DefaultSelector() as selector:
-            for worker in busy:
+            for worker in hands.full:
                 for source in worker.watched():
                     selector.register(source, selectors.EVENT_READ)
             selector.select(_LOOK_S)
-        for worker in [*busy]:
-            found = self._result(worker)
-            if found is not None:
+        for worker in hands.full:
+            while hands.count(worker) and (found := self._result(worker)) is not None:
                 yield worker, found
 
     def _result(self, worker: Worker) -> list[Any] | WorkerDied | None:
