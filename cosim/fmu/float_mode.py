@@ -33,9 +33,12 @@ restore_function: Final = int(ctypes.cast(_restore, ctypes.c_void_p).value or 0)
 """Address of fesetenv, for callers by address: int(void *)."""
 
 
+_Mode = ctypes.c_char * _SIZE
+
+
 def saved_float_mode() -> ctypes.Array[ctypes.c_char]:
     """Return the present mode, whose address `restore_function` takes."""
-    saved = ctypes.create_string_buffer(_SIZE)
+    saved = _Mode()
     _save(saved)
     return saved
 

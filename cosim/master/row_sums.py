@@ -9,6 +9,7 @@ the reader adds the rows as it finds them; inputs are copies of outputs and do n
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Any, Final
 
 import numpy as np
@@ -18,16 +19,21 @@ _MODULUS: Final = 1 << 64
 _SIGN: Final = 1 << 63
 
 
+@cache
 def column_weights(outputs: int) -> NDArray[np.uint64]:
     """Return the number of each column, (outputs,)."""
     pair, second = np.divmod(np.arange(outputs, dtype=np.int64), 2)
     weights: NDArray[np.int64] = 4 * (outputs // 2 - 1 - pair) + 1 + 2 * second
     weights[outputs // 2 * 2 :] = 2 * outputs - 1  # of the one without a second
-    return weights.astype(np.uint64)
+    numbers = weights.astype(np.uint64)
+    numbers.setflags(write=False)
+    return numbers
 
 
 def sum_of_rows(rows: Any, outputs: int, first: int, last: int) -> int:
     """Return the sum of rows first to last - 1, as a signed integer of 64 bits."""
+    if first >= last:
+        return 0
     bits = np.ascontiguousarray(rows[first:last, :outputs]).view(np.uint64)
     of_rows = 2 * np.arange(first, last, dtype=np.uint64) + np.uint64(1)
     return signed(int((bits @ column_weights(outputs) * of_rows).sum(dtype=np.uint64)))

@@ -280,7 +280,8 @@ class _Runs:
         self._zero_state_figures: ZeroStateFigures | None = None
         self._laws_at_rest: LawMeasures | None = None
         self._laws: dict[str, MeasuredLaw] = {}
-        self._compared_loop = loop_beside_design(prepared, system)
+        judged = wanted.has(*OF_GUARANTEE)
+        self._compared_loop = loop_beside_design(prepared, system) if judged else None
 
     def run(self, *observers: Observer, keep: bool, zero_state_run: bool = True) -> Run:
         """Make the run; one from the zero state is its own zero-state run.
@@ -332,8 +333,6 @@ class _Runs:
         """Return what measures the law of a run; None where nothing is claimed of it."""
         design, problem = self._prepared.design, self._prepared.problem
         if compared is None or design is None or problem is None:
-            return None
-        if not self._wanted.has(*OF_GUARANTEE):
             return None
         scenario = self._prepared.loaded.scenario
         return LawMeasures(
