@@ -5,9 +5,9 @@ Native FMUs (FMI 2.0 and 3.0) contain a binary for this machine, made by its C c
 --platforms all they contain one for each of linux and macOS on x86_64 and aarch64 and windows on
 x86_64, cross-compiled (pip install 'auv-cosim[cross]'). For other platforms they contain sources.
 
---prebuilt fills a folder with what the wheel brings, unless it is there already: the native FMUs
-for all platforms, binaries for own components, the libraries of the package, and the manifest by
-which an installed package uses them.
+--prebuilt fills a folder with what the wheel brings, unless it is there already: the native FMUs,
+binaries for own components, the libraries of the package, and the manifest by which an installed
+package uses them; for all platforms, or for those of --platforms.
 """
 
 from __future__ import annotations
@@ -29,6 +29,7 @@ from cosim.fmu import (
     PLATFORMS,
     Platform,
     ensure_all,
+    host,
     is_current,
     library_source,
     platforms_named,
@@ -40,21 +41,25 @@ from cosim.fmu import (
 NATIVE = ("native", "native-fmi3")
 
 
-def build_prebuilt(folder: Path) -> None:
-    """Fill a folder with what the wheel brings, unless it has just that."""
-    names = tuple(PLATFORMS)
-    if not is_current(folder, names):
+def build_prebuilt(folder: Path, asked: str | None) -> None:
+    """Fill a folder with what the wheel brings, unless it has just that.
+
+    asked : the platforms; None: those that the folder is for, all where there is none.
+    """
+    targets = (host(),) if asked == "host" else platforms_named(asked or "all")
+    names = [target.tuple_name for target in targets]
+    if not is_current(folder, None if asked is None else names):
         shutil.rmtree(folder, ignore_errors=True)
         for flavour in NATIVE:
-            ensure_all(folder, flavour=flavour, platforms=platforms_named("all"), force=True)
+            ensure_all(folder, flavour=flavour, platforms=targets, force=True)
 
         def build_binary(which: tuple[str, str, Platform]) -> None:
             flavour, kind, target = which
             write_binary(kind, FMI_VERSION[flavour], folder, target)
 
         with ThreadPoolExecutor(os.cpu_count()) as pool:
-            list(pool.map(build_binary, product(NATIVE, KINDS.values(), PLATFORMS.values())))
-        for target in PLATFORMS.values():
+            list(pool.map(build_binary, product(NATIVE, KINDS.values(), targets)))
+        for target in targets:
             write_library("kernel", library_source("kernel"), folder, target)
             if target.suffix != ".dll":
                 source = library_source("channel", futex=target.suffix == ".so")
@@ -84,8 +89,8 @@ def main() -> int:
     )
     parser.add_argument(
         "--platforms",
-        default="host",
-        help=f"binaries of native FMUs: host, all, or of {', '.join(PLATFORMS)}, with commas",
+        help=f"binaries of native FMUs: host (the default), all, or of {', '.join(PLATFORMS)}, "
+        "with commas",
     )
     parser.add_argument("--prebuilt", type=Path, metavar="FOLDER", help="fill this folder instead")
     options = parser.parse_args()
@@ -96,9 +101,9 @@ def main() -> int:
         return 2
     try:
         if options.prebuilt is not None:
-            build_prebuilt(options.prebuilt)
+            build_prebuilt(options.prebuilt, options.platforms)
             return 0
-        platforms = platforms_named(options.platforms)
+        platforms = platforms_named(options.platforms or "host")
         for flavour in options.flavour or FMI_VERSION:
             for built in ensure_all(
                 options.out, options.names, flavour=flavour, platforms=platforms, force=True

@@ -1,8 +1,8 @@
 """Put prebuilt FMUs and libraries into the wheel: hatchling calls this, and it calls build_fmu.py.
 
 AUV_COSIM_PREBUILT=none in the environment makes a wheel without them, which compiles on the user's
-machine; a folder there is filled, or used as it is where it was filled from the same sources. An
-editable installation has none.
+machine; a folder there is filled, or used as it is where it was filled from the same sources, for
+whichever platforms (build_fmu.py --prebuilt). An editable installation has none.
 """
 
 from __future__ import annotations

@@ -44,7 +44,9 @@ def slow_share_of(members: Iterable[Any]) -> list[Any]:
     """A share of them, as parameters of slow tests."""
 
     def slow(one: Any) -> Any:
-        return pytest.param(*(one if isinstance(one, tuple) else (one,)), marks=pytest.mark.slow)
+        if hasattr(one, "marks"):  # it is pytest.param(...)
+            return pytest.param(*one.values, marks=[*one.marks, pytest.mark.slow], id=one.id)
+        return pytest.param(*(one if type(one) is tuple else (one,)), marks=pytest.mark.slow)
 
     return [slow(one) for one in share_of(members)]
 
@@ -53,6 +55,12 @@ def sampled(members: Iterable[Any], kept: int) -> list[Any]:
     """The first `kept` of them for every run of the tests, and a share of the rest, slow."""
     found = [*members]
     return [*found[:kept], *slow_share_of(found[kept:])]
+
+
+def spread(members: Iterable[Any], step: int) -> list[Any]:
+    """Every `step`-th of them, then those beside these, and so on: the first of all kinds."""
+    found = [*members]
+    return [one for first in range(step) for one in found[first::step]]
 
 
 def share_below(folder: Path) -> None:

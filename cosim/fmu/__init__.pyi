@@ -54,6 +54,7 @@ from .export.fmu_file import (
 from .export.native.platforms import (
     PLATFORMS as PLATFORMS,
     Platform as Platform,
+    host as host,
     platforms_named as platforms_named,
 )
 from .export.native.tape import (

@@ -87,13 +87,19 @@ def write_manifest(folder: Path, platforms: Sequence[str]) -> None:
     (folder / MANIFEST).write_text(text, "utf-8", newline="\n")
 
 
-def is_current(folder: Path, platforms: Sequence[str]) -> bool:
-    """Whether a folder has just what would be built now, by its manifest."""
+def is_current(folder: Path, platforms: Sequence[str] | None) -> bool:
+    """Whether a folder has just what would be built now, by its manifest.
+
+    platforms : that it is to be for; None: any.
+    """
     try:
         found = json.loads((folder / MANIFEST).read_text("utf-8"))
     except (OSError, ValueError):
         return False
-    return bool(found == _contents(folder, platforms))
+    if not isinstance(found, dict):
+        return False
+    wanted = found.get("platforms", ()) if platforms is None else platforms
+    return bool(found == _contents(folder, wanted))
 
 
 def _contents(folder: Path, platforms: Sequence[str]) -> dict[str, Any]:

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 from cli.shell import Result, cosim
 from fmu.packed import XML, each_library_read_once, files_of
+from shared import sampled
 
 from cosim.core import CheckFailedError
 from cosim.vehicle import flight, vehicle_text
@@ -161,7 +162,7 @@ VEHICLES: dict[str, tuple[str, str | None]] = {
 }
 
 
-@pytest.mark.parametrize("case", VEHICLES)
+@pytest.mark.parametrize("case", sampled(VEHICLES, 3))
 def test_a_vehicle_is_designed_for_where_check_passes_it(
     case: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 from cli.shell import cosim
+from shared import sampled
 
 from cosim.core import InputError
 from cosim.hinf import design_from_json
@@ -56,7 +57,9 @@ def test_a_scenario_is_analysed_with_the_gain_it_gives(folder: Path) -> None:
     assert found["gamma"] == pytest.approx(5.0455, abs=1e-4)
 
 
-@pytest.mark.parametrize(("order", "ladder"), [(0, 4.472), (1, 6.059), (2, 6.1689), (3, 6.1725)])
+@pytest.mark.parametrize(
+    ("order", "ladder"), sampled([(1, 6.059), (0, 4.472), (2, 6.1689), (3, 6.1725)], 1)
+)
 def test_the_greatest_delay_of_the_system_as_it_is(folder: Path, order: int, ladder: float) -> None:
     """The published ladder of greatest delays, each below the exact one."""
     words = ("analyse", "benchmark.toml", "--max-delay", "--order", str(order))

@@ -102,6 +102,7 @@ def test_show_says_what_the_link_was_like(folder: Path) -> None:
         assert words in text
 
 
+@pytest.mark.slow
 def test_a_parquet_file_is_read_as_csv_is(folder: Path) -> None:
     """What a data frame writes: NaN for a lost message; a scenario replays it, too."""
     frames = pytest.importorskip("pandas")

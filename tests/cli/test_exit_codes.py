@@ -87,6 +87,7 @@ metrics = { end = "status" }
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="limits are those of POSIX")
 @pytest.mark.parametrize(
     "line", sampled(["study run varied.toml", "run few.toml", "fmu check it.fmu --run"], 1)

@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 from cli.shell import SCENARIOS, command_of, cosim
+from shared import sampled, spread
 
 from cosim.cli.application import app
 from cosim.cli.verbs import VERBS, loaded
@@ -57,7 +58,7 @@ def test_the_list_of_verbs_is_whole() -> None:
     assert len(WITH_FILES) > 35
 
 
-@pytest.mark.parametrize("verb", sorted(WITH_FILES))
+@pytest.mark.parametrize("verb", sampled(spread(sorted(WITH_FILES), 3), 15))
 def test_a_verb_prints_no_escape_of_a_files_name(verb: str, tmp_path: Path) -> None:
     """Missing, empty, or of another kind: refused by name, without what steers the terminal."""
     tries = [
@@ -104,6 +105,7 @@ def hostile(suffix: str) -> str:
     return f"a{STEERING}.{suffix}".replace("/", "\u2215")
 
 
+@pytest.mark.slow
 def test_sound_files_of_such_names_are_read_and_printed_harmlessly(folder: Path) -> None:
     """What the verbs show of them, too: titles, sources, nodes, places of findings."""
     scenario, trace, vehicle = hostile("toml"), hostile("mcap"), hostile("vehicle.toml")

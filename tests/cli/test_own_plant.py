@@ -126,6 +126,7 @@ def truth(u: Hold, w: Hold, end: float, amplitude: float = 0.0, omega: float = 0
     return solve(rate, INITIAL, [0.4, 0.7], end, switches=[*u.times, *w.times])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("flavour", sampled(EVERY, 1))
 def test_the_plant_is_the_solution_of_its_equation(folder: Path, flavour: str) -> None:
     """By FMPy: two delays, a rectangular F(t), inputs that jump; x and z to eight digits."""
@@ -248,6 +249,7 @@ def test_variables_start_with_the_numbers_of_the_file(folder: Path) -> None:
         assert [start[f"z[{i}]"] for i in (1, 2)] == [1.0, 0.0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("flavour", sampled(["native", "native-fmi3", "python"], 1))
 def test_twice_gives_the_same_bytes(folder: Path, flavour: str) -> None:
     """One system, one name, one file; what is said is what is done."""

@@ -101,6 +101,7 @@ def test_it_dies_with_its_keeper_and_that_is_noticed() -> None:
         assert gone(number)
 
 
+@pytest.mark.slow
 def test_a_stopped_keeper_does_not_keep_it_alive() -> None:
     with worker("fork") as one:
         *_, number, keeper = asked(one, "tell")

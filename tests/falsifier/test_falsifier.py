@@ -41,7 +41,9 @@ def test_no_claim_of_the_quick_share_is_wrong(kind: str, field: Field) -> None:
 
 
 @pytest.mark.parametrize(
-    "edge", [x for x in EDGES if x.kind in {"any", "two"}], ids=lambda x: f"{x.kind}: {x.name}"
+    "edge",
+    sampled([x for x in EDGES if x.kind in {"any", "two"}], 1),
+    ids=lambda x: f"{x.kind}: {x.name}",
 )
 def test_the_predicate_flips_at_the_bound(edge: Edge, field: Field) -> None:
     """At the proved value it is met, a nanosecond beyond it is not."""
@@ -85,6 +87,7 @@ def test_a_run_claims_where_all_is_met() -> None:
     assert not claims(Outcome())
 
 
+@pytest.mark.slow
 def test_the_judge_sees_what_is_wrong(field: Field, monkeypatch: pytest.MonkeyPatch) -> None:
     """If everything were claimed, the cells would say so: they do not pass by seeing nothing."""
     monkeypatch.setattr("falsifier.flight.claims", lambda _: True)

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 from fmu.packed import compiled, files_of, pack, with_file
+from shared import sampled
 
 from cosim.fmu import CATALOGUE, inspect_fmu, run_findings
 from cosim.fmu.inspect import Finding
@@ -114,7 +115,7 @@ def run(path: Path, seconds: float = PATIENCE_S) -> list[Finding]:
     return run_findings(inspect_fmu(path), seconds)
 
 
-@pytest.mark.parametrize("name", ["AuvPlant", "PaperController", "WaveField"])
+@pytest.mark.parametrize("name", sampled(["AuvPlant", "PaperController", "WaveField"], 1))
 def test_built_in_fmus_run_without_findings(fmus: Path, name: str) -> None:
     """Set up, step, save, restore, serialise, reset, end: all equal to the last bit."""
     assert name in CATALOGUE
@@ -165,6 +166,7 @@ def test_messages_of_the_fmu_are_reported_with_their_numbers(tmp_path: Path) -> 
     assert [(f.level, f.what) for f in logged] == [("warning", "error: p = 2 is too small")]
 
 
+@pytest.mark.slow
 def test_library_that_does_not_load(fmus: Path, tmp_path: Path) -> None:
     """A library with its code cut off, and none for this machine."""
     files = files_of(fmus / "WaveField.fmu")

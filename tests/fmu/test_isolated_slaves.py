@@ -102,7 +102,7 @@ def test_values_and_log_lines_are_those_of_a_slave_here(fmi3: FmuDescription) ->
     assert len(logs[0].lines) > 0
 
 
-@pytest.mark.parametrize("version", ["2.0", "3.0"])
+@pytest.mark.parametrize("version", sampled(["2.0", "3.0"], 1))
 def test_states_are_saved_restored_and_serialised(tmp_path: Path, version: str) -> None:
     """As bytes too; the address of a state is one of the other process."""
     with isolated_slave(hostile(tmp_path, version)) as there:
@@ -202,7 +202,7 @@ DEATHS = {"segfault": "SIGSEGV", "kill": "SIGKILL", "exit-0": "exit code 0", "ab
 
 
 @pytest.mark.usefixtures("bell")
-@pytest.mark.parametrize("fault", sampled(DEATHS, 3))
+@pytest.mark.parametrize("fault", sampled(DEATHS, 1))
 def test_death_is_named_at_once(tmp_path: Path, fault: str) -> None:
     """In a call over the pipe: component, call, what killed it; others go on, closing is quiet."""
     described, log = hostile(tmp_path), Log()
@@ -236,6 +236,7 @@ def test_death_while_it_is_freed_is_noted(tmp_path: Path) -> None:
     assert any("SIGSEGV" in message for _, message, _ in log.lines)
 
 
+@pytest.mark.slow
 def test_call_has_a_limit_once_it_is_initialised(tmp_path: Path) -> None:
     """A hang is ended, and names component, call and limit."""
     with isolated_slave(hostile(tmp_path), call_limit=0.2) as slave:

@@ -41,6 +41,7 @@ def built_by(packages: Path, out: Path) -> list[Path]:
     return [Path(line) for line in done.stdout.splitlines()]
 
 
+@pytest.mark.slow
 def test_an_installed_package_builds_the_same_fmus(tmp_path: Path) -> None:
     """Laid out as the wheel is, from `cosim/components`, byte for byte."""
     wheel = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))

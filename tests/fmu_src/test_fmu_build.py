@@ -318,7 +318,7 @@ def test_wrong_tables_are_refused() -> None:
         dataclasses.replace(spec, variables=(*spec.variables, loose))
 
 
-_FLOWN_BEFORE = """
+_RUN_BEFORE = """
 import sys
 from pathlib import Path
 import fmpy
@@ -332,8 +332,8 @@ assert sys.path == path and sys.modules["pythonfmu"] is pythonfmu
 """
 
 
-def test_a_build_does_not_depend_on_what_was_flown_before(tmp_path: Path) -> None:
+def test_a_build_does_not_depend_on_what_ran_before(tmp_path: Path) -> None:
     """An FMU flown in the same process brings a PythonFMU of its own, without binaries."""
     first = build_fmu("PaperController", tmp_path, flavour="python", prebuilt=False)
-    subprocess.run([sys.executable, "-c", _FLOWN_BEFORE], cwd=tmp_path, check=True)  # noqa: S603
+    subprocess.run([sys.executable, "-c", _RUN_BEFORE], cwd=tmp_path, check=True)  # noqa: S603
     assert (tmp_path / "again" / first.name).read_bytes() == first.read_bytes()

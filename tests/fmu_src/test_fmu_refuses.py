@@ -167,6 +167,7 @@ print(json.dumps(result))
     assert "the stop time, 0.5 s, must not be before the start time, 1.0 s" in result["messages"]
 
 
+@pytest.mark.slow
 def test_parameter_out_of_bounds_is_refused(fmus: Path) -> None:
     """A negative delay and an amplitude beyond 1 are refused before anything runs."""
     for name, value in (("delay.d", -0.1), ("F.amplitude", 1.5), ("solver.step", 0.0)):

@@ -103,6 +103,7 @@ def test_a_constant_disturbance_leaves_no_error(folder: Path) -> None:
     assert np.abs(sums[: len(found["xi"])] - found["xi"]).max() < 1e-9
 
 
+@pytest.mark.slow
 def test_saturation_does_not_wind_the_integral_up(folder: Path) -> None:
     """After a disturbance beyond the limit the integral is back sooner than without the rule."""
     short = {"until": 'for = "15 s"', "end": 100}

@@ -93,7 +93,7 @@ def channel(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.parametrize("order", ["newest-wins", "fifo", "as-arrived"])
-@pytest.mark.parametrize("case", LINKS)
+@pytest.mark.parametrize("case", sampled(LINKS, 8))
 def test_link_fmu_is_the_link_on_the_grid(channel: Path, case: str, order: str) -> None:
     """Values, age, sequence numbers and drops, bit for bit."""
     changed = {"sample_time_ns": 80 * MS, "seed": 11, "order": order} | LINKS[case]
@@ -114,6 +114,7 @@ def test_link_fmu_is_the_link_on_the_grid(channel: Path, case: str, order: str) 
 CHAIN = LossChain(((0.8, 0.15, 0.05), (0.3, 0.6, 0.1), (0.0, 0.1, 0.9)), (0.0, 0.4, 1.0))
 
 
+@pytest.mark.slow
 def test_a_link_fmu_has_the_chain_of_its_link(tmp_path: Path) -> None:
     """Three states draw what the project's own link draws, bit for bit, over a saved state too."""
     link = PacketLink("uplink", 30 * MS, delay_ns=90 * MS, loss=CHAIN, on_loss="zero", seed=4)
@@ -206,6 +207,7 @@ def check_random_links(channel: Path, numbers: range) -> None:
         assert np.array_equal(rows[:, 4], state.dropped[1:] - here), number
 
 
+@pytest.mark.slow
 def test_random_links_are_the_links_on_the_grid(channel: Path) -> None:
     check_random_links(channel, range(60))
 

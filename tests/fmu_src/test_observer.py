@@ -54,6 +54,7 @@ PACKET = st.tuples(
 )
 
 
+@pytest.mark.slow
 @settings(max_examples=25)
 @given(sizes=STEPS, packets=st.lists(st.none() | PACKET, min_size=40, max_size=40))
 def test_c_and_python_agree_to_the_last_bit(native: Path, sizes: Any, packets: Any) -> None:

@@ -155,6 +155,7 @@ def longest_stable(A: Any, G: Any, eta: float) -> float:
     return h
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", sampled(range(10), 1))
 def test_no_sampled_claim_is_beyond_a_pattern_of_intervals(seed: int) -> None:
     """Nothing is certified where a pattern of one to three intervals diverges; most below is."""

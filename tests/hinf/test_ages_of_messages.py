@@ -60,6 +60,7 @@ def test_each_age_has_its_own_gain_and_exact_figures() -> None:
         assert z.max() == pytest.approx(row.exact_norm, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_a_gamma_is_met_or_missed() -> None:
     """And with it the limits are shorter than for stability."""
     system = DelaySystem(

@@ -139,7 +139,7 @@ def test_the_published_ladder(order: int, d: float, beyond: float) -> None:
     assert refused.reason
 
 
-@pytest.mark.parametrize("order", sampled([1, 3, 0, 2, 4, 5], 2))
+@pytest.mark.parametrize("order", sampled([1, 3, 0, 2, 4, 5], 1))
 def test_the_certified_delay_climbs_and_stays_below_the_truth(order: int) -> None:
     """The ladder to all its published digits, each certified, none above 6.172581371."""
     found = certified_delay(benchmark(1.0), order=order)
@@ -172,6 +172,7 @@ def test_a_loop_that_bears_no_delay_has_no_greatest_one() -> None:
         assert not found.limit_reached
 
 
+@pytest.mark.slow
 def test_a_loop_that_needs_its_delay() -> None:
     """A = [0 1; -2 0.1], Ad = [0 0; 1 0] (Seuret and Gouaisbaut) is stable for d in an interval.
 

@@ -98,6 +98,7 @@ def test_what_is_no_number_is_bad_input(bad: Any) -> None:
             DelaySystem([[bad]])
 
 
+@pytest.mark.slow
 def test_the_greatest_delay_of_a_huge_gain_is_found_or_not() -> None:
     """At a delay where it cannot be analysed, the search goes on below."""
     found = certified_delay(paper_example.system(), [[1e12, -1e12]], limit=1.0, precision=0.1)
@@ -105,6 +106,7 @@ def test_the_greatest_delay_of_a_huge_gain_is_found_or_not() -> None:
     assert found.d is None or found.d < 1.0
 
 
+@pytest.mark.slow
 def test_the_command_answers_undecided(tmp_path: Any) -> None:
     """With exit code 0, as its help says; 2 for a NaN."""
     result = cosim("analyse", "paper", "--gain", "[[1e12, -1e12]]", cwd=tmp_path)

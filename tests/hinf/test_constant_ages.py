@@ -134,6 +134,7 @@ def test_ages_of_a_pair_are_named_by_measurement_and_command() -> None:
     assert constant_ages_claimed({"kind": "norm", "claim": {}}) == {}
 
 
+@pytest.mark.slow
 def test_an_old_pair_is_proved_again_with_its_own_gains() -> None:
     """K, L, the plant and its delay stay; commands get any age; both checkers prove it."""
     old = old_claim()
@@ -171,6 +172,7 @@ def test_gains_that_need_an_old_measurement_are_not_proved_for_a_younger_one() -
         proved_again(old, hold=0.05)
 
 
+@pytest.mark.slow
 def test_the_command_of_a_certificate_proves_it_again(tmp_path: Path) -> None:
     """What the verb stores is read as a design, and asks for no command any more."""
     text = LATE.replace("[observer]", "[observer]\ncommand_age = 0")

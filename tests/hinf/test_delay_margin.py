@@ -129,6 +129,7 @@ def test_units_of_the_states_do_not_matter() -> None:
     assert margins(system) == (pytest.approx(6.172581371, abs=1e-8),)
 
 
+@pytest.mark.slow
 def test_vehicle_over_its_link() -> None:
     """Four axes, s^2 + a s e^{-s/2} + (p + q s) e^{-s tau}: the first to fail, in closed form."""
     a, gains = 0.05, [(0.075, 0.53), (0.072, 0.54), (0.047, 0.55), (0.052, 0.53)]

@@ -14,6 +14,7 @@ from cosim.hinf import analyse, design
 from cosim.hinf.certificate import standalone
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("n", sampled([6, 8], 1))
 def test_no_gain_of_cvxpy_is_clearly_better(n: int) -> None:
     """The design is as good as the best of the gains that cvxpy finds, each analysed."""

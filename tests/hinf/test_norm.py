@@ -178,6 +178,7 @@ def test_gain_keeps_the_shape_of_the_frequencies() -> None:
     assert gain_at(loop, 0.0).shape == ()
 
 
+@pytest.mark.slow
 def test_vehicle_over_its_link() -> None:
     """The late-feedback vehicle: norm about 1.9, each axis in closed form; high gains have none."""
     n, state_delay, loop_delay = 8, 0.5, 1.25

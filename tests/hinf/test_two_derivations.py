@@ -15,7 +15,7 @@ from typing import Any
 import flint
 import numpy as np
 import pytest
-from shared import slow_share_of
+from shared import sampled, slow_share_of
 from solver_points import Point
 
 from cosim.hinf.certificate import (
@@ -202,7 +202,7 @@ KINDS: dict[str, dict[str, Any]] = {
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-@pytest.mark.parametrize("order", [0, 1, 2])
+@pytest.mark.parametrize("order", sampled([1, 0, 2], 1))
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("least", [0.0, 0.125])
 def test_ages_as_they_are(

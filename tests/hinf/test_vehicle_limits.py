@@ -73,6 +73,7 @@ def test_no_simulated_run_from_the_box_exceeds_the_proved_peak(found: Design) ->
     assert bounds[0] <= 4 * most[0]
 
 
+@pytest.mark.slow
 def test_thrust_follows_from_acceleration(found: Design) -> None:
     """|u| bounds the forces through M: surge below 2 kN, from the certificate checked again."""
     assert check_certificate(found.certificate).valid

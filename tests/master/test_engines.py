@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from coupled import end, ns, section_5
 from mixed import mixed_fmu
+from shared import sampled
 
 import cosim.master.compiled as compiled_module
 import cosim.master.engine as engine_module
@@ -101,7 +102,7 @@ LINKS: dict[str, list[Link]] = {
 
 
 @pytest.mark.parametrize("links", LINKS.values(), ids=LINKS)
-@pytest.mark.parametrize("events", ["align", "grid"])
+@pytest.mark.parametrize("events", sampled(["align", "grid"], 1))
 def test_engines_agree_bit_for_bit(fmus: Path, links: list[Link], events: Any) -> None:
     run = both(lambda: section_5(fmus, step=0.01, stop=3.0, links=links, events=events))
     assert run.status == "finished"

@@ -64,6 +64,7 @@ def isolated(system: System, *names: str) -> System:
     return replace(system, components=components)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("engine", "threads"), sampled([("kernel", 1), ("kernel", 3), ("python", 1)], 1)
 )

@@ -86,7 +86,7 @@ def test_a_last_row_that_is_right_is_taken() -> None:
     assert (taken.array[0] == 1.0).all()
 
 
-def test_a_row_that_is_shown_before_it_is_complete_is_taken_as_it_became() -> None:
+def test_a_row_that_is_copied_before_it_is_complete_is_taken_as_it_became() -> None:
     """A session's result has values at its time, which the next step may change."""
     memory = _Memory(7, 3, 2)
     taken = TakenRows(memory, 2)

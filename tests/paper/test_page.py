@@ -59,6 +59,7 @@ def report() -> Report:
     return Report(("One sentence.",), rows, table, drawn)
 
 
+@pytest.mark.slow
 def test_page_needs_no_other_file(report: Report) -> None:
     """Well-formed, nothing fetched, pictures inside and parseable, every row on it."""
     html = page(report)

@@ -46,7 +46,7 @@ def executed(
     )
 
 
-@pytest.mark.parametrize(("name", "method"), sampled(WAYS, 2))
+@pytest.mark.parametrize(("name", "method"), sampled(WAYS, 1))
 def test_trace_is_that_of_one_process(
     tmp_path: Path,
     name: str,
@@ -65,6 +65,7 @@ def test_trace_is_that_of_one_process(
     assert columns[0] == columns[1]
 
 
+@pytest.mark.slow
 def test_fresh_interpreters_give_the_same_trace(tmp_path: Path) -> None:
     """For the run and for its isolated slaves."""
     here = executed("paper-example", tmp_path, None, isolate=False)

@@ -183,7 +183,7 @@ def some(members: Iterable[Any], number: int) -> list[Any]:
     return [*given[::number], *slow_share_of(left)]
 
 
-@pytest.mark.parametrize("seed", some(range(SYSTEMS), 8))
+@pytest.mark.parametrize("seed", some(range(SYSTEMS), 24))
 def test_blocks_of_random_systems(random_runs: RandomRuns, seed: int) -> None:
     """One block, blocks of one point, random blocks, and whole arrays: the same figures.
 
@@ -229,7 +229,8 @@ def test_blocks_of_scenarios(name: str, tmp_path: Path, monkeypatch: pytest.Monk
     blocks_are_nothing(load(name), tmp_path, monkeypatch)
 
 
-@pytest.mark.parametrize("seed", [5, *(pytest.param(x, marks=pytest.mark.slow) for x in (6, 7))])
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [5, 6, 7])
 def test_noise_of_several_measurements(
     seed: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

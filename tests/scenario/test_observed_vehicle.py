@@ -83,6 +83,7 @@ def test_the_controller_of_a_design_knows_limits_trim_and_thrust_map() -> None:
     assert start["age.usbl"] == 13.1
 
 
+@pytest.mark.slow
 def test_an_exported_controller_of_a_vehicle_commands_its_actuators(tmp_path: Path) -> None:
     """As the one of a scenario: limits, trim, thrust map; limits that are given replace them."""
     data, kind = stored("auv-survey"), FmuTarget("python")
@@ -100,6 +101,7 @@ def test_an_exported_controller_of_a_vehicle_commands_its_actuators(tmp_path: Pa
     assert {"u[1]", "trim.usbl[1]", "envelope[7]"} <= set(alone)
 
 
+@pytest.mark.slow
 def test_a_survey_can_be_repeated_from_its_trace(tmp_path: Path) -> None:
     """FMUs of a design are found again by what the scenario calls them."""
     words = ("--until", "20 s", "--fmus", fmu_store(), "--out", "s.mcap")

@@ -98,6 +98,7 @@ def outages(folder: Path, watchdog: str, *more: str) -> dict[str, Any]:
     return found
 
 
+@pytest.mark.slow
 def test_with_a_watchdog_every_interval_is_covered_and_V_stays_below_its_bound(
     folder: Path,
 ) -> None:
@@ -164,6 +165,7 @@ def test_the_summary_says_what_was_suspended(folder: Path) -> None:
     assert "time in touch, needed" in (folder / "t.html").read_text("utf-8")
 
 
+@pytest.mark.slow
 def test_both_engines_fall_back_at_the_same_points(folder: Path) -> None:
     """And a watchdog that never acts changes nothing: same bits as without one."""
     hashes = []

@@ -76,6 +76,7 @@ def test_twenty_runs_in_each_of_four_threads(
     assert made(way, tmp_path, fmu_store(), 20, supervise) == alone(place)
 
 
+@pytest.mark.slow
 def test_what_is_missing_is_built_once_for_all_threads(tmp_path: Path, place: Path) -> None:
     """Neither FMUs below a folder, which is relative, nor libraries are there yet."""
     assert made("threads", tmp_path, "fmus", 2) == alone(place)

@@ -12,6 +12,7 @@ from cli.shell import cosim
 from master.scalar import scalar_fmu
 from numpy.typing import NDArray
 from scipy.linalg import expm
+from shared import sampled
 
 from cosim.core import InputError
 from cosim.scenario import FmuCache, StepCheck, check_step, parse, prepare, run
@@ -76,7 +77,7 @@ def errors(folder: Path, text: str, tmp_path: Path) -> dict[str, float]:
     return found
 
 
-@pytest.mark.parametrize("observe", [False, True])
+@pytest.mark.parametrize("observe", sampled([False, True], 1))
 @pytest.mark.parametrize(
     ("more", "policy", "order"),
     [

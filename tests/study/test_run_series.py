@@ -113,7 +113,7 @@ def rows_of(made: tuple[Outcome, Run]) -> tuple[Any, ...]:
     return rows, repr(run.statistics), repr(data)
 
 
-@pytest.mark.parametrize("name", sampled(STUDIES, 4))
+@pytest.mark.parametrize("name", sampled(STUDIES, 2))
 def test_a_run_of_a_series_is_the_run_alone(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """In any order, rows, statistics and every figure; most with the slaves of the run before."""
     plan = study_of(name)

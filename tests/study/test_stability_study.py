@@ -59,6 +59,7 @@ def test_the_loop_delay_margin_is_where_a_root_lies_on_the_axis() -> None:
     assert loop_delay_margin(paper, K / 5.0) is None  # stable however late
 
 
+@pytest.mark.slow
 def test_the_measured_boundary_is_the_exact_delay_margin_within_the_grid(
     native_fmus: Path, tmp_path: Path
 ) -> None:

@@ -21,6 +21,7 @@ from cosim.study.run_log import RunLog
 from cosim.trace import Trace
 
 
+@pytest.mark.slow
 def test_a_run_that_hangs_ends_at_its_limit(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -148,6 +149,7 @@ def test_traces_of_failed_runs_are_kept_of_runs_that_crash(tmp_path: Path) -> No
     assert Trace(tmp_path / "traces" / "run-1.mcap").outcome is not None
 
 
+@pytest.mark.slow
 def test_a_study_with_more_samples_keeps_the_runs_that_it_has(tmp_path: Path) -> None:
     """The same table, bit for bit, as if it had had all samples from the start."""
 

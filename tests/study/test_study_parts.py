@@ -34,6 +34,7 @@ def parts(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return place
 
 
+@pytest.mark.slow
 def test_merged_parts_are_the_study_bit_for_bit(parts: Path, tmp_path: Path) -> None:
     """The table has the bytes of one flown in one place, the one trace that it keeps is there.
 

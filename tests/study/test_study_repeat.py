@@ -13,6 +13,7 @@ from study.studies_at_hand import study_folder
 from cosim.study import read_table
 
 
+@pytest.mark.slow
 def test_a_run_is_repeated_as_the_study_had_it(tmp_path: Path) -> None:
     """Samples and scenario are those of the folder; the metrics are those of the table."""
     folder = study_folder("mixed")

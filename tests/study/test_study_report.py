@@ -162,6 +162,7 @@ def test_same_study_same_page(tmp_path: Path) -> None:
     assert (tmp_path / "one.html").read_bytes() != (tmp_path / "two.html").read_bytes()
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("light")
 def test_studies_of_one_run_of_failures_and_of_rare_events(tmp_path: Path) -> None:
     """Each has a page that says what it is."""
@@ -177,6 +178,7 @@ def test_studies_of_one_run_of_failures_and_of_rare_events(tmp_path: Path) -> No
     assert "Sensitivity of x" in pages["indices"]
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("light")
 def test_an_unfinished_study_and_a_damaged_run_log(tmp_path: Path) -> None:
     """The runs that are done; lines that cannot be read are counted, exit code 3; none: 2."""

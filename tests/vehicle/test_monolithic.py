@@ -180,6 +180,7 @@ def survey_alone(trace: Trace) -> np.ndarray:
     return np.hstack([states, estimates])
 
 
+@pytest.mark.slow
 def test_a_flight_of_a_nonlinear_vehicle_agrees_with_one_simulation_of_everything(
     tmp_path: Path,
 ) -> None:

@@ -41,6 +41,7 @@ def outcome_of_axis(
     return execute_unrecorded(prepared)
 
 
+@pytest.mark.slow
 def test_each_measurement_has_its_own_age(folder: Path) -> None:
     """From stamp to use, holds included: the figures that the settings give."""
     outcome, run = outcome_of_axis(folder)
