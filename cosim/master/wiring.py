@@ -199,12 +199,16 @@ class Wiring:
         self._settle(first)
         self._drive(first, last)
 
+    def first_read(self, complete: int) -> int:
+        """Return the first row that is still read when `complete` rows are complete."""
+        read = (sample.oldest(complete) for sample in self.samples)
+        return max(0, min([complete - HISTORY, *read]))
+
     def give_back(self, complete: int) -> None:
         """Give back the memory of what is not read any more when `complete` rows are complete."""
         if complete - HISTORY < self.comm_points.oldest + HISTORY:  # not worth it yet
             return
-        read = (sample.oldest(complete) for sample in self.samples)
-        before = min([complete - HISTORY, *read])
+        before = self.first_read(complete)
         if before <= self.comm_points.oldest:
             return
         self.whole_rows = max(self.whole_rows, before)

@@ -86,6 +86,21 @@ def test_child_flies_many_runs_and_is_replaced_after_its_death(tmp_path: Path) -
     assert children() == before
 
 
+def test_a_long_run_keeps_all_of_its_rows(supervisor: Supervisor, tmp_path: Path) -> None:
+    """The memory that both processes have is given back while it goes."""
+    pair = {"a": {"a": -1.0, "b": 1.5, "x0": 1.0}, "b": {"a": -0.5, "b": -0.2, "x0": 0.8}}
+    wires = (("a.x", "b.u", None), ("b.x", "a.u", "back"))
+    back = PacketLink("back", ns(0.05), 0, ns(0.02))
+    system = scalars(
+        scalar_fmu(tmp_path), pair, wires, step=0.1, stop=4000.0, links=(back,), events="grid"
+    )
+    here, there = simulate(system, []), supervised(supervisor, system)
+    assert there.count == here.count >= 40_000
+    for name in ("a", "b"):
+        for variable in ("x", "u"):
+            assert np.array_equal(there.signal(name, variable), here.signal(name, variable))
+
+
 def with_bad(folder: Path, threads: int) -> System:
     """Six pumps, the fifth of which misbehaves in its step."""
     system = pump(folder, "segfault")

@@ -211,7 +211,7 @@ class _Executor:
         reason: str | None = "stopped before the first communication point"
         cause, count = None, 0
         if session.opened:
-            so_far = session.run_so_far(complete=True)
+            so_far = session.run_so_far(complete=True, whole=False)
             status, reason = so_far.status, so_far.reason
             cause, count = so_far.cause, so_far.count
         ended = messages.Conducted(run, status, reason, cause, count, session.engine, found)

@@ -9,7 +9,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from types import MappingProxyType
-from typing import Any, Final, Protocol
+from typing import Any, ClassVar, Final, Protocol
 
 import msgspec
 import numpy as np
@@ -90,6 +90,9 @@ class FollowedRun:
         were.
     child_leaves : whether the child cannot execute another run: it is not what it was before.
     """
+
+    _goes_back: ClassVar = False
+    """Whether it may go back to rows from before."""
 
     def __init__(
         self,
@@ -421,6 +424,8 @@ class FollowedRun:
             self._dispatch.deliver(complete)
             if not self._keep:
                 self._wiring.give_back(min(complete, self._dispatch.unread))
+            elif not self._goes_back:
+                self._taken_rows.give_back_shared(self._wiring.first_read(complete))
         except ComponentError as error:
             if error.kind != "altered":
                 raise

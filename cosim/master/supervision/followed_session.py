@@ -36,6 +36,8 @@ class AskedError(Exception):
 class FollowedSession(FollowedRun):
     """A session in the child, followed from here; close it to end the slaves."""
 
+    _goes_back = True
+
     def ask(
         self, function: Callable[..., Any], *arguments: Any, result: Any = None
     ) -> tuple[Any, SessionState]:

@@ -98,6 +98,17 @@ class TakenRows:
                 raise _altered(first, until)
         self._compared = max(self._compared, last)
 
+    def give_back_shared(self, before: int) -> None:
+        """Give back the memory of both of the rows before this one, once compared.
+
+        Raises
+        ------
+        ComponentError : as `compare`.
+        """
+        if before - self._compared >= _AT_ONCE:  # else not worth it yet
+            self.compare(before)
+            self._shared.give_back(before)
+
     def give_back(self, before: int) -> None:
         """Give back the memory of the rows before this one, here and there, once compared.
 
