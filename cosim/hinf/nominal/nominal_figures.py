@@ -69,6 +69,13 @@ class NominalFigures(Value):
         made.__dict__.update({name: values.get(name) for name in FIGURES})
         return made
 
+    def with_output(self, system: DelaySystem) -> NominalFigures:
+        """Return the figures of the same loop with the z of this system: it has the same roots."""
+        made = NominalFigures(system, self.K)
+        if system.has_performance == self.system.has_performance:
+            made.__dict__["_roots"] = self._roots
+        return made
+
     def content(self) -> tuple[Any, ...]:
         """Return all figures: what makes two of them equal."""
         return tuple(getattr(self, name) for name in FIGURES)

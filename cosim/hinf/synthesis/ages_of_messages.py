@@ -20,7 +20,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from cosim.core import InputError, NotAchievableError, Progress, html_table, silent
 from cosim.hinf.nominal import (
-    NominalFigures,
     checked_system,
     one_thread,
 )
@@ -295,7 +294,7 @@ def _row(
         K=K,
         gamma=loop.gamma,
         exact_norm=loop.exact_norm,
-        control=NominalFigures(_with_control_as_z(system), K).exact_norm if stable else None,
+        control=loop.figures.with_output(_with_control_as_z(system)).exact_norm if stable else None,
         margin=loop.figures.margin_of(index) if stable else None,
         stable=stable,
         reason=reason,
