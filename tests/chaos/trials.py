@@ -123,7 +123,8 @@ def _departures(trial: Trial, trouble: Trouble, ended: Ended, *, over: bool) -> 
 def _wrong_traces(folder: Path) -> Iterator[str]:
     """Whatever trace there is passes `verify`, or `recover` makes of it one that can be read."""
     for path in sorted(folder.rglob("*.mcap")):
-        yield from _wrong_trace(path)
+        if not path.parent.name.endswith(".partial"):  # else it was not whole when it was killed
+            yield from _wrong_trace(path)
     for path in sorted(folder.rglob("*.mcap.partial*")):
         try:
             target = folder / "mended.mcap"
