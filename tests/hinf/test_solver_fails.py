@@ -136,7 +136,12 @@ def test_the_vehicle_at_half_a_second_and_three(tmp_path: Path) -> None:
     late = with_delays(auv_system(), [0.5, 3.0])
     with pytest.raises(NotAchievableError) as failed:
         design(late, DEFAULT_K1, DEFAULT_K2, order=None, search=False)
-    assert "which does not prove that there is none" in str(failed.value)
+    # which of the two it says at a gamma of millions depends on last digits; neither is a claim
+    undecided = (
+        "which does not prove that there is none",
+        "before it found or excluded a solution",
+    )
+    assert any(words in str(failed.value) for words in undecided)
     with pytest.raises(NotAchievableError, match="meets the design constraints") as constrained:
         design(late, DEFAULT_K1, DEFAULT_K2, gain_limit=0.01, search=False)
     assert "at 4 pairs k1, k2" in str(constrained.value)

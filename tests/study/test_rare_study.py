@@ -100,7 +100,7 @@ def test_two_processes_give_the_table_of_one(tmp_path: Path, method: str) -> Non
     """Bit for bit, with traces of the worst runs of any level."""
     more = {"rare": {"method": method}, "traces": "worst:2 by x"}
     done = execute_study(event(5e-2, **more), tmp_path / "1")
-    both = execute_study(event(5e-2, **more), tmp_path / "2", partial(local, 2, 60.0))
+    both = execute_study(event(5e-2, **more), tmp_path / "2", partial(local, 2))
     assert (tmp_path / "1" / RESULTS).read_bytes() == (tmp_path / "2" / RESULTS).read_bytes()
     assert done.traces == both.traces
     assert set(done.traces.values()) == {None}
