@@ -290,11 +290,14 @@ def test_content_hash_while_writing_is_that_of_the_file(tmp_path: Path) -> None:
         second = writer.add_topic("/b", ETA, schema_name="b")
         for k in range(50, 300):
             writer.write(first, 10 * k, [float(k)])
-            writer.write(second, 10 * k, [1.0 / k] * len(ETA))
+            sent = {"publish_time_ns": 9 * k, "sequence": k}
+            writer.write(second, 10 * k, [1.0 / k] * len(ETA), **sent)
         writer.log(2990, "info", "a", "not covered")
-        times = np.arange(3000, 9000, 10)
-        values = np.arange(600.0)[:, None]
+        times, late = np.arange(3000, 9000, 10), np.arange(3005, 6005, 10)
+        values, poses = np.arange(600.0)[:, None], np.ones((600, 4))
         writer.write_rows([Rows(first, times, values)])
+        parts = Rows(second, late, np.ones((300, len(ETA))), late - 3, np.arange(300))
+        writer.write_rows([Rows(first, times + 6000, values), parts, Poses(times + 6000, poses)])
         writer.finish({})
     assert writer.content_hash == content_hash(path)
     with TraceWriter(tmp_path / "other.mcap", run={}) as other:
