@@ -161,7 +161,7 @@ def _saved_beside(save: Path) -> Iterator[Path]:
         with written_beside(save) as partial:
             partial.write_bytes(b"")  # the SDK says nothing of a place that cannot be written
             yield partial
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RuntimeError) as error:  # the last is what the SDK raises
         raise InputError(
             "the recording cannot be written", where=str(save), got=str(error)
         ) from error
