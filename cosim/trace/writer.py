@@ -390,9 +390,6 @@ class TraceWriter:
         """The content hash of what is written so far, as `cosim.trace.content_hash`."""
         if self._content is None:
             raise ValueError("expected TraceWriter(..., content_hash=True)")
-        if self._guard.open:
-            with self._guard:
-                self._lay_out()
         return self._content.hexdigest()
 
     def _add(self, row: bytes) -> None:

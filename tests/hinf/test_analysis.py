@@ -24,6 +24,7 @@ from cosim.core import InputError
 from cosim.hinf import analyse, auv_system, certified_delay, check_certificate, hinf_norm
 from cosim.hinf.certificate import analysis_from_json
 from cosim.hinf.exact import exact, exact_matrix
+from cosim.hinf.lmi import Condition
 from cosim.hinf.nominal import close
 from cosim.hinf.theorems import Age, Loop, minus_phi, with_inverse_of_gamma
 from cosim.models import Delay, DelaySystem, paper_example
@@ -469,3 +470,17 @@ def test_what_does_not_fit_is_bad_input() -> None:
     ):
         with pytest.raises(InputError):
             call()
+
+
+def test_a_gamma_that_is_asked_for_is_proved_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """However far above the least one it is: no other order can say more."""
+    asked: list[int] = []
+    usual = Condition.least_gamma
+
+    def counted(condition: Condition, *arguments: Any) -> float | None:
+        asked.append(condition.order)
+        return usual(condition, *arguments)
+
+    monkeypatch.setattr(Condition, "least_gamma", counted)
+    assert analyse(paper_example.system(), PRINTED, 50.0).gamma == 50.0
+    assert asked == [0]

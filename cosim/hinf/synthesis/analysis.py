@@ -261,8 +261,8 @@ def best_analysis(
         made.append(last)
         if last.gamma is not None:
             below = min(_worth(last), np.inf if below is None else below)
-        enough = known or gamma is not None or last.gamma is None or is_exact(last)
-        if last.certified and enough and not _is_far(last):
+        asked = gamma is not None or last.gamma is None
+        if last.certified and (asked or is_exact(last) or (known and not _is_far(last))):
             break
     certified = [one for one in made if one.certified]
     if certified:

@@ -105,9 +105,8 @@ class TakenRows:
         ------
         ComponentError : as `compare`.
         """
-        if before - self._compared >= _AT_ONCE:  # else not worth it yet
-            self.compare(before)
-            self._shared.give_back(before)
+        self.compare(before)
+        self._shared.give_back(before)
 
     def give_back(self, before: int) -> None:
         """Give back the memory of the rows before this one, here and there, once compared.
@@ -116,8 +115,7 @@ class TakenRows:
         ------
         ComponentError : as `compare`.
         """
-        self.compare(before)
-        self._shared.give_back(before)
+        self.give_back_shared(before)
         self._own.give_back(before)
 
     def _same(self, first: int, last: int) -> bool:
