@@ -10,15 +10,23 @@ NumPy; what is loaded is looked through for garbage less often, and not once mor
 
 from __future__ import annotations
 
+import _signal  # type: ignore[import-not-found]  # the interpreter's own: it imports nothing
+
+# what is imported next gets no exception of a signal, which callbacks of imports drop
+_handler = _signal.getsignal(_signal.SIGINT)
+_is_usual = _handler is _signal.default_int_handler
 try:
+    if _is_usual:
+        _signal.signal(_signal.SIGINT, _signal.SIG_DFL)
     import gc
     import io
     import os
     import sys
 
     from cosim.cli.interruptions import interruptions
-except KeyboardInterrupt:
-    raise SystemExit(130) from None
+finally:
+    if _is_usual:
+        _signal.signal(_signal.SIGINT, _handler)
 
 _OBJECTS_BETWEEN_COLLECTIONS = 50_000
 

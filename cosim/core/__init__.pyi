@@ -85,6 +85,7 @@ from .processes import (
     note_foreign_code as note_foreign_code,
     prepare_for_foreign_code as prepare_for_foreign_code,
     private_memory as private_memory,
+    uninterrupted as uninterrupted,
 )
 from .progress import (
     Progress as Progress,

@@ -9,8 +9,10 @@ import gc
 import os
 import signal
 import sys
-from types import MappingProxyType
-from typing import Final, Literal, NamedTuple
+import threading
+from collections.abc import Iterator
+from types import FrameType, MappingProxyType
+from typing import Any, Final, Literal, NamedTuple
 
 _LINE_BUFFERED: Final = 1
 DEATH_HINTS: Final = MappingProxyType(
@@ -105,3 +107,31 @@ def private_memory(process: int) -> int | None:
     except (OSError, ValueError):
         return None
     return (resident - shared) * os.sysconf("SC_PAGE_SIZE")
+
+
+@contextlib.contextmanager
+def uninterrupted(*, at_end: bool = False) -> Iterator[None]:
+    """Let Ctrl-C and SIGTERM wait until the end of a block, which must not stop halfway.
+
+    at_end : of Python, which drops the exceptions of what is done there: afterwards Ctrl-C ends the
+        process, unless somebody else handles it.
+    """
+    before: dict[int, Any] = {}
+    waiting: list[int] = []
+
+    def wait(number: int, _frame: FrameType | None) -> None:
+        waiting.append(number)
+
+    if threading.current_thread() is threading.main_thread():
+        for taken in (signal.SIGINT, signal.SIGTERM):
+            if signal.getsignal(taken) not in (signal.SIG_IGN, None):
+                before[taken] = signal.signal(taken, wait)
+    if at_end and before.get(signal.SIGINT) is signal.default_int_handler:
+        before[signal.SIGINT] = signal.SIG_DFL
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+        for number in waiting:
+            signal.raise_signal(number)

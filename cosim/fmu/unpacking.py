@@ -17,7 +17,7 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from cosim.core import InputError, has_locks, lock_file
+from cosim.core import InputError, has_locks, lock_file, uninterrupted
 from cosim.fmu.inspect.archive import open_archive
 
 if TYPE_CHECKING:
@@ -97,11 +97,12 @@ def own_folder() -> Path:
     global _process_folder  # noqa: PLW0603 - there is one process
     with _guard:
         if _process_folder is None or not _process_folder.is_own:
-            if _process_folder is not None:
-                _process_folder.remove_unpacked()
-            else:
-                atexit.register(remove_unpacked)
-            _process_folder = _ProcessFolder()
+            with uninterrupted():
+                if _process_folder is not None:
+                    _process_folder.remove_unpacked()
+                else:
+                    atexit.register(_remove_at_exit)
+                _process_folder = _ProcessFolder()
         return _process_folder.folder
 
 
@@ -122,6 +123,11 @@ def remove_unpacked() -> None:
             _process_folder = None
 
 
+def _remove_at_exit() -> None:
+    with uninterrupted(at_end=True):
+        remove_unpacked()
+
+
 def unpack_fmu(description: FmuDescription) -> Path:
     """Unpack an FMU and return its folder, which all its instances share; read only.
 
@@ -136,6 +142,7 @@ def unpack_fmu(description: FmuDescription) -> Path:
         archive = open_archive(description.path, description.sha256)
         draft = folder.with_suffix(".new")
         try:
+            draft.mkdir()  # not the folder of a process that is gone, which nobody would remove
             archive.unpack(draft)
             (draft / "resources").mkdir(exist_ok=True)  # FMUs get its path
             draft.rename(folder)
@@ -154,11 +161,18 @@ def _remove_stale(parent: Path) -> None:
         return
     for folder in parent.glob(f"{PREFIX}*"):
         with contextlib.suppress(OSError):  # another user's, or being removed by another process
-            with (folder / _LOCK).open("r+") as lock:
-                gone = lock_file(lock)
-            if gone:
+            if _is_left(folder):
                 shutil.rmtree(folder, ignore_errors=True)
     for draft in parent.glob(f"{_DRAFT}*"):
         with contextlib.suppress(OSError):
             if time.time() - draft.stat().st_mtime > _DRAFT_S:
                 shutil.rmtree(draft, ignore_errors=True)
+
+
+def _is_left(folder: Path) -> bool:
+    """Whether the process that made a folder has ended; without its lock it was half removed."""
+    try:
+        with (folder / _LOCK).open("r+") as lock:
+            return lock_file(lock)
+    except FileNotFoundError:
+        return True

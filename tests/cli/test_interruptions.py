@@ -60,3 +60,32 @@ def test_what_is_put_away_after_a_signal_is_not_interrupted_again(tmp_path: Path
     done = ended("SIGINT", _HANDLED.strip(), tmp_path)
     assert (done.returncode, done.stdout) == (130, "put away\n")
     assert "Traceback" not in done.stderr
+
+
+_LOADING = """
+import signal, sys
+
+class Dropped:
+    def __del__(self):
+        signal.raise_signal(signal.SIGINT)
+
+class Finder:
+    def find_spec(self, name, *_):
+        if name == "cosim.cli.interruptions":
+            Dropped()
+
+sys.meta_path.insert(0, Finder())
+from cosim.cli.entry import main
+print(signal.getsignal(signal.SIGINT) is signal.default_int_handler)
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Ctrl-C ends no process by a signal there")
+def test_a_signal_that_an_import_drops_ends_the_command(tmp_path: Path) -> None:
+    """Before the signals are taken as well; once the entry is loaded they are as they were."""
+    line = [sys.executable, "-c", _LOADING]
+    done = subprocess.run(line, cwd=tmp_path, capture_output=True, text=True, check=False)  # noqa: S603
+    assert (done.returncode, done.stdout, done.stderr) == (-2, "", "")
+    line[-1] = _LOADING.replace("raise_signal(signal.SIGINT)", "strsignal(2)")
+    done = subprocess.run(line, cwd=tmp_path, capture_output=True, text=True, check=False)  # noqa: S603
+    assert (done.returncode, done.stdout, done.stderr) == (0, "True\n", "")

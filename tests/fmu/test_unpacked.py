@@ -14,7 +14,14 @@ from foreign.c_fmu import c_fmu, talker
 from packed import files_of, pack
 
 from cosim.core import InputError
-from cosim.fmu import CheckedArchive, FmuDescription, FmuSlave, describe_fmu, unpack_fmu
+from cosim.fmu import (
+    CheckedArchive,
+    FmuDescription,
+    FmuSlave,
+    adopt_folder,
+    describe_fmu,
+    unpack_fmu,
+)
 from cosim.fmu.unpacking import PREFIX, remove_unpacked
 
 
@@ -144,20 +151,76 @@ unpack_fmu(describe_fmu(Path(sys.argv[1])))
 """
 
 
+def signalled(code: str, described: FmuDescription, scratch: Path) -> tuple[int, str]:
+    """Exit code and errors of a process that unpacks an FMU."""
+    done = subprocess.run(  # noqa: S603 - ourselves
+        [sys.executable, "-c", code, str(described.path)],
+        env={**os.environ, "TMPDIR": str(scratch)},
+        stderr=subprocess.PIPE,
+        text=True,
+        check=False,
+    )
+    return done.returncode, done.stderr
+
+
 def test_a_folder_that_is_being_made_is_left_by_no_signal(
     described: FmuDescription, scratch: Path
 ) -> None:
     """Nor, a minute after, by a process that was killed at this moment."""
     for name in ("SIGTERM", "SIGKILL"):
-        line = [sys.executable, "-c", _SIGNALLED.replace("SIGNAL)", f"{name})")]
-        environment = {**os.environ, "TMPDIR": str(scratch)}
-        done = subprocess.run([*line, str(described.path)], env=environment, check=False)  # noqa: S603
-        assert done.returncode == (1 if name == "SIGTERM" else -signal.SIGKILL)
+        code, _ = signalled(_SIGNALLED.replace("SIGNAL)", f"{name})"), described, scratch)
+        assert code == (1 if name == "SIGTERM" else -signal.SIGKILL)
         assert len(list(scratch.iterdir())) == (name == "SIGKILL")
     (left,) = scratch.iterdir()
     os.utime(left, (0, 0))
     unpack_fmu(described)
     assert not left.exists()
+    remove_unpacked()
+    assert list(scratch.iterdir()) == []
+
+
+_HALFWAY = """
+import signal, sys
+from pathlib import Path
+from cosim.fmu import describe_fmu, unpack_fmu
+import tempfile, shutil
+usual = MODULE.FUNCTION
+def interrupted(*given, **named):
+    found = usual(*given, **named)
+    signal.raise_signal(signal.SIGINT)
+    return found
+described = describe_fmu(Path(sys.argv[1]))
+if "FUNCTION" == "rmtree":
+    unpack_fmu(described)
+MODULE.FUNCTION = interrupted
+unpack_fmu(described)
+"""
+
+
+def test_ctrl_c_stops_no_folder_halfway(described: FmuDescription, scratch: Path) -> None:
+    """It waits until the folder is there, or is gone; at the end of Python it is not dropped."""
+    made = _HALFWAY.replace("MODULE", "tempfile").replace("FUNCTION", "mkdtemp")
+    code, errors = signalled(made, described, scratch)
+    assert code == -signal.SIGINT
+    assert errors.endswith("KeyboardInterrupt\n")
+    assert list(scratch.iterdir()) == []
+    gone = _HALFWAY.replace("MODULE", "shutil").replace("FUNCTION", "rmtree")
+    assert signalled(gone, described, scratch) == (-signal.SIGINT, "")
+    assert list(scratch.iterdir()) == []
+
+
+def test_nobody_remakes_the_folder_of_a_process_that_is_gone(
+    described: FmuDescription, scratch: Path
+) -> None:
+    """Nobody would remove it; one that was removed by halves is removed by the next."""
+    half = scratch / f"{PREFIX}1-1"
+    (half / "abc").mkdir(parents=True)
+    remove_unpacked()
+    unpack_fmu(described)
+    assert not half.exists()
+    adopt_folder(half)
+    with pytest.raises(InputError, match="the FMU cannot be unpacked"):
+        unpack_fmu(described)
     remove_unpacked()
     assert list(scratch.iterdir()) == []
 
