@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import shlex
+import subprocess
 import sys
 from pathlib import Path
 from typing import Any
@@ -198,3 +200,21 @@ def test_recording_that_cannot_be_saved_is_refused(tmp_path: Path) -> None:
     assert refused.code == 2
     assert cosim("trace", "view", "none.mcap", "--save", "x.rrd", cwd=tmp_path).code == 2
     assert not (tmp_path / "x.rrd").exists()
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no limit of a file's size there")
+def test_recording_that_may_not_grow_is_refused(tmp_path: Path) -> None:
+    """And ends: the SDK of Rerun waits for ever for a file that does not take what it has."""
+    line = [sys.executable, "-m", "cosim", "trace", "view", str(trace_of("paper-example"))]
+    words = shlex.join([*line, "--save", "x.rrd"])
+    done = subprocess.run(  # noqa: S603 - ourselves
+        ["/bin/sh", "-c", f"ulimit -f 1; exec {words}"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=60,
+    )
+    assert done.returncode == 2, done.stderr
+    assert done.stderr.startswith("x.rrd: the recording cannot be written\n")
+    assert not [*tmp_path.iterdir()]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import uuid
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -39,8 +38,10 @@ _AT_ONCE = 6
 """Most charts in one tab."""
 
 
-def write_recording(rr: Any, content: Content, pose: dict[str, Reals], target: Path) -> None:
-    """Write the recording of a trace, with its layout.
+def recording_of(rr: Any, content: Content, pose: dict[str, Reals]) -> bytes:
+    """Return the recording of a trace, with its layout: the content of a file `.rrd`.
+
+    It is laid out in memory: Rerun never returns from a file that must not grow further.
 
     Parameters
     ----------
@@ -51,7 +52,8 @@ def write_recording(rr: Any, content: Content, pose: dict[str, Reals], target: P
 
     number = uuid.uuid5(uuid.NAMESPACE_OID, str(content.info["content_hash"]))
     recording = rr.RecordingStream(APPLICATION, recording_id=number, send_properties=False)
-    recording.save(target, default_blueprint=_layout(rrb, content, pose))
+    laid_out = recording.memory_recording()
+    recording.send_blueprint(_layout(rrb, content, pose), make_active=False)
     if pose:
         _log_pose(rr, recording, content, pose)
     known: set[str] = set()
@@ -78,8 +80,8 @@ def write_recording(rr: Any, content: Content, pose: dict[str, Reals], target: P
     recording.log(
         "/verdict", rr.TextDocument(_verdict(content), media_type="text/markdown"), static=True
     )
-    recording.flush()
-    recording.disconnect()
+    whole: bytes = laid_out.drain_as_bytes()
+    return whole
 
 
 def entity(chart: Chart, curve: Curve) -> str:

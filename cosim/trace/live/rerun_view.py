@@ -6,14 +6,13 @@ import os
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from cosim.core import InputError, optional, written_beside
-from cosim.trace.live.rerun_recording import write_recording
+from cosim.core import InputError, optional, write_whole
+from cosim.trace.live.rerun_recording import recording_of
 from cosim.trace.reader import Trace
 from cosim.trace.report.content import content_of
 from cosim.trace.report.series import Reals, Recording
@@ -61,14 +60,13 @@ def view_in_rerun(path: Path, save: Path | None = None) -> ViewResult:
     if save is None:
         _check_display()
     content = content_of(path)
-    pose = _pose(path)
+    whole = recording_of(rr, content, _pose(path))
     if save is not None:
-        with _saved_beside(save) as partial:
-            write_recording(rr, content, pose, partial)
+        _save(whole, save)
         return ViewResult(path, save, len(content.charts))
     with tempfile.TemporaryDirectory(prefix="cosim-view-") as folder:
         recording = Path(folder, f"{path.name}.rrd")
-        write_recording(rr, content, pose, recording)
+        _save(whole, recording)
         _open(recording, quiet_environment(Path(folder, "settings")))
     return ViewResult(path, None, len(content.charts))
 
@@ -154,14 +152,10 @@ def _check_display() -> None:
         )
 
 
-@contextmanager
-def _saved_beside(save: Path) -> Iterator[Path]:
-    """Give a path to write a recording to; it becomes `save` when it is complete."""
+def _save(recording: bytes, path: Path) -> None:
     try:
-        with written_beside(save) as partial:
-            partial.write_bytes(b"")  # the SDK says nothing of a place that cannot be written
-            yield partial
-    except (OSError, ValueError, RuntimeError) as error:  # the last is what the SDK raises
+        write_whole(path, recording)
+    except (OSError, ValueError) as error:
         raise InputError(
-            "the recording cannot be written", where=str(save), got=str(error)
+            "the recording cannot be written", where=str(path), got=str(error)
         ) from error
