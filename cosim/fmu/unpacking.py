@@ -15,7 +15,7 @@ import tempfile
 import threading
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import IO, TYPE_CHECKING
 
 from cosim.core import InputError, has_locks, lock_file, uninterrupted
 from cosim.fmu.inspect.archive import open_archive
@@ -26,9 +26,8 @@ if TYPE_CHECKING:
 PREFIX = "cosim-fmus-"
 _WITHOUT_LOCK = "cosim-kept-"
 _DRAFT = "cosim-new-"
-_DRAFT_S = 60.0
-"""After which a folder without its lock and name is left from a process that was killed."""
 _LOCK = "in-use"
+_DRAFTS = 10
 
 
 class _ProcessFolder:
@@ -37,19 +36,10 @@ class _ProcessFolder:
     def __init__(self) -> None:
         self.process = os.getpid()
         self.parent = Path(tempfile.gettempdir())
-        _remove_stale(self.parent)
-        # locked before it gets the name that `_remove_stale` looks for
-        draft = Path(tempfile.mkdtemp(prefix=_DRAFT, dir=self.parent))
-        try:
-            self._lock = (draft / _LOCK).open("w")
-            lock_file(self._lock)
-            self.folder = self.parent / (
-                f"{PREFIX if has_locks() else _WITHOUT_LOCK}{self.process}-{time.time_ns()}"
-            )
-            draft.rename(self.folder)
-        except BaseException:  # a signal, too, ends the process here
-            shutil.rmtree(draft, ignore_errors=True)
-            raise
+        _remove_left(self.parent)
+        prefix = PREFIX if has_locks() else _WITHOUT_LOCK
+        self.folder = self.parent / f"{prefix}{self.process}-{time.time_ns()}"
+        self._lock = _locked_folder(self.folder)
 
     @property
     def is_own(self) -> bool:
@@ -66,6 +56,29 @@ class _ProcessFolder:
         if self.process == os.getpid():
             shutil.rmtree(self.folder, ignore_errors=True)
             _remove_one_by_one(self.folder)
+
+
+def _locked_folder(folder: Path) -> IO[str]:
+    """Make a folder that has its lock before it has its name; return the file of the lock.
+
+    Without its lock, a draft may be taken for one that a killed process left: it is made again.
+    Where a file system has no locks, nobody can take one, and the folder goes without.
+    """
+    for attempt in range(_DRAFTS):
+        draft = Path(tempfile.mkdtemp(prefix=_DRAFT, dir=folder.parent))
+        try:
+            lock = (draft / _LOCK).open("w")
+            if lock_file(lock) or attempt + 1 == _DRAFTS:
+                draft.rename(folder)
+                return lock
+            lock.close()
+        except FileNotFoundError:
+            continue
+        except BaseException:
+            shutil.rmtree(draft, ignore_errors=True)
+            raise
+        shutil.rmtree(draft, ignore_errors=True)
+    raise InputError("no folder can be made to unpack FMUs in", where=str(folder.parent))
 
 
 def _remove_one_by_one(folder: Path) -> None:
@@ -155,24 +168,18 @@ def unpack_fmu(description: FmuDescription) -> Path:
         return folder
 
 
-def _remove_stale(parent: Path) -> None:
-    """Remove the folders of processes that have ended."""
+def _remove_left(parent: Path) -> None:
+    """Remove the folders of processes that have ended, and drafts of those that were killed."""
     if not has_locks():
         return
-    for folder in parent.glob(f"{PREFIX}*"):
+    for folder in (*parent.glob(f"{PREFIX}*"), *parent.glob(f"{_DRAFT}*")):
         with contextlib.suppress(OSError):  # another user's, or being removed by another process
-            if _is_left(folder):
-                shutil.rmtree(folder, ignore_errors=True)
-    for draft in parent.glob(f"{_DRAFT}*"):
-        with contextlib.suppress(OSError):
-            if time.time() - draft.stat().st_mtime > _DRAFT_S:
-                shutil.rmtree(draft, ignore_errors=True)
-
-
-def _is_left(folder: Path) -> bool:
-    """Whether the process that made a folder has ended; without its lock it was half removed."""
-    try:
-        with (folder / _LOCK).open("r+") as lock:
-            return lock_file(lock)
-    except FileNotFoundError:
-        return True
+            try:
+                lock = (folder / _LOCK).open("r+")
+            except FileNotFoundError:
+                # removed by halves; or a draft that may be about to get its lock: only if empty
+                folder.rmdir() if folder.name.startswith(_DRAFT) else shutil.rmtree(folder)
+                continue
+            with lock:  # held as long as it takes: it may have been a living process's draft
+                if lock_file(lock):
+                    shutil.rmtree(folder, ignore_errors=True)

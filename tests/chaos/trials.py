@@ -91,7 +91,7 @@ def attempt(trial: Trial, stock: Path, run_s: float) -> Found:
         wrong = [*_departures(trial, trouble, ended, over=over), *_wrong_traces(place)]
         at_once = ended.code in (-signal.SIGKILL, -signal.SIGTERM, -signal.SIGINT)
         if trouble.signal and at_once and folder.is_dir():
-            wrong += _wrong_after_kill(trial, line, folder, scratch)
+            wrong += _wrong_after_kill(trial, line, folder, ended.files_left, stock)
         elif ended.files_left:
             wrong.append(f"left in the temporary folder: {', '.join(ended.files_left)}")
         return Found(trial, trouble.words, ended, tuple(wrong))
@@ -147,14 +147,23 @@ def _wrong_trace(path: Path) -> Iterator[str]:
             yield f"{path.name}: {check.name}: {check.detail}"
 
 
-def _wrong_after_kill(trial: Trial, line: list[str], folder: Path, scratch: Path) -> Iterator[str]:
-    """The next one of the same goes well, keeps what the killed one had, and tidies up."""
+def _wrong_after_kill(
+    trial: Trial, line: list[str], folder: Path, left: tuple[str, ...], stock: Path
+) -> Iterator[str]:
+    """The next one of the same goes well, keeps what the killed one had, and leaves nothing.
+
+    left : by the killed one in the temporary folder; the next that unpacks FMUs removes it.
+    """
+    scratch = folder.with_name("tmp")
     kept = [path for path in folder.rglob("*.mcap.partial") if path.stat().st_size]
     again = Command(line, folder, scratch).ended()
     if again.code != DOORS[trial.door].usual:
         yield f"the next one ends with {again.code}: {again.printed[-300:]}"
-    if again.files_left:
-        yield f"left in the temporary folder by the next one: {', '.join(again.files_left)}"
+    still = again.files_left
+    if still and {*still} <= {*left}:  # a study may have had nothing to do
+        still = Command(lay_out("run", stock, folder), folder, scratch).ended().files_left
+    if still:
+        yield f"left in the temporary folder by the next one: {', '.join(still)}"
     for path in kept:
         if trial.door.startswith("run") and f"{path.name}.1" not in again.printed:
             rows = _has_rows(path.with_name(f"{path.name}.1"))

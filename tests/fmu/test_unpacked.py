@@ -8,6 +8,7 @@ import subprocess
 import sys
 import tempfile
 from pathlib import Path
+from typing import Any
 
 import pytest
 from foreign.c_fmu import c_fmu, talker
@@ -166,15 +167,48 @@ def signalled(code: str, described: FmuDescription, scratch: Path) -> tuple[int,
 def test_a_folder_that_is_being_made_is_left_by_no_signal(
     described: FmuDescription, scratch: Path
 ) -> None:
-    """Nor, a minute after, by a process that was killed at this moment."""
+    """Nor by the next process where one was killed at this moment."""
     for name in ("SIGTERM", "SIGKILL"):
         code, _ = signalled(_SIGNALLED.replace("SIGNAL)", f"{name})"), described, scratch)
         assert code == (1 if name == "SIGTERM" else -signal.SIGKILL)
         assert len(list(scratch.iterdir())) == (name == "SIGKILL")
     (left,) = scratch.iterdir()
-    os.utime(left, (0, 0))
+    bare = scratch / left.name.replace("-new-", "-new-x")
+    bare.mkdir()  # before it got its lock
     unpack_fmu(described)
     assert not left.exists()
+    assert not bare.exists()
+    remove_unpacked()
+    assert list(scratch.iterdir()) == []
+
+
+def test_a_draft_that_another_process_removes_is_made_again(
+    described: FmuDescription, scratch: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Before it has its lock a draft of a living process looks like one that was left."""
+    make, made = tempfile.mkdtemp, []
+
+    def removed_at_first(**given: Any) -> str:
+        made.append(make(**given))
+        if len(made) == 1:
+            Path(made[0]).rmdir()
+        return made[-1]
+
+    monkeypatch.setattr(tempfile, "mkdtemp", removed_at_first)
+    assert unpack_fmu(described).is_dir()
+    assert len(made) == 2
+    remove_unpacked()
+    assert list(scratch.iterdir()) == []
+
+
+def test_a_file_system_without_locks_is_none_to_wait_for(
+    described: FmuDescription, scratch: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The folder goes without, and is removed as usual."""
+    monkeypatch.setattr("cosim.fmu.unpacking.lock_file", lambda _file: False)
+    assert unpack_fmu(described).is_dir()
+    (room,) = scratch.iterdir()
+    assert room.name.startswith(PREFIX)
     remove_unpacked()
     assert list(scratch.iterdir()) == []
 
