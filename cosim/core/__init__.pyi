@@ -113,6 +113,7 @@ from .worker import (
     Output as Output,
     RaisedError as RaisedError,
     SharedMemory as SharedMemory,
+    Waiting as Waiting,
     Worker as Worker,
     default_method as default_method,
 )

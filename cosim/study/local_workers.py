@@ -7,7 +7,6 @@ is here. Each has a child of its own for its runs, as this process has where the
 from __future__ import annotations
 
 import contextlib
-import selectors
 import signal
 import socket
 from collections import defaultdict, deque
@@ -17,7 +16,7 @@ from typing import Any, Final
 
 import msgspec
 
-from cosim.core import FrameError, Frames, RaisedError, Worker, default_method
+from cosim.core import FrameError, Frames, RaisedError, Waiting, Worker, default_method
 from cosim.fmu import adopt_folder, own_folder
 from cosim.study.batch import Job, Row, begin_worker, record_batch, run_batch
 from cosim.study.workers import (
@@ -155,11 +154,8 @@ class LocalPool:
 
     def _heard(self, hands: _Hands) -> Iterator[tuple[Worker, list[Any] | WorkerDied]]:
         """Wait for a while; yield what workers have done by then, and which have died."""
-        with selectors.DefaultSelector() as selector:
-            for worker in hands.full:
-                for source in worker.watched():
-                    selector.register(source, selectors.EVENT_READ)
-            selector.select(_LOOK_S)
+        with Waiting(hands.full) as waiting:
+            waiting.wait(_LOOK_S)
         for worker in hands.full:
             while hands.count(worker) and (found := self._result(worker)) is not None:
                 yield worker, found

@@ -16,6 +16,7 @@ from cosim.core.worker.memory import SharedMemory
 from cosim.core.worker.output import MOST_LINES, Output
 from cosim.core.worker.process import Method, Worker, default_method
 from cosim.core.worker.raised import RaisedError
+from cosim.core.worker.waiting import Waiting
 
 __all__ = [
     "MOST_LINES",
@@ -25,6 +26,7 @@ __all__ = [
     "Output",
     "RaisedError",
     "SharedMemory",
+    "Waiting",
     "Worker",
     "default_method",
 ]

@@ -14,7 +14,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from cosim.core import FrameError, Output, Worker
+from cosim.core import FrameError, Output, Waiting, Worker
 from cosim.fmu.inspect.archive import open_archive
 from cosim.fmu.inspect.binaries import ROOT, missing_binary, platform_of
 from cosim.fmu.inspect.declared_model import DeclaredModel, Interface, Variable, integer, number
@@ -169,25 +169,20 @@ def _followed(worker: Worker, seconds: float) -> tuple[list[Event], int | str | 
     outputs = [Output(descriptor, "", "") for descriptor in (worker.stdout, worker.stderr)]
     until = time.monotonic() + seconds
     ended: int | str | None = None
-    while ended is None and time.monotonic() < until:
-        ended = worker.exit_status()
-        for output in outputs:
-            output.read(_forget)
-        try:
-            event = worker.frames.receive(_TICK_S)
-            while event is not None and len(events) < _MOST_EVENTS:
-                events.append(event)
-                event = worker.frames.take()
-        except EOFError:
-            if ended is None:
-                ended = worker.ended_within(_TICK_S)
-        except (FrameError, OSError):
-            ended = "what is no message of this program"
+    with Waiting([worker], outputs) as waiting:
+        while ended is None and time.monotonic() < until:
+            waiting.wait(_TICK_S)
+            ended = worker.exit_status()
+            try:
+                while (event := worker.frames.take()) is not None and time.monotonic() < until:
+                    if len(events) < _MOST_EVENTS:
+                        events.append(event)
+            except EOFError:
+                if ended is None:
+                    ended = worker.ended_within(_TICK_S)
+            except (FrameError, OSError):
+                ended = "what is no message of this program"
     return events, ended
-
-
-def _forget(_name: str, _level: str, _line: str) -> None:
-    """Nobody reads what it prints."""
 
 
 def _judge(

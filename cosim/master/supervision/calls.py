@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 import os
-import selectors
 import time
 from collections.abc import Callable, Iterator, Sequence
 from itertools import count
@@ -18,7 +17,7 @@ from typing import Any, Final
 import msgspec
 import numpy as np
 
-from cosim.core import FrameError, Output, SharedMemory, Worker
+from cosim.core import FrameError, Output, SharedMemory, Waiting, Worker
 from cosim.fmu import own_folder
 from cosim.master.supervision import messages
 from cosim.master.supervision.limits import Limits
@@ -147,18 +146,9 @@ class Calls:
         EOFError, OSError : the child is gone, or was just ended.
         """
         longest = math.inf if limits.run is None else limits.run
-        with selectors.DefaultSelector() as selector:
-            for source in worker.watched():
-                selector.register(source, selectors.EVENT_READ)
-            for output in self._outputs:
-                selector.register(output.descriptor, selectors.EVENT_READ)
+        with Waiting([worker], self._outputs) as waiting:
             while True:
-                ready = selector.select(_TICK_S)
-                for output in [*self._outputs]:
-                    output.read(_forget)
-                    if output.ended:
-                        selector.unregister(output.descriptor)
-                        self._outputs.remove(output)
+                ready = waiting.wait(_TICK_S)
                 try:
                     worker.frames.flush()
                     message = worker.frames.take()
@@ -184,7 +174,3 @@ class Calls:
             raise TimeoutError
         used = None if memory is None else worker.memory_used()
         return memory is not None and used is not None and used > memory
-
-
-def _forget(_name: str, _level: str, _line: str) -> None:
-    """Nobody reads it."""

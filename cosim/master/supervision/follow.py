@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import selectors
 import signal
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -14,7 +13,15 @@ from typing import Any, ClassVar, Final, Protocol
 import msgspec
 import numpy as np
 
-from cosim.core import ComponentError, FrameError, InputError, Output, Worker, death_of
+from cosim.core import (
+    ComponentError,
+    FrameError,
+    InputError,
+    Output,
+    Waiting,
+    Worker,
+    death_of,
+)
 from cosim.fmu import own_folder, unpack_fmu
 from cosim.master.adjustments import Adjustments
 from cosim.master.engine import EngineChoice, EngineName
@@ -273,19 +280,9 @@ class FollowedRun:
         BrokenOffError : the child is dead, by itself or because it exceeded a limit.
         """
         timer = Timer(self._patient, closing=last == (Closed,))
-        with selectors.DefaultSelector() as selector:
-            for source in self._worker.watched():
-                selector.register(source, selectors.EVENT_READ)
-            for output in self._outputs:
-                if not output.ended:
-                    selector.register(output.descriptor, selectors.EVENT_READ)
+        with Waiting([self._worker], self._outputs, self._log_output) as waiting:
             while True:
-                selector.select(_TICK_S)
-                for output in self._outputs:
-                    if not output.ended:
-                        output.read(self._log_output)
-                        if output.ended:
-                            selector.unregister(output.descriptor)
+                waiting.wait(_TICK_S)
                 found, alive = self._take_messages(last)
                 if found is not None:
                     return found
