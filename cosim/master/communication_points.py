@@ -235,11 +235,13 @@ class CommunicationPoints:
         first, self.count = self.count, self.count + new.size
         self.points_ns[first : self.count] = new
         start_ns = self._schedule.start_ns
-        later = new + start_ns if start_ns else new
-        np.divide(later, 1e9, out=self.seconds[first : self.count])
+        seconds = self.seconds[first : self.count]
+        seconds[:] = new + start_ns if start_ns else new
+        seconds /= 1e9
         begin = max(first - 1, 0)
-        steps_ns = np.diff(self.points_ns[begin : self.count])
-        np.divide(steps_ns, 1e9, out=self.sizes[begin : self.count - 1])
+        points_ns, sizes = self.points_ns[begin : self.count], self.sizes[begin : self.count - 1]
+        sizes[:] = points_ns[1:] - points_ns[:-1]
+        sizes /= 1e9
         for points in self._steps.values():
             points.extend(self.points_ns, first, self.count, self.end_ns)
         if until == self.end_ns:

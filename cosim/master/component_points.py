@@ -41,12 +41,13 @@ class ComponentPoints:
         """Take over the points first to last - 1 of the run, which ends at `end_ns` [ns]."""
         if first == last:
             return
-        here, times = np.arange(first, last), points_ns[first:last]
         if self._every_ns is None:
-            self.last[first:last] = here
+            here = self.last[first:last]
+            _count(first, here)
             self.following[max(first - 1, 0) : last - 1] = here if first else here[1:]
             self.following[last - 1] = self.latest = last - 1
             return
+        here, times = np.arange(first, last), points_ns[first:last]
         mine = (times % self._every_ns == 0) | (times == end_ns)
         own = here[mine]
         self.last[first:last] = np.maximum.accumulate(np.where(mine, here, self.latest))
@@ -81,6 +82,16 @@ class ComponentPoints:
         """Give back the memory of the points before this one."""
         for reserved in self._reserved:
             reserved.give_back(before)
+
+
+_NUMBERS = np.arange(1 << 12)
+
+
+def _count(first: int, here: Integers) -> None:
+    """Fill an array with the numbers from `first` on, without another one of its size."""
+    for begin in range(0, here.size, _NUMBERS.size):
+        part = here[begin : begin + _NUMBERS.size]
+        np.add(_NUMBERS[: part.size], first + begin, out=part)
 
 
 def own_instants(every_ns: int, after_ns: int, until_ns: int, end_ns: int) -> Integers:

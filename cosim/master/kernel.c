@@ -55,6 +55,8 @@ enum { NO_EVENTS, EVENTS, MAY_RETURN_EARLY }; /* of the component that a step is
 #define RETURNED (TOO_LARGE + 6)
 #define ANNOUNCED (TOO_LARGE + 7)
 #define RAISED (TOO_LARGE + 8)
+#define AHEAD 4         /* rows that are brought to the cache before they are written: */
+#define MOST_FETCHED 64 /* so many of their values; longer rows come by themselves */
 #define ROW_SUM 260 /* where the word has the sum of the complete rows, see table.py */
 #define EXACT 9007199254740992.0 /* 2^53 */
 
@@ -123,8 +125,6 @@ typedef struct Guards {
 } Guards;
 
 typedef int64_t __attribute__((may_alias)) Bits;
-typedef int64_t __attribute__((vector_size(16), aligned(8), may_alias)) Pair;
-typedef uint64_t __attribute__((vector_size(16))) Sums;
 typedef int (*Exchange2)(void *, const uint32_t *, size_t, void *);
 typedef int (*Exchange3)(void *, const uint32_t *, size_t, void *, size_t);
 typedef int (*Step2)(void *, double, double, int);
@@ -286,24 +286,23 @@ static void keep(const Run *r, const Operation *o, double *row) {
 /* Whether an output of a complete row is out of range. The magnitudes of doubles are in the order
    of their bits as integers, with infinity and NaN, which are in no range, above all bounds. */
 static int64_t outside(Run *r, const double *row, int64_t k) {
-    const Bits *values = (const Bits *)row, *bounds = (const Bits *)r->bounds;
-    const Pair magnitude = {INT64_MAX, INT64_MAX};
-    Pair within = {0, 0};
-    Sums sum = {0, 0}, sums = {0, 0}; /* of the row, see row_sums.py */
-    uint64_t total = 0;
-    int64_t found, j = 0, n = r->outputs;
+    /* one by one: the FMUs have just written them so, and a load of two would wait for both */
+    const volatile Bits *values = (const volatile Bits *)row;
+    const Bits *bounds = (const Bits *)r->bounds;
+    uint64_t even = 0, odd = 0, evens = 0, odds = 0, total = 0; /* see row_sums.py */
+    int64_t found = 0, j = 0, n = r->outputs;
     for (; j + 1 < n; j += 2) {
-        const Pair two = *(const Pair *)(values + j);
-        within |= *(const Pair *)(bounds + j) - (two & magnitude);
-        sums += sum;
-        sum += (Sums)two;
+        int64_t one = values[j], other = values[j + 1];
+        found |= (bounds[j] - (one & INT64_MAX)) | (bounds[j + 1] - (other & INT64_MAX));
+        evens += even, odds += odd;
+        even += (uint64_t)one, odd += (uint64_t)other;
     }
-    found = within[0] | within[1];
     if (j < n) {
-        found |= bounds[j] - (values[j] & INT64_MAX);
-        total = (uint64_t)values[j] * (uint64_t)(2 * n - 1);
+        int64_t one = values[j];
+        found |= bounds[j] - (one & INT64_MAX);
+        total = (uint64_t)one * (uint64_t)(2 * n - 1);
     }
-    total += 4 * (sums[0] + sums[1]) + sum[0] + 3 * sum[1];
+    total += 4 * (evens + odds) + even + 3 * odd;
     r->word[ROW_SUM] = (int64_t)((uint64_t)r->word[ROW_SUM] + total * (uint64_t)(2 * k + 1));
     if (found >= 0)
         return 0;
@@ -452,6 +451,8 @@ static int64_t carry_out(Run *r, const Operation *table, int64_t begin, int64_t 
     double *rows = r->rows, *here = rows + r->width * k, now = r->seconds[k], size = r->sizes[k];
     int64_t width = r->width, usual = !*r->adjustments && !*r->copying, place = k << 20;
     int final = (int)r->no_way_back, last = k == r->final;
+    for (int64_t j = 0; j < r->outputs && j < MOST_FETCHED; j += 8)
+        __builtin_prefetch(here + AHEAD * width + j, 1);
     for (const Operation *o = table + begin; o < stop; o++) {
         int64_t status;
         int64_t kind = o->usual & -usual;

@@ -89,12 +89,15 @@ class RowsInUse:
             )
         interpolated = isinstance(self.link, TransportLink) or self._ahead
         most = comm_points.most
+        self._settled = self._later or initialised
+        plain = self.link is None and not (self._settled or self._ahead or stepped_before)
+        self._is_last = plain and self._receiver.always
         kinds = (np.int64, np.int64, np.float64) if interpolated else (np.int64,)
-        self._reserved = [Reserved((most,), kind) for kind in kinds]
-        self.row: Integers = self._reserved[0].array
+        self._reserved = [] if self._is_last else [Reserved((most,), kind) for kind in kinds]
+        # what a wire brings at every point is the sender's latest row: nothing of its own
+        self.row: Integers = self._sender.last if self._is_last else self._reserved[0].array
         self.after: Integers | None = self._reserved[1].array if interpolated else None
         self.weight: NDArray[np.float64] | None = self._reserved[2].array if interpolated else None
-        self._settled = self._later or initialised
         self.begin(system)
 
     def begin(self, system: Parts) -> None:
@@ -117,6 +120,8 @@ class RowsInUse:
         ------
         InputError : the middle of a step is not known when the step begins.
         """
+        if self._is_last:
+            return
         begin = max(first - self._later, 0)
         sample = self._sample(begin, last)
         for array, values in zip((self.row, self.after, self.weight), sample, strict=True):
