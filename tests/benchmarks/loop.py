@@ -4,6 +4,10 @@ Two tiny FMUs in C, N signals each way, a step of 1 ms, held inputs (Jacobi). Va
 
 * c_bound: a loop in C for these two FMUs alone; nothing is recorded;
 * kernel, python_loop: this project's engines, no link, every signal recorded in memory;
+* kernel_no_word, kernel_no_mode, kernel_no_range, kernel_bare: the kernel without what makes it
+  safe, one thing or all: the word that names the call in progress, for who looks on from outside;
+  the mode of the floating-point unit, restored behind a call that changes it; the range of complete
+  rows, and their sum;
 * kernel_links_recorded: packet links with jitter and loss both ways, recorded in memory;
 * kernel_links_mcap: the same, with the trace on disk, opening and closing of the file included;
 * fmpy_per_signal, fmpy_batched: the loop that a user writes with fmpy, nothing recorded;
@@ -28,12 +32,13 @@ from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import fmpy
 from fmpy.fmi2 import FMU2Slave
 from rich.table import Table
 
-from cosim.fmu import describe_fmu
+from cosim.fmu import compiled_library, describe_fmu, library_source
 from cosim.master import (
     Component,
     ComponentInstance,
@@ -48,6 +53,7 @@ from cosim.master import (
     make_schedule,
     simulate,
 )
+from cosim.master.compiled import load_kernel
 from cosim.network import Jitter, PacketLink
 from cosim.trace import TraceWriter
 from tests.benchmarks._peers import PEERS, ByPeer
@@ -164,13 +170,21 @@ def system_of(fmu: Path, n: int, *, steps: int, links: bool) -> System:
 
 
 def ours(
-    fmu: Path, n: int, *, engine: EngineName, steps: int, turns: int, links: bool = False
+    fmu: Path,
+    n: int,
+    *,
+    engine: EngineName,
+    steps: int,
+    turns: int,
+    links: bool = False,
+    without: Sequence[str] = (),
 ) -> Iterator[float]:
-    """Seconds per step of this project's master."""
+    """Seconds per step of this project's master; `without` : lines of the kernel's C."""
     system = system_of(fmu, n, steps=steps * turns, links=links)
     while True:
         watch = Stopwatch()
-        with Session(system, [watch], engine=engine) as session:
+        library = patch("cosim.master.kernel.load_kernel", lambda: kernel_without(without))
+        with library, Session(system, [watch], engine=engine) as session:
             for _ in range(turns):
                 began = time.perf_counter()
                 session.step(steps)
@@ -178,6 +192,23 @@ def ours(
             run = session.result()
         if run.status == "stopped" and not links and run.signal("a", "x[1]")[-1] != 1.0:
             raise SystemExit("the FMUs were not coupled")
+
+
+def kernel_without(lines: Sequence[str]) -> ctypes.CDLL:
+    """The kernel without some of its lines."""
+    source = library_source("kernel").decode()
+    for line in lines:
+        if line not in source:
+            raise SystemExit(f"the kernel has no line {line!r}")
+        source = source.replace(line, "if (0)" if line.startswith("if") else "")
+    full = load_kernel()
+    if not lines:
+        return full
+    library = compiled_library("kernel", source.encode())
+    for name in ("run", "make_team", "end_team"):
+        mine, theirs = getattr(library, name), getattr(full, name)
+        mine.argtypes, mine.restype = theirs.argtypes, theirs.restype
+    return library
 
 
 def ours_on_disk(fmu: Path, n: int) -> Iterator[float]:
@@ -218,9 +249,16 @@ class Stopwatch(Observer):
 
 Variant = Callable[[Path, int], Any]
 kernel = partial(ours, engine="kernel", steps=40_000, turns=5)
+SAFE = {
+    "word": "*word = place | o->number;",
+    "mode": "if (modes() != saved)",
+    "range": "if ((status = outside(r, here, k)))",
+}
 VARIANTS: dict[str, Variant] = {
     "c_bound": c_bound,
     "kernel": kernel,
+    **{f"kernel_no_{what}": partial(kernel, without=[line]) for what, line in SAFE.items()},
+    "kernel_bare": partial(kernel, without=[*SAFE.values()]),
     "kernel_links_recorded": partial(kernel, links=True),
     "kernel_links_mcap": ours_on_disk,
     "python_loop": partial(ours, engine="python", steps=1_000, turns=30),
