@@ -143,10 +143,14 @@ class _KeptChild:
 _kept = _KeptChild()
 
 
-def begin_worker() -> None:
-    """Begin as a worker: forget the runners of the process that this one was forked from."""
+def begin_worker(job: Job) -> None:
+    """Begin as a worker: of the process that this one was forked from, it has the job's runner."""
     global _alone, _kept
+    runner = _runners.get(job.digest)
     _runners.clear()
+    if runner is not None:
+        runner.leave_children()
+        register_runner(job.digest, runner)
     _alone, _kept = threading.Lock(), _KeptChild()
 
 

@@ -203,7 +203,7 @@ def serve(end: socket.socket, _given: Sequence[int], job: Job, folder: str) -> N
     """Be a worker: execute batches until nobody listens any more."""
     # the terminal sends Ctrl-C to all processes; the one that started the study ends the others
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    begin_worker()
+    begin_worker(job)
     adopt_folder(Path(folder))
     frames = Frames(end, Do)
     with contextlib.suppress(EOFError, OSError):

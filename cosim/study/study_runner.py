@@ -236,6 +236,10 @@ class StudyRunner:
         waited = max(0.0, limit - max(_NAMED_S, _NAMED_SHARE * limit))
         return replace(found, limits=replace(found.limits, waited=waited))
 
+    def leave_children(self) -> None:
+        """Leave its children to the process that this one was forked from."""
+        self._supervisor = self._calls = self._series = None
+
     def designs_made(self) -> dict[str, str]:
         """Return the designs made so far, as JSON by their [design] keys, for other runners."""
         return {
