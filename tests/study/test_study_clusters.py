@@ -175,7 +175,7 @@ def test_a_worker_that_joins_late_with_other_versions_is_named(
     found: list[Any] = []
     with (
         distributed.LocalCluster(
-            n_workers=1, threads_per_worker=1, host="127.0.0.1", dashboard_address=None
+            n_workers=1, threads_per_worker=1, host="127.0.0.1", dashboard_address=":0"
         ) as workers,
         distributed.Client(workers) as client,
     ):

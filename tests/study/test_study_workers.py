@@ -25,7 +25,7 @@ from cosim.study.workers import WorkerDied, cluster
 def dask_cluster(workers: int) -> Any:
     """Workers of a Dask scheduler on this machine."""
     return distributed.LocalCluster(
-        n_workers=workers, threads_per_worker=1, host="127.0.0.1", dashboard_address=None
+        n_workers=workers, threads_per_worker=1, host="127.0.0.1", dashboard_address=":0"
     )
 
 
