@@ -33,7 +33,7 @@ from cosim.scenario.link_keys import nanoseconds
 from cosim.scenario.links import PacketPart
 from cosim.scenario.matching import endpoint, matched
 from cosim.scenario.media import media_of, position_sources
-from cosim.scenario.schema import ComponentLogPart, RunPart, Scenario
+from cosim.scenario.schema import ComponentLogPart, ComponentPart, RunPart, Scenario
 from cosim.scenario.script import adjusted_links, changes_of, instants_ns
 from cosim.scenario.signals import Signals, along_path, reference_inputs, worst_case_inputs
 from cosim.scenario.units import numbers_of
@@ -91,6 +91,23 @@ class Assembled:
         """Whether a component and its FMU are the same in another scenario."""
         same = self.scenario.components.get(name) is scenario.components[name]
         return same and self.scenario.log is scenario.log and self.fmus[name] is fmus[name]
+
+    def numbers_of(
+        self, name: str, part: ComponentPart, fmu: FmuDescription
+    ) -> Mapping[str, Any] | None:
+        """Return the parameters of a component that are the same in another scenario, converted.
+
+        None if its arrays may have other lengths there: what fits one may not fit the other.
+        """
+        shaped = self.parts.shaped.get(name), fmu.resized(part.parameters)
+        if any(each is not fmu for each in shaped):
+            return None
+        before, own = self.scenario.components[name].parameters, self.parts.own[name]
+        return {
+            variable: own[variable]
+            for variable, value in part.parameters.items()
+            if variable in own and before.get(variable) is value
+        }
 
     def has_link(self, name: str, scenario: Scenario) -> bool:
         """Whether a link is the same in another scenario."""
@@ -233,7 +250,8 @@ def _own_parameters(
             same.add(name)
             own[name], shaped[name] = like.parts.own[name], like.parts.shaped[name]
         elif name in fmus:
-            own[name] = numbers_of(name, fmus[name], part.parameters, findings)
+            before = None if like is None else like.numbers_of(name, part, fmus[name])
+            own[name] = numbers_of(name, fmus[name], part.parameters, findings, before)
             shaped[name] = fmus[name].resized(own[name])
     return own, shaped, same
 

@@ -120,9 +120,12 @@ class EventDriver:
             if event.at_ns is not None:
                 self._plan(event.at_ns, event.number, begins=True)
         self._watched = [event.number for event in events if event.condition is not None]
-        conditions = {key: one for key, one in self._all_conditions() if one is not None}
-        self._places = {key: place for place, key in enumerate(conditions)}
-        self._guards = rows.guards([*conditions.values()])
+        self._conditions = {k: one for k, one in self._all_conditions() if one is not None}
+        self._places = {key: place for place, key in enumerate(self._conditions)}
+
+    @cached_property
+    def _guards(self) -> Guards:
+        return self._rows.guards([*self._conditions.values()])
 
     def _all_conditions(self) -> Iterator[tuple[tuple[str, int], BoundExpression | None]]:
         """Yield the conditions of the script by whose they are, with a number."""
@@ -271,7 +274,7 @@ class EventDriver:
 
     def _look(self, session: Session) -> bool:
         """Plan what the conditions on the last row begin or end; whether there is anything."""
-        if self._guards.reads_inputs:
+        if self._places and self._guards.reads_inputs:
             session.make_rows_whole()
         found = False
         for number in self._watched:

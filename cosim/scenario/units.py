@@ -99,14 +99,23 @@ def in_unit_of(fmu: FmuDescription, port: Port, text: str, where: str) -> float:
 
 
 def numbers_of(
-    name: str, fmu: FmuDescription, parameters: Mapping[str, Any], findings: Findings
+    name: str,
+    fmu: FmuDescription,
+    parameters: Mapping[str, Any],
+    findings: Findings,
+    known: Mapping[str, Any] | None = None,
 ) -> dict[str, Any]:
     """Convert the parameters of the component `name` to the types and units of its FMU.
 
     Refused ones are reported to `findings` and left out.
+
+    known : some of them, as this function has converted them.
     """
+    known = known or {}
     found: dict[str, Any] = {}
     for variable, value in parameters.items():
+        if variable in known:
+            continue
         with findings.at("components", name, "parameters", variable):
             port = fmu.port(variable, where=f"component {name!r}")
             found[variable] = in_own_unit(fmu, port, value)
@@ -118,6 +127,7 @@ def numbers_of(
             del found[variable]
             _check(resized.ports[variable], value)
             found[variable] = value
+    found |= known
     return {variable: found[variable] for variable in parameters if variable in found}
 
 

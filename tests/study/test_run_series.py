@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import random
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from foreign.c_fmu import c_fmu, every
 from shared import sampled
 
+from cosim.core import InputError
 from cosim.master import Run, Session, System, make_schedule, receiving_order
 from cosim.scenario import Outcome, load
 from cosim.scenario.execute import assembled_system
@@ -137,6 +140,40 @@ def test_a_run_of_a_series_is_the_run_alone(name: str, monkeypatch: pytest.Monke
     for run in order:
         assert rows_of(plan.runner.execute_run(run)) == alone[run], run
     assert again
+
+
+_LENGTHS = """
+title = "rows of so many numbers"
+[run]
+end = 1.0
+step = 0.1
+[components.e]
+fmu = "{fmu}"
+parameters = {{ n = 3, gain = 1.0, "Float64.row" = [[1, 2, 3], [4, 5, 6], [7, 8, 9]] }}
+"""
+
+
+def test_what_fits_one_length_is_looked_at_again_for_another(tmp_path: Path) -> None:
+    """A matrix that is the same in all runs of a series, and has too few rows in some."""
+    fmu = c_fmu("every_fmi3.c", every(), tmp_path)
+    (tmp_path / "lengths.toml").write_text(_LENGTHS.format(fmu=fmu))
+    axes = [
+        {"kind": "grid", "path": "components.e.parameters.n", "values": [3, 4]},
+        {"kind": "grid", "path": "components.e.parameters.gain", "values": [1.0, 2.0]},
+    ]
+    study = Study(title="lengths", scenario="lengths.toml", vary=axes, metrics={"x": "final.e.x"})
+    runner = plan_of(study, load(str(tmp_path / "lengths.toml"))).runner
+    runner.supervise_no_more()
+    seen = []
+    for run in (0, 2, 1, 3, 0, 1, 2):
+        try:
+            outcome, _ = runner.execute_run(run)
+            seen.append(outcome.status)
+        except InputError as error:
+            seen.append(error.what)
+    refused = "Float64.row is an array of another shape"
+    expected = ["finished" if run < 2 else refused for run in (0, 2, 1, 3, 0, 1, 2)]
+    assert seen == expected
 
 
 def test_a_session_begins_again_as_a_new_one_begins() -> None:
