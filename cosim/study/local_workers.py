@@ -205,8 +205,7 @@ def serve(end: socket.socket, _given: Sequence[int], job: Job, folder: str) -> N
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     begin_worker(job)
     adopt_folder(Path(folder))
-    frames = Frames(end, Do)
-    with contextlib.suppress(EOFError, OSError):
+    with contextlib.closing(Frames(end, Do)) as frames, contextlib.suppress(EOFError, OSError):
         while True:
             asked: Do = frames.receive()
             frames.send(_answer(job, asked))
