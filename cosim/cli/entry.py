@@ -14,10 +14,13 @@ import _signal  # type: ignore[import-not-found]  # the interpreter's own: it im
 
 # what is imported next gets no exception of a signal, which callbacks of imports drop
 _handler = _signal.getsignal(_signal.SIGINT)
-_is_usual = _handler is _signal.default_int_handler
+_ends = _handler is _signal.default_int_handler
 try:
-    if _is_usual:
+    if _ends:
         _signal.signal(_signal.SIGINT, _signal.SIG_DFL)
+except ValueError:  # another thread than the main one gets no signals
+    _ends = False
+try:
     import gc
     import io
     import os
@@ -25,7 +28,7 @@ try:
 
     from cosim.cli.interruptions import interruptions
 finally:
-    if _is_usual:
+    if _ends:
         _signal.signal(_signal.SIGINT, _handler)
 
 _OBJECTS_BETWEEN_COLLECTIONS = 50_000

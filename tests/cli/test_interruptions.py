@@ -89,3 +89,11 @@ def test_a_signal_that_an_import_drops_ends_the_command(tmp_path: Path) -> None:
     line[-1] = _LOADING.replace("raise_signal(signal.SIGINT)", "strsignal(2)")
     done = subprocess.run(line, cwd=tmp_path, capture_output=True, text=True, check=False)  # noqa: S603
     assert (done.returncode, done.stdout, done.stderr) == (0, "True\n", "")
+
+
+def test_the_entry_is_loaded_in_any_thread(tmp_path: Path) -> None:
+    """Only the main thread may take signals; another one loads it as it is."""
+    code = "import threading as t; x = t.Thread(target=__import__, args=['cosim.cli.entry'])\n"
+    line = [sys.executable, "-c", code + "x.start(); x.join()"]
+    done = subprocess.run(line, cwd=tmp_path, capture_output=True, text=True, check=False)  # noqa: S603
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
