@@ -2,7 +2,8 @@
 
 Every process has its own temporary folder, named by process number and time and locked as long as
 the process lives. It is removed at exit; the folder of a killed process is removed by the next one.
-Where the system has no locks nobody can tell who lives: no folder is removed but one's own.
+Where the system has no locks, or renames no folder in which a file is open (Windows), nobody can
+tell who lives: no folder is removed but one's own.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ import tempfile
 import threading
 import time
 from pathlib import Path
-from typing import IO, TYPE_CHECKING
+from typing import IO, TYPE_CHECKING, Final
 
 from cosim.core import InputError, has_locks, lock_file, uninterrupted
 from cosim.fmu.inspect.archive import open_archive
@@ -27,6 +28,7 @@ PREFIX = "cosim-fmus-"
 _WITHOUT_LOCK = "cosim-kept-"
 _DRAFT = "cosim-new-"
 _LOCK = "in-use"
+_HAS_LOCKS: Final = has_locks() and os.name == "posix"
 _DRAFTS = 10
 
 
@@ -37,9 +39,11 @@ class _ProcessFolder:
         self.process = os.getpid()
         self.parent = Path(tempfile.gettempdir())
         _remove_left(self.parent)
-        prefix = PREFIX if has_locks() else _WITHOUT_LOCK
+        prefix = PREFIX if _HAS_LOCKS else _WITHOUT_LOCK
         self.folder = self.parent / f"{prefix}{self.process}-{time.time_ns()}"
-        self._lock = _locked_folder(self.folder)
+        self._lock = _locked_folder(self.folder) if _HAS_LOCKS else None
+        if self._lock is None:
+            self.folder.mkdir(0o700)
 
     @property
     def is_own(self) -> bool:
@@ -52,7 +56,8 @@ class _ProcessFolder:
 
     def remove_unpacked(self) -> None:
         """Remove it, unless this process is a fork of the one that made it."""
-        self._lock.close()
+        if self._lock is not None:
+            self._lock.close()
         if self.process == os.getpid():
             shutil.rmtree(self.folder, ignore_errors=True)
             _remove_one_by_one(self.folder)
@@ -170,7 +175,7 @@ def unpack_fmu(description: FmuDescription) -> Path:
 
 def _remove_left(parent: Path) -> None:
     """Remove the folders of processes that have ended, and drafts of those that were killed."""
-    if not has_locks():
+    if not _HAS_LOCKS:
         return
     for folder in (*parent.glob(f"{PREFIX}*"), *parent.glob(f"{_DRAFT}*")):
         with contextlib.suppress(OSError):  # another user's, or being removed by another process
