@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import contextlib
 import json
 import os
@@ -409,11 +410,16 @@ def _forget() -> None:
     for worker in list(_open):
         worker.abandon()
     _open.clear()
-    for control in _idle:
-        control.close()
-    _idle.clear()
+    _let_idle_go()
 
 
+def _let_idle_go() -> None:
+    """Ask idle keepers for nothing more: they end."""
+    while _idle:
+        _idle.pop().close()
+
+
+atexit.register(_let_idle_go)
 if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=_forget)
 
