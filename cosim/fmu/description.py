@@ -126,6 +126,12 @@ class FmuDescription:
             raise InputError.unknown("variable", name, self.ports, where=where, hint=hint)
         return found
 
+    @property
+    def lengths(self) -> frozenset[str]:
+        """The names of the structural parameters that give lengths of arrays."""
+        sizes = (size for port in self.ports.values() for size in port.dimensions)
+        return frozenset(size for size in sizes if isinstance(size, str))
+
     def resized(self, parameters: Mapping[str, Any]) -> FmuDescription:
         """Return the description with the array lengths that structural `parameters` give.
 
@@ -133,8 +139,8 @@ class FmuDescription:
         ------
         InputError : a length that is not a natural number, or too many elements.
         """
-        lengths = {d for p in self.ports.values() for d in p.dimensions if isinstance(d, str)}
-        if not lengths & set(parameters):
+        lengths = self.lengths
+        if lengths.isdisjoint(parameters):
             return self
         values = {}
         for name in lengths:

@@ -99,10 +99,11 @@ class Assembled:
 
         None if its arrays may have other lengths there: what fits one may not fit the other.
         """
-        shaped = self.parts.shaped.get(name), fmu.resized(part.parameters)
-        if any(each is not fmu for each in shaped):
+        if self.fmus.get(name) is not fmu:
             return None
         before, own = self.scenario.components[name].parameters, self.parts.own[name]
+        if not fmu.lengths.isdisjoint({*before, *part.parameters}):
+            return None
         return {
             variable: own[variable]
             for variable, value in part.parameters.items()
