@@ -38,7 +38,12 @@ from .files import (
     written_beside as written_beside,
 )
 from .locate import line_of as line_of
-from .locks import has_locks as has_locks, lock_file as lock_file
+from .locks import (
+    FOLDERS_HAVE_LOCKS as FOLDERS_HAVE_LOCKS,
+    lock_file as lock_file,
+    locked_folder as locked_folder,
+    remove_left as remove_left,
+)
 from .made_once import once as once
 from .migration import (
     migrate as migrate,

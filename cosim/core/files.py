@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Final
 
 from cosim.core.errors import InputError, did_you_mean, nearest
-from cosim.core.locks import has_locks, lock_file
+from cosim.core.locks import locked_folder, remove_left
 from cosim.core.output_places import output_place
 
 _MOST_FILES = 10_000
@@ -104,40 +104,17 @@ def _own_folder(beside: Path | None) -> Iterator[Path]:
 
         beside = Path(tempfile.gettempdir())
     beside.mkdir(parents=True, exist_ok=True)  # that of what a link names
-    name = f".{os.urandom(6).hex()}"
-    draft, folder = beside / f"{name}.new", beside / f"{name}{_PARTIAL}"
-    draft.mkdir(0o700)
+    remove_left(beside, _LEFT)
+    folder = beside / f".{os.urandom(6).hex()}.partial"
     with ExitStack() as stack:
-        if _FOLDERS_HAVE_LOCKS:
-            _remove_left(beside)
-            lock = os.open(draft, os.O_RDONLY)
+        lock = locked_folder(folder)
+        if lock is not None:
             stack.callback(os.close, lock)
-            lock_file(lock)
-        draft.rename(folder)  # locked before it has the name that is looked for
         stack.callback(shutil.rmtree, folder, ignore_errors=True)
         yield folder
 
 
-_PARTIAL: Final = ".partial"
 _LEFT: Final = re.compile(r"\.[0-9a-f]{12}\.partial")
-_FOLDERS_HAVE_LOCKS: Final = has_locks() and os.name == "posix"
-
-
-def _remove_left(beside: Path) -> None:
-    with suppress(OSError), os.scandir(beside) as entries:
-        for entry in entries:
-            if _LEFT.fullmatch(entry.name):
-                _remove_if_left(Path(entry.path))
-
-
-def _remove_if_left(folder: Path) -> None:
-    with suppress(OSError):  # another user's, or no folder
-        lock = os.open(folder, os.O_RDONLY | os.O_NOFOLLOW | os.O_DIRECTORY)
-        try:
-            if os.fstat(lock).st_uid == os.geteuid() and lock_file(lock):
-                shutil.rmtree(folder, ignore_errors=True)
-        finally:
-            os.close(lock)
 
 
 def write_whole(path: Path, content: bytes) -> None:

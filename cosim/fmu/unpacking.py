@@ -11,25 +11,22 @@ from __future__ import annotations
 import atexit
 import contextlib
 import os
+import re
 import shutil
 import tempfile
 import threading
 import time
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
-from cosim.core import InputError, has_locks, lock_file, uninterrupted
+from cosim.core import FOLDERS_HAVE_LOCKS, InputError, locked_folder, remove_left, uninterrupted
 from cosim.fmu.inspect.archive import open_archive
 
 if TYPE_CHECKING:
     from cosim.fmu.description import FmuDescription
 
-PREFIX = "cosim-fmus-"
-_WITHOUT_LOCK = "cosim-kept-"
-_DRAFT = "cosim-new-"
-_LOCK = "in-use"
-_HAS_LOCKS: Final = has_locks() and os.name == "posix"
-_DRAFTS = 10
+PREFIX = "cosim-unpacked-" if FOLDERS_HAVE_LOCKS else "cosim-kept-"
+_OF_PROCESS = re.compile(f"{PREFIX}[0-9]+-[0-9]+")
 
 
 class _ProcessFolder:
@@ -38,12 +35,9 @@ class _ProcessFolder:
     def __init__(self) -> None:
         self.process = os.getpid()
         self.parent = Path(tempfile.gettempdir())
-        _remove_left(self.parent)
-        prefix = PREFIX if _HAS_LOCKS else _WITHOUT_LOCK
-        self.folder = self.parent / f"{prefix}{self.process}-{time.time_ns()}"
-        self._lock = _locked_folder(self.folder) if _HAS_LOCKS else None
-        if self._lock is None:
-            self.folder.mkdir(0o700)
+        remove_left(self.parent, _OF_PROCESS)
+        self.folder = self.parent / f"{PREFIX}{self.process}-{time.time_ns()}"
+        self._lock = locked_folder(self.folder)
 
     @property
     def is_own(self) -> bool:
@@ -57,33 +51,11 @@ class _ProcessFolder:
     def remove_unpacked(self) -> None:
         """Remove it, unless this process is a fork of the one that made it."""
         if self._lock is not None:
-            self._lock.close()
+            with contextlib.suppress(OSError):  # foreign code may close any descriptor
+                os.close(self._lock)
         if self.process == os.getpid():
             shutil.rmtree(self.folder, ignore_errors=True)
             _remove_one_by_one(self.folder)
-
-
-def _locked_folder(folder: Path) -> IO[str]:
-    """Make a folder that has its lock before it has its name; return the file of the lock.
-
-    Without its lock, a draft may be taken for one that a killed process left: it is made again.
-    Where a file system has no locks, nobody can take one, and the folder goes without.
-    """
-    for attempt in range(_DRAFTS):
-        draft = Path(tempfile.mkdtemp(prefix=_DRAFT, dir=folder.parent))
-        try:
-            lock = (draft / _LOCK).open("w")
-            if lock_file(lock) or attempt + 1 == _DRAFTS:
-                draft.rename(folder)
-                return lock
-            lock.close()
-        except FileNotFoundError:
-            continue
-        except BaseException:
-            shutil.rmtree(draft, ignore_errors=True)
-            raise
-        shutil.rmtree(draft, ignore_errors=True)
-    raise InputError("no folder can be made to unpack FMUs in", where=str(folder.parent))
 
 
 def _remove_one_by_one(folder: Path) -> None:
@@ -171,20 +143,3 @@ def unpack_fmu(description: FmuDescription) -> Path:
         finally:
             shutil.rmtree(draft, ignore_errors=True)
         return folder
-
-
-def _remove_left(parent: Path) -> None:
-    """Remove the folders of processes that have ended, and drafts of those that were killed."""
-    if not _HAS_LOCKS:
-        return
-    for folder in (*parent.glob(f"{PREFIX}*"), *parent.glob(f"{_DRAFT}*")):
-        with contextlib.suppress(OSError):  # another user's, or being removed by another process
-            try:
-                lock = (folder / _LOCK).open("r+")
-            except FileNotFoundError:
-                # removed by halves; or a draft that may be about to get its lock: only if empty
-                folder.rmdir() if folder.name.startswith(_DRAFT) else shutil.rmtree(folder)
-                continue
-            with lock:  # held as long as it takes: it may have been a living process's draft
-                if lock_file(lock):
-                    shutil.rmtree(folder, ignore_errors=True)

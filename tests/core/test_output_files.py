@@ -180,6 +180,7 @@ def test_what_a_killed_one_left_is_removed_by_the_next(tmp_path: Path) -> None:
     subprocess.run([sys.executable, "-c", _KILLED, str(path)], check=False)  # noqa: S603 - ours
     (left,) = names(tmp_path)
     (tmp_path / ".0123456789ab.partial").write_bytes(b"a file")
+    (tmp_path / f"{left}.0.new").mkdir()  # of one that was killed before it had its name
     with written_beside(path) as partial:
         partial.write_bytes(b"one")
         write_whole(tmp_path / "other", b"two")

@@ -173,7 +173,7 @@ def test_a_folder_that_is_being_made_is_left_by_no_signal(
         assert code == (1 if name == "SIGTERM" else -signal.SIGKILL)
         assert len(list(scratch.iterdir())) == (name == "SIGKILL")
     (left,) = scratch.iterdir()
-    bare = scratch / left.name.replace("-new-", "-new-x")
+    bare = scratch / left.name.replace(".0.", ".1.")
     bare.mkdir()  # before it got its lock
     unpack_fmu(described)
     assert not left.exists()
@@ -186,15 +186,16 @@ def test_a_draft_that_another_process_removes_is_made_again(
     described: FmuDescription, scratch: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Before it has its lock a draft of a living process looks like one that was left."""
-    make, made = tempfile.mkdtemp, []
+    make, made = Path.mkdir, []
 
-    def removed_at_first(**given: Any) -> str:
-        made.append(make(**given))
-        if len(made) == 1:
-            Path(made[0]).rmdir()
-        return made[-1]
+    def removed_at_first(folder: Path, *given: Any, **named: Any) -> None:
+        make(folder, *given, **named)
+        if folder.parent == scratch:
+            made.append(folder)
+            if len(made) == 1:
+                folder.rmdir()
 
-    monkeypatch.setattr(tempfile, "mkdtemp", removed_at_first)
+    monkeypatch.setattr(Path, "mkdir", removed_at_first)
     assert unpack_fmu(described).is_dir()
     assert len(made) == 2
     remove_unpacked()
@@ -205,7 +206,7 @@ def test_a_file_system_without_locks_is_none_to_wait_for(
     described: FmuDescription, scratch: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The folder goes without, and is removed as usual."""
-    monkeypatch.setattr("cosim.fmu.unpacking.lock_file", lambda _file: False)
+    monkeypatch.setattr("cosim.core.locks.lock_file", lambda _file: False)
     assert unpack_fmu(described).is_dir()
     (room,) = scratch.iterdir()
     assert room.name.startswith(PREFIX)
@@ -217,7 +218,7 @@ _HALFWAY = """
 import signal, sys
 from pathlib import Path
 from cosim.fmu import describe_fmu, unpack_fmu
-import tempfile, shutil
+import shutil
 usual = MODULE.FUNCTION
 def interrupted(*given, **named):
     found = usual(*given, **named)
@@ -233,7 +234,7 @@ unpack_fmu(described)
 
 def test_ctrl_c_stops_no_folder_halfway(described: FmuDescription, scratch: Path) -> None:
     """It waits until the folder is there, or is gone; at the end of Python it is not dropped."""
-    made = _HALFWAY.replace("MODULE", "tempfile").replace("FUNCTION", "mkdtemp")
+    made = _HALFWAY.replace("MODULE", "Path").replace("FUNCTION", "mkdir")
     code, errors = signalled(made, described, scratch)
     assert code == -signal.SIGINT
     assert errors.endswith("KeyboardInterrupt\n")
