@@ -39,5 +39,10 @@ def test_an_fmu_that_hangs_when_it_is_freed_ends_at_its_limit() -> None:
     assert attempt(trial_of(52818025, 9), stock(), RUN_S).departures == ()
 
 
+def test_closed_streams_are_no_fault_of_a_component() -> None:
+    """A session without standard output and errors: what a worker is given has other numbers."""
+    assert attempt(trial_of(20261128, 223), stock(), RUN_S).departures == ()
+
+
 def test_every_trouble_has_a_door() -> None:
     assert all(set(doors_of(name)) <= set(DOORS) and doors_of(name) for name in TROUBLES)

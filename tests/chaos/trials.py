@@ -21,6 +21,8 @@ from cosim.trace import Trace, recover, verify
 CODES = frozenset({0, 1, 2, 3, 4, 5, 6, 130, 141, 143})
 """Exit codes that the pages name."""
 INTERRUPTIONS = ("interrupted", "interrupted_twice")
+_FAILED = 4
+_MAKE_COMPONENTS_FAIL = ("hostile", "child_killed", "place_gone")
 _MOST_SECONDS = 20.0
 """Until the end after Ctrl-C, on a busy machine."""
 _NEVER = re.compile(
@@ -110,6 +112,8 @@ def _departures(trial: Trial, trouble: Trouble, ended: Ended, *, over: bool) -> 
     before_entry = trouble.signal == signal.SIGINT and not _OURS.search(ended.printed)
     if ended.code not in CODES | trouble.codes and not before_entry:
         yield f"exit code {ended.code}"
+    if ended.code == _FAILED and trial.trouble not in _MAKE_COMPONENTS_FAIL:
+        yield "a component is said to have failed"
     if (never := _NEVER.search(ended.printed)) and not before_entry:
         yield f"printed: {never[0]}"
     if trial.trouble in INTERRUPTIONS and not over:

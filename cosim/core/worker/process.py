@@ -56,6 +56,15 @@ def default_method() -> Method | None:
     return "fork" if clean else "fresh"
 
 
+def _fill_streams() -> None:
+    """Open what is closed of standard input and output: a worker has others of these numbers."""
+    for number in range(3):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # it gets the lowest number that is free
+
+
 def _find_room() -> None:
     """Raise `OSError` here rather than in a worker, where an FMU would be blamed for it."""
     with contextlib.ExitStack() as opened:
@@ -124,6 +133,7 @@ class Worker:
         only_fresh = loaded and found == "fresh"  # a fork has them
         start = keeper.Start.here(target, arguments, patience_s, loaded=only_fresh)
         try:
+            _fill_streams()
             _find_room()
             with contextlib.ExitStack() as theirs:
                 ours, end = socket.socketpair()
