@@ -1,5 +1,6 @@
 /* A slave that counts its steps, and speaks all the time: from `count` threads of its own, which
-   log as fast as they can from the end of the initialisation until it is freed, and in each step
+   log as fast as they can from the end of the initialisation, which waits for the first line of
+   each, until it is freed, and in each step
    `lines` lines to stderr and to stdout. In step `last` it aborts.
 
    integers: 0 steps, 1 count, 2 lines, 3 last, 4 heard, an input. */
@@ -14,14 +15,17 @@ enum { MOST = 8 };
 struct Model {
     Log log;
     int v[VARIABLES], started;
-    volatile int over;
+    volatile int over, spoken;
     pthread_t threads[MOST];
 };
 
 static void *speak(void *memory) {
     Model *m = memory;
-    for (; !m->over; usleep(50))
+    for (int first = 1; !m->over; usleep(50), first = 0) {
         say(&m->log, fmi2Warning, "from a thread");
+        if (first)
+            __sync_fetch_and_add(&m->spoken, 1);
+    }
     return NULL;
 }
 
@@ -32,6 +36,8 @@ static int begin(Model *m, const Log *log) {
 static int leave(Model *m) {
     while (m->started < m->v[COUNT] && m->started < MOST)
         pthread_create(&m->threads[m->started++], NULL, speak, m);
+    while (m->spoken < m->started) /* a short run may be over before a thread begins */
+        usleep(50);
     return fmi2OK;
 }
 static int step(Model *m, double t, double h) {
