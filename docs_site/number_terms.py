@@ -42,7 +42,7 @@ def integrator(**age: Any) -> DelaySystem:
 def greatest(system: DelaySystem, gain: Any = NETWORKED, order: Any = "auto") -> float:
     """Return the greatest first delay [s] that is certified at an order, the others kept."""
     found = hinf.certified_delay(system, gain, order=order)
-    return math.nan if found.d is None else found.d
+    return math.nan if found.delay is None else found.delay
 
 
 @cache

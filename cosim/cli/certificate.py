@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from rich.console import Group, RenderableType
+from rich.console import Group
 from rich.text import Text
 
 from cosim import hinf, replay
@@ -19,10 +19,9 @@ from cosim.cli.common import (
     output_file,
     progress,
 )
-from cosim.cli.design_answers import design_json
-from cosim.cli.design_view import design_view
 from cosim.cli.help_text import HelpTyper
-from cosim.cli.output_feedback import output_feedback_json, output_feedback_view
+from cosim.cli.result_json import result_json
+from cosim.cli.result_view import result_view
 from cosim.core import DESIGN_FILE, CheckFailedError, at_most
 from cosim.models import DelaySystem
 
@@ -157,25 +156,14 @@ def prove(
     answer(
         as_json,
         lambda: (
-            _json(file.stem, found, save) | {"gamma_before": before.gamma, "not_proved_again": lost}
+            result_json(file.stem, found, save)
+            | {"gamma_before": before.gamma, "not_proved_again": lost}
         ),
-        lambda: Group(_view(file.stem, found), *_beside(before, lost)),
+        lambda: Group(result_view(file.stem, found), *_beside(before, lost)),
     )
 
 
-def _json(name: str, found: hinf.Design | hinf.OutputFeedback, save: Path | None) -> dict[str, Any]:
-    if isinstance(found, hinf.OutputFeedback):
-        return output_feedback_json(name, found, save)
-    return design_json(name, found, None, save)
-
-
-def _view(name: str, found: hinf.Design | hinf.OutputFeedback) -> RenderableType:
-    if isinstance(found, hinf.OutputFeedback):
-        return output_feedback_view(name, found)
-    return design_view(name, found)
-
-
-def _beside(before: hinf.Design | hinf.OutputFeedback, lost: list[str]) -> list[Text]:
+def _beside(before: hinf.Result, lost: list[str]) -> list[Text]:
     """Return lines about the certificate that there was."""
     lines = [] if before.gamma is None else [f"gamma before: {at_most(before.gamma)}"]
     lines += [f"not proved again: {', '.join(lost)}"] if lost else []

@@ -9,7 +9,7 @@ from rich.console import Group, RenderableType
 from rich.text import Text
 
 from cosim import hinf, replay
-from cosim.cli.design_view import acts_of, condition_of
+from cosim.cli.result_view import acts_of, condition_of
 from cosim.cli.terminal import facts_table
 from cosim.core import at_least, at_most
 from cosim.models import DelaySystem

@@ -28,9 +28,9 @@ from cosim.cli.common import (
     output_file,
     progress,
 )
-from cosim.cli.design_answers import analysis_json, design_json
-from cosim.cli.design_view import analysis_view, design_view
 from cosim.cli.output_feedback import answer_output_feedback
+from cosim.cli.result_json import result_json
+from cosim.cli.result_view import result_view
 from cosim.core import DESIGN_FILE, InputError, NotAchievableError
 from cosim.models import DelaySystem
 
@@ -299,7 +299,7 @@ def design(
                 search=search or None,
                 order=condition,
             )
-            found = greatest.design
+            found = greatest.result
         else:
             found = hinf.design(
                 system,
@@ -326,10 +326,15 @@ def design(
     answer(
         as_json,
         lambda: (
-            design_json(name, found, greatest, save, kept, nominal, named.weights)
-            | {"remark": remark, "norm_certificate": norm_file}
+            result_json(name, found, save, greatest, nominal)
+            | {
+                "weights": None if named.weights is None else list(named.weights),
+                "refutation": None if kept is None else str(kept),
+                "remark": remark,
+                "norm_certificate": norm_file,
+            }
         ),
-        lambda: design_view(name, found, greatest, nominal, remark),
+        lambda: result_view(name, found, greatest, nominal, remark),
     )
 
 
@@ -378,7 +383,7 @@ def _refutation_saved(path: Path | None) -> Iterator[None]:
         raise
 
 
-def _save_norm(path: Path | None, found: hinf.Design | hinf.Analysis) -> str | None:
+def _save_norm(path: Path | None, found: hinf.Result) -> str | None:
     """Write the proof of the upper bound of the nominal norm; return where, None without one."""
     if path is None or found.exact_norm_upper is None:
         return None
@@ -466,7 +471,7 @@ def analyse(
     system = _at_delays(named.system, delays, least_ages, sampled=sampled)
     K = own_gain if gain is None else gain_from(gain)
     condition = order_of(order, AUTO) or 0  # never None: Theorem 2 is no word here
-    greatest: hinf.synthesis.CertifiedDelay | None = None
+    greatest: hinf.GreatestDelay | None = None
     with progress() as report_progress:
         report_progress(f"analysis of {name}", 0.0)
         if max_delay:
@@ -481,7 +486,7 @@ def analyse(
             greatest = hinf.certified_delay(
                 system, K, gamma, delay_index=varied, order=condition, limit=delay_limit
             )
-            found = greatest.analysis
+            found = greatest.result
         else:
             found = hinf.analyse(system, K, gamma, order=condition, damping=damping, within=within)
         if outages and found.certified:
@@ -492,6 +497,6 @@ def analyse(
     norm_file = _save_norm(save_norm, found)
     answer(
         as_json,
-        lambda: analysis_json(name, found, greatest, saved) | {"norm_certificate": norm_file},
-        lambda: analysis_view(name, found, greatest),
+        lambda: result_json(name, found, saved, greatest) | {"norm_certificate": norm_file},
+        lambda: result_view(name, found, greatest),
     )

@@ -15,9 +15,9 @@ from cosim.cli.common import (
     answer,
     output_file,
 )
-from cosim.cli.design_view import packed_view, plant_view, vehicle_plant_view
 from cosim.cli.fmu_view import check_view, info_view, rule_view
 from cosim.cli.help_text import HelpTyper
+from cosim.cli.packed_view import packed_view, plant_view, vehicle_plant_view
 from cosim.core import CheckFailedError, InputError
 from cosim.fmu import DEFAULT_FLAVOUR, Flavour
 

@@ -180,7 +180,7 @@ def verdict(
         raise typer.Exit(CheckFailedError.exit_code)
 
 
-def certified(path: Path) -> hinf.Design:
+def certified(path: Path) -> hinf.Result:
     """Return the design in a file; of an analysis, its gain and what is proved of it.
 
     Raises
@@ -190,7 +190,7 @@ def certified(path: Path) -> hinf.Design:
     found = hinf.synthesis.design_from_certificate(
         hinf.certificate.read_certificate(path), where=str(path)
     )
-    if isinstance(found, hinf.OutputFeedback):
+    if found.observer is not None:
         raise InputError(
             "nothing is proved across outages of a loop with an observer",
             where=str(path),

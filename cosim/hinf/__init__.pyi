@@ -27,11 +27,9 @@ from .response import (
     lti as lti,
 )
 from .synthesis import (
-    Analysis as Analysis,
-    Design as Design,
     GreatestDelay as GreatestDelay,
     MessageAges as MessageAges,
-    OutputFeedback as OutputFeedback,
+    Result as Result,
     analyse as analyse,
     as_cvxpy as as_cvxpy,
     certified_delay as certified_delay,

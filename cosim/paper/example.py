@@ -9,7 +9,7 @@ import numpy as np
 from scipy import optimize
 
 from cosim.core import Progress
-from cosim.hinf import Analysis, Design, analyse, characteristic_roots, design, hinf_norm
+from cosim.hinf import Result, analyse, characteristic_roots, design, hinf_norm
 from cosim.hinf.nominal import ClosedLoop, NormResult, close
 from cosim.models import DelaySystem, paper_example as printed
 from cosim.paper.every_delay import EveryDelay
@@ -31,11 +31,11 @@ class Example:
     """
 
     system: DelaySystem
-    least: Design
-    searched: Design
-    by_theorem_2: Design
-    by_theorem_1: Analysis
-    bessel_legendre: Analysis
+    least: Result
+    searched: Result
+    by_theorem_2: Result
+    by_theorem_1: Result
+    bessel_legendre: Result
 
 
 def solve_example(report_progress: Progress) -> Example:

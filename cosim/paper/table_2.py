@@ -151,8 +151,8 @@ def table_2(
         k1, k2 = (paper_example.K1,), (paper_example.K2,)
         fixed = greatest_delay(system, gamma, k1, k2)
         best = _searched(system, gamma, start or (k1, k2), limit, known=start is not None)
-        start = best.design.k1, best.design.k2
-        bessel_legendre = certified_delay(system, fixed.design.K, gamma, order=ORDER, limit=limit)
+        start = best.result.k1, best.result.k2
+        bessel_legendre = certified_delay(system, fixed.result.K, gamma, order=ORDER, limit=limit)
         entries.append(
             Entry(
                 gamma=gamma,
@@ -161,11 +161,11 @@ def table_2(
                 corrected=fixed.delay,
                 refuted_at=fixed.refuted_at,
                 searched=best.delay,
-                k1=best.design.k1[0],
-                k2=best.design.k2[0],
-                K=best.design.K.tolist(),
+                k1=best.result.k1[0],
+                k2=best.result.k2[0],
+                K=best.result.K.tolist(),
                 limit_reached=best.limit_reached,
-                bessel_legendre=bessel_legendre.d,
+                bessel_legendre=bessel_legendre.delay,
                 bessel_legendre_limit_reached=bessel_legendre.limit_reached,
                 every_delay=everywhere is not None and gamma >= everywhere.gamma,
                 witness=witness,

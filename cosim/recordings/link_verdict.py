@@ -56,9 +56,7 @@ class OutageVerdict:
         return self.bound.share_had > self.bound.share_needed
 
 
-def outage_verdict(
-    recording: Recording, design: hinf.Design | hinf.Analysis, other: float = 0.0
-) -> OutageVerdict:
+def outage_verdict(recording: Recording, design: hinf.Result, other: float = 0.0) -> OutageVerdict:
     """Judge a recorded link by a design that is proved across outages.
 
     Parameters

@@ -15,7 +15,7 @@ from cosim.scenario.age import MeasuredAges
 from cosim.scenario.feedback_age import FeedbackAge
 
 if TYPE_CHECKING:
-    from cosim.hinf import OutputFeedback
+    from cosim.hinf import Result
 
 COMMANDS = "commands"
 """Entry of the figures, beside those of the measurements."""
@@ -70,7 +70,7 @@ def age_figures(
 
 
 def measurement_age_figures(
-    design: OutputFeedback, ages: Mapping[str, MeasuredAges | None], command_age_ns: int | None
+    design: Result, ages: Mapping[str, MeasuredAges | None], command_age_ns: int | None
 ) -> dict[str, Any]:
     """Return by measurement the ages assumed and measured, and those of the commands; JSON-safe."""
     n = len(design.system.A)

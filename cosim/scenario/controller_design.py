@@ -23,7 +23,7 @@ from cosim.scenario.read import LoadedScenario
 from cosim.scenario.schema import DesignPart, Scenario
 
 if TYPE_CHECKING:
-    from cosim.scenario.gain import AnyDesign
+    from cosim.hinf import Result
 
 _BUILT_IN, _ITS_PLANT, _ITS_DESIGN = "HinfController", "AuvPlant", "auv-1.25s"
 _NAMES_IT = "[design] file, controller and plant say what counts"
@@ -36,7 +36,7 @@ class ControllerDesign(NamedTuple):
     """
 
     loaded: LoadedScenario
-    made: tuple[Problem, AnyDesign] | None
+    made: tuple[Problem, Result] | None
     source: DesignSource | None
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeGuard
 
 import numpy as np
 
@@ -20,10 +20,7 @@ from cosim.scenario.plant import NO_PARAMETERS, design_settings_for
 from cosim.scenario.schema import ComponentPart, DesignPart
 
 if TYPE_CHECKING:
-    from typing_extensions import TypeIs
-
-    AnyDesign = hinf.Design | hinf.OutputFeedback
-    """Of the whole state, or of what is measured of it."""
+    from cosim.hinf import Result
 
 _AUV_ONLY = ("state_delay", "loop_delay", "damping", "position_weight", "envelope")
 
@@ -83,14 +80,14 @@ def _problem_of(part: DesignPart, folder: Path, plant: Mapping[str, float]) -> P
     return Problem(named.system, k1, k2, None, named.design_constraints)
 
 
-def observes(found: AnyDesign | None) -> TypeIs[hinf.OutputFeedback]:
+def observes(found: Result | None) -> TypeGuard[Result]:
     """Whether a design feeds back what an observer estimates, rather than the measured state."""
-    return found is not None and found.certificate.get("kind") == "output-feedback"
+    return found is not None and found.observer is not None
 
 
 def problem_about(
     part: DesignPart,
-    found: AnyDesign,
+    found: Result,
     where: str,
     folder: Path | None,
     plant: Mapping[str, float] = NO_PARAMETERS,
@@ -147,7 +144,7 @@ def problem_about(
     return replace(own, vehicle=described.vehicle)
 
 
-def _output_feedback_problem(part: DesignPart, found: hinf.OutputFeedback, where: str) -> Problem:
+def _output_feedback_problem(part: DesignPart, found: hinf.Result, where: str) -> Problem:
     """Return the problem of a design with an observer, which knows its system and its plant."""
     known = {"file", "controller", "plant"}
     given = sorted(key for key in part.model_fields_set - known if getattr(part, key) is not None)
@@ -214,7 +211,7 @@ def like_feedback(system: DelaySystem, like: Delay | None) -> DelaySystem:
     return replace(system, delays=tuple(delays))
 
 
-def require_up_to(found: hinf.Design) -> None:
+def require_up_to(found: hinf.Result) -> None:
     """Refuse a design for ages that no run has (NotAchievableError).
 
     That is exactly one measurement age, and an age that changes at a bounded rate.
@@ -233,7 +230,7 @@ def require_up_to(found: hinf.Design) -> None:
         )
 
 
-def _exact(found: hinf.Design) -> list[dict[str, Any]]:
+def _exact(found: hinf.Result) -> list[dict[str, Any]]:
     """Return what the claim says of delays that it covers at exactly one value."""
     return [
         x
@@ -275,7 +272,7 @@ def _auv_problem(part: DesignPart, plant: Mapping[str, float]) -> Problem:
 
 def solve(
     problem: Problem, gain: Sequence[Sequence[float]] | None, order: int | None = None
-) -> hinf.Design:
+) -> hinf.Result:
     """Design a gain, or analyse the given one.
 
     Raises
@@ -320,7 +317,7 @@ def with_known_age(problem: Problem, known: FeedbackAge | None) -> Problem:
     return replace(problem, system=like_feedback(problem.system, like))
 
 
-def solve_sharply(problem: Problem, linked: Problem, part: DesignPart) -> hinf.Design:
+def solve_sharply(problem: Problem, linked: Problem, part: DesignPart) -> hinf.Result:
     """Design for `problem`, and prove the gain for `linked`, the same with a better known age.
 
     The better proof is claimed. Where nothing can be proved for `problem`, design for `linked`.
@@ -367,7 +364,7 @@ def gain_parameters(K: Any, controller: FmuDescription) -> dict[str, float]:
     return values
 
 
-def controller_parameters(found: AnyDesign, controller: FmuDescription) -> dict[str, float]:
+def controller_parameters(found: Result, controller: FmuDescription) -> dict[str, float]:
     """Return a design as parameters of the FMU that is to fly it.
 
     Raises
@@ -389,7 +386,7 @@ def controller_parameters(found: AnyDesign, controller: FmuDescription) -> dict[
     return values
 
 
-def require_own_numbers(found: AnyDesign, controller: FmuDescription, part: ComponentPart) -> None:
+def require_own_numbers(found: Result, controller: FmuDescription, part: ComponentPart) -> None:
     """Refuse numbers of a controller beside a design that has others.
 
     Raises
@@ -408,7 +405,7 @@ def require_own_numbers(found: AnyDesign, controller: FmuDescription, part: Comp
             )
 
 
-def starts_with(found: AnyDesign, controller: FmuDescription) -> bool:
+def starts_with(found: Result, controller: FmuDescription) -> bool:
     """Whether a controller FMU starts with the numbers of a design."""
     return all(
         controller.ports[name].start == value

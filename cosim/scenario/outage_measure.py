@@ -82,7 +82,7 @@ class OutageMeasure(Measure[OutageFigures | None]):
     def __init__(
         self,
         plant: str,
-        design: hinf.Design,
+        design: hinf.Result,
         seen_as: DesignedPlant | None,
         end: float,
         *,

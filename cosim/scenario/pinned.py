@@ -14,11 +14,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from cosim import hinf
 from cosim.core import DESIGN_FILE, InputError, write_whole
-from cosim.hinf import Design, design_from_json, design_to_json
+from cosim.hinf import Result, design_from_json, design_to_json
 from cosim.hinf.certificate import certificate_from_bytes, first_difference, read_certificate
 from cosim.hinf.synthesis import design_from_certificate
 from cosim.scenario.age_claim import age_in_words, feedback_of
@@ -34,9 +34,6 @@ from cosim.scenario.gain import (
 from cosim.scenario.plant import NO_PARAMETERS
 from cosim.scenario.read import LoadedScenario
 from cosim.scenario.schema import MADE_WITH, DesignPart
-
-if TYPE_CHECKING:
-    from cosim.scenario.gain import AnyDesign
 
 _MADE_FOR = "made_for"
 
@@ -59,7 +56,7 @@ class DesignSource:
 
 def named_design(
     part: DesignPart, folder: Path, plant: Mapping[str, float] = NO_PARAMETERS
-) -> tuple[Problem, AnyDesign, DesignSource]:
+) -> tuple[Problem, Result, DesignSource]:
     """Read the design that `[design] file` names, check its proof, and find its problem.
 
     `folder` : start of relative paths; `plant` : as of `problem_about`.
@@ -84,7 +81,7 @@ def named_design(
 
 
 @lru_cache(maxsize=16)
-def _proved(content: bytes, where: str, *, in_fmu: bool) -> AnyDesign:
+def _proved(content: bytes, where: str, *, in_fmu: bool) -> Result:
     """Return the design in a file, its proof checked: once for the same bytes."""
     read = design_from_certificate if in_fmu else design_from_json
     return read(certificate_from_bytes(content, where), where=where)
@@ -92,7 +89,7 @@ def _proved(content: bytes, where: str, *, in_fmu: bool) -> AnyDesign:
 
 def kept_or_made(
     loaded: LoadedScenario, problem: Problem, known: FeedbackAge | None = None
-) -> tuple[Design, DesignSource]:
+) -> tuple[Result, DesignSource]:
     """Return the design that an earlier run kept beside the scenario; else make and keep one.
 
     `known` : what the links justify of the age of the feedback; the gain is that for any age, its
@@ -133,7 +130,7 @@ def kept_or_made(
     return made, DesignSource(f"made for this run ({why}), kept in {path}", str(path), made=True)
 
 
-def _made(problem: Problem, linked: Problem, part: DesignPart) -> Design:
+def _made(problem: Problem, linked: Problem, part: DesignPart) -> Result:
     """Design, and prove what [design] asks for beside gamma."""
     found = solve_sharply(problem, linked, part)
     return hinf.synthesis.with_outages(found) if part.outages else found
@@ -159,7 +156,7 @@ def _question(part: DesignPart, problem: Problem, linked: Problem) -> Any:
 
 def _kept(
     path: Path, made_for: Any, problems: Sequence[Problem]
-) -> tuple[Design | None, str, bool]:
+) -> tuple[Result | None, str, bool]:
     """Return the design in a file if it fits; the reason; whether the file may be replaced."""
     if not path.exists():
         return None, "none was kept before", True

@@ -34,7 +34,7 @@ from cosim.scenario.read import LoadedScenario
 from cosim.scenario.signals import no_disturbance, reference_inputs, worst_case_of
 
 if TYPE_CHECKING:
-    from cosim.scenario.gain import AnyDesign
+    from cosim.hinf import Result
 
 MADE_BEFORE = DesignSource("made before, its proof checked again")
 """The source of a design that is given to `prepare`."""
@@ -52,7 +52,7 @@ class PreparedScenario:
     loaded: LoadedScenario
     fmus: Mapping[str, FmuDescription]
     problem: Problem | None
-    design: AnyDesign | None
+    design: Result | None
     worst_case: hinf.nominal.WorstCase | None = None
     source: DesignSource | None = None
     maps: Mapping[str, LinearMap] = field(default_factory=dict)
@@ -103,7 +103,7 @@ def prepare(
     loaded: LoadedScenario,
     fmu_cache: FmuCache,
     *,
-    saved: tuple[Problem, AnyDesign] | None = None,
+    saved: tuple[Problem, Result] | None = None,
     worst_case: hinf.nominal.WorstCase | None = None,
     progress: Progress | None = None,
     of_links: bool = True,
@@ -142,7 +142,7 @@ def prepare(
     with findings.at("design"):
         check_roles(loaded, fmus)
         own = parameters_of_plant(scenario) if plant is None else plant
-        found: AnyDesign | None = None
+        found: Result | None = None
         if saved is not None:
             problem, found = saved
         elif part.file is not None:

@@ -22,7 +22,7 @@ from cosim.scenario.run_measures import RunFigures, ZeroStateFigures
 from cosim.scenario.schema import Scenario
 
 if TYPE_CHECKING:
-    from cosim.scenario.gain import AnyDesign
+    from cosim.hinf import Result
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class RunContext:
 
     scenario: Scenario
     problem: Problem | None
-    design: AnyDesign | None
+    design: Result | None
     system: System
     run: Run
     figures: RunFigures

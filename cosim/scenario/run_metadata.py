@@ -27,7 +27,7 @@ from cosim.trace import (
 )
 
 if TYPE_CHECKING:
-    from cosim.scenario.gain import AnyDesign
+    from cosim.hinf import Result
 
 
 def run_metadata_of(
@@ -145,9 +145,7 @@ def _link_entry(link: Link) -> dict[str, Any]:
     return found
 
 
-def _certificate(
-    prepared: PreparedScenario, design: AnyDesign
-) -> tuple[dict[str, str], Attachment]:
+def _certificate(prepared: PreparedScenario, design: Result) -> tuple[dict[str, str], Attachment]:
     """Return the entries of `cosim.run` about the certificate, and its attachment."""
     proof = hinf.certificate.certificate_bytes(design.certificate)
     part = prepared.loaded.scenario.design

@@ -88,9 +88,7 @@ def _along(
     return along
 
 
-def worst_case_of(
-    part: DisturbancePart, design: hinf.Design | hinf.OutputFeedback
-) -> hinf.nominal.WorstCase:
+def worst_case_of(part: DisturbancePart, design: hinf.Result) -> hinf.nominal.WorstCase:
     """Return the sinusoid that the design's nominal loop amplifies most.
 
     That of the design; computed if it has none, or if a frequency is given. Of a design with an
@@ -122,7 +120,7 @@ def worst_case_of(
     return found
 
 
-def _without_noise(design: hinf.OutputFeedback) -> DelaySystem:
+def _without_noise(design: hinf.Result) -> DelaySystem:
     """Return the pair of a design with w alone for its disturbance."""
     pair, q = design.pair.system, design.system.C.shape[1]
     return replace(pair, C=pair.C[:, :q], D1=pair.D1[:, :q])

@@ -18,7 +18,7 @@ from typing import Any
 
 from cosim.core import CosimError, InputError, NotAchievableError, default_method
 from cosim.fmu import FmuDescription
-from cosim.hinf import Design, design_from_json, design_to_json
+from cosim.hinf import Result, design_from_json, design_to_json
 from cosim.master import BROKEN, OVERDUE, Calls, Run, Supervisor
 from cosim.scenario import (
     ALL_FIGURES,
@@ -123,7 +123,7 @@ class StudyRunner:
         self._given = designs or {}
         # one design serves the study: it is for the plant of its scenario
         self._plant = parameters_of_plant(base.scenario)
-        self._designs: OrderedDict[str, tuple[Problem, Design] | NotAchievableError] = OrderedDict()
+        self._designs: OrderedDict[str, tuple[Problem, Result] | NotAchievableError] = OrderedDict()
 
     def execute_run(self, run: int, wanted: Wanted = ALL_FIGURES) -> tuple[Outcome, Run]:
         """Execute one run without a trace; its outcome has the figures that are wanted.

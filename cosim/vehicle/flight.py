@@ -67,7 +67,7 @@ class Flight:
     vehicle: Vehicle
     folder: Path
     outcome: Outcome
-    design: hinf.OutputFeedback
+    design: hinf.Result
     sensors: tuple[PlannedSensor, ...]
     crossings: tuple[Crossing, ...]
     picture: Path | None
@@ -190,9 +190,9 @@ def fly(  # noqa: PLR0915 - one step after the other
 def _wider(
     model: LinearModel,
     sensors: Sequence[PlannedSensor],
-    design: hinf.OutputFeedback,
+    design: hinf.Result,
     outcome: Outcome,
-) -> tuple[LinearModel, hinf.OutputFeedback] | None:
+) -> tuple[LinearModel, hinf.Result] | None:
     """Return model and design, of the same gains, for an envelope that holds what was flown."""
     bounds = {name: b for name, b in model.envelope.items() if name in model.vehicle.envelope}
     for name, use in outcome.metrics["envelope_use"].items():
@@ -202,7 +202,7 @@ def _wider(
     return None if wider is None else (wider[0], _noted(wider[1], wider[0]))
 
 
-def _noted(design: hinf.OutputFeedback, model: LinearModel) -> hinf.OutputFeedback:
+def _noted(design: hinf.Result, model: LinearModel) -> hinf.Result:
     """Return a design that says how the plant's FMU is seen as its plant."""
     note = {PLANT_NOTE: plant_note(model).to_json()}
     return replace(design, certificate={**design.certificate, **note})
@@ -304,7 +304,7 @@ def disturbances_of(model: LinearModel) -> tuple[str, ...]:
     return tuple(f"disturbance.{model.states[i].removeprefix('nu.')}" for i in rows)
 
 
-def _mission(model: LinearModel, design: hinf.OutputFeedback, settings: FlightSettings) -> Mission:
+def _mission(model: LinearModel, design: hinf.Result, settings: FlightSettings) -> Mission:
     return plan_mission(
         design,
         model.states,
@@ -315,17 +315,17 @@ def _mission(model: LinearModel, design: hinf.OutputFeedback, settings: FlightSe
     )
 
 
-def _save(design: hinf.OutputFeedback, path: Path) -> None:
-    data = DESIGN_FILE.stamped(design.to_json())
+def _save(design: hinf.Result, path: Path) -> None:
+    data = DESIGN_FILE.stamped(hinf.design_to_json(design))
     write_whole(path, f"{json.dumps(data, indent=1, allow_nan=False)}\n".encode())
 
 
 def _write_fmus(
-    model: LinearModel, mission: Mission, design: hinf.OutputFeedback, folder: Path
+    model: LinearModel, mission: Mission, design: hinf.Result, folder: Path
 ) -> list[str]:
     """Write the FMUs of a flight; return their names."""
     kind = fmus.target_named(fmus.DEFAULT_FLAVOUR, "prebuilt")
-    data = design.to_json()
+    data = hinf.design_to_json(design)
     parts = fmus.design_parts(data)
     specs = {part: fmus.design_part_spec(data, part, name=part) for part in parts}
     if mission.set_points:
@@ -375,7 +375,7 @@ def _write_scenario(
 
 def _subject(
     model: LinearModel,
-    design: hinf.OutputFeedback,
+    design: hinf.Result,
     sensors: Sequence[PlannedSensor],
     mission: Mission,
     across: Sequence[Crossing],

@@ -28,7 +28,7 @@ _ROOM = 0.7
 _POOR = 4.0
 """Gamma over the exact norm above which half of the envelope is tried as well."""
 
-Certified = tuple[LinearModel, tuple[PlannedSensor, ...], hinf.OutputFeedback]
+Certified = tuple[LinearModel, tuple[PlannedSensor, ...], hinf.Result]
 
 
 def certified_design(
@@ -91,7 +91,7 @@ def certified_design(
     )
 
 
-def _ratio(design: hinf.OutputFeedback) -> float:
+def _ratio(design: hinf.Result) -> float:
     """Return gamma over the exact norm of the nominal pair."""
     return (design.gamma or 0.0) / (design.exact_norm or 1.0)
 
@@ -106,10 +106,10 @@ def _with_remarks(designed: Certified, on_envelope: LinearModel, say: Say) -> Ce
 
 def proved_for(
     model: LinearModel,
-    design: hinf.OutputFeedback,
+    design: hinf.Result,
     measured: Sequence[Measurement],
     envelope: dict[str, float],
-) -> tuple[LinearModel, hinf.OutputFeedback] | None:
+) -> tuple[LinearModel, hinf.Result] | None:
     """Return the same gains, certified for another envelope; None where they are not."""
     other = linear_model(model.vehicle, envelope=envelope)
     known = known_delays(other.system)
@@ -165,7 +165,7 @@ def made_before(
     command_age: float,
     folder: Path,
     say: Say,
-) -> hinf.OutputFeedback | None:
+) -> hinf.Result | None:
     """Return the design for this model and these measurements that is in the folder, if one is.
 
     A solver's last digits never decide what flies: a design is kept, and its proof checked again.
@@ -181,7 +181,7 @@ def made_before(
     if not _same_question(data, model, measured):
         return None
     designed = hinf.design_from_json(data, where=str(place))
-    if not isinstance(designed, hinf.OutputFeedback):
+    if designed.observer is None:
         return None
     pair = designed.pair
     if (pair.command_age, pair.command_any_age) == (command_age, True):

@@ -21,7 +21,7 @@ from cosim.vehicle.flight_plan import FlightSettings
 from cosim.vehicle.flight_scenario import PATH_ENDS, Mission
 
 if TYPE_CHECKING:
-    from cosim.hinf import OutputFeedback
+    from cosim.hinf import Result
 
 Reals = NDArray[np.float64]
 
@@ -30,7 +30,7 @@ _ERROR = 0.1  # of the first estimate, as a share of the offset
 
 
 def plan_mission(
-    design: OutputFeedback,
+    design: Result,
     states: Sequence[str],
     disturbances: Sequence[str],
     envelope: Mapping[str, float],
@@ -94,7 +94,7 @@ def _along(share: Reals) -> Reals:
 class _Loop:
     """The nominal pair with further inputs: outputs are x, then u."""
 
-    def __init__(self, design: OutputFeedback, inputs: Reals, direct: Reals) -> None:
+    def __init__(self, design: Result, inputs: Reals, direct: Reals) -> None:
         pair, gain = design.pair.system, design.pair.gain
         n, m = design.system.B.shape
         wide = len(pair.A)
@@ -140,7 +140,7 @@ class _Loop:
         return np.asarray(np.abs(self._loop.transfer(omega)))
 
 
-def _loop(design: OutputFeedback, free: Sequence[int]) -> _Loop:
+def _loop(design: Result, free: Sequence[int]) -> _Loop:
     """Return the pair with the changes of set-points as inputs: u = K (xh - r)."""
     n = len(design.system.A)
     change = -design.K[:, free]
@@ -164,7 +164,7 @@ def _use(
 
 
 def _wave_height(
-    design: OutputFeedback,
+    design: Result,
     disturbances: Sequence[str],
     bounds: Reals,
     limits: Sequence[float],

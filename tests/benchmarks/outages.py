@@ -63,7 +63,7 @@ def in_folder(folder: Path) -> Iterator[tuple[str, Recording]]:
 
 
 @cache
-def proved(interval: float) -> hinf.Analysis:
+def proved(interval: float) -> hinf.Result:
     """The loop for messages that are so far apart [s]."""
     d = float(f"{AGE * interval:.4g}")
     system = DelaySystem(
@@ -75,7 +75,7 @@ def proved(interval: float) -> hinf.Analysis:
     return hinf.synthesis.with_outages(hinf.analyse(system, gain, order=0), alpha=0.1 / d)
 
 
-def flight_over_bound(recording: Recording, found: hinf.Analysis, other: float) -> float:
+def flight_over_bound(recording: Recording, found: hinf.Result, other: float) -> float:
     """The largest |x|_P^2 over its bound on an exact flight; of V at the start no more is used."""
     outages = found.guarantees.outages
     assert outages is not None

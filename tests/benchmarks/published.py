@@ -83,7 +83,7 @@ def _networked(**kind: Any) -> DelaySystem:
 
 def _longest(system: DelaySystem, gain: Any = None, **how: Any) -> tuple[float | None, Any]:
     found = certified_delay(system, gain, **how)
-    return found.d, found.analysis.certificate
+    return found.delay, found.result.certificate
 
 
 def _gain(found: Any) -> tuple[float | None, Any]:
@@ -92,7 +92,7 @@ def _gain(found: Any) -> tuple[float | None, Any]:
 
 def _stabilised() -> tuple[float | None, Any]:
     found = greatest_delay(UNSTABLE, None, order=1, limit=2.0)
-    return found.delay, found.design.certificate
+    return found.delay, found.result.certificate
 
 
 def examples() -> Iterator[Example]:

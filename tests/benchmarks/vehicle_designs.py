@@ -81,7 +81,7 @@ def designed(name: str, kept: dict[str, Any] | None = None) -> dict[str, Any]:
         **gains,
     )
     noted = replace(found, certificate={**found.certificate, PLANT_NOTE: note})
-    return DESIGN_FILE.stamped(noted.to_json())
+    return DESIGN_FILE.stamped(hinf.design_to_json(noted))
 
 
 def main() -> None:

@@ -121,8 +121,8 @@ def test_wirtinger_beside_looped(eta: float) -> None:
 def test_nothing_is_claimed_beyond_the_known_end(age: dict[str, Any], end: float) -> None:
     """x' = -x(t - tau): the greatest certified age lies below the true one, and not far below."""
     found = certified_delay(scalar(0.5, **age), order=1, limit=4.0)
-    assert found.d is not None
-    assert 0.85 * end < found.d < end
+    assert found.delay is not None
+    assert 0.85 * end < found.delay < end
 
 
 def test_a_sampled_age_may_exceed_the_margin_of_the_constant_one() -> None:
@@ -512,8 +512,8 @@ def test_a_greatest_delay_uses_known_ages() -> None:
         greatest_delay(system, None, order=order, limit=4.0) for order in (None, "auto")
     )
     assert known.delay > 1.1 * plain.delay
-    assert known.design.certificate["kind"] == "ages"
-    proof = check_certificate(known.design.certificate)
+    assert known.result.certificate["kind"] == "ages"
+    proof = check_certificate(known.result.certificate)
     assert proof.valid
     assert proof.claim["delays"][0]["d"] == known.delay
     assert plain.refuted_at is not None

@@ -145,21 +145,21 @@ def test_the_certified_delay_climbs_and_stays_below_the_truth(order: int) -> Non
     """The ladder to all its published digits, each certified, none above 6.172581371."""
     found = certified_delay(benchmark(1.0), order=order)
     ladder = (4.472, 6.059, 6.1689, 6.1725, 6.1725, 6.1725)
-    assert found.d is not None
+    assert found.delay is not None
     assert found.not_certified_at is not None
-    assert ladder[order] <= found.d < min(found.not_certified_at, EXACT_BOUND)
-    assert found.not_certified_at - found.d < 1e-5 * found.d
+    assert ladder[order] <= found.delay < min(found.not_certified_at, EXACT_BOUND)
+    assert found.not_certified_at - found.delay < 1e-5 * found.delay
     assert not found.limit_reached
-    assert found.analysis.covers_smaller_delays or order > 3
-    assert check_certificate(found.analysis.certificate).valid
+    assert found.result.covers_smaller_delays or order > 3
+    assert check_certificate(found.result.certificate).valid
 
 
 def test_a_loop_stable_for_every_delay_stops_at_the_limit() -> None:
     """The printed loop is stable for every delay, at gamma 6 as well: the search says so."""
     for gamma in (None, 6.0):
         found = certified_delay(paper_example.system(), PRINTED, gamma, limit=50.0)
-        assert (found.d, found.limit_reached, found.not_certified_at) == (50.0, True, None)
-        assert check_certificate(found.analysis.certificate).valid
+        assert (found.delay, found.limit_reached, found.not_certified_at) == (50.0, True, None)
+        assert check_certificate(found.result.certificate).valid
 
 
 def test_a_loop_that_bears_no_delay_has_no_greatest_one() -> None:
@@ -167,9 +167,9 @@ def test_a_loop_that_bears_no_delay_has_no_greatest_one() -> None:
     system = DelaySystem([[1.0]], delays=[Delay(1.0, [[-0.5]])])
     for order in (0, 2):
         found = certified_delay(system, order=order)
-        assert found.d is None
-        assert found.analysis.certificate is None
-        assert not found.analysis.certified
+        assert found.delay is None
+        assert found.result.certificate is None
+        assert not found.result.certified
         assert not found.limit_reached
 
 
@@ -186,12 +186,12 @@ def test_a_loop_that_needs_its_delay() -> None:
     assert not analyse(system, order=0).certified
     assert analyse(system, order=2).certified
     found = certified_delay(system, order=4)
-    assert found.d is not None
-    assert found.analysis.covers_smaller_delays is False
-    assert 1.7178 < found.d < end
+    assert found.delay is not None
+    assert found.result.covers_smaller_delays is False
+    assert 1.7178 < found.delay < end
     assert found.not_certified_at is not None
-    assert found.d < found.not_certified_at
-    assert check_certificate(found.analysis.certificate).valid
+    assert found.delay < found.not_certified_at
+    assert check_certificate(found.result.certificate).valid
 
 
 def test_any_age_is_theorem_1_at_order_0_and_without_Q() -> None:

@@ -102,8 +102,8 @@ def test_what_is_no_number_is_bad_input(bad: Any) -> None:
 def test_the_greatest_delay_of_a_huge_gain_is_found_or_not() -> None:
     """At a delay where it cannot be analysed, the search goes on below."""
     found = certified_delay(paper_example.system(), [[1e12, -1e12]], limit=1.0, precision=0.1)
-    assert found.analysis.certified == (found.d is not None)
-    assert found.d is None or found.d < 1.0
+    assert found.result.certified == (found.delay is not None)
+    assert found.delay is None or found.delay < 1.0
 
 
 @pytest.mark.slow

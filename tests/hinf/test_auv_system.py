@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from cosim.core import InputError
-from cosim.hinf import Design, auv_system, design
+from cosim.hinf import Result, auv_system, design
 from cosim.hinf.problem import DEFAULT_K1, DEFAULT_K2, AuvDesignSettings
 from cosim.models import DelaySystem
 
@@ -18,13 +18,13 @@ DAMPING, STATE_DELAY, LINK, SHORT = 0.05, 0.5, 1.25, 0.05
 
 
 @pytest.fixture(scope="module")
-def aware() -> Design:
+def aware() -> Result:
     """The gain designed for the link."""
     return design(auv_system(), DEFAULT_K1, DEFAULT_K2)
 
 
 @pytest.fixture(scope="module")
-def naive() -> Design:
+def naive() -> Result:
     """The gain designed with the same weights as if the loop were 0.05 s."""
     return design(auv_system(AuvDesignSettings(loop_delay=SHORT)), DEFAULT_K1, DEFAULT_K2)
 
@@ -120,7 +120,7 @@ def test_settings_out_of_range_are_refused(settings: dict[str, float], name: str
         AuvDesignSettings(**settings)  # type: ignore[arg-type]
 
 
-def test_the_aware_gain_is_certified_and_near_what_was_computed_elsewhere(aware: Design) -> None:
+def test_the_aware_gain_is_certified_and_near_what_was_computed_elsewhere(aware: Result) -> None:
     """Gains near -0.06 (position) and -0.53 (speed), gamma under 3.84.
 
     The numbers are those of an independent design for half the envelope, at other k1, k2.
@@ -133,14 +133,14 @@ def test_the_aware_gain_is_certified_and_near_what_was_computed_elsewhere(aware:
     assert speed == pytest.approx(np.full(4, -0.53), abs=0.03)
 
 
-def test_roots_of_the_aware_loop(aware: Design) -> None:
+def test_roots_of_the_aware_loop(aware: Result) -> None:
     """The spectral abscissa is that of four scalar axes, by Newton on each."""
     assert aware.abscissa == pytest.approx(_abscissa(aware.K, LINK), abs=1e-9)
     assert aware.abscissa < -0.05
 
 
 def test_the_naive_gain_is_stable_where_it_was_designed_and_unstable_over_the_link(
-    naive: Design,
+    naive: Result,
 ) -> None:
     """Near +0.21 1/s over 1.25 s, by Newton on each axis, and well damped at 0.05 s."""
     assert naive.abscissa == pytest.approx(_abscissa(naive.K, SHORT), abs=1e-9)
@@ -149,7 +149,7 @@ def test_the_naive_gain_is_stable_where_it_was_designed_and_unstable_over_the_li
 
 
 def test_the_certified_gamma_holds_for_admissible_uncertainty_and_any_constant_age(
-    aware: Design,
+    aware: Result,
 ) -> None:
     """No F with |F| <= 1 and no ages up to the designed ones bring the gain above gamma.
 
@@ -170,7 +170,7 @@ def test_the_certified_gamma_holds_for_admissible_uncertainty_and_any_constant_a
     assert 0.6 * aware.gamma < worst <= aware.gamma
 
 
-def test_nominal_norm_agrees_with_a_sweep(aware: Design) -> None:
+def test_nominal_norm_agrees_with_a_sweep(aware: Result) -> None:
     """The exact norm bounds a dense sweep from above and is attained by it to 1e-5."""
     omega = np.concatenate([[0.0], np.geomspace(1e-4, 50.0, 20_000)])
     swept = _gain_over_frequency(

@@ -129,7 +129,7 @@ def test_a_greatest_delay_beyond_theorem_2() -> None:
     assert found.limit_reached
     assert found.delay == 20.0
     assert found.refuted_at is None
-    proof = check_certificate(found.design.certificate)
+    proof = check_certificate(found.result.certificate)
     assert proof.valid
     assert proof.claim["delays"][0]["d"] == 20.0
 
@@ -148,8 +148,8 @@ def test_a_greatest_delay_is_not_beyond_the_truth() -> None:
     last = greatest_delay(system, 1.0, [-0.5], [1.0], search=True).delay
     for order in (0, 1):
         found = greatest_delay(system, 1.0, [-0.5], [1.0], order=order)
-        assert last < found.delay < first_loss(loop_of(system, found.design.K), 0)
-        at = loop_of(found.design.system, found.design.K)
+        assert last < found.delay < first_loss(loop_of(system, found.result.K), 0)
+        at = loop_of(found.result.system, found.result.K)
         assert norm(at) < 1.0
         last = found.delay
 

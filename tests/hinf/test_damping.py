@@ -20,7 +20,7 @@ from cosim.core import InputError, NotAchievableError
 from cosim.hinf import (
     Delay,
     DelaySystem,
-    Design,
+    Result,
     analyse,
     check_certificate,
     design,
@@ -138,13 +138,13 @@ NETWORKED = DelaySystem(
 
 
 @pytest.fixture(scope="module")
-def plain() -> Design:
+def plain() -> Result:
     """The networked loop designed without damping."""
     return design(NETWORKED)
 
 
 @pytest.mark.slow
-def test_a_design_meets_the_damping_that_the_least_gamma_misses(plain: Design) -> None:
+def test_a_design_meets_the_damping_that_the_least_gamma_misses(plain: Result) -> None:
     """The networked loop: .46 without, 0.7 with; gamma grows a little; the file proves it again."""
     assert plain.gamma is not None
     assert 0.4 < _true_ratio(NETWORKED, plain.K, 3.0) < 0.5
@@ -169,7 +169,7 @@ def test_a_gamma_to_meet_goes_with_damping() -> None:
 
 
 @pytest.mark.slow
-def test_a_gamma_that_damping_does_not_leave_is_refused(plain: Design) -> None:
+def test_a_gamma_that_damping_does_not_leave_is_refused(plain: Result) -> None:
     """Hardly above that of the design without damping: the message says so."""
     assert plain.gamma is not None
     with pytest.raises(NotAchievableError, match="design constraints") as refused:
@@ -177,7 +177,7 @@ def test_a_gamma_that_damping_does_not_leave_is_refused(plain: Design) -> None:
     assert "was not reached" in str(refused.value.got)
 
 
-def test_a_gain_that_is_damped_already_is_kept(plain: Design) -> None:
+def test_a_gain_that_is_damped_already_is_kept(plain: Result) -> None:
     """No other gain than without the constraint; its proof is in the certificate."""
     found = design(NETWORKED, damping=0.4, within=3.0)
     assert found.K.tolist() == plain.K.tolist()

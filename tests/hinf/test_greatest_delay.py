@@ -36,8 +36,8 @@ def test_table_2_at_the_printed_k1_k2(gamma: float, end: float | None) -> None:
     beyond = check_certificate(json.loads(json.dumps(found.refutation)))
     assert beyond.valid
     assert beyond.claim["delays"][0]["d"] == found.refuted_at
-    assert found.design.gamma == gamma
-    proof = check_certificate(found.design.certificate)
+    assert found.result.gamma == gamma
+    proof = check_certificate(found.result.certificate)
     assert proof.valid
     assert proof.claim["delays"][0]["d"] == found.delay
 
@@ -58,8 +58,8 @@ def test_searched_table_2_ends_at_the_limit_alone(gamma: float) -> None:
     assert found.delay == 20.0
     assert found.limit_reached
     assert found.refuted_at is None
-    assert check_certificate(found.design.certificate).valid
-    assert found.design.abscissa < 0
+    assert check_certificate(found.result.certificate).valid
+    assert found.result.abscissa < 0
 
 
 def test_a_delay_beyond_ten_times_the_printed_one() -> None:
@@ -85,7 +85,7 @@ def test_the_benchmark_is_certified_short_of_its_exact_end() -> None:
     """Searched: above 4.4, not above what free matrices in place of k1, k2 give, nor the truth."""
     found = delay_by_theorem_2(benchmark(1.0), None, (-0.1,), (0.2,), search=True)
     assert 4.4 < found.delay < THEOREM_1_END < BENCHMARK_END
-    assert check_certificate(found.design.certificate).valid
+    assert check_certificate(found.result.certificate).valid
 
 
 def test_search_brings_section_5_to_its_bound() -> None:

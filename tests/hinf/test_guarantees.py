@@ -16,7 +16,7 @@ from cosim.core import InputError
 from cosim.hinf import (
     Delay,
     DelaySystem,
-    Design,
+    Result,
     check_certificate,
     design,
     design_from_json,
@@ -27,7 +27,7 @@ from cosim.models import paper_example
 
 
 @pytest.fixture(scope="module")
-def found() -> Design:
+def found() -> Result:
     """Section 5 with all design constraints at once."""
     return design(
         paper_example.system(),
@@ -44,7 +44,7 @@ def found() -> Design:
 
 
 @pytest.fixture(scope="module")
-def saved(found: Design) -> Any:
+def saved(found: Result) -> Any:
     """Its file's content."""
     return json.loads(json.dumps(design_to_json(found)))
 
@@ -56,7 +56,7 @@ def _worse(value: Any) -> Any:
         return f"{value} and more"
 
 
-def test_a_design_with_guarantees_survives_its_file(found: Design, saved: Any) -> None:
+def test_a_design_with_guarantees_survives_its_file(found: Result, saved: Any) -> None:
     """Read back it is the same, proofs and all; its claim lists what is proved."""
     assert check_certificate(saved).valid
     assert set(saved["claim"]["guarantees"]) == {"decay", "damping", "gain_limit", "peak_control"}

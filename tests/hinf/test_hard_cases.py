@@ -153,7 +153,7 @@ def test_the_greatest_delay_up_to_hours() -> None:
     """--delay-limit 1e4, k1 and k2 searched."""
     found = greatest_delay(paper_example.system(), 6.0, (0.6,), (0.2,), search=True, limit=1e4)
     assert (found.delay, found.limit_reached) == (1e4, True)
-    assert check_certificate(found.design.certificate).valid
+    assert check_certificate(found.result.certificate).valid
 
 
 @pytest.mark.parametrize(

@@ -164,17 +164,17 @@ def _delay(
     loss = first_loss(loop_of(system), 0)
     limit = 1.5 * loss if np.isfinite(loss) else 5.0
     found = certified_delay(system, gamma=gamma, order=order, limit=limit)
-    if found.d is not None:
-        check_delay_claim(system, None, 0, found.d)
+    if found.delay is not None:
+        check_delay_claim(system, None, 0, found.delay)
         check_claim(
-            found.analysis.system,
+            found.result.system,
             None,
             gamma,
-            covers_smaller_delays=found.analysis.covers_smaller_delays,
+            covers_smaller_delays=found.result.covers_smaller_delays,
             seed=seed,
         )
         tally["delay"] += 1
-        tally["tight delay"] += found.d > 0.95 * loss
+        tally["tight delay"] += found.delay > 0.95 * loss
 
 
 def _designs(system: DelaySystem, seed: int, tally: Counter[str]) -> None:
@@ -191,7 +191,7 @@ def _designs(system: DelaySystem, seed: int, tally: Counter[str]) -> None:
         greatest = greatest_delay(
             system, goal, k1, k2, delay_index=delay_index, limit=5.0, order=order
         )
-        at = greatest.design
+        at = greatest.result
         check_claim(at.system, at.K, at.gamma, covers_smaller_delays=True, seed=seed)
         check_delay_claim(system, at.K, delay_index, greatest.delay)
         tally["design delay"] += 1

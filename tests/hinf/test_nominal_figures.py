@@ -11,7 +11,7 @@ import pytest
 
 from cosim.core import InputError
 from cosim.hinf import (
-    Design,
+    Result,
     analyse,
     characteristic_roots,
     design,
@@ -26,7 +26,7 @@ from cosim.models import Delay, DelaySystem, paper_example
 
 
 @pytest.fixture(scope="module")
-def paper() -> Design:
+def paper() -> Result:
     return design(
         paper_example.system(), (0.6,), (0.2,), gain=[paper_example.PRINTED_K], order=None
     )
@@ -100,7 +100,7 @@ def test_figures_without_performance_or_stability() -> None:
     assert (found.delay_margin, found.worst_case) == ((None,), None)
 
 
-def test_design_and_analysis_have_the_same_figures(paper: Design) -> None:
+def test_design_and_analysis_have_the_same_figures(paper: Result) -> None:
     """Both are measured in one place."""
     analysis = analyse(paper_example.system(), [paper_example.PRINTED_K], order=0)
     expected = nominal_figures_of(paper_example.system(), [paper_example.PRINTED_K])
@@ -123,7 +123,7 @@ def test_figures_are_computed_when_they_are_read_and_once() -> None:
     assert there == figures
 
 
-def test_a_design_comes_back_from_its_file(paper: Design) -> None:
+def test_a_design_comes_back_from_its_file(paper: Result) -> None:
     """All figures, through the text of JSON; and without those an older file does not have."""
     data = json.loads(json.dumps(design_to_json(paper)))
     back = design_from_json(data, where="a.json")
@@ -148,7 +148,7 @@ def test_a_design_comes_back_from_its_file(paper: Design) -> None:
     ],
 )
 def test_a_file_with_wrong_figures_is_refused(
-    paper: Design, key: str, value: object, message: str
+    paper: Result, key: str, value: object, message: str
 ) -> None:
     """By name, with what was expected."""
     data = json.loads(json.dumps(design_to_json(paper)))
@@ -157,14 +157,14 @@ def test_a_file_with_wrong_figures_is_refused(
         design_from_json(data, where="a.json")
 
 
-def test_a_file_without_its_figures_is_refused(paper: Design) -> None:
+def test_a_file_without_its_figures_is_refused(paper: Result) -> None:
     data = json.loads(json.dumps(design_to_json(paper)))
     del data["figures"]["exact_norm"]
     with pytest.raises(InputError, match="figures"):
         design_from_json(data, where="a.json")
 
 
-def test_nominal_gamma_is_less_than_the_certified_one(paper: Design) -> None:
+def test_nominal_gamma_is_less_than_the_certified_one(paper: Result) -> None:
     """Between the exact norm and gamma lies the gamma of the same gain with nothing uncertain."""
     assert paper.gamma is not None
     assert paper.exact_norm_upper is not None

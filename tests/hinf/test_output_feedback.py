@@ -18,14 +18,15 @@ from cosim.hinf import (
     analyse,
     auv_system,
     check_certificate,
+    design_from_json,
     design_output_feedback,
+    design_to_json,
     hinf_norm,
 )
 from cosim.hinf.certificate import pair_of, standalone
 from cosim.hinf.certificate.standalone_numbers import RefusedError
 from cosim.hinf.lmi import InjectionLmi, units_of, without_performance
 from cosim.hinf.nominal import close
-from cosim.hinf.synthesis import output_feedback_from_json
 from cosim.hinf.synthesis.pair_gain import PairGain
 from cosim.models import Measurement
 
@@ -98,17 +99,15 @@ def test_a_design_is_certified_and_has_less_gamma_than_other_gains(designed: Any
 
 def test_a_saved_output_feedback_is_read_with_its_figures(designed: Any) -> None:
     """Through JSON; the proof is checked again, and a changed one refused."""
-    data = json.loads(json.dumps(designed.to_json()))
-    again = output_feedback_from_json(data, where="file")
+    data = json.loads(json.dumps(design_to_json(designed)))
+    again = design_from_json(data, where="file")
     assert again.gamma == designed.gamma
     assert again.exact_norm == designed.exact_norm
     np.testing.assert_array_equal(again.L[0], designed.L[0])
-    assert check_certificate(again.to_json()).valid
+    assert check_certificate(design_to_json(again)).valid
     data["K"][0][0] *= 1.5
-    with pytest.raises(InputError, match="the proof does not hold"):
-        output_feedback_from_json(data, where="file")
-    with pytest.raises(InputError, match="not an output feedback"):
-        output_feedback_from_json({"kind": "norm"}, where="file")
+    with pytest.raises(InputError, match="the proof of this design does not hold"):
+        design_from_json(data, where="file")
 
 
 @pytest.mark.slow
@@ -135,15 +134,15 @@ def test_peaks_with_the_initial_error_are_proved_and_not_exceeded() -> None:
     other = design_output_feedback(
         *(AXIS, [fixes]), **gains, order=0, offset=[1, 0], initial_error=[0.5, 0.25]
     )
-    data = json.loads(json.dumps(zero.to_json()))
+    data = json.loads(json.dumps(design_to_json(zero)))
     check: Any = standalone.check
     assert check_certificate(data).valid
     assert check(json.dumps(data).encode())["guarantees"]["state_peaks"]["energy"] == "0"
-    assert zero.state_peaks is not None
-    assert other.state_peaks is not None
-    again = output_feedback_from_json(data, where="file").state_peaks
+    assert zero.guarantees.state_peaks is not None
+    assert other.guarantees.state_peaks is not None
+    again = design_from_json(data, where="file").guarantees.state_peaks
     assert again is not None
-    assert again.bounds == zero.state_peaks.bounds
+    assert again.bounds == zero.guarantees.state_peaks.bounds
     data["pair"]["guarantees"]["state_peaks"]["bounds"][1] = "1"
     data["pair"]["claim"]["guarantees"]["state_peaks"]["bounds"][1] = "1"
     data["claim"]["guarantees"]["state_peaks"]["bounds"][1] = "1"
@@ -152,7 +151,7 @@ def test_peaks_with_the_initial_error_are_proved_and_not_exceeded() -> None:
     with pytest.raises(RefusedError, match="bounds too low"):
         check(json.dumps(data).encode())
     for found, starts in ((zero, [1, 0, 1, 0]), (other, [1, 0, 0.5, 0.25])):
-        peaks = found.state_peaks
+        peaks = found.guarantees.state_peaks
         assert peaks is not None
         for age in (0, 17, 50):  # hundredths of a second: Euler's method
             x = np.tile(np.array(starts, dtype=float), (3001, 1))
@@ -171,7 +170,7 @@ def test_the_vehicle_is_certified_with_positions_alone_of_any_age() -> None:
     """Eight states, the envelope's whole uncertainty, fixes of any age up to 1.5 s; random F."""
     fixes = Measurement("eta", np.eye(4, 8), 1.5, any_age=True)
     found = design_output_feedback(onboard(), [fixes])
-    assert check_certificate(found.to_json()).valid
+    assert check_certificate(design_to_json(found)).valid
     seeded, system, norms = np.random.default_rng(1), found.pair.system, []
     for _ in range(6):
         left, _, right = np.linalg.svd(seeded.normal(size=(6, 6)))
@@ -189,7 +188,7 @@ def test_the_vehicle_is_certified_with_positions_alone_of_any_age() -> None:
 def test_auto_means_what_it_means_in_an_analysis() -> None:
     """The vehicle over slow links, 16 states: gamma of its pair is that of `analyse`, not 3.4."""
     path = Path(str(files("cosim.scenario"))) / "library" / "designs" / "auv-survey.json"
-    pair = output_feedback_from_json(json.loads(path.read_bytes()), where=str(path)).pair
+    pair = design_from_json(json.loads(path.read_bytes()), where=str(path)).pair
     found = design_output_feedback(
         *(pair.plant, pair.measurements),
         gain=pair.K,

@@ -39,12 +39,12 @@ def test_a_pure_delayed_feedback(order: int, published: float | None) -> None:
     At order 0 it is [[q-r, r-p], [r-p, d^2 r-q-r]] < 0, best at p = r, q -> r: d^2 < 2.
     """
     found = certified_delay(SCALAR, order=order)
-    assert found.d is not None
-    assert found.d < np.pi / 2
+    assert found.delay is not None
+    assert found.delay < np.pi / 2
     if published is not None:
-        assert found.d == pytest.approx(published, rel=2e-6)
+        assert found.delay == pytest.approx(published, rel=2e-6)
     else:
-        assert found.d > (1.5674, 1.5707)[order - 1]
+        assert found.delay > (1.5674, 1.5707)[order - 1]
 
 
 @pytest.mark.parametrize(
@@ -57,9 +57,9 @@ def test_a_loop_that_needs_its_delay(order: int, ladder: tuple[float, float]) ->
     for end in exact:
         assert abs(abscissa(loop_of(SECOND_ORDER).at(0, end))) < 1e-8
     found = certified_delay(SECOND_ORDER, order=order)
-    assert found.d is not None
-    assert ladder[1] <= found.d < exact[1]
-    assert not analyse(with_delays(SECOND_ORDER, [found.d]), order=0).certified
+    assert found.delay is not None
+    assert ladder[1] <= found.delay < exact[1]
+    assert not analyse(with_delays(SECOND_ORDER, [found.delay]), order=0).certified
     assert analyse(with_delays(SECOND_ORDER, [ladder[0]]), order=order).certified
     for d in (0.1001, 1.7179):
         assert not analyse(with_delays(SECOND_ORDER, [d]), order=order).certified

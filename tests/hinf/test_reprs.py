@@ -47,14 +47,14 @@ T = L.feedback()
         (Delay(2.0, np.eye(2), least_age=1.0, rate=0.5), "2 s, rate up to 0.5, at least 1 s"),
         (DelaySystem([[-1.0]]), "<DelaySystem: 1 state, no delay>"),
         (system_by_name("auv").system, "delays 0.5 s, any age; 1.25 s, any age, feedback"),
-        (FOUND, "<Design 'paper': K = [["),
+        (FOUND, "<Result 'paper': K = [["),
         (FOUND, "gamma 5.00001 certified, for every smaller delay too>"),
         (
             FOUND.certificate,
             "<Certificate: stability and H-infinity gain <= 5.00001, delay 1 constant",
         ),
         (check_certificate(FOUND.certificate), "<CertificateCheck: valid; stability and"),
-        (analyse(DelaySystem([[1.0]])), "<Analysis: u = 0, not certified: "),
+        (analyse(DelaySystem([[1.0]])), "<Result: u = 0, not certified: "),
         (close(SYSTEM, FOUND.K), "<ClosedLoop: 2 states, 1 w, 2 z, delays 0.3 s>"),
         (FOUND.guarantees, "<Guarantees: none>"),
         (

@@ -16,7 +16,7 @@ from shared import sampled
 
 from cosim.core import NotAchievableError
 from cosim.hinf import (
-    Analysis,
+    Result,
     analyse,
     auv_system,
     certified_delay,
@@ -91,9 +91,9 @@ def test_a_failure_is_never_called_no_solution(route: str, status: str) -> None:
 @pytest.mark.parametrize("order", [0, 1])
 def test_an_analysis_is_not_certified_because_the_solver_failed(order: int, status: str) -> None:
     """Not certified is a result; its reason is the solver's, not the loop's."""
-    found: list[Analysis] = [
+    found: list[Result] = [
         analyse(paper_example.system(), PRINTED, order=order),
-        certified_delay(paper_example.system(), PRINTED, 6.0, order=order).analysis,
+        certified_delay(paper_example.system(), PRINTED, 6.0, order=order).result,
     ]
     for one in found:
         assert not one.certified

@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 
-from cosim.hinf import Design, auv_system, check_certificate, design
+from cosim.hinf import Result, auv_system, check_certificate, design
 from cosim.hinf.problem import DEFAULT_ENVELOPE, DEFAULT_K1, DEFAULT_K2
 from cosim.models import TABLE_1, inertia, thrust_map, vehicle_derivatives
 
@@ -19,7 +19,7 @@ LIMIT = (0.25, 0.25, 0.25, 0.2)
 
 
 @pytest.fixture(scope="module")
-def found() -> Design:
+def found() -> Result:
     """The design for the link, its peak of u proved from the offset."""
     return design(auv_system(), DEFAULT_K1, DEFAULT_K2, peak_control=LIMIT, offset=OFFSET)
 
@@ -50,7 +50,7 @@ def _simulate(K: np.ndarray, start: np.ndarray, age: float, end: float = 40.0) -
 
 
 @pytest.mark.slow
-def test_no_simulated_run_from_the_box_exceeds_the_proved_peak(found: Design) -> None:
+def test_no_simulated_run_from_the_box_exceeds_the_proved_peak(found: Result) -> None:
     """All corners, three ages: |u| below its bounds, the bounds within 4 times what is flown.
 
     The flights stay inside the envelope that E and H are proved for, so the bounds are claimed.
@@ -74,7 +74,7 @@ def test_no_simulated_run_from_the_box_exceeds_the_proved_peak(found: Design) ->
 
 
 @pytest.mark.slow
-def test_thrust_follows_from_acceleration(found: Design) -> None:
+def test_thrust_follows_from_acceleration(found: Result) -> None:
     """|u| bounds the forces through M: surge below 2 kN, from the certificate checked again."""
     assert check_certificate(found.certificate).valid
     peak = found.guarantees.peak_control
@@ -85,7 +85,7 @@ def test_thrust_follows_from_acceleration(found: Design) -> None:
 
 
 @pytest.mark.slow
-def test_a_tighter_limit_costs_gamma(found: Design) -> None:
+def test_a_tighter_limit_costs_gamma(found: Result) -> None:
     """Less thrust than the plain gain is proved with: kept, at a larger gamma."""
     peak = found.guarantees.peak_control
     assert peak is not None

@@ -32,7 +32,7 @@ MILD = HiddenChain(np.array([[0.985, 0.015], [0.2, 0.8]]), np.array([0.02, 0.9])
 
 
 @cache
-def proved() -> hinf.Analysis:
+def proved() -> hinf.Result:
     """A gain for messages each second."""
     return hinf.synthesis.with_outages(hinf.analyse(AXIS, K, order=0), alpha=0.045)
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from cosim import fmu as fmus
 from cosim.core import DESIGN_FILE
-from cosim.hinf import Delay, DelaySystem, OutputFeedback, design_output_feedback
+from cosim.hinf import Delay, DelaySystem, Result, design_output_feedback, design_to_json
 from cosim.models import Measurement
 
 A, LATE = np.array([[0.0, 1.0], [-8.0, -4.0]]), np.array([[0.0, 0.0], [0.0, -0.2]])
@@ -68,7 +68,7 @@ def scenario(**changed: object) -> str:
     return SCENARIO.format(**USUAL | changed)
 
 
-def axis_design(command_age: float = 0.0) -> OutputFeedback:
+def axis_design(command_age: float = 0.0) -> Result:
     """Prove K and L for fixes up to 1.2 s old and a speed up to 0.3 s old.
 
     command_age : a constant one, of a play-out; 0: any age up to a step and some.
@@ -90,7 +90,7 @@ def axis_design(command_age: float = 0.0) -> OutputFeedback:
 def write_axis(folder: Path, *, command_age: float = 0.0) -> Path:
     """Write the FMUs of the axis and its design; return the folder."""
     found = axis_design(command_age)
-    data = json.dumps(DESIGN_FILE.stamped(found.to_json()))
+    data = json.dumps(DESIGN_FILE.stamped(design_to_json(found)))
     folder.joinpath("design.json").write_text(data, "utf-8")
     module = fmus.component_module
     specs = {

@@ -49,7 +49,7 @@ from cosim.hinf.response.time_response import (
 from cosim.models import DelaySystem
 
 if TYPE_CHECKING:
-    from cosim.hinf.synthesis import Analysis
+    from cosim.hinf.synthesis import Result
 
 
 class DelayLTI(Blocks):
@@ -293,7 +293,7 @@ class DelayLTI(Blocks):
             )
         return retarded
 
-    def analyse(self, gamma: float | None = None, **how: Any) -> Analysis:
+    def analyse(self, gamma: float | None = None, **how: Any) -> Result:
         """Certify a bound of the norm, or stability, in rational arithmetic: `cosim.hinf.analyse`.
 
         Raises

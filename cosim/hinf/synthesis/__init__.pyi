@@ -5,31 +5,17 @@ from .ages_of_messages import (
     MessageAges as MessageAges,
     message_ages as message_ages,
 )
-from .analysis import (
-    Analysis as Analysis,
-    analyse as analyse,
-)
+from .analysis import analyse as analyse
 from .any_age_proofs import (
     for_any_command as for_any_command,
     proved_again as proved_again,
 )
-from .certified_delays import (
-    CertifiedDelay as CertifiedDelay,
-    certified_delay as certified_delay,
-)
-from .certified_design import Design as Design
-from .certified_pair import (
-    OutputFeedback as OutputFeedback,
-    output_feedback_from_json as output_feedback_from_json,
-)
+from .certified_delays import certified_delay as certified_delay
 from .cvxpy_lmi import (
     CvxpyLmi as CvxpyLmi,
     as_cvxpy as as_cvxpy,
 )
-from .delay_routes import (
-    GreatestDelay as GreatestDelay,
-    delay_by_theorem_2 as delay_by_theorem_2,
-)
+from .delay_routes import delay_by_theorem_2 as delay_by_theorem_2
 from .design_file import (
     design_from_certificate as design_from_certificate,
     design_from_json as design_from_json,
@@ -49,4 +35,8 @@ from .outage_rates import (
 from .output_feedback import (
     TooUncertainError as TooUncertainError,
     design_output_feedback as design_output_feedback,
+)
+from .result import (
+    GreatestDelay as GreatestDelay,
+    Result as Result,
 )

@@ -19,9 +19,9 @@ from cosim.core import NotAchievableError
 from cosim.hinf.lmi import GainLmi, Multiplier, scalar_multiplier
 from cosim.hinf.problem import of_any_age
 from cosim.hinf.synthesis import theorem_2
-from cosim.hinf.synthesis.analysis import Analysis
 from cosim.hinf.synthesis.bessel_legendre_gains import rounded
 from cosim.hinf.synthesis.conditions import MOST_ROWS
+from cosim.hinf.synthesis.result import Result
 from cosim.hinf.theorems import functionals_of
 from cosim.models import DelaySystem, Matrix
 
@@ -48,13 +48,13 @@ def gains_for_shorter_ages(
             failures.append(f"Theorem 2 at {share:g} of the ages: {error.what}")
 
 
-def is_past_the_best(made: Sequence[Analysis]) -> bool:
+def is_past_the_best(made: Sequence[Result]) -> bool:
     """Whether the last of analyses for shorter and shorter ages is worse than the one before."""
-    proved = [one.gamma for one in made if one.certified and one.gamma is not None]
-    return made[-1].certified and len(proved) > 1 and proved[-1] >= proved[-2]
+    proved = [one.gamma for one in made if one.certificate is not None and one.gamma is not None]
+    return made[-1].certificate is not None and len(proved) > 1 and proved[-1] >= proved[-2]
 
 
-def nearest_to_a_goal(made: Sequence[Analysis]) -> tuple[Matrix, float] | None:
+def nearest_to_a_goal(made: Sequence[Result]) -> tuple[Matrix, float] | None:
     """Return the gain whose analysis came to the least gamma, proved or not, and this gamma."""
     leasts = [(one.K, one.least_gamma) for one in made if one.K is not None]
     bounded = [(K, least) for K, least in leasts if least is not None]

@@ -24,9 +24,8 @@ from cosim.hinf.nominal import (
     one_thread,
 )
 from cosim.hinf.problem import DELAY_LIMIT, refuse_structure
-from cosim.hinf.synthesis.analysis import Analysis, analyse, gain_of
+from cosim.hinf.synthesis.analysis import analyse, gain_of
 from cosim.hinf.synthesis.certified_delays import certified_age
-from cosim.hinf.synthesis.certified_design import Design
 from cosim.hinf.synthesis.gain_design import design
 from cosim.models import Delay, DelaySystem
 
@@ -279,14 +278,13 @@ def _row(
 ) -> AgeRow:
     """Design, or prove, at one age."""
     age, reason = system.delays[index].d, None
-    loop: Design | Analysis
     try:
         loop = design(system, k1, k2, gamma=gamma, gain=gain)
     except NotAchievableError as error:
         if gain is None:
             return AgeRow(age, None, None, None, None, None, stable=False, reason=error.what)
         loop = analyse(system, gain, gamma if system.has_performance else None)
-        reason = None if loop.certified else loop.reason
+        reason = loop.reason
     stable = loop.abscissa is not None and loop.abscissa < 0.0
     K = gain_of(system, loop.K)
     return AgeRow(

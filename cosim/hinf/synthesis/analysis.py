@@ -12,28 +12,19 @@ the nominal loop are given beside it.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import partial
-from typing import Any, Literal, Protocol, TypeVar
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cosim.core import InputError, counted, html_table, matrix_text
-from cosim.hinf.certificate import (
-    Certificate,
-    Damping,
-    Guarantees,
-    check_measured,
-    checked_damping,
-    covers_smaller,
-)
+from cosim.core import InputError, counted
+from cosim.hinf.certificate import Damping, Guarantees, check_measured, checked_damping
 from cosim.hinf.lmi import Condition, not_found, solver_words
 from cosim.hinf.nominal import (
     BEYOND,
-    HasFigures,
     NominalFigures,
-    Verdict,
     checked_system,
     figures_if_known,
     verdict_of,
@@ -48,99 +39,15 @@ from cosim.hinf.synthesis.conditions import (
     widened,
 )
 from cosim.hinf.synthesis.ladder import FAR, clearly_below, least_proved
-from cosim.hinf.synthesis.result_text import proved_words, result_rows
-from cosim.hinf.synthesis.same_as_proved import require_proved_gain
+from cosim.hinf.synthesis.result import Result
 from cosim.hinf.theorems import MAX_ORDER
-from cosim.models import DelaySystem, Matrix, Value
+from cosim.models import DelaySystem, Matrix
 
 _ABOVE_LEAST = (2e-6, 1e-5, 5e-5, 3e-4, 2e-3, 1e-2, 5e-2, *FAR)
 _COSTLY = 500
 """Unknowns from which a proof takes seconds: the finest levels above the least gamma are left."""
 _FIRST_IF_COSTLY = 3
 _MUCH = 0.1  # share of gamma worth a proof of exactly these delays, or an odd gain
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Analysis(HasFigures, Value):
-    """The result of an analysis: what is certified of a loop, and its nominal figures.
-
-    It cannot be changed, and two are equal where everything they say is.
-
-    Attributes
-    ----------
-    system : the system, at the delays that are analysed.
-    K : (m, n) the gain, as its doubles; None for u = 0.
-    order : of the Bessel-Legendre inequality; 0 is Theorem 1.
-    certified : whether anything is proved.
-    reason : why nothing is; None if something is.
-    gamma : certified bound of the gain from w to z, uncertainty included; None where only
-        stability is certified, or nothing.
-    least_gamma : the solver's least gamma: not a proof; None where it finds none.
-    figures : of the nominal loop. They are attributes of the analysis too, `abscissa`,
-        `exact_norm`, `exact_norm_upper`, `norm_frequency`, `delay_margin` and `worst_case`: see
-        `NominalFigures`.
-    certificate : the proof as JSON values, for `check_certificate`; None if not certified.
-    guarantees : the damping, where it was asked for and is proved; also in the certificate, if
-        there is one.
-    damping_reason : why the damping that was asked for is not proved; None if it is, or none was.
-
-    Raises
-    ------
-    InputError : made with a system, gain, bound or guarantee that is not the certificate's.
-    """
-
-    system: DelaySystem
-    K: NDArray[np.float64] | None
-    order: int
-    certified: bool
-    reason: str | None
-    gamma: float | None
-    least_gamma: float | None
-    figures: NominalFigures
-    certificate: dict[str, Any] | None
-    guarantees: Guarantees = field(default_factory=Guarantees)
-    damping_reason: str | None = None
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.certified != (self.certificate is not None):
-            raise InputError(
-                "what is said is not what is proved",
-                where="certified",
-                expected="a certificate where something is proved, none where nothing is",
-                got=f"certified = {self.certified}",
-            )
-        if self.certificate is not None:
-            object.__setattr__(self, "certificate", Certificate(self.certificate))
-            stated = {"gamma": self.gamma, "order": self.order}
-            require_proved_gain(self.certificate, self.system, self.K, stated, self.guarantees)
-
-    def __repr__(self) -> str:
-        name = f" {self.system.name!r}" if self.system.name else ""
-        gain = "u = 0" if self.K is None else f"K = {matrix_text(self.K)}"
-        return f"<Analysis{name}: {gain}, {proved_words(self)}>"
-
-    def _repr_html_(self) -> str:
-        """Return what is proved and the figures of the nominal loop, as notebooks show them."""
-        return html_table(repr(self), {"system": repr(self.system)[1:-1], **result_rows(self)})
-
-    @property
-    def covers_smaller_delays(self) -> bool:
-        """Whether the proof covers every delay up to the system's, not exactly these alone."""
-        return self.certificate is not None and covers_smaller(self.certificate["claim"])
-
-    @property
-    def verdict(self) -> Literal["certified"] | Verdict:
-        """What is decided: "certified", "unstable" (proved for the nominal loop), "undecided"."""
-        if self.certified:
-            return "certified"
-        if (
-            self.abscissa is None
-            or self.abscissa < 0
-            or any(delay.sampled for delay in self.system.delays)
-        ):
-            return "undecided"
-        return verdict_of(self.system, gain_of(self.system, self.K), self.abscissa)[0]
 
 
 Order = int | Literal["auto"]
@@ -154,7 +61,7 @@ def analyse(
     order: Order = "auto",
     damping: float | None = None,
     within: float | None = None,
-) -> Analysis:
+) -> Result:
     """Certify the least gamma of u = K x, or stability where there is no w or no z.
 
     Parameters
@@ -164,7 +71,7 @@ def analyse(
     gamma : a bound to prove instead of the least one.
     order : 0 for Theorem 1, which covers every constant delay up to the system's; N > 0 for the
         Bessel-Legendre condition of order N, which covers exactly these delays, or every one up
-        to them if that can be proved at the same gamma (`Analysis.covers_smaller_delays`). Ages
+        to them if that can be proved at the same gamma (`Result.covers_smaller_delays`). Ages
         are taken as they are from order 1 on, and at any order where more is known of one than
         its bound (`cosim.hinf.synthesis.conditions`). "auto": the best proof of the orders that
         take a few seconds at most.
@@ -186,19 +93,18 @@ def analyse(
     try:
         with np.errstate(over="raise", invalid="raise"):
             analysis = best_analysis(system, K, gamma, order, figures)
-        if unknown is not None and not analysis.certified:
+        if unknown is not None and analysis.certificate is None:
             analysis = replace(analysis, reason=f"{unknown}; {analysis.reason}")
     except (ArithmeticError, np.linalg.LinAlgError) as error:
         reason = unknown or f"{BEYOND} ({error}): choose other units"
         first = AFFORDABLE_ORDERS[0] if order == "auto" else order
-        nothing: dict[str, Any] = dict.fromkeys(("gamma", "least_gamma", "certificate"))
-        analysis = Analysis(system, K, first, False, reason, **nothing, figures=figures)  # noqa: FBT003
+        analysis = Result(system, K, None, figures, None, first, reason=reason)
     if asked is not None:
         analysis = _with_damping(analysis, K, asked)
-    return analysis if gain is not None else replace(analysis, K=None)
+    return analysis
 
 
-def _with_damping(analysis: Analysis, K: Matrix, asked: Damping) -> Analysis:
+def _with_damping(analysis: Result, K: Matrix, asked: Damping) -> Result:
     """Return an analysis with the damping that is proved of its gain, or why it is not."""
     reason = asked.failure(analysis.system, K)
     if reason is not None:
@@ -233,13 +139,13 @@ def best_analysis(
     *,
     ranking: bool = False,
     below: float | None = None,
-) -> Analysis:
+) -> Result:
     """Return the best proof of this order or of all; where there is none, what came nearest.
 
     ranking : of all orders only what is quick, to compare gains with each other.
     below : a gamma that is proved already: only what is clearly less is tried.
     """
-    made: list[Analysis] = []
+    made: list[Result] = []
     root = figures.abscissa
     excluded = root is not None and root >= 0 and not any(x.sampled for x in system.delays)
     bounded = system.has_performance
@@ -262,57 +168,36 @@ def best_analysis(
         if last.gamma is not None:
             below = min(_worth(last), np.inf if below is None else below)
         asked = gamma is not None or last.gamma is None
-        if last.certified and (asked or is_exact(last) or (known and not _is_far(last))):
+        if last.certificate is not None and (
+            asked or is_exact(last) or (known and not _is_far(last))
+        ):
             break
-    certified = [one for one in made if one.certified]
+    certified = [one for one in made if one.certificate is not None]
     if certified:
         return preferred(certified)
     return min(made, key=lambda one: np.inf if one.least_gamma is None else one.least_gamma)
 
 
-class Claim(Protocol):
-    """What designs and analyses have in common."""
-
-    @property
-    def gamma(self) -> float | None:
-        """The certified bound."""
-
-    @property
-    def abscissa(self) -> float | None:
-        """Of the nominal loop; None where it could not be computed."""
-
-    @property
-    def exact_norm(self) -> float | None:
-        """Of the nominal loop."""
-
-    @property
-    def covers_smaller_delays(self) -> bool:
-        """Whether the proof covers every delay up to the system's."""
-
-
-Claimed = TypeVar("Claimed", bound=Claim)
-
-
-def preferred(claims: Sequence[Claimed]) -> Claimed:
-    """Return the claim of least gamma; where little is lost, one that covers smaller delays.
+def preferred(proved: Sequence[Result]) -> Result:
+    """Return the proof of least gamma; where little is lost, one that covers smaller delays.
 
     So too one whose nominal figures can be computed: otherwise its gain is out of all proportion.
     """
-    return min(claims, key=_worth)
+    return min(proved, key=_worth)
 
 
-def _worth(one: Claim) -> float:
-    """Return the gamma of a claim that covers smaller delays and is worth as much."""
+def _worth(one: Result) -> float:
+    """Return the gamma of a proof that covers smaller delays and is worth as much."""
     worse = (not one.covers_smaller_delays) + 2 * (one.abscissa is None)
     return (one.gamma or 0.0) * (1.0 + _MUCH) ** worse
 
 
-def is_exact(claim: Claim) -> bool:
+def is_exact(one: Result) -> bool:
     """Whether no analysis of the same gain can be sharper: gamma is the nominal norm."""
-    return bool(claim.exact_norm and (claim.gamma or 0.0) < claim.exact_norm * (1 + 1e-3))
+    return bool(one.exact_norm and (one.gamma or 0.0) < one.exact_norm * (1 + 1e-3))
 
 
-def _is_far(one: Analysis) -> bool:
+def _is_far(one: Result) -> bool:
     """Return whether a gamma is proved far above the least one: another order may do better."""
     if one.gamma is None or one.least_gamma is None:
         return False
@@ -327,7 +212,7 @@ def _analysed(
     conditions: Sequence[Condition],
     figures: NominalFigures,
     below: float | None,
-) -> Analysis:
+) -> Result:
     """Analyse a gain whose nominal figures are known, by conditions of one order.
 
     below : as in `best_analysis`.
@@ -365,11 +250,10 @@ def _analysed(
         if proof is not None:
             proof = widened(condition, system, K, level) or proof
             break
-    return Analysis(
+    return Result(
         system=system,
         K=K,
         order=order,
-        certified=proof is not None,
         reason=None if proof is not None else reason,
         gamma=None if proof is None else level,
         least_gamma=(leasts[-1] if proof is not None else min(leasts)) if leasts else None,

@@ -14,17 +14,14 @@ import numpy as np
 from cosim.core import PLANT_NOTE, InputError, NotAchievableError
 from cosim.hinf.certificate import constant_ages_claimed, has_constant_age
 from cosim.hinf.synthesis.analysis import Order
-from cosim.hinf.synthesis.certified_design import Design
-from cosim.hinf.synthesis.certified_pair import OutputFeedback
 from cosim.hinf.synthesis.conditions import is_large
 from cosim.hinf.synthesis.gain_design import design
 from cosim.hinf.synthesis.output_feedback import design_output_feedback
+from cosim.hinf.synthesis.result import Result
 from cosim.models import Delay, DelaySystem, Measurement
 
 
-def proved_again(
-    proved: Design | OutputFeedback, *, hold: float | None = None, order: Order = "auto"
-) -> Design | OutputFeedback:
+def proved_again(proved: Result, *, hold: float | None = None, order: Order = "auto") -> Result:
     """Return the same gains, with a proof for ages that a run can have.
 
     Parameters
@@ -62,7 +59,7 @@ _COST = 1.25
 """So much greater may gamma be for commands that are held than for commands at once."""
 
 
-def for_any_command(proved: OutputFeedback, *, most: float | None = None) -> OutputFeedback:
+def for_any_command(proved: Result, *, most: float | None = None) -> Result:
     """Return a design proved for commands of any age up to one that costs little.
 
     Commands at once are of no run: they are held from one to the next. So the greatest of some ages
@@ -75,7 +72,8 @@ def for_any_command(proved: OutputFeedback, *, most: float | None = None) -> Out
     ages = constant_ages_claimed(proved.certificate)
     least = min((x.d for x in proved.measurements if x.d > 0), default=0.0)
     large = is_large(proved.pair.system, proved.pair.gain)
-    if not ages or any(ages.values()) or not least or large or proved.state_peaks is not None:
+    peaks = proved.guarantees.state_peaks
+    if not ages or any(ages.values()) or not least or large or peaks is not None:
         return proved
     for share in _SHARES:
         try:
@@ -84,15 +82,13 @@ def for_any_command(proved: OutputFeedback, *, most: float | None = None) -> Out
             continue
         bound = most or _COST * (proved.gamma or 0.0)
         cheap = again.gamma is None or again.gamma <= bound
-        if isinstance(again, OutputFeedback) and cheap:
+        if cheap:
             return again
     return proved
 
 
-def _proved(
-    proved: Design | OutputFeedback, hold: float | None, order: Order
-) -> Design | OutputFeedback:
-    if isinstance(proved, Design):
+def _proved(proved: Result, hold: float | None, order: Order) -> Result:
+    if proved.observer is None:
         return design(_of_any_age(proved.system, hold), gain=proved.K, order=order)
     pair = proved.pair
     return design_output_feedback(

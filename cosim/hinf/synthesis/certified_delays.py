@@ -11,7 +11,6 @@ up from the greatest delay of order 0 in steps of `_STEP`, to the end of that fe
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -21,7 +20,6 @@ from cosim.hinf.lmi import Condition
 from cosim.hinf.nominal import figures_if_known
 from cosim.hinf.problem import DELAY_LIMIT, with_delay
 from cosim.hinf.synthesis.analysis import (
-    Analysis,
     Order,
     check_gamma,
     check_order_of_analysis,
@@ -35,6 +33,7 @@ from cosim.hinf.synthesis.conditions import (
     widened,
 )
 from cosim.hinf.synthesis.delay_routes import check_delay
+from cosim.hinf.synthesis.result import GreatestDelay, Result
 from cosim.models import DelaySystem
 
 _STEP = 1.1
@@ -42,33 +41,6 @@ _FROM_KNOWN = 1.5  # first step from an age that is known to be certified, or ne
 _FIRST = 2.0**-10  # first delay tried above zero, as a share of the limit
 PRECISION = 1e-6
 """Of the bisection, relative."""
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class CertifiedDelay:
-    """The greatest certified value of one delay, the others kept.
-
-    Attributes
-    ----------
-    delay_index : index of the delay in `system.delays`.
-    d : the greatest certified delay [s]; None if no delay is certified.
-    not_certified_at : a delay [s] just above d without a proof; None at the limit or without d.
-    limit_reached : whether d is the limit of the search.
-    analysis : at d, with its proof, its order, and whether it covers every smaller delay
-        (`covers_smaller_delays`); of the system as given if no delay is certified.
-    """
-
-    delay_index: int
-    d: float | None
-    not_certified_at: float | None
-    limit_reached: bool
-    analysis: Analysis
-
-    def __repr__(self) -> str:
-        if self.d is None:
-            return f"<CertifiedDelay: none, {self.analysis!r}>"
-        end = ", the limit of the search" if self.limit_reached else ""
-        return f"<CertifiedDelay: delay {self.delay_index + 1} up to {self.d:.6g} s{end}>"
 
 
 def certified_delay(
@@ -80,7 +52,7 @@ def certified_delay(
     order: Order = "auto",
     limit: float = DELAY_LIMIT,
     precision: float = PRECISION,
-) -> CertifiedDelay:
+) -> GreatestDelay:
     """Find the greatest delay `delay_index` at which u = K x is certified, the others kept.
 
     Parameters
@@ -109,26 +81,18 @@ def certified_delay(
     search.widen()
     done = search.d is not None and search.d >= limit
     system_at_d = system if search.d is None else search.at(search.d)
-    analysis = Analysis(
+    none = f"no delay was found at which a proof exists; at {search.failed} s: {search.reason}"
+    result = Result(
         system=system_at_d,
-        K=None if gain is None else K,
+        K=K,
         order=own_order if search.d is None else search.order,
-        certified=search.d is not None,
-        reason=None
-        if search.d is not None
-        else f"no delay was found at which a proof exists; at {search.failed:g} s: {search.reason}",
+        reason=none if search.d is None else None,
         gamma=None if search.d is None else gamma,
-        least_gamma=None,
         certificate=search.certificate,
         figures=figures_if_known(system_at_d, K)[0],
     )
-    return CertifiedDelay(
-        delay_index=delay_index,
-        d=search.d,
-        not_certified_at=None if done or search.d is None else search.failed,
-        limit_reached=done,
-        analysis=analysis,
-    )
+    beyond = None if done or search.d is None else search.failed
+    return GreatestDelay(delay_index, search.d, result, done, not_certified_at=beyond)
 
 
 def certified_age(

@@ -27,9 +27,9 @@ from cosim.hinf.lmi import (
 )
 from cosim.hinf.problem import DesignConstraints
 from cosim.hinf.synthesis import theorem_2
-from cosim.hinf.synthesis.certified_design import Design
 from cosim.hinf.synthesis.decay_search import corner_scalars, proved_decay
 from cosim.hinf.synthesis.level_search import Level, best_level, level_of
+from cosim.hinf.synthesis.result import Result
 from cosim.hinf.synthesis.search import starts
 from cosim.hinf.synthesis.theorem_2 import checked_scalars
 from cosim.hinf.theorems import Scalars
@@ -42,7 +42,7 @@ _STEPS = 2  # designs with relaxed constraints
 
 
 def prove_constraints(
-    proved: Design, design_constraints: DesignConstraints, at: Scalars | None
+    proved: Result, design_constraints: DesignConstraints, at: Scalars | None
 ) -> tuple[Guarantees | None, str]:
     """Prove the design constraints for the gain as it is; or return None and why.
 
@@ -77,8 +77,8 @@ def prove_constraints(
 
 
 def constrained(
-    proved: Design, design_constraints: DesignConstraints, at: Scalars | None = None
-) -> Design:
+    proved: Result, design_constraints: DesignConstraints, at: Scalars | None = None
+) -> Result:
     """Return a design with the constraints proved for its gain; `at` as in `prove_constraints`.
 
     Raises
@@ -96,13 +96,13 @@ def constrained(
     return with_guarantees(proved, guarantees)
 
 
-def with_guarantees(proved: Design, guarantees: Guarantees) -> Design:
+def with_guarantees(proved: Result, guarantees: Guarantees) -> Result:
     """Return the design with the guarantees in its claim, their proofs in its certificate."""
     certificate = guarantees.beside(proved.certificate)
     return replace(proved, guarantees=guarantees, certificate=certificate)
 
 
-def scalars_of(proved: Design) -> Scalars:
+def scalars_of(proved: Result) -> Scalars:
     """Return k1, k2 and the delays of a design by Theorem 2."""
     return checked_scalars(proved.system, proved.k1, proved.k2)
 
@@ -124,7 +124,7 @@ class ConstrainedSearch:
         self._level: Level | None = None
         self._free: dict[str, Any] = {}
 
-    def best(self, plain: Design | None) -> Design:
+    def best(self, plain: Result | None) -> Result:
         """Design with the constraints in full, then relax them towards `plain` while provable."""
         best, reason = None, ""
         tried = starts(self._start)[:_STARTS]
@@ -161,7 +161,7 @@ class ConstrainedSearch:
             strength = (low + high) / 2
         return best
 
-    def _at(self, strength: float, p: Scalars) -> tuple[Design | None, str]:
+    def _at(self, strength: float, p: Scalars) -> tuple[Result | None, str]:
         """Design with the constraints at this strength; None and why, unless all are proved."""
         with solver_words() as solve_count:
             problem = self._problem(self._eased(strength), p)
@@ -183,7 +183,7 @@ class ConstrainedSearch:
         )
         return (None, reason) if guarantees is None else (with_guarantees(designed, guarantees), "")
 
-    def _of_itself(self, plain: Design) -> dict[str, Any]:
+    def _of_itself(self, plain: Result) -> dict[str, Any]:
         """Return the limits above which the bounds of the LMI do not affect the first design."""
         d = self._design_constraints
         free: dict[str, Any] = {}
@@ -216,7 +216,7 @@ class ConstrainedSearch:
             )
         return replace(d, **changes)
 
-    def _guess(self, designed: Design) -> float:
+    def _guess(self, designed: Result) -> float:
         """Estimate the strength at which the proved bounds would just meet the limits."""
         d, more = self._design_constraints, designed.guarantees
         pairs = []

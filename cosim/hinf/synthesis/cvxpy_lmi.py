@@ -20,8 +20,8 @@ from cosim.hinf.exact import exact
 from cosim.hinf.lmi import in_cvxpy, scaling_of
 from cosim.hinf.nominal import checked_system
 from cosim.hinf.synthesis.analysis import gain_of
-from cosim.hinf.synthesis.certified_design import Design
 from cosim.hinf.synthesis.designs import check_achievable, rounded_gain
+from cosim.hinf.synthesis.result import Result
 from cosim.hinf.synthesis.search import starts
 from cosim.hinf.synthesis.theorem_2 import checked_scalars, design
 from cosim.hinf.theorems import minus_omega, positive
@@ -82,7 +82,7 @@ class CvxpyLmi:
         K = np.asarray(np.linalg.solve(X.T, Y.T).T, dtype=np.float64)
         return rounded_gain(K, scaling_of(self.system))
 
-    def design(self, gamma: float | None = None) -> Design:
+    def design(self, gamma: float | None = None) -> Result:
         """Return the design with this gain, proved exactly at k1, k2.
 
         The proof has variables of its own, without the constraints that were added. Its least
@@ -199,7 +199,7 @@ def cvxpy_design(
     gamma: float | None = None,
     gain: ArrayLike | None = None,
     search: bool = False,
-) -> Design:
+) -> Result:
     """Design a gain by `as_cvxpy` with Clarabel, and prove it by Theorem 2 at the same k1, k2.
 
     search : also try the fixed starts of a search, and take the best.

@@ -23,11 +23,11 @@ from cosim.hinf.certificate import Damping
 from cosim.hinf.exact import exact
 from cosim.hinf.lmi import units_of
 from cosim.hinf.problem import DesignConstraints
-from cosim.hinf.synthesis.certified_design import Design
 from cosim.hinf.synthesis.constrained_search import describe_constraints, with_guarantees
 from cosim.hinf.synthesis.descent import proposals
 from cosim.hinf.synthesis.designs import rounded_gain
 from cosim.hinf.synthesis.loop_gain import LoopGain
+from cosim.hinf.synthesis.result import Result
 from cosim.hinf.synthesis.stabilisability import NoGainError
 from cosim.models import DelaySystem, Matrix
 
@@ -48,9 +48,9 @@ def damped_design(
     system: DelaySystem,
     constraints: DesignConstraints,
     asked: Damping,
-    undamped: Callable[[DesignConstraints], Design],
-    proved: Callable[[Matrix], Design],
-) -> Design:
+    undamped: Callable[[DesignConstraints], Result],
+    proved: Callable[[Matrix], Result],
+) -> Result:
     """Design a gain that meets constraints with a damping ratio among them.
 
     Parameters

@@ -13,14 +13,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache
 from typing import Any
 
 import scipy
 
 from cosim.core import InputError, NotAchievableError
-from cosim.hinf.certificate import Certificate
 from cosim.hinf.lmi import (
     ROUGH_TOLERANCE,
     Answer,
@@ -32,11 +31,11 @@ from cosim.hinf.lmi import (
 from cosim.hinf.nominal import one_thread
 from cosim.hinf.problem import DELAY_LIMIT, with_delay
 from cosim.hinf.synthesis.bessel_legendre_gains import Gain, Loop, check_order, continue_gain
-from cosim.hinf.synthesis.certified_design import Design
 from cosim.hinf.synthesis.delay_search import search_greatest_delay
 from cosim.hinf.synthesis.designs import check_achievable, design_of_theorem_2, given_gain_design
 from cosim.hinf.synthesis.ladder import delays_below, first_proved
 from cosim.hinf.synthesis.not_achievable import hint_after
+from cosim.hinf.synthesis.result import GreatestDelay
 from cosim.hinf.synthesis.stabilisability import unstabilisable_error
 from cosim.hinf.synthesis.theorem_2 import checked_scalars, find_certified_gain
 from cosim.hinf.theorems import Scalars
@@ -48,37 +47,6 @@ _ABOVE = (1e-5, 1e-4, 1e-3, 1e-2)
 _PRECISION = 1e-7  # of the end at fixed k1, k2, relative: that of a margin
 _BEYOND = (1e-3, 1e-2, 0.1, 1.0)
 """Shares beyond a greatest delay found where its end at fixed k1, k2 is searched."""
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class GreatestDelay:
-    """The greatest delay certified for a gamma.
-
-    delay : d* [s]; the other delays as they were.
-    design : the gain and its proof at d*.
-    limit_reached : whether d* is the limit of the search; nothing is known beyond.
-    refuted_at : a delay [s] just above d* from which on the LMI is proved to have no solution at
-        the design's k1, k2; None: not certified beyond.
-    refutation : the proof as JSON values, for `check_certificate`.
-    """
-
-    delay: float
-    design: Design
-    limit_reached: bool
-    refuted_at: float | None
-    refutation: dict[str, Any] | None
-
-    def __post_init__(self) -> None:
-        if self.refutation is not None:
-            object.__setattr__(self, "refutation", Certificate(self.refutation))
-
-    def __repr__(self) -> str:
-        end = ""
-        if self.limit_reached:
-            end = ", the limit of the search"
-        elif self.refuted_at is not None:
-            end = f", refuted from {self.refuted_at:.6g} s on"
-        return f"<GreatestDelay: {self.delay:.6g} s{end}, {self.design!r}>"
 
 
 @one_thread
@@ -129,12 +97,10 @@ def delay_by_theorem_2(
         if proved is None:
             return None, reason
         beyond = None if d == limit else _refuted(system, problem, at, gamma, delay_index)
+        refuted_at, refutation = beyond or (None, None)
+        result = design_of_theorem_2(there, *proved, None)
         greatest = GreatestDelay(
-            delay=d,
-            design=design_of_theorem_2(there, *proved, None),
-            limit_reached=d == limit,
-            refuted_at=None if beyond is None else beyond[0],
-            refutation=None if beyond is None else beyond[1],
+            *(delay_index, d, result, d == limit), refuted_at=refuted_at, refutation=refutation
         )
         return greatest, ""
 
@@ -280,7 +246,7 @@ def delay_by_order(
 
     Continuation from the gain at the greatest delay of Theorem 2; nothing is refuted beyond
     the end. At N > 0 the proof covers exactly that delay, or every one up to it
-    (`Design.covers_smaller_delays`).
+    (`Result.covers_smaller_delays`).
 
     plain : what Theorem 2 gave of the same arguments, or raised; None: not tried yet.
 
@@ -299,7 +265,7 @@ def delay_by_order(
         except NotAchievableError as error:
             plain = error
     if isinstance(plain, GreatestDelay):
-        K, start = plain.design.K, plain.delay
+        K, start = plain.result.K, plain.delay or 0.0
     else:
         start = _SHORT * limit
         short = at(start).initial_gains()
@@ -316,7 +282,7 @@ def delay_by_order(
             designed = given_gain_design(at(d).system, gain, gamma, order)
         except NotAchievableError as error:  # also a loop too fast for its roots to be counted
             return None, str(error.got or error.what)
-        return GreatestDelay(d, designed, d == limit, None, None), ""
+        return GreatestDelay(delay_index, d, designed, d == limit), ""
 
     below = [(d, K) for d in delays_below(end, itself=True)]
     greatest, reason = first_proved([*below, *reversed(passed[:-1])], prove)

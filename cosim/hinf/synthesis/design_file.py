@@ -1,48 +1,51 @@
-"""A design as JSON: its certificate, and the figures of the nominal loop."""
+"""A result as JSON: its certificate, and the figures of the nominal loop beside it.
+
+The figures are computed and no part of the claim; what is read is what was computed once, so that
+no solver, and no processor, decides on the digits of a later run.
+"""
 
 from __future__ import annotations
 
-from fractions import Fraction
+from dataclasses import asdict
 from typing import Any
-
-import numpy as np
 
 from cosim.core import InputError, format_value
 from cosim.hinf import nominal
-from cosim.hinf.certificate import KEY, check_certificate, guarantees_from_json, system_from_json
-from cosim.hinf.synthesis.certified_design import Design
-from cosim.hinf.synthesis.certified_pair import OutputFeedback, output_feedback_from_json
-from cosim.hinf.synthesis.kept_figures import (
-    FIGURES,
-    LATER_FIGURES,
-    figures_from_json,
-    figures_to_json,
-    has_figures,
+from cosim.hinf.certificate import (
+    KEY,
+    check_certificate,
+    gain_from_json,
+    number,
+    pair_from_json,
+    system_from_json,
 )
-from cosim.models import DelaySystem
+from cosim.hinf.nominal import NominalFigures
+from cosim.hinf.synthesis.result import Result
+from cosim.models import DelaySystem, Matrix
+
+FIGURES = ("least_gamma", "abscissa", "exact_norm", "norm_frequency")
+LATER_FIGURES = ("exact_norm_upper", "delay_margin", "worst_case")
+"""Absent in older files: then None."""
+_OF_A_GAIN = ("kind", "theorem", "claim", "system", "variables", "K", KEY)
+"""What is kept of a file about a gain: its proof, and no note beside it."""
 
 
-def design_to_json(design: Design | OutputFeedback) -> dict[str, Any]:
+def design_to_json(design: Result) -> dict[str, Any]:
     """Return JSON values: `claim`, `system`, `variables`, `K` of the proof, and `figures`."""
-    if isinstance(design, OutputFeedback):
-        return design.to_json()
-    return {**design.certificate, "figures": figures_to_json(design)}
+    return {**design.certificate, "figures": _figures_to_json(design)}
 
 
-def design_from_json(data: Any, *, where: str) -> Design | OutputFeedback:
+def design_from_json(data: Any, *, where: str) -> Result:
     """Read a design from its JSON, and check its proof again.
-
-    One of kind "output-feedback" is an `OutputFeedback`.
 
     Raises
     ------
     InputError : not a design, or one whose proof does not hold.
     """
-    if _observes(data):
-        return output_feedback_from_json(data, where=where)
+    observes = _observes(data)
     _require_proof(data, where)
     figures = data.get("figures")
-    if not has_figures(figures):
+    if not observes and not _has_figures(figures):
         if "kind" in data:
             raise InputError("not a design", where=where, got="an analysis, without figures")
         raise InputError(
@@ -51,11 +54,13 @@ def design_from_json(data: Any, *, where: str) -> Design | OutputFeedback:
             expected=f"figures: {', '.join(FIGURES)}, optionally {', '.join(LATER_FIGURES)}",
             got=format_value(sorted(figures) if isinstance(figures, dict) else figures),
         )
-    system = system_from_json(data["system"])
-    return _design(data, system, *figures_from_json(figures, where, system, np.array(data["K"])))
+    if observes and not (_has_figures(figures) and "delay_margin" in figures):
+        return design_from_certificate(data, where=where)  # older files have not all of them
+    least, kept = _figures_from_json(figures, where, *_loop_of(data))
+    return Result.of(_kept(data), kept, least)
 
 
-def design_from_certificate(data: Any, *, where: str) -> Design | OutputFeedback:
+def design_from_certificate(data: Any, *, where: str) -> Result:
     """Read a design from its certificate alone, as a controller FMU carries it.
 
     The figures of the nominal loop, which no claim depends on, are computed.
@@ -64,16 +69,14 @@ def design_from_certificate(data: Any, *, where: str) -> Design | OutputFeedback
     ------
     InputError : a proof that does not hold, or that is not about a gain.
     """
-    if _observes(data):
-        return output_feedback_from_json(data, where=where)
     _require_proof(data, where)
     K, variables = data.get("K"), data.get("variables")
-    if not K or not K[0] or not isinstance(variables, dict) or "gamma" not in variables:
-        raise InputError(
-            "not a design", where=where, expected="the proof of a gain", got=_kind_of(data)
-        )
-    system = system_from_json(data["system"])
-    return _design(data, system, None, nominal.figures_if_known(system, K)[0])
+    if not _observes(data) and (
+        not K or not K[0] or not isinstance(variables, dict) or "gamma" not in variables
+    ):
+        got = f"a certificate of kind {data['kind']}" if "kind" in data else "no gain K"
+        raise InputError("not a design", where=where, expected="the proof of a gain", got=got)
+    return Result.of(_kept(data), nominal.figures_if_known(*_loop_of(data))[0])
 
 
 def _observes(data: Any) -> bool:
@@ -86,32 +89,75 @@ def _require_proof(data: Any, where: str) -> None:
         raise InputError("the proof of this design does not hold", where=where, got=proof.reason)
 
 
-def _kind_of(data: Any) -> str:
-    return f"a certificate of kind {data['kind']}" if "kind" in data else "no gain K"
+def _loop_of(data: dict[str, Any]) -> tuple[DelaySystem, Matrix]:
+    """Return the system and the gain of the loop that a certificate is about."""
+    if not _observes(data):
+        system = system_from_json(data["system"])
+        return system, gain_from_json(data["K"], system)
+    pair = pair_from_json(data)
+    return pair.system, pair.gain
 
 
-def _design(
-    data: Any, system: DelaySystem, least: float | None, figures: nominal.NominalFigures
-) -> Design:
-    """Return the design of a certificate whose proof holds, with these figures."""
-    # the claimed values are read from the proof, never from a note beside it
-    proved = data["variables"]
-    K = np.array(data["K"], dtype=float)
-    order: int | None = proved.get("order")
-    keys = ("kind", "theorem", "claim", "system", "variables", "K", KEY)
-    return Design(
-        system=system,
-        K=K,
-        gamma=None if proved["gamma"] is None else _double(proved["gamma"]),
-        k1=() if order is not None else tuple(map(_double, proved["k1"])),
-        k2=() if order is not None else tuple(map(_double, proved["k2"])),
-        certificate={key: data[key] for key in keys if key in data},
-        order=order,
-        guarantees=guarantees_from_json(data, system, K),
-        least_gamma=least,
-        figures=figures,
-    )
+def _kept(data: dict[str, Any]) -> dict[str, Any]:
+    """Return the certificate in a file."""
+    if _observes(data):
+        return {key: value for key, value in data.items() if key not in ("figures", "schema")}
+    return {key: data[key] for key in _OF_A_GAIN if key in data}
 
 
-def _double(text: str) -> float:
-    return float(Fraction(text))
+def _figures_to_json(design: Result) -> dict[str, Any]:
+    """Return the figures of the nominal loop as JSON values."""
+    names = (*FIGURES, "exact_norm_upper")
+    figures: dict[str, Any] = {name: getattr(design, name) for name in names}
+    margin = design.delay_margin
+    figures["delay_margin"] = None if margin is None else list(margin)
+    if design.worst_case is not None:  # else left out: a design that is read is written as it was
+        figures["worst_case"] = {
+            key: list(value) if isinstance(value, tuple) else value
+            for key, value in asdict(design.worst_case).items()
+        }
+    return figures
+
+
+def _has_figures(figures: Any) -> bool:
+    """Whether these are the figures of a design, and nothing else."""
+    known = {*FIGURES, *LATER_FIGURES}
+    return isinstance(figures, dict) and set(FIGURES) <= set(figures) <= known
+
+
+def _figures_from_json(
+    figures: dict[str, Any], where: str, system: DelaySystem, K: Matrix
+) -> tuple[float | None, NominalFigures]:
+    """Return the solver's least gamma, and the figures of a nominal loop; None for what is absent.
+
+    Raises
+    ------
+    InputError : values of another kind or number.
+    """
+    values: dict[str, Any] = {
+        name: _number_or_none(figures.get(name), f"{where}: {name}")
+        for name in (*FIGURES, "exact_norm_upper")
+    }
+    margins, worst = figures.get("delay_margin"), figures.get("worst_case")
+    if margins is not None:
+        margins = _margins(margins, f"{where}: delay_margin", len(system.delays))
+    if worst is not None:
+        worst = nominal.worst_case_from_json(worst, f"{where}: worst_case", system.C.shape[1])
+    least = values.pop("least_gamma")
+    values |= {"delay_margin": margins, "worst_case": worst}
+    return least, NominalFigures.with_values(system, K, values)
+
+
+def _number_or_none(value: Any, where: str) -> float | None:
+    return None if value is None else number(value, where)
+
+
+def _margins(values: Any, where: str, N: int) -> tuple[float | None, ...]:
+    if not isinstance(values, list) or len(values) != N:
+        raise InputError(
+            "not a delay margin",
+            where=where,
+            expected=f"a list of {N}, one number or null per delay",
+            got=format_value(values),
+        )
+    return tuple(_number_or_none(value, f"{where}[{i}]") for i, value in enumerate(values))

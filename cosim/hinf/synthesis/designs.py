@@ -16,15 +16,14 @@ from cosim.hinf.nominal import (
     nominal_figures_of,
 )
 from cosim.hinf.synthesis.analysis import (
-    Analysis,
     Order,
     analyse,
     best_analysis,
     check_gamma,
     gain_of,
 )
-from cosim.hinf.synthesis.certified_design import Design
 from cosim.hinf.synthesis.not_achievable import hint_after
+from cosim.hinf.synthesis.result import Result
 from cosim.hinf.theorems import Proof, Theorem2
 from cosim.models import DelaySystem, Matrix
 
@@ -34,11 +33,11 @@ GAIN_DIGITS = 6
 
 def design_of_theorem_2(
     system: DelaySystem, K: Matrix, proof: Proof, least: float | None
-) -> Design:
+) -> Result:
     """Return the design of a gain that Theorem 2 proves, with the figures of its nominal loop."""
     figures, _ = figures_if_known(system, K)
     theorem = cast("Theorem2", proof.theorem)
-    return Design(
+    return Result(
         system=system,
         K=K,
         gamma=None if proof.gamma is None else float(proof.gamma),
@@ -50,32 +49,15 @@ def design_of_theorem_2(
     )
 
 
-def design_of_analysis(analysis: Analysis) -> Design:
-    """Return the design of a gain that an analysis proves."""
-    if analysis.K is None or analysis.certificate is None:
-        raise ValueError("expected a proved gain, got an analysis without")
-    return Design(
-        system=analysis.system,
-        K=analysis.K,
-        gamma=analysis.gamma,
-        k1=(),
-        k2=(),
-        least_gamma=analysis.least_gamma,
-        certificate=analysis.certificate,
-        order=analysis.order,
-        figures=analysis.figures,
-    )
-
-
 def proved_by_analysis(
     system: DelaySystem,
     gains: Iterable[Matrix],
     gamma: float | None,
     order: Order,
     *,
-    enough: Callable[[Sequence[Analysis]], bool] = lambda made: made[-1].certified,
+    enough: Callable[[Sequence[Result]], bool] = lambda made: made[-1].certificate is not None,
     ranking: bool = False,
-) -> Design:
+) -> Result:
     """Return the best proof of the gains that are proposed, each analysed at this order.
 
     Parameters
@@ -90,7 +72,7 @@ def proved_by_analysis(
     ------
     NotAchievableError : none of them is proved, or none was proposed: why.
     """
-    made: list[Analysis] = []
+    made: list[Result] = []
     count, reason = 0, ""
     with solver_words() as words:
         for K in gains:
@@ -102,17 +84,17 @@ def proved_by_analysis(
                 continue
             made.append(best_analysis(system, K, gamma, order, figures, ranking=ranking))
             if enough(made) or (
-                made[-1].certified and (made[-1].gamma is None or gamma is not None)
+                made[-1].certificate is not None and (made[-1].gamma is None or gamma is not None)
             ):
                 break
             reason = made[-1].reason or reason
     if ranking:
-        proved = [one for one in made if one.certified]
+        proved = [one for one in made if one.certificate is not None]
         best = sorted(proved, key=lambda one: one.gamma or 0.0)[:1]
         made += [_in_full(one, gamma, order) for one in best or made]
-    proved = [one for one in made if one.certified]
+    proved = [one for one in made if one.certificate is not None]
     if proved:
-        return design_of_analysis(min(proved, key=lambda one: one.gamma or 0.0))
+        return min(proved, key=lambda one: one.gamma or 0.0)
     at_order = "" if order == "auto" else f" at order {order}"
     leasts = [one.least_gamma for one in made if one.least_gamma is not None]
     if gamma is not None and leasts and min(leasts) > gamma:
@@ -138,7 +120,7 @@ def proved_by_analysis(
     )
 
 
-def quickly_proved(system: DelaySystem, gain: ArrayLike) -> Design | None:
+def quickly_proved(system: DelaySystem, gain: ArrayLike) -> Result | None:
     """Return the best proof of a given gain that takes about a second; None without one.
 
     Raises
@@ -149,17 +131,17 @@ def quickly_proved(system: DelaySystem, gain: ArrayLike) -> Design | None:
     K = gain_of(system, gain)
     figures = nominal_figures_of(system, K)
     analysis = best_analysis(system, K, None, "auto", figures, ranking=True)
-    return design_of_analysis(analysis) if analysis.certified else None
+    return None if analysis.certificate is None else analysis
 
 
-def _in_full(quick: Analysis, gamma: float | None, order: Order) -> Analysis:
+def _in_full(quick: Result, gamma: float | None, order: Order) -> Result:
     """Return the full analysis of the gain of a quick one."""
     return best_analysis(quick.system, gain_of(quick.system, quick.K), gamma, order, quick.figures)
 
 
 def given_gain_design(
     system: DelaySystem, gain: ArrayLike, gamma: float | None, order: Order
-) -> Design:
+) -> Result:
     """Return the design of a given gain: its analysis, which must be certified.
 
     Raises
@@ -168,7 +150,7 @@ def given_gain_design(
     NotAchievableError : it is not.
     """
     analysis = analyse(system, gain, gamma, order=order)
-    if not analysis.certified:
+    if analysis.certificate is None:
         raise NotAchievableError(
             "this gain could not be certified" + ("" if order == "auto" else f" at order {order}"),
             where=system.name or None,
@@ -176,7 +158,7 @@ def given_gain_design(
             got=analysis.reason,
             hint=hint_after(str(analysis.reason), "a larger gamma, another order"),
         )
-    return design_of_analysis(analysis)
+    return analysis
 
 
 def rounded_gain(K: Matrix, units: Scaling | None = None) -> Matrix:

@@ -28,7 +28,6 @@ from cosim.hinf.problem import (
 from cosim.hinf.synthesis import theorem_2
 from cosim.hinf.synthesis.analysis import Order, analyse
 from cosim.hinf.synthesis.bessel_legendre_gains import bessel_legendre_gains, check_order
-from cosim.hinf.synthesis.certified_design import Design
 from cosim.hinf.synthesis.constrained_search import (
     ConstrainedSearch,
     constrained,
@@ -41,6 +40,7 @@ from cosim.hinf.synthesis.cvxpy_lmi import cvxpy_design
 from cosim.hinf.synthesis.damped_gains import damped_design
 from cosim.hinf.synthesis.designs import check_achievable, given_gain_design, proved_by_analysis
 from cosim.hinf.synthesis.not_achievable import none_succeeded
+from cosim.hinf.synthesis.result import Result
 from cosim.hinf.synthesis.routes import (
     Request,
     analysed_again,
@@ -71,7 +71,7 @@ def design(
     peak_control: Sequence[float] | float | None = None,
     offset: Sequence[float] | None = None,
     energy: float | None = None,
-) -> Design:
+) -> Result:
     """Design a state feedback and prove its gamma, or prove the gamma of a given gain.
 
     Parameters
@@ -102,7 +102,7 @@ def design(
 
     Returns
     -------
-    Design
+    Result
         Its gamma and its `guarantees` are proved, for the whole uncertainty of the system.
 
     Raises
@@ -163,14 +163,14 @@ def _with_constraints(
     *,
     search: bool,
     given: bool | None,
-) -> Design:
+) -> Result:
     """Design or prove a gain with design constraints; `given`: what was asked of the search."""
     theorem_2.checked_scalars(asked.system, asked.k1, asked.k2)
 
-    def proved(K: ArrayLike) -> Design:
+    def proved(K: ArrayLike) -> Result:
         return _proved_with_constraints(asked, K, design_constraints, order, search=search)
 
-    def undamped(constraints: DesignConstraints) -> Design:
+    def undamped(constraints: DesignConstraints) -> Result:
         if not constraints.any:
             return _designed(asked, order, "clarabel", search=search)
         return _constrained(asked, constraints, order, search=search, may_search=given is None)
@@ -183,7 +183,7 @@ def _with_constraints(
     return damped_design(asked.system, design_constraints, damping, undamped, proved)
 
 
-def _sharpest(designed: Design, gamma: float | None, order: Order | None) -> Design:
+def _sharpest(designed: Result, gamma: float | None, order: Order | None) -> Result:
     """Return a design of Theorem 2 with constraints, its gamma proved by the condition asked for.
 
     Raises
@@ -201,7 +201,7 @@ def _sharpest(designed: Design, gamma: float | None, order: Order | None) -> Des
     return again if again is designed else with_guarantees(again, designed.guarantees)
 
 
-def _designed(asked: Request, order: Order | None, solver: str, *, search: bool) -> Design:
+def _designed(asked: Request, order: Order | None, solver: str, *, search: bool) -> Result:
     """Design a gain without design constraints."""
     system, one, two, gamma = asked.system, asked.k1, asked.k2, asked.gamma
     if solver == "cvxpy":
@@ -222,7 +222,7 @@ def _designed(asked: Request, order: Order | None, solver: str, *, search: bool)
 
 def _proved(
     asked: Request, gain: ArrayLike, order: Order | None, solver: str, *, search: bool
-) -> Design:
+) -> Result:
     """Prove a given gain without design constraints."""
     system, one, two, gamma = asked.system, asked.k1, asked.k2, asked.gamma
     if solver == "cvxpy":
@@ -257,9 +257,9 @@ def _constrained(
     *,
     search: bool,
     may_search: bool,
-) -> Design:
+) -> Result:
     """Design with constraints by Theorem 2, the gamma of its gain proved as it is asked for."""
-    plain: Design | None = None
+    plain: Result | None = None
     # without a constraint the best gain may be unbounded
     with suppress(NotAchievableError):
         plain = theorem_2.design(asked.system, asked.k1, asked.k2, gamma=asked.gamma, search=search)
@@ -271,13 +271,13 @@ def _constrained(
 
 def _by_theorem_2(
     asked: Request,
-    plain: Design | None,
+    plain: Result | None,
     design_constraints: DesignConstraints,
     order: Order | None,
     *,
     search: bool,
     may_search: bool,
-) -> Design:
+) -> Result:
     """Return the design that meets the constraints: `plain`, or another from k1, k2."""
     system, gamma = asked.system, asked.gamma
     start = theorem_2.checked_scalars(system, asked.k1, asked.k2)
@@ -324,7 +324,7 @@ def _proved_with_constraints(
     order: Order | None,
     *,
     search: bool,
-) -> Design:
+) -> Result:
     """Prove a given gain with the constraints."""
     system = asked.system
     proved = _proved(asked, gain, order, "clarabel", search=search)
@@ -333,7 +333,7 @@ def _proved_with_constraints(
     return constrained(proved, design_constraints, at)
 
 
-def nominal_gamma(proved: Design) -> float | None:
+def nominal_gamma(proved: Result) -> float | None:
     """Return the least certified gamma of the same K, k1, k2 or order, without uncertainty.
 
     Its distance to `proved.gamma` is the cost of E, H, its distance to the exact norm the

@@ -9,11 +9,11 @@ from cosim.core import NotAchievableError
 from cosim.hinf.nominal import checked_system
 from cosim.hinf.problem import DELAY_LIMIT, ages_are_known, of_any_age, refuse_structure
 from cosim.hinf.synthesis.analysis import Order
-from cosim.hinf.synthesis.certified_design import Design
-from cosim.hinf.synthesis.delay_routes import GreatestDelay, delay_by_order, delay_by_theorem_2
+from cosim.hinf.synthesis.delay_routes import delay_by_order, delay_by_theorem_2
 from cosim.hinf.synthesis.designs import check_achievable
 from cosim.hinf.synthesis.improved_delays import improved_delay
 from cosim.hinf.synthesis.not_achievable import none_succeeded
+from cosim.hinf.synthesis.result import GreatestDelay, Result
 from cosim.hinf.synthesis.routes import Request, designed_by_some_route, is_small
 from cosim.hinf.synthesis.search import initial_scalars
 from cosim.hinf.synthesis.stabilisability import NoGainError
@@ -69,7 +69,7 @@ def greatest_delay(
     if ages_are_known(system) and order is not None:
         of_analysis: Order = order if isinstance(order, int) else "auto"
 
-        def design_at(there: DelaySystem) -> Design:
+        def design_at(there: DelaySystem) -> Result:
             return designed_by_some_route(Request(there, one, two, given, look, gamma), of_analysis)
 
         greatest = improved_delay(
@@ -107,7 +107,7 @@ def _by_conditions(
             plain = error if condition is None else plain
             errors.append(("Theorem 2" if condition is None else f"order {condition}", error))
             continue
-        if greatest is None or tried.delay > _WORTH * greatest.delay:
+        if greatest is None or (tried.delay or 0.0) > _WORTH * (greatest.delay or 0.0):
             greatest = tried
     return greatest, errors
 

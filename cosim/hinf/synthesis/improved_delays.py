@@ -13,9 +13,7 @@ from cosim.core import InputError, NotAchievableError
 from cosim.hinf.problem import ages_are_known, with_delay
 from cosim.hinf.synthesis.analysis import Order
 from cosim.hinf.synthesis.certified_delays import certified_delay
-from cosim.hinf.synthesis.certified_design import Design
-from cosim.hinf.synthesis.delay_routes import GreatestDelay
-from cosim.hinf.synthesis.designs import design_of_analysis
+from cosim.hinf.synthesis.result import GreatestDelay, Result
 from cosim.models import DelaySystem, Matrix
 
 _ROUNDS = 3
@@ -27,7 +25,7 @@ def improved_delay(
     system: DelaySystem,
     gamma: float | None,
     start: GreatestDelay | None,
-    design_at: Callable[[DelaySystem], Design],
+    design_at: Callable[[DelaySystem], Result],
     *,
     delay_index: int,
     limit: float,
@@ -43,11 +41,11 @@ def improved_delay(
     order : of the analysis.
     """
     best = start
-    K: Matrix | None = None if start is None else start.design.K
+    K: Matrix | None = None if start is None else start.result.K
     for _ in range(_ROUNDS):
         try:
             if K is None:
-                at = system if best is None else _at(system, delay_index, best.delay, limit)
+                at = system if best is None else _at(system, delay_index, best.delay or 0.0, limit)
                 K = design_at(at).K
             certified = certified_delay(
                 system, K, gamma, delay_index=delay_index, order=order, limit=limit
@@ -55,13 +53,14 @@ def improved_delay(
         except (NotAchievableError, InputError):  # also a delay below the least age
             break
         K = None
-        if certified.d is None or (best is not None and certified.d < _WORTH * best.delay):
+        if certified.delay is None or (
+            best is not None and certified.delay < _WORTH * (best.delay or 0.0)
+        ):
             # no proof reaches further for ages of any variation alone
             if best is not start or not ages_are_known(system):
                 break
             continue
-        proved = design_of_analysis(certified.analysis)
-        best = GreatestDelay(certified.d, proved, certified.limit_reached, None, None)
+        best = certified
         if certified.limit_reached:
             break
     return best

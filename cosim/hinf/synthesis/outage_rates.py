@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 from fractions import Fraction
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,8 +18,8 @@ from cosim.core import InputError, NotAchievableError
 from cosim.hinf import lmi
 from cosim.hinf.certificate import Outages, outage_delay
 from cosim.hinf.nominal import checked_system, one_thread
-from cosim.hinf.synthesis.analysis import Analysis, check_gamma, gain_of
-from cosim.hinf.synthesis.certified_design import Design
+from cosim.hinf.synthesis.analysis import check_gamma, gain_of
+from cosim.hinf.synthesis.result import Result
 from cosim.models import DelaySystem
 
 if TYPE_CHECKING:
@@ -32,8 +32,6 @@ _ABOVE = (1.002, 1.01, 1.05, 1.2)  # of the least beta, where a proof is tried
 _MOST = 24  # steps of a bracket: a factor of 2 each
 _TIMES_GAMMA = 2.0
 """Weighted gain that is asked for by default, of the certified gamma: it leaves room for alpha."""
-
-Proved = TypeVar("Proved", Design, Analysis)
 
 
 @one_thread
@@ -105,13 +103,13 @@ def certified_outages(
 
 
 def with_outages(
-    proved: Proved,
+    proved: Result,
     *,
     gamma: float | None = None,
     alpha: float | None = None,
     fallback: ArrayLike | None = None,
     fallback_age: float = 0.0,
-) -> Proved:
+) -> Result:
     """Return a certified design or analysis that also proves what holds across outages.
 
     Parameters
@@ -123,7 +121,7 @@ def with_outages(
     ------
     InputError, NotAchievableError : as `certified_outages`; an analysis without a certificate.
     """
-    if proved.certificate is None or proved.K is None:
+    if proved.certificate is None or not proved.K.size:
         raise InputError("there is no certified gain", where="proved", expected="a proof of a gain")
     if gamma is None and proved.gamma is not None:
         gamma = float(f"{_TIMES_GAMMA * proved.gamma:.4g}")

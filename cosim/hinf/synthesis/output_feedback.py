@@ -40,17 +40,16 @@ from cosim.hinf.nominal import (
 )
 from cosim.hinf.problem import ages_are_known
 from cosim.hinf.synthesis.analysis import (
-    Analysis,
     Order,
     best_analysis,
     check_gamma,
     check_order_of_analysis,
 )
-from cosim.hinf.synthesis.certified_pair import OutputFeedback
 from cosim.hinf.synthesis.conditions import is_large
 from cosim.hinf.synthesis.descent import Descent
 from cosim.hinf.synthesis.designs import rounded_gain
 from cosim.hinf.synthesis.pair_gain import PairGain, parts_of_plant
+from cosim.hinf.synthesis.result import Result
 from cosim.models import DelaySystem, Matrix, Measurement
 
 _LONGER = (1.0, 1.1, 1.2, 1.4)
@@ -113,7 +112,7 @@ def design_output_feedback(
     offset: Sequence[float] | None = None,
     initial_error: Sequence[float] | None = None,
     energy: float = 0.0,
-) -> OutputFeedback:
+) -> Result:
     """Design K and L for measurements with ages of their own, or prove given ones.
 
     Parameters
@@ -203,7 +202,7 @@ def _starts(
     return np.asarray(columns)
 
 
-def _with_peaks(designed: OutputFeedback, starts: Matrix, energy: float) -> OutputFeedback:
+def _with_peaks(designed: Result, starts: Matrix, energy: float) -> Result:
     """Return an output feedback with proved peaks of u and x."""
     pair, N = designed.pair, len(designed.pair.system.A)
     (n, m) = pair.plant.B.shape
@@ -219,9 +218,9 @@ def _with_peaks(designed: OutputFeedback, starts: Matrix, energy: float) -> Outp
             expected="a functional of order 0",
             hint="younger measurements; a design without offset",
         )
-    inner = Guarantees(state_peaks=peaks).beside(designed.certificate["pair"])
-    certificate = output_feedback_to_json(pair, inner)
-    return replace(designed, certificate=certificate, state_peaks=peaks)
+    more = Guarantees(state_peaks=peaks)
+    certificate = output_feedback_to_json(pair, more.beside(designed.certificate["pair"]))
+    return replace(designed, certificate=certificate, guarantees=more)
 
 
 def _best(
@@ -233,9 +232,9 @@ def _best(
     order: Order,
     *,
     brief: bool,
-) -> OutputFeedback:
+) -> Result:
     """Return the best proof of the gains that are proposed, until they become worse."""
-    made: list[tuple[ObserverPair, Analysis]] = []
+    made: list[tuple[ObserverPair, Result]] = []
     tried: list[tuple[ObserverPair, NominalFigures]] = []
     reason = "no gains were found that stabilise it"
     with solver_words():
@@ -245,7 +244,7 @@ def _best(
             quick = best_analysis(*(pair.system, pair.gain, gamma, order, figures), ranking=True)
             if figures.abscissa is not None and figures.abscissa < 0:
                 tried.append((pair, figures))
-            if not quick.certified:
+            if quick.certificate is None:
                 reason = quick.reason or reason
                 continue
             worse = bool(made) and (quick.gamma or 0.0) >= (made[-1][1].gamma or 0.0)
@@ -267,43 +266,39 @@ def _best(
     large = not brief and is_large(pair.system, pair.gain)
     if order == "auto" and (large or ages_are_known(pair.system)):  # ranking tried what is quick
         full = best_analysis(pair.system, pair.gain, gamma, order, analysis.figures)
-        analysis = min((analysis, full), key=lambda one: (not one.certified, one.gamma or 0.0))
+        analysis = min(
+            (analysis, full), key=lambda one: (one.certificate is None, one.gamma or 0.0)
+        )
     return _certified(pair, analysis)
 
 
 def _by_all_conditions(
-    made: Sequence[tuple[ObserverPair, Analysis]],
+    made: Sequence[tuple[ObserverPair, Result]],
     tried: Sequence[tuple[ObserverPair, NominalFigures]],
     gamma: float | None,
-) -> list[tuple[ObserverPair, Analysis]]:
+) -> list[tuple[ObserverPair, Result]]:
     """Return proofs of the first gains, until one is good, by conditions too slow for all.
 
     Nothing where the quick ones did well, and for pairs of few states, whose conditions are all
     quick.
     """
-    more: list[tuple[ObserverPair, Analysis]] = []
+    more: list[tuple[ObserverPair, Result]] = []
     for pair, figures in tried[:_ENOUGH]:
         proved = [one for _, one in (*made, *more)]
         if any((one.gamma or 0.0) <= _POOR * (one.exact_norm or np.inf) for one in proved):
             break
         if is_large(pair.system, pair.gain):
             analysis = best_analysis(pair.system, pair.gain, gamma, 0, figures)
-            more += [(pair, analysis)] if analysis.certified else []
+            more += [(pair, analysis)] if analysis.certificate is not None else []
     return more
 
 
-def _certified(pair: ObserverPair, analysis: Analysis) -> OutputFeedback:
+def _certified(pair: ObserverPair, analysis: Result) -> Result:
     """Return the output feedback of a certified analysis of its pair."""
     if analysis.certificate is None:
         raise ValueError("expected a certified analysis")
-    return OutputFeedback(
-        pair=pair,
-        gamma=analysis.gamma,
-        certificate=output_feedback_to_json(pair, analysis.certificate),
-        order=analysis.order,
-        least_gamma=analysis.least_gamma,
-        figures=analysis.figures,
-    )
+    certificate = output_feedback_to_json(pair, analysis.certificate)
+    return Result.of(certificate, analysis.figures, analysis.least_gamma)
 
 
 def _proposals(

@@ -39,13 +39,13 @@ from cosim.hinf.synthesis.ages_gains import (
     is_past_the_best,
     nearest_to_a_goal,
 )
-from cosim.hinf.synthesis.analysis import Analysis, Order, best_analysis, is_exact, preferred
+from cosim.hinf.synthesis.analysis import Order, best_analysis, is_exact, preferred
 from cosim.hinf.synthesis.bessel_legendre_gains import bessel_legendre_gains
-from cosim.hinf.synthesis.certified_design import Design
 from cosim.hinf.synthesis.cvxpy_lmi import cvxpy_design
-from cosim.hinf.synthesis.designs import design_of_analysis, proved_by_analysis
+from cosim.hinf.synthesis.designs import proved_by_analysis
 from cosim.hinf.synthesis.not_achievable import none_succeeded
 from cosim.hinf.synthesis.priced_gains import priced_gains
+from cosim.hinf.synthesis.result import Result
 from cosim.hinf.synthesis.stabilisability import NoGainError, unstabilisable_error
 from cosim.hinf.synthesis.structured_gains import descent_design
 from cosim.models import DelaySystem, Matrix
@@ -86,11 +86,11 @@ class Route:
     """
 
     name: str
-    design: Callable[[Sequence[Design]], Design]
+    design: Callable[[Sequence[Result]], Result]
     improves: bool = False
 
 
-def designed_by_some_route(asked: Request, order: Order = "auto") -> Design:
+def designed_by_some_route(asked: Request, order: Order = "auto") -> Result:
     """Return the design of the first route that succeeds, or of a later one that improves it.
 
     order : of the analysis where ages are known.
@@ -99,7 +99,7 @@ def designed_by_some_route(asked: Request, order: Order = "auto") -> Design:
     ------
     NotAchievableError : the error of the first route, with the others listed.
     """
-    designs: list[Design] = []
+    designs: list[Result] = []
     errors: list[tuple[str, NotAchievableError]] = []
     known = ages_are_known(asked.system)
     for route in _routes_with_ages(asked, order) if known else _routes(asked):
@@ -121,14 +121,14 @@ def designed_by_some_route(asked: Request, order: Order = "auto") -> Design:
     return preferred([analysed_again(one) if asked.gamma is None else one for one in designs])
 
 
-def analysed_again(designed: Design) -> Design:
+def analysed_again(designed: Result) -> Result:
     """Return a design of Theorem 2 with the best proof of its gain that is affordable."""
     if designed.gamma is None or designed.abscissa is None or designed.order is not None:
         return designed
     return _proved_again(designed)
 
 
-def _proved_again(designed: Design) -> Design:
+def _proved_again(designed: Result) -> Result:
     """Return a design with a proof of its gain by an analysis, where that one is better."""
     if _unknowns(designed.system, 0) > _MOST_UNKNOWNS or is_exact(designed):
         return designed
@@ -136,9 +136,9 @@ def _proved_again(designed: Design) -> Design:
     again = best_analysis(
         designed.system, designed.K, None, "auto", designed.figures, below=designed.gamma
     )
-    if not again.certified:
+    if again.certificate is None:
         return designed
-    best = preferred([designed, design_of_analysis(again)])
+    best = preferred([designed, again])
     return replace(best, least_gamma=best.least_gamma or designed.least_gamma)
 
 
@@ -147,16 +147,16 @@ def _routes(asked: Request) -> Iterator[Route]:
     constant = any(x.d > 0 and not x.any_age for x in s.delays)
     has_delay = any(x.d > 0 for x in s.delays)
 
-    def theorem_2_at(designs: Sequence[Design], *, search: bool) -> Design:
+    def theorem_2_at(designs: Sequence[Result], *, search: bool) -> Result:
         del designs
         return _by_theorem_2(asked, search=search)
 
-    def proposed(designs: Sequence[Design], *, order: int, continued: bool) -> Design:
+    def proposed(designs: Sequence[Result], *, order: int, continued: bool) -> Result:
         starts = [one.K for one in designs]
         gains = bessel_legendre_gains(s, order, starts, gamma, continued=continued)
         return proved_by_analysis(s, gains, gamma, "auto")
 
-    def for_stability(designs: Sequence[Design]) -> Design:
+    def for_stability(designs: Sequence[Result]) -> Result:
         del designs
         K = theorem_2.stabilising_gain(s, asked.k1, asked.k2)
         starts = [] if K is None else [K]
@@ -195,13 +195,13 @@ def _routes(asked: Request) -> Iterator[Route]:
 def _routes_with_ages(asked: Request, order: Order) -> Iterator[Route]:
     """Routes where more is known of an age than its bound."""
     s, gamma, search = asked.system, asked.gamma, bool(asked.search)
-    tried: list[Analysis] = []
+    tried: list[Result] = []
 
-    def past_the_best(made: Sequence[Analysis]) -> bool:
+    def past_the_best(made: Sequence[Result]) -> bool:
         tried[:] = made
         return is_past_the_best(made)
 
-    def shorter(designs: Sequence[Design]) -> Design:
+    def shorter(designs: Sequence[Result]) -> Result:
         del designs
         failures: list[str] = []
         gains = gains_for_shorter_ages(s, asked.k1, asked.k2, failures, search=search)
@@ -214,13 +214,13 @@ def _routes_with_ages(asked: Request, order: Order) -> Iterator[Route]:
                 error.got = "; ".join([str(error.got), *failures[:2]])
             raise
 
-    def of_the_ages(designs: Sequence[Design]) -> Design:
+    def of_the_ages(designs: Sequence[Result]) -> Result:
         # where a gamma is missed, from the gain that came nearest to it
         start = (designs[0].K, designs[0].gamma) if designs else nearest_to_a_goal(tried)
         gains = gains_of_the_ages(s, 1 if order == "auto" else order, start)
         return proved_by_analysis(s, gains, gamma, order, enough=lambda _: False)
 
-    def by_cvxpy(designs: Sequence[Design]) -> Design:
+    def by_cvxpy(designs: Sequence[Result]) -> Result:
         del designs
         plain = cvxpy_design(of_any_age(s), asked.k1, asked.k2, search=asked.search is not False)
         return proved_by_analysis(s, [plain.K], gamma, order)
@@ -231,13 +231,13 @@ def _routes_with_ages(asked: Request, order: Order) -> Iterator[Route]:
     yield Route("a descent on the exact norm", lambda _: descent_design(s, gamma, order))
 
 
-def _by_theorem_2(asked: Request, *, search: bool) -> Design:
+def _by_theorem_2(asked: Request, *, search: bool) -> Result:
     """Design by Theorem 2; where that asks for a gain out of all proportion, with a price on it."""
     s, gamma = asked.system, asked.gamma
     has_delay = any(x.d > 0 for x in s.delays)
     # where z does not contain every input a gain has no price; order 1 does it for small systems
     weighed = s.has_performance and s.D2.any(axis=0).all()
-    priced: Design | None = None
+    priced: Result | None = None
     if search and gamma is None and has_delay and weighed and not is_small(s):
         try:
             return theorem_2.design(s, asked.k1, asked.k2, search=True, in_proportion=True)

@@ -19,13 +19,13 @@ from cosim.hinf.lmi import units_of
 from cosim.hinf.problem import DesignConstraints
 from cosim.hinf.synthesis import theorem_2
 from cosim.hinf.synthesis.ages_gains import is_past_the_best
-from cosim.hinf.synthesis.analysis import Analysis, Order
-from cosim.hinf.synthesis.certified_design import Design
+from cosim.hinf.synthesis.analysis import Order
 from cosim.hinf.synthesis.constrained_search import constrained
 from cosim.hinf.synthesis.damped_gains import damped_design
 from cosim.hinf.synthesis.descent import proposals
 from cosim.hinf.synthesis.designs import given_gain_design, proved_by_analysis, rounded_gain
 from cosim.hinf.synthesis.loop_gain import LoopGain
+from cosim.hinf.synthesis.result import Result
 from cosim.hinf.synthesis.search import initial_scalars
 from cosim.models import Delay, DelaySystem, Matrix
 
@@ -43,7 +43,7 @@ def structured_design(
     gamma: float | None,
     gain: ArrayLike | None,
     constraints: DesignConstraints,
-) -> Design:
+) -> Result:
     """Design a gain with the zeros of the system's feedback, or take a given one, and prove it.
 
     Parameters
@@ -61,13 +61,13 @@ def structured_design(
     """
     of_analysis: Order = "auto" if order is None else order
 
-    def proved(K: ArrayLike) -> Design:
+    def proved(K: ArrayLike) -> Result:
         return constrained(given_gain_design(system, K, gamma, of_analysis), constraints)
 
     if gain is not None:
         return proved(gain)
 
-    def undamped(asked: DesignConstraints) -> Design:
+    def undamped(asked: DesignConstraints) -> Result:
         return constrained(descent_design(system, gamma, of_analysis, asked.gain_limit), asked)
 
     damping = constraints.damping_to_prove
@@ -81,7 +81,7 @@ def descent_design(
     gamma: float | None,
     order: Order = "auto",
     gain_limit: float | None = None,
-) -> Design:
+) -> Result:
     """Prove the best of the gains that a descent proposes, as `structured_design`.
 
     Raises
@@ -90,8 +90,8 @@ def descent_design(
     """
     factors = _LONGER if any(x.any_age and x.d > 0 for x in system.delays) else _LONGER[:1]
 
-    def enough(made: Sequence[Analysis]) -> bool:
-        certified = any(one.certified for one in made)
+    def enough(made: Sequence[Result]) -> bool:
+        certified = any(one.certificate is not None for one in made)
         return certified and (len(made) >= len(factors) or is_past_the_best(made))
 
     gains = structured_gains(system, factors)

@@ -36,7 +36,6 @@ from cosim.hinf.lmi import (
 from cosim.hinf.nominal import one_thread
 from cosim.hinf.problem import refuse_structure
 from cosim.hinf.synthesis.analysis import gain_of
-from cosim.hinf.synthesis.certified_design import Design
 from cosim.hinf.synthesis.designs import check_achievable, design_of_theorem_2, rounded_gain
 from cosim.hinf.synthesis.gain_size import gain_remark
 from cosim.hinf.synthesis.ladder import (
@@ -54,6 +53,7 @@ from cosim.hinf.synthesis.not_achievable import (
     no_least_gamma,
     not_certified,
 )
+from cosim.hinf.synthesis.result import Result
 from cosim.hinf.synthesis.search import least_gamma, widest_margin
 from cosim.hinf.theorems import Proof, Scalars
 from cosim.models import DelaySystem
@@ -88,7 +88,7 @@ def design(
     problem: Problem | None = None,
     in_proportion: bool = False,
     below: float | None = None,
-) -> Design:
+) -> Result:
     """Design and prove a gain by Theorem 2, as `gain_design.design` with k1, k2 given.
 
     problem : the LMI with further constraints; None for that of Theorem 2 alone.

@@ -20,7 +20,7 @@ from cosim.models import Delay
 from cosim.scenario.gain import observes
 
 if TYPE_CHECKING:
-    from cosim.scenario.gain import AnyDesign
+    from cosim.hinf import Result
 
 _CLOSE = 1e-12
 """Relative: ages are doubles of whole nanoseconds."""
@@ -99,7 +99,7 @@ def age_rule(word: str) -> AgeRule:
     return AgeRule(lambda value, d, _: least <= value <= d)
 
 
-def unknown_words(design: AnyDesign) -> list[str]:
+def unknown_words(design: Result) -> list[str]:
     """Return what the claim of a design says that has no rule here."""
     claim, kind = design.certificate["claim"], design.certificate.get("kind", "certificate")
     found = [] if kind in KINDS else [f"a certificate of kind {kind}"]
@@ -110,7 +110,7 @@ def unknown_words(design: AnyDesign) -> list[str]:
 
 
 def covers_plant_delays(
-    design: AnyDesign, delays: Mapping[str, float], own: Mapping[str, float | None]
+    design: Result, delays: Mapping[str, float], own: Mapping[str, float | None]
 ) -> Iterator[tuple[str, float | None, float]]:
     """Yield name, value and designed value of each delay of a plant that is not covered.
 
@@ -131,7 +131,7 @@ def covers_plant_delays(
             yield name, value, d
 
 
-def _claimed(design: AnyDesign) -> list[dict[str, Any]]:
+def _claimed(design: Result) -> list[dict[str, Any]]:
     """Return what is claimed of each delay of the plant."""
     if not observes(design):
         claimed: list[dict[str, Any]] = design.certificate["claim"]["delays"]
@@ -140,7 +140,7 @@ def _claimed(design: AnyDesign) -> list[dict[str, Any]]:
     return [{"age": AgeWord.ANY if x.any_age else AgeWord.EXACTLY} for x in design.system.delays]
 
 
-def certified_age(design: AnyDesign) -> float | None:
+def certified_age(design: Result) -> float | None:
     """Return the greatest age of held feedback that a proof covers [s]; None if it covers none."""
     ages = [(x.d, age_rule(word).varies) for x, word in feedback_words(design)]
     if observes(design) or not ages or not all(varies for _, varies in ages):
@@ -159,7 +159,7 @@ def word_of(delay: Delay) -> str:
     return AgeWord.EXACTLY
 
 
-def feedback_words(design: AnyDesign) -> list[tuple[Delay, str]]:
+def feedback_words(design: Result) -> list[tuple[Delay, str]]:
     """Return the delays of the feedback with their words; none for one that acts at once."""
     words: list[dict[str, Any]] = design.certificate["claim"]["delays"]
     return [

@@ -27,7 +27,7 @@ from cosim.scenario.gain import Problem, observes
 from cosim.scenario.performance import DISTURBANCES, FORCES, elements, equation_names
 
 if TYPE_CHECKING:
-    from cosim.scenario.gain import AnyDesign
+    from cosim.hinf import Result
 
 Form = Mapping[str, float]
 """A linear combination of the plant's outputs: coefficient by variable."""
@@ -76,7 +76,7 @@ class DesignedLoop:
 
 
 def designed_loop(
-    design: AnyDesign, problem: Problem, plant: str, controller: str, fmu: FmuDescription
+    design: Result, problem: Problem, plant: str, controller: str, fmu: FmuDescription
 ) -> DesignedLoop:
     """Return the loop of a design, with the names of its plant's FMU.
 
@@ -118,7 +118,7 @@ def _states_fed_back(problem: Problem, states: tuple[str, ...]) -> dict[str, str
 
 
 def _measurements(
-    design: hinf.OutputFeedback, states: tuple[str, ...], rows: np.ndarray
+    design: hinf.Result, states: tuple[str, ...], rows: np.ndarray
 ) -> list[DesignedMeasurement]:
     found = []
     for one in design.measurements:

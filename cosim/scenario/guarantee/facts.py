@@ -11,7 +11,7 @@ from cosim.scenario.gain import Problem
 from cosim.scenario.guarantee.wiring import Wiring
 
 if TYPE_CHECKING:
-    from cosim.scenario.gain import AnyDesign
+    from cosim.hinf import Result
     from cosim.scenario.guarantee.motion import Motion
 
 _FAR = 10.0
@@ -20,7 +20,7 @@ _NAMED = 4
 
 
 def facts_of_run(
-    design: AnyDesign,
+    design: Result,
     problem: Problem,
     system: System,
     wiring: Wiring,
@@ -53,7 +53,7 @@ def facts_of_run(
 
 
 def _exercised(
-    design: AnyDesign, gain: float | None, noise_share: float | None, *, disturbed: bool
+    design: Result, gain: float | None, noise_share: float | None, *, disturbed: bool
 ) -> Iterator[Fact]:
     """Yield how much of the bound the run has tried."""
     norm = design.exact_norm

@@ -47,7 +47,7 @@ class FeedbackLaw(FirstDeparture):
     def __init__(
         self,
         loop: DesignedLoop,
-        design: hinf.Design,
+        design: hinf.Result,
         problem: Problem,
         unrecorded: Collection[str] = (),
     ) -> None:

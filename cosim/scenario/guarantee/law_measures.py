@@ -22,7 +22,7 @@ from cosim.scenario.guarantee.wiring import Wiring
 from cosim.scenario.measure import Measure, Measures
 
 if TYPE_CHECKING:
-    from cosim.scenario.gain import AnyDesign
+    from cosim.hinf import Result
 
 DELIVERED, PLANT, CONTROLLER = "values_delivered", "plant_follows_law", "controller_follows_law"
 MEASURED = "measurements_true"
@@ -60,7 +60,7 @@ class LawMeasures(Measures):
         self,
         loop: DesignedLoop,
         wiring: Wiring,
-        design: AnyDesign,
+        design: Result,
         problem: Problem,
         changed: Iterable[Endpoint] = (),
         *,

@@ -24,7 +24,7 @@ from cosim.scenario.performance import Binding, binding_for, times, vector_of
 from cosim.scenario.signal_reader import History, reader_of
 
 if TYPE_CHECKING:
-    from cosim.hinf import OutputFeedback
+    from cosim.hinf import Result
 
 Reals = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -62,7 +62,7 @@ class NoiseMeasure(Measure[MeasuredNoise]):
         self,
         controller: str,
         plant: str,
-        design: OutputFeedback,
+        design: Result,
         rows: ObserverRows,
         seen_as: DesignedPlant | None = None,
     ) -> None:

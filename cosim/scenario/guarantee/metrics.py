@@ -13,7 +13,7 @@ from cosim.scenario.guarantee.law_measures import MeasuredLaw
 from cosim.scenario.guarantee.verdict import MeasuredRun, findings_of
 
 if TYPE_CHECKING:
-    from cosim.scenario.gain import AnyDesign
+    from cosim.hinf import Result
     from cosim.scenario.run_context import RunContext
 
 
@@ -85,7 +85,7 @@ def _findings(context: RunContext) -> Findings:
     return findings_of(design, compared, measured, _proved_again(context, design))
 
 
-def _proved_again(context: RunContext, design: AnyDesign) -> str:
+def _proved_again(context: RunContext, design: Result) -> str:
     """Return what proves a design of constant ages for those that a run has."""
     part, ages = context.scenario.design, context.figures.ages
     where = part.file if part is not None and part.file else f"{context.scenario.title}.design.json"

@@ -31,7 +31,7 @@ Reals = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 
-def estimate_law(design: hinf.OutputFeedback, controller: str, rows: ObserverRows) -> StepLaw:
+def estimate_law(design: hinf.Result, controller: str, rows: ObserverRows) -> StepLaw:
     """Return the measure of the estimate's equation."""
     system = design.system
     m = system.B.shape[1]
@@ -64,7 +64,7 @@ def estimate_law(design: hinf.OutputFeedback, controller: str, rows: ObserverRow
     return StepLaw(controller, bound, needed, later=slice(m, None))
 
 
-def _stacked(design: hinf.OutputFeedback) -> Reals:
+def _stacked(design: hinf.Result) -> Reals:
     return np.vstack([one.C for one in design.measurements])
 
 
@@ -81,7 +81,7 @@ class ObserverLaw(FirstDeparture):
     def __init__(
         self,
         loop: DesignedLoop,
-        design: hinf.OutputFeedback,
+        design: hinf.Result,
         problem: Problem,
         rows: ObserverRows,
         unrecorded: Collection[str] = (),

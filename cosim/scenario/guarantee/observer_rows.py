@@ -15,7 +15,7 @@ from cosim.scenario.performance import elements
 from cosim.scenario.signal_reader import OwnRows
 
 if TYPE_CHECKING:
-    from cosim.hinf import OutputFeedback
+    from cosim.hinf import Result
     from cosim.models import Measurement
 
 Reals = NDArray[np.float64]
@@ -55,7 +55,7 @@ class ObserverRows:
     stamps : those of the measurements.
     """
 
-    def __init__(self, loop: DesignedLoop, design: OutputFeedback) -> None:
+    def __init__(self, loop: DesignedLoop, design: Result) -> None:
         n, m = design.system.B.shape
         names = [one.name for one in design.measurements]
         self.y = [name for one in loop.measurements for name in one.inputs]

@@ -16,14 +16,14 @@ from cosim.scenario.guarantee.wiring import Sensed
 from cosim.scenario.plant import plant_values, thrust_map_values, vehicle_values
 
 if TYPE_CHECKING:
-    from cosim.scenario.gain import AnyDesign
+    from cosim.hinf import Result
 
 _FREE = ("initial.", "solver.", "delay.")
 """Parameters of a plant that are no part of its equations, or that have a rule of their own."""
 _AMPLITUDE = "F.amplitude"
 
 
-def plant_differences(design: AnyDesign, problem: Problem, plant: Component) -> list[Difference]:
+def plant_differences(design: Result, problem: Problem, plant: Component) -> list[Difference]:
     """Return where the parameters of a plant are not those that it was designed as.
 
     Its equations are compared number by number, its delays by what the proof says of each
@@ -70,7 +70,7 @@ def _uncertainty(problem: Problem, own: Mapping[str, Any]) -> Iterator[Differenc
 
 
 def controller_differences(
-    design: AnyDesign, problem: Problem, controller: Component
+    design: Result, problem: Problem, controller: Component
 ) -> list[Difference]:
     """Return where the numbers of a controller are not those of the design.
 
@@ -86,7 +86,7 @@ def controller_differences(
     return differences_from(designed, own)
 
 
-def _of_note(design: hinf.OutputFeedback, problem: Problem) -> dict[str, float]:
+def _of_note(design: hinf.Result, problem: Problem) -> dict[str, float]:
     """Return the maps and the trim that a controller must have, by the note of its plant."""
     note = problem.plant
     if note is None:

@@ -36,9 +36,9 @@ from cosim.scenario.guarantee.parameters import (
 from cosim.scenario.guarantee.wiring import Wiring
 
 if TYPE_CHECKING:
+    from cosim.hinf import Result
     from cosim.scenario.age import MeasuredAges
     from cosim.scenario.designed_plant import Difference
-    from cosim.scenario.gain import AnyDesign
 
 _HUGE = 1e300
 
@@ -90,7 +90,7 @@ class MeasuredRun:
 
 
 def loop_of_run(
-    system: System, loop: DesignedLoop, design: AnyDesign, problem: Problem, maps: Mapping[str, Any]
+    system: System, loop: DesignedLoop, design: Result, problem: Problem, maps: Mapping[str, Any]
 ) -> LoopOfRun:
     """Compare a system with the loop of its design.
 
@@ -113,7 +113,7 @@ def loop_of_run(
     )
 
 
-def fed_back(design: hinf.Design, loop: DesignedLoop) -> list[tuple[FedBack, tuple[str, ...]]]:
+def fed_back(design: hinf.Result, loop: DesignedLoop) -> list[tuple[FedBack, tuple[str, ...]]]:
     """Return the ages of a state feedback, each with the inputs of the controller that have it."""
     system, names = design.system, tuple(loop.states)
     measured = [j for j, own in enumerate(system.measured) if own][: len(names)]
@@ -135,7 +135,7 @@ def fed_back(design: hinf.Design, loop: DesignedLoop) -> list[tuple[FedBack, tup
 
 
 def findings_of(
-    design: AnyDesign, compared: LoopOfRun, run: MeasuredRun, proved_again: str
+    design: Result, compared: LoopOfRun, run: MeasuredRun, proved_again: str
 ) -> Findings:
     """Return every assumption of the guarantee, with why it was not met; empty where it was.
 
@@ -192,7 +192,7 @@ def findings_of(
     return found
 
 
-def _verified(design: AnyDesign) -> Iterator[Departure]:
+def _verified(design: Result) -> Iterator[Departure]:
     """Yield why the proof does not hold; checked once per design, even in a study of many runs."""
     if not design.certified:
         reason = hinf.check_certificate(design.certificate).reason

@@ -1,0 +1,312 @@
+"""A result: what is certified of a loop, with its proof and the figures of its nominal loop.
+
+Designs, analyses and output feedbacks are results alike: a gain, its bound, and the certificate
+that holds them. It stands apart from what makes one: a run reads a result, and loads no solver for
+that.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from fractions import Fraction
+from functools import cached_property
+from typing import Any, Literal
+
+import numpy as np
+
+from cosim.core import InputError, html_table, matrix_text
+from cosim.hinf import nominal
+from cosim.hinf.certificate import (
+    Certificate,
+    Guarantees,
+    ObserverPair,
+    check_certificate,
+    covers_smaller,
+    differences,
+    gain_from_json,
+    guarantees_from_json,
+    pair_from_json,
+    system_from_json,
+)
+from cosim.models import DelaySystem, Matrix, Measurement, Value
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Result(nominal.HasFigures, Value):
+    """What is certified of a loop, its proof, and the figures of its nominal loop.
+
+    It cannot be changed, and two are equal where everything they say is. Another gain is another
+    result: `analyse` it.
+
+    Attributes
+    ----------
+    system : the system (n states, m controls); with an observer the plant.
+    K : (m, n) the gain, as its doubles; zero for u = 0.
+    gamma : certified bound of the gain from w to z, uncertainty included; with an observer from
+        (w, w_1 .. w_p). None where there is no w or no z and stability alone is certified, or
+        nothing.
+    figures : of the nominal loop. They are attributes of the result too, `abscissa`,
+        `exact_norm`, `exact_norm_upper`, `norm_frequency`, `delay_margin` and `worst_case`: see
+        `NominalFigures`. None where an older file has none.
+    certificate : the proof as JSON values, for `check_certificate`; None where nothing is proved.
+    order : Bessel-Legendre order of the proof, 0 for Theorem 1; None for Theorem 2.
+    k1, k2 : of Theorem 2, one per delay; empty where the proof has an `order`.
+    least_gamma : the solver's least gamma: not a proof; None where it finds none.
+    guarantees : what is proved beside gamma, also in the certificate.
+    observer : plant and observer as one system, which the proof is about; None where the state is
+        fed back.
+    reason : why nothing is proved; None if something is.
+    damping_reason : why the damping that was asked for is not proved; None if it is, or none was.
+
+    Raises
+    ------
+    InputError : made with a system, gain, bound, guarantee or observer that is not the
+        certificate's.
+    """
+
+    system: DelaySystem
+    K: Matrix
+    gamma: float | None
+    figures: nominal.NominalFigures
+    certificate: Any
+    order: int | None = None
+    k1: tuple[float, ...] = ()
+    k2: tuple[float, ...] = ()
+    least_gamma: float | None = None
+    guarantees: Guarantees = field(default_factory=Guarantees)
+    observer: ObserverPair | None = None
+    reason: str | None = None
+    damping_reason: str | None = None
+
+    @classmethod
+    def of(
+        cls,
+        certificate: Mapping[str, Any],
+        figures: nominal.NominalFigures,
+        least_gamma: float | None = None,
+    ) -> Result:
+        """Return the result that a certificate proves: everything else is read from it."""
+        return cls(
+            **proved_facts(certificate),
+            figures=figures,
+            certificate=certificate,
+            least_gamma=least_gamma,
+        )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if (self.certificate is None) != (self.reason is not None):
+            raise InputError(
+                "what is said is not what is proved",
+                where="certificate",
+                expected="a certificate where something is proved, a reason where nothing is",
+                got="neither" if self.reason is None else "both",
+            )
+        if self.certificate is None:
+            return
+        object.__setattr__(self, "certificate", Certificate(self.certificate))
+        for first in self._unlike(proved_facts(self.certificate)):
+            raise InputError(
+                "what is said is not what is proved",
+                where="the certificate of this result",
+                expected="the system, the gain and the bound of the proof",
+                got=first,
+                hint="analyse(system, K) proves another gain; design_from_json reads a design "
+                "again",
+            )
+
+    def _unlike(self, proved: Mapping[str, Any]) -> Iterator[str]:
+        """Yield where this says another thing than its certificate.
+
+        A proof is about the doubles that it names: `dataclasses.replace(design, K=...)` would put
+        another gain beside it.
+        """
+        system, K = proved["system"], proved["K"]
+        apart = [f"system: {one}" for one in differences(self.system, system)]
+        if apart:
+            yield apart[0]
+            return
+        if self.K.shape != K.shape:
+            yield f"K: shape {self.K.shape} and {K.shape}"
+            return
+        for i, j in np.argwhere(self.K != K).tolist():
+            yield f"K[{i + 1},{j + 1}]: {float(self.K[i, j])!r} and {float(K[i, j])!r}"
+        for name in ("gamma", "order", "k1", "k2"):
+            if getattr(self, name) != proved[name]:
+                yield f"{name}: {getattr(self, name)!r} and {proved[name]!r}"
+        if self.observer != proved["observer"]:
+            yield "a pair of another plant, measurement, K or L"
+        if self.guarantees != proved["guarantees"]:
+            yield f"{self.guarantees!r}, and {proved['guarantees']!r}"
+
+    @cached_property
+    def certified(self) -> bool:
+        """Whether the proof holds: checked here, once, so that no certificate is believed."""
+        return self.certificate is not None and check_certificate(self.certificate).valid
+
+    @property
+    def covers_smaller_delays(self) -> bool:
+        """Whether the proof covers every delay up to the system's, not exactly these alone."""
+        return self.certificate is not None and covers_smaller(self.certificate["claim"])
+
+    @property
+    def verdict(self) -> Literal["certified"] | nominal.Verdict:
+        """What is decided: "certified", "unstable" (proved for the nominal loop), "undecided"."""
+        if self.certified:
+            return "certified"
+        if (
+            self.abscissa is None
+            or self.abscissa < 0
+            or any(delay.sampled for delay in self.system.delays)
+        ):
+            return "undecided"
+        return nominal.verdict_of(self.system, self.K, self.abscissa)[0]
+
+    @property
+    def pair(self) -> ObserverPair:
+        """Plant and observer as one system.
+
+        Raises
+        ------
+        InputError : the state is fed back, and there is no observer.
+        """
+        if self.observer is None:
+            raise InputError(
+                "this design feeds back the state: it has no observer", where=self.system.name
+            )
+        return self.observer
+
+    @property
+    def measurements(self) -> tuple[Measurement, ...]:
+        """What the observer receives, with the noise that is proved; empty without one."""
+        return () if self.observer is None else self.observer.measurements
+
+    @property
+    def L(self) -> tuple[Matrix, ...]:
+        """The injection (n, k_i) of every measurement."""
+        return () if self.observer is None else self.observer.L
+
+    @property
+    def supports(self) -> str:
+        """The support of each delay that the proof names: "delay 1: states 3, 4"."""
+        if self.certificate is None or "terms" not in self.certificate.get("variables", {}):
+            return ""
+        delays = self.certificate["system"]["delays"]
+        positive = [i for i, delay in enumerate(delays, 1) if delay["d"] > 0]
+        each = zip(positive, self.certificate["variables"]["terms"], strict=True)
+        return "; ".join(
+            f"delay {i}: {of} {', '.join(map(str, term[of]))}"
+            for i, term in each
+            for of in ("states", "controls")
+            if of in term
+        )
+
+    def __repr__(self) -> str:
+        name = f" {self.system.name!r}" if self.system.name else ""
+        what = f"K = {matrix_text(self.K)}" if self.K.any() else "u = 0"
+        if self.observer is not None:
+            what = f"observer of {', '.join(x.name for x in self.measurements)}"
+        return f"<Result{name}: {what}, {self._proved_words()}>"
+
+    def _repr_html_(self) -> str:
+        """Return the gains, what is proved and the figures of the loop, for notebooks."""
+        rows = {"system": repr(self.system)[1:-1]}
+        rows |= {"K": matrix_text(self.K, most=24)} if self.K.any() else {}
+        for x, L_i in zip(self.measurements, self.L, strict=True):
+            rows[f"L of {x.name}"] = matrix_text(L_i)
+        rows["certified"] = self._proved_words()
+        if self.supports:
+            rows["proved on the support of each delay"] = self.supports
+        if self.abscissa is not None:
+            rows["rightmost root (computed)"] = f"real part {self.abscissa:.6g} 1/s"
+        if self.exact_norm is not None:
+            rows["norm of the nominal loop (computed)"] = f"{self.exact_norm:.6g}"
+        if self.exact_norm_upper is not None:
+            rows["the same, an upper bound (proved)"] = f"{self.exact_norm_upper:.6g}"
+        for i, margin in enumerate(self.delay_margin or (), 1):
+            rows[f"stable up to delay {i} of (computed)"] = (
+                "any" if margin is None else f"{margin:.6g} s"
+            )
+        return html_table(repr(self), rows)
+
+    def _proved_words(self) -> str:
+        """Return what is proved, in a few words."""
+        if not self.certified:
+            return f"not certified: {self.reason or 'the proof does not hold'}"
+        cover = self.system.delays and self.covers_smaller_delays
+        what = "stability" if self.gamma is None else f"gamma {self.gamma:.6g}"
+        return (
+            f"{what} certified"
+            + (", for every smaller delay too" if cover else "")
+            + (", on the support of each delay" if self.supports else "")
+        )
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class GreatestDelay:
+    """The greatest delay that is certified, of a gain that is designed for it or of a given one.
+
+    Attributes
+    ----------
+    delay_index : index of the delay in `system.delays`; the others are kept.
+    delay : the greatest certified delay [s]; None if no delay is certified.
+    result : the gain and its proof at that delay; of the system as given if none is certified.
+    limit_reached : whether it is the limit of the search; nothing is known beyond.
+    not_certified_at : a delay [s] just above it without a proof; None where none was tried.
+    refuted_at : a delay [s] just above it from which on the LMI is proved to have no solution at
+        the result's k1, k2; None: no proof of that.
+    refutation : that proof as JSON values, for `check_certificate`.
+    """
+
+    delay_index: int
+    delay: float | None
+    result: Result
+    limit_reached: bool
+    not_certified_at: float | None = None
+    refuted_at: float | None = None
+    refutation: dict[str, Any] | None = None
+
+    def __post_init__(self) -> None:
+        if self.refutation is not None:
+            object.__setattr__(self, "refutation", Certificate(self.refutation))
+
+    def __repr__(self) -> str:
+        if self.delay is None:
+            return f"<GreatestDelay: none, {self.result!r}>"
+        end = ""
+        if self.limit_reached:
+            end = ", the limit of the search"
+        elif self.refuted_at is not None:
+            end = f", refuted from {self.refuted_at:.6g} s on"
+        which = f"delay {self.delay_index + 1} up to {self.delay:.6g} s"
+        return f"<GreatestDelay: {which}{end}, {self.result!r}>"
+
+
+def proved_facts(certificate: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what a certificate of a gain or of an observer proves, as attributes of a `Result`.
+
+    Raises
+    ------
+    InputError : naming the key, what was expected and what was got.
+    """
+    data = dict(certificate)
+    observer = pair_from_json(data) if data.get("kind") == "output-feedback" else None
+    proof = data if observer is None else dict(data["pair"])
+    system = system_from_json(proof["system"])
+    gain, variables = gain_from_json(proof["K"], system), proof["variables"]
+    gamma = variables["gamma"]
+    return {
+        "system": system if observer is None else observer.plant,
+        "K": gain if observer is None else observer.K,
+        "gamma": None if gamma is None else float(Fraction(gamma)),
+        "order": variables.get("order"),
+        "k1": _numbers(variables, "k1"),
+        "k2": _numbers(variables, "k2"),
+        "guarantees": guarantees_from_json(proof, system, gain),
+        "observer": observer,
+    }
+
+
+def _numbers(variables: Mapping[str, Any], key: str) -> tuple[float, ...]:
+    return tuple(float(Fraction(x)) for x in variables[key]) if key in variables else ()
