@@ -43,10 +43,12 @@ from cosim.hinf.synthesis.result import Result
 from cosim.hinf.theorems import MAX_ORDER
 from cosim.models import DelaySystem, Matrix
 
-_ABOVE_LEAST = (2e-6, 1e-5, 5e-5, 3e-4, 2e-3, 1e-2, 5e-2, *FAR)
-_COSTLY = 500
-"""Unknowns from which a proof takes seconds: the finest levels above the least gamma are left."""
-_FIRST_IF_COSTLY = 3
+_FINE = (2e-6, 1e-5, 5e-5)
+_COARSE = (3e-4, 2e-3, 1e-2, 5e-2, *FAR)
+"""Shares above the least gamma at which a proof is tried; of the fine ones fewer where it costs."""
+_MEDIUM, _COSTLY = 150, 500
+"""Unknowns from which one fine level is tried, where a proof takes half a second; and none, where
+it takes seconds."""
 _MUCH = 0.1  # share of gamma worth a proof of exactly these delays, or an odd gain
 
 
@@ -234,10 +236,10 @@ def _analysed(
                 reason = reason or f"no gamma was found: {not_found(words)}"
                 continue
         if gamma is None and leasts:
-            costly = condition.unknowns(delays) > _COSTLY
-            shares = _ABOVE_LEAST[_FIRST_IF_COSTLY:] if costly else _ABOVE_LEAST
+            unknowns = condition.unknowns(delays)
+            fine = () if unknowns > _COSTLY else _FINE[:1] if unknowns > _MEDIUM else _FINE
             levels = clearly_below(
-                (float(f"{leasts[-1] * (1 + share):.7g}") for share in shares), below
+                (float(f"{leasts[-1] * (1 + share):.7g}") for share in (*fine, *_COARSE)), below
             )
             reason = f"nothing clearly below gamma = {below} was found"
             if not levels:

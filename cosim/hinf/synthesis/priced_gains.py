@@ -12,6 +12,7 @@ The gains are compared by the norm of their nominal loops; nothing here is a pro
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import count
 
 import numpy as np
 
@@ -21,6 +22,7 @@ from cosim.hinf.nominal import nominal_figures_of
 from cosim.hinf.synthesis.gain_size import gain_remark
 from cosim.hinf.synthesis.search import scalars_at
 from cosim.hinf.synthesis.theorem_2 import gain_at
+from cosim.hinf.theorems import Scalars
 from cosim.models import DelaySystem, Matrix
 
 _MULTIPLES = (0.15, 0.3, 0.6)
@@ -31,33 +33,47 @@ _LARGE = 600
 """Unknowns from which a solve takes seconds: only the last price is tried."""
 
 
-def priced_gains(system: DelaySystem) -> Iterator[Matrix]:
+def priced_gains(system: DelaySystem, gamma: float) -> Iterator[Matrix]:
     """Yield gains (m, n) of moderate size, that of the loop of least norm first.
 
+    At each k1, k2 that of the least price with which a gain is of such a size; where none of
+    these is taken, those of the higher prices.
+
     system : Eq. (7) with w, z and a positive delay.
+    gamma : the least one by Theorem 2, or about that: the scale of the prices.
     """
     problem, d = Problem(system), tuple(x.d for x in system.delays)
-    prices = _PRICES if problem.size < _LARGE else _PRICES[-1:]
-    made: list[tuple[float, Matrix]] = []
-    gamma = None
-    for k, (multiple, price) in enumerate((x, y) for x in _MULTIPLES for y in prices):
-        report("gains with a price on Y", k / len(prices) / len(_MULTIPLES))
-        at = scalars_at(d, multiple)
-        if gamma is None:
-            first = problem.least_gamma(at, tolerance=ROUGH_TOLERANCE)
-            if not isinstance(first, Answer):
+    shares = _PRICES if problem.size < _LARGE else _PRICES[-1:]
+    prices = [share * gamma * problem.scaling.a**2 for share in shares]
+    waiting = [(scalars_at(d, multiple), price) for multiple in _MULTIPLES for price in prices]
+    asked, most = count(), len(waiting)
+    while waiting:
+        made: dict[Scalars, tuple[float, Matrix]] = {}
+        later = []
+        for at, price in waiting:
+            if at in made:
+                later.append((at, price))
                 continue
-            gamma = first.value * problem.scaling.a**2
-        answer = problem.priced(at, price * gamma, ROUGH_TOLERANCE)
-        if not isinstance(answer, Answer) or not np.isfinite(answer.unknowns["Y"]).all():
-            continue
-        K = gain_at(answer.unknowns, problem.scaling)
-        if gain_remark(system, K) is not None:
-            continue
-        try:
-            figures = nominal_figures_of(system, K)
-        except NotAchievableError:
-            continue
-        if figures.exact_norm is not None:
-            made.append((figures.exact_norm, K))
-    yield from (K for _, K in sorted(made, key=lambda x: x[0]))
+            report("gains with a price on Y", next(asked) / most)
+            gain = _moderate_gain(system, problem, at, price)
+            if gain is not None:
+                made[at] = gain
+        yield from (K for _, K in sorted(made.values(), key=lambda x: x[0]))
+        waiting = later
+
+
+def _moderate_gain(
+    system: DelaySystem, problem: Problem, at: Scalars, price: float
+) -> tuple[float, Matrix] | None:
+    """Return the norm of the nominal loop and the gain; None for a gain out of all proportion."""
+    answer = problem.priced(at, price, ROUGH_TOLERANCE)
+    if not isinstance(answer, Answer) or not np.isfinite(answer.unknowns["Y"]).all():
+        return None
+    K = gain_at(answer.unknowns, problem.scaling)
+    if gain_remark(system, K) is not None:
+        return None
+    try:
+        norm = nominal_figures_of(system, K).exact_norm
+    except NotAchievableError:
+        return None
+    return None if norm is None else (norm, K)

@@ -243,7 +243,7 @@ def _by_theorem_2(asked: Request, *, search: bool) -> Result:
             return theorem_2.design(s, asked.k1, asked.k2, search=True, in_proportion=True)
         except theorem_2.OutOfProportionError as error:
             with suppress(NotAchievableError):  # then with a gain of whatever size
-                priced = proved_by_analysis(s, priced_gains(s), None, 0)
+                priced = proved_by_analysis(s, priced_gains(s, error.least), None, 0)
             if priced is not None and error.least > _CLOSE * (priced.gamma or 0.0):
                 return _proved_again(priced)
     below = None if priced is None else priced.gamma

@@ -46,44 +46,55 @@ def least_gamma(
     gain: Matrix | None = None,
     *,
     ends_at: Callable[[Answer], bool] = lambda _: False,
-) -> list[tuple[Scalars, float]]:
-    """Return the k1, k2 that were passed and their least gammas, the best first; [] if none.
+) -> list[tuple[Scalars, Answer]]:
+    """Return the k1, k2 that were passed and the points of least gamma, the best first.
 
     `p` has the delays, and k1, k2 to start from beside the fixed starts; with a `gain`, its
     least gamma is searched. The best may lie where the gain grows without bound and nothing can
     be proved, so the others are kept: each is worse than the one before by `_APART` at least.
 
-    ends_at : whether the best of the starts is enough.
+    ends_at : whether the best so far is enough, asked once of the starts and of each better one.
     """
-    passed: list[tuple[Scalars, float]] = []
-    answers: list[Answer] = []
+    passed: list[tuple[Scalars, Answer]] = []
+    known: dict[tuple[str, ...], Answer | None] = {}
+    judged: dict[int, bool] = {}
     asked = count()
     expected = len(starts(p)) + 2 * _STEPS_ALONG + _STEPS
 
     def ask(at: Scalars) -> Answer | None:
         report("searching k1, k2", next(asked) / expected)
-        answer = _answer(problem.least_gamma(at, gain, ROUGH_TOLERANCE))
-        if answer is not None and answer.value > 0:
-            passed.append((at, answer.value))
-            answers.append(answer)
-        return answer
+        key = tuple(f"{x:.12g}" for x in (*at.k1, *at.k2))  # a descent asks again where it starts
+        if key not in known:
+            answer = known[key] = _answer(problem.least_gamma(at, gain, ROUGH_TOLERANCE))
+            if answer is not None and answer.value > 0:
+                passed.append((at, answer))
+        return known[key]
+
+    def is_enough() -> bool:
+        """Whether the best so far ends the search; asked again where there is a better one."""
+        if not passed:
+            return False
+        best = min((answer for _, answer in passed), key=lambda x: x.value)
+        if id(best) not in judged:
+            judged[id(best)] = ends_at(best)
+        return judged[id(best)]
 
     size = problem.size
     feasible = _feasible_starts(ask, p, valley=size >= _LARGE)
-    if size >= _VERY_LARGE or (answers and ends_at(min(answers, key=lambda x: x.value))):
+    if size >= _VERY_LARGE or is_enough():
         feasible = feasible[:0]
     # k1 = -k2 is a narrow valley: first along it, from two starts since the best may lead to a
     # worse local minimum, then across
-    ends = [
-        _descend(ask, at, sign=1.0, steps=_STEPS_ALONG, ratios=False)
-        for at, _ in sorted(feasible, key=lambda x: x[1])[:2]
-    ]
-    if ends and size < _LARGE:
-        _descend(ask, min(ends, key=lambda x: x[1])[0], sign=1.0, steps=_STEPS)
-    kept: list[tuple[Scalars, float]] = []
-    for at, value in sorted(passed, key=lambda x: x[1]):
-        if not kept or value > kept[-1][1] * (1 + _APART):
-            kept.append((at, value))
+    ends: list[tuple[Scalars, float]] = []
+    for at, _ in sorted(feasible, key=lambda x: x[1])[:2]:
+        if not is_enough():
+            ends.append(_descend(ask, at, is_enough, steps=_STEPS_ALONG, ratios=False))
+    if ends and size < _LARGE and not is_enough():
+        _descend(ask, min(ends, key=lambda x: x[1])[0], is_enough, steps=_STEPS)
+    kept: list[tuple[Scalars, Answer]] = []
+    for at, answer in sorted(passed, key=lambda x: x[1].value):
+        if not kept or answer.value > kept[-1][1].value * (1 + _APART):
+            kept.append((at, answer))
     return kept
 
 
@@ -165,14 +176,16 @@ class SearchDoneError(Exception):
 def _descend(
     ask: Ask,
     start: Scalars,
+    is_enough: Callable[[], bool] = lambda: False,
     *,
-    sign: float,
+    sign: float = 1.0,
     enough: float | None = None,
     steps: int = 2 * _STEPS,
     ratios: bool = True,
 ) -> tuple[Scalars, float]:
     """Minimise sign * value from a feasible start; end early below `enough`, or without progress.
 
+    is_enough : asked behind every answer, ends the descent too.
     ratios : change k1/k2 as well.
     """
     N = len(start.k2)
@@ -203,7 +216,7 @@ def _descend(
         here = sign * answer.value
         if not best or here < best[0][1]:
             best[:] = [(at, here)]
-        if enough is not None and here < enough:
+        if (enough is not None and here < enough) or is_enough():
             raise SearchDoneError
         by_k1, by_k2 = sign * answer.slopes[:N], sign * answer.slopes[N : 2 * N]
         k1, k2 = np.array(at.k1), np.array(at.k2)

@@ -112,15 +112,21 @@ def design(
         return remark is not None and not is_zero_gamma(problem, answer)
 
     ends_at = is_too_large if in_proportion else lambda _: False
-    points = _searched(problem, scalars, fixed, ends_at) if search else [scalars]
+    passed = _searched(problem, scalars, fixed, ends_at) if search else [(scalars, None)]
+    points = [at for at, _ in passed]
+
+    def refuse_too_large(least: Answer | None) -> None:
+        if in_proportion and least is not None and is_too_large(least):
+            raise OutOfProportionError(
+                "the least gamma is approached as the gain grows without bound",
+                where=system.name or None,
+                hint="give u a larger weight in z (D2), or bound |K| with --gain-limit",
+                least=least.value,
+            )
+
+    refuse_too_large(passed[0][1])
     first = Theorem2Condition(system, problem, points[0], fixed)
-    if in_proportion and first.least is not None and is_too_large(first.least):
-        raise OutOfProportionError(
-            "the least gamma is approached as the gain grows without bound",
-            where=system.name or None,
-            hint="give u a larger weight in z (D2), or bound |K| with --gain-limit",
-            least=first.least.value,
-        )
+    refuse_too_large(first.least)
     others = [Theorem2Condition(system, problem, p, fixed) for p in points[1:_POINTS]]
     for conditions, shares in (
         ([first], NEAR if problem.size < _LARGE else NEAR[_ROOM:]),
@@ -286,12 +292,12 @@ def _searched(
     p: Scalars,
     gain: NDArray[np.float64] | None,
     ends_at: Callable[[Answer], bool],
-) -> list[Scalars]:
-    """Return better k1, k2, the best first; those of `p` where none are found."""
+) -> list[tuple[Scalars, Answer | None]]:
+    """Return better k1, k2 and their points of least gamma, the best first; `p` if none are found."""
     if problem.has_gamma:
-        return [at for at, _ in least_gamma(problem, p, gain, ends_at=ends_at)] or [p]
+        return [*least_gamma(problem, p, gain, ends_at=ends_at)] or [(p, None)]
     widest = widest_margin(problem, p, None, gain)
-    return [p if widest is None else widest[0]]
+    return [(p if widest is None else widest[0], None)]
 
 
 def gain_at(unknowns: dict[str, Any], units: Scaling) -> NDArray[np.float64]:
