@@ -13,6 +13,7 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from itertools import count
+from typing import Any
 
 import numpy as np
 import scipy
@@ -55,47 +56,63 @@ def least_gamma(
 
     ends_at : whether the best so far is enough, asked once of the starts and of each better one.
     """
-    passed: list[tuple[Scalars, Answer]] = []
-    known: dict[tuple[str, ...], Answer | None] = {}
-    judged: dict[int, bool] = {}
-    asked = count()
-    expected = len(starts(p)) + 2 * _STEPS_ALONG + _STEPS
-
-    def ask(at: Scalars) -> Answer | None:
-        report("searching k1, k2", next(asked) / expected)
-        key = tuple(f"{x:.12g}" for x in (*at.k1, *at.k2))  # a descent asks again where it starts
-        if key not in known:
-            answer = known[key] = _answer(problem.least_gamma(at, gain, ROUGH_TOLERANCE))
-            if answer is not None and answer.value > 0:
-                passed.append((at, answer))
-        return known[key]
-
-    def is_enough() -> bool:
-        """Whether the best so far ends the search; asked again where there is a better one."""
-        if not passed:
-            return False
-        best = min((answer for _, answer in passed), key=lambda x: x.value)
-        if id(best) not in judged:
-            judged[id(best)] = ends_at(best)
-        return judged[id(best)]
-
+    passed = _Passed(problem, p, gain, ends_at)
     size = problem.size
-    feasible = _feasible_starts(ask, p, valley=size >= _LARGE)
-    if size >= _VERY_LARGE or is_enough():
+    feasible = _feasible_starts(passed.ask, p, valley=size >= _LARGE)
+    if size >= _VERY_LARGE:
         feasible = feasible[:0]
     # k1 = -k2 is a narrow valley: first along it, from two starts since the best may lead to a
     # worse local minimum, then across
     ends: list[tuple[Scalars, float]] = []
     for at, _ in sorted(feasible, key=lambda x: x[1])[:2]:
-        if not is_enough():
-            ends.append(_descend(ask, at, is_enough, steps=_STEPS_ALONG, ratios=False))
-    if ends and size < _LARGE and not is_enough():
-        _descend(ask, min(ends, key=lambda x: x[1])[0], is_enough, steps=_STEPS)
+        ends += passed.descend(at, steps=_STEPS_ALONG, ratios=False)
+    if ends and size < _LARGE:
+        passed.descend(min(ends, key=lambda x: x[1])[0], steps=_STEPS)
     kept: list[tuple[Scalars, Answer]] = []
-    for at, answer in sorted(passed, key=lambda x: x[1].value):
+    for at, answer in sorted(passed.points, key=lambda x: x[1].value):
         if not kept or answer.value > kept[-1][1].value * (1 + _APART):
             kept.append((at, answer))
     return kept
+
+
+class _Passed:
+    """The points of least gamma that a search has passed, and whether the best is enough."""
+
+    def __init__(
+        self,
+        problem: Problem,
+        p: Scalars,
+        gain: Matrix | None,
+        ends_at: Callable[[Answer], bool],
+    ) -> None:
+        self._problem, self._gain, self._ends_at = problem, gain, ends_at
+        self._expected = len(starts(p)) + 2 * _STEPS_ALONG + _STEPS
+        self._known: dict[tuple[str, ...], Answer | None] = {}
+        self._judged: tuple[float, bool] = (math.inf, False)
+        self.points: list[tuple[Scalars, Answer]] = []
+
+    def ask(self, at: Scalars) -> Answer | None:
+        """Return the point of least gamma at k1, k2; a descent asks again where it starts."""
+        report("searching k1, k2", len(self._known) / self._expected)
+        key = tuple(f"{x:.12g}" for x in (*at.k1, *at.k2))
+        if key not in self._known:
+            solved = self._problem.least_gamma(at, self._gain, ROUGH_TOLERANCE)
+            answer = self._known[key] = _answer(solved)
+            if answer is not None and answer.value > 0:
+                self.points.append((at, answer))
+        return self._known[key]
+
+    def is_enough(self) -> bool:
+        """Whether the best so far ends the search."""
+        if self.points:
+            best = min((answer for _, answer in self.points), key=lambda x: x.value)
+            if best.value < self._judged[0]:
+                self._judged = best.value, self._ends_at(best)
+        return self._judged[1]
+
+    def descend(self, start: Scalars, **how: Any) -> list[tuple[Scalars, float]]:
+        """Return where a descent ends; nothing where the best so far is enough."""
+        return [] if self.is_enough() else [_descend(self.ask, start, self.is_enough, **how)]
 
 
 def widest_margin(

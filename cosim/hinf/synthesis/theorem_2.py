@@ -293,7 +293,7 @@ def _searched(
     gain: NDArray[np.float64] | None,
     ends_at: Callable[[Answer], bool],
 ) -> list[tuple[Scalars, Answer | None]]:
-    """Return better k1, k2 and their points of least gamma, the best first; `p` if none are found."""
+    """Return better k1, k2 and their points of least gamma, the best first; `p` without any."""
     if problem.has_gamma:
         return [*least_gamma(problem, p, gain, ends_at=ends_at)] or [(p, None)]
     widest = widest_margin(problem, p, None, gain)
