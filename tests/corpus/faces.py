@@ -18,7 +18,7 @@ from shared import copied
 from cosim.core import InputError
 from cosim.hinf import check_certificate, system_by_name
 from cosim.hinf.certificate import read_certificate, standalone
-from cosim.hinf.certificate.standalone_numbers import RefusedError
+from cosim.hinf.certificate.standalone import RefusedError
 from cosim.study import read_table
 from cosim.trace import Trace, assumptions_of, guarantee_of, outcome_of
 

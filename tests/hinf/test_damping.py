@@ -27,8 +27,7 @@ from cosim.hinf import (
     design_from_json,
     design_to_json,
 )
-from cosim.hinf.certificate import Damping, standalone_numbers, system_to_json
-from cosim.hinf.certificate.standalone_damping import damped
+from cosim.hinf.certificate import Damping, standalone, system_to_json
 from cosim.hinf.exact import Contour
 from cosim.hinf.synthesis.damped_gains import greatest_ratio
 
@@ -55,12 +54,10 @@ def test_the_ratio_is_sharp_where_the_roots_are_known(a: float, d: float, within
     assert _asked(true * (1 - 1e-9), within).failure(loop, NO_GAIN) is None
     reason = str(_asked(true * (1 + 1e-9), within).failure(loop, NO_GAIN))
     assert "2 characteristic roots" in reason
-    second = standalone_numbers.Loop(
-        standalone_numbers.loaded(json.dumps(system_to_json(loop)).encode())
-    )
-    damped(second, Fraction(true * (1 - 1e-9)), Fraction(within))
-    with pytest.raises(standalone_numbers.RefusedError, match="2 roots"):
-        damped(second, Fraction(true * (1 + 1e-9)), Fraction(within))
+    second = standalone.Loop(standalone.loaded(json.dumps(system_to_json(loop)).encode()))
+    standalone.damped(second, Fraction(true * (1 - 1e-9)), Fraction(within))
+    with pytest.raises(standalone.RefusedError, match="2 roots"):
+        standalone.damped(second, Fraction(true * (1 + 1e-9)), Fraction(within))
     assert greatest_ratio(loop, NO_GAIN, _asked(0.5, within).within) == int(1000 * true) / 1000
 
 
@@ -108,12 +105,12 @@ def test_units_of_the_states_change_nothing() -> None:
     """A pair of 0.6 whose states count in mm and km: both checkers balance, and need few steps."""
     T = np.diag([1e-6, 1e6])
     system = DelaySystem(np.linalg.inv(T) @ [[-3.0, 4.0], [-4.0, -3.0]] @ T)
-    data = standalone_numbers.loaded(json.dumps(system_to_json(system)).encode())
+    data = standalone.loaded(json.dumps(system_to_json(system)).encode())
     for ratio, holds in ((0.599, True), (0.601, False)):
         assert (_asked(ratio, 5.0).failure(system, np.zeros((0, 2))) is None) == holds
-        outcome = nullcontext() if holds else pytest.raises(standalone_numbers.RefusedError)
+        outcome = nullcontext() if holds else pytest.raises(standalone.RefusedError)
         with outcome:
-            damped(standalone_numbers.Loop(data), Fraction(ratio), Fraction(5))
+            standalone.damped(standalone.Loop(data), Fraction(ratio), Fraction(5))
 
 
 def test_no_step_is_longer_than_its_bound() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import subprocess
 import sys
 from functools import cache
@@ -17,7 +18,7 @@ from shared import sampled
 
 from cosim.hinf import check_certificate
 from cosim.hinf.certificate import standalone
-from cosim.hinf.certificate.standalone_numbers import RefusedError, loaded
+from cosim.hinf.certificate.standalone import RefusedError, loaded
 
 DESIGNS = Path(str(files("cosim.scenario").joinpath("library", "designs")))
 NAMES = ("paper-late", "auv-outages-1.25s", "auv-playout-1.25s", "auv-remote")
@@ -117,7 +118,8 @@ def test_the_command_and_the_second_checker_print_them(tmp_path: Path) -> None:
     assert json.loads(result.out)["not_read"] == ["figures", "system.name"]
     text = " ".join(cosim_command("certificate", "check", str(path), cwd=tmp_path).out.split())
     assert "not read figures, system.name: nothing proves these" in text
-    program = [sys.executable, standalone.__file__]
+    program = [sys.executable, "-m", "standalone"]
+    shutil.copytree(Path(standalone.__file__).parent, tmp_path / "standalone")
     bare = {key: x for key, x in data_of("paper-late").items() if key not in ("figures", "theorem")}
     del (bare := json.loads(json.dumps(bare)))["system"]["name"]
     (tmp_path / "bare.json").write_text(json.dumps(bare), "utf-8")

@@ -20,7 +20,7 @@ from cosim.hinf.certificate import (
     pair_of,
     standalone,
 )
-from cosim.hinf.certificate.standalone_numbers import RefusedError
+from cosim.hinf.certificate.standalone import RefusedError
 from cosim.hinf.nominal import close
 from cosim.models import Measurement
 

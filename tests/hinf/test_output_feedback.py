@@ -24,7 +24,7 @@ from cosim.hinf import (
     hinf_norm,
 )
 from cosim.hinf.certificate import pair_of, standalone
-from cosim.hinf.certificate.standalone_numbers import RefusedError
+from cosim.hinf.certificate.standalone import RefusedError
 from cosim.hinf.lmi import InjectionLmi, units_of, without_performance
 from cosim.hinf.nominal import close
 from cosim.hinf.synthesis.pair_gain import PairGain

@@ -17,7 +17,7 @@ from truth_of_loops import abscissa, loop_of, norm
 from cosim.core import InputError
 from cosim.hinf import analyse, auv_system, check_certificate
 from cosim.hinf.certificate import loop_to_json, standalone
-from cosim.hinf.certificate.standalone_numbers import RefusedError
+from cosim.hinf.certificate.standalone import RefusedError
 from cosim.hinf.lmi import Condition
 from cosim.hinf.synthesis import conditions
 from cosim.hinf.theorems import Support, supports_of

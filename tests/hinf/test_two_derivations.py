@@ -27,7 +27,6 @@ from cosim.hinf.certificate import (
     loop_to_json,
     shapes_of_outages,
     standalone,
-    standalone_numbers as sn,
     system_from_json,
 )
 from cosim.hinf.exact import exact
@@ -100,7 +99,7 @@ def both(
 
     with patch.context() as patched:
         patched.setattr(Inequality, "failure", failure)
-        patched.setattr(sn, "positive", positive)
+        patched.setattr(standalone.arithmetic, "positive", positive)
         assert check_certificate(document).valid
         standalone.check(json.dumps(document).encode())
     return ours, theirs

@@ -22,7 +22,7 @@ from cosim.hinf.certificate import (
     system_to_json,
     theorem_of,
 )
-from cosim.hinf.certificate.standalone_numbers import RefusedError
+from cosim.hinf.certificate.standalone import RefusedError
 from cosim.hinf.lmi import Condition, GainLmi, scalar_multiplier
 from cosim.hinf.nominal import close
 from cosim.hinf.problem import (

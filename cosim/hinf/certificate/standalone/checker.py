@@ -1,31 +1,21 @@
-"""Check a certificate with Python's standard library alone: python standalone.py FILE.
+"""Check a certificate: Theorem 2, the guarantees beside it, refutations, and what others prove.
 
-For those who doubt the prover: no line is shared with it, and all arithmetic is of fractions
-(`standalone_numbers.py`, to be kept beside this file). exact_lmi.py derives Theorem 2, decay.py and
-control_limits.py the guarantees, refutation_proof.py refutations, docs/explanation/theory.md the
-functionals of an analysis. It lists what it did not read: notes, names and sentences.
+theorems/theorem_2.py derives Theorem 2, decay.py and control_limits.py the guarantees,
+refutation_proof.py refutations, docs/explanation/theory.md the functionals of an analysis.
 """
 # mypy: ignore-errors
-# ruff: noqa: ANN001, ANN201, ANN202, B905, D103, FBT002, N817, T201
+# ruff: noqa: ANN001, ANN201, ANN202, B905, D103, FBT002, N817
 
-import sys
 from copy import copy
 from fractions import Fraction as F
 from itertools import product
-from pathlib import Path
 
-if __package__:
-    from cosim.hinf.certificate import standalone_numbers as sn
-    from cosim.hinf.certificate.standalone_analysis import analysis_proved
-    from cosim.hinf.certificate.standalone_damping import damped
-    from cosim.hinf.certificate.standalone_outages import outages
-    from cosim.hinf.certificate.standalone_pair import need_pair, observer_claim
-else:
-    import standalone_numbers as sn
-    from standalone_analysis import analysis_proved
-    from standalone_damping import damped
-    from standalone_outages import outages
-    from standalone_pair import need_pair, observer_claim
+from . import arithmetic as sn
+from .analysis import analysis_proved
+from .damping import damped
+from .outages import outages
+from .pair import need_pair, observer_claim
+
 M, need, total = sn.M, sn.need, sn.total
 
 UP_TO, ANY = "constant, up to d", "any, however it varies, up to d"
@@ -322,14 +312,3 @@ def not_read(c):
     for i, x in enumerate(c.get("measurements", ())):
         yield from (f"measurements[{i}].over" for key in x if key == "over")
     yield from (f"pair.{key}" for key in (not_read(c["pair"]) if "pair" in c else ()))
-
-
-if __name__ == "__main__":
-    content = Path(sys.argv[1]).read_bytes()
-    try:
-        proved = check(content)
-    except sn.RefusedError as refused:
-        sys.exit(f"not proved: {refused}")
-    print("proved:", *(f"  {key}: {value}" for key, value in proved.items()), sep="\n")
-    names = ", ".join(not_read(sn.loaded(content)))
-    print("not read:", repr(names)[1:-1] or "nothing")  # a name may steer the terminal

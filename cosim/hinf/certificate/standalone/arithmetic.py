@@ -1,7 +1,4 @@
-"""Fractions, matrices, positive definiteness and Eq. (7) for `standalone.py`; no code of others.
-
-Python's standard library alone: the two files run away from the package.
-"""
+"""Fractions, matrices, positive definiteness and Eq. (7) for `checker.py`; no code of others."""
 
 from __future__ import annotations
 

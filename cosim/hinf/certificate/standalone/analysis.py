@@ -1,4 +1,4 @@
-"""The analyses that `standalone.py` checks: Bessel-Legendre of any order, and ages as they are.
+"""The analyses that `checker.py` checks: Bessel-Legendre of any order, and ages as they are.
 
 docs/explanation/theory.md derives the functionals, and has the letters: V is y'P y with one group
 of terms per positive delay, Phi what bounds its derivative. Shown are -Phi > 0 at every corner of
@@ -13,10 +13,8 @@ that the certificate gives: of the states, or of the controls, that act through 
 from fractions import Fraction as F
 from itertools import accumulate, combinations, product
 
-if __package__:
-    from cosim.hinf.certificate import standalone_numbers as sn
-else:
-    import standalone_numbers as sn
+from . import arithmetic as sn
+
 M, need, total = sn.M, sn.need, sn.total
 
 UP_TO, EXACTLY, ANY = "constant, up to d", "constant, exactly d", "any, however it varies, "

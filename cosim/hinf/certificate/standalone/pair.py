@@ -1,4 +1,4 @@
-"""The pair of plant and observer, for `standalone.py`: hold the loop that is proved against it.
+"""The pair of plant and observer, for `checker.py`: hold the loop that is proved against it.
 
 With e = x - xh, L_i = injection, N_i = diagonal of the noise, and everything exact:
 
@@ -13,10 +13,8 @@ these, term by term; a state that is known has no e.
 # mypy: ignore-errors
 # ruff: noqa: ANN001, ANN201, ANN202, B905, D103, SIM300
 
-if __package__:
-    from cosim.hinf.certificate import standalone_numbers as sn
-else:
-    import standalone_numbers as sn
+from . import arithmetic as sn
+
 M, need, total = sn.M, sn.need, sn.total
 
 AGE = "d any_age least_age rate sampled"

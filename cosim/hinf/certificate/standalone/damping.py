@@ -1,4 +1,4 @@
-"""Damping for `standalone.py`: roots counted with integers; damping.py derives it.
+"""Damping for `checker.py`: roots counted with integers; the prover's damping.py derives it.
 
 Complex numbers are pairs of integers in units of 2^-96. Points, steps and inverses come from
 floating point, which decides nothing: what they prove is verified in integers and fractions, with
@@ -13,10 +13,7 @@ import math
 from fractions import Fraction as F
 from math import isqrt
 
-if __package__:
-    from cosim.hinf.certificate.standalone_numbers import need
-else:
-    from standalone_numbers import need
+from .arithmetic import need
 
 UNIT = 2**96
 STEPS = 5_000

@@ -1,16 +1,15 @@
-"""The proof with outages for `standalone.py`: one functional in touch and out of touch.
+"""The proof with outages for `checker.py`: one functional in touch and out of touch.
 
-outages.py derives the forms. Both are built here again from the closed and the open loop.
+The prover's outages.py derives the forms. Both are built here again from the closed and the open
+loop.
 """
 # mypy: ignore-errors
 # ruff: noqa: ANN001, ANN201, B905, D103, N817, PLR0915
 
 from fractions import Fraction as F
 
-if __package__:
-    from cosim.hinf.certificate import standalone_numbers as sn
-else:
-    import standalone_numbers as sn
+from . import arithmetic as sn
+
 M, need, total = sn.M, sn.need, sn.total
 
 
