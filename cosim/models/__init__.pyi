@@ -10,6 +10,7 @@ from .assumptions import (
 from .auv import (
     STATE as STATE,
     TABLE_1 as TABLE_1,
+    hydrodynamic_force as hydrodynamic_force,
     inertia as inertia,
     kinematics as kinematics,
     thrust_map as thrust_map,

@@ -13,7 +13,7 @@ from typing import Any
 
 from cosim.hinf import analyse, design, design_to_json, system_by_name
 from cosim.hinf.certificate import certificate_bytes
-from cosim.models.paper_example import PRINTED_K
+from cosim.models import paper_example
 
 ROOT = Path(__file__).parents[2]
 VEHICLE = "cosim/scenario/library/designs/auv-1.25s.json"
@@ -30,7 +30,9 @@ def vehicle() -> dict[str, Any]:
 
 def paper() -> dict[str, Any]:
     """What Theorem 1 proves of the printed gain of section 5."""
-    certificate = analyse(system_by_name("paper").system, [PRINTED_K], order=0).certificate
+    certificate = analyse(
+        system_by_name("paper").system, [paper_example.PRINTED_K], order=0
+    ).certificate
     assert certificate is not None
     return certificate
 

@@ -16,7 +16,7 @@ from cosim.fmu.export.certificate_section import certified_section
 from cosim.hinf import characteristic_roots, check_certificate, hinf_norm, system_by_name
 from cosim.hinf.certificate import certificate_bytes, system_from_json
 from cosim.hinf.nominal import close
-from cosim.models.paper_example import PRINTED_K
+from cosim.models import paper_example
 
 CONTROLLERS = {"HinfController": "auv", "PaperController": "paper"}
 
@@ -73,7 +73,7 @@ def test_norm_of_the_nominal_loop_is_below_gamma(name: str) -> None:
 def test_the_paper_controller_has_the_printed_gain() -> None:
     """K = (0.6432 -0.5679), with the least gamma of Theorem 1 in three digits."""
     data = json.loads(certificate_of("PaperController"))
-    assert data["K"] == [list(PRINTED_K)]
+    assert data["K"] == [list(paper_example.PRINTED_K)]
     assert eval(data["claim"]["gamma"]) == pytest.approx(5.0455, abs=1e-4)  # noqa: S307 - p/q
 
 

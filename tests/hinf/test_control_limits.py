@@ -15,8 +15,7 @@ from cosim.hinf import Delay, DelaySystem, design
 from cosim.hinf.certificate import GainLimit, PeakControl, norm_above, offset_corners
 from cosim.hinf.lmi import proved_peak_control
 from cosim.hinf.problem import design_constraints_of
-from cosim.hinf.synthesis.search import starts
-from cosim.hinf.synthesis.theorem_2 import checked_scalars
+from cosim.hinf.synthesis import checked_scalars, starts
 from cosim.models import paper_example
 
 

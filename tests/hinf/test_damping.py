@@ -29,7 +29,7 @@ from cosim.hinf import (
 )
 from cosim.hinf.certificate import Damping, standalone, system_to_json
 from cosim.hinf.exact import Contour
-from cosim.hinf.synthesis.damped_gains import greatest_ratio
+from cosim.hinf.synthesis import greatest_ratio
 
 NO_GAIN = np.zeros((0, 1))
 

@@ -17,8 +17,7 @@ from cosim.hinf.certificate import acting_delays, corners, growth_of, is_above_e
 from cosim.hinf.exact import exact
 from cosim.hinf.nominal import ClosedLoop, close
 from cosim.hinf.problem import with_delays
-from cosim.hinf.synthesis.decay_search import proved_decay
-from cosim.hinf.synthesis.theorem_2 import checked_scalars
+from cosim.hinf.synthesis import checked_scalars, proved_decay
 from cosim.hinf.theorems import Scalars
 from cosim.models import paper_example
 

@@ -10,10 +10,7 @@ import scipy
 
 from cosim.hinf import Delay, DelaySystem, hinf_norm, spectral_abscissa
 from cosim.hinf.nominal import close
-from cosim.hinf.synthesis.descent import proposals
-from cosim.hinf.synthesis.loop_gain import LoopGain
-from cosim.hinf.synthesis.nonsmooth import minimised
-from cosim.hinf.synthesis.structured_gains import descent_design
+from cosim.hinf.synthesis import LoopGain, descent_design, minimised, proposals
 
 
 def test_a_minimum_at_a_kink_is_found() -> None:

@@ -13,8 +13,7 @@ from hypothesis import given, settings, strategies as st
 from numpy.typing import NDArray
 
 from cosim.core import InputError
-from cosim.hinf.problem import Envelope
-from cosim.hinf.problem.envelope import Scaling, auv_uncertainty, quadratic_part
+from cosim.hinf.problem import Envelope, Scaling, auv_uncertainty, quadratic_part
 from cosim.models import TABLE_1, thrust_map, vehicle_derivatives, velocity_coefficients
 
 BOXES = (

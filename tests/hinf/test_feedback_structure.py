@@ -14,7 +14,7 @@ from cosim.core import InputError, NotAchievableError
 from cosim.hinf import Delay, DelaySystem, analyse, check_certificate, design, greatest_delay
 from cosim.hinf.certificate import system_from_json, system_to_json
 from cosim.hinf.problem import system_from_toml, with_integral, with_measured, without_integrals
-from cosim.hinf.synthesis.loop_gain import LoopGain
+from cosim.hinf.synthesis import LoopGain
 
 ZERO = np.zeros((2, 2))
 

@@ -11,8 +11,7 @@ import numpy as np
 import pytest
 
 from cosim.core import InputError
-from cosim.hinf.problem import Box, enclose
-from cosim.hinf.problem.mean_jacobian import change_of, jacobian, mean_jacobian
+from cosim.hinf.problem import Box, change_of, enclose, jacobian, mean_jacobian
 
 
 def drag_across(

@@ -27,7 +27,7 @@ from cosim.hinf.certificate import pair_of, standalone
 from cosim.hinf.certificate.standalone import RefusedError
 from cosim.hinf.lmi import InjectionLmi, units_of, without_performance
 from cosim.hinf.nominal import close
-from cosim.hinf.synthesis.pair_gain import PairGain
+from cosim.hinf.synthesis import PairGain
 from cosim.models import Measurement
 
 AXIS = DelaySystem(

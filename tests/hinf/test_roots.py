@@ -9,8 +9,7 @@ from scipy.special import lambertw
 
 from cosim.core import InputError
 from cosim.hinf import characteristic_roots, spectral_abscissa
-from cosim.hinf.nominal import ClosedLoop, close
-from cosim.hinf.nominal.roots import roots_right_of
+from cosim.hinf.nominal import ClosedLoop, close, roots_right_of
 from cosim.models import Delay, DelaySystem, paper_example
 
 

@@ -12,8 +12,7 @@ from hypothesis import given, strategies as st
 from hypothesis.extra import numpy as hnp
 
 from cosim.core import InputError, parse_toml
-from cosim.hinf.certificate import system_from_json, system_to_json
-from cosim.hinf.certificate.system_parts import MATRICES
+from cosim.hinf.certificate import MATRICES, system_from_json, system_to_json
 from cosim.hinf.problem import load_system, system_from_toml
 from cosim.models import Delay, DelaySystem, paper_example
 

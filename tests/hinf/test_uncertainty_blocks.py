@@ -31,7 +31,7 @@ from cosim.hinf.problem import (
     without_integrals,
     without_uncertainty,
 )
-from cosim.hinf.synthesis.loop_gain import LoopGain
+from cosim.hinf.synthesis import LoopGain
 
 PARAMETERS = [[1, 1], [1, 1]]
 NO_GAIN = np.zeros((1, 2))

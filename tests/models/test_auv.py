@@ -14,12 +14,12 @@ import symengine
 from cosim.models import (
     STATE,
     TABLE_1,
+    hydrodynamic_force,
     inertia,
     thrust_map,
     vehicle_derivatives,
     velocity_coefficients,
 )
-from cosim.models.auv import hydrodynamic_force
 
 PARAMETERS = {**TABLE_1, **{f"damping.{axis}": 0.04 + 0.01 * i for i, axis in enumerate("uvwr")}}
 

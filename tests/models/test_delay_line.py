@@ -16,8 +16,6 @@ from cosim.models import DelayLine
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from cosim.models.delay_line import RightHandSide
-
 END = 3.0
 CASES = {
     "no delay": ([0.0], 0.25),
@@ -50,7 +48,7 @@ def points(period: float, end: float = END) -> list[float]:
     return [k * period for k in range(count)] + [end]
 
 
-def right_hand_side(t: float) -> RightHandSide:
+def right_hand_side(t: float) -> Callable[[float, list[float], list[list[float]]], list[float]]:
     u = lagged(t)
     return lambda _t, x, late: rate(x, late, u)
 

@@ -11,8 +11,7 @@ from hypothesis import given, strategies as st
 from scipy.integrate import quad
 from scipy.linalg import expm
 
-from cosim.models import GRAVITY, Component, Gains, accelerations, at_depth, gains, sea
-from cosim.models.waves import HIGHEST, LOWEST, discretise, splitmix64, uniforms
+from cosim.models import GRAVITY, Component, Gains, accelerations, at_depth, gains, sea, waves
 
 ALONG_ONLY = Gains(1.0, 0.0, 0.0, 0.0)
 
@@ -34,7 +33,7 @@ def test_generator_gives_the_published_numbers() -> None:
     """The first five outputs for seed 1234567 are those of the reference code."""
     state, got = 1234567, []
     for _ in range(5):
-        state, bits = splitmix64(state)
+        state, bits = waves.splitmix64(state)
         got.append(bits)
     assert got == [
         6457827717110365317,
@@ -47,11 +46,11 @@ def test_generator_gives_the_published_numbers() -> None:
 
 def test_uniforms_are_the_upper_53_bits() -> None:
     """The numbers drawn are the reference outputs, divided exactly and below one."""
-    assert uniforms(1234567, 2) == [
+    assert waves.uniforms(1234567, 2) == [
         (6457827717110365317 // 2**11) / 2**53,
         (3203168211198807973 // 2**11) / 2**53,
     ]
-    many = uniforms(2**64 - 1, 20000)
+    many = waves.uniforms(2**64 - 1, 20000)
     assert 0 <= min(many) <= max(many) < 1
     assert np.mean(many) == pytest.approx(0.5, abs=4 / math.sqrt(12 * 20000))
 
@@ -60,7 +59,7 @@ def test_uniforms_are_the_upper_53_bits() -> None:
 def test_seed_out_of_range_is_refused(seed: int) -> None:
     """A seed that does not fit 64 bits is named in the message."""
     with pytest.raises(ValueError, match=f"seed.*got {seed}"):
-        uniforms(seed, 1)
+        waves.uniforms(seed, 1)
 
 
 @given(
@@ -79,8 +78,8 @@ def test_variance_is_that_of_the_wave_height(
     energy = math.fsum(c.amplitude**2 / 2 for c in components)
     assert energy == pytest.approx(Hs**2 / 16, rel=1e-14, abs=0)
     ratio = [c.omega * Tp / (2 * math.pi) for c in components]
-    assert ratio[0] >= LOWEST * (1 - 1e-12)
-    assert ratio[-1] <= HIGHEST * (1 + 1e-12)
+    assert ratio[0] >= waves.LOWEST * (1 - 1e-12)
+    assert ratio[-1] <= waves.HIGHEST * (1 + 1e-12)
     assert all(a < b for a, b in itertools.pairwise(ratio))
     assert all(0 <= c.phase < 2 * math.pi for c in components)
 
@@ -95,9 +94,11 @@ def test_energy_is_spread_as_in_the_textbook(spectrum: str) -> None:
     def density(omega: float) -> float:
         return fossen_density(omega, Hs, Tp, spectrum)
 
-    total = quad(density, LOWEST * peak, HIGHEST * peak, points=[peak], limit=200)[0]
+    total = quad(density, waves.LOWEST * peak, waves.HIGHEST * peak, points=[peak], limit=200)[0]
     for x in (0.7, 0.9, 0.97, 1.0, 1.03, 1.2, 1.6, 2.2):
-        share = quad(density, LOWEST * peak, x * peak, points=[min(x, 0.99) * peak], limit=200)[0]
+        share = quad(
+            density, waves.LOWEST * peak, x * peak, points=[min(x, 0.99) * peak], limit=200
+        )[0]
         below = sum(c.amplitude**2 / 2 for c in components if c.omega <= x * peak)
         assert below / (Hs**2 / 16) == pytest.approx(share / total, abs=0.01)
 
@@ -223,8 +224,8 @@ def test_symbols_pass_through_the_formula() -> None:
 
     Hs, Tp, g = symengine.symbols("Hs Tp g")
     drawn = symengine.symbols("d0:10")
-    symbolic = discretise(Hs, Tp, g, drawn, symengine)
-    numbers = uniforms(77, 10)
+    symbolic = waves.discretise(Hs, Tp, g, drawn, symengine)
+    numbers = waves.uniforms(77, 10)
     point = {Hs: 2.0, Tp: 6.5, g: 3.3, **dict(zip(drawn, numbers, strict=True))}
     for got, expected in zip(symbolic, sea(2.0, 6.5, count=5, seed=77), strict=True):
         values = [float(entry.subs(point)) for entry in got]

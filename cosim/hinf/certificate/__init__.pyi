@@ -104,6 +104,7 @@ from .system_json import (
     system_to_json as system_to_json,
 )
 from .system_parts import (
+    MATRICES as MATRICES,
     DelayPart as DelayPart,
     Double as Double,
     MaybeDouble as MaybeDouble,

@@ -16,6 +16,7 @@ from .gain_lmi import (
     scalar_multiplier as scalar_multiplier,
 )
 from .injection_lmi import InjectionLmi as InjectionLmi
+from .loop_units import own_units as own_units
 from .margin import widest_margin as widest_margin
 from .outage_lmi import OutageLmi as OutageLmi
 from .peak_lmi import (

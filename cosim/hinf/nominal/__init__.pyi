@@ -64,6 +64,7 @@ from .roots import (
     characteristic_roots as characteristic_roots,
     is_stable as is_stable,
     roots_of as roots_of,
+    roots_right_of as roots_right_of,
     spectral_abscissa as spectral_abscissa,
 )
 from .threads import one_thread as one_thread

@@ -10,7 +10,12 @@ from .design_constraints import (
     DesignConstraints as DesignConstraints,
     design_constraints_of as design_constraints_of,
 )
-from .envelope import Envelope as Envelope
+from .envelope import (
+    Envelope as Envelope,
+    Scaling as Scaling,
+    auv_uncertainty as auv_uncertainty,
+    quadratic_part as quadratic_part,
+)
 from .feedback_structure import (
     refuse_structure as refuse_structure,
     states_of as states_of,
@@ -21,6 +26,11 @@ from .feedback_structure import (
 from .filters import (
     Filter as Filter,
     filtered as filtered,
+)
+from .jacobians import (
+    change_of as change_of,
+    jacobian as jacobian,
+    mean_jacobian as mean_jacobian,
 )
 from .linear_enclosure import (
     Box as Box,

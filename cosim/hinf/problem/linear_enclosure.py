@@ -22,7 +22,7 @@ from cosim.core import InputError
 from cosim.hinf.exact import rounded_up
 from cosim.hinf.problem.affine_form import Bounds
 from cosim.hinf.problem.dependence import DEPENDENCE, Dependence, variables_of
-from cosim.hinf.problem.mean_jacobian import PIECES, Function, change_of, jacobian, mean_jacobian
+from cosim.hinf.problem.jacobians import PIECES, Function, change_of, jacobian, mean_jacobian
 from cosim.hinf.problem.proved_uncertainty import (
     NormBlock,
     UncertainMatrix,

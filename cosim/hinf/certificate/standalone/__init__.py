@@ -5,13 +5,18 @@ fractions. The folder runs wherever it is copied to: python -m standalone FILE. 
 proved, and lists what it did not read: notes, names and sentences.
 """
 
-from .arithmetic import (
-    Loop as Loop,
-    M as M,
-    RefusedError as RefusedError,
-    eye as eye,
-    loaded as loaded,
-    positive as positive,
-)
-from .checker import check as check, not_read as not_read
-from .damping import damped as damped
+from .arithmetic import Loop, M, RefusedError, eye, loaded, positive
+from .checker import check, not_read
+from .damping import damped
+
+__all__ = [
+    "Loop",
+    "M",
+    "RefusedError",
+    "check",
+    "damped",
+    "eye",
+    "loaded",
+    "not_read",
+    "positive",
+]
