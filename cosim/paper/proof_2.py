@@ -119,7 +119,7 @@ def differing_blocks(v: Proof, reading: Reading) -> list[str]:
     bad = []
     for i, row in enumerate(omega(v.data, v.unknowns, reading)):
         for j, block in enumerate(row, start=i):
-            part = truth[places[i] : places[i + 1], places[j] : places[j + 1]]
-            if not is_zero(part - block):
+            entries = truth[places[i] : places[i + 1], places[j] : places[j + 1]]
+            if not is_zero(entries - block):
                 bad.append(f"Ω{i + 1}{j + 1}")
     return bad

@@ -123,8 +123,8 @@ def theorem_1_rows() -> list[Row]:
     bad = []
     for name, block in printed_pi(v).items():
         i, j = name[-2], name[-1]
-        part = truth[start[i] : start[i] + size[i], start[j] : start[j] + size[j]]
-        if not is_zero(part - block):
+        entries = truth[start[i] : start[i] + size[i], start[j] : start[j] + size[j]]
+        if not is_zero(entries - block):
             bad.append(name)
     left_out = truth[:_N, 2 * _N :] - printed_pi(v)["Π13"]
     explained = is_zero(left_out - v.D.T @ v.D1 / v.gamma)

@@ -109,7 +109,7 @@ def scenario_text(
         _MORE.format(state=_position(states)),
         _outage(sensors, settings),
     ]
-    return "\n".join(part for part in parts if part)
+    return "\n".join(text for text in parts if text)
 
 
 def _head(

@@ -233,8 +233,8 @@ class _Coordinates:
         moved = [self.bounds[name] for name in _CURRENTS]
         angles = tuple(self.states.index(x) for x in _ANGLES if x in self.states)
         rows, columns = (
-            tuple(self.states.index(x) for x in part if x in self.states)
-            for part in (_PLACES, _SPEEDS)
+            tuple(self.states.index(x) for x in names if x in self.states)
+            for names in (_PLACES, _SPEEDS)
         )
         return Box(
             tuple(names),

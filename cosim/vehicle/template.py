@@ -60,4 +60,4 @@ def vehicle_template(name: str, like: str) -> str:
 
 
 def _comment(text: str) -> list[str]:
-    return [f"# {part}" for part in textwrap.wrap(text, _WIDTH)]
+    return [f"# {line}" for line in textwrap.wrap(text, _WIDTH)]

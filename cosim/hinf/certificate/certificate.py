@@ -113,8 +113,8 @@ def _not_read(data: dict[str, Any]) -> Iterator[str]:
     kind = _kind_of(data)
     read = {"kind", "claim", "theorem", *kind.needs, *([KEY] if kind.needs is _LOOP else [])}
     yield from (key for key in data if key not in read)
-    for part in ("system", "plant"):
-        yield from (f"{part}.{key}" for key in _LABELS if key in data.get(part, ()))
+    for of in ("system", "plant"):
+        yield from (f"{of}.{key}" for key in _LABELS if key in data.get(of, ()))
     for i, measurement in enumerate(data.get("measurements", ())):
         yield from (f"measurements[{i}].{key}" for key in _WAYS if key in measurement)
     if "pair" in data:

@@ -294,9 +294,9 @@ def _estimated(system: DelaySystem, estimated: Sequence[bool] | None) -> NDArray
     acting = {name: M[np.ix_(known, chosen)] for name, M in matrices.items()}
     acting |= {"C": system.C[known], "E": system.E[known]}
     acting |= {f"A{j}": x.A[known] for j, x in enumerate(system.delays, 1) if x.any_age}
-    for name, part in acting.items():
-        if part.any():
-            state = int(np.flatnonzero(known)[np.flatnonzero(part.any(axis=1))[0]])
+    for name, entries in acting.items():
+        if entries.any():
+            state = int(np.flatnonzero(known)[np.flatnonzero(entries.any(axis=1))[0]])
             raise InputError(
                 "this state is not known: not only u and states that are known act on it",
                 where=f"estimated: state {state + 1}",

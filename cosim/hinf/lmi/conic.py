@@ -127,5 +127,7 @@ def solve(
     if status == "infeasible":
         z = z / max(-float(b @ z), 1e-300)
     ends = np.cumsum([len(c.constant) for c in constraints])
-    Z = tuple(smat(part, c.size) for part, c in zip(np.split(z, ends), constraints, strict=False))
+    Z = tuple(
+        smat(entries, c.size) for entries, c in zip(np.split(z, ends), constraints, strict=False)
+    )
     return Solution(status, y, float(q @ y), Z, word)

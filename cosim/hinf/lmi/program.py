@@ -130,7 +130,7 @@ class Program:
 
     def _cuts(self, k: int) -> list[Indices]:
         label = self._row_labels[k]
-        return [np.flatnonzero(label == part) for part in np.unique(label)]
+        return [np.flatnonzero(label == one) for one in np.unique(label)]
 
     @property
     def largest(self) -> int:

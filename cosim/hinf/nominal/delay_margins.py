@@ -112,7 +112,7 @@ class _Boxes(NamedTuple):
     dtheta: Reals
 
     def of(self, index: Any) -> _Boxes:
-        return _Boxes(*(part[index] for part in self))
+        return _Boxes(*(bounds[index] for bounds in self))
 
     def halves(self, along_w: NDArray[np.bool_]) -> _Boxes:
         """Return both halves of each box, divided along w where `along_w`, else along theta."""

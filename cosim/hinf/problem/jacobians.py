@@ -111,9 +111,9 @@ def _mean(
         return np.asarray(np.mean(spread.reshape(count, -1), axis=1))
 
     middle, size = mean(slope.middle), mean(slope.rest)
-    for k, part in slope.parts.items():
+    for k, share in slope.parts.items():
         if k != within:
-            size = size + (np.abs(mean(part)) if k in symbols else mean(np.abs(part)))
+            size = size + (np.abs(mean(share)) if k in symbols else mean(np.abs(share)))
     return middle, size + (np.abs(middle) + size) * 2.0**-40 * (size > 0)
 
 

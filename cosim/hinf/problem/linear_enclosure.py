@@ -202,7 +202,7 @@ def _parts(function: Function, box: Box, order: Sequence[int]) -> tuple[Bounds, 
 
 
 def _wholes(function: Function, box: Box, centre: Bounds, radius: Bounds) -> list[NormBlock]:
-    """Return the part that is bounded by its norm, if that is less than by its entries.
+    """Return the block that is bounded by its norm, if that is less than by its entries.
 
     The states that move first are taken cell by cell; the norm in a cell is at most that of the
     middles plus that of the radii. `centre` becomes the value at the trim there.
@@ -210,7 +210,7 @@ def _wholes(function: Function, box: Box, centre: Bounds, radius: Bounds) -> lis
     inside: Any = radius[np.ix_(*box.by_norm)] > 0
     rows = [i for i, holds in zip(box.by_norm[0], inside.any(axis=1), strict=True) if holds]
     columns = [j for j, holds in zip(box.by_norm[1], inside.any(axis=0), strict=True) if holds]
-    part = np.ix_(rows, columns)
+    block = np.ix_(rows, columns)
     if len(rows) < 2 or len(columns) < 2:
         return []
     moving = [j for j in box.first if box.radius[j] > 0]
@@ -218,7 +218,7 @@ def _wholes(function: Function, box: Box, centre: Bounds, radius: Bounds) -> lis
     grid = (np.arange(each) + 0.5) / each * 2 - 1
     places = np.array(list(itertools.product(grid, repeat=len(moving))))
     point = mean_jacobian(function, box.centre, [0.0] * len(box.names), columns, 1)
-    middle = centre_and_radius(*point)[0][part]
+    middle = centre_and_radius(*point)[0][block]
     about: list[Any] = list(box.centre)
     size: list[Any] = list(box.radius)
     for k, j in enumerate(moving):
@@ -228,7 +228,7 @@ def _wholes(function: Function, box: Box, centre: Bounds, radius: Bounds) -> lis
     off, spread = (upper + lower) / 2 - middle, (upper - lower) / 2
     norms = np.linalg.norm(off, 2, axis=(1, 2)) + np.linalg.norm(spread, 2, axis=(1, 2))
     largest = rounded_up(float(norms.max()))
-    if not largest < np.linalg.norm(radius[part], 2):
+    if not largest < np.linalg.norm(radius[block], 2):
         return []
-    centre[part] = middle
+    centre[block] = middle
     return [NormBlock(tuple(rows), tuple(columns), largest)]

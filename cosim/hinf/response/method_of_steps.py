@@ -276,7 +276,7 @@ class _Stepper:
                 parts, done, before = 2 * parts, 2 * done, tail
                 continue
             before = math.inf
-            if not all(np.isfinite(part).all() for part in piece):
+            if not all(np.isfinite(values).all() for values in piece):
                 raise NotAchievableError(
                     "the response leaves the range of doubles",
                     where=f"t = {start:g} s",

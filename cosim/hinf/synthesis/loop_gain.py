@@ -421,7 +421,7 @@ class LoopGain:
     def _slopes(self, K: Matrix, log_e: Reals, omega: float, ages: Reals) -> Value:
         """Return log g at one frequency, with its derivatives."""
         maps, states = self._maps(K, log_e, np.array([omega]), ages)
-        at, x = _At(*(part[0] for part in maps)), states[0]
+        at, x = _At(*(values[0] for values in maps)), states[0]
         z, q = at.on_output @ x, at.on_uncertain @ x
         z[:, : self._D1.shape[1]] += self._D1
         square, v = self._least(z, q, log_e)

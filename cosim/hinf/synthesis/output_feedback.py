@@ -457,9 +457,9 @@ def _injections(given: ObserverPair, units: Scaling) -> list[list[Matrix]]:
         if not (given.estimated[states].any() and seen):
             continue
         rows = [np.asarray(given.measurements[i].C[:, states].any(axis=1)) for i in seen]
-        part = _injections_of_part(given, units, states, list(zip(seen, rows, strict=True)))
-        solved = solved and part is not None
-        for i, chosen, L in zip(seen, rows, part or (), strict=False):
+        injections = _injections_of_part(given, units, states, list(zip(seen, rows, strict=True)))
+        solved = solved and injections is not None
+        for i, chosen, L in zip(seen, rows, injections or (), strict=False):
             best[i][np.ix_(states, chosen)] = L
     alone = [x.C.T * (_RATE / (x.d or _AGELESS * units.T)) for x in given.measurements]
     return ([best] if solved else []) + [alone]

@@ -84,8 +84,8 @@ class PairGain:
         """Return K (m, n) and every L (n, k_i) of a row."""
         K, *chosen = self._parts(theta)
         L = [np.zeros((len(self._chosen), x.shape[1])) for x in chosen]
-        for full, part in zip(L, chosen, strict=True):
-            full[self._chosen] = part
+        for full, rows in zip(L, chosen, strict=True):
+            full[self._chosen] = rows
         return K, L
 
     def _parts(self, theta: Matrix) -> list[Matrix]:
@@ -157,8 +157,8 @@ def parts_of_plant(
     links = sum((np.abs(x.A) for x in plant.delays), np.abs(plant.A)) + np.eye(n)
     rows = [plant.B.T, plant.C.T, plant.D, *(row for x in measurements for row in x.C)]
     links = links + sum(np.abs(np.atleast_2d(x)).T @ np.abs(np.atleast_2d(x)) for x in rows)
-    count, part = connected_components(links, directed=False)
-    return [part == k for k in range(count)]
+    count, label = connected_components(links, directed=False)
+    return [label == k for k in range(count)]
 
 
 def _coupled(

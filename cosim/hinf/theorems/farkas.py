@@ -33,16 +33,16 @@ def products(
     by_name: dict[str, Any] = {}
     for inequality, W in zip(inequalities, multipliers, strict=True):
         for unknown, left, right, weight, is_number in inequality.terms:
-            part = 2 * weight * left.on(inequality.rows) * W
-            part *= right.on(inequality.rows).transpose()
+            product = 2 * weight * left.on(inequality.rows) * W
+            product *= right.on(inequality.rows).transpose()
             if unknown is None or is_number:
-                part = flint.fmpq_mat(1, 1, [sum(part[i, i] for i in range(part.nrows()))])
+                product = flint.fmpq_mat(1, 1, [sum(product[i, i] for i in range(product.nrows()))])
             if unknown is None or unknown in fixed:
-                constant += part[0, 0] * (1 if unknown is None else fixed[unknown])
+                constant += product[0, 0] * (1 if unknown is None else fixed[unknown])
                 continue
             if shapes[unknown].symmetric:
-                part = HALF * (part + part.transpose())
-            by_name[unknown] = by_name[unknown] + part if unknown in by_name else part
+                product = HALF * (product + product.transpose())
+            by_name[unknown] = by_name[unknown] + product if unknown in by_name else product
     return by_name, constant
 
 

@@ -34,10 +34,10 @@ class Term:
             F(0) if kind == "constant" else s.a[j],
             s.rate[j] or F(0),
         )
-        self.part, self.rest = self.d if kind == "constant" else self.a, self.d - self.a
+        self.length, self.rest = self.d if kind == "constant" else self.a, self.d - self.a
         self.start = f"h{j}" if self.a > 0 else "x"
         between, at_least = kind in ("interval", "rate"), [f"h{j}"] * (self.a > 0)
-        means = [f"W{j},{k}" for k in range(order * (self.part > 0))]
+        means = [f"W{j},{k}" for k in range(order * (self.length > 0))]
         middle = [f"a{j}", f"b{j}"] * (between and order > 0)
         self.rows = [f"x{j}", *means] if kind == "constant" else [*at_least, *means, f"x{j}"]
         self.rows += [f"d{j}"] * between + middle
@@ -48,7 +48,7 @@ class Term:
     def read(self, table, rows, *, crude):
         n = self.n
         names = OWN[self.kind] + " N" * (self.kind == "looped" and self.a > 0)
-        names += " R" * (self.part > 0) + " Q" * (self.part > 0 and not crude)
+        names += " R" * (self.length > 0) + " Q" * (self.length > 0 and not crude)
         m, two = n * (1 + (self.a > 0)), n * (1 + (self.order > 0))
         shapes = dict.fromkeys(("U", "X_a", "X_b"), (m, m)) | {"Y": (rows, m), "M": (two, two)}
         sn.values(table, names)
@@ -89,7 +89,7 @@ class Term:
         """Add this delay's part of Phi, x' = f; return its blocks of V with their derivatives."""
         j, at, n, (age, slope), blocks = self.j, self.at, self.n, corner, []
         (x, start), now, f = self.now_and_start(o), o[f"x{j}"], self.C @ f
-        if self.part > 0:
+        if self.length > 0:
             end, length = (now, age) if self.kind == "constant" else (start, self.a)
             o.square(x, at["Q"])
             o.square(end, at["Q"], -1)
@@ -144,7 +144,7 @@ class Term:
         """Add what V has at least beside y'P y; sampled: just after a sampling instant."""
         j, at = self.j, self.at
         for k in range(self.order):
-            o.square(o[f"W{j},{k}"], at["Q"], (2 * k + 1) / self.part if self.part else 0)
+            o.square(o[f"W{j},{k}"], at["Q"], (2 * k + 1) / self.length if self.length else 0)
         for row, name in (("ab", "S"), ("a", "S_1"), ("b", "S_2")):
             o.square(o[f"{row}{j}"], at.get(name, M()), 1 / self.rest if self.rest else 0)
         if sampled:
@@ -173,7 +173,7 @@ def on_support(s, j, table):
         C, parts = select.T, [A @ select for A in matrices]
     else:
         C, parts = select.T @ s.late_gain[j], [s.B @ select, M(), s.D2 @ select]
-    same = all(part @ C + M() == A for part, A in zip(parts, matrices))
+    same = all(short @ C + M() == A for short, A in zip(parts, matrices))
     need(same, "the delay acts outside its support")
     return C, len(numbers), *parts
 

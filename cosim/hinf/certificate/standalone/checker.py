@@ -307,8 +307,8 @@ def not_read(c):
     _, required, optional = CHECKS[c.get("kind")]
     yield from (key for key in c if key not in f"{required} {optional}".split())
     yield from ("claim.hypotheses" for key in c["claim"] if key == "hypotheses")
-    for part in ("system", "plant"):
-        yield from (f"{part}.{key}" for key in ("name", "integrals") if key in c.get(part, ()))
+    for of in ("system", "plant"):
+        yield from (f"{of}.{key}" for key in ("name", "integrals") if key in c.get(of, ()))
     for i, x in enumerate(c.get("measurements", ())):
         yield from (f"measurements[{i}].over" for key in x if key == "over")
     yield from (f"pair.{key}" for key in (not_read(c["pair"]) if "pair" in c else ()))
