@@ -13,8 +13,8 @@ from pathlib import Path
 import cosim
 
 FACES = (
-    *("cosim.hinf", "cosim.hinf.problem", "cosim.hinf.synthesis", "cosim.hinf.nominal"),
-    *("cosim.hinf.response", "cosim.hinf.certificate"),
+    *("cosim.hinf", "cosim.hinf.problem", "cosim.hinf.synthesis", "cosim.hinf.delay_lti"),
+    "cosim.hinf.certificate",
     *("cosim.vehicle", "cosim.scenario", "cosim.trace", "cosim.study", "cosim.fmu"),
     *("cosim.network", "cosim.recordings", "cosim.master", "cosim.replay", "cosim.models"),
     *("cosim.core", "cosim.paper"),

@@ -90,7 +90,7 @@ def vehicle(state_any_age: bool = True, **loop_age: Any) -> DelaySystem:  # noqa
 def norm(system: DelaySystem, gain: Any = None) -> float:
     """Return the norm of the nominal loop; `gain` None: that of auv-1.25s."""
     K = pinned("auv-1.25s").K if gain is None else np.array(gain)
-    found = hinf.nominal.nominal_figures_of(system, K).exact_norm
+    found = hinf.delay_lti.nominal_figures_of(system, K).exact_norm
     return math.nan if found is None else found
 
 

@@ -45,10 +45,9 @@ LOWER_ROOMS: dict[str, set[str]] = {
     "theorems": {"exact"},
     "certificate": {"exact", "theorems"},
     "problem": {"exact", "certificate"},
-    "nominal": {"exact", "certificate"},
+    "delay_lti": {"exact", "certificate"},
     "lmi": {"exact", "theorems", "certificate", "problem"},
-    "synthesis": {"exact", "theorems", "certificate", "problem", "nominal", "lmi"},
-    "response": {"nominal", "synthesis"},
+    "synthesis": {"exact", "theorems", "certificate", "problem", "delay_lti", "lmi"},
 }
 """Room of `cosim.hinf` -> the rooms that it may import from."""
 
@@ -111,7 +110,7 @@ def test_every_package_is_known_here() -> None:
 def test_nothing_is_imported_past_a_face() -> None:
     """Across packages: `from cosim.network import ...`, never from a module inside.
 
-    The rooms of `cosim.hinf` have faces too: `from cosim.hinf.nominal import ...`.
+    The rooms of `cosim.hinf` have faces too: `from cosim.hinf.delay_lti import ...`.
     """
     past = [
         f"{path.relative_to(ROOT)}:{line}: {name}"

@@ -388,7 +388,7 @@ def _save_norm(path: Path | None, found: hinf.Result) -> str | None:
     if path is None or found.exact_norm_upper is None:
         return None
     K = np.zeros(found.system.B.shape[::-1]) if found.K is None else found.K
-    proof = hinf.nominal.norm_certificate(found.system, K, found.exact_norm_upper)
+    proof = hinf.delay_lti.norm_certificate(found.system, K, found.exact_norm_upper)
     if proof is None:
         return None
     write_json(path, proof)

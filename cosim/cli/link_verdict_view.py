@@ -13,7 +13,7 @@ from rich.table import Table
 from rich.text import Text
 
 from cosim.cli.terminal import NONE, plain
-from cosim.hinf.nominal import MeanSquare
+from cosim.hinf.delay_lti import MeanSquare
 from cosim.recordings import OutageVerdict
 
 _MOST_TIMES = 5

@@ -1,14 +1,13 @@
 """H-infinity design over delays: the LMI, its exact proof, figures of the nominal loop.
 
-This face has what a user needs who proves a loop. All else is in eight rooms, each with a face of
-its own (`cosim.hinf.nominal`); imports point one way, `models` and `core` below all:
+This face has what a user needs who proves a loop. All else is in seven rooms, each with a face of
+its own (`cosim.hinf.delay_lti`); imports point one way, `models` and `core` below all:
 
-    response -> synthesis -> lmi -> problem -> certificate -> theorems -> exact
-    response -> synthesis -> nominal -> certificate
+    synthesis -> lmi -> problem -> certificate -> theorems -> exact
+    synthesis -> delay_lti -> certificate
 
-`nominal` has what is computed of a loop without uncertainty, and of any system with internal
-delays: roots, norm, margins. `response` is for such systems by themselves, as `DelayLTI`:
-models of other libraries in and out, connections, responses in time.
+`delay_lti` has what is computed of a loop without uncertainty, and of any system with internal
+delays: roots, norm, margins, responses in time, models of other libraries in and out.
 
 `exact` are numbers without rounding, `theorems` what is proved with them, each theorem once, as
 terms over named rows. `certificate` is the prover. These three load no solver and no other room,

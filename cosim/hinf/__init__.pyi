@@ -1,18 +1,19 @@
 from . import (
     certificate as certificate,
-    nominal as nominal,
+    delay_lti as delay_lti,
     problem as problem,
-    response as response,
     synthesis as synthesis,
 )
 from .certificate import (
     CertificateCheck as CertificateCheck,
     check_certificate as check_certificate,
 )
-from .nominal import (
+from .delay_lti import (
+    DelayLTI as DelayLTI,
     characteristic_roots as characteristic_roots,
     delay_margin as delay_margin,
     hinf_norm as hinf_norm,
+    lti as lti,
     spectral_abscissa as spectral_abscissa,
 )
 from .problem import (
@@ -21,10 +22,6 @@ from .problem import (
     DesignConstraints as DesignConstraints,
     auv_system as auv_system,
     system_by_name as system_by_name,
-)
-from .response import (
-    DelayLTI as DelayLTI,
-    lti as lti,
 )
 from .synthesis import (
     GreatestDelay as GreatestDelay,

@@ -10,7 +10,7 @@ from scipy import optimize
 
 from cosim.core import Progress
 from cosim.hinf import Result, analyse, characteristic_roots, design, hinf_norm
-from cosim.hinf.nominal import ClosedLoop, NormResult, close
+from cosim.hinf.delay_lti import ClosedLoop, NormResult, close
 from cosim.models import DelaySystem, paper_example as printed
 from cosim.paper.every_delay import EveryDelay
 from cosim.paper.row import EXAMPLE, How, Row, Verdict

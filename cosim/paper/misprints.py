@@ -15,7 +15,7 @@ import numpy as np
 from scipy import optimize
 
 from cosim.hinf import spectral_abscissa
-from cosim.hinf.nominal import ClosedLoop
+from cosim.hinf.delay_lti import ClosedLoop
 from cosim.models import paper_example
 from cosim.paper.exact import Exact, decimals, fractions, is_positive
 from cosim.paper.lmi import mirrored, solve, symmetric_expression

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from cosim.hinf.nominal import close, gain_at
+from cosim.hinf.delay_lti import close, gain_at
 from cosim.models import TABLE_1, paper_example as example
 from cosim.paper.example import peak_of
 from cosim.paper.figures import Curves

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from cosim.core import Progress, at_most, silent
-from cosim.hinf.nominal import one_thread
+from cosim.hinf.delay_lti import one_thread
 from cosim.hinf.problem import DELAY_LIMIT
 from cosim.models import paper_example
 from cosim.paper.every_delay import EveryDelay, every_delay

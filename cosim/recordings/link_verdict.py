@@ -44,10 +44,10 @@ class OutageVerdict:
     statistics: LinkStatistics
     age_s: float
     other_s: float
-    bound: hinf.nominal.OutageBound
+    bound: hinf.delay_lti.OutageBound
     chain: HiddenChain | None
-    rates: hinf.nominal.MeanSquare | None
-    jump: hinf.nominal.MeanSquare | None
+    rates: hinf.delay_lti.MeanSquare | None
+    jump: hinf.delay_lti.MeanSquare | None
     remarks: tuple[str, ...]
 
     @property
@@ -103,15 +103,15 @@ def outage_verdict(recording: Recording, design: hinf.Result, other: float = 0.0
                 f"than {oldest:g} s before the next one comes"
             )
         else:
-            rates = hinf.nominal.rates_mean_square(proved, chain.transitions, chain.loss, period)
+            rates = hinf.delay_lti.rates_mean_square(proved, chain.transitions, chain.loss, period)
             if len(design.system.delays) == 1 and not proved.fallback.any():
                 own = chain.transitions, chain.loss, period, late
-                jump = hinf.nominal.jump_mean_square(design.system, design.K, *own)
+                jump = hinf.delay_lti.jump_mean_square(design.system, design.K, *own)
     return OutageVerdict(
         statistics=statistics_of(recording),
         age_s=oldest,
         other_s=other,
-        bound=hinf.nominal.outage_bound(proved, times, touch),
+        bound=hinf.delay_lti.outage_bound(proved, times, touch),
         chain=chain,
         rates=rates,
         jump=jump,

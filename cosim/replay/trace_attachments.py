@@ -9,7 +9,7 @@ from typing import Any
 
 from cosim.core import InputError
 from cosim.hinf.certificate import certificate_from_bytes
-from cosim.hinf.nominal import WorstCase, worst_case_from_json
+from cosim.hinf.delay_lti import WorstCase, worst_case_from_json
 from cosim.scenario import LoadedScenario, parse
 from cosim.trace import DESIGN_ATTACHMENT, SCENARIO_ATTACHMENT, Trace
 

@@ -81,7 +81,7 @@ def _look(
     with findings.at("disturbance"):
         check_disturbance(loaded)
     parameters: dict[str, dict[str, float]] = {}
-    worst_case: hinf.nominal.WorstCase | None = None
+    worst_case: hinf.delay_lti.WorstCase | None = None
     design = scenario.design
     if design is not None:
         with findings.at("design"):

@@ -56,7 +56,7 @@ class OutageFigures:
     weighted_gain : (int s z'z / int s w'w)^(1/2); None without w or z.
     """
 
-    bound: hinf.nominal.OutageBound | None
+    bound: hinf.delay_lti.OutageBound | None
     uncovered_s: float
     uncovered_at_s: float | None
     value_ratio: float | None
@@ -236,7 +236,7 @@ class OutageMeasure(Measure[OutageFigures | None]):
         if self._proved.gamma is not None and self._in > 0 and self._covered_until is None:
             weighted = math.sqrt(self._out / self._in)
         return OutageFigures(
-            bound=hinf.nominal.outage_bound(self._proved, times, touch),
+            bound=hinf.delay_lti.outage_bound(self._proved, times, touch),
             uncovered_s=self._uncovered_ns / 1e9,
             uncovered_at_s=self._covered_until,
             value_ratio=self._value.ratio if bounded and run.status != "failed" else None,

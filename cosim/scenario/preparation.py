@@ -53,7 +53,7 @@ class PreparedScenario:
     fmus: Mapping[str, FmuDescription]
     problem: Problem | None
     design: Result | None
-    worst_case: hinf.nominal.WorstCase | None = None
+    worst_case: hinf.delay_lti.WorstCase | None = None
     source: DesignSource | None = None
     maps: Mapping[str, LinearMap] = field(default_factory=dict)
 
@@ -104,7 +104,7 @@ def prepare(
     fmu_cache: FmuCache,
     *,
     saved: tuple[Problem, Result] | None = None,
-    worst_case: hinf.nominal.WorstCase | None = None,
+    worst_case: hinf.delay_lti.WorstCase | None = None,
     progress: Progress | None = None,
     of_links: bool = True,
     plant: Mapping[str, float] | None = None,

@@ -46,7 +46,7 @@ class RunContext:
     figures: RunFigures
     zero_state: ZeroStateFigures | None
     links: Mapping[str, Mapping[str, Any]]
-    worst_case: hinf.nominal.WorstCase | None = None
+    worst_case: hinf.delay_lti.WorstCase | None = None
     altered: Sequence[str] = ()
     compared: LoopOfRun | None = None
     laws: Mapping[str, MeasuredLaw] = field(default_factory=dict)

@@ -88,7 +88,7 @@ def _along(
     return along
 
 
-def worst_case_of(part: DisturbancePart, design: hinf.Result) -> hinf.nominal.WorstCase:
+def worst_case_of(part: DisturbancePart, design: hinf.Result) -> hinf.delay_lti.WorstCase:
     """Return the sinusoid that the design's nominal loop amplifies most.
 
     That of the design; computed if it has none, or if a frequency is given. Of a design with an
@@ -101,13 +101,13 @@ def worst_case_of(part: DisturbancePart, design: hinf.Result) -> hinf.nominal.Wo
     if observes(design):
         system, K = _without_noise(design), design.pair.gain
         known = part.omega is not None
-        omega = part.omega if known else hinf.nominal.nominal_figures_of(system, K).norm_frequency
-        found = hinf.nominal.worst_case_at(system, K, omega)
+        omega = part.omega if known else hinf.delay_lti.nominal_figures_of(system, K).norm_frequency
+        found = hinf.delay_lti.worst_case_at(system, K, omega)
     elif part.omega is None and design.worst_case is not None:
         return design.worst_case
     else:
         omega = design.norm_frequency if part.omega is None else part.omega
-        found = hinf.nominal.worst_case_at(design.system, design.K, omega)
+        found = hinf.delay_lti.worst_case_at(design.system, design.K, omega)
     if found is None:
         raise InputError(
             "the norm of this loop is that of D1, approached as the frequency grows: no "
@@ -126,7 +126,7 @@ def _without_noise(design: hinf.Result) -> DelaySystem:
     return replace(pair, C=pair.C[:, :q], D1=pair.D1[:, :q])
 
 
-def no_disturbance(system: DelaySystem) -> hinf.nominal.WorstCase:
+def no_disturbance(system: DelaySystem) -> hinf.delay_lti.WorstCase:
     """Return a zero disturbance with the dimensions of `system`.
 
     Raises
@@ -141,12 +141,12 @@ def no_disturbance(system: DelaySystem) -> hinf.nominal.WorstCase:
             got=f"{system.name or 'a system'} without them: stability alone is certified",
         )
     zero = (0.0,) * system.C.shape[1]
-    return hinf.nominal.WorstCase(0.0, zero, zero, 0.0)
+    return hinf.delay_lti.WorstCase(0.0, zero, zero, 0.0)
 
 
 def worst_case_inputs(
     part: DisturbancePart,
-    found: hinf.nominal.WorstCase,
+    found: hinf.delay_lti.WorstCase,
     fmus: Mapping[str, FmuDescription],
     comm_schedule: CommunicationSchedule,
 ) -> Signals:

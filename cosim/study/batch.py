@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from cosim.core import ComponentError, CosimError, InputError
-from cosim.hinf.nominal import one_thread
+from cosim.hinf.delay_lti import one_thread
 from cosim.master import Run
 from cosim.scenario import Outcome
 from cosim.study.consistency import changed_error

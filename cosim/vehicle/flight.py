@@ -138,7 +138,7 @@ def fly(  # noqa: PLR0915 - one step after the other
     with steps("observer and gain, certified as a pair"):
         model, sensors, design = certified_design(model, chosen, where, steps.add)
         design = _noted(design, model)
-        worst = hinf.nominal.worst_uncertainty(design.pair.system, design.pair.gain).gain
+        worst = hinf.delay_lti.worst_uncertainty(design.pair.system, design.pair.gain).gain
         steps.add(f"gamma {design.gamma:.4g} certified, exact norm {design.exact_norm or 0:.4g}")
         steps.add(f"largest norm at a constant F that a search found: {worst:.4g}")
         mission = _mission(model, design, chosen)

@@ -16,7 +16,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from cosim.hinf.nominal import close
+from cosim.hinf.delay_lti import close
 from cosim.vehicle.flight_plan import FlightSettings
 from cosim.vehicle.flight_scenario import PATH_ENDS, Mission
 

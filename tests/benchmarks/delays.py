@@ -31,8 +31,7 @@ import numpy as np
 from rich.table import Table
 
 from cosim.hinf import lti
-from cosim.hinf.nominal import one_thread
-from cosim.hinf.response import dead_time
+from cosim.hinf.delay_lti import dead_time, one_thread
 from tests.benchmarks._show import show
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "hinf"))

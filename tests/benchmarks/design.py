@@ -31,8 +31,8 @@ from rich.console import Console
 from rich.table import Table
 
 from cosim.hinf import as_cvxpy, auv_system
+from cosim.hinf.delay_lti import one_thread
 from cosim.hinf.lmi import Answer, Problem
-from cosim.hinf.nominal import one_thread
 from cosim.hinf.problem import DEFAULT_K1, DEFAULT_K2
 from cosim.hinf.theorems import Scalars
 from cosim.models import DelaySystem, paper_example

@@ -30,7 +30,7 @@ from fmpy.fmi2 import FMU2Slave
 from rich.table import Table
 
 from cosim.fmu import FmuDescription, compiled_library
-from cosim.hinf.nominal import one_thread
+from cosim.hinf.delay_lti import one_thread
 from cosim.master import Component, Session
 from cosim.scenario.execute import assembled_system
 from cosim.study import Plan, Study, load_study, plan_of

@@ -15,7 +15,7 @@ from cosim.fmu import CATALOGUE
 from cosim.fmu.export.certificate_section import certified_section
 from cosim.hinf import characteristic_roots, check_certificate, hinf_norm, system_by_name
 from cosim.hinf.certificate import certificate_bytes, system_from_json
-from cosim.hinf.nominal import close
+from cosim.hinf.delay_lti import close
 from cosim.models import paper_example
 
 CONTROLLERS = {"HinfController": "auv", "PaperController": "paper"}

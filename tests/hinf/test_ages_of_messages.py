@@ -11,7 +11,7 @@ import pytest
 
 from cosim.core import InputError, NotAchievableError
 from cosim.hinf import Delay, DelaySystem, MessageAges, message_ages, spectral_abscissa
-from cosim.hinf.nominal import close
+from cosim.hinf.delay_lti import close
 from cosim.hinf.problem import Modem
 
 NETWORKED = DelaySystem(A=[[0, 1], [0, -0.1]], B=[[0], [0.1]], name="networked loop")

@@ -23,9 +23,9 @@ from solver_points import Array, benchmark, random_system
 from cosim.core import InputError
 from cosim.hinf import analyse, auv_system, certified_delay, check_certificate, hinf_norm
 from cosim.hinf.certificate import analysis_from_json
+from cosim.hinf.delay_lti import close
 from cosim.hinf.exact import exact, exact_matrix
 from cosim.hinf.lmi import Condition
-from cosim.hinf.nominal import close
 from cosim.hinf.theorems import Age, Loop, minus_phi, with_inverse_of_gamma
 from cosim.models import Delay, DelaySystem, paper_example
 

@@ -21,8 +21,8 @@ from cosim.hinf import (
     greatest_delay,
     spectral_abscissa,
 )
+from cosim.hinf.delay_lti import close
 from cosim.hinf.lmi import Condition, GainLmi, multiplier_of, scalar_multiplier
-from cosim.hinf.nominal import close
 from cosim.models import Delay, DelaySystem, paper_example
 
 LINK = DelaySystem(

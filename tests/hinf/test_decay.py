@@ -14,8 +14,8 @@ from solver_points import random_system
 from cosim.core import InputError, NotAchievableError
 from cosim.hinf import Delay, DelaySystem, design, spectral_abscissa
 from cosim.hinf.certificate import acting_delays, corners, growth_of, is_above_exponential
+from cosim.hinf.delay_lti import ClosedLoop, close
 from cosim.hinf.exact import exact
-from cosim.hinf.nominal import ClosedLoop, close
 from cosim.hinf.problem import with_delays
 from cosim.hinf.synthesis import checked_scalars, proved_decay
 from cosim.hinf.theorems import Scalars

@@ -13,8 +13,7 @@ import scipy.signal
 
 from cosim.core import InputError
 from cosim.hinf import Delay, DelayLTI, DelaySystem, lti
-from cosim.hinf.nominal import close
-from cosim.hinf.response import append, dead_time, exp, feedback, parallel, series
+from cosim.hinf.delay_lti import append, close, dead_time, exp, feedback, parallel, series
 from cosim.models import paper_example
 
 POINTS = np.array([0.3j, 2.0j, 0.5 + 1.0j, -0.2 + 7.0j])

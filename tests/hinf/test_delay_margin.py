@@ -13,7 +13,7 @@ from shared import sampled
 
 from cosim.core import InputError
 from cosim.hinf import delay_margin, spectral_abscissa
-from cosim.hinf.nominal import ClosedLoop, close
+from cosim.hinf.delay_lti import ClosedLoop, close
 from cosim.models import Delay, DelaySystem, paper_example
 
 

@@ -9,7 +9,7 @@ import pytest
 import scipy
 
 from cosim.hinf import Delay, DelaySystem, hinf_norm, spectral_abscissa
-from cosim.hinf.nominal import close
+from cosim.hinf.delay_lti import close
 from cosim.hinf.synthesis import LoopGain, descent_design, minimised, proposals
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from cosim.core import InputError
 from cosim.hinf import Delay, DelaySystem, design
-from cosim.hinf.nominal import close
+from cosim.hinf.delay_lti import close
 from cosim.hinf.problem import Filter, filtered, system_from_toml
 
 FILE = """

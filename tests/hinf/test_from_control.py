@@ -12,8 +12,7 @@ import scipy.signal
 
 from cosim.core import InputError
 from cosim.hinf import Delay, DelaySystem, analyse, design, hinf_norm
-from cosim.hinf.nominal import close, frequency_response
-from cosim.hinf.response import to_control
+from cosim.hinf.delay_lti import close, frequency_response, to_control
 from cosim.models import paper_example
 
 A, B = [[0.0, 1.0], [-1.0, -0.4]], [[0.0, 0.0], [1.0, 2.0]]

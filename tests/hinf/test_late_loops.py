@@ -11,8 +11,8 @@ import pytest
 from truth_of_late_loops import LateLoop
 
 from cosim.core import InputError, NotAchievableError
-from cosim.hinf import check_certificate, lti
-from cosim.hinf.response import dead_time, feedback, parallel
+from cosim.hinf import analyse, check_certificate, lti
+from cosim.hinf.delay_lti import dead_time, feedback, parallel
 
 LOOPS = [(2.0, 1.0, 0.5), (0.5, 0.0, 1.0), (3.0, 0.1, 0.2)]
 
@@ -158,7 +158,7 @@ def test_a_loop_at_the_limit_is_not_counted() -> None:
 def test_the_certificate_stands_beside_it() -> None:
     """In rational arithmetic, above the norm, and checked without a solver."""
     T = loop_of(2.0, 1.0, 0.5).feedback()
-    found = T.analyse()
+    found = analyse(T)
     norm = T.norm().value
     assert found.gamma is not None
     assert norm <= found.gamma <= 1.001 * norm

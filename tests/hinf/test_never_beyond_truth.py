@@ -29,7 +29,7 @@ from truth_of_loops import (
 
 from cosim.core import NotAchievableError
 from cosim.hinf import analyse, certified_delay, design, greatest_delay, hinf_norm
-from cosim.hinf.nominal import close
+from cosim.hinf.delay_lti import close
 from cosim.hinf.problem import with_delays
 from cosim.models import Delay, DelaySystem
 

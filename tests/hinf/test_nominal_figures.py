@@ -19,7 +19,7 @@ from cosim.hinf import (
     design_to_json,
     spectral_abscissa,
 )
-from cosim.hinf.nominal import close, nominal_figures_of
+from cosim.hinf.delay_lti import close, nominal_figures_of
 from cosim.hinf.problem import without_uncertainty
 from cosim.hinf.synthesis import nominal_gamma
 from cosim.models import Delay, DelaySystem, paper_example

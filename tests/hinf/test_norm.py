@@ -8,7 +8,7 @@ import scipy.linalg
 
 from cosim.core import InputError
 from cosim.hinf import hinf_norm
-from cosim.hinf.nominal import ClosedLoop, NormResult, close, gain_at
+from cosim.hinf.delay_lti import ClosedLoop, NormResult, close, gain_at
 from cosim.models import Delay, DelaySystem, paper_example
 
 

@@ -12,7 +12,7 @@ import pytest
 
 from cosim.core import InputError
 from cosim.hinf import check_certificate
-from cosim.hinf.nominal import norm_certificate
+from cosim.hinf.delay_lti import norm_certificate
 from cosim.models import paper_example
 
 NORM = 5.027584949594513  # of section 5 with the printed gain, at 22.905 rad/s

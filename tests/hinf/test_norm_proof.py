@@ -12,7 +12,7 @@ from shared import sampled
 from cosim.core import InputError
 from cosim.hinf import auv_system, hinf_norm, spectral_abscissa
 from cosim.hinf.certificate import NormProof
-from cosim.hinf.nominal import close, gain_at, norm_proved
+from cosim.hinf.delay_lti import close, gain_at, norm_proved
 from cosim.models import Delay, DelaySystem, paper_example
 
 CLOSE = 1e-8

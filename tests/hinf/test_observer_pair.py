@@ -21,7 +21,7 @@ from cosim.hinf.certificate import (
     standalone,
 )
 from cosim.hinf.certificate.standalone import RefusedError
-from cosim.hinf.nominal import close
+from cosim.hinf.delay_lti import close
 from cosim.models import Measurement
 
 AXIS = DelaySystem(

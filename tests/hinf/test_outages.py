@@ -252,7 +252,7 @@ def test_the_bound_over_a_recording_is_that_of_its_definition() -> None:
     rng = np.random.default_rng(1)
     t = np.concatenate([[0.0], np.cumsum(rng.exponential(3.0, 60))])
     touch = rng.random(60) < 0.6
-    found = hinf.nominal.outage_bound(rates, t, touch)
+    found = hinf.delay_lti.outage_bound(rates, t, touch)
     slope = np.where(touch, -2 * a, 2 * b)
     fine = np.linspace(0, t[-1], 20_001)
     at = slope[np.searchsorted(t, fine[:-1], side="right") - 1]
@@ -268,14 +268,14 @@ def test_the_bound_over_a_recording_is_that_of_its_definition() -> None:
 
 def test_without_an_outage_the_gain_is_the_plain_one_and_nothing_is_suspended() -> None:
     rates = hinf.synthesis.certified_outages(axis(1.25), AXIS_GAIN, alpha=0.1)
-    found = hinf.nominal.outage_bound(rates, [0.0, 5.0, 9.0], [True, True])
+    found = hinf.delay_lti.outage_bound(rates, [0.0, 5.0, 9.0], [True, True])
     assert found.gain_factor == pytest.approx(1.0)
     assert (found.suspensions_s, found.guaranteed_share, found.decays) == ((), 1.0, True)
 
 
 def test_an_outage_that_is_never_made_up_is_open_at_the_end() -> None:
     rates = hinf.synthesis.certified_outages(axis(1.25), AXIS_GAIN, alpha=0.1)
-    found = hinf.nominal.outage_bound(rates, [0.0, 5.0, 90.0, 91.0], [True, False, True])
+    found = hinf.delay_lti.outage_bound(rates, [0.0, 5.0, 90.0, 91.0], [True, False, True])
     assert found.suspensions_s == ((5.0, None),)
     assert not found.decays
     assert found.share_had < found.share_needed
@@ -290,10 +290,10 @@ def test_zero_and_hold_differ_in_mean_square(
 ) -> None:
     """The vehicle's axis, pings each 2 s used .65 s later, losses as three buoys had them."""
     chain = [[1 - after_arrival, after_arrival], [1 - after_loss, after_loss]], [0.0, 1.0]
-    found = hinf.nominal.jump_mean_square(axis(1.25), AXIS_GAIN, *chain, 2.0, 0.65)
+    found = hinf.delay_lti.jump_mean_square(axis(1.25), AXIS_GAIN, *chain, 2.0, 0.65)
     assert found.radius == pytest.approx(zero, abs=6e-4)
     assert found.proved
-    hold = hinf.nominal.jump_mean_square(axis(1.25), AXIS_GAIN, *chain, 2.0, 0.65, lost="hold")
+    hold = hinf.delay_lti.jump_mean_square(axis(1.25), AXIS_GAIN, *chain, 2.0, 0.65, lost="hold")
     assert hold.radius == pytest.approx(greater, abs=6e-3)
     assert (hold.stable, hold.proved) == (False, False)
 
@@ -302,11 +302,11 @@ def test_zero_and_hold_differ_in_mean_square(
 def test_the_lifted_loop_moves_second_moments_as_simulated_ones_move(playout: float) -> None:
     """Exactly, by the tree of all sequences of losses over six messages."""
     chance, moves = np.array([0.1, 0.7]), np.array([[0.8, 0.2], [0.3, 0.7]])
-    found = hinf.nominal.jump_mean_square(axis(1.25), AXIS_GAIN, moves, chance, 2.0, playout)
-    none = hinf.nominal.jump_mean_square(axis(1.25), AXIS_GAIN, [[1.0]], [1.0], 2.0, playout)
+    found = hinf.delay_lti.jump_mean_square(axis(1.25), AXIS_GAIN, moves, chance, 2.0, playout)
+    none = hinf.delay_lti.jump_mean_square(axis(1.25), AXIS_GAIN, [[1.0]], [1.0], 2.0, playout)
     # with every message lost the loop is open, with its integrator
     assert none.radius == pytest.approx(1.0, abs=1e-7)
-    sure = hinf.nominal.jump_mean_square(axis(1.25), AXIS_GAIN, [[1.0]], [0.0], 2.0, playout)
+    sure = hinf.delay_lti.jump_mean_square(axis(1.25), AXIS_GAIN, [[1.0]], [0.0], 2.0, playout)
     A, B = axis(1.25).A, axis(1.25).B
     size = 3 + int(playout // 2.0)
     step = np.zeros((size, size))
@@ -327,7 +327,7 @@ def test_the_sufficient_condition_is_that_of_gilbert_and_never_the_share() -> No
     rates = hinf.synthesis.certified_outages(axis(1.25), AXIS_GAIN, alpha=0.1)
     a, b, T = float(rates.alpha), float(rates.beta), 2.0
     P = np.array([[0.91, 0.09], [0.13, 0.87]])
-    found = hinf.nominal.rates_mean_square(rates, P, [0.0, 1.0], T)
+    found = hinf.delay_lti.rates_mean_square(rates, P, [0.0, 1.0], T)
     whole = np.diag([np.exp(-2 * a * T), np.exp(2 * b * T)]) @ P.T
     assert found.radius == pytest.approx(np.abs(np.linalg.eigvals(whole)).max())
     # the share of one run suffices, 59 % of the time in touch, and yet the mean square grows:
@@ -340,6 +340,6 @@ def test_the_sufficient_condition_is_that_of_gilbert_and_never_the_share() -> No
 
 def test_what_is_no_chain_is_refused() -> None:
     with pytest.raises(InputError, match="not a chain"):
-        hinf.nominal.jump_mean_square(
+        hinf.delay_lti.jump_mean_square(
             axis(1.0), AXIS_GAIN, [[0.5, 0.4], [0.1, 0.9]], [0, 1], 2.0, 0.0
         )

@@ -25,8 +25,8 @@ from cosim.hinf import (
 )
 from cosim.hinf.certificate import pair_of, standalone
 from cosim.hinf.certificate.standalone import RefusedError
+from cosim.hinf.delay_lti import close
 from cosim.hinf.lmi import InjectionLmi, units_of, without_performance
-from cosim.hinf.nominal import close
 from cosim.hinf.synthesis import PairGain
 from cosim.models import Measurement
 

@@ -21,8 +21,7 @@ from cosim.hinf import (
     lti,
     system_by_name,
 )
-from cosim.hinf.nominal import close
-from cosim.hinf.response import dead_time
+from cosim.hinf.delay_lti import close, dead_time
 from cosim.models import paper_example
 
 mpl.use("Agg")

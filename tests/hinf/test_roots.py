@@ -9,7 +9,7 @@ from scipy.special import lambertw
 
 from cosim.core import InputError
 from cosim.hinf import characteristic_roots, spectral_abscissa
-from cosim.hinf.nominal import ClosedLoop, close, roots_right_of
+from cosim.hinf.delay_lti import ClosedLoop, close, roots_right_of
 from cosim.models import Delay, DelaySystem, paper_example
 
 

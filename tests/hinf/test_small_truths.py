@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from cosim.hinf import Delay, DelaySystem, analyse
-from cosim.hinf.nominal import verdict_of
+from cosim.hinf.delay_lti import verdict_of
 from cosim.hinf.synthesis import gain_remark
 
 OSCILLATOR = [[0.0, 1.0], [-1.0, 0.0]]

@@ -12,7 +12,7 @@ from truth_of_late_loops import LateLoop
 
 from cosim.core import InputError
 from cosim.hinf import Delay, DelaySystem, lti
-from cosim.hinf.response import dead_time, feedback, parallel
+from cosim.hinf.delay_lti import dead_time, feedback, parallel
 from cosim.models import DelayLine
 
 

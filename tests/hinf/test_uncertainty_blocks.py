@@ -23,8 +23,8 @@ from cosim.hinf.certificate import (
     theorem_of,
 )
 from cosim.hinf.certificate.standalone import RefusedError
+from cosim.hinf.delay_lti import close
 from cosim.hinf.lmi import Condition, GainLmi, scalar_multiplier
-from cosim.hinf.nominal import close
 from cosim.hinf.problem import (
     system_from_toml,
     with_integral,

@@ -10,7 +10,7 @@ import pytest
 
 from cosim.core import InputError
 from cosim.hinf import DelaySystem, characteristic_roots, hinf_norm, system_by_name
-from cosim.hinf.nominal import ClosedLoop, close, gain_at, worst_case, worst_uncertainty
+from cosim.hinf.delay_lti import ClosedLoop, close, gain_at, worst_case, worst_uncertainty
 
 LAG = ClosedLoop([[[-1.0]]], [0.0], [[1.0, 0.0]], [[[1.0]]], [[0.0, 1.0]])
 """x' = -x + w1, z = x + w2: G = (1/(1 + jw), 1)."""

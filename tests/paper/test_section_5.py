@@ -9,7 +9,7 @@ import pytest
 from truth.dde import solve
 
 from cosim.hinf import hinf_norm
-from cosim.hinf.nominal import ClosedLoop, close
+from cosim.hinf.delay_lti import ClosedLoop, close
 from cosim.hinf.problem import with_delays
 from cosim.models import Delay, DelaySystem, paper_example as example
 from cosim.paper import Verdict

@@ -11,7 +11,7 @@ from cli.shell import cosim
 from study.deadly import plan, truth
 
 from cosim.hinf import characteristic_roots, system_by_name
-from cosim.hinf.nominal import close
+from cosim.hinf.delay_lti import close
 from cosim.models import Delay, DelaySystem
 from cosim.study import (
     boundary,

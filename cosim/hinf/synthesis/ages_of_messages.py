@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cosim.core import InputError, NotAchievableError, Progress, html_table, silent
-from cosim.hinf.nominal import (
+from cosim.hinf.delay_lti import (
     checked_system,
     one_thread,
 )

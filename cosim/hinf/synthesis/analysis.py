@@ -14,21 +14,22 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cosim.core import InputError, counted
 from cosim.hinf.certificate import Damping, Guarantees, check_measured, checked_damping
-from cosim.hinf.lmi import Condition, not_found, solver_words
-from cosim.hinf.nominal import (
+from cosim.hinf.delay_lti import (
     BEYOND,
+    DelayLTI,
     NominalFigures,
     checked_system,
     figures_if_known,
     verdict_of,
 )
+from cosim.hinf.lmi import Condition, not_found, solver_words
 from cosim.hinf.problem import ages_are_known
 from cosim.hinf.synthesis.conditions import (
     AFFORDABLE_ORDERS,
@@ -56,7 +57,7 @@ Order = int | Literal["auto"]
 
 
 def analyse(
-    system: DelaySystem,
+    system: DelaySystem | DelayLTI,
     gain: ArrayLike | None = None,
     gamma: float | None = None,
     *,
@@ -68,7 +69,8 @@ def analyse(
 
     Parameters
     ----------
-    system : Eq. (7) with any number of delays (n states, m inputs).
+    system : Eq. (7) with any number of delays (n states, m inputs); a `DelayLTI` is taken as the
+        system of its roots and norm (`DelayLTI.system`).
     gain : (m, n) K; None for u = 0.
     gamma : a bound to prove instead of the least one.
     order : 0 for Theorem 1, which covers every constant delay up to the system's; N > 0 for the
@@ -85,7 +87,7 @@ def analyse(
     InputError : numbers that do not fit the system. A gain of any size is none of these: where
         numbers leave the range of doubles, the verdict is "undecided", and `reason` says why.
     """
-    system = checked_system(system)
+    system = checked_system(system.system() if isinstance(system, DelayLTI) else system)
     K = gain_of(system, gain)
     check_order_of_analysis(order)
     if gamma is not None:
@@ -150,19 +152,17 @@ def best_analysis(
     made: list[Result] = []
     root = figures.abscissa
     excluded = root is not None and root >= 0 and not any(x.sampled for x in system.delays)
-    bounded = system.has_performance
-    known = ages_are_known(system) or is_large(system, K)
+    how: Any = {"performance": system.has_performance, "large": is_large(system, K)}
+    known = ages_are_known(system) or how["large"]
     orders = [order] if order != "auto" else [1, 0] if known else [*AFFORDABLE_ORDERS]
     if ranking and known:
         orders = sorted(orders)  # the quick one first
     for each in orders:
         conditions: list[Condition] = []
         if order == "auto" and not excluded:
-            conditions = affordable_conditions(
-                system, K, each, performance=bounded, ranking=ranking
-            )
+            conditions = affordable_conditions(system, K, each, ranking=ranking, **how)
         elif not excluded:
-            conditions = conditions_of(system, K, each, performance=bounded)
+            conditions = conditions_of(system, K, each, **how)
         if not conditions and not excluded:
             continue
         last = _analysed(system, K, gamma, each, conditions, figures, below)

@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.core import InputError
+from cosim.hinf.delay_lti import checked_system
 from cosim.hinf.lmi import Condition, GainLmi, multiplier_of, scalar_multiplier
-from cosim.hinf.nominal import checked_system
 from cosim.hinf.problem import with_delays
 from cosim.hinf.synthesis.designs import rounded_gain
 from cosim.hinf.theorems import MAX_ORDER, Proof

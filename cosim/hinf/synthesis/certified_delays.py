@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cosim.hinf.delay_lti import figures_if_known
 from cosim.hinf.lmi import Condition
-from cosim.hinf.nominal import figures_if_known
 from cosim.hinf.problem import DELAY_LIMIT, with_delay
 from cosim.hinf.synthesis.analysis import (
     Order,
@@ -29,6 +29,7 @@ from cosim.hinf.synthesis.conditions import (
     affordable_conditions,
     affordable_order,
     conditions_of,
+    is_large,
     prove,
     widened,
 )
@@ -170,7 +171,7 @@ class _Search:
     ) -> None:
         self._quick = quick
         self._system, self._K, self._gamma, self._which = system, K, gamma, delay_index
-        self._precision = precision
+        self._precision, self._large = precision, is_large(system, K)
         self.d: float | None = None
         self.failed: float | None = None
         self.order = 0
@@ -189,15 +190,13 @@ class _Search:
             self.certificate = wide or self.certificate
 
     def _conditions(self, order: int) -> list[Condition]:
-        bounded = self._gamma is not None
+        how: Any = {"performance": self._gamma is not None, "large": self._large}
         if self._quick:
             # those that compare gains: many delays are tried
-            affordable = affordable_conditions(
-                self._system, self._K, order, performance=bounded, ranking=True
-            )
+            affordable = affordable_conditions(self._system, self._K, order, ranking=True, **how)
             if affordable:
                 return affordable
-        return conditions_of(self._system, self._K, order, performance=bounded)
+        return conditions_of(self._system, self._K, order, **how)
 
     def climb(
         self, order: int, limit: float, *, start: float, step: float, precision: float = 0.0

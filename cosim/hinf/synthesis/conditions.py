@@ -56,13 +56,13 @@ def conditions_of(
     order: int,
     *,
     performance: bool,
-    large: bool | None = None,
+    large: bool,
 ) -> list[Condition]:
     """Return the conditions that are worth a try at this order, the sharpest first.
 
-    large : what `is_large` says, where it is known.
+    large : what `is_large` says.
     """
-    if is_large(system, K) if large is None else large:
+    if large:
         return [
             *_of_ages(system, K, order, performance, supports_of(system, K)),
             *_of_ages(system, K, order, performance, supports_of(system, K, controls=True)),
@@ -110,17 +110,25 @@ def _of_ages(
 
 
 def affordable_conditions(
-    system: DelaySystem, K: NDArray[Any], order: int, *, performance: bool, ranking: bool = False
+    system: DelaySystem,
+    K: NDArray[Any],
+    order: int,
+    *,
+    performance: bool,
+    large: bool,
+    ranking: bool = False,
 ) -> list[Condition]:
     """Return the conditions of this order that take a few seconds at most and may gain something.
 
-    At order 0, of which one is always affordable, and with known ages up to order 1. `ranking`:
-    to compare gains with each other; about a second each.
+    At order 0, of which one is always affordable, and with known ages up to order 1.
+
+    large : what `is_large` says.
+    ranking : to compare gains with each other; about a second each.
     """
     positive = [x for x in system.delays if x.d > 0]
     if order and not any(order == 1 or not x.any_age for x in positive):
         return []  # ages that vary gain nothing from a higher order
-    known, large = any(x.ages_are_known for x in positive), is_large(system, K)
+    known = any(x.ages_are_known for x in positive)
     if order > 1 and (known or large):
         return []
     conditions = conditions_of(system, K, order, performance=performance, large=large)
@@ -151,10 +159,11 @@ def _work(one: Condition, system: DelaySystem) -> float:
 
 def affordable_order(system: DelaySystem, K: NDArray[Any], *, performance: bool) -> int:
     """Return the greatest affordable order."""
+    large = is_large(system, K)
     return next(
         order
         for order in reversed(AFFORDABLE_ORDERS)
-        if affordable_conditions(system, K, order, performance=performance)
+        if affordable_conditions(system, K, order, performance=performance, large=large)
     )
 
 

@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cosim.core import InputError, NotAchievableError
+from cosim.hinf.delay_lti import checked_system
 from cosim.hinf.exact import exact
 from cosim.hinf.lmi import in_cvxpy, scaling_of
-from cosim.hinf.nominal import checked_system
 from cosim.hinf.synthesis.analysis import gain_of
 from cosim.hinf.synthesis.designs import check_achievable, rounded_gain
 from cosim.hinf.synthesis.result import Result

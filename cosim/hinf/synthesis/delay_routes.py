@@ -20,6 +20,7 @@ from typing import Any
 import scipy
 
 from cosim.core import InputError, NotAchievableError
+from cosim.hinf.delay_lti import one_thread
 from cosim.hinf.lmi import (
     ROUGH_TOLERANCE,
     Answer,
@@ -28,7 +29,6 @@ from cosim.hinf.lmi import (
     refute,
     solver_words,
 )
-from cosim.hinf.nominal import one_thread
 from cosim.hinf.problem import DELAY_LIMIT, with_delay
 from cosim.hinf.synthesis.bessel_legendre_gains import Gain, Loop, check_order, continue_gain
 from cosim.hinf.synthesis.delay_search import search_greatest_delay

@@ -10,7 +10,7 @@ from dataclasses import asdict
 from typing import Any
 
 from cosim.core import InputError, format_value
-from cosim.hinf import nominal
+from cosim.hinf import delay_lti
 from cosim.hinf.certificate import (
     KEY,
     check_certificate,
@@ -19,7 +19,7 @@ from cosim.hinf.certificate import (
     pair_from_json,
     system_from_json,
 )
-from cosim.hinf.nominal import NominalFigures
+from cosim.hinf.delay_lti import NominalFigures
 from cosim.hinf.synthesis.result import Result
 from cosim.models import DelaySystem, Matrix
 
@@ -76,7 +76,7 @@ def design_from_certificate(data: Any, *, where: str) -> Result:
     ):
         got = f"a certificate of kind {data['kind']}" if "kind" in data else "no gain K"
         raise InputError("not a design", where=where, expected="the proof of a gain", got=got)
-    return Result.of(_kept(data), nominal.figures_if_known(*_loop_of(data))[0])
+    return Result.of(_kept(data), delay_lti.figures_if_known(*_loop_of(data))[0])
 
 
 def _observes(data: Any) -> bool:
@@ -142,7 +142,7 @@ def _figures_from_json(
     if margins is not None:
         margins = _margins(margins, f"{where}: delay_margin", len(system.delays))
     if worst is not None:
-        worst = nominal.worst_case_from_json(worst, f"{where}: worst_case", system.C.shape[1])
+        worst = delay_lti.worst_case_from_json(worst, f"{where}: worst_case", system.C.shape[1])
     least = values.pop("least_gamma")
     values |= {"delay_margin": margins, "worst_case": worst}
     return least, NominalFigures.with_values(system, K, values)

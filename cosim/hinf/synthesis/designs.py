@@ -10,11 +10,11 @@ from numpy.typing import ArrayLike
 
 from cosim.core import NotAchievableError
 from cosim.hinf.certificate import certificate_to_json, gamma_floor
-from cosim.hinf.lmi import Scaling, not_found, solver_words
-from cosim.hinf.nominal import (
+from cosim.hinf.delay_lti import (
     figures_if_known,
     nominal_figures_of,
 )
+from cosim.hinf.lmi import Scaling, not_found, solver_words
 from cosim.hinf.synthesis.analysis import (
     Order,
     analyse,

@@ -16,8 +16,8 @@ from typing import Literal
 from numpy.typing import ArrayLike
 
 from cosim.core import InputError, NotAchievableError
+from cosim.hinf.delay_lti import checked_system, one_thread
 from cosim.hinf.lmi import without_performance
-from cosim.hinf.nominal import checked_system, one_thread
 from cosim.hinf.problem import (
     DesignConstraints,
     ages_are_known,

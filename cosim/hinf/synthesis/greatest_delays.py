@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from typing import Literal
 
 from cosim.core import NotAchievableError
-from cosim.hinf.nominal import checked_system
+from cosim.hinf.delay_lti import checked_system
 from cosim.hinf.problem import DELAY_LIMIT, ages_are_known, of_any_age, refuse_structure
 from cosim.hinf.synthesis.analysis import Order
 from cosim.hinf.synthesis.delay_routes import delay_by_order, delay_by_theorem_2

@@ -43,7 +43,7 @@ import scipy
 from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
 
-from cosim.hinf.nominal import ClosedLoop, approximate_roots
+from cosim.hinf.delay_lti import ClosedLoop, approximate_roots
 from cosim.models import DelaySystem, Matrix
 
 Reals = NDArray[np.float64]

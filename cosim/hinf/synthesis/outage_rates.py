@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from cosim.core import InputError, NotAchievableError
 from cosim.hinf import lmi
 from cosim.hinf.certificate import Outages, outage_delay
-from cosim.hinf.nominal import checked_system, one_thread
+from cosim.hinf.delay_lti import checked_system, one_thread
 from cosim.hinf.synthesis.analysis import check_gamma, gain_of
 from cosim.hinf.synthesis.result import Result
 from cosim.models import DelaySystem

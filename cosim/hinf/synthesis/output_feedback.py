@@ -31,13 +31,13 @@ from cosim.hinf.certificate import (
     pair_of,
     too_many_offsets,
 )
-from cosim.hinf.lmi import InjectionLmi, Scaling, proved_state_peaks, solver_words, units_of
-from cosim.hinf.nominal import (
+from cosim.hinf.delay_lti import (
     NominalFigures,
     checked_system,
     nominal_figures_of,
     one_thread,
 )
+from cosim.hinf.lmi import InjectionLmi, Scaling, proved_state_peaks, solver_words, units_of
 from cosim.hinf.problem import ages_are_known
 from cosim.hinf.synthesis.analysis import (
     Order,

@@ -17,8 +17,8 @@ from itertools import count
 import numpy as np
 
 from cosim.core import NotAchievableError, report
+from cosim.hinf.delay_lti import nominal_figures_of
 from cosim.hinf.lmi import ROUGH_TOLERANCE, Answer, Problem
-from cosim.hinf.nominal import nominal_figures_of
 from cosim.hinf.synthesis.gain_size import gain_remark
 from cosim.hinf.synthesis.search import scalars_at
 from cosim.hinf.synthesis.theorem_2 import gain_at

@@ -16,7 +16,7 @@ from typing import Any, Literal
 import numpy as np
 
 from cosim.core import InputError, html_table, matrix_text
-from cosim.hinf import nominal
+from cosim.hinf import delay_lti
 from cosim.hinf.certificate import (
     Certificate,
     Guarantees,
@@ -33,7 +33,7 @@ from cosim.models import DelaySystem, Matrix, Measurement, Value
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Result(nominal.HasFigures, Value):
+class Result(delay_lti.HasFigures, Value):
     """What is certified of a loop, its proof, and the figures of its nominal loop.
 
     It cannot be changed, and two are equal where everything they say is. Another gain is another
@@ -68,7 +68,7 @@ class Result(nominal.HasFigures, Value):
     system: DelaySystem
     K: Matrix
     gamma: float | None
-    figures: nominal.NominalFigures
+    figures: delay_lti.NominalFigures
     certificate: Any
     order: int | None = None
     k1: tuple[float, ...] = ()
@@ -83,7 +83,7 @@ class Result(nominal.HasFigures, Value):
     def of(
         cls,
         certificate: Mapping[str, Any],
-        figures: nominal.NominalFigures,
+        figures: delay_lti.NominalFigures,
         least_gamma: float | None = None,
     ) -> Result:
         """Return the result that a certificate proves: everything else is read from it."""
@@ -151,7 +151,7 @@ class Result(nominal.HasFigures, Value):
         return self.certificate is not None and covers_smaller(self.certificate["claim"])
 
     @property
-    def verdict(self) -> Literal["certified"] | nominal.Verdict:
+    def verdict(self) -> Literal["certified"] | delay_lti.Verdict:
         """What is decided: "certified", "unstable" (proved for the nominal loop), "undecided"."""
         if self.certified:
             return "certified"
@@ -161,7 +161,7 @@ class Result(nominal.HasFigures, Value):
             or any(delay.sampled for delay in self.system.delays)
         ):
             return "undecided"
-        return nominal.verdict_of(self.system, self.K, self.abscissa)[0]
+        return delay_lti.verdict_of(self.system, self.K, self.abscissa)[0]
 
     @property
     def pair(self) -> ObserverPair:

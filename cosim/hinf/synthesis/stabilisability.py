@@ -13,8 +13,8 @@ from __future__ import annotations
 import numpy as np
 
 from cosim.core import NotAchievableError
+from cosim.hinf.delay_lti import characteristic_roots, close
 from cosim.hinf.lmi import scaling_of
-from cosim.hinf.nominal import characteristic_roots, close
 from cosim.models import DelaySystem
 
 _RANK = 1e-8  # a singular value below this share of the largest is zero

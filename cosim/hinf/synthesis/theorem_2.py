@@ -24,6 +24,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cosim.core import InputError, NotAchievableError, counted
 from cosim.hinf.certificate import theorem_2_proof
+from cosim.hinf.delay_lti import one_thread
 from cosim.hinf.lmi import (
     Answer,
     Problem,
@@ -33,7 +34,6 @@ from cosim.hinf.lmi import (
     solver_words,
     without_performance,
 )
-from cosim.hinf.nominal import one_thread
 from cosim.hinf.problem import refuse_structure
 from cosim.hinf.synthesis.analysis import gain_of
 from cosim.hinf.synthesis.designs import check_achievable, design_of_theorem_2, rounded_gain

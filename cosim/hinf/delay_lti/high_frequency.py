@@ -14,7 +14,7 @@ from functools import cached_property
 
 import numpy as np
 
-from cosim.hinf.nominal.blocks import Blocks, Reals
+from cosim.hinf.delay_lti.blocks import Blocks, Reals
 
 
 class HighFrequency:

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cosim.core import InputError, NotAchievableError
-from cosim.hinf import nominal
-from cosim.hinf.nominal.threads import one_thread
+from cosim.hinf import delay_lti
+from cosim.hinf.delay_lti.threads import one_thread
 from cosim.models import DelaySystem, Matrix, Value
 
 T = TypeVar("T")
@@ -85,13 +85,13 @@ class NominalFigures(Value):
         return {name: self.__dict__[name] for name in _KEPT if name in self.__dict__}
 
     @_computed_once
-    def _loop(self) -> nominal.ClosedLoop:
-        return nominal.close(self.system, self.K)
+    def _loop(self) -> delay_lti.ClosedLoop:
+        return delay_lti.close(self.system, self.K)
 
     @_computed_once
     def _roots(self) -> NDArray[np.complex128]:
-        count = nominal.ROOTS if self.system.has_performance else 1
-        return nominal.characteristic_roots(self._loop, count)
+        count = delay_lti.ROOTS if self.system.has_performance else 1
+        return delay_lti.characteristic_roots(self._loop, count)
 
     @_computed_once
     def abscissa(self) -> float | None:
@@ -99,11 +99,11 @@ class NominalFigures(Value):
         return float(self._roots[0].real)
 
     @_computed_once
-    def _peak(self) -> nominal.NormResult | None:
+    def _peak(self) -> delay_lti.NormResult | None:
         if not self.system.has_performance:
             return None
         with suppress(*_BEYOND_DOUBLES), np.errstate(over="raise", invalid="raise"):
-            return nominal.hinf_norm(self._loop, self._roots)
+            return delay_lti.hinf_norm(self._loop, self._roots)
         return None
 
     @_computed_once
@@ -155,13 +155,13 @@ class NominalFigures(Value):
     def _margin_of(self, index: int) -> float | None:
         if self.abscissa is None:
             return None
-        return nominal.margin_of_delay(self.system, self.K, index, self.abscissa)
+        return delay_lti.margin_of_delay(self.system, self.K, index, self.abscissa)
 
     @_computed_once
-    def worst_case(self) -> nominal.WorstCase | None:
+    def worst_case(self) -> delay_lti.WorstCase | None:
         """The sinusoid that the loop amplifies most; None without `norm_frequency`."""
         with suppress(*_BEYOND_DOUBLES):
-            return nominal.worst_case_at(self.system, self.K, self.norm_frequency)
+            return delay_lti.worst_case_at(self.system, self.K, self.norm_frequency)
         return None
 
 
@@ -207,7 +207,7 @@ class HasFigures:
         return self.figures.delay_margin
 
     @property
-    def worst_case(self) -> nominal.WorstCase | None:
+    def worst_case(self) -> delay_lti.WorstCase | None:
         """See `NominalFigures`."""
         return self.figures.worst_case
 
@@ -250,10 +250,10 @@ def _proved_above(system: DelaySystem, K: ArrayLike, norm: float, at: float | No
         return None
     if at is not None:
         levels = (norm * (1.0 + share) for share in _ABOVE)
-        return next((level for level in levels if nominal.norm_proved(system, K, level)), None)
+        return next((level for level in levels if delay_lti.norm_proved(system, K, level)), None)
     for share in _ABOVE_LIMIT:
         level = norm * (1.0 + share)
-        if not nominal.norm_proved(system, K, level):
+        if not delay_lti.norm_proved(system, K, level):
             break
         best = level
     return best

@@ -32,8 +32,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cosim.core import NotAchievableError
-from cosim.hinf.nominal.closed_loop import Matrix, balanced, close, closed_terms
-from cosim.hinf.nominal.roots import spectral_abscissa
+from cosim.hinf.delay_lti.closed_loop import Matrix, balanced, close, closed_terms
+from cosim.hinf.delay_lti.roots import spectral_abscissa
 from cosim.models import DelaySystem
 
 Reals = NDArray[np.float64]

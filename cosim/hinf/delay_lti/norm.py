@@ -18,7 +18,7 @@
 3. From W on, where the gain tends to |D1|, a closed form bounds it.
 
 A system with internal delays has the norm of a loop where it, or its transpose, is one whose
-disturbance acts at once (`cosim.hinf.nominal.retarded`). Otherwise (inputs and outputs late in
+disturbance acts at once (`cosim.hinf.delay_lti.retarded`). Otherwise (inputs and outputs late in
 different ways, direct terms late, neutral systems) the same is done with M(s) of its blocks.
 """
 
@@ -33,11 +33,11 @@ import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from cosim.core import InputError
-from cosim.hinf.nominal.blocks import Blocks, balanced_blocks
-from cosim.hinf.nominal.closed_loop import ClosedLoop
-from cosim.hinf.nominal.high_frequency import HighFrequency
-from cosim.hinf.nominal.retarded import plain_of
-from cosim.hinf.nominal.roots import Roots, characteristic_roots, is_stable, roots_of
+from cosim.hinf.delay_lti.blocks import Blocks, balanced_blocks
+from cosim.hinf.delay_lti.closed_loop import ClosedLoop
+from cosim.hinf.delay_lti.high_frequency import HighFrequency
+from cosim.hinf.delay_lti.retarded import plain_of
+from cosim.hinf.delay_lti.roots import Roots, characteristic_roots, is_stable, roots_of
 
 Reals = NDArray[np.float64]
 

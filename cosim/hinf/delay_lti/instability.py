@@ -17,9 +17,9 @@ import flint
 
 from cosim.core import NotAchievableError
 from cosim.hinf.certificate import exact_terms
+from cosim.hinf.delay_lti.closed_loop import close
+from cosim.hinf.delay_lti.roots import characteristic_roots
 from cosim.hinf.exact import Contour, NotCountedError, ball_precision
-from cosim.hinf.nominal.closed_loop import close
-from cosim.hinf.nominal.roots import characteristic_roots
 from cosim.models import DelaySystem, Matrix
 
 Verdict = Literal["unstable", "undecided"]

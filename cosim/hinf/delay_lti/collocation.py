@@ -17,7 +17,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.hinf.nominal.closed_loop import ClosedLoop
+from cosim.hinf.delay_lti.closed_loop import ClosedLoop
 
 Matrix = NDArray[np.float64]
 

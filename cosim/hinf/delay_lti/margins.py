@@ -16,9 +16,9 @@ import numpy as np
 import scipy
 
 from cosim.core import InputError, NotAchievableError, html_table
-from cosim.hinf.nominal.blocks import Blocks, Complexes, Reals, balanced_blocks
-from cosim.hinf.nominal.high_frequency import HighFrequency
-from cosim.hinf.nominal.winding import Winding, winding_of
+from cosim.hinf.delay_lti.blocks import Blocks, Complexes, Reals, balanced_blocks
+from cosim.hinf.delay_lti.high_frequency import HighFrequency
+from cosim.hinf.delay_lti.winding import Winding, winding_of
 
 _RELATIVE = 4 * float(np.finfo(np.float64).eps)
 _CHANGE = 0.35  # of phase [rad] and of log |L| between samples

@@ -82,7 +82,7 @@ def outage_bound(outages: Outages, times: ArrayLike, touch: ArrayLike) -> Outage
     --------
     >>> from fractions import Fraction
     >>> from types import SimpleNamespace
-    >>> from cosim.hinf.nominal import outage_bound
+    >>> from cosim.hinf.delay_lti.divided_time import outage_bound
     >>> rates = SimpleNamespace(alpha=0.3, beta=0.2, share=0.4)
     >>> found = outage_bound(rates, [0, 10, 13, 40], [True, False, True])
     >>> round(found.greatest_exponent, 3), found.suspensions_s

@@ -13,8 +13,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cosim.core import InputError, optional
-from cosim.hinf.nominal import Blocks, ClosedLoop, beside, frequency_response
-from cosim.hinf.response.from_models import blocks_of
+from cosim.hinf.delay_lti.blocks import Blocks, beside
+from cosim.hinf.delay_lti.closed_loop import ClosedLoop
+from cosim.hinf.delay_lti.frequency import frequency_response
+from cosim.hinf.delay_lti.from_models import blocks_of
 
 
 def rational(blocks: Blocks, order: int | None) -> Blocks:

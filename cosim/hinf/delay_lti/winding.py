@@ -1,7 +1,7 @@
 """How often det(I + L) turns about zero along the imaginary axis, poles on it passed on the right.
 
 With f = det M of the closed loop over det M of the open one, f is det(I + L) but for a constant. Up
-the axis its phase is followed (`cosim.hinf.nominal.phase`). At high frequency L is near its direct
+the axis its phase is followed (`phase`). At high frequency L is near its direct
 part, and the phase that is left is a sum of principal values: no turn is hidden there.
 """
 
@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 
 from cosim.core import NotAchievableError
-from cosim.hinf.nominal.blocks import Blocks, Complexes, Reals, balanced_blocks
-from cosim.hinf.nominal.high_frequency import HighFrequency
-from cosim.hinf.nominal.phase import NotFollowedError, even_samples, log_derivative, turn_along
-from cosim.hinf.nominal.roots import roots_of
+from cosim.hinf.delay_lti.blocks import Blocks, Complexes, Reals, balanced_blocks
+from cosim.hinf.delay_lti.high_frequency import HighFrequency
+from cosim.hinf.delay_lti.phase import NotFollowedError, even_samples, log_derivative, turn_along
+from cosim.hinf.delay_lti.roots import roots_of
 
 _ON_AXIS = 1e-10  # real part of an open-loop pole that counts as on the axis, against its size
 _SINGULAR = 1e-13  # the same, and M(0), against the largest

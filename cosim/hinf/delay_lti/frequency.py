@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cosim.core import InputError
-from cosim.hinf.nominal.blocks import Blocks, Complexes, Reals
-from cosim.hinf.nominal.closed_loop import ClosedLoop
-from cosim.hinf.nominal.margins import Margins
-from cosim.hinf.nominal.winding import Winding
+from cosim.hinf.delay_lti.blocks import Blocks, Complexes, Reals
+from cosim.hinf.delay_lti.closed_loop import ClosedLoop
+from cosim.hinf.delay_lti.margins import Margins
+from cosim.hinf.delay_lti.winding import Winding
 
 _POINTS = 1000
 _CHANGE = 0.1  # of phase [rad] between the points of a Nyquist curve, as far as it is drawn
@@ -60,7 +60,7 @@ class FrequencyResponse:
         ------
         InputError : matplotlib is not installed.
         """
-        from cosim.hinf.nominal.pictures import draw_bode  # noqa: PLC0415 - matplotlib
+        from cosim.hinf.delay_lti.pictures import draw_bode  # noqa: PLC0415 - matplotlib
 
         return draw_bode(self, ax)
 
@@ -104,7 +104,7 @@ class Nyquist:
         ------
         InputError : matplotlib is not installed.
         """
-        from cosim.hinf.nominal.pictures import draw_nyquist  # noqa: PLC0415 - matplotlib
+        from cosim.hinf.delay_lti.pictures import draw_nyquist  # noqa: PLC0415 - matplotlib
 
         return draw_nyquist(self, ax)
 

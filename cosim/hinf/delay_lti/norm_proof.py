@@ -11,11 +11,11 @@ from numpy.typing import ArrayLike
 
 from cosim.core import InputError
 from cosim.hinf.certificate import MAX_STEPS, NORM_BITS, NormPoint, NormProof, bend, norm_to_json
+from cosim.hinf.delay_lti.blocks import Blocks
+from cosim.hinf.delay_lti.closed_loop import checked_matrix
+from cosim.hinf.delay_lti.norm import NormResult
+from cosim.hinf.delay_lti.retarded import plain_of
 from cosim.hinf.exact import ball_precision
-from cosim.hinf.nominal.blocks import Blocks
-from cosim.hinf.nominal.closed_loop import checked_matrix
-from cosim.hinf.nominal.norm import NormResult
-from cosim.hinf.nominal.retarded import plain_of
 from cosim.models import DelaySystem
 
 _ABOVE = (1e-8, 1e-6, 1e-4, 1e-2)  # relative distances of the bounds tried

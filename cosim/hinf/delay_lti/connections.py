@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cosim.core import InputError
-from cosim.hinf.nominal import Blocks, beside, blocks_from, from_inputs
+from cosim.hinf.delay_lti.blocks import Blocks, beside, blocks_from, from_inputs
 
 
 def dead(tau: float) -> Blocks:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from cosim.core import optional
-from cosim.hinf.nominal.roots import Roots
+from cosim.hinf.delay_lti.roots import Roots
 
 _GRID = {"alpha": 0.3}
 _GREY = "#6b7280"

@@ -18,8 +18,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cosim.hinf.nominal.closed_loop import ClosedLoop, close
-from cosim.hinf.nominal.norm import hinf_norm
+from cosim.hinf.delay_lti.closed_loop import ClosedLoop, close
+from cosim.hinf.delay_lti.norm import hinf_norm
 from cosim.models import DelaySystem, Matrix
 
 _ROUNDS = 6

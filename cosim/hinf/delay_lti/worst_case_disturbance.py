@@ -16,12 +16,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cosim.core import InputError
-from cosim.hinf import nominal
+from cosim.hinf import delay_lti
 from cosim.hinf.certificate import known_keys, number
 from cosim.models import DelaySystem
 
 if TYPE_CHECKING:
-    from cosim.hinf.nominal.closed_loop import ClosedLoop
+    from cosim.hinf.delay_lti.closed_loop import ClosedLoop
 
 _AGREE = 1e-6
 _DIGITS = 6
@@ -77,7 +77,7 @@ def worst_case(loop: ClosedLoop, omega: float) -> WorstCase:
 
 def worst_case_at(system: DelaySystem, K: ArrayLike, omega: float | None) -> WorstCase | None:
     """Return the worst case of `system` with u = K x at `omega` [rad/s]; None for None."""
-    return None if omega is None else worst_case(nominal.close(system, K), omega)
+    return None if omega is None else worst_case(delay_lti.close(system, K), omega)
 
 
 def worst_case_from_json(data: Any, where: str, size: int) -> WorstCase:

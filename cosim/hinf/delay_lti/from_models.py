@@ -13,7 +13,8 @@ import scipy
 from numpy.typing import ArrayLike
 
 from cosim.core import InputError
-from cosim.hinf.nominal import Blocks, ClosedLoop, Reals, beside, blocks_from, close
+from cosim.hinf.delay_lti.blocks import Blocks, Reals, beside, blocks_from
+from cosim.hinf.delay_lti.closed_loop import ClosedLoop, close
 from cosim.models import DelaySystem
 
 _EXPECTED = (

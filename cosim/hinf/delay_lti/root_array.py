@@ -21,6 +21,6 @@ class CharacteristicRoots(np.ndarray[tuple[int], np.dtype[np.complex128]]):
         ------
         InputError : matplotlib is not installed.
         """
-        from cosim.hinf.nominal.pictures import draw_roots  # noqa: PLC0415 - matplotlib
+        from cosim.hinf.delay_lti.pictures import draw_roots  # noqa: PLC0415 - matplotlib
 
         return draw_roots(np.asarray(self), ax)

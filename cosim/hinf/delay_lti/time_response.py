@@ -1,6 +1,6 @@
 """Step, impulse, forced and initial response of a system with internal delays.
 
-What is computed is a polynomial on every piece (`cosim.hinf.response.method_of_steps`); samples are
+What is computed is a polynomial on every piece (`method_of_steps`); samples are
 values of it. An input given by its samples, held or joined by straight lines, is a sum of steps or
 ramps that begin at its samples, and so is the response: nothing is sampled but the input itself.
 """
@@ -17,8 +17,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cosim.core import InputError, NotAchievableError
-from cosim.hinf.nominal import Blocks, Reals, roots_of
-from cosim.hinf.response.method_of_steps import STAGES, Question, Solution, solve
+from cosim.hinf.delay_lti.blocks import Blocks, Reals
+from cosim.hinf.delay_lti.method_of_steps import STAGES, Question, Solution, solve
+from cosim.hinf.delay_lti.roots import roots_of
 
 _CHECKED = STAGES + 6  # stages of the second computation that estimates the error
 _POINTS = 501
@@ -73,7 +74,7 @@ class TimeResponse:
         ------
         InputError : matplotlib is not installed.
         """
-        from cosim.hinf.nominal import draw_time  # noqa: PLC0415 - matplotlib
+        from cosim.hinf.delay_lti import draw_time  # noqa: PLC0415 - matplotlib
 
         return draw_time(self, ax)
 

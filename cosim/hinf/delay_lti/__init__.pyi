@@ -11,6 +11,16 @@ from .closed_loop import (
     checked_system as checked_system,
     close as close,
 )
+from .delay_lti import (
+    DelayLTI as DelayLTI,
+    append as append,
+    dead_time as dead_time,
+    exp as exp,
+    feedback as feedback,
+    lti as lti,
+    parallel as parallel,
+    series as series,
+)
 from .delay_margins import delay_margin as delay_margin, margin_of_delay as margin_of_delay
 from .divided_time import (
     OutageBound as OutageBound,
@@ -68,6 +78,8 @@ from .roots import (
     spectral_abscissa as spectral_abscissa,
 )
 from .threads import one_thread as one_thread
+from .time_response import TimeResponse as TimeResponse
+from .to_models import to_control as to_control
 from .winding import winding_of as winding_of
 from .worst_case_disturbance import (
     WorstCase as WorstCase,

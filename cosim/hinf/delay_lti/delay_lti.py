@@ -13,43 +13,36 @@ from __future__ import annotations
 
 import numbers
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from cosim.core import InputError, NotAchievableError, html_table, matrix_text
-from cosim.hinf.nominal import (
-    Blocks,
-    CharacteristicRoots,
+from cosim.hinf.delay_lti import to_models
+from cosim.hinf.delay_lti.blocks import Blocks, beside
+from cosim.hinf.delay_lti.connections import dead, delays_of, in_series, with_io_delays
+from cosim.hinf.delay_lti.frequency import (
     FrequencyResponse,
-    Margins,
-    NormResult,
     Nyquist,
-    beside,
     frequency_response_of,
-    is_stable,
-    margins_of,
-    norm_of,
     nyquist_of,
-    plain_of,
-    roots_of,
-    winding_of,
 )
-from cosim.hinf.response import to_models
-from cosim.hinf.response.connections import dead, delays_of, in_series, with_io_delays
-from cosim.hinf.response.from_models import blocks_of
-from cosim.hinf.response.time_response import (
+from cosim.hinf.delay_lti.from_models import blocks_of
+from cosim.hinf.delay_lti.margins import Margins, margins_of
+from cosim.hinf.delay_lti.norm import NormResult, norm_of
+from cosim.hinf.delay_lti.retarded import plain_of
+from cosim.hinf.delay_lti.root_array import CharacteristicRoots
+from cosim.hinf.delay_lti.roots import is_stable, roots_of
+from cosim.hinf.delay_lti.time_response import (
     TimeResponse,
     forced_response,
     impulse_response,
     initial_response,
     step_response,
 )
+from cosim.hinf.delay_lti.winding import winding_of
 from cosim.models import DelaySystem
-
-if TYPE_CHECKING:
-    from cosim.hinf.synthesis import Result
 
 
 class DelayLTI(Blocks):
@@ -57,7 +50,7 @@ class DelayLTI(Blocks):
 
     `G2 * G1` is the series connection u -> G1 -> G2, `G1 + G2` the parallel one, `G.feedback(H)`
     the closed loop; `G(s)` the transfer function at a complex s. Numbers, matrices, and models of
-    python-control and SciPy may stand on either side. Matrices as in `cosim.hinf.nominal.blocks`.
+    python-control and SciPy may stand on either side. Matrices as in `cosim.hinf.delay_lti.blocks`.
     """
 
     __array_ufunc__ = None  # NumPy leaves matrix * system to the system
@@ -241,7 +234,7 @@ class DelayLTI(Blocks):
 
         None: not stable, or no proof; see `analyse` for one with a certificate.
         """
-        from cosim.hinf.nominal import norm_proved_of  # noqa: PLC0415 - ball arithmetic loads slowly
+        from cosim.hinf.delay_lti import norm_proved_of  # noqa: PLC0415 - ball arithmetic loads slowly
 
         norm = norm_of(self)
         return None if norm is None else norm_proved_of(self, norm)
@@ -292,17 +285,6 @@ class DelayLTI(Blocks):
                 hint="a filter before the late input or behind the late output gives it a state",
             )
         return retarded
-
-    def analyse(self, gamma: float | None = None, **how: Any) -> Result:
-        """Certify a bound of the norm, or stability, in rational arithmetic: `cosim.hinf.analyse`.
-
-        Raises
-        ------
-        InputError : as `system`.
-        """
-        from cosim.hinf.synthesis import analyse  # noqa: PLC0415 - solvers are slow to import
-
-        return analyse(self.system(), gamma=gamma, **how)
 
     # other libraries
 

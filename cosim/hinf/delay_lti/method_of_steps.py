@@ -29,7 +29,7 @@ import numpy as np
 import scipy
 
 from cosim.core import InputError, NotAchievableError
-from cosim.hinf.nominal import Blocks, Reals, balanced_blocks
+from cosim.hinf.delay_lti.blocks import Blocks, Reals, balanced_blocks
 
 STAGES = 20
 _LAST_JUMP = 12  # derivative

@@ -1,6 +1,6 @@
 """Characteristic roots of x' = sum_i A_i x(t-d_i) and of any system with internal delays.
 
-1. Seeds. Eigenvalues of a collocation (`cosim.hinf.nominal.collocation`), more and more exact.
+1. Seeds. Eigenvalues of a collocation (`cosim.hinf.delay_lti.collocation`), more and more exact.
 2. Polish. Newton for nonlinear eigenproblems by successive linear problems (Ruhe, SIAM J.
    Numer. Anal. 10, 1973): lambda -= mu, mu the smallest eigenvalue of H v = mu H' v,
    H(lambda) = lambda I - sum_i A_i e^{-lambda d_i}. Unlike the bordered iteration its steps
@@ -22,18 +22,18 @@ import scipy
 from numpy.typing import NDArray
 
 from cosim.core import InputError, NotAchievableError
-from cosim.hinf.nominal.blocks import Blocks, balanced_blocks
-from cosim.hinf.nominal.closed_loop import ClosedLoop, balanced
-from cosim.hinf.nominal.collocation import collocated, late_signals
-from cosim.hinf.nominal.high_frequency import HighFrequency
-from cosim.hinf.nominal.phase import (
+from cosim.hinf.delay_lti.blocks import Blocks, balanced_blocks
+from cosim.hinf.delay_lti.closed_loop import ClosedLoop, balanced
+from cosim.hinf.delay_lti.collocation import collocated, late_signals
+from cosim.hinf.delay_lti.high_frequency import HighFrequency
+from cosim.hinf.delay_lti.phase import (
     Characteristic,
     NotFollowedError,
     even_samples,
     log_derivative,
     turn_along,
 )
-from cosim.hinf.nominal.retarded import terms_of
+from cosim.hinf.delay_lti.retarded import terms_of
 
 Roots = NDArray[np.complex128]
 """Characteristic roots [1/s], rightmost first, (count,)."""

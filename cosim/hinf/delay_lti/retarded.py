@@ -19,8 +19,8 @@ from typing import NamedTuple
 import numpy as np
 
 from cosim.core import InputError
-from cosim.hinf.nominal.blocks import Blocks, Reals
-from cosim.hinf.nominal.closed_loop import ClosedLoop
+from cosim.hinf.delay_lti.blocks import Blocks, Reals
+from cosim.hinf.delay_lti.closed_loop import ClosedLoop
 from cosim.models import Delay, DelaySystem
 
 _SAME = 1e-15  # sums of delays that differ by rounding only, relative

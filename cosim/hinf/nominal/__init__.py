@@ -1,5 +1,0 @@
-"""Loops and systems with delays, without the LMI: roots, the norm and its proof, margins."""
-
-import lazy_loader as _lazy
-
-__getattr__, __dir__, __all__ = _lazy.attach_stub(__name__, __file__)
