@@ -51,7 +51,7 @@ Where w acts weakly they are larger by themselves: P counts in gamma / |C|^2.
 _MANY_BLOCKS = 8
 """Blocks of F above which there are few unknowns beside the rows that the blocks add."""
 _MOST_TRIED_AGAIN = 400
-"""Unknowns up to which the dense solver tries again what Clarabel has failed at: a second or two.
+"""Unknowns up to which the dense solver tries again what Clarabel does not solve: a second or two.
 
 It bears what is badly conditioned: long and short ages in one loop, at a gamma near the least.
 """
@@ -229,11 +229,16 @@ def known_gamma(gamma: float | None) -> dict[str, float]:
 
 
 def _solve_steadily(constraints: Sequence[Constraint], q: Array, *, tolerance: float) -> Solution:
-    """Minimise by Clarabel; where it fails and the problem is small, by normal equations."""
+    """Minimise by Clarabel; where it is not accurate and the problem is small, by normal equations.
+
+    A point that is not accurate may miss a matrix that must be positive by far more than the
+    margin: nothing is proved with it.
+    """
     solution = solve(constraints, q, tolerance=tolerance)
-    if solution.status != "failed" or len(q) > _MOST_TRIED_AGAIN:
+    if solution.status not in ("failed", "inaccurate") or len(q) > _MOST_TRIED_AGAIN:
         return solution
-    return solve_dense(constraints, q, tolerance=tolerance)
+    again = solve_dense(constraints, q, tolerance=tolerance)
+    return again if again.status != "failed" or solution.status == "failed" else solution
 
 
 def greatest(gamma: float | None, C: Array) -> float:

@@ -35,13 +35,14 @@ from cosim.hinf.synthesis.conditions import (
     AFFORDABLE_ORDERS,
     affordable_conditions,
     conditions_of,
+    exactly_covered,
     is_large,
     prove,
     widened,
 )
 from cosim.hinf.synthesis.ladder import FAR, clearly_below, least_proved
 from cosim.hinf.synthesis.result import Result
-from cosim.hinf.theorems import MAX_ORDER
+from cosim.hinf.theorems import MAX_BOX, MAX_ORDER
 from cosim.models import DelaySystem, Matrix
 
 _FINE = (2e-6, 1e-5, 5e-5)
@@ -50,6 +51,7 @@ _COARSE = (3e-4, 2e-3, 1e-2, 5e-2, *FAR)
 _MEDIUM, _COSTLY = 150, 500
 """Unknowns from which one fine level is tried, where a proof takes half a second; and none, where
 it takes seconds."""
+_WORTH_WIDE = 0.02  # share of gamma worth a proof for smaller delays too that takes seconds
 _MUCH = 0.1  # share of gamma worth a proof of exactly these delays, or an odd gain
 
 
@@ -227,7 +229,7 @@ def _analysed(
     floor = float(np.linalg.norm(system.D1, 2))
     reference = max(floor, figures.exact_norm or 0.0) or 1.0
     for condition in conditions:
-        at_level = partial(prove, condition, system, K)
+        at_level, wide = partial(prove, condition, system, K), False
         if system.has_performance:
             with solver_words() as words:
                 least = condition.least_gamma(delays, reference)
@@ -236,13 +238,13 @@ def _analysed(
                 reason = reason or f"no gamma was found: {not_found(words)}"
                 continue
         if gamma is None and leasts:
-            unknowns = condition.unknowns(delays)
-            fine = () if unknowns > _COSTLY else _FINE[:1] if unknowns > _MEDIUM else _FINE
-            levels = clearly_below(
-                (float(f"{leasts[-1] * (1 + share):.7g}") for share in (*fine, *_COARSE)), below
-            )
             reason = f"nothing clearly below gamma = {below} was found"
-            if not levels:
+            # a proof of exactly these delays would not be preferred: one for smaller ones too
+            exactly = exactly_covered(condition, system)
+            wide = bool(exactly) and below is not None and leasts[-1] * (1.0 + _MUCH) > below
+            at_level = partial(at_level, down_to_zero=True) if wide else at_level
+            levels = _levels(leasts[-1], condition.unknowns(delays), below, wide=wide)
+            if not levels or (wide and exactly > MAX_BOX):
                 continue
             proved, reason = least_proved(levels, at_level)
             level, proof = proved or (None, None)
@@ -250,7 +252,7 @@ def _analysed(
             level = gamma
             proof, reason = at_level(gamma)
         if proof is not None:
-            proof = widened(condition, system, K, level) or proof
+            proof = proof if wide else widened(condition, system, K, level) or proof
             break
     return Result(
         system=system,
@@ -262,6 +264,19 @@ def _analysed(
         certificate=proof,
         figures=figures,
     )
+
+
+def _levels(least: float, unknowns: int, below: float | None, *, wide: bool) -> list[float]:
+    """Return the gammas to prove above the least one; none where that is not worth its cost.
+
+    wide : for smaller delays too, which takes longer and is hardly proved near the least gamma.
+    """
+    fine = () if unknowns > _COSTLY else _FINE[:1] if unknowns > _MEDIUM else _FINE
+    shares = _COARSE[1:] if wide else (*fine, *_COARSE)
+    levels = clearly_below((float(f"{least * (1 + share):.7g}") for share in shares), below)
+    if wide and unknowns > _MEDIUM and below is not None and least > below * (1.0 - _WORTH_WIDE):
+        return []
+    return levels
 
 
 def gain_of(system: DelaySystem, gain: ArrayLike | None) -> NDArray[np.float64]:

@@ -207,9 +207,15 @@ def widened(
 ) -> dict[str, Any] | None:
     """Return a certificate for every constant delay up to the system's; None without one.
 
-    Also None at order 0, where the certificate of these delays covers smaller ones.
+    Also None where the certificate of these delays covers smaller ones, or too many vary.
     """
-    box = sum(delay.d > 0 and not delay.any_age for delay in system.delays)
-    if condition.order == 0 or not 0 < box <= MAX_BOX:
+    if not 0 < exactly_covered(condition, system) <= MAX_BOX:
         return None
     return prove(condition, system, K, gamma, down_to_zero=True)[0]
+
+
+def exactly_covered(condition: Condition, system: DelaySystem) -> int:
+    """Return of how many delays a proof covers one value only, unless it is `widened`."""
+    if condition.order == 0:
+        return 0
+    return sum(delay.d > 0 and not delay.any_age for delay in system.delays)

@@ -27,7 +27,7 @@ from cosim.models import DelaySystem, Matrix
 
 _MULTIPLES = (0.15, 0.3, 0.6)
 """k2 = -k1 in units of 1/d; the first ones lose least, but their gains are the largest."""
-_PRICES = (0.01, 0.1)
+_PRICES = (0.001, 0.01, 0.1)
 """Prices of |Y|, as shares of a gamma of the system, both in the units of the LMI."""
 _LARGE = 600
 """Unknowns from which a solve takes seconds: only the last price is tried."""

@@ -23,9 +23,8 @@ from cosim.hinf.lmi import ROUGH_TOLERANCE, Answer, Array, Problem, Solution
 from cosim.hinf.theorems import Scalars
 from cosim.models import DelaySystem, Matrix
 
-_LARGE = 200
-_VERY_LARGE = 600
-"""Unknowns from which a search spends fewer solves: each takes a second, or ten."""
+_MEDIUM, _LARGE, _VERY_LARGE = 100, 200, 600
+"""Unknowns from which a search spends fewer solves: each takes a tenth of a second, one, or ten."""
 _SCALES = (0.05, 0.2, 0.5, 1.0)
 _RATIOS = (-1.0, -0.2)
 MULTIPLES = (1e-4, 1e3)
@@ -34,7 +33,7 @@ RATIO_LIMIT = 20.0
 """|k1 / k2| stays within this."""
 _STEPS_ALONG = 15
 _STEPS = 20
-_STALLED = 4  # solves without progress after which a descent ends
+_STALLED, _STALLED_IF_MEDIUM = 4, 2  # solves without progress after which a descent ends
 _PROGRESS = 1e-4  # relative
 _APART = 0.1
 
@@ -64,9 +63,10 @@ def least_gamma(
     # k1 = -k2 is a narrow valley: first along it, from two starts since the best may lead to a
     # worse local minimum, then across
     ends: list[tuple[Scalars, float]] = []
+    stalled = _STALLED if size < _MEDIUM else _STALLED_IF_MEDIUM
     for at, _ in sorted(feasible, key=lambda x: x[1])[:2]:
-        ends += passed.descend(at, steps=_STEPS_ALONG, ratios=False)
-    if ends and size < _LARGE:
+        ends += passed.descend(at, steps=_STEPS_ALONG, ratios=False, most_stalled=stalled)
+    if ends and size < _MEDIUM:
         passed.descend(min(ends, key=lambda x: x[1])[0], steps=_STEPS)
     kept: list[tuple[Scalars, Answer]] = []
     for at, answer in sorted(passed.points, key=lambda x: x[1].value):
@@ -199,11 +199,13 @@ def _descend(
     enough: float | None = None,
     steps: int = 2 * _STEPS,
     ratios: bool = True,
+    most_stalled: int = _STALLED,
 ) -> tuple[Scalars, float]:
     """Minimise sign * value from a feasible start; end early below `enough`, or without progress.
 
     is_enough : asked behind every answer, ends the descent too.
     ratios : change k1/k2 as well.
+    most_stalled : solves without progress after which it ends.
     """
     N = len(start.k2)
     signs = np.sign(start.k2)
@@ -225,7 +227,7 @@ def _descend(
         if best and answer is not None:
             stalled *= sign * answer.value >= best[0][1] - _PROGRESS * abs(best[0][1])
         stalled += 1
-        if stalled > _STALLED and enough is None:
+        if stalled > most_stalled and enough is None:
             raise SearchDoneError
         if answer is None:
             # a high value makes the line search turn back

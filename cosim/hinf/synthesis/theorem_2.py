@@ -16,7 +16,7 @@ The gamma of a design is the gamma of its proof.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -127,12 +127,15 @@ def design(
     refuse_too_large(passed[0][1])
     first = Theorem2Condition(system, problem, points[0], fixed)
     refuse_too_large(first.least)
-    others = [Theorem2Condition(system, problem, p, fixed) for p in points[1:_POINTS]]
-    for conditions, shares in (
-        ([first], NEAR if problem.size < _LARGE else NEAR[_ROOM:]),
-        (others, NEAR[_COARSE:]),
-        ([first, *others], FAR),
-    ):
+
+    def stages() -> Iterator[tuple[list[Theorem2Condition], Sequence[float]]]:
+        yield [first], NEAR if problem.size < _LARGE else NEAR[_ROOM:]
+        # other k1, k2 are solved only where nothing is proved at the first
+        others = [Theorem2Condition(system, problem, p, fixed) for p in points[1:_POINTS]]
+        yield others, NEAR[_COARSE:]
+        yield [first, *others], FAR
+
+    for conditions, shares in stages():
         for condition in conditions:
             proved = condition.first(gamma, shares, below)
             if proved is not None:
