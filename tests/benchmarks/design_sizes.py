@@ -34,7 +34,7 @@ from rich.table import Table
 
 from cosim.core import InputError
 from cosim.hinf import analyse, as_cvxpy
-from cosim.models import Matrix
+from cosim.models import DelaySystem, Matrix
 
 if __package__ == "tests.benchmarks":
     sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "hinf"))
@@ -48,13 +48,15 @@ SIZES = (2, 4, 8, 12)
 COLUMNS = ("n", "design_s", "cvxpy_s", "ratio", "gamma", "gamma_of_cvxpy", "largest_K")
 
 
-def gains_by_cvxpy(n: int, pairs: Sequence[float] = PAIRS) -> tuple[list[Matrix], float]:
-    """Return the gains (2, n) that a user of cvxpy finds, and the CPU seconds of one solve."""
+def gains_by_cvxpy(
+    system: DelaySystem, pairs: Sequence[float] = PAIRS
+) -> tuple[list[Matrix], float]:
+    """Return the gains (m, n) that a user of cvxpy finds, and the CPU seconds of one solve."""
     found, seconds = [], []
     for k in pairs:
         for weight in WEIGHTS:
             began = time.process_time()
-            asked = as_cvxpy(steered_chain(n), (-k,), (k,))
+            asked = as_cvxpy(system, (-k,), (k,))
             price = weight * cp.norm(asked.Y, "fro")
             problem = cp.Problem(cp.Minimize(asked.gamma + price), asked.problem.constraints)
             with warnings.catch_warnings():
@@ -79,7 +81,7 @@ def row_of(n: int, folder: Path) -> dict[str, Any]:
     design = json.loads(done.stdout)
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     spent = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-    gains, one_solve = gains_by_cvxpy(n)
+    gains, one_solve = gains_by_cvxpy(system)
     others = (analyse(system, K).gamma for K in gains)
     figures = (n, spent, one_solve, spent / one_solve, design["gamma"])
     best = min((x for x in others if x is not None), default=None)

@@ -102,12 +102,13 @@ def test_an_analysis_is_not_certified_because_the_solver_failed(order: int, stat
 
 
 @pytest.mark.parametrize("order", [0, 1])
-def test_what_clarabel_fails_at_the_dense_solver_tries_again(
-    order: int, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("clarabel", ["NumericalError", "AlmostSolved"])
+def test_what_clarabel_does_not_solve_the_dense_solver_tries_again(
+    clarabel: str, order: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A small analysis does not hang on one solver: the same gamma is proved."""
     usual = analyse(paper_example.system(), PRINTED, order=order)
-    break_clarabel(monkeypatch, "NumericalError")
+    break_clarabel(monkeypatch, clarabel)
     found = analyse(paper_example.system(), PRINTED, order=order)
     assert found.certified
     assert found.gamma == pytest.approx(usual.gamma, rel=1e-3)

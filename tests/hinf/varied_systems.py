@@ -38,16 +38,20 @@ def chain(n: int, d: float = 0.1) -> DelaySystem:
     return DelaySystem(A, B, C, D, D2=[[0], [0.1]], delays=delays)
 
 
-def steered_chain(n: int) -> DelaySystem:
-    """Return n/2 damped masses, steered at both ends, whose least gamma asks for any gain."""
+def steered_chain(n: int, late: float = 0.1, price: float = 0.3) -> DelaySystem:
+    """Return n/2 damped masses, steered at both ends, whose least gamma asks for any gain.
+
+    late : damping that acts over the delay; price : of the control, in z.
+    """
     m = n // 2
     rest = np.zeros((m, m))
     stiffness = 2 * np.eye(m) - np.eye(m, k=1) - np.eye(m, k=-1)
     A = np.block([[rest, np.eye(m)], [-stiffness, -0.4 * np.eye(m)]])
-    A1 = np.block([[rest, rest], [rest, -0.1 * np.eye(m)]])
+    A1 = np.block([[rest, rest], [rest, -late * np.eye(m)]])
     B, C, D = np.zeros((n, 2)), np.zeros((n, 1)), np.zeros((3, n))
     B[m, 0] = B[n - 1, 1] = C[m + m // 2] = D[0, m // 2] = 1.0
-    return DelaySystem(A, B, C, D, D2=[[0, 0], [0.3, 0], [0, 0.3]], delays=[Delay(0.3, A1)])
+    D2 = [[0, 0], [price, 0], [0, price]]
+    return DelaySystem(A, B, C, D, D2=D2, delays=[Delay(0.3, A1)])
 
 
 def varied_system(seed: int) -> DelaySystem:
