@@ -239,9 +239,9 @@ def _analysed(
                 continue
         if gamma is None and leasts:
             reason = f"nothing clearly below gamma = {below} was found"
-            # a proof of exactly these delays would not be preferred: one for smaller ones too
-            exactly = exactly_covered(condition, system)
-            wide = bool(exactly) and below is not None and leasts[-1] * (1.0 + _MUCH) > below
+            # where no proof of exactly these delays would be preferred: one for smaller ones too
+            exactly, norm = exactly_covered(condition, system), figures.exact_norm or leasts[-1]
+            wide = bool(exactly) and below is not None and norm * (1.0 + _MUCH) > below
             at_level = partial(at_level, down_to_zero=True) if wide else at_level
             levels = _levels(leasts[-1], condition.unknowns(delays), below, wide=wide)
             if not levels or (wide and exactly > MAX_BOX):
@@ -269,10 +269,10 @@ def _analysed(
 def _levels(least: float, unknowns: int, below: float | None, *, wide: bool) -> list[float]:
     """Return the gammas to prove above the least one; none where that is not worth its cost.
 
-    wide : for smaller delays too, which takes longer and is hardly proved near the least gamma.
+    wide : for smaller delays too, which takes longer.
     """
     fine = () if unknowns > _COSTLY else _FINE[:1] if unknowns > _MEDIUM else _FINE
-    shares = _COARSE[1:] if wide else (*fine, *_COARSE)
+    shares = (*fine, *_COARSE[wide:]) if unknowns > _MEDIUM else (*fine, *_COARSE)
     levels = clearly_below((float(f"{least * (1 + share):.7g}") for share in shares), below)
     if wide and unknowns > _MEDIUM and below is not None and least > below * (1.0 - _WORTH_WIDE):
         return []
