@@ -16,16 +16,17 @@ and X > 0. It is solved, then proved in fractions for the gain as its doubles, w
 from __future__ import annotations
 
 from dataclasses import dataclass
-from fractions import Fraction
 from typing import Any
 
 import cvxpy as cp
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cosim.hinf.exact import exact_matrix
+from cosim.hinf.lmi import in_cvxpy
+from cosim.hinf.theorems import Inequality, exact_unknowns, first_failure, itself, shapes_of
 from cosim.models import DelaySystem
-from cosim.paper.exact import fractions, is_positive
-from cosim.paper.lmi import mirrored, solve, symmetric_expression, unit_block, zeros
+from cosim.paper.lmi import solve
 
 _ABOVE_LEAST = (2e-6, 1e-5, 1e-4, 1e-3, 1e-2)
 _DECIMALS = 6
@@ -74,64 +75,54 @@ def _gain(system: DelaySystem, gamma: float) -> NDArray[np.float64] | None:
     return np.asarray(np.round(K, _DECIMALS) + 0.0, dtype=np.float64)
 
 
-def _blocks(s: Any, X: Any, Y: Any, Q: Any, eps: Any, gamma: Any) -> list[list[Any]]:
-    """Return the upper block rows of the matrix above, for fractions and for cvxpy."""
-    n, q = s["C"].shape
-    p, r = s["D"].shape[0], s["H"].shape[0]
-    G = s["A"] @ X + s["B"] @ Y
-    return [
-        [
-            G + G.T + Q + eps * (s["E"] @ s["E"].T),
-            s["A1"] @ X,
-            s["C"],
-            (s["D"] @ X + s["D2"] @ Y).T,
-            X @ s["H"].T,
-        ],
-        [-Q, zeros(n, q), zeros(n, p), X @ s["H1"].T],
-        [-gamma * unit_block(q), s["D1"].T, zeros(q, r)],
-        [-gamma * unit_block(p), zeros(p, r)],
-        [-eps * unit_block(r)],
-    ]
-
-
-def _matrices(system: DelaySystem) -> dict[str, Any]:
-    named = {name: getattr(system, name) for name in ("A", "B", "C", "D", "D1", "D2", "E", "H")}
-    return {**named, "A1": system.delays[0].A, "H1": system.delays[0].H}
+def _inequalities(system: DelaySystem, K: NDArray[np.float64] | None) -> list[Inequality]:
+    """Return minus the matrix above and X, in X, Q, eps, gamma and Y, or for Y = K X of a gain."""
+    n, q = system.C.shape
+    sizes = {"x": n, "late": n, "w": q, "z": len(system.D), "h": len(system.H)}
+    form = Inequality("-Phi", sizes)
+    x, late, w, z, h = map(form.row, sizes)
+    gain = None if K is None else exact_matrix(K)
+    acting = ((system.A, system.B, x), (system.D, system.D2, z))
+    for of_x, of_u, row in acting:
+        form.twice("X", exact_matrix(of_x).transpose() * row, x, -1)
+        M = exact_matrix(of_u) if gain is None else exact_matrix(of_u) * gain
+        form.twice("Y" if gain is None else "X", M.transpose() * row, x, -1)
+    form.twice("X", exact_matrix(system.delays[0].A).transpose() * x, late, -1)
+    form.twice("X", exact_matrix(system.H).transpose() * h, x, -1)
+    form.twice("X", exact_matrix(system.delays[0].H).transpose() * h, late, -1)
+    form.twice(None, x, exact_matrix(system.C) * w, -1)
+    form.twice(None, z, exact_matrix(system.D1) * w, -1)
+    form.square("Q", x, -1)
+    form.square("Q", late)
+    form.number("eps", exact_matrix(system.E).transpose() * x, -1)
+    for number, row in (("eps", h), ("gamma", w), ("gamma", z)):
+        form.number(number, row)
+    return [form, itself("X", n)]
 
 
 def _solve(
     system: DelaySystem, K: NDArray[np.float64] | None, gamma: float | None
 ) -> dict[str, Any] | None:
     """Solve for the least gamma, or at a given one for the largest margin; None if infeasible."""
-    n, m = system.B.shape
-    X, Q = (cp.Variable((n, n), symmetric=True) for _ in range(2))
-    eps, t = cp.Variable(), cp.Variable()
-    Y: Any = cp.Variable((m, n)) if K is None else K @ X
-    level: Any = cp.Variable() if gamma is None else gamma
-    lmi = symmetric_expression(_blocks(_matrices(system), X, Y, Q, eps, level))
-    rows = np.eye(lmi.shape[0])
-    bounds = [lmi << (0 if gamma is None else -t) * rows]
-    bounds += [X >> 0, X << 1e3 * np.eye(n), t <= 1]
-    goal = cp.Minimize(level) if gamma is None else cp.Maximize(t)
+    inequalities, n, t = _inequalities(system, K), len(system.A), cp.Variable()
+    unknowns: dict[str, Any] = {
+        name: cp.Variable() if x.is_number else cp.Variable(x[:2], symmetric=x.symmetric)
+        for name, x in shapes_of(inequalities).items()
+    }
+    if gamma is not None:
+        unknowns["gamma"] = gamma
+    lmi = in_cvxpy(inequalities[0], unknowns)
+    bounds = [lmi >> (0 if gamma is None else t) * np.eye(lmi.shape[0])]
+    bounds += [unknowns["X"] >> 0, unknowns["X"] << 1e3 * np.eye(n), t <= 1]
+    goal = cp.Minimize(unknowns["gamma"]) if gamma is None else cp.Maximize(t)
     if not solve(goal, bounds) or (gamma is not None and not float(np.asarray(t.value)) > 0):
         return None
-    values = {
-        name: np.asarray(V.value, dtype=np.float64)
-        for name, V in zip("XYQ", (X, Y, Q), strict=True)
-    }
-    return {
-        **values,
-        "eps": float(np.asarray(eps.value)),
-        "gamma": float(np.asarray(level.value)) if gamma is None else gamma,
-    }
+    return {name: np.asarray(getattr(x, "value", x)) for name, x in unknowns.items()}
 
 
 def _proved(
     system: DelaySystem, K: NDArray[np.float64], gamma: float, point: dict[str, Any]
 ) -> bool:
-    X, Q = (fractions(point[name]) for name in ("X", "Q"))
-    X, Q = (X + X.T) / 2, (Q + Q.T) / 2
-    exact = {name: fractions(M) for name, M in _matrices(system).items()}
-    eps, level = Fraction(point["eps"]), Fraction(gamma)
-    lmi = np.block(mirrored(_blocks(exact, X, fractions(K) @ X, Q, eps, level)))
-    return is_positive(-lmi) and is_positive(X)
+    inequalities = _inequalities(system, K)
+    values = exact_unknowns(shapes_of(inequalities), {**point, "gamma": gamma})
+    return first_failure(inequalities, values) is None
