@@ -51,7 +51,11 @@ _COARSE = (3e-4, 2e-3, 1e-2, 5e-2, *FAR)
 _MEDIUM, _COSTLY = 150, 500
 """Unknowns from which one fine level is tried, where a proof takes half a second; and none, where
 it takes seconds."""
-_WORTH_WIDE = 0.02  # share of gamma worth a proof for smaller delays too that takes seconds
+_WIDE, _WORTH_WIDE = (2e-3, 1e-2), 0.02
+"""The same for a proof for smaller delays too, where it takes seconds, and what it must gain."""
+_COSTLY_IF_WIDE, _MOST_IF_WIDE = 500, 1500
+"""Unknowns, counted at every corner, from which it takes so long that the last share alone is
+tried, and up to which it is."""
 _MUCH = 0.1  # share of gamma worth a proof of exactly these delays, or an odd gain
 
 
@@ -239,11 +243,15 @@ def _analysed(
                 continue
         if gamma is None and leasts:
             reason = f"nothing clearly below gamma = {below} was found"
-            # where no proof of exactly these delays would be preferred: one for smaller ones too
-            exactly, norm = exactly_covered(condition, system), figures.exact_norm or leasts[-1]
-            wide = bool(exactly) and below is not None and norm * (1.0 + _MUCH) > below
+            exactly = exactly_covered(condition, system)
+            # where a proof of exactly these delays would not be preferred: one for smaller ones too
+            wide = bool(exactly) and below is not None and leasts[-1] * (1.0 + _MUCH) > below
             at_level = partial(at_level, down_to_zero=True) if wide else at_level
-            levels = _levels(leasts[-1], condition.unknowns(delays), below, wide=wide)
+            corners = 2**exactly if wide else 0
+            levels = _levels(leasts[-1], condition.unknowns(delays), below, corners)
+            norm = figures.exact_norm or leasts[-1]
+            if wide and below is not None and norm * (1.0 + _MUCH) < below:
+                levels = levels[:1]  # a higher order may prove exactly these delays
             if not levels or (wide and exactly > MAX_BOX):
                 continue
             proved, reason = least_proved(levels, at_level)
@@ -266,17 +274,18 @@ def _analysed(
     )
 
 
-def _levels(least: float, unknowns: int, below: float | None, *, wide: bool) -> list[float]:
+def _levels(least: float, unknowns: int, below: float | None, corners: int) -> list[float]:
     """Return the gammas to prove above the least one; none where that is not worth its cost.
 
-    wide : for smaller delays too, which takes longer.
+    corners : of a proof for smaller delays too, which takes longer; 0: of these delays.
     """
     fine = () if unknowns > _COSTLY else _FINE[:1] if unknowns > _MEDIUM else _FINE
-    shares = (*fine, *_COARSE[wide:]) if unknowns > _MEDIUM else (*fine, *_COARSE)
-    levels = clearly_below((float(f"{least * (1 + share):.7g}") for share in shares), below)
-    if wide and unknowns > _MEDIUM and below is not None and least > below * (1.0 - _WORTH_WIDE):
-        return []
-    return levels
+    shares = (*fine, *_COARSE)
+    if corners and unknowns > _MEDIUM:
+        cost = unknowns * corners
+        much = below is None or least < below * (1.0 - _WORTH_WIDE)
+        shares = _WIDE[cost > _COSTLY_IF_WIDE :] if much and cost < _MOST_IF_WIDE else ()
+    return clearly_below((float(f"{least * (1 + share):.7g}") for share in shares), below)
 
 
 def gain_of(system: DelaySystem, gain: ArrayLike | None) -> NDArray[np.float64]:

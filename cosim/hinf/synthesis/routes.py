@@ -28,9 +28,10 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import chain
+from itertools import chain, islice
 
 from cosim.core import NotAchievableError, report
+from cosim.hinf.delay_lti import nominal_figures_of
 from cosim.hinf.problem import ages_are_known, of_any_age
 from cosim.hinf.synthesis import theorem_2
 from cosim.hinf.synthesis.ages_gains import (
@@ -55,6 +56,8 @@ _MOST_UNKNOWNS = 240
 """Unknowns of the analysis up to which a design of this order takes seconds; minutes at most."""
 _CONTINUED_UNKNOWNS = 100
 _ORDERS = (1, 2)
+_IMPROVABLE = 1.02
+"""Of a gamma by Theorem 2 to the exact norm, from which other gains are tried."""
 _CLOSE = 0.95
 """Of a least gamma to a proved one, at which gains out of all proportion are not tried."""
 
@@ -118,7 +121,32 @@ def designed_by_some_route(asked: Request, order: Order = "auto") -> Result:
                     raise cause from None
     if not designs:
         raise none_succeeded(errors)
-    return preferred([analysed_again(one) if asked.gamma is None else one for one in designs])
+    if asked.gamma is not None:
+        return preferred(designs)
+    return _with_a_price(asked, preferred([analysed_again(one) for one in designs]))
+
+
+def _with_a_price(asked: Request, designed: Result) -> Result:
+    """Return the design of a gain with a price on Y, where no analysis improves Theorem 2's own.
+
+    That gain may be of a size with which the solver finds nothing.
+    """
+    s, gamma, norm = asked.system, designed.gamma, designed.exact_norm
+    if designed.order is not None or gamma is None or norm is None or not _has_a_price(s):
+        return designed
+    if gamma < norm * _IMPROVABLE or _unknowns(s, 0) > _MOST_UNKNOWNS:
+        return designed
+    for K in islice(priced_gains(s, designed.least_gamma or gamma), 1):
+        again = best_analysis(s, K, None, "auto", nominal_figures_of(s, K), below=gamma)
+        if again.certificate is not None:
+            return preferred([designed, again])
+    return designed
+
+
+def _has_a_price(system: DelaySystem) -> bool:
+    """Whether a gain has a price: z contains every input. Of a delay, Theorem 2 knows k1, k2."""
+    has_delay = any(x.d > 0 for x in system.delays)
+    return bool(has_delay and system.has_performance and system.D2.any(axis=0).all())
 
 
 def analysed_again(designed: Result) -> Result:
@@ -234,11 +262,10 @@ def _routes_with_ages(asked: Request, order: Order) -> Iterator[Route]:
 def _by_theorem_2(asked: Request, *, search: bool) -> Result:
     """Design by Theorem 2; where that asks for a gain out of all proportion, with a price on it."""
     s, gamma = asked.system, asked.gamma
-    has_delay = any(x.d > 0 for x in s.delays)
-    # where z does not contain every input a gain has no price; order 1 does it for small systems
-    weighed = s.has_performance and s.D2.any(axis=0).all()
     priced: Result | None = None
-    if search and gamma is None and has_delay and weighed and not is_small(s):
+    if (
+        search and gamma is None and _has_a_price(s) and not is_small(s)
+    ):  # for those order 1 does it
         try:
             return theorem_2.design(s, asked.k1, asked.k2, search=True, in_proportion=True)
         except theorem_2.OutOfProportionError as error:
