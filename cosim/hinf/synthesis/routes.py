@@ -19,7 +19,8 @@ and an analysis with these ages proves them.
 
 The first that succeeds ends them, but order 1 is also tried where it pays: k1, k2 are not given,
 a delay is constant, and the system is small. The gain is then analysed by the sharpest
-conditions that are affordable, and the best proof is claimed.
+conditions that are affordable, and the best proof is claimed. Where none improves that of Theorem 2
+and gamma is not near the exact norm, the best gain with a price on Y is analysed as well.
 """
 
 from __future__ import annotations
