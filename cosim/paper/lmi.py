@@ -1,4 +1,4 @@
-"""LMIs that are written once, as blocks, for fractions (proof) and for cvxpy (solver)."""
+"""Blocks of symmetric matrices in fractions, and how Clarabel is asked."""
 
 from __future__ import annotations
 
@@ -15,20 +15,9 @@ def mirrored(upper: list[list[Any]]) -> list[list[Any]]:
     return [[upper[i][j - i] if j >= i else upper[j][i - j].T for j in range(n)] for i in range(n)]
 
 
-def symmetric_expression(upper: list[list[Any]]) -> Any:
-    """Return the cvxpy expression of a symmetric matrix, given its block rows as `mirrored`."""
-    expression: Any = cp.bmat(mirrored(upper))  # type: ignore[attr-defined]  # re-exported by a wildcard
-    return (expression + expression.T) / 2
-
-
 def zeros(rows: int, columns: int) -> Any:
-    """Return a block of zeros, as integers: they fit fractions and cvxpy."""
+    """Return a block of zeros, as integers: they fit fractions."""
     return np.zeros((rows, columns), dtype=int)
-
-
-def unit_block(size: int) -> Any:
-    """Return an identity block, as integers."""
-    return np.eye(size, dtype=int)
 
 
 def solve(goal: Any, bounds: list[Any]) -> bool:

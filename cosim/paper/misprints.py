@@ -7,7 +7,7 @@ it is unstable all the same.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import cvxpy as cp
@@ -16,10 +16,11 @@ from scipy import optimize
 
 from cosim.hinf import spectral_abscissa
 from cosim.hinf.delay_lti import ClosedLoop
-from cosim.models import paper_example
-from cosim.paper.exact import Exact, decimals, fractions, is_positive
-from cosim.paper.lmi import mirrored, solve, symmetric_expression
-from cosim.paper.omega import PRINTED, Data, Reading, Unknowns, omega
+from cosim.hinf.lmi import in_cvxpy
+from cosim.hinf.theorems import Inequality, exact_unknowns, first_failure, itself, shapes_of
+from cosim.models import Delay, DelaySystem, paper_example
+from cosim.paper.lmi import solve
+from cosim.paper.omega import PRINTED, Case, Reading, minus_omega_as_read
 from cosim.paper.row import THEOREM_2, How, Row, Verdict
 
 _LARGEST_X = 1e3
@@ -43,26 +44,11 @@ class Counterexample:
     gamma: float = 5.0
 
     @property
-    def data(self) -> Data:
-        """The loop with the symbols of Eq. (7), with C = D = I and without uncertainty."""
+    def case(self) -> Case:
+        """The loop with C = D = I and without control and uncertainty."""
         n = len(self.A)
-        one, none = np.eye(n), np.zeros((n, 1))
-        return Data(
-            A=np.array(self.A),
-            A1=np.array(self.A1),
-            B=none,
-            C=one,
-            D=one,
-            D1=0 * one,
-            D2=none,
-            E=none,
-            H=none.T,
-            H1=none.T,
-            d=self.d,
-            k1=self.k1,
-            k2=self.k2,
-            gamma=self.gamma,
-        )
+        system = DelaySystem(self.A, None, np.eye(n), np.eye(n), delays=[Delay(self.d, self.A1)])
+        return Case(system, self.k1, self.k2, self.gamma)
 
     @property
     def abscissa(self) -> float:
@@ -91,7 +77,7 @@ def misprint_rows() -> list[Row]:
 
 
 def _row(example: Counterexample) -> Row:
-    accepted, root = accepts(example.data, example.reading), example.abscissa
+    accepted, root = accepts(example.case, example.reading), example.abscissa
     loop = f"A = {_text(example.A)}, A1 = {_text(example.A1)}, d = {example.d:g}"
     return Row(
         THEOREM_2,
@@ -108,38 +94,39 @@ def _row(example: Counterexample) -> Row:
     )
 
 
-def accepts(s: Data, reading: Reading) -> bool:
+def accepts(case: Case, reading: Reading) -> bool:
     """Return whether this reading of Eq. (14) is proved feasible."""
-    _, point = margin(s, reading)
+    _, point = margin(case, reading)
     if point is None:
         return False
-    exact = s.each(decimals)
-    v = Unknowns(
-        _symmetric(point.X),
-        _symmetric(point.R),
-        _symmetric(point.Q),
-        fractions(point.Y),
-        fractions(point.eps).item(),
-    )
-    Omega: Exact = np.block(mirrored(omega(exact, v, reading)))
-    return all(map(is_positive, (-Omega, v.X, v.R, v.Q)))
+    inequalities = _inequalities(case, reading)
+    unknowns = exact_unknowns(shapes_of(inequalities), point)
+    return first_failure(inequalities, unknowns) is None
 
 
-def margin(s: Data, reading: Reading) -> tuple[float, Unknowns | None]:
+def margin(case: Case, reading: Reading) -> tuple[float, dict[str, Any] | None]:
     """Find the largest t with Omega <= -t I, X, Qbar >= t I, X <= 1000 I, t <= 1, and the point.
 
     This is not a proof. A negative t means that the solver finds no solution.
     """
-    (n, m), t = s.B.shape, cp.Variable()
-    X, R, Q = (cp.Variable((n, n), symmetric=True) for _ in range(3))
-    Y, eps = cp.Variable((m, n)), cp.Variable()
-    Omega = symmetric_expression(omega(s, Unknowns(X, R, Q, Y, eps), reading))
-    bounds = [Omega << -t * np.eye(Omega.shape[0]), t <= 1]
+    inequalities, t = _inequalities(case, reading), cp.Variable()
+    unknowns: dict[str, Any] = {
+        name: cp.Variable() if x.is_number else cp.Variable(x[:2], symmetric=x.symmetric)
+        for name, x in shapes_of(inequalities).items()
+    } | {"gamma": case.gamma}
+    X, Q, n = unknowns["X"], unknowns["Q"], len(case.system.A)
+    lmi = in_cvxpy(inequalities[0], unknowns)
+    bounds = [lmi >> t * np.eye(lmi.shape[0]), t <= 1]
     bounds += [X >> t * np.eye(n), Q >> t * np.eye(n), X << _LARGEST_X * np.eye(n)]
     if not solve(cp.Maximize(t), bounds):
         return -1.0, None
-    values = [np.asarray(V.value, dtype=np.float64) for V in (X, R, Q, Y, eps)]
-    return float(np.asarray(t.value)), Unknowns(*values)
+    values = {name: np.asarray(getattr(x, "value", x)) for name, x in unknowns.items()}
+    return float(np.asarray(t.value)), values
+
+
+def _inequalities(case: Case, reading: Reading) -> list[Inequality]:
+    n = len(case.system.A)
+    return [minus_omega_as_read(case, reading), *(itself(name, n) for name in "XQR")]
 
 
 def greatest_delay_as_printed(gamma: float, near: float) -> float:
@@ -148,12 +135,9 @@ def greatest_delay_as_printed(gamma: float, near: float) -> float:
     k1, k2 are the printed ones; `near` is a first guess [s].
     """
     s = paper_example
-    letters = ("A", "A1", "B", "C", "D", "D1", "D2", "E", "H", "H1", "d")
-    given = {letter: getattr(s, letter) for letter in letters}
-    data = Data(**given, k1=s.K1, k2=s.K2, gamma=gamma).each(np.array)
 
     def at(d: float) -> float:
-        return margin(replace(data, d=d), PRINTED)[0]
+        return margin(Case(s.system(d), s.K1, s.K2, gamma), PRINTED)[0]
 
     low, high = near / 1.25, near * 1.25
     while at(low) < 0:
@@ -161,12 +145,6 @@ def greatest_delay_as_printed(gamma: float, near: float) -> float:
     while at(high) > 0:
         high *= 2
     return float(optimize.brentq(at, low, high, xtol=1e-6))
-
-
-def _symmetric(matrix: Any) -> Exact:
-    exact = fractions(matrix)
-    half: Exact = (exact + exact.T) / 2
-    return half
 
 
 def _text(rows: tuple[tuple[float, ...], ...]) -> str:

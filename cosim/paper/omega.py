@@ -1,60 +1,30 @@
-"""Omega of Theorem 2, Eq. (14), block by block: as printed, and corrected.
-
-One formula serves fractions (proof) and cvxpy (solver).
-"""
+"""Omega of Theorem 2, Eq. (14), term by term: as printed, and corrected."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from cosim.paper.lmi import unit_block, zeros
+import numpy as np
+
+from cosim.hinf.exact import exact, exact_matrix
+from cosim.hinf.theorems import Inequality, Signal
+from cosim.models import DelaySystem
+from cosim.paper.exact import Exact, fraction
 
 NAMES = ("x", "x_d", "w", "z", "ẋ", "m", "h")
 """The seven block rows of Eq. (14)."""
 
 
 @dataclass(frozen=True)
-class Data:
-    """The given quantities: the matrices of Eq. (7), d, k1, k2, gamma."""
+class Case:
+    """What Eq. (14) is about: Eq. (7) with one delay, k1, k2 and gamma, each a double."""
 
-    A: Any
-    A1: Any
-    B: Any
-    C: Any
-    D: Any
-    D1: Any
-    D2: Any
-    E: Any
-    H: Any
-    H1: Any
-    d: Any
-    k1: Any
-    k2: Any
-    gamma: Any
-
-    @property
-    def sizes(self) -> tuple[int, ...]:
-        """Number of rows of each block of `NAMES`."""
-        n, q = self.C.shape
-        return (n, n, q, self.D.shape[0], n, n, self.H.shape[0])
-
-    def each(self, kind: Callable[[Any], Any]) -> Data:
-        """Return a copy with every matrix and number converted by `kind`."""
-        values = {name: kind(getattr(self, name)) for name in self.__dataclass_fields__}
-        return Data(**{name: v.item() if v.ndim == 0 else v for name, v in values.items()})
-
-
-@dataclass(frozen=True)
-class Unknowns:
-    """The unknowns: X, Rbar, Qbar (n, n), Y (m, n), eps."""
-
-    X: Any
-    R: Any
-    Q: Any
-    Y: Any
-    eps: Any
+    system: DelaySystem
+    k1: float
+    k2: float
+    gamma: float
 
 
 @dataclass(frozen=True)
@@ -69,37 +39,58 @@ CORRECTED = Reading()
 PRINTED = Reading(omega_12=False, omega_25=False)
 
 
-def omega(s: Data, v: Unknowns, reading: Reading = CORRECTED) -> list[list[Any]]:
-    """Return the upper block rows of Omega, from the diagonal on.
+def minus_omega_as_read(case: Case, reading: Reading = CORRECTED) -> Inequality:
+    """Return -Omega in X, Y, Q, R (with a bar in the paper), eps and gamma.
 
     The paper prints k2 A1 X for k2^-1 A1 X in Omega_12, and A1 for A1' in Omega_25.
     """
-    n, _, q, p, _, _, r = s.sizes
-    X, R, d, k1, over = v.X, v.R, s.d, s.k1, 1 / s.k2
-    BY, EE = s.B @ v.Y, v.eps * (s.E @ s.E.T)
-    factor = over if reading.omega_12 else s.k2
-    A1 = s.A1.T if reading.omega_25 else s.A1
-    return [
-        [
-            X @ s.A.T + s.A @ X + v.Q + 2 * k1 * X + BY.T + BY + EE,
-            factor * (s.A1 @ X) - k1 * over * X + X,
-            s.C,
-            X @ s.D.T + (s.D2 @ v.Y).T,
-            d * (X @ s.A.T + BY.T) + d * EE,
-            d * k1 * R,
-            X @ s.H.T,
-        ],
-        [
-            -(over * over) * v.Q - 2 * over * X,
-            zeros(n, q),
-            zeros(n, p),
-            d * over * (X @ A1),
-            d * R,
-            over * (X @ s.H1.T),
-        ],
-        [-s.gamma * unit_block(q), s.D1.T, d * s.C.T, zeros(q, n), zeros(q, r)],
-        [-s.gamma * unit_block(p), zeros(p, n), zeros(p, n), zeros(p, r)],
-        [-d * R + d * d * EE, zeros(n, n), zeros(n, r)],
-        [-d * R, zeros(n, r)],
-        [-v.eps * unit_block(r)],
-    ]
+    s, delay = case.system, case.system.delays[0]
+    A, A1, B, C, D, D1, D2, E, H, H1 = map(
+        exact_matrix, (s.A, delay.A, s.B, s.C, s.D, s.D1, s.D2, s.E, s.H, delay.H)
+    )
+    d, k1, k2 = map(exact, (delay.d, case.k1, case.k2))
+    n, q = s.C.shape
+    sizes = dict(zip(NAMES, (n, n, q, len(s.D), n, n, len(s.H)), strict=True))
+    form = Inequality("-Omega", sizes)
+    x, x_d, w, z, slope, m, h = map(form.row, NAMES)
+
+    def put(unknown: str | None, left: Signal, right: Signal, weight: Any = 1) -> None:
+        """Add weight (left' U right + its transpose) to Omega."""
+        form.twice(unknown, left, right, -weight)
+
+    for rows, weight in ((x, 1), (slope, d)):  # Omega_11, Omega_15
+        put("X", A.transpose() * rows, x, weight)
+        put("Y", B.transpose() * rows, x, weight)
+        put(None, rows, C * w, weight)  # Omega_13, Omega_35
+    put("X", x, x, k1)
+    form.square("Q", x, -1)
+    put("X", (1 / k2 if reading.omega_12 else k2) * (A1.transpose() * x), x_d)
+    put("X", x, x_d, 1 - k1 / k2)
+    put("X", D.transpose() * z, x)
+    put("Y", D2.transpose() * z, x)
+    put("R", m, x, d * k1)
+    put("X", H.transpose() * h, x)
+    form.square("Q", x_d, 1 / k2**2)
+    put("X", x_d, x_d, -1 / k2)
+    if reading.omega_25:
+        put("X", A1.transpose() * slope, x_d, d / k2)
+    else:
+        put("X", x_d, A1 * slope, d / k2)
+    put("R", m, x_d, d)
+    put("X", H1.transpose() * h, x_d, 1 / k2)
+    put(None, z, D1 * w)
+    for rows in (w, z):
+        form.number("gamma", rows)
+    for rows in (slope, m):
+        form.square("R", rows, d)
+    form.number("eps", E.transpose() * (x + d * slope), -1)
+    form.number("eps", h)
+    return form
+
+
+def matrix_at(form: Inequality, unknowns: Mapping[str, Any]) -> Exact:
+    """Return the matrix of an inequality at `fmpq_mat` and `fmpq`, as an array of fractions."""
+    lower = form.at(unknowns)
+    rows = range(len(lower))
+    entries = [fraction(lower[max(i, j)][min(i, j)]) for i in rows for j in rows]
+    return np.array(entries, dtype=object).reshape(len(lower), len(lower))

@@ -10,13 +10,57 @@ from typing import Any
 import numpy as np
 from scipy.linalg import block_diag
 
-from cosim.paper.exact import Draw, Exact, identity, inverse, is_zero
+from cosim.models import Delay, DelaySystem
+from cosim.paper.exact import (
+    Draw,
+    Exact,
+    identity,
+    inverse,
+    is_zero,
+    rational,
+    rational_matrix,
+)
 from cosim.paper.lmi import mirrored, zeros
-from cosim.paper.omega import Data, Reading, Unknowns, omega
+from cosim.paper.omega import NAMES, Case, Reading, matrix_at, minus_omega_as_read
 from cosim.paper.theorem_1 import Loop, drawn_loop
 
 INPUTS, LEFT, RIGHT = 2, 2, 2
 """Number of inputs, of columns of E, of rows of H."""
+
+
+@dataclass(frozen=True)
+class Data:
+    """The given quantities: the matrices of Eq. (7), d, k1, k2, gamma; all of them are doubles."""
+
+    A: Exact
+    A1: Exact
+    B: Exact
+    C: Exact
+    D: Exact
+    D1: Exact
+    D2: Exact
+    E: Exact
+    H: Exact
+    H1: Exact
+    d: Fraction
+    k1: Fraction
+    k2: Fraction
+    gamma: Fraction
+
+    @property
+    def sizes(self) -> tuple[int, ...]:
+        """Number of rows of each block of `NAMES`."""
+        n, q = self.C.shape
+        return (n, n, q, self.D.shape[0], n, n, self.H.shape[0])
+
+    @property
+    def case(self) -> Case:
+        """The same as a system with k1, k2 and gamma."""
+        letters = ("A", "B", "C", "D", "D1", "D2", "E", "H")
+        given = {letter: getattr(self, letter).astype(np.float64) for letter in letters}
+        delay = Delay(float(self.d), self.A1.astype(np.float64), self.H1.astype(np.float64))
+        system = DelaySystem(**given, delays=[delay])
+        return Case(system, float(self.k1), float(self.k2), float(self.gamma))
 
 
 @dataclass(frozen=True)
@@ -30,10 +74,12 @@ class Proof:
     eps: Fraction
 
     @property
-    def unknowns(self) -> Unknowns:
-        """X, Rbar, Qbar, Y, eps of the proof's last step."""
+    def unknowns(self) -> dict[str, Any]:
+        """X, Q, R, Y, eps and gamma of the proof's last step, as `flint` numbers."""
         X = inverse(self.loop.P)
-        return Unknowns(X, inverse(self.loop.R), X @ self.loop.Q @ X, self.K @ X, self.eps)
+        matrices = {"X": X, "R": inverse(self.loop.R), "Q": X @ self.loop.Q @ X, "Y": self.K @ X}
+        numbers = {"eps": rational(self.eps), "gamma": rational(self.data.gamma)}
+        return {name: rational_matrix(M) for name, M in matrices.items()} | numbers
 
 
 def drawn_proof() -> Proof:
@@ -116,10 +162,10 @@ def congruent(v: Proof) -> Exact:
 def differing_blocks(v: Proof, reading: Reading) -> list[str]:
     """Return the names of the blocks of Eq. (14) that differ from the congruence."""
     truth, places = congruent(v), [0, *accumulate(v.data.sizes)]
-    bad = []
-    for i, row in enumerate(omega(v.data, v.unknowns, reading)):
-        for j, block in enumerate(row, start=i):
-            entries = truth[places[i] : places[i + 1], places[j] : places[j + 1]]
-            if not is_zero(entries - block):
-                bad.append(f"Ω{i + 1}{j + 1}")
-    return bad
+    wrong = truth + matrix_at(minus_omega_as_read(v.data.case, reading), v.unknowns)
+    blocks = [(i, j) for i in range(len(NAMES)) for j in range(i, len(NAMES))]
+    return [
+        f"Ω{i + 1}{j + 1}"
+        for i, j in blocks
+        if not is_zero(wrong[places[i] : places[i + 1], places[j] : places[j + 1]])
+    ]

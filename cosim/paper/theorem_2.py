@@ -9,24 +9,27 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from fractions import Fraction
-from typing import Any
 
 import numpy as np
 
 from cosim.core import at_most
 from cosim.hinf.theorems import minus_omega
-from cosim.models import Delay, DelaySystem
 from cosim.paper.exact import (
     Exact,
-    fraction,
     is_zero,
     rational,
-    rational_matrix,
     schur,
 )
 from cosim.paper.example import Example
-from cosim.paper.lmi import mirrored, zeros
-from cosim.paper.omega import CORRECTED, PRINTED, Reading, omega
+from cosim.paper.lmi import zeros
+from cosim.paper.omega import (
+    CORRECTED,
+    NAMES,
+    PRINTED,
+    Reading,
+    matrix_at,
+    minus_omega_as_read,
+)
 from cosim.paper.proof_2 import LEFT, Proof, differing_blocks, drawn_proof, lambda_18, psi
 from cosim.paper.row import THEOREM_2, How, Row, Verdict
 from cosim.paper.table_2 import Entry
@@ -36,7 +39,7 @@ from cosim.paper.theorem_1 import theta
 def theorem_2_rows() -> list[Row]:
     """Return the rows of the proof's steps and of the LMI that `cosim design` proves."""
     v = drawn_proof()
-    blocks = sum(len(row) for row in omega(v.data, v.unknowns))
+    blocks = len(NAMES) * (len(NAMES) + 1) // 2
     printed, corrected = differing_blocks(v, PRINTED), differing_blocks(v, CORRECTED)
     others = [name for name in printed if name not in {"Ω12", "Ω25"}]
     only_12 = "Ω25" not in differing_blocks(v, Reading(omega_12=False))
@@ -139,29 +142,15 @@ def _own_lmi(v: Proof) -> Row:
 
     Lemma 3 gives d M'R^-1 M a row, -dR below d k1 R and d R; the product keeps the term.
     """
-    s, u = v.data, v.unknowns
-
-    def doubles(matrix: Exact) -> Any:
-        return matrix.astype(np.float64)
-
-    delay = Delay(float(s.d), doubles(s.A1), doubles(s.H1))
-    letters = ("A", "B", "C", "D", "D1", "D2", "E", "H")
-    given = {letter: doubles(getattr(s, letter)) for letter in letters}
-    system = DelaySystem(**given, delays=[delay])
-    matrices = {"X": u.X, "Y": u.Y, "Q[0]": u.Q, "R[0]": u.R}
-    numbers = {"eps[0]": u.eps, "gamma": s.gamma}
-    form = minus_omega(system, [rational(s.k1)], [rational(s.k2)], bounded=True)
-    lower = form.at(
-        {name: rational_matrix(M) for name, M in matrices.items()}
-        | {name: rational(x) for name, x in numbers.items()}
-    )
-    rows = len(lower)
-    entries = [fraction(lower[max(i, j)][min(i, j)]) for i in range(rows) for j in range(rows)]
-    ours = np.array(entries, dtype=object).reshape(rows, rows)
+    s, case, unknowns = v.data, v.data.case, v.unknowns
+    indexed = {f"{name}[0]": unknowns[name] for name in ("Q", "R", "eps")}
+    form = minus_omega(case.system, [rational(s.k1)], [rational(s.k2)], bounded=True)
+    ours = matrix_at(form, unknowns | indexed)
+    rows = len(ours)
     n, _, q, p, _, _, _ = s.sizes
     scale = np.array([Fraction(1)] * n + [1 / s.k2] * n + [Fraction(1)] * (rows - 2 * n))
     ours = -(scale[:, None] * ours * scale[None, :])
-    Omega = np.block(mirrored(omega(s, u)))
+    Omega = -matrix_at(minus_omega_as_read(case), unknowns)
     of_lemma_3 = np.arange(3 * n + q + p, 4 * n + q + p)
     order = [*np.delete(np.arange(len(Omega)), of_lemma_3), *of_lemma_3]
     agrees = is_zero(ours - schur(Omega[np.ix_(order, order)], rows))

@@ -144,10 +144,10 @@ def test_theorem_2_has_two_misprinted_blocks() -> None:
 def test_printed_theorem_accepts_what_the_corrected_one_refuses(example: object) -> None:
     """Proved feasible as printed, although the loop diverges; infeasible as corrected."""
     assert isinstance(example, type(COUNTEREXAMPLES[0]))
-    assert accepts(example.data, example.reading)
+    assert accepts(example.case, example.reading)
     assert example.abscissa > 0
-    assert margin(example.data, CORRECTED)[0] < 0
-    assert not accepts(example.data, CORRECTED)
+    assert margin(example.case, CORRECTED)[0] < 0
+    assert not accepts(example.case, CORRECTED)
 
 
 def test_first_counterexample_has_a_root_that_a_bisection_finds() -> None:
