@@ -40,22 +40,11 @@ from cosim.hinf.synthesis.conditions import (
     prove,
     widened,
 )
-from cosim.hinf.synthesis.ladder import FAR, clearly_below, least_proved
+from cosim.hinf.synthesis.ladder import FAR, least_proved, levels_of_analysis
 from cosim.hinf.synthesis.result import Result
 from cosim.hinf.theorems import MAX_BOX, MAX_ORDER
 from cosim.models import DelaySystem, Matrix
 
-_FINE = (2e-6, 1e-5, 5e-5)
-_COARSE = (3e-4, 2e-3, 1e-2, 5e-2, *FAR)
-"""Shares above the least gamma at which a proof is tried; of the fine ones fewer where it costs."""
-_MEDIUM, _COSTLY = 150, 500
-"""Unknowns from which one fine level is tried, where a proof takes half a second; and none, where
-it takes seconds."""
-_WIDE, _WORTH_WIDE = (2e-3, 1e-2), 0.02
-"""The same for a proof for smaller delays too, where it takes seconds, and what it must gain."""
-_COSTLY_IF_WIDE, _MOST_IF_WIDE = 500, 1500
-"""Unknowns, counted at every corner, from which it takes so long that the last share alone is
-tried, and up to which it is."""
 _MUCH = 0.1  # share of gamma worth a proof of exactly these delays, or an odd gain
 
 
@@ -248,7 +237,7 @@ def _analysed(
             wide = bool(exactly) and below is not None and leasts[-1] * (1.0 + _MUCH) > below
             at_level = partial(at_level, down_to_zero=True) if wide else at_level
             corners = 2**exactly if wide else 0
-            levels = _levels(leasts[-1], condition.unknowns(delays), below, corners)
+            levels = levels_of_analysis(leasts[-1], condition.unknowns(delays), below, corners)
             norm = figures.exact_norm or leasts[-1]
             if wide and below is not None and norm * (1.0 + _MUCH) < below:
                 levels = levels[:1]  # a higher order may prove exactly these delays
@@ -272,20 +261,6 @@ def _analysed(
         certificate=proof,
         figures=figures,
     )
-
-
-def _levels(least: float, unknowns: int, below: float | None, corners: int) -> list[float]:
-    """Return the gammas to prove above the least one; none where that is not worth its cost.
-
-    corners : of a proof for smaller delays too, which takes longer; 0: of these delays.
-    """
-    fine = () if unknowns > _COSTLY else _FINE[:1] if unknowns > _MEDIUM else _FINE
-    shares = (*fine, *_COARSE)
-    if corners and unknowns > _MEDIUM:
-        cost = unknowns * corners
-        much = below is None or least < below * (1.0 - _WORTH_WIDE)
-        shares = _WIDE[cost > _COSTLY_IF_WIDE :] if much and cost < _MOST_IF_WIDE else ()
-    return clearly_below((float(f"{least * (1 + share):.7g}") for share in shares), below)
 
 
 def gain_of(system: DelaySystem, gain: ArrayLike | None) -> NDArray[np.float64]:

@@ -19,6 +19,17 @@ NEAR = (1e-5, 5e-5, 1e-4, 3e-4, 2e-3, 1e-2, 5e-2)
 """Shares above a least gamma at which it is proved as a rule."""
 FAR = (0.3, 1.0, 9.0)
 """Shares tried where none of `NEAR` is proved."""
+_FINE = (2e-6, 1e-5, 5e-5)
+_COARSE = (3e-4, 2e-3, 1e-2, 5e-2, *FAR)
+"""Shares above the least gamma of an analysis; of the fine ones fewer are tried where it costs."""
+_MEDIUM, _COSTLY = 150, 500
+"""Unknowns from which one fine level is tried, where a proof takes half a second; and none, where
+it takes seconds."""
+_WIDE, _WORTH_WIDE = (2e-3, 1e-2), 0.02
+"""The same for a proof for smaller delays too, where it takes seconds, and what it must gain."""
+_COSTLY_IF_WIDE, _MOST_IF_WIDE = 500, 1500
+"""Unknowns, counted at every corner, from which it takes so long that the last share alone is
+tried, and up to which it is."""
 BELOW = (1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 5e-2)
 """Shares below a greatest delay."""
 
@@ -83,3 +94,19 @@ def least_proved(
 def clearly_below(levels: Iterable[float], proved: float | None) -> list[float]:
     """Return the levels that are worth a proof where a gamma is `proved` already."""
     return [x for x in levels if proved is None or x < proved * (1 - _CLEARLY)]
+
+
+def levels_of_analysis(
+    least: float, unknowns: int, below: float | None, corners: int
+) -> list[float]:
+    """Return the gammas to prove above the least one; none where that is not worth its cost.
+
+    corners : of a proof for smaller delays too, which takes longer; 0: of these delays.
+    """
+    fine = () if unknowns > _COSTLY else _FINE[:1] if unknowns > _MEDIUM else _FINE
+    shares = (*fine, *_COARSE)
+    if corners and unknowns > _MEDIUM:
+        cost = unknowns * corners
+        much = below is None or least < below * (1.0 - _WORTH_WIDE)
+        shares = _WIDE[cost > _COSTLY_IF_WIDE :] if much and cost < _MOST_IF_WIDE else ()
+    return clearly_below((float(f"{least * (1 + share):.7g}") for share in shares), below)
