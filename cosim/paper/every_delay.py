@@ -78,22 +78,22 @@ def _gain(system: DelaySystem, gamma: float) -> NDArray[np.float64] | None:
 def _inequalities(system: DelaySystem, K: NDArray[np.float64] | None) -> list[Inequality]:
     """Return minus the matrix above and X, in X, Q, eps, gamma and Y, or for Y = K X of a gain."""
     n, q = system.C.shape
-    sizes = {"x": n, "late": n, "w": q, "z": len(system.D), "h": len(system.H)}
+    sizes = {"x": n, "x_d": n, "w": q, "z": len(system.D), "h": len(system.H)}
     form = Inequality("-Phi", sizes)
-    x, late, w, z, h = map(form.row, sizes)
+    x, delayed, w, z, h = map(form.row, sizes)
     gain = None if K is None else exact_matrix(K)
     acting = ((system.A, system.B, x), (system.D, system.D2, z))
     for of_x, of_u, row in acting:
         form.twice("X", exact_matrix(of_x).transpose() * row, x, -1)
         M = exact_matrix(of_u) if gain is None else exact_matrix(of_u) * gain
         form.twice("Y" if gain is None else "X", M.transpose() * row, x, -1)
-    form.twice("X", exact_matrix(system.delays[0].A).transpose() * x, late, -1)
+    form.twice("X", exact_matrix(system.delays[0].A).transpose() * x, delayed, -1)
     form.twice("X", exact_matrix(system.H).transpose() * h, x, -1)
-    form.twice("X", exact_matrix(system.delays[0].H).transpose() * h, late, -1)
+    form.twice("X", exact_matrix(system.delays[0].H).transpose() * h, delayed, -1)
     form.twice(None, x, exact_matrix(system.C) * w, -1)
     form.twice(None, z, exact_matrix(system.D1) * w, -1)
     form.square("Q", x, -1)
-    form.square("Q", late)
+    form.square("Q", delayed)
     form.number("eps", exact_matrix(system.E).transpose() * x, -1)
     for number, row in (("eps", h), ("gamma", w), ("gamma", z)):
         form.number(number, row)
