@@ -155,7 +155,10 @@ class Condition:
         program = self._compiled(delays, down_to_zero=down_to_zero)[1]
         known = known_gamma(gamma) if self.performance else {}
         constraints = program.constraints(known)
-        centre = widest_margin(*constraints, bound, enough=enough, solver=self._solver)
+        # where any margin is enough, a point that is not accurate may do
+        quick = enough == np.inf and self._solver is _solve_steadily
+        solver = _solve_quickly if quick else self._solver
+        centre = widest_margin(*constraints, bound, enough=enough, solver=solver)
         if centre is None:
             return None
         unknowns = program.values(centre[1], known)
@@ -234,11 +237,19 @@ def _solve_steadily(constraints: Sequence[Constraint], q: Array, *, tolerance: f
     A point that is not accurate may miss a matrix that must be positive by far more than the
     margin: nothing is proved with it.
     """
-    solution = solve(constraints, q, tolerance=tolerance)
-    if solution.status not in ("failed", "inaccurate") or len(q) > _MOST_TRIED_AGAIN:
+    solution = _solve_quickly(constraints, q, tolerance=tolerance)
+    if solution.status != "inaccurate" or len(q) > _MOST_TRIED_AGAIN:
         return solution
     again = solve_dense(constraints, q, tolerance=tolerance)
-    return again if again.status != "failed" or solution.status == "failed" else solution
+    return again if again.status != "failed" else solution
+
+
+def _solve_quickly(constraints: Sequence[Constraint], q: Array, *, tolerance: float) -> Solution:
+    """Minimise by Clarabel; by normal equations only where it fails and the problem is small."""
+    solution = solve(constraints, q, tolerance=tolerance)
+    if solution.status != "failed" or len(q) > _MOST_TRIED_AGAIN:
+        return solution
+    return solve_dense(constraints, q, tolerance=tolerance)
 
 
 def greatest(gamma: float | None, C: Array) -> float:
