@@ -2,6 +2,7 @@ from .binding import (
     BoundExpression as BoundExpression,
     formula as formula,
 )
+from .built_in import builtin_names as builtin_names
 from .channels import link_of as link_of
 from .check import (
     problems_of as problems_of,
@@ -72,7 +73,6 @@ from .python_api import (
 from .quantity import seconds_in as seconds_in
 from .read import (
     LoadedScenario as LoadedScenario,
-    builtin_names as builtin_names,
     load as load,
     parse as parse,
     read_text as read_text,

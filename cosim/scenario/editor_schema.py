@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 from cosim.core import SCENARIO_FILE, SCHEMA
+from cosim.scenario.built_in import builtin_names
 from cosim.scenario.copies import MOST, NAMED
-from cosim.scenario.extend import builtin_names
 from cosim.scenario.schema import Scenario
 
 _LOOSE = "In_extension_"

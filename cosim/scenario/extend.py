@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from cosim.core import SCENARIO_FILE, InputError, Layer, Origin, unreadable
+from cosim.scenario.built_in import builtin_names
 from cosim.scenario.copies import written_out
 from cosim.scenario.key_paths import remove, split
 from cosim.scenario.schema import MADE_WITH
@@ -55,12 +56,6 @@ class Source:
     def written_out(self) -> tuple[dict[str, Any], Origin]:
         """Return the data with all copies made, and what locates its parts; see `copies`."""
         return written_out(self.data, Origin(self.layers))
-
-
-def builtin_names() -> list[str]:
-    """Return the names of the built-in scenarios."""
-    names = [p.name for p in files("cosim.scenario").joinpath("library").iterdir()]
-    return sorted(name.removesuffix(".toml") for name in names if name.endswith(".toml"))
 
 
 def read_text(path: Path) -> str:

@@ -14,7 +14,6 @@ from cosim.core import NOWHERE, Findings, Layer, Origin, valid
 from cosim.network import DelayProfile, Recording, keys_of
 from cosim.scenario.extend import (
     Source,
-    builtin_names,
     give_way,
     open_source,
     read_text,
@@ -33,7 +32,6 @@ from cosim.scenario.schema import Scenario
 
 __all__ = [
     "LoadedScenario",
-    "builtin_names",
     "load",
     "parse",
     "read_text",
