@@ -9,7 +9,6 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Final
 
-import numpy as np
 import typer
 
 from cosim import hinf
@@ -387,8 +386,7 @@ def _save_norm(path: Path | None, found: hinf.Result) -> str | None:
     """Write the proof of the upper bound of the nominal norm; return where, None without one."""
     if path is None or found.exact_norm_upper is None:
         return None
-    K = np.zeros(found.system.B.shape[::-1]) if found.K is None else found.K
-    proof = hinf.delay_lti.norm_certificate(found.system, K, found.exact_norm_upper)
+    proof = hinf.delay_lti.norm_certificate(found.system, found.K, found.exact_norm_upper)
     if proof is None:
         return None
     write_json(path, proof)

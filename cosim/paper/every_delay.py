@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cosim.hinf.exact import exact_matrix
-from cosim.hinf.lmi import in_cvxpy
+from cosim.hinf.lmi import in_cvxpy, variables_of
 from cosim.hinf.theorems import Inequality, exact_unknowns, first_failure, itself, shapes_of
 from cosim.models import DelaySystem
 from cosim.paper.lmi import solve
@@ -105,10 +105,7 @@ def _solve(
 ) -> dict[str, Any] | None:
     """Solve for the least gamma, or at a given one for the largest margin; None if infeasible."""
     inequalities, n, t = _inequalities(system, K), len(system.A), cp.Variable()
-    unknowns: dict[str, Any] = {
-        name: cp.Variable() if x.is_number else cp.Variable(x[:2], symmetric=x.symmetric)
-        for name, x in shapes_of(inequalities).items()
-    }
+    unknowns = variables_of(inequalities)
     if gamma is not None:
         unknowns["gamma"] = gamma
     lmi = in_cvxpy(inequalities[0], unknowns)

@@ -16,7 +16,7 @@ from scipy import optimize
 
 from cosim.hinf import spectral_abscissa
 from cosim.hinf.delay_lti import ClosedLoop
-from cosim.hinf.lmi import in_cvxpy
+from cosim.hinf.lmi import in_cvxpy, variables_of
 from cosim.hinf.theorems import Inequality, exact_unknowns, first_failure, itself, shapes_of
 from cosim.models import Delay, DelaySystem, paper_example
 from cosim.paper.lmi import solve
@@ -110,10 +110,7 @@ def margin(case: Case, reading: Reading) -> tuple[float, dict[str, Any] | None]:
     This is not a proof. A negative t means that the solver finds no solution.
     """
     inequalities, t = _inequalities(case, reading), cp.Variable()
-    unknowns: dict[str, Any] = {
-        name: cp.Variable() if x.is_number else cp.Variable(x[:2], symmetric=x.symmetric)
-        for name, x in shapes_of(inequalities).items()
-    } | {"gamma": case.gamma}
+    unknowns = variables_of(inequalities) | {"gamma": case.gamma}
     X, Q, n = unknowns["X"], unknowns["Q"], len(case.system.A)
     lmi = in_cvxpy(inequalities[0], unknowns)
     bounds = [lmi >> t * np.eye(lmi.shape[0]), t <= 1]

@@ -69,7 +69,7 @@ def outage_verdict(recording: Recording, design: hinf.Result, other: float = 0.0
     InputError : no such proof, a recording of one instant, or `other` beyond the age allowed.
     """
     proved = design.guarantees.outages
-    if proved is None or design.K is None:
+    if proved is None:
         raise InputError(
             "this design proves nothing across outages",
             where="design",

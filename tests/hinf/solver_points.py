@@ -21,8 +21,8 @@ from cosim.hinf.certificate import (
     theorem_2_proof,
 )
 from cosim.hinf.exact import exact
-from cosim.hinf.lmi import in_cvxpy
-from cosim.hinf.theorems import Proof, minus_omega, positive, shapes_of
+from cosim.hinf.lmi import in_cvxpy, variables_of
+from cosim.hinf.theorems import Proof, minus_omega, positive
 from cosim.models import Delay, DelaySystem
 
 Array = NDArray[np.float64]
@@ -66,12 +66,7 @@ def solved(
     """Solver's word, gain and point of greatest margin."""
     k = [exact(x) for x in k1], [exact(x) for x in k2]
     form = minus_omega(system, *k, bounded=system.has_performance)
-    v: dict[str, Any] = {
-        name: cp.Variable()
-        if shape.is_number
-        else cp.Variable((shape.height, shape.width), symmetric=shape.symmetric)
-        for name, shape in shapes_of([form, *positive(system)]).items()
-    }
+    v = variables_of([form, *positive(system)])
     n, margin, N = system.A.shape[0], cp.Variable(), len(system.delays)
     unit = {f"x{j}": 1 / k for j, k in enumerate(k2, 1)}
     late = [(j, x.d**-0.5) for j, x in enumerate(system.delays, 1) if x.d > 0]

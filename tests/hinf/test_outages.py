@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from copy import deepcopy
+from dataclasses import replace
 from fractions import Fraction
 from functools import cache
 from typing import Any
@@ -343,3 +344,11 @@ def test_what_is_no_chain_is_refused() -> None:
         hinf.delay_lti.jump_mean_square(
             axis(1.0), AXIS_GAIN, [[0.5, 0.4], [0.1, 0.9]], [0, 1], 2.0, 0.0
         )
+
+
+def test_a_loop_without_a_gain_proves_nothing_across_outages() -> None:
+    """Its analysis is certified, and u = 0 is no gain that a link could carry."""
+    alone = hinf.analyse(replace(ncs(0.5), A=-np.eye(2)))
+    assert alone.certified
+    with pytest.raises(InputError, match="there is no certified gain"):
+        hinf.synthesis.with_outages(alone)

@@ -72,8 +72,9 @@ def test_two_delays_are_searched_at_once() -> None:
 
 def test_stability_alone_where_there_is_nothing_to_bound() -> None:
     """A published benchmark, stable to 6.1726, without w and z: certified at d = 3."""
-    system = DelaySystem([[-2.0, 0.0], [0.0, -0.9]], delays=[Delay(3.0, [[-1, 0], [-1, -1]])])
-    found = analyse(system)
+    late = [Delay(3.0, [[-1, 0], [-1, -1]])]
+    system = DelaySystem([[-2.0, 0.0], [0.0, -0.9]], [[0.0], [0.0]], delays=late)
+    found = design(system, (-0.1,), (0.2,), order=None, search=False)
     assert found.gamma is None
     assert check_certificate(found.certificate).valid
 

@@ -7,7 +7,10 @@ from .conic import (
     solve as solve,
 )
 from .constrained_problem import ConstrainedProblem as ConstrainedProblem
-from .cvxpy_form import in_cvxpy as in_cvxpy
+from .cvxpy_form import (
+    in_cvxpy as in_cvxpy,
+    variables_of as variables_of,
+)
 from .decay_lmi import CornersProblem as CornersProblem
 from .gain_lmi import (
     GainLmi as GainLmi,

@@ -100,6 +100,7 @@ class Condition:
             many = self.is_plain and len(system.blocks) > _MANY_BLOCKS
             dense = many or supports is not None
         self._solver: Solver = solve_dense if dense else _solve_steadily
+        self._quick_solver: Solver = solve_dense if dense else _solve_quickly
         self._back, self._T = own_units(closed_loop(system, K))
         self._channel = channel_units(system, self._back, self._T)
         self._loops: dict[tuple[int, ...], Loop] = {}
@@ -156,8 +157,7 @@ class Condition:
         known = known_gamma(gamma) if self.performance else {}
         constraints = program.constraints(known)
         # where any margin is enough, a point that is not accurate may do
-        quick = enough == np.inf and self._solver is _solve_steadily
-        solver = _solve_quickly if quick else self._solver
+        solver = self._quick_solver if enough == np.inf else self._solver
         centre = widest_margin(*constraints, bound, enough=enough, solver=solver)
         if centre is None:
             return None

@@ -6,13 +6,22 @@ cvxpy knows.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterable, Mapping
+from typing import Any
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from cosim.hinf.theorems import Inequality
+from cosim.hinf.theorems import Inequality, shapes_of
+
+
+def variables_of(inequalities: Iterable[Inequality]) -> dict[str, Any]:
+    """Return a cvxpy variable for every unknown by its name; its shape follows from the terms."""
+    import cvxpy as cp  # noqa: PLC0415 - slow to import, and nothing else here needs it
+
+    return {
+        name: cp.Variable() if x.is_number else cp.Variable(x[:2], symmetric=x.symmetric)
+        for name, x in shapes_of(inequalities).items()
+    }
 
 
 def in_cvxpy(one: Inequality, unknowns: Mapping[str, Any]) -> Any:

@@ -14,13 +14,10 @@ from cosim.hinf import delay_lti
 from cosim.hinf.certificate import (
     KEY,
     check_certificate,
-    gain_from_json,
     number,
-    pair_from_json,
-    system_from_json,
 )
 from cosim.hinf.delay_lti import NominalFigures
-from cosim.hinf.synthesis.result import Result
+from cosim.hinf.synthesis.result import Result, proved_facts
 from cosim.models import DelaySystem, Matrix
 
 FIGURES = ("least_gamma", "abscissa", "exact_norm", "norm_frequency")
@@ -56,8 +53,9 @@ def design_from_json(data: Any, *, where: str) -> Result:
         )
     if observes and not (_has_figures(figures) and "delay_margin" in figures):
         return design_from_certificate(data, where=where)  # older files have not all of them
-    least, kept = _figures_from_json(figures, where, *_loop_of(data))
-    return Result.of(_kept(data), kept, least)
+    facts = proved_facts(data)
+    least, kept = _figures_from_json(figures, where, *_loop_of(facts))
+    return Result(**facts, figures=kept, certificate=_kept(data), least_gamma=least)
 
 
 def design_from_certificate(data: Any, *, where: str) -> Result:
@@ -76,7 +74,9 @@ def design_from_certificate(data: Any, *, where: str) -> Result:
     ):
         got = f"a certificate of kind {data['kind']}" if "kind" in data else "no gain K"
         raise InputError("not a design", where=where, expected="the proof of a gain", got=got)
-    return Result.of(_kept(data), delay_lti.figures_if_known(*_loop_of(data))[0])
+    facts = proved_facts(data)
+    figures, _ = delay_lti.figures_if_known(*_loop_of(facts))
+    return Result(**facts, figures=figures, certificate=_kept(data))
 
 
 def _observes(data: Any) -> bool:
@@ -89,13 +89,10 @@ def _require_proof(data: Any, where: str) -> None:
         raise InputError("the proof of this design does not hold", where=where, got=proof.reason)
 
 
-def _loop_of(data: dict[str, Any]) -> tuple[DelaySystem, Matrix]:
-    """Return the system and the gain of the loop that a certificate is about."""
-    if not _observes(data):
-        system = system_from_json(data["system"])
-        return system, gain_from_json(data["K"], system)
-    pair = pair_from_json(data)
-    return pair.system, pair.gain
+def _loop_of(facts: dict[str, Any]) -> tuple[DelaySystem, Matrix]:
+    """Return the system and the gain of the loop that a proof is about."""
+    pair = facts["observer"]
+    return (facts["system"], facts["K"]) if pair is None else (pair.system, pair.gain)
 
 
 def _kept(data: dict[str, Any]) -> dict[str, Any]:

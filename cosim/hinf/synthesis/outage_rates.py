@@ -121,7 +121,7 @@ def with_outages(
     ------
     InputError, NotAchievableError : as `certified_outages`; an analysis without a certificate.
     """
-    if proved.certificate is None or not proved.K.size:
+    if proved.certificate is None or not proved.K.any():
         raise InputError("there is no certified gain", where="proved", expected="a proof of a gain")
     if gamma is None and proved.gamma is not None:
         gamma = float(f"{_TIMES_GAMMA * proved.gamma:.4g}")

@@ -49,7 +49,7 @@ from cosim.hinf.synthesis.conditions import is_large
 from cosim.hinf.synthesis.descent import Descent
 from cosim.hinf.synthesis.designs import rounded_gain
 from cosim.hinf.synthesis.pair_gain import PairGain, parts_of_plant
-from cosim.hinf.synthesis.result import Result
+from cosim.hinf.synthesis.result import Result, proved_facts
 from cosim.models import DelaySystem, Matrix, Measurement
 
 _LONGER = (1.0, 1.1, 1.2, 1.4)
@@ -298,7 +298,13 @@ def _certified(pair: ObserverPair, analysis: Result) -> Result:
     if analysis.certificate is None:
         raise ValueError("expected a certified analysis")
     certificate = output_feedback_to_json(pair, analysis.certificate)
-    return Result.of(certificate, analysis.figures, analysis.least_gamma)
+    facts = proved_facts(certificate)
+    return Result(
+        **facts,
+        figures=analysis.figures,
+        certificate=certificate,
+        least_gamma=analysis.least_gamma,
+    )
 
 
 def _proposals(

@@ -79,21 +79,6 @@ class Result(delay_lti.HasFigures, Value):
     reason: str | None = None
     damping_reason: str | None = None
 
-    @classmethod
-    def of(
-        cls,
-        certificate: Mapping[str, Any],
-        figures: delay_lti.NominalFigures,
-        least_gamma: float | None = None,
-    ) -> Result:
-        """Return the result that a certificate proves: everything else is read from it."""
-        return cls(
-            **proved_facts(certificate),
-            figures=figures,
-            certificate=certificate,
-            least_gamma=least_gamma,
-        )
-
     def __post_init__(self) -> None:
         super().__post_init__()
         if (self.certificate is None) != (self.reason is not None):

@@ -145,7 +145,7 @@ def _with_a_price(asked: Request, designed: Result) -> Result:
 
 
 def _has_a_price(system: DelaySystem) -> bool:
-    """Whether a gain has a price: z contains every input. Of a delay, Theorem 2 knows k1, k2."""
+    """Whether gains with a price are proposed: z contains every input, and there is a delay."""
     has_delay = any(x.d > 0 for x in system.delays)
     return bool(has_delay and system.has_performance and system.D2.any(axis=0).all())
 

@@ -112,7 +112,9 @@ class _Passed:
 
     def descend(self, start: Scalars, **how: Any) -> list[tuple[Scalars, float]]:
         """Return where a descent ends; nothing where the best so far is enough."""
-        return [] if self.is_enough() else [_descend(self.ask, start, self.is_enough, **how)]
+        if self.is_enough():
+            return []
+        return [_descend(self.ask, start, lambda _: self.is_enough(), **how)]
 
 
 def widest_margin(
@@ -132,7 +134,9 @@ def widest_margin(
     best, value = max(feasible, key=lambda x: x[1])
     if value > 0:
         return best, value
-    best, value = _descend(ask, best, sign=-1.0, enough=0.0)
+    best, value = _descend(
+        ask, best, lambda answer: answer.value > 0.0, sign=-1.0, most_stalled=2 * _STEPS
+    )
     return best, -value
 
 
@@ -193,17 +197,16 @@ class SearchDoneError(Exception):
 def _descend(
     ask: Ask,
     start: Scalars,
-    is_enough: Callable[[], bool] = lambda: False,
+    is_enough: Callable[[Answer], bool],
     *,
     sign: float = 1.0,
-    enough: float | None = None,
     steps: int = 2 * _STEPS,
     ratios: bool = True,
     most_stalled: int = _STALLED,
 ) -> tuple[Scalars, float]:
-    """Minimise sign * value from a feasible start; end early below `enough`, or without progress.
+    """Minimise sign * value from a feasible start; end early where it is enough, or stalls.
 
-    is_enough : asked behind every answer, ends the descent too.
+    is_enough : asked of every answer.
     ratios : change k1/k2 as well.
     most_stalled : solves without progress after which it ends.
     """
@@ -227,7 +230,7 @@ def _descend(
         if best and answer is not None:
             stalled *= sign * answer.value >= best[0][1] - _PROGRESS * abs(best[0][1])
         stalled += 1
-        if stalled > most_stalled and enough is None:
+        if stalled > most_stalled:
             raise SearchDoneError
         if answer is None:
             # a high value makes the line search turn back
@@ -235,7 +238,7 @@ def _descend(
         here = sign * answer.value
         if not best or here < best[0][1]:
             best[:] = [(at, here)]
-        if (enough is not None and here < enough) or is_enough():
+        if is_enough(answer):
             raise SearchDoneError
         by_k1, by_k2 = sign * answer.slopes[:N], sign * answer.slopes[N : 2 * N]
         k1, k2 = np.array(at.k1), np.array(at.k2)
