@@ -12,10 +12,10 @@ from cosim.core import Progress
 from cosim.hinf import Result, analyse, characteristic_roots, design, hinf_norm
 from cosim.hinf.delay_lti import ClosedLoop, NormResult, close
 from cosim.models import DelaySystem, paper_example as printed
-from cosim.paper.every_delay import EveryDelay
+from cosim.paper.for_every_delay import EveryDelay
+from cosim.paper.greatest_delays import CHOSEN_GAMMA, ORDER, direct_term
 from cosim.paper.row import EXAMPLE, How, Row, Verdict
 from cosim.paper.simulation import simulate
-from cosim.paper.table_2 import CHOSEN_GAMMA, ORDER, direct_term
 
 _WORST_END = 40.0
 """Length of the run at the worst frequency [s]."""

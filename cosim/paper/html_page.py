@@ -10,6 +10,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup, escape
 
 from cosim.paper import pictures
+from cosim.paper.greatest_delays import ORDER
 from cosim.paper.report import AUTHOR, TITLE, Report
 from cosim.paper.row import (
     EXAMPLE,
@@ -20,7 +21,6 @@ from cosim.paper.row import (
     TABLE,
     Verdict,
 )
-from cosim.paper.table_2 import ORDER
 
 _TONES = {
     Verdict.HOLDS: "good",

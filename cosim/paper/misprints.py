@@ -69,6 +69,7 @@ COUNTEREXAMPLES = (
         20.0,
     ),
 )
+"""One loop for each misprinted block of Eq. (14)."""
 
 
 def misprint_rows() -> list[Row]:

@@ -13,14 +13,14 @@ from cosim.core import Progress, at_most, silent
 from cosim.hinf.delay_lti import one_thread
 from cosim.hinf.problem import DELAY_LIMIT
 from cosim.models import paper_example
-from cosim.paper.every_delay import EveryDelay, every_delay
 from cosim.paper.example import Example, example_rows, solve_example
 from cosim.paper.figures import Curves, curves, figure_rows
+from cosim.paper.for_every_delay import EveryDelay, every_delay
+from cosim.paper.greatest_delays import Entry, table_2, table_rows
 from cosim.paper.lemmas import lemma_rows
 from cosim.paper.misprints import misprint_rows
 from cosim.paper.model import model_rows
 from cosim.paper.row import FIGURES, HOW_MEANING, MEANING, MODEL, THEOREM_2, Row, Verdict
-from cosim.paper.table_2 import Entry, table_2, table_rows
 from cosim.paper.theorem_1 import theorem_1_rows
 from cosim.paper.theorem_2 import remark_rows, theorem_2_rows
 

@@ -93,3 +93,4 @@ EXAMPLE = "Section 5: the example"
 TABLE = "Table 2: the greatest delay"
 FIGURES = "Figures"
 SECTIONS = (MODEL, THEORY, THEOREM_2, EXAMPLE, TABLE, FIGURES)
+"""The sections of the report, in the order of the paper."""

@@ -21,6 +21,7 @@ from cosim.paper.exact import (
     schur,
 )
 from cosim.paper.example import Example
+from cosim.paper.greatest_delays import Entry
 from cosim.paper.lmi import zeros
 from cosim.paper.omega import (
     CORRECTED,
@@ -32,7 +33,6 @@ from cosim.paper.omega import (
 )
 from cosim.paper.proof_2 import LEFT, Proof, differing_blocks, drawn_proof, lambda_18, psi
 from cosim.paper.row import THEOREM_2, How, Row, Verdict
-from cosim.paper.table_2 import Entry
 from cosim.paper.theorem_1 import theta
 
 

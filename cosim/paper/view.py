@@ -7,9 +7,9 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from cosim.paper.greatest_delays import ORDER, Entry
 from cosim.paper.report import AUTHOR, TITLE, Report
 from cosim.paper.row import MEANING, SECTIONS, TABLE, Row, Verdict
-from cosim.paper.table_2 import ORDER, Entry
 
 _STYLES = {
     Verdict.HOLDS: "green",

@@ -1,4 +1,13 @@
 from .actuation import Actuation as Actuation
+from .crossing import (
+    crossing_lines as crossing_lines,
+    crossing_title as crossing_title,
+    crossings as crossings,
+)
+from .design_model import (
+    as_designed_for as as_designed_for,
+    flight_model as flight_model,
+)
 from .diagnosis import (
     Finding as Finding,
     diagnose as diagnose,
@@ -6,10 +15,24 @@ from .diagnosis import (
 from .flight import (
     Flight as Flight,
     fly as fly,
+    plant_note as plant_note,
+)
+from .flight_design import (
+    DESIGN as DESIGN,
+    certified_design as certified_design,
+    estimated_states as estimated_states,
+    known_delays as known_delays,
+    made_before as made_before,
+    measurements_of as measurements_of,
 )
 from .flight_plan import (
     LOSSES_IN_A_ROW as LOSSES_IN_A_ROW,
     FlightSettings as FlightSettings,
+    planned_sensors as planned_sensors,
+)
+from .flight_scenario import (
+    Mission as Mission,
+    scenario_text as scenario_text,
 )
 from .keys import (
     VehicleKey as VehicleKey,

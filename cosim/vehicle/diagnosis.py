@@ -19,7 +19,7 @@ from cosim.models import VELOCITIES
 from cosim.vehicle.actuation import command_effect
 from cosim.vehicle.check import Faults
 from cosim.vehicle.computable import computable
-from cosim.vehicle.flight_model import as_designed_for, flight_model
+from cosim.vehicle.design_model import as_designed_for, flight_model
 from cosim.vehicle.read import vehicle_data, vehicle_from_toml
 from cosim.vehicle.schema import VehicleFile
 from cosim.vehicle.trim import Trim, find_trim

@@ -23,14 +23,14 @@ from cosim.core import (
     write_whole,
 )
 from cosim.trace import pyplot
-from cosim.vehicle.crossings import Crossing, crossing_lines, crossing_title, crossings
+from cosim.vehicle.crossing import Crossing, crossing_lines, crossing_title, crossings
+from cosim.vehicle.design_model import as_designed_for, flight_model
 from cosim.vehicle.flight_design import (
     DESIGN,
     certified_design,
     measurements_of,
     proved_for,
 )
-from cosim.vehicle.flight_model import as_designed_for, flight_model
 from cosim.vehicle.flight_picture import PictureSubject, draw_flight
 from cosim.vehicle.flight_plan import FlightSettings, PlannedSensor
 from cosim.vehicle.flight_scenario import Mission, scenario_text

@@ -12,7 +12,7 @@ import numpy as np
 from cosim import hinf
 from cosim.core import InputError, NotAchievableError
 from cosim.models import DelaySystem, Measurement
-from cosim.vehicle.flight_model import Say
+from cosim.vehicle.design_model import Say
 from cosim.vehicle.flight_plan import FlightSettings, PlannedSensor, planned_sensors
 from cosim.vehicle.linearisation import LinearModel, linear_model
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from cosim.vehicle.crossings import crossing_title, crossings
+from cosim.vehicle.crossing import crossing_title, crossings
 from cosim.vehicle.flight_plan import (
     FlightSettings,
     PlannedSensor,

@@ -27,9 +27,7 @@ from rich.table import Table
 from cosim import hinf
 from cosim.core import DESIGN_FILE, PLANT_NOTE
 from cosim.models import Measurement
-from cosim.vehicle import linear_model, load_vehicle
-from cosim.vehicle.flight import plant_note
-from cosim.vehicle.flight_design import estimated_states, known_delays
+from cosim.vehicle import estimated_states, known_delays, linear_model, load_vehicle, plant_note
 from tests.benchmarks._show import show
 
 DESIGNS = Path(str(files("cosim.scenario").joinpath("library", "designs")))

@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 import math
+from fractions import Fraction
 
 import numpy as np
 import pytest
 from truth.dde import solve
 
+from cosim.core import silent
 from cosim.hinf import hinf_norm
 from cosim.hinf.delay_lti import ClosedLoop, close
 from cosim.hinf.problem import with_delays
 from cosim.models import Delay, DelaySystem, paper_example as example
-from cosim.paper import Verdict
-from cosim.paper.every_delay import every_delay
-from cosim.paper.example import largest_radius
-from cosim.paper.figures import curves, figure_rows
-from cosim.paper.simulation import simulate
-from cosim.paper.table_2 import direct_term, table_2
+from cosim.paper import Verdict, curves, every_delay, figure_rows, simulate, table_2
 
 
 def test_a_gain_and_gamma_for_every_delay_survive_uncertainty_and_delay() -> None:
@@ -61,12 +58,11 @@ def test_printed_gain_for_every_delay_is_what_theorem_1_gives() -> None:
     assert found.K.tolist() == [list(example.PRINTED_K)]
 
 
-@pytest.mark.parametrize(("gamma", "feasible"), [(4.0, False), (5.0, False), (5.001, True)])
-def test_direct_term_decides_about_gamma(gamma: float, feasible: bool) -> None:  # noqa: FBT001
-    """|D1|^2 / gamma - gamma, for |D1|^2 = 4^2 + 3^2."""
-    value = direct_term(example.system(), gamma)
-    assert float(value) == pytest.approx(25 / gamma - gamma, abs=1e-12)
-    assert (value < 0) is feasible
+def test_the_columns_up_to_the_norm_of_d1_are_impossible_whatever_the_delay() -> None:
+    """v' Omega v is |D1|^2 / gamma - gamma for a vector v, and |D1|^2 = 4^2 + 3^2."""
+    four, five = table_2(None, silent, gammas=(4.0, 5.0))
+    assert [entry.witness for entry in (four, five)] == [Fraction(25, 4) - 4, 0]
+    assert {entry.verdict for entry in (four, five)} == {Verdict.IMPOSSIBLE}
 
 
 @pytest.mark.slow
@@ -83,6 +79,7 @@ def test_table_2_where_it_is_impossible_and_where_it_is_not() -> None:
     assert not none.every_delay
     assert not none.limit_reached
     assert six.corrected == pytest.approx(1.0428, abs=6e-5)
+    assert six.witness == Fraction(25, 6) - 6
     assert six.refuted_at is not None
     assert six.corrected is not None
     assert six.corrected < six.refuted_at < six.printed
@@ -123,14 +120,6 @@ def test_figures_are_not_comparable_and_ours_start_where_the_paper_does() -> Non
     assert drawn.run.u[0] == pytest.approx(10 * (0.6432 - 0.5679))
     assert {row.verdict for row in figure_rows(drawn)} == {Verdict.NOT_COMPARABLE}
     assert len(drawn.to_json()["t"]) == len(drawn.to_json()["x1"])
-
-
-def test_radius_is_the_published_one_and_that_of_a_scalar_loop() -> None:
-    """0.174 for section 5; |a1 / a| at omega = 0 for a scalar."""
-    A, A1 = np.array(example.A), np.array(example.A1)
-    A_K = A + np.array(example.B) @ np.array([example.PRINTED_K])
-    assert largest_radius(A_K, A1) == pytest.approx(0.174, abs=5e-4)
-    assert largest_radius(np.array([[-2.0]]), np.array([[1.0]])) == pytest.approx(0.5)
 
 
 def test_norm_above_the_claim_is_attained_at_its_frequency() -> None:

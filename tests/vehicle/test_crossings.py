@@ -11,11 +11,20 @@ import pytest
 from cosim import hinf
 from cosim.core import parse_toml
 from cosim.models import DelaySystem
-from cosim.vehicle import FlightSettings, LinearModel, load_vehicle
-from cosim.vehicle.crossings import crossing_lines, crossing_title, crossings
-from cosim.vehicle.flight_design import DESIGN, made_before, measurements_of
-from cosim.vehicle.flight_plan import planned_sensors
-from cosim.vehicle.flight_scenario import Mission, scenario_text
+from cosim.vehicle import (
+    DESIGN,
+    FlightSettings,
+    LinearModel,
+    Mission,
+    crossing_lines,
+    crossing_title,
+    crossings,
+    load_vehicle,
+    made_before,
+    measurements_of,
+    planned_sensors,
+    scenario_text,
+)
 
 SETTINGS = FlightSettings()
 DEEP = ("eta.z", "eta.theta", "eta.psi", "nu.w", "nu.q", "nu.r")

@@ -18,10 +18,10 @@ from cosim.vehicle import (
     find_trim,
     linear_model,
     load_vehicle,
+    plant_note,
     vehicle_from_toml,
     vehicle_text,
 )
-from cosim.vehicle.flight import plant_note
 
 Matrix = NDArray[np.float64]
 NAMES = ("nps-auv2", "bluerov2-heavy", "remus100")

@@ -11,10 +11,17 @@ import pytest
 
 from cosim import hinf
 from cosim.core import NotAchievableError
-from cosim.vehicle import FlightSettings, fly, linear_model, vehicle_from_toml, vehicle_text
-from cosim.vehicle.flight_design import certified_design
-from cosim.vehicle.flight_model import as_designed_for, flight_model
-from cosim.vehicle.flight_scenario import Mission
+from cosim.vehicle import (
+    FlightSettings,
+    Mission,
+    as_designed_for,
+    certified_design,
+    flight_model,
+    fly,
+    linear_model,
+    vehicle_from_toml,
+    vehicle_text,
+)
 
 HOVER = ("eta.x", "eta.y", "eta.z", "eta.psi", "nu.u", "nu.v", "nu.w", "nu.r")
 STEERED = ("eta.z", "eta.theta", "eta.psi", "nu.v", "nu.w", "nu.q", "nu.r")

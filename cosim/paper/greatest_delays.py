@@ -11,8 +11,8 @@ from cosim.core import Progress
 from cosim.hinf import GreatestDelay, certified_delay, greatest_delay
 from cosim.hinf.problem import DELAY_LIMIT
 from cosim.models import DelaySystem, paper_example
-from cosim.paper.every_delay import EveryDelay
 from cosim.paper.exact import decimals
+from cosim.paper.for_every_delay import EveryDelay
 from cosim.paper.misprints import greatest_delay_as_printed
 from cosim.paper.row import TABLE, How, Row, Verdict
 
