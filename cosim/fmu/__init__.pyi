@@ -57,10 +57,6 @@ from .export.native.platforms import (
     host as host,
     platforms_named as platforms_named,
 )
-from .export.native.tape import (
-    Scalar as Scalar,
-    Tape as Tape,
-)
 from .export.native.tape_package import (
     KINDS as KINDS,
     write_binary as write_binary,

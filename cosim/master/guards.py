@@ -15,8 +15,8 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.fmu import Scalar, Tape
 from cosim.master.component_instance import ComponentInstance
+from cosim.tape import OPERATIONS, Scalar, Tape
 
 Integers = NDArray[np.int64]
 Reals = NDArray[np.float64]
@@ -25,11 +25,7 @@ AtPoints = Callable[[int, int], Reals]
 
 NOT_WATCHED = -1
 """What `Guards.expected` has of a condition that is not looked at."""
-OPERATIONS = (
-    *("symbol", "constant", "+", "-", "*", "/", "negate", "pow", "min", "max"),
-    *("sin", "cos", "exp", "log", "sqrt", "abs", "asin", "atan2", "tan", "acos", "atan"),
-    *("floor", "rint", "hypot", "less", "less_equal", "equal"),
-)
+_OPERATIONS = ("symbol", "constant", *OPERATIONS)
 """By number in the kernel."""
 _NODE = np.dtype([("operation", "i8"), ("a", "i8"), ("b", "i8"), ("value", "f8")])
 _SOURCE = np.dtype([("base", "i8"), ("index", "i8"), ("stride", "i8")])
@@ -92,18 +88,17 @@ class Guards:
         tape = Tape()
         symbols = {name: tape.symbol(name) for name in names}
         made = [one.recorded([symbols[n] for n in one.names], tape) for one in conditions]
-        roots = [x if isinstance(x, Scalar) else tape.constant(float(x)) for x in made]
-        self.results = np.array([root.place for root in roots], np.int64)
-        self.nodes = np.zeros(len(tape.nodes), _NODE)
-        for line, node in zip(self.nodes, tape.nodes, strict=True):
-            line["operation"] = OPERATIONS.index(node.operation)
-            if node.operands:
-                line["a"], line["b"] = node.operands[0], node.operands[-1]
-            elif node.operation == "symbol":
-                line["a"] = names.index(node.text)
+        self.results = np.array([tape.scalar(x).place for x in made], np.int64)
+        self.nodes = np.zeros(len(tape.operations), _NODE)
+        for line, one in zip(self.nodes, tape.operations, strict=True):
+            line["operation"] = _OPERATIONS.index(one.name)
+            if one.operands:
+                line["a"], line["b"] = one.operands[0], one.operands[-1]
+            elif one.name == "symbol":
+                line["a"] = names.index(one.text)
             else:
-                line["value"] = float(node.text)
-        self.slots = np.zeros(len(tape.nodes))
+                line["value"] = float(one.text)
+        self.slots = np.zeros(len(tape.operations))
         self.sources = np.zeros(len(names), _SOURCE)
         self._block = np.zeros((len(self._others), 0))
         for line, name in zip(self.sources, names, strict=True):

@@ -2,8 +2,9 @@
 
 Dimensions are checked: terms that are added or compared must have the same one. A plain number
 takes the SI unit of the other operand; a variable without a unit goes with every dimension.
-What is carried out is one tree of operations, by any `Arithmetic`: for signals at a point or over
-a whole run, for numbers that a study sets, for what is recorded as a component.
+What it says is recorded on a tape (`cosim.tape`), whose operations are carried out for signals at a
+point or over a whole run and for numbers that a study sets, and are copied to the tape of a
+component or of what the loop looks at.
 """
 
 from __future__ import annotations
@@ -11,32 +12,30 @@ from __future__ import annotations
 import ast
 import math
 import numbers
-import operator
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from fractions import Fraction
-from functools import lru_cache
+from functools import lru_cache, partial, reduce
 from typing import Any, Literal, NamedTuple, Protocol
 
-import numpy as np
-
 from cosim.core import InputError
-from cosim.fmu import Tape
 from cosim.scenario.expression import Expression, ExpressionError, reference_of
 from cosim.scenario.functions import (
     COMPARISONS,
     CONSTANTS,
     FUNCTIONS,
     LARGEST_EXPONENT,
-    OF_NUMBERS,
-    OF_SIGNALS,
-    Arithmetic,
-    folded,
+    Apply,
+    both,
+    called,
+    compared,
+    either,
+    opposite,
+    power,
 )
-from cosim.scenario.of_tape import of_tape
 from cosim.scenario.quantity import ANGLE, NUMBER_ONLY, TIME, Dimension
+from cosim.tape import Scalar, Tape, compute, evaluate
 
-Function = Callable[[Sequence[Any], Arithmetic], Any]
 Kind = Literal["truth", "number"]
 
 
@@ -62,6 +61,7 @@ class Scope(Protocol):
 class Node(NamedTuple):
     """A bound part of an expression.
 
+    value : on the tape of the expression, or a number.
     plain : a number without a unit, which takes the unit of the other operand.
     literal : the value of a number written in the text.
     scaled : a product with a plain number, which may stand for one with a unit.
@@ -69,7 +69,7 @@ class Node(NamedTuple):
 
     kind: Kind
     dimension: Dimension | None
-    run: Function
+    value: Scalar | float
     plain: bool = False
     literal: float | None = None
     scaled: bool = False
@@ -82,31 +82,64 @@ class BoundExpression:
     Attributes
     ----------
     names : the names it depends on, in the order of its values; "t" is the time.
+    tape : what it says, recorded; its symbols are the names.
+    parts : by place on the tape, the part of the text that says the operation.
+    faults : parts of numbers alone that have no value, and why.
     meanings : of the names.
     """
 
     expression: Expression
     names: tuple[str, ...]
     node: Node
-    meanings: Mapping[str, Meaning] = field(default_factory=dict)
+    tape: Tape
+    parts: Mapping[int, ast.expr]
+    faults: Sequence[tuple[ast.expr, str]]
+    meanings: Mapping[str, Meaning]
 
     def __reduce__(self) -> tuple[Callable[..., BoundExpression], tuple[Any, ...]]:
         """Pickle the text and the meanings of its names: its functions cannot be pickled."""
         return _bind_again, (self.expression.text, self.meanings, self.node.kind)
 
     def __call__(self, values: Sequence[Any]) -> Any:
-        """Evaluate at the values of `names`; true or false where it is a condition."""
-        with np.errstate(all="ignore"):
-            taken = [v if np.ndim(v) else np.float64(v) for v in values]
-            return self.node.run(taken, OF_SIGNALS)
+        """Evaluate at the values of `names`, numbers or arrays; true or false of a condition."""
+        given = dict(zip(self.names, values, strict=True))
+        result = self._result(evaluate(self.tape.operations, given))
+        return result if self.node.kind == "number" else result != 0.0
+
+    def _result(self, found: Sequence[Any]) -> Any:
+        """Return its value, of the values of the operations."""
+        value = self.node.value
+        return found[value.place] if isinstance(value, Scalar) else value
 
     def recorded(self, values: Sequence[Any], tape: Tape, *, raises: bool = False) -> Any:
         """Record it on a tape, at values of `names` there; a number where it depends on none.
 
-        raises : as of `of_tape`, an `ExpressionError` that says the column.
+        raises : where an operation on numbers has no value; else it has that of IEEE 754.
+
+        Raises
+        ------
+        ExpressionError : says the column.
         """
-        with np.errstate(all="ignore"):
-            return self.node.run(values, of_tape(tape, raises=raises))
+        if raises:
+            self._raise_fault()
+        given = dict(zip(self.names, values, strict=True))
+        found: list[Any] = []
+        for place, one in enumerate(self.tape.operations):
+            operands = [found[p] for p in one.operands]
+            if one.name == "symbol":
+                found.append(given[one.text])
+            elif one.name == "constant":
+                found.append(float(one.text))
+            elif any(isinstance(x, Scalar) for x in operands):
+                found.append(tape.apply(one.name, *operands))
+            else:
+                found.append(compute(one.name, *operands))
+                why = _why_none(one.name, found[-1], operands) if raises else None
+                if why is not None:
+                    raise self._no_value(self.parts[place], why)
+        return (
+            found[self.node.value.place] if isinstance(self.node.value, Scalar) else self.node.value
+        )
 
     def number(self, **values: Any) -> float:
         """Return the number that it is at values of its names, given by name.
@@ -120,16 +153,47 @@ class BoundExpression:
         try:
             if not all(isinstance(value, numbers.Real) for value in values.values()):
                 raise wrong(tree, "no number", "numbers")
-            found = float(self.node.run([values[name] for name in self.names], OF_NUMBERS))
-            if not math.isfinite(found):
-                raise wrong(tree, f"the value is {found}", "a finite number")
+            self._raise_fault()
+            given = {name: float(values[name]) for name in self.names}
+            found = evaluate(self.tape.operations, given)
+            for place, one in enumerate(self.tape.operations):
+                why = _why_none(one.name, found[place], [found[p] for p in one.operands])
+                if why is not None:
+                    raise self._no_value(self.parts[place], why)
+            number = float(self._result(found))
+            if not math.isfinite(number):
+                raise wrong(tree, f"the value is {number}", "a finite number")
         except OverflowError as error:
             raise wrong(tree, f"the value is out of range, {at}") from error
         except ExpressionError as error:
             error.what += f", {at}" if at else ""
             error.args = (error.text(),)
             raise
-        return found
+        return number
+
+    def _raise_fault(self) -> None:
+        for part, why in self.faults:
+            raise self._no_value(part, why)
+
+    def _no_value(self, part: ast.expr, why: str) -> ExpressionError:
+        return self.expression.wrong(part, f"there is no value here ({why})")
+
+
+_ALWAYS = {"+", "-", "*", "negate", "symbol", "constant"}
+"""Operations that a fault is never counted at: what is too large for them is seen in the result."""
+
+
+def _why_none(name: str, value: float, operands: Sequence[float]) -> str | None:
+    """Return why an operation on finite numbers has no finite value; None if it has one."""
+    if name in _ALWAYS or math.isfinite(value) or not all(map(math.isfinite, operands)):
+        return None
+    if name == "/" and operands[1] == 0.0:
+        return "division by zero"
+    if name == "pow" and math.isnan(value):
+        return "root of a negative number"
+    if name == "pow" and operands[0] == 0.0:
+        return "negative power of zero"
+    return "out of range" if name in ("/", "pow", "exp", "hypot") else "outside its domain"
 
 
 def check_name(reference: str) -> None:
@@ -176,7 +240,10 @@ def bind(expression: Expression, scope: Scope, wanted: Kind | None = "truth") ->
             if wanted == "truth"
             else "a number",
         )
-    return BoundExpression(expression, tuple(binder.names), node, binder.meanings)
+    return BoundExpression(
+        *(expression, tuple(binder.names), node, binder.tape, binder.parts, binder.faults),
+        binder.meanings,
+    )
 
 
 @dataclass(frozen=True)
@@ -220,10 +287,11 @@ def _bind_again(text: str, meanings: Mapping[str, Meaning], kind: Kind) -> Bound
     return bind(Expression(text), _KnownMeanings(meanings), kind)
 
 
-_SUMS: dict[type[ast.operator], Callable[[Any, Any], Any]] = {
-    ast.Add: operator.add,
-    ast.Sub: operator.sub,
-    ast.Mult: operator.mul,
+_OPERATORS: dict[type[ast.operator], str] = {
+    ast.Add: "+",
+    ast.Sub: "-",
+    ast.Mult: "*",
+    ast.Div: "/",
 }
 _SIGNS: dict[type[ast.cmpop], str] = {
     ast.Lt: "<",
@@ -241,12 +309,31 @@ class _Binder:
         self._lenient = isinstance(scope, AnyName)
         self.names: list[str] = []
         self.meanings: dict[str, Meaning] = {}
+        self.tape = Tape()
+        self.parts: dict[int, ast.expr] = {}
+        self.faults: list[tuple[ast.expr, str]] = []
+
+    def _at(self, node: ast.expr) -> Apply:
+        """Return what records an operation that a part of the text says, or computes it."""
+
+        def apply(name: str, *operands: Any) -> Any:
+            if any(isinstance(x, Scalar) for x in operands):
+                found = self.tape.apply(name, *operands)
+                self.parts.setdefault(found.place, node)
+                return found
+            value = compute(name, *operands)
+            why = _why_none(name, value, operands)
+            if why is not None:
+                self.faults.append((node, why))
+            return value
+
+        return apply
 
     def visit(self, node: ast.expr) -> Node:  # noqa: PLR0911 - one per form
         match node:
             case ast.Name() if node.id in self._expression.quantities:
                 found = self._expression.quantities[node.id]
-                return Node("number", found.dimension, lambda _v, _f: found.si, literal=found.si)
+                return Node("number", found.dimension, found.si, literal=found.si)
             case ast.Constant() if not isinstance(node.value, str):
                 return self._constant(node)
             case ast.BoolOp():
@@ -277,7 +364,7 @@ class _Binder:
         return self._plain(number)
 
     def _plain(self, number: float) -> Node:
-        return Node("number", None, lambda _v, _f: number, plain=True, literal=number)
+        return Node("number", None, number, plain=True, literal=number)
 
     def _named(self, node: ast.expr) -> Node:
         reference = reference_of(node)
@@ -300,10 +387,10 @@ class _Binder:
         self.meanings[reference] = meaning
         if reference not in self.names:
             self.names.append(reference)
-        place = self.names.index(reference)
+        value = self.tape.symbol(reference)
         if meaning.kind == "truth":
-            return Node("truth", None, lambda v, f: f.compare("!=", v[place], 0.0))
-        return Node("number", meaning.dimension, lambda v, _f: meaning.to_si(v[place]))
+            return Node("truth", None, compared(self._at(node), "!=", value, 0.0))
+        return Node("number", meaning.dimension, meaning.to_si(value))
 
     def _located(self, node: ast.expr, error: InputError) -> ExpressionError:
         located = self._expression.wrong(node, error.what, error.expected)
@@ -312,16 +399,15 @@ class _Binder:
         return located
 
     def _logical(self, node: ast.BoolOp) -> Node:
-        parts = [self._truth(value).run for value in node.values]
-        if isinstance(node.op, ast.And):
-            return Node("truth", None, lambda v, f: folded(f.both, [part(v, f) for part in parts]))
-        return Node("truth", None, lambda v, f: folded(f.either, [part(v, f) for part in parts]))
+        parts = [self._truth(value).value for value in node.values]
+        join = partial(both if isinstance(node.op, ast.And) else either, self._at(node))
+        return Node("truth", None, reduce(join, parts))
 
     def _truth(self, node: ast.expr) -> Node:
         found = self.visit(node)
         if found.kind != "truth":
             if self._lenient and reference_of(node) is not None:
-                return Node("truth", None, found.run)
+                return Node("truth", None, found.value)
             raise self._expression.wrong(
                 node, "a number is neither true nor false", "a comparison, as in plant.eta.z > 5 m"
             )
@@ -336,20 +422,19 @@ class _Binder:
     def _unary(self, node: ast.UnaryOp) -> Node:
         if isinstance(node.op, ast.Not):
             inner = self._truth(node.operand)
-            return Node("truth", None, lambda v, f: f.opposite(inner.run(v, f)))
+            return Node("truth", None, opposite(self._at(node), inner.value))
         if isinstance(node.op, ast.Invert):
             raise self._expression.wrong(node, "an expression cannot contain this operator", "not")
         part = self._number(node.operand)
         if isinstance(node.op, ast.UAdd):
             return part
         literal = None if part.literal is None else -part.literal
-        return part._replace(run=lambda v, f: -part.run(v, f), literal=literal)
+        return part._replace(value=-part.value, literal=literal)
 
     def _arithmetic(self, node: ast.BinOp) -> Node:
         if isinstance(node.op, ast.Pow):
             return self._power(node)
-        divides = isinstance(node.op, ast.Div)
-        if not divides and type(node.op) not in _SUMS:
+        if type(node.op) not in _OPERATORS:
             wrong = self._expression.wrong
             raise wrong(node, "an expression cannot contain this operator", "+ - * / **")
         a, b = self._number(node.left), self._number(node.right)
@@ -357,31 +442,10 @@ class _Binder:
         if isinstance(node.op, ast.Add | ast.Sub):
             measured, scaled = self._same(node, a, b), a.scaled and b.scaled
         else:
-            measured = self._product(a, b, -1 if divides else 1)
+            measured = self._product(a, b, -1 if isinstance(node.op, ast.Div) else 1)
             scaled = a.plain or b.plain or a.scaled or b.scaled
-        if divides:
-            run = self._guarded(node, lambda f: f.divide, (a, b))
-        else:
-            function = _SUMS[type(node.op)]
-
-            def run(v: Sequence[Any], f: Arithmetic) -> Any:
-                return function(a.run(v, f), b.run(v, f))
-
-        return Node("number", measured, run, plain, scaled=scaled)
-
-    def _guarded(
-        self, node: ast.expr, function: Callable[[Arithmetic], Any], parts: Sequence[Node]
-    ) -> Function:
-        """Return what carries out a function that may have no value, and then says its column."""
-
-        def run(v: Sequence[Any], f: Arithmetic) -> Any:
-            arguments = [part.run(v, f) for part in parts]
-            try:
-                return function(f)(*arguments)
-            except (ArithmeticError, ValueError) as error:
-                raise self._expression.wrong(node, f"there is no value here ({error})") from error
-
-        return run
+        value = self._at(node)(_OPERATORS[type(node.op)], a.value, b.value)
+        return Node("number", measured, value, plain, scaled=scaled)
 
     def _product(self, a: Node, b: Node, sign: int) -> Dimension | None:
         if a.plain and b.plain:
@@ -392,8 +456,8 @@ class _Binder:
 
     def _power(self, node: ast.BinOp) -> Node:
         base, exponent = self._number(node.left), self._number(node.right)
-        power = exponent.literal if exponent.plain else None
-        known = power is not None and abs(power) <= LARGEST_EXPONENT
+        literal = exponent.literal if exponent.plain else None
+        known = literal is not None and abs(literal) <= LARGEST_EXPONENT
         bare = base.plain or base.dimension in (None, NUMBER_ONLY)
         if not known and not (
             bare and (exponent.plain or exponent.dimension in (None, NUMBER_ONLY))
@@ -404,11 +468,10 @@ class _Binder:
                 f"a number from -{LARGEST_EXPONENT} to {LARGEST_EXPONENT} of what has a unit",
             )
         measured = base.dimension
-        if measured is not None and power is not None:
-            measured = measured.power(Fraction(power).limit_denominator(64))
-        fixed = exponent if power is None else exponent._replace(run=lambda _v, _f: power)
-        run = self._guarded(node, lambda f: f.power, (base, fixed))
-        return Node("number", measured, run, base.plain and exponent.plain, scaled=base.scaled)
+        if measured is not None and literal is not None:
+            measured = measured.power(Fraction(literal).limit_denominator(64))
+        value = power(self._at(node), base.value, exponent.value)
+        return Node("number", measured, value, base.plain and exponent.plain, scaled=base.scaled)
 
     def _compared(self, node: ast.Compare) -> Node:
         parts = [self._number(part) for part in (node.left, *node.comparators)]
@@ -420,12 +483,8 @@ class _Binder:
                     node, "this comparison is not supported", " ".join(COMPARISONS)
                 )
             self._same(node.comparators[i], parts[i], parts[i + 1])
-            checks.append((sign, parts[i].run, parts[i + 1].run))
-        return Node(
-            "truth",
-            None,
-            lambda v, f: folded(f.both, [f.compare(s, a(v, f), b(v, f)) for s, a, b in checks]),
-        )
+            checks.append(compared(self._at(node), sign, parts[i].value, parts[i + 1].value))
+        return Node("truth", None, reduce(partial(both, self._at(node)), checks))
 
     def _called(self, node: ast.Call) -> Node:
         name = node.func.id if isinstance(node.func, ast.Name) else None
@@ -453,8 +512,8 @@ class _Binder:
             else:
                 root = rule == "root" and common is not None
                 measured = common.power(Fraction(1, 2)) if root and common else common
-        run = self._guarded(node, operator.attrgetter(name), parts)
-        return Node("number", measured, run, plain, scaled=any(p.scaled for p in parts))
+        value = called(self._at(node), name, *(part.value for part in parts))
+        return Node("number", measured, value, plain, scaled=any(p.scaled for p in parts))
 
     def _number_like(self, node: ast.expr, part: Node, name: str, *, angle: bool) -> None:
         """Refuse an argument with a unit, an angle apart where one is taken.

@@ -10,10 +10,11 @@ from collections.abc import Callable, Collection, Mapping
 from typing import Any
 
 from cosim.core import InputError
-from cosim.fmu import UNITS, ComponentSpec, Scalar, Tape, component_module
+from cosim.fmu import UNITS, ComponentSpec, component_module
 from cosim.scenario.binding import BoundExpression, Meaning, Scope, bind
 from cosim.scenario.expression import Expression
 from cosim.scenario.quantity import Dimension, dimension
+from cosim.tape import Tape
 
 _SPECS = component_module("computed.variables")
 _UNIT_OF = {dimension(**exponents): name for name, exponents in reversed([*UNITS.items()])}
@@ -97,21 +98,18 @@ class ComputedTable:
         tape = Tape()
         known: dict[str, tuple[Any, frozenset[str]]] = {}
         made = [self._recorded(output, tape, known) for output in self._texts]
-        results = [
-            value.place if isinstance(value, Scalar) else tape.constant(float(value)).place
-            for value, _ in made
-        ]
+        results = [tape.scalar(value).place for value, _ in made]
         outputs = [
             (output, unit_named(self._bound[output].node.dimension), text)
             for output, text in self._texts.items()
         ]
         nodes = [
-            [node.operation, node.text]
-            if node.operation == "symbol"
-            else [node.operation, float(node.text)]
-            if node.operation == "constant"
-            else [node.operation, *node.operands]
-            for node in tape.nodes
+            [one.name, one.text]
+            if one.name == "symbol"
+            else [one.name, float(one.text)]
+            if one.name == "constant"
+            else [one.name, *one.operands]
+            for one in tape.operations
         ]
         spec: ComponentSpec = _SPECS.computed_spec(
             self.name,

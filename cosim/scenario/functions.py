@@ -1,26 +1,21 @@
-"""The functions of expressions, and the three ways to carry them out.
+"""The functions of expressions: what each takes, what becomes of units, and what is recorded.
 
-Exact, and so the same on every machine, are + - * /, sqrt, abs, min, max, floor, ceil, round,
-comparisons, and powers with a whole exponent from -9 to 9, which are products. The others are
-those of the C library, value by value (the last bit of NumPy's own varies by processor): the same
-on machines of one kind, and elsewhere up to rounding.
-
-A signal of a run has an IEEE 754 value everywhere, 1 / 0 included: `OfSignals`, for a point or a
-whole run. A number that a study or a scenario sets has to be one: `OfNumbers` raises. What
-`cosim.scenario.computed` makes into a component is recorded there, operation by operation.
+An expression has one form, operations recorded on a tape; who carries them out (`cosim.tape`, the
+kernel of a run, an FMU of computed values) gives the same bits. A power with a whole exponent from
+-9 to 9 is made of products, which are the same on every machine.
 """
 
 from __future__ import annotations
 
 import math
-import operator
-from collections.abc import Callable, Sequence
-from typing import Any, Final, Literal, NamedTuple, Protocol
-
-import numpy as np
+from collections.abc import Callable
+from functools import reduce
+from typing import Any, Final, Literal, NamedTuple
 
 Rule = Literal["same", "root", "of angle", "to angle", "plain"]
 """What becomes of units: as the arguments, their root, an angle taken or given, none at all."""
+Apply = Callable[..., Any]
+"""Carries out or records an operation, given its name and its operands."""
 LARGEST_EXPONENT: Final = 9
 """Of a power of what has a unit, and of one that is made of products."""
 
@@ -53,206 +48,61 @@ FUNCTIONS: Final[dict[str, Signature]] = {
     "log": Signature(1, 2, "plain"),
 }
 CONSTANTS: Final = {"pi": math.pi, "e": math.e}
+COMPARISONS: Final = ("<", "<=", ">", ">=", "==", "!=")
 
 
-class Arithmetic(Protocol):
-    """Carries out what a part of an expression says; also has every name of `FUNCTIONS`."""
-
-    def divide(self, a: Any, b: Any) -> Any:
-        """Return a / b."""
-
-    def power(self, base: Any, exponent: Any) -> Any:
-        """Return base ** exponent."""
-
-    def compare(self, sign: str, a: Any, b: Any) -> Any:
-        """Return whether a < b, or another sign of `COMPARISONS`."""
-
-    def both(self, a: Any, b: Any) -> Any:
-        """Return a and b."""
-
-    def either(self, a: Any, b: Any) -> Any:
-        """Return a or b."""
-
-    def opposite(self, a: Any) -> Any:
-        """Return not a."""
-
-    def __getattr__(self, name: str) -> Any: ...
+def called(apply: Apply, name: str, *values: Any) -> Any:
+    """Apply a function of `FUNCTIONS`."""
+    match name, values:
+        case "min" | "max" | "hypot", _:
+            return reduce(lambda a, b: apply(name, a, b), values)
+        # + 0.0: none of them gives a negative zero
+        case "floor", (x,):
+            return apply("+", apply("floor", x), 0.0)
+        case "round", (x,):
+            return apply("+", apply("rint", x), 0.0)
+        case "ceil", (x,):
+            return apply("-", 0.0, called(apply, "floor", apply("negate", x)))
+        case "log", (x, base):
+            return apply("/", apply("log", x), apply("log", base))
+    return apply(name, *values)
 
 
-COMPARISONS: Final[dict[str, Callable[[Any, Any], Any]]] = {
-    "<": operator.lt,
-    "<=": operator.le,
-    ">": operator.gt,
-    ">=": operator.ge,
-    "==": operator.eq,
-    "!=": operator.ne,
-}
+def power(apply: Apply, base: Any, exponent: Any) -> Any:
+    """Apply a power."""
+    number = isinstance(exponent, float) and abs(exponent) <= LARGEST_EXPONENT
+    if not number or exponent != int(exponent):
+        return apply("pow", base, exponent)
+    if exponent == 0.0:
+        return 1.0
+    found = reduce(lambda a, b: apply("*", a, b), [base] * abs(int(exponent)))
+    return found if exponent > 0.0 else apply("/", 1.0, found)
 
 
-def folded(function: Callable[[Any, Any], Any], values: Sequence[Any]) -> Any:
-    """Return function(function(a, b), c) ... of one value or more."""
-    result = values[0]
-    for value in values[1:]:
-        result = function(result, value)
-    return result
+def compared(apply: Apply, sign: str, a: Any, b: Any) -> Any:
+    """Apply a comparison: 1 where it is true, else 0."""
+    match sign:
+        case ">" | ">=":
+            return compared(apply, sign.replace(">", "<"), b, a)
+        case "<":
+            return apply("less", a, b)
+        case "<=":
+            return apply("less_equal", a, b)
+        case "==":
+            return apply("equal", a, b)
+    return opposite(apply, apply("equal", a, b))
 
 
-def products(base: Any, exponent: int, one: Any, divide: Callable[[Any, Any], Any]) -> Any:
-    """Return a whole power by products: the same rounding on every processor."""
-    result = folded(operator.mul, [base] * abs(exponent) or [one])
-    return result if exponent >= 0 else divide(1.0, result)
+def both(apply: Apply, a: Any, b: Any) -> Any:
+    """Apply a and b."""
+    return apply("*", a, b)
 
 
-def is_product(exponent: Any) -> bool:
-    """Whether a power with this exponent is made of products."""
-    number = isinstance(exponent, int | float)
-    return number and abs(exponent) <= LARGEST_EXPONENT and exponent == int(exponent)
+def either(apply: Apply, a: Any, b: Any) -> Any:
+    """Apply a or b."""
+    return apply("max", a, b)
 
 
-class _OfSignals:
-    """Floats, or arrays of one length; every operation has a value, as in IEEE 754."""
-
-    divide = staticmethod(np.divide)
-    abs = staticmethod(np.abs)
-    sqrt = staticmethod(np.sqrt)
-    both = staticmethod(operator.and_)
-    either = staticmethod(operator.or_)
-    opposite = staticmethod(np.logical_not)
-
-    @staticmethod
-    def power(base: Any, exponent: Any) -> Any:
-        if is_product(exponent):
-            return products(base, int(exponent), np.ones_like(base), np.divide)
-        return np.vectorize(_pow, otypes=[float])(base, exponent)
-
-    @staticmethod
-    def compare(sign: str, a: Any, b: Any) -> Any:
-        return COMPARISONS[sign](a, b)
-
-    @staticmethod
-    def min(*values: Any) -> Any:
-        return folded(np.minimum, values)
-
-    @staticmethod
-    def max(*values: Any) -> Any:
-        return folded(np.maximum, values)
-
-    @staticmethod
-    def hypot(*values: Any) -> Any:
-        return folded(np.hypot, values)
-
-    # + 0.0: none of them gives a negative zero
-    @staticmethod
-    def floor(x: Any) -> Any:
-        return np.floor(x) + 0.0
-
-    @staticmethod
-    def ceil(x: Any) -> Any:
-        return np.ceil(x) + 0.0
-
-    @staticmethod
-    def round(x: Any) -> Any:
-        return np.rint(x) + 0.0
-
-    @staticmethod
-    def log(x: Any, base: Any = None) -> Any:
-        found = _by_value(_log)(x)
-        return found if base is None else np.divide(found, _by_value(_log)(base))
-
-    def __getattr__(self, name: str) -> Any:
-        found = _BY_VALUE.get(name)
-        if found is None:
-            raise AttributeError(name)
-        return found
-
-
-def _by_value(function: Callable[..., float]) -> Callable[..., Any]:
-    many = np.vectorize(function, otypes=[float])
-    return lambda *a: many(*a) if any(np.ndim(x) for x in a) else np.float64(function(*a))
-
-
-def _no_number(function: Callable[..., float]) -> Callable[..., float]:
-    """Return the function, not a number where it has no value."""
-
-    def found(*arguments: float) -> float:
-        try:
-            return function(*arguments)
-        except ValueError:
-            return math.nan
-
-    return found
-
-
-def _pow(base: float, exponent: float) -> float:
-    """Return base ** exponent as in IEEE 754, without exceptions."""
-    if base < 0.0 or (base == 0.0 and exponent < 0.0):
-        if base < 0.0 and exponent == math.floor(exponent):
-            return _raised(base, exponent)
-        return math.nan if base < 0.0 else math.inf
-    return _raised(base, exponent)
-
-
-def _raised(base: float, exponent: float) -> float:
-    try:
-        return math.pow(base, exponent)
-    except OverflowError:
-        return -math.inf if base < 0.0 and exponent % 2.0 == 1.0 else math.inf
-
-
-def _exp(x: float) -> float:
-    try:
-        return math.exp(x)
-    except OverflowError:
-        return math.inf
-
-
-def _log(x: float) -> float:
-    return math.log(x) if x > 0.0 else -math.inf if x == 0.0 else math.nan
-
-
-_BY_VALUE: Final = {
-    **{
-        name: _by_value(_no_number(getattr(math, name)))
-        for name in ("sin", "cos", "tan", "asin", "acos", "atan", "atan2")
-    },
-    "exp": _by_value(_exp),
-}
-
-
-class _OfNumbers:
-    """Python's numbers; what has no finite value raises. A power is that of the C library."""
-
-    divide = staticmethod(operator.truediv)
-    both = staticmethod(operator.and_)
-    either = staticmethod(operator.or_)
-    opposite = staticmethod(operator.not_)
-    abs = staticmethod(abs)
-    min = staticmethod(min)
-    max = staticmethod(max)
-    floor = staticmethod(math.floor)
-    ceil = staticmethod(math.ceil)
-    round = staticmethod(round)
-
-    @staticmethod
-    def compare(sign: str, a: Any, b: Any) -> Any:
-        return COMPARISONS[sign](a, b)
-
-    @staticmethod
-    def power(base: Any, exponent: Any) -> Any:
-        found = operator.pow(float(base), float(exponent))  # whole numbers would grow for ever
-        if isinstance(found, complex):
-            raise ValueError("a root of a negative number")  # noqa: TRY004 - no value, as of sqrt
-        return found
-
-    @staticmethod
-    def hypot(*values: Any) -> Any:
-        return float(folded(np.hypot, values))
-
-    def __getattr__(self, name: str) -> Any:
-        if name not in FUNCTIONS:
-            raise AttributeError(name)
-        return getattr(math, name)
-
-
-OF_SIGNALS: Final[Arithmetic] = _OfSignals()
-OF_NUMBERS: Final[Arithmetic] = _OfNumbers()
+def opposite(apply: Apply, a: Any) -> Any:
+    """Apply not a."""
+    return apply("-", 1.0, a)

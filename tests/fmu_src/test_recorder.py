@@ -14,13 +14,10 @@ from driven import started
 from hypothesis import given, strategies as st
 from raw_fmu import RawFmu
 
-from cosim.fmu import Tape
 from cosim.fmu.export.native.c_model import c_string
-from cosim.fmu.export.native.emit import run_constants, statements
 from cosim.fmu.export.native.package import build_native_fmu
-from cosim.fmu.export.native.tangent import tangents
-from cosim.fmu.export.native.tape import FIXED, Functions
 from cosim.models import auv
+from cosim.tape import FIXED, Functions, Tape, run_constants, statements, tangents
 
 VALUES = {"a": 1 / 3, "b": -7.1, "c": 1e-9, "d": 3.0}
 

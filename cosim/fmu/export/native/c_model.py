@@ -10,9 +10,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from cosim.fmu.export.native.emit import run_constants, statements
-from cosim.fmu.export.native.tape import FIXED, VARYING, Functions, Scalar, Tape
 from cosim.fmu.export.spec import ComponentSpec, Variable
+from cosim.tape import FIXED, VARYING, Functions, Scalar, Tape, run_constants, statements
 
 
 @dataclass

@@ -13,14 +13,12 @@ from cosim.fmu.export.native.c_model import (
     c_string,
     distinct_enumerators,
 )
-from cosim.fmu.export.native.emit import required_places
 from cosim.fmu.export.native.link_step import link_step_header
-from cosim.fmu.export.native.tangent import tangents
-from cosim.fmu.export.native.tape import Scalar
 from cosim.fmu.export.native.waves_kind import record_waves
 from cosim.fmu.export.python.delay_plant import DelayPlant
 from cosim.fmu.export.spec import ComponentSpec
 from cosim.network import Order
+from cosim.tape import Scalar, required_places, tangents
 
 StateFeedback: Any = component_module("hinf_controller.behaviour").StateFeedback
 LinkChannel: Any = component_module("link_channel.behaviour").LinkChannel
@@ -103,7 +101,7 @@ def record_delay_plant(writer: ModelWriter, behaviour: DelayPlant) -> None:
     change = {name: writer.tape.symbol(f"change[{i}]") for i, name in enumerate(behaviour.inputs)}
     moved = tangents(
         writer.tape,
-        [_scalar(writer, outputs[name]) for name in own],
+        [writer.tape.scalar(outputs[name]) for name in own],
         {v[name].place: change[name] for name in behaviour.inputs},
     )
 
@@ -116,22 +114,22 @@ def record_delay_plant(writer: ModelWriter, behaviour: DelayPlant) -> None:
     writer.references("model_delays", behaviour.delays, "MODEL_DELAYS")
     writer.references("model_others", own, "MODEL_OTHERS")
     writer.define("MODEL_STEP", "V_solver_step")
-    used = _used(writer, late, [_scalar(writer, r) for r in rates])
+    used = _used(writer, late, [writer.tape.scalar(r) for r in rates])
     more: list[tuple[str, list[tuple[str, Scalar]]]] = []
     if isinstance(behaviour, Observer):
         more = record_observer(writer, behaviour, x, constants)
         used = list(range(n))  # measurements are compared with whole estimates
     writer.define("LATE_BEGIN", min(used, default=0))
     writer.define("LATE_END", max(used, default=-1) + 1)
-    targets = [(f"dx[{i}]", _scalar(writer, rate)) for i, rate in enumerate(rates)]
-    others = [(f"out[{i}]", _scalar(writer, outputs[name])) for i, name in enumerate(own)]
+    targets = [(f"dx[{i}]", writer.tape.scalar(rate)) for i, rate in enumerate(rates)]
+    others = [(f"out[{i}]", writer.tape.scalar(outputs[name])) for i, name in enumerate(own)]
     changed = [
         (f"out[{i}]", writer.tape.constant(0.0) if m is None else m) for i, m in enumerate(moved)
     ]
     own_targets = [target for _, listed in more for target in listed]
     writer.hoist([value for _, value in (*targets, *others, *changed, *own_targets)])
     writer.parameter_check(
-        [(_scalar(writer, quantity), text) for quantity, text in behaviour.conditions(v)]
+        [(writer.tape.scalar(quantity), text) for quantity, text in behaviour.conditions(v)]
     )
     writer.function(
         "void model_rates(double t, const double *x, const double *late, const double *v,\n"
@@ -178,13 +176,9 @@ def record_observer(
     ]
 
 
-def _scalar(writer: ModelWriter, value: Scalar | float) -> Scalar:
-    return value if isinstance(value, Scalar) else writer.tape.constant(value)
-
-
 def _used(writer: ModelWriter, late: list[list[Scalar]], rates: list[Scalar]) -> list[int]:
     """Return the entries of the delayed states that occur in the rates."""
-    required = set(required_places(writer.tape, [rate.place for rate in rates], {}))
+    required = set(required_places(writer.tape, [rate.place for rate in rates]))
     return sorted({i for row in late for i, value in enumerate(row) if value.place in required})
 
 
@@ -210,7 +204,7 @@ def record_sampled(writer: ModelWriter, behaviour: Any) -> None:
     writer.hoist([value for _, value in (*targets, *shares)])
     writer.function(signature, targets, hoisted=True)
     if shares:
-        writer.parameter_check([(_scalar(writer, bound), text) for bound, text in conditions])
+        writer.parameter_check([(writer.tape.scalar(bound), text) for bound, text in conditions])
         writer.function(_DECIDED.format("decided"), shares, hoisted=True)
 
 
@@ -221,7 +215,7 @@ def _record_watched(writer: ModelWriter, uses: Sequence[str]) -> None:
 
 
 def _results(writer: ModelWriter, values: Sequence[Scalar | float]) -> list[tuple[str, Scalar]]:
-    return [(f"out[{i}]", _scalar(writer, value)) for i, value in enumerate(values)]
+    return [(f"out[{i}]", writer.tape.scalar(value)) for i, value in enumerate(values)]
 
 
 def record_link(writer: ModelWriter, behaviour: Any) -> tuple[str, ...]:

@@ -12,16 +12,10 @@ from collections.abc import Iterable, Mapping, Sequence
 
 from cosim.core import InputError
 from cosim.fmu.export.native.c_model import ModelWriter, enumerator
-from cosim.fmu.export.native.emit import required_places
-from cosim.fmu.export.native.tape import Scalar
+from cosim.tape import OPERATIONS, Scalar, required_places
 
 _ARRAYS = {"slots": 0, "v": 1, "c": 2, "x": 3, "late": 4, "change": 5, "t": 6, "elapsed": 6}
 _POOL = 7
-_OPERATIONS = (
-    *("+", "-", "*", "/", "negate", "pow", "min", "max", "sin", "cos", "exp", "log", "sqrt"),
-    *("abs", "asin", "atan2", "tan", "acos", "atan", "floor", "rint", "hypot"),
-    *("less", "less_equal", "equal"),
-)
 _PROGRAMS = (
     *("model_constants", "model_rates", "model_other_outputs", "model_outputs_change"),
     *("model_objection", "model_law", "model_compared", "model_decided"),
@@ -122,29 +116,29 @@ def _program(
     pool: dict[str, int],
 ) -> bytes:
     """Return the words of a program that computes `roots`; values share slots where they can."""
-    nodes = writer.tape.nodes
+    recorded = writer.tape.operations
     here = dict.fromkeys(known, "c")
     needed = required_places(writer.tape, [root.place for root in roots], here)
-    last = {p: i for i, at in enumerate(needed) if at not in known for p in nodes[at].operands}
+    last = {p: i for i, at in enumerate(needed) if at not in known for p in recorded[at].operands}
     last |= {root.place: len(needed) for root in roots}
     operand: dict[int, int] = {}
     free: list[int] = []
     slots, operations = 0, []
     for i, at in enumerate(needed):
-        node = nodes[at]
+        one = recorded[at]
         if at in known:
             operand[at] = _at("c", known[at])
-        elif node.operation == "symbol":
-            operand[at] = _symbol(node.text, place)
-        elif node.operation == "constant":
-            operand[at] = _POOL << 32 | pool.setdefault(node.text, len(pool))
+        elif one.name == "symbol":
+            operand[at] = _symbol(one.text, place)
+        elif one.name == "constant":
+            operand[at] = _POOL << 32 | pool.setdefault(one.text, len(pool))
         else:
-            a, b = operand[node.operands[0]], operand[node.operands[-1]]
-            free += [operand[p] for p in {*node.operands} if last[p] == i and operand[p] < 1 << 32]
+            a, b = operand[one.operands[0]], operand[one.operands[-1]]
+            free += [operand[p] for p in {*one.operands} if last[p] == i and operand[p] < 1 << 32]
             slot = free.pop() if free else slots
             slots = max(slots, slot + 1)
             operand[at] = slot
-            operations.append((_OPERATIONS.index(node.operation), a, b, slot))
+            operations.append((OPERATIONS.index(one.name), a, b, slot))
     _refuse_beyond(_MOST_SLOTS, slots, "values at a time", writer.spec.name)
     results = [operand[root.place] for root in roots]
     flat = [word for operation in operations for word in operation]

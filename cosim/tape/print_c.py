@@ -5,7 +5,7 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Iterable, Mapping, Sequence
 
-from cosim.fmu.export.native.tape import FIXED, VARYING, Scalar, Tape
+from cosim.tape.record import FIXED, VARYING, Scalar, Tape, required_places
 
 _CALLS = {"pow": "power", "min": "lesser", "max": "greater", "abs": "fabs"}
 """Operation -> function of c/arithmetic.h or of C, where their names differ."""
@@ -15,32 +15,19 @@ _BINDS = {"+": _SUM, "-": _SUM, "*": _PRODUCT, "/": _PRODUCT, "negate": _SIGN}
 _LONGEST = 160  # characters; a longer expression gets a name
 
 
-def required_places(tape: Tape, roots: Iterable[int], known: Mapping[int, str]) -> list[int]:
-    """Return the places to compute for `roots`, in order; `known` ones need no operands."""
-    found: set[int] = set()
-    ahead = list(roots)
-    while ahead:
-        place = ahead.pop()
-        if place not in found:
-            found.add(place)
-            if place not in known:
-                ahead.extend(tape.nodes[place].operands)
-    return sorted(found)
-
-
 def run_constants(tape: Tape, roots: Iterable[Scalar]) -> list[int]:
     """Return the places to compute once per run: parameters alone decide them, others use them."""
     places = [root.place for root in roots]
     needed = {p for p in places if _is_run_constant(tape, p)}
-    for place in required_places(tape, places, {}):
-        if tape.nodes[place].level == VARYING:
-            needed.update(p for p in tape.nodes[place].operands if _is_run_constant(tape, p))
+    for place in required_places(tape, places):
+        if tape.operations[place].level == VARYING:
+            needed.update(p for p in tape.operations[place].operands if _is_run_constant(tape, p))
     return sorted(needed)
 
 
 def _is_run_constant(tape: Tape, place: int) -> bool:
-    node = tape.nodes[place]
-    return node.level == FIXED and bool(node.operands)
+    one = tape.operations[place]
+    return one.level == FIXED and bool(one.operands)
 
 
 def statements(
@@ -52,19 +39,19 @@ def statements(
     uses = dict.fromkeys(places, 0)
     for place in places:
         if place not in known:
-            for operand in tape.nodes[place].operands:
+            for operand in tape.operations[place].operands:
                 uses[operand] += 1
     for _, value in targets:
         uses[value.place] += 1
     lines: list[str] = []
     text: dict[int, tuple[str, int]] = {}
     for place in places:
-        node = tape.nodes[place]
+        one = tape.operations[place]
         if place in known:
             text[place] = known[place], _ATOM
             continue
-        text[place] = _expression(node.operation, node.text, [text[p] for p in node.operands])
-        if node.operands and (uses[place] > 1 or len(text[place][0]) > _LONGEST):
+        text[place] = _expression(one.name, one.text, [text[p] for p in one.operands])
+        if one.operands and (uses[place] > 1 or len(text[place][0]) > _LONGEST):
             lines.append(f"const double t{place} = {text[place][0]};")
             text[place] = f"t{place}", _ATOM
     lines += [f"{target} = {text[value.place][0]};" for target, value in targets]

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from cosim.fmu.export.native.emit import required_places
-from cosim.fmu.export.native.tape import Scalar, Tape
+from cosim.tape.record import Scalar, Tape, required_places
 
 
 def tangents(
@@ -20,14 +19,14 @@ def tangents(
     NotImplementedError : an operation that has no rule yet.
     """
     moved: dict[int, Scalar | None] = {}
-    for place in required_places(tape, [root.place for root in roots], {}):
-        node = tape.nodes[place]
-        changes = [moved[p] for p in node.operands]
+    for place in required_places(tape, [root.place for root in roots]):
+        one = tape.operations[place]
+        changes = [moved[p] for p in one.operands]
         if all(change is None for change in changes):
             moved[place] = seeds.get(place)
         else:
-            values = [Scalar(tape, p) for p in node.operands]
-            moved[place] = _rule(node.operation, values, changes)
+            values = [Scalar(tape, p) for p in one.operands]
+            moved[place] = _rule(one.name, values, changes)
     return [moved[root.place] for root in roots]
 
 

@@ -1,30 +1,37 @@
 """Record the arithmetic of equations, operation by operation, by running them over `Scalar`s.
 
-From the recorded `Tape`, `emit` writes C that performs the same operations in the same order, so
-that native and Python FMUs agree to the last bit. A computer algebra system would regroup sums
-and products: equal as mathematics, different in the last bits.
+From the recorded `Tape`, `print_c` writes C that performs the same operations in the same order, so
+that native and Python FMUs agree to the last bit; `evaluate` carries it out in Python. A computer
+algebra system would regroup sums and products: equal as mathematics, different in the last bits.
 
-Equal operations on equal operands are one node (common subexpressions); nothing else is
+Equal operations on equal operands are one (common subexpressions); nothing else is
 rewritten. Control flow that depends on a value cannot be recorded and is refused.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Container, Iterable
 from dataclasses import dataclass
 from typing import Any, NoReturn
 
 CONSTANT, FIXED, VARYING = 0, 1, 2
 """What a value depends on: nothing, parameters, or values that change during a run."""
 
+OPERATIONS = (
+    *("+", "-", "*", "/", "negate", "pow", "min", "max", "sin", "cos", "exp", "log", "sqrt"),
+    *("abs", "asin", "atan2", "tan", "acos", "atan", "floor", "rint", "hypot"),
+    *("less", "less_equal", "equal"),
+)
+"""All there are, by their number in the programs of c/tape.c and, behind two others, kernel.c."""
 _COMMUTES = ("+", "*")
 
 
 @dataclass(frozen=True)
-class Node:
-    """An operation: its name, the places of its operands, the text of a constant or symbol."""
+class Operation:
+    """Its name, the places of its operands, the text of a "constant" or "symbol"."""
 
-    operation: str
+    name: str
     operands: tuple[int, ...]
     text: str
     level: int
@@ -34,12 +41,12 @@ class Tape:
     """All recorded operations, in order of their first use."""
 
     def __init__(self) -> None:
-        self.nodes: list[Node] = []
+        self.operations: list[Operation] = []
         self._known: dict[tuple[Any, ...], int] = {}
 
     def symbol(self, text: str, level: int = VARYING) -> Scalar:
         """Record a value that C has under the name `text`."""
-        return self._node("symbol", (), text, level)
+        return self._recorded("symbol", (), text, level)
 
     def constant(self, value: float) -> Scalar:
         """Record a number.
@@ -51,22 +58,25 @@ class Tape:
         number = float(value)
         if number != value and not math.isnan(number):
             raise OverflowError(f"{value!r} is not exactly a double")
-        return self._node("constant", (), repr(number), CONSTANT)
+        return self._recorded("constant", (), repr(number), CONSTANT)
+
+    def scalar(self, value: Any) -> Scalar:
+        """Return a number as a constant of this tape; a `Scalar` of it as it is."""
+        return value if isinstance(value, Scalar) else self.constant(value)
 
     def apply(self, operation: str, *operands: Any) -> Scalar:
         """Record an operation; its operands are `Scalar`s of this tape or numbers."""
-        taken = [a if isinstance(a, Scalar) else self.constant(a) for a in operands]
-        places = tuple(a.place for a in taken)
-        level = max(self.nodes[place].level for place in places)
-        return self._node(operation, places, "", level)
+        places = tuple(self.scalar(a).place for a in operands)
+        level = max(self.operations[place].level for place in places)
+        return self._recorded(operation, places, "", level)
 
-    def _node(self, operation: str, operands: tuple[int, ...], text: str, level: int) -> Scalar:
+    def _recorded(self, operation: str, operands: tuple[int, ...], text: str, level: int) -> Scalar:
         # a + b and b + a have the same bits
         same = tuple(sorted(operands)) if operation in _COMMUTES else operands
         key = (operation, same, text)
         if key not in self._known:
-            self._known[key] = len(self.nodes)
-            self.nodes.append(Node(operation, operands, text, level))
+            self._known[key] = len(self.operations)
+            self.operations.append(Operation(operation, operands, text, level))
         return Scalar(self, self._known[key])
 
 
@@ -129,3 +139,16 @@ class Functions:
         if name not in ("sin", "cos", "asin", "atan2", "exp", "log", "sqrt", "min", "max"):
             raise AttributeError(f"the C shell has no function {name}")
         return lambda *arguments: self._tape.apply(name, *arguments)
+
+
+def required_places(tape: Tape, roots: Iterable[int], known: Container[int] = ()) -> list[int]:
+    """Return the places to compute for `roots`, in order; `known` ones need no operands."""
+    found: set[int] = set()
+    ahead = list(roots)
+    while ahead:
+        place = ahead.pop()
+        if place not in found:
+            found.add(place)
+            if place not in known:
+                ahead.extend(tape.operations[place].operands)
+    return sorted(found)
