@@ -240,8 +240,11 @@ class CommunicationPoints:
         seconds /= 1e9
         begin = max(first - 1, 0)
         points_ns, sizes = self.points_ns[begin : self.count], self.sizes[begin : self.count - 1]
-        sizes[:] = points_ns[1:] - points_ns[:-1]
-        sizes /= 1e9
+        if self._schedule.is_even(points_ns):
+            sizes.fill(self._schedule.step_ns / 1e9)
+        else:
+            sizes[:] = points_ns[1:] - points_ns[:-1]
+            sizes /= 1e9
         for points in self._steps.values():
             points.extend(self.points_ns, first, self.count, self.end_ns)
         if until == self.end_ns:

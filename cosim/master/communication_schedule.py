@@ -99,6 +99,11 @@ class CommunicationSchedule:
         more.append(between(self.instants_ns, after_ns, until_ns))
         return distinct(np.concatenate([found, *more])) if any(m.size for m in more) else found
 
+    def is_even(self, points_ns: Integers) -> bool:
+        """Whether these neighbours are a step apart; all multiples of it are points, by rule."""
+        span = int(points_ns[-1] - points_ns[0])
+        return self.given_ns is None and span == (points_ns.size - 1) * self.step_ns
+
     @property
     def most(self) -> int:
         """A number that the points do not exceed."""

@@ -32,9 +32,12 @@ class ComponentPoints:
     def __init__(self, every_ns: int | None, most: int) -> None:
         self.always = every_ns is None
         self._every_ns = every_ns
-        self._reserved = [Reserved((most,), np.int64, large_pages=True) for _ in range(2)]
-        self.last: Integers = self._reserved[0].array
-        self.following: Integers = self._reserved[1].array
+        count = 1 if self.always else 2
+        self._reserved = [Reserved((most + 1,), np.int64, large_pages=True) for _ in range(count)]
+        self.last: Integers = self._reserved[0].array[:-1]
+        # the next point of one that communicates at every point is its latest at the next one
+        following = self._reserved[0].array[1:] if self.always else self._reserved[1].array[:-1]
+        self.following: Integers = following
         self.latest = -1
 
     def extend(self, points_ns: Integers, first: int, last: int, end_ns: int) -> None:
@@ -42,9 +45,7 @@ class ComponentPoints:
         if first == last:
             return
         if self._every_ns is None:
-            here = self.last[first:last]
-            _count(first, here)
-            self.following[max(first - 1, 0) : last - 1] = here if first else here[1:]
+            _count(first, self.last[first:last])
             self.following[last - 1] = self.latest = last - 1
             return
         here, times = np.arange(first, last), points_ns[first:last]
@@ -63,7 +64,8 @@ class ComponentPoints:
     def copied(self, count: int) -> ComponentPoints:
         """Return a copy of what is known of the first `count` points of the run."""
         found = ComponentPoints(self._every_ns, count)
-        found.last[:], found.following[:] = self.last[:count], self.following[:count]
+        found.last[:] = self.last[:count]
+        found.following[:] = self.following[:count]
         found.latest = int(found.last[-1]) if count else -1
         return found
 

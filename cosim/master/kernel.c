@@ -442,6 +442,28 @@ static int64_t carry_out_any(Run *r, const Operation *table, const Operation **a
     return status;
 }
 
+/* Set inputs from the row that a route names. */
+static inline int64_t set_from(double *rows, const Operation *o, int64_t k, int64_t width,
+                               double *here) {
+    int64_t used = o->row[k];
+    double *values = used >= 0 ? rows + used * width + o->source : here + o->column;
+    return ((Exchange2)o->function)(o->component, o->references, o->count, values);
+}
+
+/* Make a call of foreign code, as the word in progress says. */
+#define CALL(STATUS)                                                                               \
+    *word = place | o->number;                                                                     \
+    status = STATUS;                                                                               \
+    if (modes() != saved)                                                                          \
+        restore(saved);                                                                            \
+    if ((uint64_t)status > 1)                                                                      \
+        return status;
+/* Neighbours of one kind follow each other without a look at what they are. */
+#define EACH_OF(KIND, STATUS)                                                                      \
+    do {                                                                                           \
+        CALL(STATUS)                                                                               \
+    } while (++o < stop && o->usual == (KIND))
+
 /* Carry out operations begin to end - 1 at a point; word has the number of the one in progress.
    Return the status of one that ends the run, else 0. The usual ones are written out here: doubles
    in FMI 2.0, at every point, from and into row k or the row that a route names. */
@@ -453,34 +475,33 @@ static int64_t carry_out(Run *r, const Operation *table, int64_t begin, int64_t 
     int final = (int)r->no_way_back, last = k == r->final;
     for (int64_t j = 0; j < r->outputs && j < MOST_FETCHED; j += 8)
         __builtin_prefetch(here + AHEAD * width + j, 1);
-    for (const Operation *o = table + begin; o < stop; o++) {
-        int64_t status;
-        int64_t kind = o->usual & -usual;
-        *word = place | o->number;
-        if (kind == USUAL_GET) {
-            status = ((Exchange2)o->function)(o->component, o->references, o->count,
-                                              here + o->column);
-        } else if (kind == USUAL_SET) {
-            int64_t used = o->row[k];
-            double *values = used >= 0 ? rows + used * width + o->source : here + o->column;
-            status = ((Exchange2)o->function)(o->component, o->references, o->count, values);
-        } else if (kind == USUAL_STEP) {
+    for (const Operation *o = table + begin; o < stop;) {
+        int64_t status, kind = o->usual & -usual;
+        switch (kind) {
+        case USUAL_GET:
+            EACH_OF(USUAL_GET, ((Exchange2)o->function)(o->component, o->references, o->count,
+                                                        here + o->column));
+            break;
+        case USUAL_SET:
+            EACH_OF(USUAL_SET, set_from(rows, o, k, width, here));
+            break;
+        case USUAL_STEP:
             if (last)
-                continue;
-            status = ((Step2)o->function)(o->component, now, size, final);
-        } else if (kind == USUAL_GATHER) {
-            gather(r, o, k, here);
-            continue; /* no foreign code has run */
-        } else if (kind == USUAL_COMPLETE) {
+                *word = place | (o++)->number;
+            else
+                EACH_OF(USUAL_STEP, ((Step2)o->function)(o->component, now, size, final));
+            break;
+        case USUAL_GATHER: gather(r, o++, k, here); break; /* no foreign code runs */
+        case USUAL_COMPLETE:
+            *word = place | o->number;
             if ((status = outside(r, here, k)))
                 return status;
-            continue;
-        } else
-            status = carry_out_any(r, table, &o, k);
-        if (modes() != saved)
-            restore(saved);
-        if ((uint64_t)status > 1)
-            return status;
+            o++;
+            break;
+        default:
+            CALL(carry_out_any(r, table, &o, k))
+            o++;
+        }
     }
     return 0;
 }

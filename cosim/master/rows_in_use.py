@@ -27,6 +27,9 @@ from cosim.network import (
 Integers = NDArray[np.int64]
 
 
+_NONE: Integers = np.zeros(0, np.int64)
+
+
 class _Sample(NamedTuple):
     """The rows read at some points: `row`, or between `row` and `after` by `weight`."""
 
@@ -139,6 +142,12 @@ class RowsInUse:
             for array in (self.row, self.after, self.weight):
                 if array is not None:
                     array[first:last] = array[kept]
+
+    def bare(self, first: int, last: int) -> Integers:
+        """Return which of the points first to last - 1 read no row, counted from the first."""
+        if self._is_last:
+            return _NONE
+        return np.flatnonzero(self.row[first:last] < 0)
 
     def oldest(self, first: int) -> int:
         """Return the first row that is read at point `first` or later.

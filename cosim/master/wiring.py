@@ -192,7 +192,7 @@ class Wiring:
             return
         rows = self.rows[first:last]
         for targets, sample in self._received:
-            bare = np.flatnonzero(sample.row[first:last] < 0)
+            bare = sample.bare(first, last)
             if bare.size:
                 rows[bare[:, None], targets] = self._start[targets]
         rows[:, self._not_received] = self._start[self._not_received]
