@@ -41,7 +41,8 @@ static void restore(uint64_t saved) { fesetround((int)saved); }
 #endif
 
 enum { GET, SET, MOVE, STEP, COMPLETE, GUESS, SETTLE, KEEP };
-enum { SELDOM, USUAL_GET, USUAL_SET, USUAL_STEP, USUAL_COMPLETE, USUAL_GATHER };
+enum { SELDOM, USUAL_GET, USUAL_SET, USUAL_STEP, USUAL_COMPLETE, USUAL_GATHER,
+       USUAL_GATHER_AND_SET };
 enum { NEIGHBOURS, SCATTERED, ALTERED }; /* what is special in a move */
 enum { ALWAYS, AT_FIRST, NOT_AT_LAST };
 enum { F8, F4, I1, U1, I2, U2, I4, U4, I8, U8, IN_PYTHON };
@@ -231,12 +232,25 @@ static inline void move(const Run *r, const Operation *o, int64_t k, double *tar
         target[j] = from[j];
 }
 
+/* The values that a set takes directly: in the row of the sender, or gathered from there. */
+static inline double *taken(double *rows, const Operation *o, int64_t used, int64_t width) {
+    const double *from = rows + used * width;
+    double *values = o->scratch;
+    if (!o->pairs)
+        return rows + used * width + o->source;
+    for (uint64_t j = 0; j < o->values; j++)
+        values[j] = from[o->pairs[2 * j]];
+    return values;
+}
+
 /* Set inputs from the row of the sender, or from their own row if values are altered there. */
 static inline int64_t set_directly(const Run *r, const Operation *o, int64_t k, double *row) {
     int64_t used = o->row[k];
     double *values = row + o->column;
     if (used >= 0 && !*r->copying)
-        values = r->rows + used * r->width + o->source;
+        values = taken(r->rows, o, used, r->width);
+    else if (used >= 0 && o->pairs)
+        gather(r, o, k, row);
     else if (used >= 0)
         move(r, o, k, row);
     if (*r->copying)
@@ -443,10 +457,7 @@ static int64_t carry_out_any(Run *r, const Operation *table, const Operation **a
 }
 
 /* Set inputs from the row that a route names. */
-static inline int64_t set_from(double *rows, const Operation *o, int64_t k, int64_t width,
-                               double *here) {
-    int64_t used = o->row[k];
-    double *values = used >= 0 ? rows + used * width + o->source : here + o->column;
+static inline int64_t set_from(const Operation *o, double *values) {
     return ((Exchange2)o->function)(o->component, o->references, o->count, values);
 }
 
@@ -483,7 +494,13 @@ static int64_t carry_out(Run *r, const Operation *table, int64_t begin, int64_t 
                                                         here + o->column));
             break;
         case USUAL_SET:
-            EACH_OF(USUAL_SET, set_from(rows, o, k, width, here));
+            EACH_OF(USUAL_SET, set_from(o, o->row[k] >= 0 ? rows + o->row[k] * width + o->source
+                                                          : here + o->column));
+            break;
+        case USUAL_GATHER_AND_SET:
+            EACH_OF(USUAL_GATHER_AND_SET, set_from(o, o->row[k] >= 0
+                                                          ? taken(rows, o, o->row[k], width)
+                                                          : here + o->column));
             break;
         case USUAL_STEP:
             if (last)

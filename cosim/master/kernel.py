@@ -40,8 +40,8 @@ _OF_TEAM = 2
 _KINDS = (Get, Set, Move, Step, Complete, Guess, Settle)
 _USUAL = (None, Get, Set, Step, Complete)
 """Kinds that have a shorter way in the kernel, by the number there."""
-_GATHER = 5
-"""The number of a move of values from anywhere in a row."""
+_GATHER, _GATHER_AND_SET = 5, 6
+"""The numbers of a move, and of a set, of values from anywhere in a row."""
 _SCATTERED, _ALTERED = 1, 2
 """What is special in a move."""
 _C_TYPES = ("f8", "f4", "i1", "u1", "i2", "u2", "i4", "u4", "i8", "u8")
@@ -100,7 +100,7 @@ class KernelLoop:
         self._kept: list[Any] = []  # the addresses below point into these
         self._raised: BaseException | None = None
         # a set reads the sender's row: the move is left out, as long as nothing is adjusted
-        kept = [not self._is_direct(operation) for operation in table.operations]
+        kept = [not (self._sets_directly(o) and isinstance(o, Move)) for o in table.operations]
         self._places = np.cumsum([0, *kept])
         self._operations = np.zeros(sum(kept), _OPERATION)
         numbers = self._in_order(np.flatnonzero(kept).tolist())
@@ -198,12 +198,11 @@ class KernelLoop:
         """Return the operations in the order in which they are carried out."""
         return numbers
 
-    def _is_direct(self, operation: Operation) -> bool:
-        return (
-            isinstance(operation, Move)
-            and not operation.spare
-            and operation.route in self._table.direct_routes
-        )
+    def _sets_directly(self, operation: Operation) -> bool:
+        """Whether a set reads the sender's row, or a move is left out for that."""
+        if isinstance(operation, Move):
+            return operation.direct
+        return isinstance(operation, Set) and operation.source is not None
 
     @staticmethod
     def kind_of(operation: Operation) -> int:
@@ -246,6 +245,8 @@ class KernelLoop:
             return _GATHER if line["special"] == _SCATTERED else 0
         if kind is Set and not line["row"]:
             kind = Get  # the same but for the function
+        if kind is Set and line["pairs"]:
+            return _GATHER_AND_SET
         return _USUAL.index(kind) if kind in _USUAL and not line["special"] else 0
 
     def _encode_slave(self, line: Any, operation: Operation) -> FmuSlave:
@@ -286,21 +287,24 @@ class KernelLoop:
         return ctypes.cast(self._kept[-1], ctypes.c_void_p).value or 0
 
     def _encode_source(self, line: Any, operation: Set) -> None:
-        """Encode from where a set reads what a direct route brings."""
-        number, instance = operation.group.route, self._table.instances[operation.instance]
-        route = None if number is None else instance.routes[number]
-        if route in self._table.direct_routes and route is not None and not operation.spare:
-            line["row"] = self._address(route.in_step.row)
-            line["source"] = route.columns[0]
+        """Encode from where a set reads what the route brings that is its source."""
+        route = operation.source
+        if route is None or not self._sets_directly(operation):
+            return
+        line["row"] = self._address(route.in_step.row)
+        line["source"] = route.columns[0]
+        if route.spans is None:
+            line["pairs"] = self._address(_pairs(route))
+            line["scratch"] = self._address(np.zeros(len(route.columns)))
 
     def _encode_move(self, line: Any, route: Route, sample: RowsInUse) -> None:
-        pairs = np.column_stack([route.columns, route.targets]).astype(np.int64)
+        pairs = _pairs(route)
         line["pairs"], line["values"] = self._address(pairs), len(pairs)
         altered = sample.weight is not None or (
             route.link is not None
             and (route.link.quantization or route.link.substitute is not None)
         )
-        scattered = not (np.diff(pairs, axis=0) == 1).all()
+        scattered = route.spans is None
         line["special"] = _ALTERED if altered else _SCATTERED if scattered else 0
         line["source"], line["column"] = pairs[0]
         line["row"] = self._address(sample.row)
@@ -311,3 +315,8 @@ class KernelLoop:
             line["quantization"] = route.link.quantization
         if route.link is not None and route.link.substitute is not None:
             line["substituted"], line["substitute"] = True, route.link.substitute
+
+
+def _pairs(route: Route) -> NDArray[np.int64]:
+    """Return the columns read and written, (n, 2)."""
+    return np.column_stack([route.columns, route.targets]).astype(np.int64)

@@ -59,8 +59,8 @@ class QuietKernel(KernelLoop):
 
         return sorted(numbers, key=place)
 
-    def _is_direct(self, operation: Operation) -> bool:
-        return operation.instance not in self._events and super()._is_direct(operation)
+    def _sets_directly(self, operation: Operation) -> bool:
+        return operation.instance not in self._events and super()._sets_directly(operation)
 
     def _encode(self, line: Any, operation: Operation) -> None:
         one = self._events.get(operation.instance)

@@ -12,7 +12,7 @@ An input is constant during a step of its receiver. The policy says at which val
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -83,26 +83,33 @@ class Route:
         return slice(source, source + count), slice(target, target + count)
 
     @cached_property
-    def verbatim(self) -> bool:
-        """Whether its values are neighbours, in the sender's row and the receiver's, unaltered."""
-        altered = self.in_step.weight is not None or (
+    def unaltered(self) -> bool:
+        """Whether its values are those of the sender, each of one row."""
+        return self.in_step.weight is None and not (
             self.link is not None and (self.link.quantization or self.link.substitute is not None)
         )
-        return not altered and self.spans is not None
+
+    @cached_property
+    def verbatim(self) -> bool:
+        """Whether its values are neighbours, in the sender's row and the receiver's, unaltered."""
+        return self.unaltered and self.spans is not None
 
 
 def merged_routes(routes: Iterable[Route]) -> list[Route]:
-    """Return routes to the same inputs, one for all that read the same rows at every time."""
+    """Return routes to one component, one for all that read the same rows at every time.
+
+    The columns of one that stands for several are in the order of what it writes.
+    """
     by_samples: dict[tuple[RowsInUse, ...], list[Route]] = {}
     for route in routes:
         by_samples.setdefault(route.samples, []).append(route)
     return [
-        members[0]
-        if len(members) == 1
-        else replace(
-            members[0],
-            columns=np.concatenate([route.columns for route in members]),
-            targets=np.concatenate([route.targets for route in members]),
-        )
-        for members in by_samples.values()
+        members[0] if len(members) == 1 else _as_one(members) for members in by_samples.values()
     ]
+
+
+def _as_one(routes: Sequence[Route]) -> Route:
+    targets = np.concatenate([route.targets for route in routes])
+    order = np.argsort(targets)
+    columns = np.concatenate([route.columns for route in routes])[order]
+    return replace(routes[0], columns=columns, targets=targets[order])

@@ -16,7 +16,7 @@ receiver's inputs in the row, a set reads them there: after its operations a row
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum
 from functools import cached_property
@@ -89,17 +89,25 @@ class Get(Operation):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Set(Operation):
-    """Write a group of inputs from the row."""
+    """Write a group of inputs from the row.
+
+    `source` : the route that alone brings them, from whose sender's row they may be written.
+    """
 
     group: Group
+    source: Route | None = None
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Move(Operation):
-    """Copy the values that a route brings, from the rows of the sample, to the inputs."""
+    """Copy the values that a route brings, from the rows of the sample, to the inputs.
+
+    `direct` : it may be left out, as the `source` of a set.
+    """
 
     route: Route
     sample: RowsInUse
+    direct: bool = False
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -186,7 +194,6 @@ class Table:
     comm_points : the points.
     bounds : largest magnitude of each output in range, (outputs,).
     adjustments : overrides and biases.
-    direct_routes : those whose values may be set from the sender's row, without a move.
     copying : whether all moves must be made: something is adjusted; int64 (1,).
     word : int64 (WORDS,): the word in progress (see `WORD_BITS`), whether an engine is at work on
         it, with `threads` the word that crashed, and those of the threads, -1 for none; and the
@@ -205,7 +212,6 @@ class Table:
     comm_points: CommunicationPoints
     bounds: NDArray[np.float64]
     adjustments: Adjustments
-    direct_routes: frozenset[Route]
     word: Integers
     is_watched: bool
     threads: int = 1
@@ -285,7 +291,7 @@ def make_table(
 
     word : as of `Table`, where another process watches it; None: nobody does.
     """
-    direct = wiring.direct_routes
+    direct = wiring.direct_sets
     parts = [_InstanceOperations(i, one, direct) for i, one in enumerate(wiring.instances)]
     sending: list[Operation] = []
     if system.algorithm == "gauss-seidel":
@@ -303,7 +309,6 @@ def make_table(
         comm_points=wiring.comm_points,
         bounds=wiring.bounds,
         adjustments=adjustments,
-        direct_routes=wiring.direct_routes,
         word=np.zeros(WORDS, np.int64) if word is None else word,
         is_watched=word is not None,
         threads=system.threads,
@@ -359,20 +364,26 @@ def _gauss_seidel(parts: Sequence[_InstanceOperations]) -> _Parts:
 class _InstanceOperations:
     """Makes the operations of one component instance."""
 
-    def __init__(self, number: int, instance: ComponentInstance, direct: Collection[Route]) -> None:
+    def __init__(
+        self, number: int, instance: ComponentInstance, direct: Mapping[tuple[Group, ...], Route]
+    ) -> None:
         self.instance = instance
-        self._routes = [r for r in instance.routes if r in direct]
-        self._routes += merged_routes(r for r in instance.routes if r not in direct)
+        self._sources = [direct.get(groups) for groups in instance.input_sets]
+        alone = {g.route for groups in instance.input_sets if groups in direct for g in groups}
+        self._others = merged_routes(r for i, r in enumerate(instance.routes) if i not in alone)
         own = instance.own_points
         following = None if own.always else own.following
         self._own: dict[str, Any] = {"instance": number, "following": following}
 
     def takes(self) -> Iterator[Operation]:
         """Yield the moves and sets of its inputs at a point."""
-        for route in self._routes:
+        for source in self._sources:
+            if source is not None:
+                yield Move(route=source, sample=source.in_step, direct=True, **self._own)
+        for route in self._others:
             yield Move(route=route, sample=route.at_point or route.in_step, **self._own)
-        for groups in self.instance.input_sets:
-            yield Set(group=Group.of_all(groups), **self._own)
+        for groups, source in zip(self.instance.input_sets, self._sources, strict=True):
+            yield Set(group=Group.of_all(groups), source=source, **self._own)
 
     def takes_in_step(self) -> Iterator[Operation]:
         """Yield the moves and sets of inputs that are others in the step than at its point."""

@@ -14,17 +14,23 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cosim.core import InputError
 from cosim.master.communication_points import CommunicationPoints
-from cosim.master.component_instance import ComponentInstance, Rows, Texts, element_names
+from cosim.master.component_instance import (
+    ComponentInstance,
+    Group,
+    Rows,
+    Texts,
+    element_names,
+)
 from cosim.master.order import ReceivingOrder
 from cosim.master.parts import MODE_NUMBER, Endpoint
-from cosim.master.routes import Route
+from cosim.master.routes import Route, merged_routes
 from cosim.master.rows_in_use import RowsInUse
 from cosim.master.system import System
 from cosim.network import LinkState
@@ -58,7 +64,7 @@ class Wiring:
     receiving : the order in which components receive, and what becomes of algebraic loops.
     settled : columns and values of inputs at the first point on which the initialisation settled.
     whole_from : the first row that the loop leaves whole, (1, 1). In the rows before it
-        `make_whole` copies the inputs that were set from the sender's row.
+        `make_whole` copies the inputs that were set without a copy.
     whole_rows : number of rows in which it has done so.
     gives_back_rows : whether `give_back` includes the rows; a process that shares them leaves that
         to the other one.
@@ -104,42 +110,49 @@ class Wiring:
         return self.by_name[name]
 
     @cached_property
-    def direct_routes(self) -> frozenset[Route]:
-        """The routes whose values an FMI call can set from the sender's row, without a copy."""
-        found = set()
+    def direct_sets(self) -> Mapping[tuple[Group, ...], Route]:
+        """By groups that one FMI call sets, the route whose values it can take without a copy.
+
+        They are read in the sender's row, or where several routes read the same rows, gathered.
+        """
+        found = {}
         # the values of an algebraic loop are in the row while it is iterated
         iterated = {name for loop in self.receiving.loops for name in loop}
         for instance in self.instances:
-            for group, *others in () if instance.name in iterated else instance.input_sets:
-                if others or group.route is None:
-                    continue
-                route = instance.routes[group.route]
-                whole = group.c_type == "f8" and group.size == route.targets.size
-                if whole and route.at_point is None and route.verbatim:
-                    found.add(route)
-        return frozenset(found)
+            for groups in () if instance.name in iterated else instance.input_sets:
+                numbers = dict.fromkeys(group.route for group in groups)
+                routes = [instance.routes[number] for number in numbers if number is not None]
+                exact = all(route.at_point is None and route.unaltered for route in routes)
+                merged = merged_routes(routes) if exact and len(routes) == len(numbers) else []
+                size = sum(group.size for group in groups if group.c_type == "f8")
+                if len(merged) == 1 and merged[0].targets.size == size:
+                    found[groups] = merged[0]
+        return found
 
     def make_whole(self, count: int) -> None:
-        """Make the first `count` rows whole: copy the inputs that direct routes brought."""
+        """Make the first `count` rows whole: copy the inputs that were set without a copy."""
         first, last = self.whole_rows, int(min(count, self.whole_from[0, 0]))
         for sample, spans in self._direct.items() if first < last else ():
             used = sample.row[first:last]
             there = np.flatnonzero(used >= 0)
             into, of = first + there, used[there]
             for source, target in spans:
-                self.rows[into, target] = self.rows[of, source]
+                if isinstance(source, slice):
+                    self.rows[into, target] = self.rows[of, source]
+                else:
+                    self.rows[into[:, None], target] = self.rows[of[:, None], source]
         self.whole_rows = max(self.whole_rows, count)
 
     @cached_property
-    def _direct(self) -> Mapping[RowsInUse, Sequence[tuple[slice, slice]]]:
-        """The columns of direct routes, read and written, by the rows that are read.
+    def _direct(self) -> Mapping[RowsInUse, Sequence[tuple[Any, Any]]]:
+        """The columns of direct sets, read and written, by the rows that are read.
 
-        As slices, of which NumPy copies a row at once.
+        Where they can be, as slices, of which NumPy copies a row at once.
         """
-        by_sample: dict[RowsInUse, list[tuple[slice, slice]]] = {}
-        for route in self.direct_routes:
-            if route.spans is not None:
-                by_sample.setdefault(route.in_step, []).append(route.spans)
+        by_sample: dict[RowsInUse, list[tuple[Any, Any]]] = {}
+        for route in self.direct_sets.values():
+            spans = (route.columns, route.targets) if route.spans is None else route.spans
+            by_sample.setdefault(route.in_step, []).append(spans)
         return by_sample
 
     def leave_whole_from(self, first: int) -> None:

@@ -10,6 +10,7 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
+from benchmarks._tiny import tiny_fmu
 from mixed import mixed_fmu
 from scalar import end, ns, scalar_fmu
 
@@ -50,6 +51,36 @@ class Log(Observer):
 def fmus(tmp_path_factory: pytest.TempPathFactory) -> tuple[FmuDescription, FmuDescription]:
     folder = tmp_path_factory.mktemp("fmus")
     return describe_fmu(scalar_fmu(folder)), describe_fmu(mixed_fmu(folder))
+
+
+@pytest.fixture(scope="module")
+def wide(tmp_path_factory: pytest.TempPathFactory) -> FmuDescription:
+    """Five inputs, each from anywhere: one FMI call sets what several senders sent."""
+    return describe_fmu(tiny_fmu(_WIDE, tmp_path_factory.mktemp("wide")))
+
+
+_WIDE = 5
+
+
+def with_wide(r: random.Random, system: System, wide: FmuDescription) -> System:
+    """A random system and up to three of these, over its links and wires."""
+    names = [f"w{i}" for i in range(r.randint(0, 3))]
+    step = system.comm_schedule.step_ns
+    components = dict(system.components)
+    for name in names:
+        components[name] = Component(wide, {}, step if r.random() < 0.2 else None)
+    scalars = [name for name in system.components if name.startswith("s")]
+    sources = [end(f"{name}.x") for name in scalars]
+    sources += [end(f"{name}.x[{i}]") for name in names for i in range(1, _WIDE + 1)]
+    connections = list(system.connections)
+    for name in names:
+        usual = r.choice([None, None, *system.links])
+        for i in range(1, _WIDE + 1):
+            link = usual if r.random() < 0.8 else r.choice([None, *system.links])
+            if r.random() < 0.9:
+                connections.append(Connection(r.choice(sources), end(f"{name}.u[{i}]"), link))
+    schedule = replace(system.comm_schedule, every_ns=(*system.comm_schedule.every_ns, step))
+    return replace(system, components=components, connections=connections, comm_schedule=schedule)
 
 
 def random_links(r: random.Random, step: float) -> dict[str, Link]:
@@ -122,11 +153,14 @@ def run_random(
     engine: EngineName,
     *,
     threads: int = 1,
+    wide: FmuDescription | None = None,
 ) -> Any:
     """Everything that a run gives; overridden and biased at random times."""
     r = random.Random(seed)  # noqa: S311 - reproducible choices
     try:
         system = replace(random_system(r, fmus), threads=threads)
+        if wide is not None:
+            system = with_wide(r, system, wide)
         log = Log()
         with Session(system, [log], engine=engine) as session:
             for _ in range(r.randint(0, 3)):
@@ -149,11 +183,14 @@ def run_random(
 
 
 @pytest.mark.parametrize("part", range(3))
-def test_random_systems_agree(fmus: tuple[FmuDescription, FmuDescription], part: int) -> None:
+def test_random_systems_agree(
+    fmus: tuple[FmuDescription, FmuDescription], wide: FmuDescription, part: int
+) -> None:
     statuses = []
     for seed in range(part, SYSTEMS, 3):
-        found = run_random(seed, fmus, "kernel")
-        assert found == run_random(seed, fmus, "python"), f"seed {seed}"
+        more = wide if seed % 2 else None
+        found = run_random(seed, fmus, "kernel", wide=more)
+        assert found == run_random(seed, fmus, "python", wide=more), f"seed {seed}"
         statuses.append(found[0] if isinstance(found, tuple) else "refused")
     assert {"finished", "diverged", "failed"} <= set(statuses)
     assert statuses.count("refused") < len(statuses) / 4
