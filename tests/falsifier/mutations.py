@@ -3,7 +3,7 @@
     python -m tests.falsifier.mutations [--name TEXT] [--together] [--tests] [--jobs N]
 
 The falsifier flies its matrix over each mutated tree until a claim is wrong that was not wrong
-without the mutation; with `--tests` what survives that goes through the tests of the guarantee too.
+without the mutation; with `--tests` what survives that goes through the tests of the guarantee too, the slow ones as well.
 Exit code 1: a mutation survived, or its text is not in the tree, so that it has to be written anew.
 """
 
@@ -125,12 +125,14 @@ class Field:
         return found
 
     def _failed(self) -> str:
-        done = self._run(["-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", *TESTS])
+        every = ["-m", "slow or not slow"]
+        done = self._run(["-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", *every, *TESTS])
         lines = [x for x in done.stdout.splitlines() if x.startswith(("FAILED", "ERROR"))]
         return "" if done.returncode == 0 else (lines or ["the tests do not run"])[0][:200]
 
     def _run(self, words: list[str]) -> subprocess.CompletedProcess[str]:
         own = {**os.environ, "PYTHONPATH": str(self._tree)}
+        own.pop("SHARE", None)
         return subprocess.run(  # noqa: S603 - our own command
             [sys.executable, *words],
             cwd=self._tree,

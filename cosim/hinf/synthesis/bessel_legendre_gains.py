@@ -35,6 +35,8 @@ _ROUNDS = 25
 _WELL_ABOVE = 1.1  # starting gains have the greatest margin at this multiple of the least gamma
 _ABOVE = 1e-3  # share above the least gamma at which the multipliers of a gain are taken
 _ENOUGH = 2e-4  # relative decrease of gamma in a round below which the rounds end
+_FEW, _PAYS = 4, 3e-3  # rounds from a gain that is proved, and what each has to gain
+_SHARES = (0.1, 0.4, 0.8)  # of the way from the least gamma of given multipliers to that of K
 _SHORT = 1 / 64  # start of a continuation, as a share of the delays
 _SMALLEST_STEP = 1e-3
 _TRIES = 40  # near its end a continuation creeps
@@ -80,6 +82,15 @@ def bessel_legendre_gains(
         improved = Loop(system, order, gamma).improved_gain(gains[0])
         gains = [gains[0]] if improved is None else [improved[1], gains[0]]
     yield from gains
+
+
+def improved_gain(system: DelaySystem, K: Gain) -> Gain | None:
+    """Return a gain of less gamma at order 0 than K, by a few rounds from it; None: none.
+
+    system : as of `bessel_legendre_gains`, with w and z.
+    """
+    best = _descended(system, 0, [K], None, rounds=_FEW, enough=_PAYS)
+    return None if not best or best[0] is K else best[0]
 
 
 class Loop:
@@ -180,7 +191,13 @@ def _continued(loop: Loop) -> list[Gain]:
 
 
 def _descended(
-    system: DelaySystem, order: int, starts: Sequence[Gain], goal: float | None
+    system: DelaySystem,
+    order: int,
+    starts: Sequence[Gain],
+    goal: float | None,
+    *,
+    rounds: int = _ROUNDS,
+    enough: float = _ENOUGH,
 ) -> list[Gain]:
     """Return gains of decreasing gamma from the best start, best first; stop below `goal`."""
     delays = [delay.d for delay in system.delays]
@@ -192,39 +209,45 @@ def _descended(
     size = float(np.linalg.norm(system.D1, 2)) or 1.0
     ranked = sorted(((least(K, size), K) for K in starts), key=lambda pair: pair[0])
     ranked = [pair for pair in ranked if np.isfinite(pair[0])]
-    for _ in range(_ROUNDS):
+    for _ in range(rounds):
         if not ranked or (goal is not None and ranked[0][0] < goal):
             break
         gamma, K = ranked[0]
         with suppress(np.linalg.LinAlgError):
-            better = _round(system, order, gamma, K)
-            if better is not None:
+            for better in _round(system, order, gamma, K):
                 value = least(better, gamma)
                 if value < gamma:
                     ranked.insert(0, (value, better))
-        if ranked[0][0] > (1 - _ENOUGH) * gamma:
+                    break
+        if ranked[0][0] > (1 - enough) * gamma:
             break
     return [K for _, K in ranked]
 
 
-def _round(system: DelaySystem, order: int, gamma: float, K: Gain) -> Gain | None:
-    """Return a gain of less gamma, by the multipliers of K, away from the edge; None: none."""
+def _round(system: DelaySystem, order: int, gamma: float, K: Gain) -> Iterator[Gain]:
+    """Yield gains of less gamma, by the multipliers of K, away from the edge.
+
+    Only the first that is there by a margin; else those near the edge, which an analysis judges.
+    """
     delays = [delay.d for delay in system.delays]
     analysis = Condition(system, K, order, performance=True)
     proved = analysis.margin(delays, (1 + _ABOVE) * gamma)
     if proved is None:
-        return None
+        return
     multipliers = multiplier_of(proved[1], system)
     lmi = GainLmi(system, order, K, gamma)
     least = lmi.least_gamma(multipliers)
-    if least is None:
-        return None
-    for share in (0.1, 0.4):
+    if least is None or least[0] >= gamma:
+        return
+    at_edge: list[Gain] = []
+    for share in _SHARES:
         level = max(least[0] + share * (gamma - least[0]), (1 + _ABOVE / 4) * least[0])
         middle = rounded(lmi.central(multipliers, level))
         if middle is not None and middle[0] > 0:
-            return middle[1]
-    return None
+            yield middle[1]
+            return
+        at_edge += [] if middle is None else [middle[1]]
+    yield from reversed(at_edge)
 
 
 def check_order(order: int, system: DelaySystem) -> None:

@@ -19,8 +19,10 @@ and an analysis with these ages proves them.
 
 The first that succeeds ends them, but order 1 is also tried where it pays: k1, k2 are not given,
 a delay is constant, and the system is small. The gain is then analysed by the sharpest
-conditions that are affordable, and the best proof is claimed. Where none improves that of Theorem 2
-and gamma is not near the exact norm, the best gain with a price on Y is analysed as well.
+conditions that are affordable, and the best proof is claimed. Where none improves that of
+Theorem 2 and gamma is not near the exact norm, the best gain with a price on Y is analysed as
+well. Of a small system the gain is improved last, by the LMI that is convex for the multipliers
+of its analysis.
 """
 
 from __future__ import annotations
@@ -30,6 +32,8 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import chain, islice
+
+import numpy as np
 
 from cosim.core import NotAchievableError, report
 from cosim.hinf.delay_lti import nominal_figures_of
@@ -42,9 +46,10 @@ from cosim.hinf.synthesis.ages_gains import (
     nearest_to_a_goal,
 )
 from cosim.hinf.synthesis.analysis import Order, best_analysis, is_exact, preferred
-from cosim.hinf.synthesis.bessel_legendre_gains import bessel_legendre_gains
+from cosim.hinf.synthesis.bessel_legendre_gains import bessel_legendre_gains, improved_gain
 from cosim.hinf.synthesis.cvxpy_lmi import cvxpy_design
 from cosim.hinf.synthesis.designs import proved_by_analysis
+from cosim.hinf.synthesis.gain_size import gain_remark
 from cosim.hinf.synthesis.not_achievable import none_succeeded
 from cosim.hinf.synthesis.priced_gains import priced_gains
 from cosim.hinf.synthesis.result import Result
@@ -59,6 +64,10 @@ _CONTINUED_UNKNOWNS = 100
 _ORDERS = (1, 2)
 _IMPROVABLE = 1.02
 """Of a gamma by Theorem 2 to the exact norm, from which other gains are tried."""
+_IMPROVED_UNKNOWNS = 90
+"""Unknowns of the analysis up to which a gain is improved: seven states with one delay."""
+_AT_THE_FLOOR = 1.001
+"""Of a gamma to |D1|, below which no gain has less."""
 _CLOSE = 0.95
 """Of a least gamma to a proved one, at which gains out of all proportion are not tried."""
 
@@ -124,7 +133,8 @@ def designed_by_some_route(asked: Request, order: Order = "auto") -> Result:
         raise none_succeeded(errors)
     if asked.gamma is not None:
         return preferred(designs)
-    return _with_a_price(asked, preferred([analysed_again(one) for one in designs]))
+    best = _with_a_price(asked, preferred([analysed_again(one) for one in designs]))
+    return best if known or asked.given else _improved(best)
 
 
 def _with_a_price(asked: Request, designed: Result) -> Result:
@@ -142,6 +152,25 @@ def _with_a_price(asked: Request, designed: Result) -> Result:
         if again.certificate is not None:
             return preferred([designed, again])
     return designed
+
+
+def _improved(designed: Result) -> Result:
+    """Return the design of a gain that a few rounds of order 0 make of this one, if it is better.
+
+    Its size has to stay in proportion. At `_IMPROVED_UNKNOWNS` the rounds take as long as a design.
+    """
+    s, gamma = designed.system, designed.gamma
+    floor = float(np.linalg.norm(s.D1, 2)) * _AT_THE_FLOOR
+    if gamma is None or gamma < floor or not any(x.d > 0 for x in s.delays):
+        return designed
+    if _unknowns(s, 0) > _IMPROVED_UNKNOWNS:
+        return designed
+    report("a better gain near this one", 0.0)
+    K = improved_gain(s, designed.K)
+    if K is None or (gain_remark(s, K) and not gain_remark(s, designed.K)):
+        return designed
+    again = best_analysis(s, K, None, "auto", nominal_figures_of(s, K), below=gamma)
+    return designed if again.certificate is None else preferred([designed, again])
 
 
 def _has_a_price(system: DelaySystem) -> bool:
