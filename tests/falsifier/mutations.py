@@ -3,7 +3,8 @@
     python -m tests.falsifier.mutations [--name TEXT] [--together] [--tests] [--jobs N]
 
 The falsifier flies its matrix over each mutated tree until a claim is wrong that was not wrong
-without the mutation; with `--tests` what survives that goes through the tests of the guarantee too, the slow ones as well.
+without the mutation; with `--tests` what survives that goes through the tests of the guarantee too,
+the slow ones as well.
 Exit code 1: a mutation survived, or its text is not in the tree, so that it has to be written anew.
 """
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from benchmarks.design_sizes import K_LIMIT, gains_by_cvxpy
 from shared import sampled
-from varied_systems import steered_chain
+from varied_systems import steered_chain, varied_system
 
 from cosim.hinf import analyse, design
 from cosim.hinf.certificate import standalone
@@ -46,3 +46,16 @@ def test_a_search_ends_where_its_best_gain_is_out_of_all_proportion(
     found = design(steered_chain(8))
     assert found.certified
     assert len(asked) == len(set(asked)) < 12
+
+
+@pytest.mark.parametrize(("seed", "before"), [(6, 14.69772), (21, 4.618161)])
+def test_the_gain_of_a_small_system_is_improved_from_its_own_multipliers(
+    seed: int, before: float
+) -> None:
+    """Less gamma than by the search for k1, k2 and the analysis of its gain, and proved."""
+    found = design(varied_system(seed))
+    assert found.gamma is not None
+    assert found.gamma < 0.99 * before
+    assert standalone.check(json.dumps(dict(found.certificate)).encode())
+    again = analyse(varied_system(seed), found.K).gamma
+    assert again == found.gamma

@@ -17,6 +17,7 @@ from cosim.hinf import (
     Delay,
     DelaySystem,
     Result,
+    analyse,
     check_certificate,
     design,
     design_from_json,
@@ -161,7 +162,7 @@ def test_an_unknown_guarantee_is_named(saved: Any) -> None:
 
 def test_guarantees_of_another_gain_are_refused(saved: Any) -> None:
     """Put into the file of another design, claim and all: they are proved for its own gain."""
-    other = design(paper_example.system(), (0.6,), (0.2,), order=0)
+    other = analyse(paper_example.system(), [[20.0, -10.0]], order=0)
     data = json.loads(json.dumps(design_to_json(other)))
     data["guarantees"] = saved["guarantees"]
     data["claim"]["guarantees"] = saved["claim"]["guarantees"]
