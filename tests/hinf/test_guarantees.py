@@ -162,7 +162,7 @@ def test_an_unknown_guarantee_is_named(saved: Any) -> None:
 
 def test_guarantees_of_another_gain_are_refused(saved: Any) -> None:
     """Put into the file of another design, claim and all: they are proved for its own gain."""
-    other = analyse(paper_example.system(), [[20.0, -10.0]], order=0)
+    other = analyse(paper_example.system(), [paper_example.PRINTED_K], order=0)
     data = json.loads(json.dumps(design_to_json(other)))
     data["guarantees"] = saved["guarantees"]
     data["claim"]["guarantees"] = saved["claim"]["guarantees"]
