@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, Final, Literal
 
 from cosim import hinf, scenario
-from cosim.core import InputError, write_whole
+from cosim.core import InputError, not_written, write_whole
 
 AUTO: Final = "auto"
 """The word for an order that is chosen by what it costs."""
@@ -106,10 +106,8 @@ def names(option: str, text: str) -> tuple[str, ...]:
 
 def write(path: Path, text: str) -> None:
     """Write a text file and the folders it needs; raise InputError if that fails."""
-    try:
+    with not_written("the file", path):
         write_whole(path, text.encode())
-    except OSError as error:
-        raise InputError("the file cannot be written", where=str(path), got=str(error)) from error
 
 
 def write_json(path: Path, data: Any) -> None:

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from cosim import hinf, recordings, trace
+from cosim.cli.arguments import write
 from cosim.cli.common import (
     JsonOption,
     answer,
@@ -18,7 +19,7 @@ from cosim.cli.help_text import HelpTyper
 from cosim.cli.link_fit_view import fit_json, fit_view
 from cosim.cli.link_verdict_view import verdict_json, verdict_view
 from cosim.cli.link_view import record_json, record_view, show_json, show_view
-from cosim.core import CheckFailedError, InputError, write_whole
+from cosim.core import CheckFailedError, InputError
 from cosim.network import Recording
 
 link_app = HelpTyper(
@@ -130,7 +131,7 @@ def fit(
             found[each or name] = recordings.fit_link(recording, states)
     if out is not None:
         tomls = [each.toml(link) for link, each in found.items()]
-        write_whole(out, "\n".join(tomls).encode())
+        write(out, "\n".join(tomls))
     answer(as_json, lambda: fit_json(file, found, out), lambda: fit_view(found, out))
     if any(each.refusals for each in found.values()):
         raise typer.Exit(CheckFailedError.exit_code)

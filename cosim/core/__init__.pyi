@@ -32,6 +32,7 @@ from .file_kinds import (
 from .files import (
     cache_folder as cache_folder,
     copy_whole as copy_whole,
+    not_written as not_written,
     similar_files as similar_files,
     unreadable as unreadable,
     write_whole as write_whole,

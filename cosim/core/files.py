@@ -11,7 +11,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Final
 
-from cosim.core.errors import InputError, did_you_mean, nearest
+from cosim.core.errors import CosimError, InputError, did_you_mean, nearest
 from cosim.core.locks import locked_folder, remove_left
 from cosim.core.output_places import output_place
 
@@ -115,6 +115,32 @@ def _own_folder(beside: Path | None) -> Iterator[Path]:
 
 
 _LEFT: Final = re.compile(r"\.[0-9a-f]{12}\.partial")
+
+
+@contextmanager
+def not_written(
+    what: str,
+    path: Path,
+    error: type[CosimError] = InputError,
+    *,
+    faults: tuple[type[Exception], ...] = (OSError,),
+    **more: str,
+) -> Iterator[None]:
+    """Say which output cannot be written, where the block raises a fault.
+
+    Parameters
+    ----------
+    what : it cannot be written, "the report".
+    error : what is raised.
+    more : its `expected` and `hint`.
+    """
+    try:
+        yield
+    except faults as cause:
+        if isinstance(cause, CosimError):
+            raise
+        got = str(cause)[:300]
+        raise error(f"{what} cannot be written", where=str(path), got=got, **more) from cause
 
 
 def write_whole(path: Path, content: bytes) -> None:

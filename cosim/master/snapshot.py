@@ -12,7 +12,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from cosim.core import InputError, written_beside
+from cosim.core import InputError, not_written, written_beside
 from cosim.fmu import FmuState
 from cosim.master.adjustments import Adjustment
 from cosim.master.component_instance import Rows
@@ -154,13 +154,12 @@ class Snapshot:
             f"state{i}": np.frombuffer(cast("bytes", state), np.uint8)
             for i, state in enumerate(self.states.values())
         }
-        try:
-            with written_beside(path) as partial, partial.open("wb") as stream:
-                np.savez(stream, about=np.array(json.dumps(about)), rows=self.rows, **states)
-        except OSError as error:
-            raise InputError(
-                "the snapshot cannot be written", where=str(path), got=str(error)
-            ) from error
+        with (
+            not_written("the snapshot", path),
+            written_beside(path) as partial,
+            partial.open("wb") as stream,
+        ):
+            np.savez(stream, about=np.array(json.dumps(about)), rows=self.rows, **states)
 
     @classmethod
     def load(cls, path: Path) -> Snapshot:

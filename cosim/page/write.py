@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from pathlib import Path
 
-from cosim.core import InputError, write_whole
+from cosim.core import InputError, not_written, write_whole
 
 
 def write_page(target: Path, html: str, kind: str, sources: Iterable[Path]) -> int:
@@ -25,10 +25,6 @@ def write_page(target: Path, html: str, kind: str, sources: Iterable[Path]) -> i
                 where=str(target),
                 hint="another place: --out",
             )
-    try:
+    with not_written("the report", target, faults=(OSError, ValueError)):
         write_whole(target, text)
-    except (OSError, ValueError) as error:
-        raise InputError(
-            "the report cannot be written", where=str(target), got=str(error)
-        ) from error
     return len(text)

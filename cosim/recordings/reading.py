@@ -26,7 +26,7 @@ from pathlib import Path
 
 import numpy as np
 
-from cosim.core import InputError, counted, write_whole
+from cosim.core import InputError, counted, not_written, write_whole
 from cosim.network import IN_FLIGHT_NS, Recording, Row, no_rows, read_rows
 from cosim.recordings.from_mcap import is_mcap, recordings_in
 from cosim.recordings.lost_messages import with_due
@@ -125,7 +125,8 @@ def write_recordings(path: str | PathLike[str], recordings: Mapping[str, Recordi
             came = "" if lost else "in flight" if delay == IN_FLIGHT_NS else then
             cells = [_seconds(sent), came, then if lost else ""]
             lines.writerow([*cells, name] if several else cells)
-    write_whole(Path(path), text.getvalue().encode())
+    with not_written("the recording", Path(path)):
+        write_whole(Path(path), text.getvalue().encode())
 
 
 def _seconds(time_ns: int) -> str:

@@ -18,7 +18,7 @@ import contextlib
 import json
 import math
 import shutil
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any, Self
 
@@ -27,6 +27,7 @@ from cosim.core import (
     LossError,
     counted,
     lock_file,
+    not_written,
     say_once,
     write_whole,
     written_beside,
@@ -141,7 +142,7 @@ class Folder:
         path, digest = self.path / name, manifest["digest"]
         with (
             _open_log(log, before) as rows,
-            not_written(path),
+            not_kept(path),
             written_beside(path) as partial,
             partial.open("wb") as file,
         ):
@@ -158,7 +159,7 @@ class Folder:
         self._write(manifest | {"run_log": self.rows.path.name, CHECKED: True})
 
     def _write(self, manifest: dict[str, Any]) -> None:
-        with not_written(self.path / MANIFEST):
+        with not_kept(self.path / MANIFEST):
             write_whole(self.path / MANIFEST, json.dumps(manifest, indent=1).encode())
 
     def append(self, rows: Iterable[Row]) -> None:
@@ -168,7 +169,7 @@ class Folder:
         ------
         LossError : they cannot be written, as on a full disk.
         """
-        with not_written(self.rows.path):
+        with not_kept(self.rows.path):
             self.rows.append(rows)
 
     def close(self) -> None:
@@ -194,23 +195,10 @@ class Folder:
         self.close()
 
 
-@contextlib.contextmanager
-def not_written(path: Path) -> Iterator[None]:
-    """Say which file of a study could not be written.
-
-    Raises
-    ------
-    LossError : for an `OSError` within.
-    """
-    try:
-        yield
-    except OSError as error:
-        raise LossError(
-            "the study's results cannot be written",
-            where=str(path),
-            got=error.strerror or str(error),
-            hint="make room; the same command continues, and runs that are done are kept",
-        ) from error
+def not_kept(path: Path) -> contextlib.AbstractContextManager[None]:
+    """Say which file of a study could not be written: a `LossError` for an `OSError` within."""
+    hint = "make room; the same command continues, and runs that are done are kept"
+    return not_written("the study's results", path, LossError, hint=hint)
 
 
 def read_manifest(path: Path) -> dict[str, Any]:

@@ -14,7 +14,7 @@ from typing import Any
 
 from cosim.core import InputError, optional
 from cosim.study.batch import Row
-from cosim.study.folder import RESULTS, not_written, read_manifest, read_rows, remove
+from cosim.study.folder import RESULTS, not_kept, read_manifest, read_rows, remove
 from cosim.study.rare_study import RarePoints
 from cosim.study.run_log import RunLog
 from cosim.study.schema import RESERVED, Study
@@ -133,7 +133,7 @@ def write_table(manifest: dict[str, Any], rows: Rows, path: Path) -> None:
     LossError : it cannot be written.
     """
     partial = path.with_name(path.name + ".partial")
-    with not_written(path):
+    with not_kept(path):
         remove(partial)
         write = pyarrow().parquet.write_table
         for i, part in enumerate(_parts(manifest, rows)):

@@ -20,7 +20,7 @@ from typing import Any, Protocol
 
 from cosim.core import ComponentError, CosimError, InputError
 from cosim.study.batch import Job
-from cosim.study.folder import not_written
+from cosim.study.folder import not_kept
 from cosim.study.shipping import Offer, keep_traces, run_ticket
 
 Batch = list[int]
@@ -145,7 +145,7 @@ class DaskPool:
                     yield batch, found
                 else:
                     rows, traces = found
-                    with not_written(Path(ticket.traces or "")):
+                    with not_kept(Path(ticket.traces or "")):
                         keep_traces(ticket, traces)
                     yield batch, rows
                 fill()

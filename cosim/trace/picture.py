@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.core import InputError, optional, written_beside
+from cosim.core import InputError, not_written, optional, written_beside
 from cosim.trace.reader import Trace
 from cosim.trace.tables.table import Table
 from cosim.trace.tables.traffic import deliveries, link_names, loop_age
@@ -91,16 +91,12 @@ def save_picture(figure: Any, target: Path, dpi: int = 110) -> Path:
     ------
     InputError : it cannot be written, or its format is not known.
     """
-    try:
-        with written_beside(target) as partial:
-            figure.savefig(partial, dpi=dpi, format=target.suffix[1:] or None)
-    except (OSError, ValueError) as error:  # ValueError: no such format
-        raise InputError(
-            "the picture cannot be written",
-            where=str(target),
-            expected="a .png, .svg or .pdf file in a folder that can be written",
-            got=str(error)[:200],
-        ) from error
+    expected = "a .png, .svg or .pdf file in a folder that can be written"
+    with (
+        not_written("the picture", target, faults=(OSError, ValueError), expected=expected),
+        written_beside(target) as partial,
+    ):
+        figure.savefig(partial, dpi=dpi, format=target.suffix[1:] or None)
     return target
 
 

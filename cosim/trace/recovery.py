@@ -9,7 +9,15 @@ from typing import Any
 from mcap.opcode import Opcode
 from mcap.records import Attachment, Header, Metadata
 
-from cosim.core import InputError, LossError, Progress, copy_whole, silent, written_beside
+from cosim.core import (
+    InputError,
+    LossError,
+    Progress,
+    copy_whole,
+    not_written,
+    silent,
+    written_beside,
+)
 from cosim.trace.checks.of_file import FileChecks
 from cosim.trace.checks.verification import verification_of
 from cosim.trace.file.records import chunk_head, parsed
@@ -167,12 +175,8 @@ def _as_it_is(found: _Found, source: Path, output: Path | None, *, force: bool) 
     )
     if output is not None:
         _check_target(source, output, force=force)
-        try:
+        with not_written("the copy", output, LossError):
             copy_whole(source, output)
-        except OSError as error:
-            raise LossError(
-                "the file could not be copied", where=str(output), got=str(error)
-            ) from error
     checks = verification_of(source, found.walk, found.checks).checks
     failed = tuple(check.name for check in checks if check.verdict == "failed")
     return replace(_recovery(found, counts, source, output or source, failed), lost=bool(failed))
@@ -217,19 +221,15 @@ class _Counts:
 
 def _written(found: _Found, source: Path, target: Path, report_progress: Progress) -> Recovery:
     counts = _Counts()
-    try:
-        with written_beside(target) as partial, partial.open("wb") as file:
-            stream = McapStream(file, 256 * 1024, found.compression or "zstd", early=True)
-            _copy(found, source, stream, counts, report_progress)
-            recovery = _recovery(found, counts, source, target, found.mendable)
-    except OSError as error:
-        raise LossError(
-            "the recovered file could not be written",
-            where=str(target),
-            got=str(error),
-            hint="make room on the disk, or choose another place: --out; the original is kept",
-        ) from error
-    return recovery
+    hint = "make room on the disk, or choose another place: --out; the original is kept"
+    with (
+        not_written("the recovered file", target, LossError, hint=hint),
+        written_beside(target) as partial,
+        partial.open("wb") as file,
+    ):
+        stream = McapStream(file, 256 * 1024, found.compression or "zstd", early=True)
+        _copy(found, source, stream, counts, report_progress)
+        return _recovery(found, counts, source, target, found.mendable)
 
 
 def _copy(

@@ -172,6 +172,15 @@ def test_what_is_written_is_read_again(tmp_path: Path) -> None:
         assert [each.start_ns for each in found.values()] == [e.start_ns for e in given.values()]
 
 
+def test_a_recording_that_cannot_be_written_is_an_error_that_names_it(tmp_path: Path) -> None:
+    """Below a file there are no files; it was an `OSError` of the system."""
+    (tmp_path / "file").write_text("", "utf-8")
+    path = tmp_path / "file" / "out.csv"
+    with pytest.raises(InputError, match="the recording cannot be written") as caught:
+        write_recordings(path, {"": Recording([0], [0], [5])})
+    assert caught.value.where == str(path)
+
+
 def test_another_mcap_file_is_read_by_its_sequence_numbers(tmp_path: Path) -> None:
     """Publish time is sending, log time arrival; numbers 6 and 7 are missing: lost."""
     path = tmp_path / "modem.mcap"

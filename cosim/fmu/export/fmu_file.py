@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from cosim.core import InputError, copy_whole
+from cosim.core import InputError, copy_whole, not_written
 from cosim.fmu.export.build import build_fmu
 from cosim.fmu.export.flavours import FMI_VERSION, Flavour
 from cosim.fmu.export.native.platforms import Platform, platforms_named
@@ -82,16 +82,16 @@ def write_fmu(spec: ComponentSpec, path: Path, kind: FmuTarget) -> None:
     ------
     InputError : no compiler for a native one, or a file that cannot be written.
     """
-    try:
-        with tempfile.TemporaryDirectory(prefix="fmu-", dir=own_folder()) as folder:
-            built = build_fmu(
-                *(spec, Path(folder, "fmu"), kind.flavour, kind.platforms),
-                prebuilt=kind.prebuilt,
-                clocked=kind.clocked,
-            )
-            copy_whole(built, path)
-    except OSError as error:
-        raise InputError("the FMU cannot be written", where=str(path), got=str(error)) from error
+    with (
+        not_written("the FMU", path),
+        tempfile.TemporaryDirectory(prefix="fmu-", dir=own_folder()) as folder,
+    ):
+        built = build_fmu(
+            *(spec, Path(folder, "fmu"), kind.flavour, kind.platforms),
+            prebuilt=kind.prebuilt,
+            clocked=kind.clocked,
+        )
+        copy_whole(built, path)
 
 
 def model_name(path: Path) -> str:

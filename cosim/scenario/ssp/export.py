@@ -9,7 +9,7 @@ from typing import Literal
 
 import tomli_w
 
-from cosim.core import InputError
+from cosim.core import InputError, not_written
 from cosim.fmu import deterministic_zip
 from cosim.master import Component, System
 from cosim.scenario.assembly import assemble
@@ -242,9 +242,5 @@ def _with_known_units(element: Element, units: Mapping[str, Mapping[str, str]]) 
 
 
 def _write(content: Mapping[str, bytes], path: Path) -> None:
-    try:
+    with not_written("the archive", path):
         deterministic_zip(content, path)
-    except OSError as error:
-        raise InputError(
-            "the archive cannot be written", where=str(path), got=str(error)
-        ) from error

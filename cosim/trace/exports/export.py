@@ -19,7 +19,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.core import InputError, Progress, silent, written_beside
+from cosim.core import InputError, Progress, not_written, silent, written_beside
 from cosim.trace.content import content_hash_of
 from cosim.trace.digest import CONTENT_HASH_VERSION
 from cosim.trace.exports.files import CsvFile, ParquetFile, Sheet, pyarrow
@@ -109,15 +109,11 @@ def export(
     for first in range(0, len(jobs), step):
         some = jobs[first : first + step]
         notify(f"writing {some[0][1].name}", first / len(jobs))
-        try:
+        with not_written("the table", some[0][1]):
             if to == "mat":
                 written += _write_mat(trace, content_hash, some, sheets_of)
             else:
                 written += _write(some, sheets_of(some), file_of)
-        except OSError as error:
-            raise InputError(
-                "the table cannot be written", where=str(some[0][1]), got=str(error)
-            ) from error
     return written
 
 

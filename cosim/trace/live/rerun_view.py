@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from cosim.core import InputError, optional, write_whole
+from cosim.core import InputError, not_written, optional, write_whole
 from cosim.trace.live.rerun_recording import recording_of
 from cosim.trace.reader import Trace
 from cosim.trace.report.content import content_of
@@ -153,9 +153,5 @@ def _check_display() -> None:
 
 
 def _save(recording: bytes, path: Path) -> None:
-    try:
+    with not_written("the recording", path, faults=(OSError, ValueError)):
         write_whole(path, recording)
-    except (OSError, ValueError) as error:
-        raise InputError(
-            "the recording cannot be written", where=str(path), got=str(error)
-        ) from error

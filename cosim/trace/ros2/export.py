@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from cosim.core import InputError, Progress, silent, written_beside
+from cosim.core import InputError, Progress, not_written, silent, written_beside
 from cosim.trace.file.block import Records, in_order
 from cosim.trace.file.stream import McapStream
 from cosim.trace.reader import Trace
@@ -102,16 +102,17 @@ def export_bag(
     if target.exists() and target.samefile(trace.path):
         raise InputError("the bag would overwrite its trace", where=str(target), hint="use --out")
     latest = max(high for _, high in trace.spans.values())
-    try:
-        with written_beside(target) as beside, beside.open("wb") as file:
-            bag = _Bag(McapStream(file, _CHUNK_BYTES, "zstd"), trace)
-            for tables in trace.parts(list(made), start=start, end=end, part_bytes=_PART_BYTES):
-                bag.add(_records(bag, tables, made))
-                now = max(int(table.log_time_ns.max()) for table in tables.values())
-                notify(f"writing {target.name}", now / max(latest, 1))
-            bag.finish(made)
-    except OSError as error:
-        raise InputError("the bag cannot be written", where=str(target), got=str(error)) from error
+    with (
+        not_written("the bag", target),
+        written_beside(target) as beside,
+        beside.open("wb") as file,
+    ):
+        bag = _Bag(McapStream(file, _CHUNK_BYTES, "zstd"), trace)
+        for tables in trace.parts(list(made), start=start, end=end, part_bytes=_PART_BYTES):
+            bag.add(_records(bag, tables, made))
+            now = max(int(table.log_time_ns.max()) for table in tables.values())
+            notify(f"writing {target.name}", now / max(latest, 1))
+        bag.finish(made)
     left_out = tuple(t for t in wanted if t not in made and t not in bag.counts)
     return WrittenBag(target, bag.counts, left_out)
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from cosim.core import InputError, write_whole
+from cosim.core import InputError, not_written, write_whole
 from cosim.trace.reader import Trace
 from cosim.trace.tables.topic_info import TopicInfo
 from cosim.trace.viewers import lichtblick, plotjuggler
@@ -76,11 +76,7 @@ def write_layout(trace: Path, viewer: Viewer, target: Path | None = None) -> Wri
     target = target or found.path.with_name(f"{stem}.{viewer}.{suffix}")
     if target.exists() and target.samefile(found.path):
         raise InputError("the layout would overwrite its trace", where=str(target))
-    try:
+    with not_written("the layout", target):
         write_whole(target, layout(found.topics, tabs).encode())
-    except OSError as error:
-        raise InputError(
-            "the layout cannot be written", where=str(target), got=str(error)
-        ) from error
     counts = {tab.title: sum(len(plot.curves) for plot in tab.plots) for tab in tabs}
     return WrittenLayout(found.path, target, viewer, counts, left_out)
