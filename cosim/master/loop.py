@@ -235,10 +235,12 @@ class Loop:
             self._copy_inputs()
 
     def _copy_inputs(self) -> None:
-        """Copy inputs into the rows from now on, those too that are set from the sender's."""
-        if not self.table.copying[0]:
-            self.table.copying[0] = 1
-            self._wiring.leave_whole_from(self.complete)
+        """Copy inputs into the rows from now on, those too that are set from the sender's.
+
+        It may have begun at a later row before the run went back.
+        """
+        self.table.copying[0] = 1
+        self._wiring.leave_whole_from(self.complete)
 
     def forget_exchange(self) -> None:
         """Take back the exchange at the point of the slaves: something was set or overridden."""

@@ -291,6 +291,23 @@ def test_override_bias_release(fmu: Path, engine: EngineName) -> None:
         session.override("a", "b", 1.0)
 
 
+def test_an_override_after_going_back_is_in_the_rows(fmu: Path, engine: EngineName) -> None:
+    """One before, at a later row, has had inputs copied from that row on alone."""
+    wires = (("a.x", "b.u", None), ("b.x", "a.u", None))
+    with Session(scalars(fmu, PAIR, wires, step=0.1, stop=2.0), engine=engine) as session:
+        session.step(5)
+        saved = session.snapshot()
+        session.step(5)
+        session.override("a", "u", 1.0)
+        session.step(1)
+        session.restore(saved)
+        session.override("b", "u", 7.0)
+        session.step(5)
+        run = session.result()
+    assert run.signal("b", "u")[5:10].tolist() == [7.0] * 5
+    assert run.signal("a", "u")[5:10].tolist() == run.signal("b", "x")[5:10].tolist()
+
+
 def test_stops_at_the_first_row_where_the_condition_is_true(fmu: Path, engine: EngineName) -> None:
     with Session(linked(fmu), engine=engine) as session:
         stopped = session.run_until(stop=lambda s: s.value("a", "x") < 0.5)
