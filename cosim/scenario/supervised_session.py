@@ -267,7 +267,7 @@ class SupervisedSession(SessionBase):
         if self._broken is not None:
             return self._broken
         so_far = self._ask(_so_far, complete, result=_SoFar)
-        return self._run.run_so_far(*so_far).owned()
+        return self._run.run_so_far(*so_far)
 
     @property
     def opened(self) -> bool:

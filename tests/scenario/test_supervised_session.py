@@ -147,12 +147,14 @@ def answers_of(path: str, seed: int, fmus: Path, *, supervise: bool) -> list[Any
     return [*answers, diary.lines, diary.rows]
 
 
+FAULTY = (1, 38, 865)
+"""Of calls at random: the first ones, an override after going back, a reset after a result."""
 CASES = ("grid-events", "delays-that-vary", "events-of-every-kind", "over-a-transport-link")
 
 
 @pytest.mark.parametrize("name", sampled(CASES, 1))
 @pytest.mark.parametrize(
-    "seed", [1, *(pytest.param(s, marks=pytest.mark.slow) for s in range(2, 40))]
+    "seed", [*FAULTY, *(pytest.param(s, marks=pytest.mark.slow) for s in range(2, 38))]
 )
 def test_calls_at_random_have_the_same_answers(native_fmus: Path, name: str, seed: int) -> None:
     """Values, errors, results, log lines, before and after snapshots, events and live links."""

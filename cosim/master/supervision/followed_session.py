@@ -93,7 +93,10 @@ class FollowedSession(FollowedRun):
     def run_so_far(
         self, count: int, status: RunStatus, reason: str | None, cause: Cause | None
     ) -> Run:
-        """Return the run of which the first `count` rows are known."""
+        """Return the run of which the first `count` rows are known, with rows of its own.
+
+        The last of them may be one that is exchanged again: it is made whole anew then.
+        """
         points = self._points
         if count > points.count and not points.crossing and not points.has_events:
             first = points.ready
@@ -101,7 +104,7 @@ class FollowedSession(FollowedRun):
             self._wiring.fill_routes(first, points.ready)
         count = min(max(count, 0), points.count)
         self._taken_rows.show(count)
-        found = Run.of(self._wiring, count, status, reason, self._engine, cause, kept=True)
+        found = Run.of(self._wiring, count, status, reason, self._engine, cause, kept=True).owned()
         self._wiring.whole_rows = min(self._wiring.whole_rows, self._dispatch.delivered)
         return found
 
