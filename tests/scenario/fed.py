@@ -56,11 +56,14 @@ class Release:
         own = [instance.own_points for instance in run.instances]
         arrays: list[tuple[Any, Any]] = [(run.instances[0].rows, np.nan)]
         arrays.append((self._comm_points.points_ns, NEVER))
-        arrays += [(part, NEVER) for points in own for part in (points.last, points.following)]
+        # the next point of one that is at every point stands in `last`, one place on
+        arrays += [(points.last, NEVER) for points in own]
+        arrays += [(points.following, NEVER) for points in own if not points.always]
         for used in routes:
             arrays += [(used.row, NEVER), (used.after, NEVER), (used.weight, np.nan)]
         unique = {id(array): (array, later) for array, later in arrays if array is not None}
         self._arrays = [(array, array.copy(), later) for array, later in unique.values()]
+        self._following = {id(points.last) for points in own if points.always}
         size = self._comm_points.points_ns.size
         needed = np.arange(size) - (not alone)
         for used in () if alone else routes:
@@ -88,5 +91,6 @@ class Release:
         oldest = int(self._oldest[first])
         for array, saved, _ in self._arrays:
             array[:oldest] = 0
-            array[first:last] = saved[first:last]
+            end = last + (id(array) in self._following)
+            array[first:end] = saved[first:end]
         vars(self._comm_points)["oldest"] = oldest
