@@ -166,11 +166,14 @@ def _improved(designed: Result) -> Result:
     if _unknowns(s, 0) > _IMPROVED_UNKNOWNS:
         return designed
     report("a better gain near this one", 0.0)
-    K = improved_gain(s, designed.K)
-    if K is None or (gain_remark(s, K) and not gain_remark(s, designed.K)):
-        return designed
-    again = best_analysis(s, K, None, "auto", nominal_figures_of(s, K), below=gamma)
-    return designed if again.certificate is None else preferred([designed, again])
+    # what is proved stays so, whatever the numbers of another gain do
+    with suppress(NotAchievableError, ArithmeticError, np.linalg.LinAlgError):
+        K = improved_gain(s, designed.K)
+        if K is None or (gain_remark(s, K) and not gain_remark(s, designed.K)):
+            return designed
+        again = best_analysis(s, K, None, "auto", nominal_figures_of(s, K), below=gamma)
+        return designed if again.certificate is None else preferred([designed, again])
+    return designed
 
 
 def _has_a_price(system: DelaySystem) -> bool:
