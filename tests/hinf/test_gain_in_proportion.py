@@ -59,3 +59,15 @@ def test_the_gain_of_a_small_system_is_improved_from_its_own_multipliers(
     assert standalone.check(json.dumps(dict(found.certificate)).encode())
     again = analyse(varied_system(seed), found.K).gamma
     assert again == found.gamma
+
+
+def test_a_proof_stands_where_no_better_gain_can_be_computed(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Numbers that leave the range of doubles end the improvement, not the design."""
+
+    def overflows(*_: object) -> None:
+        raise FloatingPointError("overflow")
+
+    monkeypatch.setattr("cosim.hinf.synthesis.routes.improved_gain", overflows)
+    assert design(varied_system(6)).certified
