@@ -17,7 +17,7 @@ FACES = (
     "cosim.hinf.certificate",
     *("cosim.vehicle", "cosim.scenario", "cosim.trace", "cosim.study", "cosim.fmu"),
     *("cosim.network", "cosim.recordings", "cosim.master", "cosim.replay", "cosim.models"),
-    *("cosim.core", "cosim.paper"),
+    *("cosim.tape", "cosim.core", "cosim.paper"),
 )
 """Packages with a page, in the order in which a name that several offer is shown by the first."""
 

@@ -15,8 +15,12 @@ from collections.abc import Container, Iterable
 from dataclasses import dataclass
 from typing import Any, NoReturn
 
-CONSTANT, FIXED, VARYING = 0, 1, 2
-"""What a value depends on: nothing, parameters, or values that change during a run."""
+CONSTANT = 0
+"""Level of a value that depends on nothing."""
+FIXED = 1
+"""Level of a value that depends on parameters alone."""
+VARYING = 2
+"""Level of a value that may change during a run."""
 
 OPERATIONS = (
     *("+", "-", "*", "/", "negate", "pow", "min", "max", "sin", "cos", "exp", "log", "sqrt"),
