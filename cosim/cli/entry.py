@@ -8,11 +8,10 @@ algebra has one thread, since its matrices are small and starting threads costs 
 NumPy; what is loaded is looked through for garbage less often, and not once more at the end.
 """
 
-from __future__ import annotations
-
 import _signal  # type: ignore[import-not-found]  # the interpreter's own: it imports nothing
 
-# what is imported next gets no exception of a signal, which callbacks of imports drop
+# what is imported next gets no exception of a signal, which callbacks of imports drop; nothing is
+# imported before, __future__ neither
 _handler = _signal.getsignal(_signal.SIGINT)
 _ends = _handler is _signal.default_int_handler
 try:
