@@ -137,7 +137,7 @@ def not_written(
     try:
         yield
     except faults as cause:
-        if isinstance(cause, CosimError):
+        if isinstance(cause, CosimError):  # an InputError is a ValueError, and says more
             raise
         got = str(cause)[:300]
         raise error(f"{what} cannot be written", where=str(path), got=got, **more) from cause

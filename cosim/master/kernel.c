@@ -41,8 +41,7 @@ static void restore(uint64_t saved) { fesetround((int)saved); }
 #endif
 
 enum { GET, SET, MOVE, STEP, COMPLETE, GUESS, SETTLE, KEEP };
-enum { SELDOM, USUAL_GET, USUAL_SET, USUAL_STEP, USUAL_COMPLETE, USUAL_GATHER,
-       USUAL_GATHER_AND_SET };
+enum { SELDOM, USUAL_GET, USUAL_SET, USUAL_STEP, USUAL_COMPLETE, USUAL_GATHER };
 enum { NEIGHBOURS, SCATTERED, ALTERED }; /* what is special in a move */
 enum { ALWAYS, AT_FIRST, NOT_AT_LAST };
 enum { F8, F4, I1, U1, I2, U2, I4, U4, I8, U8, IN_PYTHON };
@@ -234,10 +233,9 @@ static inline void move(const Run *r, const Operation *o, int64_t k, double *tar
 
 /* The values that a set takes directly: in the row of the sender, or gathered from there. */
 static inline double *taken(double *rows, const Operation *o, int64_t used, int64_t width) {
-    const double *from = rows + used * width;
-    double *values = o->scratch;
+    double *from = rows + used * width, *values = o->scratch;
     if (!o->pairs)
-        return rows + used * width + o->source;
+        return from + o->source;
     for (uint64_t j = 0; j < o->values; j++)
         values[j] = from[o->pairs[2 * j]];
     return values;
@@ -457,7 +455,10 @@ static int64_t carry_out_any(Run *r, const Operation *table, const Operation **a
 }
 
 /* Set inputs from the row that a route names. */
-static inline int64_t set_from(const Operation *o, double *values) {
+static inline int64_t set_from(double *rows, const Operation *o, int64_t k, int64_t width,
+                               double *here) {
+    int64_t used = o->row[k];
+    double *values = used >= 0 ? taken(rows, o, used, width) : here + o->column;
     return ((Exchange2)o->function)(o->component, o->references, o->count, values);
 }
 
@@ -494,13 +495,7 @@ static int64_t carry_out(Run *r, const Operation *table, int64_t begin, int64_t 
                                                         here + o->column));
             break;
         case USUAL_SET:
-            EACH_OF(USUAL_SET, set_from(o, o->row[k] >= 0 ? rows + o->row[k] * width + o->source
-                                                          : here + o->column));
-            break;
-        case USUAL_GATHER_AND_SET:
-            EACH_OF(USUAL_GATHER_AND_SET, set_from(o, o->row[k] >= 0
-                                                          ? taken(rows, o, o->row[k], width)
-                                                          : here + o->column));
+            EACH_OF(USUAL_SET, set_from(rows, o, k, width, here));
             break;
         case USUAL_STEP:
             if (last)

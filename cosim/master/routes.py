@@ -54,6 +54,12 @@ class Route:
         return link if isinstance(link, PacketLink) else None
 
     @property
+    def link_alters(self) -> bool:
+        """Whether the packet link rounds values, or has a substitute for them."""
+        link = self.link
+        return link is not None and bool(link.quantization or link.substitute is not None)
+
+    @property
     def samples(self) -> tuple[RowsInUse, ...]:
         """The rows read for the steps, and for the points where they are others."""
         return (self.in_step,) if self.at_point is None else (self.in_step, self.at_point)
@@ -85,9 +91,7 @@ class Route:
     @cached_property
     def unaltered(self) -> bool:
         """Whether its values are those of the sender, each of one row."""
-        return self.in_step.weight is None and not (
-            self.link is not None and (self.link.quantization or self.link.substitute is not None)
-        )
+        return self.in_step.weight is None and not self.link_alters
 
     @cached_property
     def verbatim(self) -> bool:

@@ -21,7 +21,6 @@ from typing import Any, Literal, NamedTuple, Protocol
 from cosim.core import InputError
 from cosim.scenario.expression import Expression, ExpressionError, reference_of
 from cosim.scenario.functions import (
-    COMPARISONS,
     CONSTANTS,
     FUNCTIONS,
     LARGEST_EXPONENT,
@@ -97,7 +96,7 @@ class BoundExpression:
     meanings: Mapping[str, Meaning]
 
     def __reduce__(self) -> tuple[Callable[..., BoundExpression], tuple[Any, ...]]:
-        """Pickle the text and the meanings of its names: its functions cannot be pickled."""
+        """Pickle the text and the meanings of its names: all else follows from them."""
         return _bind_again, (self.expression.text, self.meanings, self.node.kind)
 
     def __call__(self, values: Sequence[Any]) -> Any:
@@ -137,9 +136,7 @@ class BoundExpression:
                 why = _why_none(one.name, found[-1], operands) if raises else None
                 if why is not None:
                     raise self._no_value(self.parts[place], why)
-        return (
-            found[self.node.value.place] if isinstance(self.node.value, Scalar) else self.node.value
-        )
+        return self._result(found)
 
     def number(self, **values: Any) -> float:
         """Return the number that it is at values of its names, given by name.
@@ -480,7 +477,7 @@ class _Binder:
             sign = _SIGNS.get(type(op))
             if sign is None:
                 raise self._expression.wrong(
-                    node, "this comparison is not supported", " ".join(COMPARISONS)
+                    node, "this comparison is not supported", " ".join(_SIGNS.values())
                 )
             self._same(node.comparators[i], parts[i], parts[i + 1])
             checks.append(compared(self._at(node), sign, parts[i].value, parts[i + 1].value))

@@ -48,7 +48,6 @@ FUNCTIONS: Final[dict[str, Signature]] = {
     "log": Signature(1, 2, "plain"),
 }
 CONSTANTS: Final = {"pi": math.pi, "e": math.e}
-COMPARISONS: Final = ("<", "<=", ">", ">=", "==", "!=")
 
 
 def called(apply: Apply, name: str, *values: Any) -> Any:

@@ -148,10 +148,15 @@ def _with_a_price(asked: Request, designed: Result) -> Result:
     if gamma < norm * _IMPROVABLE or _unknowns(s, 0) > _MOST_UNKNOWNS:
         return designed
     for K in islice(priced_gains(s, designed.least_gamma or gamma), 1):
-        again = best_analysis(s, K, None, "auto", nominal_figures_of(s, K), below=gamma)
-        if again.certificate is not None:
-            return preferred([designed, again])
+        return _or_better(designed, K)
     return designed
+
+
+def _or_better(designed: Result, K: Matrix) -> Result:
+    """Return a design, or the best proof of another gain of the same system."""
+    s = designed.system
+    again = best_analysis(s, K, None, "auto", nominal_figures_of(s, K), below=designed.gamma)
+    return designed if again.certificate is None else preferred([designed, again])
 
 
 def _improved(designed: Result) -> Result:
@@ -161,7 +166,7 @@ def _improved(designed: Result) -> Result:
     """
     s, gamma = designed.system, designed.gamma
     floor = float(np.linalg.norm(s.D1, 2)) * _AT_THE_FLOOR
-    if gamma is None or gamma < floor or not any(x.d > 0 for x in s.delays):
+    if gamma is None or gamma < floor or not _has_delay(s):
         return designed
     if _unknowns(s, 0) > _IMPROVED_UNKNOWNS:
         return designed
@@ -171,15 +176,17 @@ def _improved(designed: Result) -> Result:
         K = improved_gain(s, designed.K)
         if K is None or (gain_remark(s, K) and not gain_remark(s, designed.K)):
             return designed
-        again = best_analysis(s, K, None, "auto", nominal_figures_of(s, K), below=gamma)
-        return designed if again.certificate is None else preferred([designed, again])
+        return _or_better(designed, K)
     return designed
+
+
+def _has_delay(system: DelaySystem) -> bool:
+    return any(x.d > 0 for x in system.delays)
 
 
 def _has_a_price(system: DelaySystem) -> bool:
     """Whether gains with a price are proposed: z contains every input, and there is a delay."""
-    has_delay = any(x.d > 0 for x in system.delays)
-    return bool(has_delay and system.has_performance and system.D2.any(axis=0).all())
+    return bool(_has_delay(system) and system.has_performance and system.D2.any(axis=0).all())
 
 
 def analysed_again(designed: Result) -> Result:
@@ -206,7 +213,6 @@ def _proved_again(designed: Result) -> Result:
 def _routes(asked: Request) -> Iterator[Route]:
     s, gamma = asked.system, asked.gamma
     constant = any(x.d > 0 and not x.any_age for x in s.delays)
-    has_delay = any(x.d > 0 for x in s.delays)
 
     def theorem_2_at(designs: Sequence[Result], *, search: bool) -> Result:
         del designs
@@ -222,7 +228,7 @@ def _routes(asked: Request) -> Iterator[Route]:
         K = theorem_2.stabilising_gain(s, asked.k1, asked.k2)
         starts = [] if K is None else [K]
         better: Iterator[Matrix] = iter(())
-        if starts and has_delay and _unknowns(s, 0) <= _MOST_UNKNOWNS:
+        if starts and _has_delay(s) and _unknowns(s, 0) <= _MOST_UNKNOWNS:
             better = bessel_legendre_gains(s, 0, starts, gamma, continued=False)
         return proved_by_analysis(s, chain(better, starts), gamma, "auto")
 
@@ -235,7 +241,7 @@ def _routes(asked: Request) -> Iterator[Route]:
         yield Route("Theorem 2 with k1, k2 searched", partial(theorem_2_at, search=True))
     if s.has_performance:
         yield Route("Theorem 2 for stability, then its gain", for_stability)
-    orders = [n for n in (_ORDERS if constant else (0,)) if has_delay]
+    orders = [n for n in (_ORDERS if constant else (0,)) if _has_delay(s)]
     orders = [n for n in orders if _unknowns(s, n) <= _MOST_UNKNOWNS]
     for order in orders:
         pays = constant and is_small(s) and not asked.given and gamma is None and order == 1
