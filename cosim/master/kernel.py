@@ -40,8 +40,8 @@ _OF_TEAM = 2
 _KINDS = (Get, Set, Move, Step, Complete, Guess, Settle)
 _USUAL = (None, Get, Set, Step, Complete)
 """Kinds that have a shorter way in the kernel, by the number there."""
-_GATHER = 5
-"""The number of a move of values from anywhere in a row."""
+_GATHER, _GATHER_AND_SET = 5, 6
+"""The numbers of a move, and of a set, of values from anywhere in a row."""
 _SCATTERED, _ALTERED = 1, 2
 """What is special in a move."""
 _C_TYPES = ("f8", "f4", "i1", "u1", "i2", "u2", "i4", "u4", "i8", "u8")
@@ -245,6 +245,8 @@ class KernelLoop:
             return _GATHER if line["special"] == _SCATTERED else 0
         if kind is Set and not line["row"]:
             kind = Get  # the same but for the function
+        if kind is Set and line["pairs"]:
+            return _GATHER_AND_SET
         return _USUAL.index(kind) if kind in _USUAL and not line["special"] else 0
 
     def _encode_slave(self, line: Any, operation: Operation) -> FmuSlave:
