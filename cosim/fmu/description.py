@@ -7,7 +7,7 @@ import io
 import re
 import zipfile
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -54,6 +54,7 @@ class FmuDescription:
     xml : modelDescription.xml as it stands in the FMU.
     version : of FMI; 3.0.1 counts as 3.0.
     departures : harmless breaks of the standard in the description.
+    lengths : the names of the structural parameters that give lengths of arrays.
     """
 
     path: Path
@@ -63,6 +64,12 @@ class FmuDescription:
     xml: bytes
     version: FmiVersion
     departures: tuple[str, ...] = ()
+    lengths: frozenset[str] = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        sizes = (size for port in self.ports.values() for size in port.dimensions)
+        lengths = frozenset(size for size in sizes if isinstance(size, str))
+        object.__setattr__(self, "lengths", lengths)
 
     @property
     def scheduled(self) -> bool:
@@ -125,12 +132,6 @@ class FmuDescription:
             hint = f"cosim fmu info {self.path} lists them"
             raise InputError.unknown("variable", name, self.ports, where=where, hint=hint)
         return found
-
-    @property
-    def lengths(self) -> frozenset[str]:
-        """The names of the structural parameters that give lengths of arrays."""
-        sizes = (size for port in self.ports.values() for size in port.dimensions)
-        return frozenset(size for size in sizes if isinstance(size, str))
 
     def resized(self, parameters: Mapping[str, Any]) -> FmuDescription:
         """Return the description with the array lengths that structural `parameters` give.

@@ -129,6 +129,8 @@ class _InitialisedComponent:
         for route in self._routes:
             values = row[route.columns]
             row[route.targets] = values if route.link is None else route.link.quantize(values)
+        if (row[mine] == before).all():
+            return {}
         step = np.abs(row[mine] - before)
         changed = ~(step <= _TOLERANCE * np.maximum(1.0, np.abs(row[mine])))
         return {

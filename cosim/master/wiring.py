@@ -172,14 +172,15 @@ class Wiring:
         self.all_rows[[0, -1]] = 0.0
         self.comm_points.begin_again(system.comm_schedule)
         for instance in self.instances:
-            instance.component = system.components[instance.name]
+            if instance.component is not system.components[instance.name]:
+                instance.component = system.components[instance.name]
+                self._write_start(instance, self._start)
             instance.driven = {
                 name: system.driven.get(Endpoint(instance.name, name), source)
                 for name, source in instance.driven.items()
             }
         for sample in self.samples:
             sample.begin(system)
-        vars(self).pop("_start", None)  # it has the start values of inputs
         self.settled.clear()
         self.whole_from[:] = np.inf
         self.begin()
@@ -267,14 +268,16 @@ class Wiring:
         """The row before anything is exchanged: start values of inputs, (values,)."""
         row = np.zeros(self.all_rows.shape[1])
         for instance in self.instances:
-            first = instance.input_column
-            for j, column in enumerate(instance.input_columns):
-                port = column.port
-                if column.name in (port.name, element_names(port)[0]):
-                    start_value = instance.component.start_of(port.name)
-                    place = first + j
-                    row[place : place + port.size] = self.texts.doubles(start_value, port)
+            self._write_start(instance, row)
         return row
+
+    def _write_start(self, instance: ComponentInstance, row: Rows) -> None:
+        """Write the start values of a component's inputs into a row."""
+        for place, column in enumerate(instance.input_columns, instance.input_column):
+            port = column.port
+            if column.name in (port.name, element_names(port)[0]):
+                start_value = instance.component.start_of(port.name)
+                row[place : place + port.size] = self.texts.doubles(start_value, port)
 
     def _drive(self, first: int, last: int) -> None:
         """Set the driven inputs at the points first to last - 1."""
