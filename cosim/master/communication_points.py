@@ -286,16 +286,19 @@ class CommunicationPoints:
 
         Raises
         ------
-        InputError : a value that gives no valid delay; the link and the message are named.
+        InputError : a value that gives no valid delay; the link and the message are named. No
+            link has sent anything then.
         """
         now = int(self.points_ns[k])
+        values: dict[str, Any] = dict.fromkeys(self.live, 0.0)
+        for name, source in self._delays.items():
+            if self.live[name].horizon_ns == now:
+                values[name] = source.value([float(row[c]) for c in columns[name]])
+                self.live[name].check_value(values[name])
         for name, link in self.live.items():
             while link.horizon_ns == now:
-                value: Any = 0.0
-                if name in self._delays:
-                    value = self._delays[name].value([float(row[c]) for c in columns[name]])
-                self._resolve(link, value, now)
-                self.values[name].append(value)
+                self._resolve(link, values[name], now)
+                self.values[name].append(values[name])
         self._set_ready()
         if self.ready <= k and not self.crossing:
             self.extend()

@@ -179,7 +179,7 @@ class Delivery:
             known without it.
         """
         k, last = self.message, self._sendings.count
-        where = f"link {self.link.name!r}, message {message}"
+        where = self._where(message)
         if not self.is_live:
             raise InputError(
                 "the delay of this link follows no signal",
@@ -199,6 +199,14 @@ class Delivery:
         arrival_ns = self._send(self.adjusted(k, delay_ns, loss))
         self.settle(self._sendings.instant(self.message))
         return arrival_ns
+
+    def check_value(self, value: Any) -> None:
+        """Raise what `resolve` raises where the value gives no valid delay to the next message."""
+        if isinstance(self.link.delay, DelaySignal):
+            self.link.delay.delay_ns(value, where=self._where(self.message))
+
+    def _where(self, message: int) -> str:
+        return f"link {self.link.name!r}, message {message}"
 
     def adjusted(self, number: int, delay_ns: int | None, loss: float | None) -> Message:
         """Return a message, with another delay or loss than the link's if these are given."""

@@ -31,6 +31,10 @@ class Traffic(Protocol):
         """Make everything up to and including an instant final, where nothing is resolved."""
         ...
 
+    def check_value(self, value: Any) -> None:
+        """Raise what `resolve` raises of coordinates."""
+        ...
+
     def resolve(
         self,
         message: int,

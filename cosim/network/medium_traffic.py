@@ -158,6 +158,13 @@ class MediumTraffic:
             self._send(at, number, self._ways(number, self.medium.at(values)))
         self._run(self._end_ns)
 
+    def check_value(self, value: Sequence[float]) -> None:
+        """Raise what `resolve` raises of coordinates that are not finite or too far away."""
+        _, what, number, _ = self._events[0]
+        places = self.medium.at(value)
+        if what != _OFFER:
+            self._ways(number, places)
+
     def _run(self, until: int) -> None:
         """Go through the events up to an instant, or to what is to be resolved."""
         events, horizon = self._events, until + 1

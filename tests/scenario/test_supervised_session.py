@@ -147,8 +147,9 @@ def answers_of(path: str, seed: int, fmus: Path, *, supervise: bool) -> list[Any
     return [*answers, diary.lines, diary.rows]
 
 
-FAULTY = (1, 38, 865)
-"""Of calls at random: the first ones, an override after going back, a reset after a result."""
+FAULTY = (1, 38, 172, 865)
+"""Of calls at random: the first ones, an override after going back, a delay that is refused as
+another link sends, a reset after a result."""
 CASES = ("grid-events", "delays-that-vary", "events-of-every-kind", "over-a-transport-link")
 
 
