@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import replace
 from operator import methodcaller
-from typing import Any, Literal, NamedTuple, Self
+from typing import Any, Concatenate, Literal, NamedTuple, ParamSpec, Self, TypeVar
 from weakref import finalize
 
 from cosim.core import ComponentError, InputError
@@ -45,6 +45,22 @@ from cosim.scenario.script import Event, Machine
 from cosim.trace import Cause
 
 Condition = Callable[["SupervisedSession"], bool]
+P = ParamSpec("P")
+T = TypeVar("T")
+
+
+def _in_the_child(
+    method: Callable[Concatenate[Any, P], T],
+) -> Callable[Concatenate[SupervisedSession, P], T]:
+    """Return a method of a session as one that is called in the child."""
+    result = None if method.__annotations__["return"] == "None" else Any
+
+    @functools.wraps(method)
+    def asked(self: SupervisedSession, /, *args: P.args, **kwargs: P.kwargs) -> T:
+        found: T = self._ask(methodcaller(method.__name__, *args, **kwargs), result=result)
+        return found
+
+    return asked
 
 
 class SupervisedSession(SessionBase):
@@ -114,9 +130,7 @@ class SupervisedSession(SessionBase):
             if opened is not None:
                 opened.close()
 
-    def step(self, points: int = 1) -> None:
-        """Continue by so many communication points, or to the end; as `Session.step`."""
-        self._ask(methodcaller("step", points))
+    step = _in_the_child(Session.step)
 
     @one_thread_at_a_time
     def run_until(
@@ -178,41 +192,15 @@ class SupervisedSession(SessionBase):
                 return True
         return False
 
-    def read(self, component: str, variable: str) -> Any:
-        """Return the present value of any variable, read from the slave."""
-        return self._ask(methodcaller("read", component, variable), result=Any)
-
-    def value(self, component: str, variable: str) -> Any:
-        """Return the value of an output or connected input at `time_s`; as `Session.value`."""
-        return self._ask(methodcaller("value", component, variable), result=Any)
-
-    def set(self, component: str, variable: str, value: Any) -> None:
-        """Set a tunable parameter, or an input that is not connected; as `Session.set`."""
-        self._ask(methodcaller("set", component, variable, value))
-
-    def override(self, component: str, variable: str, value: float) -> None:
-        """Replace an output or connected input by `value`, until it is released."""
-        self._ask(methodcaller("override", component, variable, value))
-
-    def bias(self, component: str, variable: str, offset: float, factor: float = 1.0) -> None:
-        """Replace an output or connected input by factor * value + offset, until released."""
-        self._ask(methodcaller("bias", component, variable, offset, factor))
-
-    def release(self, component: str, variable: str) -> None:
-        """End the override or bias of an output or connected input."""
-        self._ask(methodcaller("release", component, variable))
-
-    def set_event_value(self, name: str, value: float) -> None:
-        """Set a value that holds from now on; as `Session.set_event_value`."""
-        self._ask(methodcaller("set_event_value", name, value))
-
-    def reset(self, component: str) -> None:
-        """Reset one component to its start values and parameters, at the present time."""
-        self._ask(methodcaller("reset", component))
-
-    def note(self, level: str, name: str, message: str, *, time_ns: int | None = None) -> None:
-        """Log a message to the observers, at the time of the slaves or at another one [ns]."""
-        self._ask(methodcaller("note", level, name, message, time_ns=time_ns))
+    read = _in_the_child(Session.read)
+    value = _in_the_child(Session.value)
+    set = _in_the_child(Session.set)
+    override = _in_the_child(Session.override)
+    bias = _in_the_child(Session.bias)
+    release = _in_the_child(Session.release)
+    set_event_value = _in_the_child(Session.set_event_value)
+    reset = _in_the_child(Session.reset)
+    note = _in_the_child(Session.note)
 
     @one_thread_at_a_time
     def link_state(self, link: str) -> LinkState:
