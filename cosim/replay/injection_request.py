@@ -18,7 +18,7 @@ from cosim.replay.input_values import InputValues, Link
 from cosim.replay.mapping import SignalMapping, Source
 from cosim.replay.trace_attachments import design_in
 from cosim.scenario import LoadedScenario, gain_parameters
-from cosim.trace import CONTENT_HASH_VERSION, Tolerances, Trace, content_hash
+from cosim.trace import Tolerances, Trace, content_hash
 
 SignalSide = Literal["delivered", "sent"]
 
@@ -99,7 +99,7 @@ def provenance(
         "title": f"{name}, fed what was {request.side} in {trace.path.name}",
         "injected.from": trace.path.name,
         "injected.content_hash": content_hash(trace.path),
-        "injected.content_hash_version": str(CONTENT_HASH_VERSION),
+        "injected.content_hash_version": str(trace.content_hash_version),
         "injected.as": request.side,
         "injected.shift_ns": str(input_values.shift_ns),
         "end_ns": str(int(input_values.points_ns[-1])),

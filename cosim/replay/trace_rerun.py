@@ -26,7 +26,15 @@ from cosim.scenario import (
     prepare,
     problem_about,
 )
-from cosim.trace import DESIGN_ATTACHMENT, Trace, begins_with, content_hash, diff, differences
+from cosim.trace import (
+    DESIGN_ATTACHMENT,
+    Trace,
+    begins_with,
+    content_hash,
+    diff,
+    differences,
+    same_content,
+)
 
 
 @dataclass(frozen=True)
@@ -83,7 +91,13 @@ def rerun(
         target = output or Path(folder, "rerun.mcap")
         outcome = execute_run(prepared, target, progress=progress)
         whole = trace.finished
-        identical = outcome.content_hash == before if whole else begins_with(Trace(target), trace)
+        made = Trace(target)
+        if not whole:
+            identical = begins_with(made, trace)
+        elif made.row_format == trace.row_format:
+            identical = outcome.content_hash == before
+        else:
+            identical = same_content(made, trace)
         lines = () if identical else tuple(differences(diff(path, target, prefix=not whole)))
         if output is None:
             outcome = replace(outcome, trace=None)

@@ -26,8 +26,8 @@ from .comparison.tolerance import (
 from .content import (
     begins_with as begins_with,
     content_hash as content_hash,
+    same_content as same_content,
 )
-from .digest import CONTENT_HASH_VERSION as CONTENT_HASH_VERSION
 from .exports.export import (
     WrittenTable as WrittenTable,
     export as export,

@@ -1,25 +1,31 @@
-"""The content hash of a trace, and whether one trace is the beginning of another.
+"""The content hash of a trace, and whether two traces have the same content.
 
 What the hash covers: `cosim.trace.digest`.
 """
 
 from __future__ import annotations
 
-import hashlib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from os import PathLike
 
 import numpy as np
 
-from cosim.core import distinct
-from cosim.trace.digest import ContentDigest, digest_of_channel, laid_out
+from cosim.trace.digest import ContentDigest
+from cosim.trace.file.block import HEAD, Records, in_order
+from cosim.trace.file.declared import Channel
+from cosim.trace.file.messages import Messages
+from cosim.trace.former_digest import FormerDigest
 from cosim.trace.reader import Trace
-from cosim.trace.rows.layout import LOG_TOPIC
+from cosim.trace.rows.decode import RowDecoder
+from cosim.trace.rows.encode import RowEncoder
+from cosim.trace.rows.layout import LOG_TOPIC, in_fixed_width
 
 
 def content_hash(path: str | PathLike[str], *, incomplete: bool | None = None) -> str:
-    """Return the content hash of a trace, of this version, as 64 hexadecimal digits.
+    """Return the content hash of a trace as 64 hexadecimal digits.
 
+    Of traces whose rows are of format 1 it is that of version 2, which they have had ever since.
     `incomplete` as in `Trace`: of a file cut short, the part that can be read is hashed.
 
     Raises
@@ -32,12 +38,19 @@ def content_hash(path: str | PathLike[str], *, incomplete: bool | None = None) -
 def content_hash_of(trace: Trace) -> str:
     """Return the content hash of an open trace."""
     trace.check()
-    digest = ContentDigest()
+    digest = FormerDigest() if trace.row_format == 1 else ContentDigest()
     for number, channel in trace.channels.items():
         digest.declare(number, channel)
     for block in trace.blocks():
         digest.add(block)
     return digest.hexdigest()
+
+
+def same_content(one: Trace, other: Trace) -> bool:
+    """Whether two traces have the same content, whatever the formats of their rows."""
+    if one.row_format == other.row_format:
+        return content_hash_of(one) == content_hash_of(other)
+    return _topics(one) == _topics(other)
 
 
 def begins_with(whole: Trace, part: Trace) -> bool:
@@ -50,20 +63,67 @@ def begins_with(whole: Trace, part: Trace) -> bool:
     counts = {topic: info.count for topic, info in covered.items() if info.count}
     if any(t not in whole.topics or whole.topics[t].count < n for t, n in counts.items()):
         return False
-    return _beginnings(whole, counts) == _beginnings(part, counts)
+    return _topics(whole, counts) == _topics(part, counts)
 
 
-def _beginnings(trace: Trace, counts: Mapping[str, int]) -> dict[str, bytes]:
-    """Return the digest of the first messages of each topic."""
-    heads = {number: digest_of_channel(channel) for number, channel in trace.channels.items()}
-    digests = {topic: hashlib.sha256() for topic in counts}
-    left = dict(counts)
+def _topics(trace: Trace, counts: Mapping[str, int] | None = None) -> dict[str, list[bytes]]:
+    """Return the digest of each topic, or of so many of its first messages, in fixed width."""
+    digest, left = ContentDigest(), dict(counts or {})
+    anew = {
+        number: _Anew(channel)
+        for number, channel in trace.channels.items()
+        if trace.row_format == 1 and channel.schema.name.startswith("cosim.")
+    }
+    for number, channel in trace.channels.items():
+        if counts is None or channel.topic in counts:
+            digest.declare(number, anew[number].channel if number in anew else channel)
     for block in trace.blocks():
-        for number in distinct(block.heads["channel"]).tolist():
+        for number, mine in block.by_channel():
             topic = trace.channels[number].topic
-            if not left.get(topic):
+            if counts is not None:
+                mine = mine[: left.get(topic, 0)]  # noqa: PLW2901
+                left[topic] = left.get(topic, 0) - mine.size
+            if not mine.size:
                 continue
-            mine = np.flatnonzero(block.heads["channel"] == number)[: left[topic]]
-            digests[topic].update(laid_out(block.part(mine), heads))
-            left[topic] -= mine.size
-    return {topic: digest.digest() for topic, digest in digests.items()}
+            if number in anew:
+                in_order([*anew[number](number, block.part(mine))], by_time=False,
+                         watch=digest.add_records)  # fmt: skip
+            else:
+                digest.add(block.part(mine))
+    return digest.of_topics()
+
+
+class _Anew:
+    """A channel whose rows are encoded anew, in fixed width.
+
+    Attributes
+    ----------
+    channel : as it would be declared.
+    """
+
+    def __init__(self, channel: Channel) -> None:
+        schema = replace(channel.schema, data=in_fixed_width(channel.schema.data))
+        self.channel = replace(channel, schema=schema)
+        self._decode = RowDecoder(channel.schema.name, channel.schema.data, channel.metadata)
+        message = RowDecoder(schema.name, schema.data, {}).message
+        self._encode = RowEncoder(channel.topic, self._decode.signals, message)
+
+    def __call__(self, number: int, messages: Messages) -> Iterator[Records]:
+        """Yield the records of messages, in their order by rank."""
+        columns = [
+            [*values] if present is None else
+            [value if there else None for value, there in zip(values, present, strict=True)]
+            for values, present in self._decode(messages)
+        ]  # fmt: skip
+        rows = [*zip(*columns, strict=True)] if columns else [()] * len(messages)
+        heads = messages.heads
+        for which, lines in self._encode.many(rows, HEAD.size):
+            own = heads[which]
+            yield Records(
+                number,
+                own["log"].astype(np.int64),
+                own["publish"].astype(np.int64),
+                own["sequence"].astype(np.int64),
+                lines,
+                np.arange(len(messages))[which][:, None],
+            )

@@ -1,115 +1,120 @@
 """The content hash: equal for two runs that exchanged the same values, whatever the host.
 
-SHA-256 over the messages of components and links, in file order: a digest of the channel (topic,
-message encoding, schema name, encoding and data, channel metadata sorted by key), log time,
-publish time, sequence, payload. Parts are length-prefixed, so that no two contents give the same
-bytes.
+SHA-256 over the topics of components and links, in no order: of each a digest of its channel
+(topic, message encoding, schema name, encoding and data, channel metadata sorted by key), the
+number of its messages, and SHA-256 of these in file order. A message is hashed as the record that
+it is in a file, channel number 0: so it need not be laid out for it.
 
 Not covered: topics that are computed from these or tell about them (/log, everything with a
-schema of Foxglove or of the scene), comments of schemas, keys that begin with `host.`, metadata
-records and attachments, compression, chunking, schema and channel ids, indexes, the writing
-library.
+schema of Foxglove or of the scene), how messages of different topics follow each other, comments
+of schemas, keys that begin with `host.`, metadata records and attachments, compression, chunking,
+schema and channel ids, indexes, the writing library.
 """
 
 from __future__ import annotations
 
 import hashlib
 import struct
-from collections.abc import Iterable, Mapping
-from typing import Any
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from google.protobuf.message import DecodeError
-from numpy.typing import NDArray
 
-from cosim.trace.file.block import HEAD as RECORD_HEAD, Block, Bytes, put_lines
+from cosim.trace.file.block import LENGTH_BEFORE, Bytes, Integers, Records, put_lines
 from cosim.trace.file.declared import Channel
 from cosim.trace.file.messages import Messages
 from cosim.trace.rows.layout import HOST_PREFIX, LOG_TOPIC, SCENE_SCHEMAS
 
-CONTENT_HASH_VERSION = 2
+_VERSION = b"auv-cosim content 3"
 """Changes when what is hashed changes: hashes of different versions cannot be compared."""
-_VERSION = b"auv-cosim content %d" % CONTENT_HASH_VERSION
 _NOT_COVERED = ("foxglove.", SCENE_SCHEMAS)
-_HEAD = np.dtype(
-    [
-        ("channel", "V32"),
-        ("log", "<u8"),
-        ("publish", "<u8"),
-        ("sequence", "<u4"),
-        ("size", "<u8"),
-    ]
-)
+
+
+def is_covered(channel: Channel) -> bool:
+    """Whether the content hash covers the messages of a channel."""
+    return channel.topic != LOG_TOPIC and not channel.schema.name.startswith(_NOT_COVERED)
 
 
 class ContentDigest:
-    """The content hash of messages that come in file order, as they are written or read."""
+    """The content hash of messages, those of each channel in file order."""
 
     def __init__(self) -> None:
-        self._messages = hashlib.sha256(_VERSION)
-        self._heads: dict[int, bytes] = {}
+        self._topics: dict[int, _Topic] = {}
 
     def declare(self, number: int, channel: Channel) -> None:
         """Take a channel, before its first message."""
-        if channel.topic != LOG_TOPIC and not channel.schema.name.startswith(_NOT_COVERED):
-            self._heads[number] = digest_of_channel(channel)
+        if is_covered(channel):
+            self._topics[number] = _Topic(channel)
 
     def add(self, messages: Messages) -> None:
         """Take the next messages; those of channels that are not covered do not count."""
-        covered = np.isin(messages.heads["channel"], [*self._heads])
-        part = messages if covered.all() else messages.part(np.flatnonzero(covered))
-        self._messages.update(laid_out(part, self._heads))
+        for number, mine in messages.by_channel():
+            if number in self._topics:
+                part = messages.part(mine).compact()
+                records = np.frombuffer(part.data, np.uint8).copy()
+                for place in (LENGTH_BEFORE, LENGTH_BEFORE + 1):  # of the channel's number
+                    records[part.places + place] = 0
+                self._topics[number].add(len(part), records)
 
-    def add_block(self, block: Block) -> None:
-        """Take the next messages as they are written: without taking their records apart again."""
-        covered = np.zeros(int(block.channels.max(initial=0)) + 1, np.bool_)
-        covered[[number for number in self._heads if number < covered.size]] = True
-        sizes = np.diff(block.ends, prepend=0) + (_HEAD.itemsize - RECORD_HEAD.size)
-        ends = np.cumsum(np.where(covered[block.channels], sizes, 0))
-        starts = np.empty(ends.size, np.int64)
-        starts[block.order] = ends - sizes
-        out = np.empty(int(ends[-1]), np.uint8)
-        first = 0
-        for part in block.parts:
-            own = slice(first, first := first + part.log_ns.size)
-            if covered[part.channel]:
-                name = np.void(self._heads[part.channel])
-                times = part.log_ns, part.publish_ns
-                lines = _lines(name, *times, part.sequence, part.lines[:, RECORD_HEAD.size :])
-                put_lines(out, starts[own], lines)
-        self._messages.update(out.data)
+    def add_records(self, parts: Sequence[Records], starts: Sequence[Integers]) -> None:
+        """Take the next messages as they are written, before they have the number of a channel.
+
+        `starts` : of each part, where its records begin in the file.
+        """
+        of_channel: dict[int, list[tuple[Integers, Bytes]]] = {}
+        for part, places in zip(parts, starts, strict=True):
+            if part.channel in self._topics:
+                of_channel.setdefault(part.channel, []).append((places, part.lines))
+        for number, found in of_channel.items():
+            count = sum(places.size for places, _ in found)
+            self._topics[number].add(count, _joined_lines(found))
+
+    def of_topics(self) -> dict[str, list[bytes]]:
+        """Return by topic what is known of its messages, as bytes; of those that have any."""
+        found: dict[str, list[bytes]] = {}
+        for one in self._topics.values():
+            if one.count:
+                found.setdefault(one.topic, []).append(one.digest())
+        return {topic: sorted(of) for topic, of in found.items()}
 
     def hexdigest(self) -> str:
         """Return the hash so far, as 64 hexadecimal digits."""
-        return self._messages.hexdigest()
+        found = sorted(one for of in self.of_topics().values() for one in of)
+        return hashlib.sha256(_VERSION + b"".join(found)).hexdigest()
 
 
-def laid_out(block: Messages, heads: Mapping[int, bytes]) -> memoryview:
-    """Lay out channel, times, sequence, size and payload of all messages at once, in order."""
-    sizes = block.sizes + _HEAD.itemsize
-    ends = np.cumsum(sizes)
-    out = np.empty(int(ends[-1]) if ends.size else 0, np.uint8)
-    starts = ends - sizes
-    for which, payloads in block.by_size():
-        part = block.heads[which]
-        found, own = np.unique(part["channel"], return_inverse=True)
-        names = b"".join([heads[channel] for channel in found.tolist()])
-        name = np.frombuffer(names, _HEAD["channel"])[own]
-        lines = _lines(name, part["log"], part["publish"], part["sequence"], payloads)
-        put_lines(out, starts[which], lines)
-    return out.data
+class _Topic:
+    """The messages of one channel so far."""
+
+    def __init__(self, channel: Channel) -> None:
+        self.topic, self._head = channel.topic, digest_of_channel(channel)
+        self.count, self._messages = 0, hashlib.sha256()
+
+    def add(self, count: int, records: Bytes) -> None:
+        """Take the next records, which have the channel number 0."""
+        self.count += count
+        self._messages.update(records.data)
+
+    def digest(self) -> bytes:
+        """Return what is known of its messages."""
+        return self._head + struct.pack("<Q", self.count) + self._messages.digest()
 
 
-def _lines(name: Any, log: Any, publish: Any, sequence: Any, payloads: Bytes) -> Bytes:
-    """Return what is hashed of messages of one size, uint8 (k, size)."""
-    count, size = payloads.shape
-    lines = np.empty((count, _HEAD.itemsize + size), np.uint8)
-    head: NDArray[np.void] = np.ndarray((count,), _HEAD, lines, 0, (lines.shape[1],))
-    head["channel"], head["log"], head["publish"] = name, log, publish
-    head["sequence"], head["size"] = sequence, size
-    lines[:, _HEAD.itemsize :] = payloads
-    return lines
+def _joined_lines(found: Sequence[tuple[Integers, Bytes]]) -> Bytes:
+    """Return records, uint8 (k, size) of each size, in the order of their places."""
+    if len(found) == 1 and (np.diff(found[0][0]) > 0).all():
+        return found[0][1]
+    places = np.concatenate([places for places, _ in found])
+    sizes = np.concatenate([np.full(own.size, lines.shape[1]) for own, lines in found])
+    order = np.argsort(places, kind="stable")
+    starts = np.empty(places.size, np.int64)
+    starts[order] = np.cumsum(sizes[order]) - sizes[order]
+    out, first = np.empty(int(sizes.sum()), np.uint8), 0
+    for own, lines in found:
+        put_lines(out, starts[first : first + own.size], lines)
+        first += own.size
+    return out
 
 
 def digest_of_channel(channel: Channel) -> bytes:

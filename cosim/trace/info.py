@@ -10,7 +10,6 @@ from typing import Any
 from cosim.core import CosimError
 from cosim.trace.checks.verification import verify
 from cosim.trace.content import content_hash_of
-from cosim.trace.digest import CONTENT_HASH_VERSION
 from cosim.trace.outcome.run_outcome import outcome_of
 from cosim.trace.reader import TopicInfo, Trace
 from cosim.trace.recovered import Recovered
@@ -102,7 +101,7 @@ def description_of(trace: Trace, *, hashed: bool) -> dict[str, Any]:
         ],
         "verified": _verified(trace.path) if hashed else None,
         "content_hash": content_hash_of(trace) if hashed else None,
-        "content_hash_version": CONTENT_HASH_VERSION,
+        "content_hash_version": trace.content_hash_version,
     }
 
 

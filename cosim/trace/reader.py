@@ -63,6 +63,8 @@ class Trace(Framed):
     run, result : entries of `cosim.run` ({} in files of other tools) and `cosim.result` (None if
         the run did not finish).
     finished : whether there is a result.
+    row_format : of the rows of components and links: 2, or 1 in older files and in those of other
+        tools.
     complete : whether the file is whole; else `damage` says where and why reading stopped.
     metadata : every metadata record, (name, entries), in file order.
     attachments, media_types : by name.
@@ -94,6 +96,7 @@ class Trace(Framed):
         self.library, self.metadata = known.library, known.metadata
         self.media_types = known.media_types
         self.run: dict[str, str] = next((e for n, e in self.metadata if n == layout.RUN), {})
+        self.row_format = self._row_format()
         results = [entries for name, entries in self.metadata if name == layout.RESULT]
         self.result: dict[str, str] | None = results[-1] if results else None
         self.topics: dict[str, TopicInfo] = {}
@@ -103,6 +106,24 @@ class Trace(Framed):
                 self.topics[channel.topic].count += count
             else:
                 self.topics[channel.topic] = TopicInfo(channel, count, lambda: self.spans)
+
+    def _row_format(self) -> int:
+        known = ("1", layout.NEWEST_ROW_FORMAT)
+        found = self.run.get(layout.ROW_FORMAT, known[0])
+        if found not in known:
+            raise InputError(
+                "the rows of this trace are of another format",
+                where=f"{self.path}: {layout.RUN}, {layout.ROW_FORMAT}",
+                expected=" or ".join(known),
+                got=repr(found),
+                hint="a newer auv-cosim reads it",
+            )
+        return int(found)
+
+    @property
+    def content_hash_version(self) -> int:
+        """The version of its content hash, which has changed with the format of the rows."""
+        return self.row_format + 1
 
     def __repr__(self) -> str:
         status = "not finished" if self.outcome is None else self.outcome.headline

@@ -23,7 +23,7 @@ from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from cosim.core import CosimError, InputError
 from cosim.trace.digest import ContentDigest
 from cosim.trace.file import process_exit
-from cosim.trace.file.block import HEAD, Block, Records, in_order
+from cosim.trace.file.block import HEAD, Records, in_order
 from cosim.trace.file.declared import Channel, Schema
 from cosim.trace.file.disk import Guard, PartialFile
 from cosim.trace.file.flusher import Flusher
@@ -91,7 +91,7 @@ class TraceWriter:
         fsync: bool = False,
         content_hash: bool = False,
     ) -> None:
-        entries = _strings(layout.RUN, run)
+        entries = _strings(layout.RUN, {**run, layout.ROW_FORMAT: layout.NEWEST_ROW_FORMAT})
         if compression not in COMPRESSIONS:
             raise InputError(
                 "unknown compression",
@@ -235,10 +235,9 @@ class TraceWriter:
         low = min(int(min(r.log_ns.min(), r.publish_ns.min())) for r in records)
         if low < 0 or any(r.sequence.max() >= 2**32 or r.sequence.min() < 0 for r in records):
             raise _out_of_range()
-        block = in_order(records)
         with self._guard:
             self._lay_out()
-            self._put(block)
+            self._put(records)
             if self._flusher.due():
                 self._flush()
 
@@ -422,14 +421,13 @@ class TraceWriter:
                 )
                 for mine, heads, lines in laid_out(rows, self._encoders, HEAD.size)
             ]
-            self._put(in_order(parts, by_time=False))
+            self._put(parts, by_time=False)
 
-    def _put(self, block: Block) -> None:
-        """Hand a block to the stream, and to the content hash (guard held)."""
+    def _put(self, records: Sequence[Records], *, by_time: bool = True) -> None:
+        """Hand records to the content hash, and in order to the stream (guard held)."""
         with self._stream.undivided():
-            self._stream.add(block)
-            if self._content is not None:
-                self._content.add_block(block)
+            watch = None if self._content is None else self._content.add_records
+            self._stream.add(in_order(records, by_time=by_time, watch=watch))
 
 
 def _wrong_numbers(log_ns: Any, publish_ns: Any, sequence: Any) -> InputError:

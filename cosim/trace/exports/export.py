@@ -21,7 +21,6 @@ from numpy.typing import NDArray
 
 from cosim.core import InputError, Progress, not_written, silent, written_beside
 from cosim.trace.content import content_hash_of
-from cosim.trace.digest import CONTENT_HASH_VERSION
 from cosim.trace.exports.files import CsvFile, ParquetFile, Sheet, pyarrow
 from cosim.trace.exports.mat_file import MatFile, bytes_of, check_size
 from cosim.trace.reader import Trace
@@ -143,7 +142,7 @@ def _write_mat(
     about = {
         "file": trace.path.name,
         "content_hash": content_hash,
-        "content_hash_version": str(CONTENT_HASH_VERSION),
+        "content_hash_version": str(trace.content_hash_version),
         "run": json.dumps(trace.run, sort_keys=True),
     }
     with (

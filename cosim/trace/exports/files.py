@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 from cosim.core import optional
-from cosim.trace.digest import CONTENT_HASH_VERSION
 from cosim.trace.reader import Trace
 from cosim.trace.tables.frames import Column
 
@@ -115,7 +114,7 @@ def _schema(pa: Any, sheet: Sheet, trace: Trace, content_hash: str) -> Any:
     origin = {
         "cosim.trace": trace.path.name,
         "cosim.content_hash": content_hash,
-        "cosim.content_hash_version": str(CONTENT_HASH_VERSION),
+        "cosim.content_hash_version": str(trace.content_hash_version),
         "cosim.run": json.dumps(trace.run, sort_keys=True),
         "cosim.units": json.dumps({c.name: c.unit for c in sheet.columns if c.unit is not None}),
     }

@@ -8,7 +8,7 @@ of several topics in one order.
 from __future__ import annotations
 
 import struct
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -36,6 +36,8 @@ class Records:
     lines : uint8 (m, size), with room for the head in front of the data.
     rank : order of records of the same log time: ascending in the first key, then the second,
         and so on; int64 (m, keys), or (keys,) for all.
+
+    In its head each record has the channel number 0 until it is put in order.
     """
 
     channel: int
@@ -47,7 +49,7 @@ class Records:
 
     def __post_init__(self) -> None:
         m, size = self.lines.shape
-        head = HEAD.pack(Opcode.MESSAGE, size - LENGTH_BEFORE, self.channel, 0, 0, 0)
+        head = HEAD.pack(Opcode.MESSAGE, size - LENGTH_BEFORE, 0, 0, 0, 0)
         self.lines[:, : HEAD.size] = np.frombuffer(head, np.uint8)
         for values, form, place in (
             (self.sequence, "<u4", 11),
@@ -56,6 +58,10 @@ class Records:
         ):
             into: Integers = np.ndarray((m,), form, self.lines, place, (size,))
             into[:] = values
+
+    def number(self) -> None:
+        """Write the number of the channel into the records."""
+        self.lines[:, LENGTH_BEFORE : LENGTH_BEFORE + 2] = list(self.channel.to_bytes(2, "little"))
 
 
 @dataclass(frozen=True)
@@ -67,16 +73,12 @@ class Block:
     data : all records.
     ends : end of each in `data`, int64 (m,).
     channels, log_ns : of each, int64 (m,).
-    parts : the records as they were before they were put in order; none in a part of a block.
-    order : which of those each record is, counted through all parts, int64 (m,).
     """
 
     data: memoryview
     ends: Integers
     channels: Integers
     log_ns: Integers
-    parts: Sequence[Records] = ()
-    order: Integers | None = None
 
     @property
     def size(self) -> int:
@@ -98,29 +100,35 @@ class Block:
         )
 
 
-def in_order(parts: Sequence[Records], *, by_time: bool = True) -> Block:
+Watch = Callable[[Sequence[Records], Sequence[Integers]], None]
+"""Looks at records and their places in a block, int64 (m,) each, before they have a channel."""
+
+
+def in_order(
+    parts: Sequence[Records], *, by_time: bool = True, watch: Watch | None = None
+) -> Block:
     """Order all records in one block: by log time (if `by_time`), then by rank, then as given."""
-    if len(parts) == 1 and _is_ordered(part := parts[0], by_time=by_time):
-        m, size = part.lines.shape
-        ends = np.arange(1, m + 1, dtype=np.int64) * size
-        channels = np.full(m, part.channel, np.int64)
-        # the times are copied: the caller may use the array again
-        log = part.log_ns.copy()
-        return Block(part.lines.reshape(-1).data, ends, channels, log, parts, np.arange(m))
     counts = [part.log_ns.size for part in parts]
+    # the times are copied: the caller may use the array again
     log = np.concatenate([part.log_ns for part in parts])
     sizes = np.repeat([part.lines.shape[1] for part in parts], counts)
     channels = np.repeat([part.channel for part in parts], counts)
-    order = _order(parts, log, by_time=by_time)
+    alone = len(parts) == 1 and _is_ordered(parts[0], by_time=by_time)
+    order = np.arange(log.size) if alone else _order(parts, log, by_time=by_time)
     ends = np.cumsum(sizes[order])
     starts = np.empty(log.size, np.int64)
     starts[order] = ends - sizes[order]
+    places = np.split(starts, np.cumsum(counts)[:-1])
+    if watch is not None:
+        watch(parts, places)
+    for part in parts:
+        part.number()
+    if alone:
+        return Block(parts[0].lines.reshape(-1).data, ends, channels, log)
     data = np.empty(int(ends[-1]) if ends.size else 0, np.uint8)
-    begin = 0
-    for part, count in zip(parts, counts, strict=True):
-        put_lines(data, starts[begin : begin + count], part.lines)
-        begin += count
-    return Block(data.data, ends, channels[order], log[order], parts, order)
+    for part, own in zip(parts, places, strict=True):
+        put_lines(data, own, part.lines)
+    return Block(data.data, ends, channels[order], log[order])
 
 
 def put_lines(data: Bytes, starts: Integers, lines: Bytes) -> None:

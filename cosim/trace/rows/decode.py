@@ -54,6 +54,11 @@ class RowDecoder:
     schema_name, schema_data : of the MCAP schema record (a FileDescriptorSet).
     metadata : of the channel; with the FMI names of the columns.
 
+    Attributes
+    ----------
+    message : protobuf's class of the rows.
+    signals, dtypes : of the columns.
+
     Raises
     ------
     ValueError : the schema does not describe `schema_name`.
@@ -62,10 +67,10 @@ class RowDecoder:
     def __init__(self, schema_name: str, schema_data: bytes, metadata: Mapping[str, str]) -> None:
         try:
             files = FileDescriptorSet.FromString(schema_data)
-            self._message = message_class(_in_order(files), schema_name)
+            self.message = message_class(_in_order(files), schema_name)
         except (DecodeError, TypeError, KeyError, ValueError, RecursionError) as error:
             raise ValueError(f"schema {schema_name!r} cannot be used: {error}") from error
-        self._leaves = list(_leaves(self._message.DESCRIPTOR, ()))
+        self._leaves = list(_leaves(self.message.DESCRIPTOR, ()))
         self._paths = [leaf.path for leaf in self._leaves]
         self._known: dict[int, Template] = {}
         self.signals = _signals(self._leaves, metadata)
@@ -96,7 +101,7 @@ class RowDecoder:
         known = self._known.get(rows.shape[1])
         if known is not None and known.fits(rows[:1])[0]:
             return known
-        made = template(self._message.DESCRIPTOR, self._paths, rows[0])
+        made = template(self.message.DESCRIPTOR, self._paths, rows[0])
         if made is not None:
             self._known[rows.shape[1]] = made
         return made
@@ -150,7 +155,7 @@ class RowDecoder:
         """Decode rows by protobuf's own parser."""
         for k, payload in zip(which, messages.part(which).payloads(), strict=True):
             try:
-                message = self._message.FromString(bytes(payload))
+                message = self.message.FromString(bytes(payload))
             except DecodeError as error:
                 raise ValueError(f"a row does not fit its schema: {error}") from error
             for (values, present), leaf in zip(columns, self._leaves, strict=True):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import Protocol
 
 import numpy as np
@@ -142,14 +142,11 @@ def _columns(part: Poses, which: slice | Numbers) -> tuple[Integers, Reals, Real
     return part.log_ns[which], part.values[which, :3], part.values[which, 3]
 
 
-def _records(
-    topic_id: int, log_ns: Integers, ranks: Integers, messages: Iterator[tuple[Numbers, Bytes]]
-) -> list[Records]:
-    """Lay out messages that come grouped, each group with its numbers."""
-    return [
-        Records(topic_id, log_ns[mine], log_ns[mine], _zeros(mine.size), lines, ranks[mine])
-        for mine, lines in messages
-    ]
+def _records(topic_id: int, log_ns: Integers, ranks: Integers, lines: Bytes) -> list[Records]:
+    """Lay out messages; none of none."""
+    if not log_ns.size:
+        return []
+    return [Records(topic_id, log_ns, log_ns, _zeros(log_ns.size), lines, ranks)]
 
 
 def _record(topic_id: int, time_ns: int, data: bytes, rank: NDArray[np.int64]) -> Records:

@@ -36,6 +36,9 @@ RESULT = "cosim.result"
 RECOVERED = "cosim.recovered"
 """Metadata record of a recovered file that says what was lost; not part of the content hash."""
 
+ROW_FORMAT, NEWEST_ROW_FORMAT = "row_format", "2"
+"""Entry of `cosim.run`: "2": numbers in rows have a fixed width; absent (1): it varies."""
+
 HOST_PREFIX = "host."
 """Prefix of metadata keys (wall clock, machine) that are not part of the content hash."""
 
@@ -85,8 +88,8 @@ DTYPES: Mapping[Kind, Any] = {
 
 _TYPES: Mapping[str, int] = {
     "float": FieldDescriptorProto.TYPE_DOUBLE,
-    "int": FieldDescriptorProto.TYPE_INT64,
-    "uint": FieldDescriptorProto.TYPE_UINT64,
+    "int": FieldDescriptorProto.TYPE_SFIXED64,
+    "uint": FieldDescriptorProto.TYPE_FIXED64,
     "bool": FieldDescriptorProto.TYPE_BOOL,
     "string": FieldDescriptorProto.TYPE_STRING,
 }
@@ -300,6 +303,18 @@ def file_descriptor(schema_name: str, signals: Sequence[Signal]) -> FileDescript
     return file
 
 
+def in_fixed_width(data: bytes) -> bytes:
+    """Return the schema of a topic of flat rows as it is where numbers have a fixed width."""
+    files = FileDescriptorSet.FromString(data)
+    for field in (field for file in files.file for m in file.message_type for field in m.field):
+        field.type = _FIXED.get(field.type, field.type)
+    return files.SerializeToString(deterministic=True)
+
+
+_FIXED: Mapping[int, FieldDescriptorProto.Type.ValueType] = {
+    FieldDescriptorProto.TYPE_INT64: FieldDescriptorProto.TYPE_SFIXED64,
+    FieldDescriptorProto.TYPE_UINT64: FieldDescriptorProto.TYPE_FIXED64,
+}
 _FIRST_MESSAGE = FileDescriptorProto.MESSAGE_TYPE_FIELD_NUMBER, 0
 _FIELD = DescriptorProto.FIELD_FIELD_NUMBER
 """Place of a field in a file, as `SourceCodeInfo` gives it: message_type[0].field[i]."""

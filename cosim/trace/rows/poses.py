@@ -1,30 +1,35 @@
-"""Encode many poses at once, `foxglove.PoseInFrame` and `FrameTransform`, as protobuf does.
+"""Encode many poses at once, `foxglove.PoseInFrame` and `FrameTransform`, in a fixed width.
 
-proto3 omits zeros and writes integers in as few bytes as they need: poses with the same fields in
-the same widths have messages of one shape, and are encoded together.
+Every number is written, zeros too, and integers in so many bytes that every time has room: any
+parser of protobuf reads that. All poses of a frame have one shape, and are filled together.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.trace.rows.wire import equal_rows, put_varints, varint, varint_lengths
+from cosim.trace.rows.encode import varint
 
 Reals = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Bytes = NDArray[np.uint8]
 
 _SECOND = 10**9
+_WIDTH = 5
+"""Bytes of an integer, seven bits each: seconds up to 2**34, which log times in ns do not reach."""
+_STAMP = b"".join(tag + b"\x80" * (_WIDTH - 1) + b"\0" for tag in (b"\x08", b"\x10"))
+_PLACE = b"".join(tag + bytes(8) for tag in (b"\x09", b"\x11", b"\x19"))
+_TURN = b"".join(tag + bytes(8) for tag in (b"\x19", b"\x21"))
+"""Of messages with every number zero: seconds and nanos; x, y, z; z and w of a quaternion."""
 
 
 def pose_messages(
     frame: str, time_ns: Integers, position: Reals, psi: Reals, room: int = 0
-) -> Iterator[tuple[NDArray[np.intp], Bytes]]:
-    """Yield numbers (k,) and messages, uint8 (k, room + size), of the poses of each shape.
+) -> Bytes:
+    """Return messages, uint8 (m, room + size), of poses.
 
     Parameters
     ----------
@@ -34,77 +39,51 @@ def pose_messages(
     psi : turn about z [rad], (m,).
     room : bytes left free in front of each message.
     """
-    for mine, stamp, place, turn in _by_shape(time_ns, position, psi):
-        pose = np.hstack([_message(0x0A, place), _message(0x12, turn)])
-        parts = [_message(0x0A, stamp), _text(0x12, frame, mine.size), _message(0x1A, pose)]
-        yield mine, np.hstack([np.zeros((mine.size, room), np.uint8), *parts])
+    pose = _field(1, _PLACE) + _field(2, _TURN)
+    parts = [_field(1, _STAMP), _field(2, frame.encode()), _field(3, pose)]
+    turn_behind = len(_PLACE) + 2
+    at = room + len(parts[0]) + len(parts[1]) + 4
+    return _filled(parts, time_ns, position, psi, room, (at, at + turn_behind))
 
 
 def transform_messages(
     frames: tuple[str, str], time_ns: Integers, position: Reals, psi: Reals, room: int = 0
-) -> Iterator[tuple[NDArray[np.intp], Bytes]]:
-    """Yield the same poses as `foxglove.FrameTransform`: of a frame in its parent.
+) -> Bytes:
+    """Return the same poses as `foxglove.FrameTransform`: of a frame in its parent.
 
     frames : parent_frame_id, child_frame_id; the other arguments as for `pose_messages`.
     """
-    for mine, stamp, place, turn in _by_shape(time_ns, position, psi):
-        names = [
-            _text(tag, name, mine.size) for tag, name in zip((0x12, 0x1A), frames, strict=True)
-        ]
-        parts = [_message(0x0A, stamp), *names, _message(0x22, place), _message(0x2A, turn)]
-        yield mine, np.hstack([np.zeros((mine.size, room), np.uint8), *parts])
+    names = [_field(number, name.encode()) for number, name in zip((2, 3), frames, strict=True)]
+    parts = [_field(1, _STAMP), *names, _field(4, _PLACE), _field(5, _TURN)]
+    at = room + sum(map(len, parts[:3])) + 2
+    return _filled(parts, time_ns, position, psi, room, (at, at + len(parts[3])))
 
 
-def _by_shape(
-    time_ns: Integers, position: Reals, psi: Reals
-) -> Iterator[tuple[NDArray[np.intp], Bytes, Bytes, Bytes]]:
-    """Yield numbers, timestamps, positions and orientations of the poses of each shape."""
-    if not time_ns.size:
-        return
-    seconds, nanos = np.divmod(time_ns, _SECOND)
+def _field(number: int, content: bytes) -> bytes:
+    """Return a field with a text or a message."""
+    return varint(number << 3 | 2) + varint(len(content)) + content
+
+
+def _filled(
+    parts: list[bytes],
+    time_ns: Integers,
+    position: Reals,
+    psi: Reals,
+    room: int,
+    at: tuple[int, int],
+) -> Bytes:
+    """Return the messages; `at` : where the contents of place and turn begin in a line."""
+    line = np.frombuffer(bytes(room) + b"".join(parts), np.uint8)
+    lines = np.tile(line, (time_ns.size, 1))
+    for k, values in enumerate(np.divmod(time_ns, _SECOND)):
+        first = room + 3 + k * (_WIDTH + 1)
+        for j in range(_WIDTH):
+            lines[:, first + j] |= (values >> 7 * j & 0x7F).astype(np.uint8)
     # sin and cos of the C library, as for a single pose: NumPy's differ in the last bit
     halves = (0.5 * psi).tolist()
     turn = np.array([(math.sin(half), math.cos(half)) for half in halves]).reshape(-1, 2)
-    doubles = np.ascontiguousarray(np.column_stack([position, turn]), dtype="<f8")
-    # what protobuf takes for zero is all bits zero: -0.0 is written
-    there = doubles.view("<u8").reshape(doubles.shape) != 0
-    shape = np.column_stack([_length(seconds), _length(nanos), there])
-    for mine in equal_rows(shape):
-        of_seconds, of_nanos, *given = shape[mine[0]].tolist()
-        stamp = [_varint(0x08, seconds[mine], of_seconds), _varint(0x10, nanos[mine], of_nanos)]
-        place = [_double(9 + 8 * j, doubles[mine, j]) for j in range(3) if given[j]]
-        facing = [_double(25 + 8 * j, doubles[mine, 3 + j]) for j in range(2) if given[3 + j]]
-        nothing = np.zeros((mine.size, 0), np.uint8)
-        yield mine, np.hstack(stamp), np.hstack([nothing, *place]), np.hstack([nothing, *facing])
-
-
-def _text(tag: int, text: str, count: int) -> Bytes:
-    encoded = text.encode()
-    field = np.frombuffer(bytes([tag]) + varint(len(encoded)) + encoded, np.uint8)
-    return np.tile(field, (count, 1))
-
-
-def _length(values: Integers) -> Integers:
-    """Return the length of each varint; 0 for zero, which proto3 omits."""
-    return np.where(values == 0, 0, varint_lengths(values))
-
-
-def _varint(tag: int, values: Integers, length: int) -> Bytes:
-    if length == 0:
-        return np.zeros((values.size, 0), np.uint8)
-    field = np.empty((values.size, 1 + length), np.uint8)
-    field[:, 0] = tag
-    put_varints(field[:, 1:], values)
-    return field
-
-
-def _double(tag: int, values: Reals) -> Bytes:
-    head = np.full((values.size, 1), tag, np.uint8)
-    body = np.ascontiguousarray(values, dtype="<f8").view(np.uint8).reshape(values.size, 8)
-    return np.hstack([head, body])
-
-
-def _message(tag: int, body: Bytes) -> Bytes:
-    """Encode a field that has a message of fewer than 128 bytes."""
-    head = np.tile(np.array([tag, body.shape[1]], np.uint8), (len(body), 1))
-    return np.hstack([head, body])
+    for first, values in zip(at, (position, turn), strict=True):
+        shape, strides = values.shape, (lines.shape[1], 9)
+        into: Reals = np.ndarray(shape, "<f8", lines, first + 1, strides)
+        into[:] = values
+    return lines
