@@ -17,14 +17,13 @@ from typing import Any
 
 import pytest
 from cli.shell import cosim, trace_of
-from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from mcap.reader import make_reader
+from mcap_files import message_type
 from recorded_runs import write_run
 from websockets.sync.client import connect
 
 from cosim.core import InputError
 from cosim.trace import Player
-from cosim.trace.rows.layout import message_class
 
 MESSAGE, TIME, STATE = 1, 2, 5
 PLAY, PAUSE = 0, 1
@@ -147,7 +146,7 @@ def test_client_receives_every_message_unchanged() -> None:
         assert mine == [(at, data) for t, at, data in wanted if t == topic]
     assert state["at"] == times[-1]
     schema = base64.b64decode(seen.channels["/plant/output"]["schema"])
-    row = message_class(FileDescriptorSet.FromString(schema), "cosim.plant.Output")
+    row = message_type(schema, "cosim.plant.Output")
     last = row.FromString([data for t, _, data in messages if t == "/plant/output"][-1])
     assert last.x_1 == pytest.approx(-0.2848937800327617)
 
