@@ -29,7 +29,6 @@ from mcap.writer import CompressionType, Writer
 from numpy.typing import NDArray
 
 from cosim.trace import Rows, Signal, Trace, TraceWriter
-from cosim.trace.rows.encode import tag
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
@@ -43,6 +42,7 @@ from tests.benchmarks._trace_rows import (
     measured,
     names,
     smooth,
+    tag,
 )
 
 Columns = tuple[NDArray[np.int64], list[NDArray[np.float64]]]

@@ -39,6 +39,15 @@ def names(doubles: int) -> list[str]:
     return [f"x[{i}]" for i in range(1, doubles + 1)]
 
 
+def tag(number: int) -> bytes:
+    """The tag that protobuf puts in front of a double: its field << 3 | 1, to the base 128."""
+    left, found = number << 3 | 1, bytearray()
+    while left > 0x7F:
+        found.append(left & 0x7F | 0x80)
+        left >>= 7
+    return bytes([*found, left])
+
+
 def measured(
     script: str, variants: Iterable[str], tell: Callable[[str], None] = lambda _: None
 ) -> Figures:

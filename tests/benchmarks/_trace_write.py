@@ -12,9 +12,11 @@ values. Timed is from the opening of the file to its end, the encoding of the ro
 
 from __future__ import annotations
 
+import functools
 import json
 import struct
 import sys
+import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -24,8 +26,6 @@ from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 
 from cosim.trace import Rows, Signal, TraceWriter
-from cosim.trace.rows.encode import tag
-from cosim.trace.rows.layout import file_descriptor
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
@@ -39,6 +39,7 @@ from tests.benchmarks._trace_rows import (
     measured,
     names,
     smooth,
+    tag,
 )
 
 BLOCK = 4096
@@ -51,10 +52,23 @@ def signals(rows: Values) -> list[Signal]:
 
 
 def schema(rows: Values) -> bytes:
-    """The descriptor that all protobuf variants carry."""
-    from google.protobuf.descriptor_pb2 import FileDescriptorSet  # noqa: PLC0415 - used here alone
+    """The descriptor that all protobuf variants carry: that of a trace of this project."""
+    return _schema(rows.shape[1])
 
-    return FileDescriptorSet(file=[file_descriptor(SCHEMA, signals(rows))]).SerializeToString()
+
+@functools.cache
+def _schema(doubles: int) -> bytes:
+    with tempfile.TemporaryDirectory() as folder:
+        with TraceWriter(Path(folder, "schema.mcap"), run={}) as writer:
+            described = [Signal(name) for name in names(doubles)]
+            writer.add_topic(TOPIC, described, schema_name=SCHEMA)
+            path = writer.finish({})
+        with path.open("rb") as stream:
+            summary = make_reader(stream).get_summary()
+        if summary is None:
+            raise SystemExit("a trace without a summary")
+        (found,) = summary.schemas.values()
+        return found.data
 
 
 def packer(rows: Values) -> Callable[[list[float]], bytes]:

@@ -16,12 +16,11 @@ from typing import Any, NamedTuple
 
 from cli.shell import cosim
 from hostile.hostile_fmu import hostile_fmu, misbehaviour
+from report_pages import report_of
 from shared import fmu_store, made_once
 
 from cosim.core import CosimError
 from cosim.trace import Trace
-from cosim.trace.report.content import content_of
-from cosim.trace.rows.foxglove import LEVELS
 
 TITLE = "A <b>run</b> & its </script> end"
 _PUMP = """
@@ -195,6 +194,10 @@ WAYS = {
 }
 
 
+LEVELS = ("unknown", "debug", "info", "warning", "error", "fatal")
+"""By their numbers in `foxglove.Log`."""
+
+
 class Line(NamedTuple):
     """A line of `/log`."""
 
@@ -264,16 +267,16 @@ def seen(name: str, folder: Path) -> Found:
         code, summary = _signalled(words, way.sent, folder)
     path = folder / f"{name}.mcap"
     path = path if path.exists() else path.with_name(f"{path.name}.partial")
-    content = content_of(path)
+    page = report_of(path, folder)
     info = cosim("trace", "info", path, cwd=folder).out
     state = next(line for line in info.splitlines() if line.startswith("state "))
     return Found(
         code=code,
         summary=summary,
         trace=path,
-        badge=content.status.what,
-        tone=content.status.tone,
-        why=content.status.why,
+        badge=page.status,
+        tone=page.tone,
+        why=page.why,
         info=info,
         state=state.removeprefix("state ").strip(),
         log=tuple(log_of(path)),
@@ -295,9 +298,8 @@ def found(name: str) -> Found:
 def log_of(path: Path) -> Iterator[Line]:
     """The lines of `/log`."""
     rows = Trace(path, incomplete=True).read("/log")
-    words = {number: word for word, number in LEVELS.items()}
     for i in range(len(rows)):
-        at, level = int(rows.log_time_ns[i]) / 1e9, words[int(rows["level"][i])]
+        at, level = int(rows.log_time_ns[i]) / 1e9, LEVELS[int(rows["level"][i])]
         yield Line(at, level, str(rows["name"][i]), str(rows["message"][i]))
 
 

@@ -24,7 +24,6 @@ from cosim.trace import (
     TraceWriter,
     rows_in_force,
 )
-from cosim.trace.rows.hold import sample_and_hold
 
 S = 10**9
 
@@ -149,12 +148,12 @@ def test_rows_in_force_as_pandas_has_them(times: list[int], at: list[int]) -> No
     """The last row up to an instant; of several at once the last; in any order of rows."""
     stamps = np.array(times, np.int64)
     values = np.arange(len(times), dtype=np.float64)
-    found, there = sample_and_hold(values, rows_in_force(stamps, np.array(at, np.int64)))
+    rows = rows_in_force(stamps, np.array(at, np.int64))
     series = pd.Series(values, index=times, dtype=float).sort_index(kind="stable")
-    for value, known, t in zip(found, there, at, strict=True):
+    for row, t in zip(rows.tolist(), at, strict=True):
         before = series[series.index <= t]
-        assert known == (len(before) > 0)
-        assert not known or value == before.iloc[-1]
+        assert (row >= 0) == (len(before) > 0)
+        assert row < 0 or values[row] == before.iloc[-1]
 
 
 LINKS: dict[str, dict[str, Any]] = {

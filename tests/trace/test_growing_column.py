@@ -1,35 +1,64 @@
 """A column that grows part by part is the parts one after another, whatever was expected."""
 
-import zlib
+from __future__ import annotations
+
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from cosim.trace.file.checksum import crc32
-from cosim.trace.tables.growing import GrowingColumn
+from cosim.trace import Signal, Trace, TraceWriter
+
+ROWS, ABSENT = 130, 10
+KINDS = [
+    Signal("x"),
+    Signal("n", kind="int"),
+    Signal("word", kind="string"),
+    Signal("long", kind="string"),
+]
+LONG = "x" * 100_000
+"""Rows of 4 MiB together are decoded at once: here some forty."""
 
 
-@pytest.mark.parametrize("expected", [0, 1, 7, 8, 100])
-def test_column_is_its_parts_whatever_was_expected(expected: int) -> None:
-    column = GrowingColumn(np.float64, expected)
-    for values in ([1.0, 2.0], [], [3], [4.5] * 5):
-        column.extend(np.array(values), None)
-    assert column.values.tolist() == [1.0, 2.0, 3.0, *[4.5] * 5]
-    assert column.values.dtype == np.float64
-    assert column.present is None
+@pytest.fixture(scope="module")
+def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Long rows, the last of them without a word."""
+    path = tmp_path_factory.mktemp("grown") / "a.mcap"
+    with TraceWriter(path, run={}) as writer:
+        topic = writer.add_topic("/a/output", KINDS, schema_name="t.A")
+        for k in range(ROWS):
+            word = None if k >= ROWS - ABSENT else f"w{k}"
+            writer.write(topic, k, [k / 7, -k, word, f"{LONG}{k}"])
+        writer.finish({})
+    return path
 
 
-def test_presence_of_a_part_is_its_own() -> None:
-    column = GrowingColumn(object, 0)
-    column.extend(["a", "b"], None)
-    column.extend(["c"], np.array([False]))
-    assert column.values.tolist() == ["a", "b", "c"]
-    present = column.present
-    assert present is not None
-    assert present.tolist() == [True, True, False]
+@pytest.mark.parametrize(
+    ("first", "last", "window"),
+    [
+        (0, ROWS - 1, {}),
+        (0, ROWS - 1, {"start": 0.0}),
+        (30, ROWS - 1, {"start": 30e-9}),
+        (0, 100, {"end": 100e-9}),
+        (50, 51, {"start": 50e-9, "end": 51e-9}),
+    ],
+)
+def test_column_is_its_parts_whatever_was_expected(
+    path: Path, first: int, last: int, window: dict[str, float]
+) -> None:
+    """The number of rows is known of a whole topic, and not of a window of time.
 
-
-def test_checksum_is_that_of_zlib() -> None:
-    data = np.random.default_rng(1).bytes(100_001)
-    assert crc32(data) == zlib.crc32(data)
-    assert crc32(memoryview(data)[7:], crc32(data[:7])) == zlib.crc32(data)
+    Where a value is absent is known of each part by itself.
+    """
+    table = Trace(path).read("/a/output", **window)
+    rows = range(first, last + 1)
+    assert table["x"].tolist() == [k / 7 for k in rows]
+    assert table["n"].tolist() == [-k for k in rows]
+    assert (table["x"].dtype, table["n"].dtype) == (np.float64, np.int64)
+    assert table["long"].tolist() == [f"{LONG}{k}" for k in rows]
+    there = [k < ROWS - ABSENT for k in rows]
+    assert table["word"].tolist() == [
+        f"w{k}" if t else "" for k, t in zip(rows, there, strict=True)
+    ]
+    assert table.present["word"].tolist() == there
+    assert table.present["x"].all()

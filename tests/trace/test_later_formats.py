@@ -21,12 +21,12 @@ from mcap.records import (
     Metadata,
     Schema,
 )
+from mcap_files import HEAD_BYTES, MAGIC, records_of
 from test_trace_recover import ROWS, a_trace
 from test_trace_verify import patched
 
+from cosim.core import LossError
 from cosim.trace import Trace, recover, verify
-from cosim.trace.file.records import HEAD, MAGIC, DamageError, parsed
-from cosim.trace.file.walk import Walk
 
 MORE = b"\x01\xff\xff"
 
@@ -76,24 +76,42 @@ def test_a_file_with_longer_records_is_in_order(tmp_path: Path) -> None:
 def test_a_length_that_is_too_great_takes_nothing_that_follows(tmp_path: Path, more: int) -> None:
     """Without a summary too, which knows where the next record begins."""
     whole = a_trace(tmp_path / "a.mcap").read_bytes()
-    run = next(r for r in Walk(tmp_path / "a.mcap", "skip") if r.opcode == Opcode.METADATA)
-    length = (run.size - HEAD.size + more).to_bytes(8, "little")
+    run = next(r for r in records_of(tmp_path / "a.mcap") if r.opcode == Opcode.METADATA)
+    length = (run.end - run.position - HEAD_BYTES + more).to_bytes(8, "little")
     cut = tmp_path / "b.mcap.partial"
     cut.write_bytes(patched(whole, run.position + 1, length)[: whole.index(b"cosim.result")])
     result = recover(cut, tmp_path / "c.mcap")
     assert (result.messages, result.attachments) == (len(ROWS), 1)
 
 
-def test_a_length_that_is_too_small_is_damage() -> None:
+FRONT = MAGIC + written(Header(profile="", library=""))
+END = written(DataEnd(data_section_crc=0))
+END += written(Footer(summary_start=0, summary_offset_start=0, summary_crc=0)) + MAGIC
+
+
+def opened(path: Path, record: bytes) -> Trace:
+    """A whole file with this record alone, without checksums."""
+    path.write_bytes(FRONT + record + END)
+    return Trace(path)
+
+
+def test_a_length_that_is_too_small_is_damage(tmp_path: Path) -> None:
     """What it cuts off is no later format."""
-    content = written(METADATA)[9:]
+    path = tmp_path / "a.mcap"
+    whole = written(METADATA)
+    assert opened(path, whole).metadata == [("m", METADATA.metadata)]
+    head, content = whole[:HEAD_BYTES], whole[HEAD_BYTES:]
     for length in range(int.from_bytes(content[5:9], "little") // 2 + 1):  # an entry is missing
-        with pytest.raises(DamageError):
-            parsed(Metadata, content[:5] + length.to_bytes(4, "little") + content[9:])
+        cut = content[:5] + length.to_bytes(4, "little") + content[9:]
+        with pytest.raises(LossError, match=f"record at byte {len(FRONT)}"):
+            opened(path, head + cut)
     for data in (b"text", bytes(8)):  # zeros in place of a checksum would stand for none
         attached = Attachment(log_time=2, create_time=1, name="a", media_type="b", data=data)
-        content = written(attached)[9:]
+        whole = written(attached)
+        assert opened(path, whole).attachments == {"a": data}
+        head, content = whole[:HEAD_BYTES], whole[HEAD_BYTES:]
         at = content.index(len(data).to_bytes(8, "little"))
         for length in range(len(data)):
-            with pytest.raises(DamageError):
-                parsed(Attachment, content[:at] + length.to_bytes(8, "little") + content[at + 8 :])
+            cut = content[:at] + length.to_bytes(8, "little") + content[at + 8 :]
+            with pytest.raises(LossError, match=f"record at byte {len(FRONT)}"):
+                opened(path, head + cut)

@@ -6,7 +6,9 @@ import hashlib
 import json
 import struct
 from io import BytesIO
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
 
 import numpy as np
 import pytest
@@ -22,15 +24,11 @@ from mcap import records
 from mcap.reader import make_reader
 from mcap.stream_reader import StreamReader
 from mcap.writer import CompressionType, IndexType, Writer
+from mcap_files import write_protobuf
 from mcap_protobuf.decoder import DecoderFactory
-from written import side_by_side
 
 from cosim.core import InputError, LossError
 from cosim.trace import Poses, Rows, Signal, Trace, TraceWriter, content_hash
-from cosim.trace.rows.decode import RowDecoder
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 MIXED = [
     Signal("n", kind="int", unit="1"),
@@ -185,7 +183,7 @@ def same(one: Any, two: Any) -> bool:
     return bool(one == two) or (one != one and two != two)  # noqa: PLR0124 - NaN
 
 
-@settings(max_examples=100)
+@settings(deadline=None, max_examples=100)
 @given(st.lists(st.tuples(wholes, st.integers(0, 2)), min_size=1, max_size=6), st.data())
 def test_decoded_messages_equal_protobufs(
     rows: list[tuple[dict[str, Any], int]], data: st.DataObject
@@ -209,18 +207,19 @@ def test_decoded_messages_equal_protobufs(
     elif oddity == "reversed":
         payloads[0] = WHOLE(plain=1.0).SerializeToString() + WHOLE(maybe=2.0).SerializeToString()
     payloads = payloads * 20  # enough of a kind to be taken together
-    decoder = RowDecoder("e.Whole", SCHEMA, {})
-    columns = decoder(side_by_side(payloads))
+    with TemporaryDirectory() as folder:
+        path = write_protobuf(Path(folder, "a.mcap"), "/whole", SCHEMA, "e.Whole", payloads)
+        table, signals = Trace(path).read("/whole"), Trace(path).topics["/whole"].signals
     parsed = [WHOLE.FromString(payload) for payload in payloads]
-    assert [s.name for s in decoder.signals if s.name.startswith("part.")] == [
+    assert [s.name for s in signals if s.name.startswith("part.")] == [
         f"part.{name}" for name in numbers if name != "y"
     ]
-    for signal, (values, present) in zip(decoder.signals, columns, strict=True):
-        expected = [inner(message, signal.name) for message in parsed]
-        there = [True] * len(parsed) if present is None else present.tolist()
-        assert there == [value is not None for value in expected], signal.name
+    assert [*table.columns] == [signal.name for signal in signals]
+    for name, values in table.columns.items():
+        expected = [inner(message, name) for message in parsed]
+        assert table.present[name].tolist() == [value is not None for value in expected], name
         for value, wanted in zip(values.tolist(), expected, strict=True):
-            assert wanted is None or same(value, wanted), signal.name
+            assert wanted is None or same(value, wanted), name
 
 
 INDEXES = [IndexType.ALL, IndexType.NONE, IndexType.CHUNK, IndexType.MESSAGE]

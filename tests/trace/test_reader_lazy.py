@@ -5,26 +5,25 @@ from __future__ import annotations
 import random
 import struct
 import zlib
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import zstandard
+from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 from shared import slow_share_of
 from written import ETA, write
 
 from cosim.core import CosimError, InputError, LossError
-from cosim.trace import Rows, Trace, TraceWriter, content_hash
-from cosim.trace.file import file_parts
-from cosim.trace.file.contents_scan import by_scan
-from cosim.trace.file.summary import from_summary
+from cosim.trace import Attachment, Rows, Trace, TraceWriter, content_hash
 
 
-def two_topics(path: Path) -> Path:
+def two_topics(path: Path, **options: Any) -> Path:
     """A topic in the first half, another in the second, in many chunks."""
-    with TraceWriter(path, run={}, chunk_bytes=2000) as writer:
+    with TraceWriter(path, run={}, chunk_bytes=2000, **options) as writer:
         first = writer.add_topic("/plant/output", ETA, schema_name="t.A")
         second = writer.add_topic("/link/up", ETA, schema_name="t.B")
         times = np.arange(1000) * 10**9
@@ -36,32 +35,42 @@ def two_topics(path: Path) -> Path:
     return path
 
 
-@pytest.fixture
-def read_segment(monkeypatch: pytest.MonkeyPatch) -> list[int]:
-    """Record the positions of the chunks read."""
-    positions: list[int] = []
-    real = file_parts.read_segment
-
-    def counting(stream: Any, segment: Any, declared: Any) -> Any:
-        positions.append(segment.position)
-        return real(stream, segment, declared)
-
-    monkeypatch.setattr("cosim.trace.reader.read_segment", counting)
-    return positions
+def chunks_of(path: Path) -> list[int]:
+    """Where the chunks of a file begin, by its summary."""
+    with path.open("rb") as stream:
+        summary = make_reader(stream).get_summary()
+    assert summary is not None
+    return [index.chunk_start_offset for index in summary.chunk_indexes]
 
 
-def test_only_the_chunks_that_are_needed_are_opened(
-    tmp_path: Path, read_segment: list[int]
-) -> None:
-    trace = Trace(two_topics(tmp_path / "a.mcap"))
+def opened(path: Path, read: Callable[[Trace], object]) -> list[int]:
+    """Which chunks a reading opens: those whose damage it notices, each damaged in its turn."""
+    whole, found = path.read_bytes(), []
+    for position in chunks_of(path):
+        damaged = bytearray(whole)
+        damaged[position + 80] ^= 1
+        path.write_bytes(damaged)
+        try:
+            read(Trace(path))
+        except LossError:
+            found.append(position)
+    path.write_bytes(whole)
+    return found
+
+
+def test_only_the_chunks_that_are_needed_are_opened(tmp_path: Path) -> None:
+    path = two_topics(tmp_path / "a.mcap")
+    trace, chunks = Trace(path), chunks_of(path)
     info = trace.topics["/link/up"]
     assert (info.count, info.start_ns, info.end_ns) == (1000, 1000 * 10**9, 1999 * 10**9)
-    assert not read_segment
+    assert opened(path, lambda trace: trace.topics["/link/up"].end_ns) == []
     assert len(trace.read("/plant/output")) == 1000
-    half = len(read_segment)
-    assert half < 0.6 * len(by_scan(trace.path).segments)
-    assert trace.read("/link/up", start=1500.0, end=1501.0)["eta.x"].tolist() == [500.0, 501.0]
-    assert len(read_segment) - half <= 2
+    of_one = opened(path, lambda trace: trace.read("/plant/output"))
+    assert of_one == chunks[: len(of_one)]
+    assert 0.4 * len(chunks) < len(of_one) < 0.6 * len(chunks)
+    window: dict[str, float] = {"start": 1500.0, "end": 1501.0}
+    assert trace.read("/link/up", **window)["eta.x"].tolist() == [500.0, 501.0]
+    assert 1 <= len(opened(path, lambda trace: trace.read("/link/up", **window))) <= 2
 
 
 @pytest.mark.parametrize(
@@ -115,13 +124,15 @@ def test_signals_by_name(tmp_path: Path) -> None:
 
 
 def test_summary_and_scan_agree(tmp_path: Path) -> None:
-    by_summary, found = from_summary(path := two_topics(tmp_path / "a.mcap")), by_scan(path)
-    assert by_summary is not None
+    path = two_topics(tmp_path / "a.mcap", attachments=[Attachment("a", "text/plain", b"hello")])
+    by_summary, found = Trace(path), Trace(path, incomplete=True)
     assert [
         (s.position, s.size, s.channels, s.start_ns, s.end_ns) for s in by_summary.segments
     ] == [(s.position, s.size, s.channels, s.start_ns, s.end_ns) for s in found.segments]
     assert (by_summary.counts, by_summary.metadata) == (found.counts, found.metadata)
-    assert (by_summary.attachments, by_summary.library) == (found.attachments, found.library)
+    assert by_summary.attachments == found.attachments == {"a": b"hello"}
+    assert (by_summary.media_types, by_summary.library) == (found.media_types, found.library)
+    assert by_summary.spans == found.spans
 
 
 def without_summary_checksum(whole: bytes) -> bytearray:
@@ -176,7 +187,7 @@ def test_a_message_outside_what_the_summary_names_is_found(tmp_path: Path) -> No
 def test_damage_behind_a_whole_summary_is_reported_when_it_is_read(tmp_path: Path) -> None:
     path = two_topics(tmp_path / "a.mcap")
     damaged = bytearray(path.read_bytes())
-    position = by_scan(path).segments[3].position
+    position = chunks_of(path)[3]
     damaged[position + 80] ^= 1
     path.write_bytes(damaged)
     trace = Trace(path)
@@ -246,13 +257,28 @@ def test_wall_clock_stamps(tmp_path: Path) -> None:
         Trace(path).read("/j")
 
 
-def test_checksum_of_the_summary_is_checked(tmp_path: Path) -> None:
+def test_checksums_are_those_of_zlib(tmp_path: Path) -> None:
+    """Of the summary, of the data before it, and of each chunk."""
     path = two_topics(tmp_path / "a.mcap")
     whole = path.read_bytes()
     section = struct.unpack_from("<Q", whole, len(whole) - 28)[0]
     covered = whole[section : len(whole) - 12]
     assert zlib.crc32(covered) == struct.unpack_from("<I", whole, len(whole) - 12)[0]
-    damaged = bytearray(whole)
-    damaged[section + 12] ^= 1
+    end = section - 13
+    assert struct.unpack_from("<BQI", whole, end) == (0x0F, 4, zlib.crc32(whole[:end]))
+    with path.open("rb") as stream:  # which the mcap package checks by zlib
+        assert len([*make_reader(stream, validate_crcs=True).iter_messages()]) == 2000
+
+
+def test_checksum_of_the_summary_is_checked(tmp_path: Path) -> None:
+    """A summary that it does not prove is not used: the whole file is looked at, at once."""
+    path = two_topics(tmp_path / "a.mcap")
+    damaged = bytearray(path.read_bytes())
+    damaged[chunks_of(path)[3] + 80] ^= 1
     path.write_bytes(damaged)
-    assert from_summary(path) is None
+    assert Trace(path).complete
+    # a letter of the first schema's name, which nothing but the checksum knows to be wrong
+    damaged[struct.unpack_from("<Q", damaged, len(damaged) - 28)[0] + 15] ^= 1
+    path.write_bytes(damaged)
+    with pytest.raises(LossError):
+        Trace(path)

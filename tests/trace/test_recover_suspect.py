@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 from mcap.opcode import Opcode
 from mcap.reader import NonSeekingReader, make_reader
+from mcap_files import records_of
 from shared import slow_share_of
 from test_trace_recover import ROWS, a_trace, chunks_of, contents
 from test_trace_verify import a_run, patched
@@ -19,7 +20,6 @@ from written import write
 
 from cosim.core import CosimError, InputError
 from cosim.trace import Trace, recover, verify
-from cosim.trace.file.walk import Walk
 
 Key = tuple[str, int, int, int, bytes]
 
@@ -151,7 +151,7 @@ def test_a_chunk_with_the_opcode_of_another_record_is_found(tmp_path: Path) -> N
     """Some of them are no damage by themselves: an index, a summary offset, a private record."""
     path = a_trace(tmp_path / "a.mcap")
     whole, true = path.read_bytes(), kept(path)
-    starts = [record.position for record in Walk(path, "skip") if record.opcode == Opcode.CHUNK]
+    starts = [record.position for record in records_of(path) if record.opcode == Opcode.CHUNK]
     for at in starts[:2]:
         for opcode in (*range(1, 16), 0x86):
             path.write_bytes(patched(whole, at, bytes([opcode])))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import zlib
 from itertools import pairwise
 from pathlib import Path
@@ -12,15 +13,25 @@ import pytest
 from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from mcap.reader import make_reader
 from mcap.writer import Writer
+from mcap_files import type_of
 from mcap_protobuf.decoder import DecoderFactory
 from scene_run import scene_run
 
 from cosim.models import TABLE_1
-from cosim.trace import Signal, Trace, TraceWriter, begins_with, content_hash, diff
-from cosim.trace.report.series import Recording
-from cosim.trace.rows.scene import HULL_DIAMETER_M, HULL_LENGTH_M, MOST_POINTS, Path as PathSoFar
+from cosim.trace import (
+    Poses,
+    Signal,
+    Trace,
+    TraceWriter,
+    begins_with,
+    content_hash,
+    diff,
+    write_report,
+)
 
 S = 10**9
+MOST_POINTS = 256
+"""Most points of a path, beside the last position."""
 
 
 @pytest.fixture(scope="module")
@@ -75,9 +86,9 @@ def test_hull_is_the_vehicle_of_the_model(messages: dict[str, Any]) -> None:
     assert hull.lifetime.seconds == hull.lifetime.nanos == 0  # for ever
     bow, stern = hull.spheres
     ends = [s.pose.position.x + side * s.size.x / 2 for s, side in ((bow, 1), (stern, -1))]
-    assert ends[0] - ends[1] == pytest.approx(TABLE_1["length"]) == HULL_LENGTH_M
+    assert ends[0] - ends[1] == pytest.approx(TABLE_1["length"])
     (tube,) = hull.cylinders
-    volume = np.pi / 4 * tube.size.x**2 * tube.size.z + np.pi / 6 * HULL_DIAMETER_M**3
+    volume = np.pi / 4 * tube.size.x**2 * tube.size.z + np.pi / 6 * bow.size.x**3
     assert volume * TABLE_1["density"] == pytest.approx(TABLE_1["mass"], rel=0.01)
 
 
@@ -202,25 +213,40 @@ def test_component_called_scene_is_in_the_hash(tmp_path: Path) -> None:
     assert len(hashes) == 2
 
 
-def test_report_draws_no_scene(path: Path) -> None:
-    drawn = {series.topic for series in Recording(Trace(path)).series}
-    assert "/plant/output" in drawn
+def test_report_draws_no_scene(path: Path, tmp_path: Path) -> None:
+    """Nor is it among its signals in numbers."""
+    html = write_report(path, tmp_path / "report.html").output.read_text("utf-8")
+    numbers = html.partition("<h2>Signals in numbers</h2>")[2].partition("</section>")[0]
+    drawn = set(re.findall(r"<tr><td>(/[^<]*)</td>", numbers))
+    drawn |= set(re.findall(r"<figcaption><span>(/[^<]*)</span>", html))
+    assert {"/plant/output", "/controller/input", "/link/uplink"} <= drawn
     assert not [topic for topic in drawn if Trace(path).topics[topic].is_computed]
 
 
-def test_path_is_the_same_whatever_its_blocks() -> None:
+def path_messages(path: Path) -> list[tuple[int, np.ndarray]]:
+    """Log time and points (n, 3) of each path that a trace has."""
+    message = type_of(path, "/auv/path")
+    found = []
+    with path.open("rb") as stream:
+        for _, _, m in make_reader(stream).iter_messages("/auv/path", log_time_order=False):
+            ((line,),) = (entity.lines for entity in message.FromString(m.data).entities)
+            found.append((m.log_time, np.array([[p.x, p.y, p.z] for p in line.points])))
+    return found
+
+
+def test_path_is_the_same_whatever_its_blocks(tmp_path: Path) -> None:
     """Bounded points, ever fewer messages; what is no place is left out."""
-    line = np.column_stack([np.arange(50_000) * 0.01] * 3)
-    line[777] = np.nan
-    line[40_000:] = 1e300
-    whole, cut = PathSoFar(), PathSoFar()
-    at_once = whole.add(line)
+    line = np.column_stack([np.arange(50_000) * 0.01] * 3 + [np.zeros(50_000)])
+    line[777, :3] = np.nan
+    line[40_000:, :3] = 1e300
     begins = [0, 1, 31, 32, 4096, 30_000, 50_000]
-    in_parts = [
-        (k + begin, points)
-        for begin, end in pairwise(begins)
-        for k, points in cut.add(line[begin:end])
-    ]
+    found = []
+    for name, blocks in (("whole", [0, 50_000]), ("cut", begins)):
+        with TraceWriter(tmp_path / f"{name}.mcap", run={}) as writer:
+            for begin, end in pairwise(blocks):
+                writer.write_rows([Poses(np.arange(begin, end), line[begin:end])])
+            found.append(path_messages(writer.finish({})))
+    at_once, in_parts = found
     assert [k for k, _ in at_once] == [k for k, _ in in_parts]
     for (_, a), (_, b) in zip(at_once, in_parts, strict=True):
         assert np.array_equal(a, b)
@@ -229,4 +255,5 @@ def test_path_is_the_same_whatever_its_blocks() -> None:
         assert np.isfinite(a).all()
         assert np.abs(a).max() <= 400
     assert len(at_once) < 200
-    assert np.diff([k for k, _ in at_once][-5:]).min() >= MOST_POINTS
+    assert at_once[-1][0] == 49_999  # when the trace is finished
+    assert np.diff([k for k, _ in at_once[:-1]][-5:]).min() >= MOST_POINTS

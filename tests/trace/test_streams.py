@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -10,24 +11,27 @@ from typing import Any
 
 import numpy as np
 import pytest
+from foxglove_client import PAUSE, PLAY, client
 from mcap.writer import CompressionType, Writer
 from recorded_runs import write_run, write_topics
 
 from cosim.core import InputError
-from cosim.trace import Signal, Trace, TraceWriter, diff, diff_json, export, verify
-from cosim.trace.exports import export as table_export
-from cosim.trace.live.timed import TimedMessages
+from cosim.trace import Player, Signal, Table, Trace, TraceWriter, diff, diff_json, export, verify
 
 STEP = 10_000_000
 
 
 @contextmanager
 def parts_of(monkeypatch: pytest.MonkeyPatch, size: int) -> Iterator[None]:
-    """Read so many bytes at once."""
+    """Read so many bytes at once, whoever asks for how many."""
+    parts, borders = Trace.parts, Trace.borders
+
+    def small_parts(self: Trace, *args: Any, **more: Any) -> Iterator[dict[str, Table]]:
+        return parts(self, *args, **{**more, "part_bytes": size})
+
     with monkeypatch.context() as patch:
-        patch.setitem(Trace.parts.__kwdefaults__, "part_bytes", size)
-        patch.setattr(Trace.borders, "__defaults__", (size,))
-        patch.setattr(table_export, "_PART_BYTES", size)
+        patch.setattr(Trace, "parts", small_parts)
+        patch.setattr(Trace, "borders", lambda self, *_: borders(self, size))
         yield
 
 
@@ -127,8 +131,11 @@ def test_a_full_disk_leaves_no_file_under_a_final_name(
     assert (out / "plant.output.csv").read_text() == "old"
 
 
+MS = 10**6
+
+
 @pytest.mark.parametrize("ordered", [True, False])
-def test_messages_come_in_order_of_time(tmp_path: Path, *, ordered: bool) -> None:
+def test_messages_are_played_in_order_of_time(tmp_path: Path, *, ordered: bool) -> None:
     """From any instant on, with the state there, of files in any order."""
     choose = random.Random(1)  # noqa: S311 - to be repeatable
     path = tmp_path / "a.mcap"
@@ -138,41 +145,71 @@ def test_messages_come_in_order_of_time(tmp_path: Path, *, ordered: bool) -> Non
         channels = [writer.register_channel(f"/{i}", "json", 0) for i in range(3)]
         every = []
         for k in range(400):
-            at = k // 2 if ordered else choose.randrange(200)
-            number = channels[2] if k == 17 else channels[choose.randrange(2)]
-            every.append((at, number, b"%d" % k))
-            writer.add_message(number, at, b"%d" % k, at, k)
+            at = MS * (k // 2 if ordered else choose.randrange(200))
+            number = 2 if k == 17 else choose.randrange(2)
+            every.append((f"/{number}", at, b"%d" % k))
+            writer.add_message(channels[number], at, b"%d" % k, at, k)
         writer.finish()
-    every.sort(key=lambda message: message[0])
-    messages = TimedMessages(Trace(path))
-    assert (messages.first_ns, messages.last_ns) == (every[0][0], every[-1][0])
-    for first, last in ((0, 199), (50, 120), (77, 77), (150, 10**6), (60, 59)):
-        found = [(m.log_ns, m.channel, bytes(m.payload)) for m in messages.between(first, last)]
-        assert found == [m for m in every if first <= m[0] <= last]
-    for at in (0, 5, 100, 199):
-        state = {m.channel: (m.log_ns, bytes(m.payload)) for m in messages.latest(at)}
-        true = {number: time for time, number, _ in every if time <= at}
-        assert {number: time for number, (time, _) in state.items()} == true
-        assert all((time, n, data) in every for n, (time, data) in state.items())
-    assert messages.damage == []
+    every.sort(key=lambda message: message[1])
+    with Player(path, port=0, rate=1) as player, client(player.url) as seen:
+        assert seen.info["dataStartTime"] == {"sec": 0, "nsec": every[0][1]}
+        assert seen.info["dataEndTime"] == {"sec": 0, "nsec": every[-1][1]}
+        seen.subscribe(*seen.channels)
+        assert seen.messages(400) == every
+        for at in (0, 5 * MS, 50 * MS + 1, 100 * MS, 199 * MS):
+            true = {topic: time for topic, time, _ in every if time <= at}
+            seen.control(PAUSE, 4, seek_ns=at)
+            state = seen.messages(len(true))
+            assert {topic: time for topic, time, _ in state} == true
+            assert [time for _, time, _ in state] == sorted(true.values())
+            assert all(message in every for message in state)
+            seen.control(PLAY, 4)
+            later = [message for message in every if message[1] > at]
+            assert seen.messages(len(later)) == later
+        assert player.damage == []
 
 
 def test_the_first_message_is_there_before_the_last_is_read(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """One chunk is opened for it, and one for the state at an instant."""
-    trace = Trace(write_run(tmp_path / "a.mcap", 300, chunk_bytes=2000))
-    messages = TimedMessages(trace)
-    opened = []
+    """A few chunks are opened for it, though all are due at once; and for the state at an instant.
+
+    Chunks beyond are given out only when the test has seen what it waits for.
+    """
+    path = write_run(tmp_path / "a.mcap", 300, chunk_bytes=2000)
+    count = len(Trace(path).segments)
+    opened: list[int] = []
+    seen_enough = threading.Event()
     real = Trace.read_segment
-    monkeypatch.setattr(
-        Trace, "read_segment", lambda self, s: opened.append(s.position) or real(self, s)
-    )
-    assert next(messages.between(messages.first_ns, messages.last_ns)).log_ns == 0
-    assert len(opened) <= 2 < len(trace.segments) / 5
-    opened.clear()
-    assert len(messages.latest(messages.last_ns)) == 4
-    assert len(opened) <= 3
+
+    def slow(self: Trace, segment: Any) -> Any:
+        opened.append(segment.position)
+        if len(opened) > 3:
+            seen_enough.wait(5)  # for ever, unless the test fails
+            seen_enough.set()
+        return real(self, segment)
+
+    monkeypatch.setattr(Trace, "read_segment", slow)
+    with Player(path, port=0, rate=1e6) as player, client(player.url) as seen:
+        seen.control(PAUSE, 1e6, seek_ns=299 * STEP)
+        seen.until("state")
+        seen.subscribe(*seen.channels)
+        seen.control(PAUSE, 1e6, seek_ns=299 * STEP)
+        assert {at for _, at, _ in seen.messages(4)} == {299 * STEP}
+        assert len(opened) <= 3 < count / 5
+        seen.control(PAUSE, 1e6, seek_ns=0)
+        seen.messages(2)
+        opened.clear()
+        seen.control(PLAY, 1e6)
+        assert seen.messages(1)[0][1] == STEP
+        assert len(opened) <= 4
+        assert not seen_enough.is_set()
+        seen_enough.set()
+        last: set[str] = set()
+        while last != {*seen.channels}:
+            topic, at, _ = seen.messages(1)[0]
+            last |= {topic} if at == 299 * STEP else set()
+        assert len(opened) >= count - 4
 
 
 def test_many_topics_cost_no_more_each(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

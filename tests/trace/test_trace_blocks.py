@@ -4,22 +4,19 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 import pytest
-from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from hypothesis import given, settings, strategies as st
 from mcap.reader import make_reader
+from mcap.records import Channel, McapRecord, Schema
 from mcap.writer import CompressionType, Writer
+from mcap_files import payloads_of, schemas_of, type_of
 
 from cosim.core import InputError
-from cosim.trace import Poses, Rows, Signal, TraceWriter
-from cosim.trace.file.stream import McapStream
-from cosim.trace.rows.encode import RowEncoder
-from cosim.trace.rows.foxglove import encoded, message_type
-from cosim.trace.rows.layout import file_descriptor, message_class
-from cosim.trace.rows.poses import pose_messages, transform_messages
+from cosim.trace import Attachment, Poses, Rows, Signal, TraceWriter
 
 MIXED = [
     Signal("n", kind="int"),
@@ -82,39 +79,66 @@ def test_blocks_write_the_file_that_single_rows_write(
     assert one.read_bytes() == many.read_bytes()
 
 
-def test_stream_is_the_package_writers_byte_for_byte(tmp_path: Path) -> None:
+class EarlyWriter(Writer):
+    """The package's writer, with what is declared in front of the chunks too, as in a trace.
+
+    So a damaged chunk loses no channel that later ones use.
+    """
+
+    def early(self, record: McapRecord) -> None:
+        """Write a record outside chunks."""
+        record.write(self._Writer__record_builder)  # type: ignore[attr-defined]
+        self._Writer__flush()  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize("chunk", [64, 4096])
+def test_a_trace_is_the_package_writers_byte_for_byte(tmp_path: Path, chunk: int) -> None:
     """The mcap package's own writer, given the same, is the reference; zstd is not asked."""
-    draw = np.random.default_rng(2)
-    sizes = draw.integers(0, 400, 300).tolist()
+    sizes = np.random.default_rng(2).integers(0, 400, 300).tolist()
     ours, theirs = tmp_path / "ours.mcap", tmp_path / "theirs.mcap"
-    with ours.open("wb") as file:
-        stream = McapStream(file, 4096, "none")
-        stream.start("library")
-        stream.metadata("first", {"k": "v"})
-        stream.attachment("a.txt", "text/plain", b"text")
-        channels = [
-            stream.channel(f"/{i}", "raw", stream.schema(f"s{i}", "", b""), {}) for i in range(3)
+    by_size_alone: Any = {"chunk_bytes": chunk, "compression": "none", "flush_interval_s": 1e6}
+    attached = [Attachment("a.txt", "text/plain", b"text")]
+    with TraceWriter(ours, run={"k": "v"}, attachments=attached, **by_size_alone) as tracer:
+        topics = [
+            tracer.add_topic(f"/{i}", [Signal("s", kind="string")], schema_name=f"t.S{i}")
+            for i in range(3)
         ]
         for i, size in enumerate(sizes):
-            stream.message(channels[i % 3], i, i + 1, i, bytes(size))
-        stream.flush()
-        stream.metadata("last", {})
-        stream.finish()
+            tracer.write(topics[i % 3], i, ["x" * size], publish_time_ns=i + 1, sequence=i)
+        tracer.finish({"l": "w"})
+    with ours.open("rb") as file:
+        summary = make_reader(file).get_summary()
+    assert summary is not None
+    payloads = [payloads_of(ours, f"/{i}") for i in range(3)]
     with theirs.open("wb") as file:
-        writer = Writer(file, 4096, CompressionType.NONE, enable_data_crcs=True)
-        writer.start("", "library")
-        writer.add_metadata("first", {"k": "v"})
+        writer = EarlyWriter(file, chunk, CompressionType.NONE, enable_data_crcs=True)
+        writer.start("", "auv-cosim")
+        writer.add_metadata("cosim.run", {"k": "v"})
         writer.add_attachment(0, 0, "a.txt", "text/plain", b"text")
-        channels = []
         for i in range(3):
-            schema = writer.register_schema(f"s{i}", "", b"")
-            channels.append(writer.register_channel(f"/{i}", "raw", schema, {}))
-        for i, size in enumerate(sizes):
-            writer.add_message(channels[i % 3], i, bytes(size), i + 1, i)
+            schema, described = schemas_of(ours)[f"/{i}"], summary.channels[i + 1].metadata
+            number = writer.register_schema(schema.name, schema.encoding, schema.data)
+            writer.early(Schema(number, schema.data, schema.encoding, schema.name))
+            channel = writer.register_channel(f"/{i}", "protobuf", number, described)
+            writer.early(Channel(channel, f"/{i}", "protobuf", described, number))
+        for i in range(len(sizes)):
+            writer.add_message(i % 3 + 1, i, payloads[i % 3][i // 3], i + 1, i)
         writer.flush()
-        writer.add_metadata("last", {})
+        writer.add_metadata("cosim.result", {"l": "w"})
         writer.finish()
     assert ours.read_bytes() == theirs.read_bytes()
+
+
+def encoded(message: Any, time_ns: int, fields: dict[str, Any]) -> bytes:
+    """A message of this class with these fields and this stamp, as protobuf writes it."""
+    at = {"seconds": time_ns // 10**9, "nanos": time_ns % 10**9}
+    data: bytes = message(timestamp=at, **fields).SerializeToString(deterministic=True)
+    return data
+
+
+def turned(psi: float) -> dict[str, float]:
+    """The quaternion of a heading [rad]."""
+    return {"x": 0.0, "y": 0.0, "z": math.sin(psi / 2), "w": math.cos(psi / 2)}
 
 
 @settings(deadline=None, max_examples=60)
@@ -126,20 +150,29 @@ def test_stream_is_the_package_writers_byte_for_byte(tmp_path: Path) -> None:
         ),
         min_size=1,
         max_size=20,
+        unique_by=lambda row: row[0],
     )
 )
 def test_poses_are_byte_for_byte_what_protobuf_writes(rows: list[tuple[Any, ...]]) -> None:
-    times = np.array([row[0] for row in rows], np.int64)
+    rows.sort(key=lambda row: row[0])
     values = np.array([row[1:] for row in rows])
-    made: dict[int, bytes] = {}
-    for mine, data in pose_messages("ned", times, values[:, :3], values[:, 3]):
-        made |= {i: line.tobytes() for i, line in zip(mine.tolist(), data, strict=True)}
-    for i, (t, x, y, z, psi) in enumerate(rows):
-        turn = {"x": 0.0, "y": 0.0, "z": math.sin(psi / 2), "w": math.cos(psi / 2)}
-        pose = {"position": {"x": x, "y": y, "z": z}, "orientation": turn}
-        fields = {"frame_id": "ned", "pose": pose}
-        assert made[i] == encoded("foxglove.PoseInFrame", t, fields)
-        assert message_type("foxglove.PoseInFrame").FromString(made[i]).pose.position.x == x
+    with TemporaryDirectory() as folder:
+        with TraceWriter(Path(folder, "a.mcap"), run={}) as writer:
+            writer.write_rows([Poses(np.array([row[0] for row in rows], np.int64), values)])
+            path = writer.finish({})
+        found, message = payloads_of(path, "/auv/pose"), type_of(path, "/auv/pose")
+        expected = [
+            encoded(
+                message,
+                t,
+                {
+                    "frame_id": "ned",
+                    "pose": {"position": {"x": x, "y": y, "z": z}, "orientation": turned(psi)},
+                },
+            )
+            for t, x, y, z, psi in rows
+        ]
+    assert found == expected
 
 
 VALUES = {
@@ -150,6 +183,7 @@ VALUES = {
 }
 
 
+@settings(deadline=None)
 @given(
     rows=st.lists(st.tuples(*[VALUES[signal.kind] for signal in MIXED]), min_size=1, max_size=30),
     absent=st.booleans(),
@@ -158,18 +192,18 @@ def test_rows_of_every_kind_are_byte_for_byte_what_protobuf_writes(
     rows: list[tuple[Any, ...]], *, absent: bool
 ) -> None:
     """Integers, booleans and strings, laid out many at a time; also with a value absent."""
-    files = FileDescriptorSet(file=[file_descriptor("t.M", MIXED)])
-    message = message_class(files, "t.M")
     if absent:
         rows = [*rows, (None, True, None, "x")]
-    made: dict[int, bytes] = {}
-    for mine, lines in RowEncoder("/m", MIXED, message).many(rows, room=31):
-        which = np.arange(len(rows))[mine]
-        made |= {i: line[31:].tobytes() for i, line in zip(which.tolist(), lines, strict=True)}
+    with TemporaryDirectory() as folder:
+        with TraceWriter(Path(folder, "a.mcap"), run={}) as writer:
+            topic = writer.add_topic("/m", MIXED, schema_name="t.M")
+            writer.write_rows([Rows(topic, np.arange(len(rows)), rows)])
+            path = writer.finish({})
+        found, message = payloads_of(path, "/m"), type_of(path, "/m")
     names = [signal.name for signal in MIXED]
-    for i, row in enumerate(rows):
+    for payload, row in zip(found, rows, strict=True):
         filled = {n: v for n, v in zip(names, row, strict=True) if v is not None}
-        assert made[i] == message(**filled).SerializeToString(deterministic=True)
+        assert payload == message(**filled).SerializeToString(deterministic=True)
 
 
 def test_doubles_stand_for_integers_and_booleans(tmp_path: Path) -> None:
@@ -212,20 +246,31 @@ def test_caller_may_use_its_arrays_again(tmp_path: Path) -> None:
     assert (last[2].log_time, last[2].data[1:]) == (4, np.float64(4.0).tobytes())
 
 
-def test_transforms_are_byte_for_byte_what_protobuf_writes() -> None:
-    times = np.array([0, 7, 10**9, 2 * 10**9 + 5], np.int64)
-    values = np.array([[0.0, -0.0, 3.0, 0.0], [1.0, 2.0, 0.0, 0.5], [0] * 4, [1.0, 2.0, 3.0, 4]])
-    made: dict[int, bytes] = {}
-    for mine, data in transform_messages(("ned", "auv"), times, values[:, :3], values[:, 3]):
-        made |= {i: line.tobytes() for i, line in zip(mine.tolist(), data, strict=True)}
-    for i, (t, (x, y, z, psi)) in enumerate(zip(times.tolist(), values.tolist(), strict=True)):
-        fields = {
-            "parent_frame_id": "ned",
-            "child_frame_id": "auv",
-            "translation": {"x": x, "y": y, "z": z},
-            "rotation": {"x": 0.0, "y": 0.0, "z": math.sin(psi / 2), "w": math.cos(psi / 2)},
-        }
-        assert made[i] == encoded("foxglove.FrameTransform", t, fields)
+def test_transforms_are_byte_for_byte_what_protobuf_writes(tmp_path: Path) -> None:
+    """Of the first pose in each tenth of a second."""
+    times = np.array([0, 10**8 + 7, 10**9, 10**9 + 1, 2 * 10**9 + 5], np.int64)
+    values = np.array(
+        [[0.0, -0.0, 3.0, 0.0], [1.0, 2.0, 0.0, 0.5], [0] * 4, [9.0] * 4, [1.0, 2.0, 3.0, 4]]
+    )
+    with TraceWriter(tmp_path / "a.mcap", run={}) as writer:
+        writer.write_rows([Poses(times, values)])
+        path = writer.finish({})
+    rows = [(t, row) for t, row in zip(times.tolist(), values.tolist(), strict=True)]
+    message = type_of(path, "/tf")
+    assert payloads_of(path, "/tf") == [
+        encoded(
+            message,
+            t,
+            {
+                "parent_frame_id": "ned",
+                "child_frame_id": "auv",
+                "translation": {"x": x, "y": y, "z": z},
+                "rotation": turned(psi),
+            },
+        )
+        for t, (x, y, z, psi) in rows
+        if t != 10**9 + 1
+    ]
 
 
 def test_frame_comes_before_the_first_pose(tmp_path: Path) -> None:

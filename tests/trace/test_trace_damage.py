@@ -10,6 +10,7 @@ import zlib
 from pathlib import Path
 
 import pytest
+from mcap_files import MAGIC
 from written import write
 
 from cosim.core import CosimError, InputError, LossError
@@ -19,7 +20,6 @@ from cosim.trace import (
     content_hash,
     describe,
 )
-from cosim.trace.file.records import MAGIC
 
 
 def test_cut_at_every_length(tmp_path: Path) -> None:

@@ -19,7 +19,6 @@ from scipy.io import loadmat, whosmat
 
 from cosim.core import InputError
 from cosim.trace import Rows, Signal, Trace, TraceWriter, content_hash, export
-from cosim.trace.exports.mat_file import matlab_names
 
 KINDS = [
     Signal("x", unit="m", description="north"),
@@ -223,13 +222,25 @@ def test_an_input_and_an_output_of_one_name_are_two_columns(tmp_path: Path) -> N
         assert one.columns == ("time_s", *frame.columns)
 
 
-def test_names_for_matlab_are_valid_and_unique() -> None:
-    """At most 63 characters, no keyword, none twice, none of what stands beside."""
+def test_names_for_matlab_are_valid_and_unique(tmp_path: Path) -> None:
+    """At most 63 characters, no keyword, none twice, none of what stands beside; of topics too."""
     long = "plant." + "x" * 80
     names = ["eta.x", "eta_x", "K[1,3]", "end", "1st", "units", "é", long, long + "y", "/a", "x_é"]
-    found = matlab_names([*names, "eta.x"], taken=("units",))
-    assert found[:7] == [
+    names.append("eta-x")
+    with TraceWriter(tmp_path / "run.mcap", run={}) as writer:
+        for topic in ("/link/a", "/link_a", "/trace"):
+            signals = [Signal(name) for name in names]
+            writer.write(writer.add_topic(topic, signals, schema_name="t.N"), 0, range(len(names)))
+        writer.finish({})
+    export(tmp_path / "run.mcap", tmp_path / "run.mat", "mat")
+    found = loadmat(tmp_path / "run.mat", simplify_cells=True)
+    assert {"trace", "link_a", "link_a_2", "trace_2"} <= set(found)
+    table = found["link_a"]
+    fields = {table["names"][field]: field for field in table["names"]}
+    assert [fields[name] for name in names[:7]] == [
         "eta_x", "eta_x_2", "K_1_3", "x_end", "x_1st", "units_2", "x_",
     ]  # fmt: skip
-    assert len(set(found)) == len(names) + 1
-    assert all(re.fullmatch(r"[A-Za-z][A-Za-z0-9_]{0,62}", name) for name in found)
+    assert fields["eta-x"] == "eta_x_3"
+    assert len(set(fields.values())) == len(names) + len(["time_s", "sent_s", "sequence"])
+    assert all(re.fullmatch(r"[A-Za-z][A-Za-z0-9_]{0,62}", name) for name in fields.values())
+    assert [table[fields[name]] for name in names] == [*range(len(names))]

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from mcap.writer import CompressionType, Writer
+from mcap_files import write_protobuf
 from rich.console import Console
 from written import ETA, write
 
@@ -31,7 +32,6 @@ from cosim.trace import (
     render,
     result_of_link,
 )
-from cosim.trace.digest import _without_comments
 
 
 def test_read_back(tmp_path: Path) -> None:
@@ -126,10 +126,16 @@ def test_content_hash_leaves_out_what_is_computed_from_the_run(tmp_path: Path) -
             hashes.add(content_hash(writer.finish({})))
     assert len(hashes) == 1
     described = FileDescriptorSet()
-    described.file.add(name="e.proto", package="e")
+    described.file.add(name="e.proto", package="e").message_type.add(name="E")
     plain = described.SerializeToString()
     described.file[0].source_code_info.location.add(leading_comments="what e is")
-    assert _without_comments(described.SerializeToString()) == plain
+    commented = described.SerializeToString()
+    described.file[0].message_type.add(name="F")
+    one, two, other = (
+        content_hash(write_protobuf(tmp_path / "e.mcap", "/e", schema, "e.E", [b""]))
+        for schema in (plain, commented, described.SerializeToString())
+    )
+    assert one == two != other
 
 
 def test_content_hash_sees_every_change(tmp_path: Path) -> None:

@@ -7,15 +7,16 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, strategies as st
+from hypothesis import given, settings, strategies as st
 from mcap.reader import make_reader
+from mcap_files import payloads_of, type_of
 from mcap_protobuf.decoder import DecoderFactory
 from network.fates import entries
-from written import side_by_side
 
 from cosim.core import InputError
 from cosim.network import Jitter, PacketLink, deliver
@@ -28,9 +29,6 @@ from cosim.trace import (
     dropped_topic,
     link_topic,
 )
-from cosim.trace.rows.decode import RowDecoder
-from cosim.trace.rows.encode import RowEncoder, laid_out
-from cosim.trace.rows.layout import channel_metadata, file_descriptor, message_class
 
 ETA = [
     Signal("eta.x", 1, "m", hold="continuous", description="north"),
@@ -201,6 +199,7 @@ def rotate(q: tuple[float, float, float, float], v: np.ndarray) -> np.ndarray:
     return v + 2 * w * np.cross(axis, v) + 2 * np.cross(axis, np.cross(axis, v))
 
 
+@settings(deadline=None)
 @given(
     st.lists(
         st.lists(st.one_of(st.none(), st.floats(width=64)), min_size=20, max_size=20), max_size=8
@@ -212,26 +211,19 @@ def test_fast_rows_are_protobuf(rows: list[list[float | None]]) -> None:
     Twenty fields: tags of one byte and of two.
     """
     signals = [Signal(f"K[1,{i}]") for i in range(20)]
-    file = file_descriptor("cosim.T", signals)
-    from google.protobuf.descriptor_pb2 import FileDescriptorSet  # noqa: PLC0415
-
-    files = FileDescriptorSet(file=[file])
-    message = message_class(files, "cosim.T")
-    encode = RowEncoder("/t", signals, message)
-    waiting = [encode.waiting(0, 0, 0, 0, row) for row in rows]
-    payloads = [b""] * len(rows)
-    for mine, _, lines in laid_out(waiting, {0: encode}, 0):
-        for i, line in zip(mine.tolist(), lines, strict=True):
-            payloads[i] = line.tobytes()
+    with TemporaryDirectory() as folder:
+        with TraceWriter(Path(folder, "a.mcap"), run={}) as writer:
+            topic = writer.add_topic("/t", signals, schema_name="cosim.T")
+            for k, row in enumerate(rows):
+                writer.write(topic, k, row)
+            path = writer.finish({})
+        payloads, message = payloads_of(path, "/t"), type_of(path, "/t")
+        columns = Trace(path).read("/t")
     for row, payload in zip(rows, payloads, strict=True):
         theirs = message(**{f"K_1_{i}": v for i, v in enumerate(row) if v is not None})
         assert payload == theirs.SerializeToString(deterministic=True)
-    decode = RowDecoder("cosim.T", files.SerializeToString(), channel_metadata(signals))
-    decoded = decode(side_by_side(payloads))
-    columns = {s.name: values for s, (values, _) in zip(signals, decoded, strict=True)}
     for i, signal in enumerate(signals):
-        present = [True] * len(rows) if decoded[i][1] is None else decoded[i][1].tolist()
-        assert present == [row[i] is not None for row in rows]
+        assert columns.present[signal.name].tolist() == [row[i] is not None for row in rows]
         expected = np.array([math.nan if row[i] is None else row[i] for row in rows], np.float64)
         both_nan = np.isnan(expected) & np.isnan(columns[signal.name])
         same = columns[signal.name].view(np.int64) == expected.view(np.int64)

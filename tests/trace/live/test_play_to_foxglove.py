@@ -7,97 +7,22 @@ import builtins
 import json
 import signal
 import socket
-import struct
 import subprocess
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import pytest
 from cli.shell import cosim, trace_of
-from google.protobuf.descriptor_pb2 import FileDescriptorSet
+from foxglove_client import PAUSE, PLAY, TIME, client
 from mcap.reader import make_reader
+from mcap_files import message_type
 from recorded_runs import write_run
-from websockets.sync.client import connect
 
 from cosim.core import InputError
 from cosim.trace import Player
-from cosim.trace.rows.layout import message_class
 
-MESSAGE, TIME, STATE = 1, 2, 5
-PLAY, PAUSE = 0, 1
 S = 10**9
-
-
-class Client:
-    """Channels by topic; events in the order in which they came: (kind, what)."""
-
-    def __init__(self, socket: Any) -> None:
-        self._socket = socket
-        self.info: dict[str, Any] = {}
-        self.channels: dict[str, dict[str, Any]] = {}
-        self.before: list[int] = []
-        while not self.channels:
-            received = socket.recv()
-            if isinstance(received, bytes):
-                self.before.append(received[0])
-                continue
-            data = json.loads(received)
-            if data["op"] == "serverInfo":
-                self.info = data
-            elif data["op"] == "advertise":
-                self.channels = {c["topic"]: c for c in data["channels"]}
-
-    def subscribe(self, *topics: str) -> None:
-        self.topics = list(topics)
-        wanted = [{"id": i, "channelId": self.channels[t]["id"]} for i, t in enumerate(topics)]
-        self._socket.send(json.dumps({"op": "subscribe", "subscriptions": wanted}))
-
-    def control(
-        self, command: int, rate: float, seek_ns: int | None = None, name: str = "r"
-    ) -> None:
-        body = struct.pack(
-            "<BBfBQI", 3, command, rate, seek_ns is not None, seek_ns or 0, len(name)
-        )
-        self._socket.send(body + name.encode())
-
-    def event(self) -> tuple[str, Any]:
-        """The next message (topic, log time [ns], payload), time or state."""
-        while True:
-            received = self._socket.recv()
-            if isinstance(received, str):
-                continue
-            if received[0] == MESSAGE:
-                number, at = struct.unpack_from("<IQ", received, 1)
-                return "message", (self.topics[number], at, received[13:])
-            if received[0] == TIME:
-                return "time", struct.unpack_from("<Q", received, 1)[0]
-            if received[0] == STATE:
-                status, at, rate, jumped, size = struct.unpack_from("<BQfBI", received, 1)
-                state = {"status": status, "at": at, "rate": rate, "jumped": bool(jumped)}
-                return "state", {**state, "name": received[19 : 19 + size].decode()}
-
-    def until(self, kind: str, enough: Any = lambda _: True) -> tuple[list[Any], Any]:
-        """Messages on the way to the first event of a kind that is enough; and that event."""
-        messages = []
-        while True:
-            what, event = self.event()
-            if what == "message":
-                messages.append(event)
-            if what == kind and enough(event):
-                return messages, event
-
-
-@contextmanager
-def client(url: str) -> Iterator[Client]:
-    names = ["foxglove.sdk.v1"]
-    # without bounds: a queue that is full keeps the answer to the farewell out, for ten seconds
-    options = {"max_size": None, "max_queue": None, "open_timeout": None, "ping_interval": None}
-    with connect(url, subprotocols=names, **options) as socket:  # type: ignore[arg-type]
-        assert socket.subprotocol == names[0]
-        yield Client(socket)
 
 
 def recorded(path: Path) -> list[tuple[str, int, bytes]]:
@@ -147,7 +72,7 @@ def test_client_receives_every_message_unchanged() -> None:
         assert mine == [(at, data) for t, at, data in wanted if t == topic]
     assert state["at"] == times[-1]
     schema = base64.b64decode(seen.channels["/plant/output"]["schema"])
-    row = message_class(FileDescriptorSet.FromString(schema), "cosim.plant.Output")
+    row = message_type(schema, "cosim.plant.Output")
     last = row.FromString([data for t, _, data in messages if t == "/plant/output"][-1])
     assert last.x_1 == pytest.approx(-0.2848937800327617)
 

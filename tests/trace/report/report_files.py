@@ -6,11 +6,10 @@ import math
 import struct
 from pathlib import Path
 
-from google.protobuf.descriptor_pb2 import FileDescriptorSet
+from google.protobuf.descriptor_pb2 import FieldDescriptorProto, FileDescriptorSet
 from mcap.writer import Writer
 
 from cosim.trace import Attachment, Signal, TraceWriter
-from cosim.trace.rows.layout import file_descriptor
 
 POSE = [Signal(n, i, "m") for i, n in enumerate(("eta.x", "eta.y", "eta.z"))]
 EPOCH_NS = 1_700_000_000_000_000_000
@@ -46,8 +45,16 @@ def small(
 
 def foreign(path: Path) -> Path:
     """Another tool's recording at today's times: a protobuf topic, and bytes nobody can read."""
-    signals = [Signal("temperature"), Signal("count", kind="int"), Signal("constant")]
-    schema = FileDescriptorSet(file=[file_descriptor("lab.Reading", signals)])
+    schema = FileDescriptorSet()
+    file = schema.file.add(name="lab.proto", package="lab", syntax="proto3")
+    reading = file.message_type.add(name="Reading")
+    fields = {
+        "temperature": FieldDescriptorProto.TYPE_DOUBLE,
+        "count": FieldDescriptorProto.TYPE_INT64,
+        "constant": FieldDescriptorProto.TYPE_DOUBLE,
+    }
+    for number, (name, kind) in enumerate(fields.items(), start=1):
+        reading.field.add(name=name, number=number, type=kind)
     with path.open("wb") as stream:
         writer = Writer(stream)
         writer.start(profile="", library="some other tool")

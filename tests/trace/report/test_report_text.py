@@ -5,7 +5,6 @@ from __future__ import annotations
 import builtins
 import json
 import re
-from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 
@@ -15,45 +14,17 @@ import pytest
 from cli.shell import cosim, shared_run, trace_of
 from outcomes.ways import TITLE, found
 from report_files import foreign, small
+from report_pages import ReportPage, addresses, report_of, words
 from shared import copied
 
 from cosim.core import InputError
 from cosim.page import MAX_BYTES
 from cosim.trace import RunOutcome, Trace, assumptions_of, outcome_of, write_report
-from cosim.trace.report.content import content_of
-from cosim.trace.report.html_page import figures, page
-from cosim.trace.report.write import default_output
-
-
-class _Texts(HTMLParser):
-    """Words of a page outside of scripts and styles; and every address in it."""
-
-    def __init__(self, html: str) -> None:
-        super().__init__()
-        self.words: list[str] = []
-        self.addresses: list[str] = []
-        self._silent = 0
-        self.feed(html)
-
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        self._silent += tag in {"script", "style"}
-        self.addresses += [v or "" for k, v in attrs if k in {"src", "href", "action", "srcset"}]
-
-    def handle_endtag(self, tag: str) -> None:
-        self._silent -= tag in {"script", "style"}
-
-    def handle_data(self, data: str) -> None:
-        if not self._silent:
-            self.words.append(data)
-
-
-def words(html: str) -> str:
-    return " ".join(" ".join(_Texts(html).words).split())
 
 
 @pytest.fixture(scope="module")
-def naive() -> str:
-    return page(content_of(trace_of("auv-acoustic-naive")))
+def naive(tmp_path_factory: pytest.TempPathFactory) -> str:
+    return report_of(trace_of("auv-acoustic-naive"), tmp_path_factory.mktemp("naive")).text
 
 
 def test_the_verdict_is_the_one_of_the_run(naive: str) -> None:
@@ -94,16 +65,16 @@ def test_delivered_and_lost_are_counted(naive: str) -> None:
         assert f"{link['mean_delay_s']:.4g} s {link['max_delay_s']:.4g} s" in page_text
 
 
-def test_age_of_the_loop_is_the_measured_one() -> None:
+def test_age_of_the_loop_is_the_measured_one(tmp_path: Path) -> None:
     """The curve's greatest value is what the run measured on the way."""
-    content = content_of(trace_of("auv-acoustic"))
-    age = next(c for c in content.charts if c.key == "age")
+    age = report_of(trace_of("auv-acoustic"), tmp_path).charts["age"]
     loop = age.curves[0]
     assert loop.label.startswith("measurement behind")
     metrics = shared_run("auv-acoustic").json["metrics"]
     assert np.nanmax(loop.values) == pytest.approx(metrics["message_age_s"], abs=1e-6)
     assert age.bounds == [("largest age of a measurement designed for", 1.25)]
-    assert [c.label for c in age.curves if c.text] == ["uplink: not used", "downlink: not used"]
+    marks = [curve.label for curve in age.curves if curve.drawn["mode"] == "markers"]
+    assert marks == ["uplink: not used", "downlink: not used"]
 
 
 def test_provenance_is_complete(naive: str) -> None:
@@ -123,9 +94,9 @@ def test_provenance_is_complete(naive: str) -> None:
 
 def test_page_has_no_external_address(naive: str) -> None:
     """Links lead to the page itself; the policy allows its own scripts alone."""
-    addresses = _Texts(naive).addresses
-    assert addresses
-    assert all(a.startswith(("#", "data:")) for a in addresses)
+    found = addresses(naive)
+    assert found
+    assert all(address.startswith(("#", "data:")) for address in found)
     policy = re.search(r'Content-Security-Policy" content="([^"]*)"', naive)
     assert policy is not None
     rules = policy[1].replace("&#39;", "'")
@@ -138,7 +109,7 @@ def test_the_same_trace_gives_the_same_bytes(naive: str, tmp_path: Path) -> None
     """Also under another path, at another time; and less than three megabytes."""
     copy = tmp_path / "auv-acoustic-naive.mcap"
     copied(trace_of("auv-acoustic-naive"), copy)
-    again = page(content_of(copy))
+    again = report_of(copy, tmp_path).text
     assert again == naive
     assert len(again.encode()) < MAX_BYTES
 
@@ -152,17 +123,17 @@ def test_plotly_knows_every_property(kind: str, tmp_path: Path) -> None:
         "far": lambda: found("far").trace,
         "foreign": lambda: foreign(tmp_path / "f.mcap"),
     }[kind]()
-    charts = figures(content_of(path), 10_000)["charts"]
+    charts = report_of(path, tmp_path).figures["charts"]
     assert charts
     for figure in charts.values():
         assert figure["data"]
         go.Figure(figure)
 
 
-def test_cause_of_a_failed_run_is_at_the_top() -> None:
+def test_cause_of_a_failed_run_is_at_the_top(tmp_path: Path) -> None:
     """Reason, assertions and the log before all else, each said once; markup stays text."""
-    html = page(content_of(found("refused").trace))
-    page_text = words(html)
+    page = report_of(found("refused").trace, tmp_path)
+    html, page_text = page.text, page.words
     assert TITLE in page_text
     order = [
         "failed, 2 of 3 assertions failed",
@@ -186,22 +157,22 @@ def test_cause_of_a_failed_run_is_at_the_top() -> None:
 
 
 @pytest.mark.usefixtures("light")
-def test_a_trace_without_events_does_not_say_that_nothing_happened() -> None:
+def test_a_trace_without_events_does_not_say_that_nothing_happened(tmp_path: Path) -> None:
     """One of an older version lists none, though commands stood at their limits."""
     old = Path(__file__).parents[3] / "traces" / "reference" / "auv-acoustic-naive.mcap"
-    page_text = words(page(content_of(old)))
+    page_text = report_of(old, tmp_path).words
     assert "The trace lists no events." in page_text
     assert "Nothing out of the ordinary" not in page_text
-    assert "Nothing out of the ordinary" in words(page(content_of(found("finished").trace)))
+    assert "Nothing out of the ordinary" in report_of(found("finished").trace, tmp_path).words
 
 
 @pytest.mark.usefixtures("light")
-def test_infinite_values_are_reported() -> None:
+def test_infinite_values_are_reported(tmp_path: Path) -> None:
     """The first one, and where values are drawn that are too large."""
-    page_text = words(page(content_of(found("diverged").trace)))
+    page_text = report_of(found("diverged").trace, tmp_path).words
     assert "What went wrong 0.6 s pump.x is 1e+20" in page_text
     assert page_text.partition("Log, ")[0].count("pump.x grew step by step and is inf") == 1
-    far = words(page(content_of(found("far").trace)))
+    far = report_of(found("far").trace, tmp_path).words
     assert "values beyond 1e+150: drawn there: plant.eta.z, plant.eta.psi" in far
 
 
@@ -242,20 +213,17 @@ def test_a_failed_assertion_is_reported_first(native_fmus: Path, tmp_path: Path)
     more = ("--flavour", "native", "--fmus", native_fmus.parent, "--out", "t.mcap")
     traces = cosim("run", "s.toml", *more, cwd=tmp_path)
     assert traces.code == 1
-    content = content_of(tmp_path / "t.mcap")
-    assert (content.status.tone, content.status.what) == (
-        "bad",
-        "finished, 2 of 5 assertions failed",
-    )
-    reported = [(c.tone, c.what, c.why, c.at) for c in content.assertions]
+    report = write_report(tmp_path / "t.mcap")
+    page = ReportPage(report.output)
+    assert (page.tone, page.status) == ("bad", "finished, 2 of 5 assertions failed")
+    assert report.status == page.status
+    reported = [(c.tone, c.what, c.why, c.at) for c in report.assertions]
     assert reported[:4] == REPORTED
     assert reported[4] == ("good", "eventually t > 1.5 s", "passed", 1.55)
-    assert content.guarantee is not None
-    assert content.guarantee.tone == "good"
-    page_text = words(page(content))
-    assert page_text.index("soon always t < 1 s failed at 1 s") < page_text.index(
-        "The guarantee holds"
-    )
+    assert report.guarantee is not None
+    assert report.guarantee.tone == "good"
+    failed = page.words.index("soon always t < 1 s failed at 1 s")
+    assert failed < page.words.index("The guarantee holds")
     info = cosim("trace", "info", "t.mcap", cwd=tmp_path).out
     places = [info.index(f"assertion {what}") for _, what, _, _ in reported]
     assert places == sorted(places)
@@ -281,25 +249,24 @@ def test_assertions_of_a_trace_for_programs_are_those_of_the_run(tmp_path: Path)
         reported = cosim("trace", "info", "t.mcap", "--json", cwd=folder)
         assert reported.json["result"]["assertions"] == traces.json["assertions"]
         assert [v["result"] for v in traces.json["assertions"]] == results
-    content = content_of(folder / "t.mcap")
-    assert content.status.what == "stopped"
-    assert [c.tone for c in content.assertions] == ["good", "open", "open"]
-    assert content.assertions[1].why == "undecided: the run ended before"
+    report = write_report(folder / "t.mcap")
+    assert report.status == "stopped"
+    assert [c.tone for c in report.assertions] == ["good", "open", "open"]
+    assert report.assertions[1].why == "undecided: the run ended before"
 
 
 def test_a_recording_of_another_tool_has_a_report(tmp_path: Path) -> None:
     """Its numbers by topic, its times from the first message on, and what could not be read."""
-    content = content_of(foreign(tmp_path / "foreign.mcap"))
-    chart = content.charts[0]
+    page = report_of(foreign(tmp_path / "foreign.mcap"), tmp_path)
+    chart = next(iter(page.charts.values()))
     assert chart.title == "/lab/sensors/1"
     assert [c.label for c in chart.curves] == ["temperature", "count"]
     assert not chart.curves[0].stepwise
     assert chart.curves[0].t[[0, -1]] == pytest.approx([0.0, 49.9])
-    assert content.status.what == "recording"
-    page_text = words(page(content))
-    assert "/lab/sensors/1 constant 500 4 4 4 4" in page_text
-    assert "1700000000000000000 ns" in page_text
-    assert "/camera" in page_text
+    assert page.status == "recording"
+    assert "/lab/sensors/1 constant 500 4 4 4 4" in page.words
+    assert "1700000000000000000 ns" in page.words
+    assert "/camera" in page.words
 
 
 def test_unfinished_run_is_reported_as_cut_short(tmp_path: Path) -> None:
@@ -361,7 +328,7 @@ def test_damaged_trace_gives_a_report_or_an_error(tmp_path: Path) -> None:
     for data in [*(whole[:k] for k in range(0, len(whole), len(whole) // 25)), *changes]:
         path.write_bytes(data)
         try:
-            html = page(content_of(path))
+            html = report_of(path, tmp_path).text
         except InputError:
             continue
         displayed += 1
@@ -387,15 +354,28 @@ def test_result_of_any_content_gives_a_page(value: Any, tmp_path: Path) -> None:
         result={"status": text, "metrics": metrics, "assertions": text, "link.up.sent": text},
         scenario=json.dumps({"components": value}).encode(),
     )
-    assert "</html>" in page(content_of(path))
+    assert "</html>" in report_of(path, tmp_path).text
 
 
-def test_default_place_of_a_report() -> None:
+@pytest.mark.usefixtures("light")
+@pytest.mark.parametrize(
+    ("name", "report"),
+    [
+        ("a/run.mcap", "a/run.html"),
+        ("run.mcap.partial", "run.partial.html"),
+        ("run", "run.html"),
+        (".mcap", ".mcap.html"),
+    ],
+)
+def test_default_place_of_a_report(tmp_path: Path, name: str, report: str) -> None:
     """The report is beside the trace and never replaces it."""
-    assert default_output(Path("a/run.mcap")) == Path("a/run.html")
-    assert default_output(Path("run.mcap.partial")) == Path("run.partial.html")
-    assert default_output(Path("run")) == Path("run.html")
-    assert default_output(Path(".mcap")) == Path(".mcap.html")
+    trace = tmp_path / name
+    trace.parent.mkdir(exist_ok=True)
+    small(tmp_path / "small.mcap").rename(trace)
+    whole = trace.read_bytes()
+    assert write_report(trace).output == tmp_path / report
+    assert (tmp_path / report).read_text("utf-8").startswith("<!doctype html>")
+    assert trace.read_bytes() == whole
 
 
 def test_without_plotly_the_extra_is_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
