@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from os import PathLike
 from pathlib import Path
 from typing import Any
 
-from cosim.core import CosimError
+from cosim.core import CosimError, InputError
 from cosim.trace.checks.verification import verify
 from cosim.trace.content import content_hash_of
 from cosim.trace.outcome.run_outcome import outcome_of
@@ -77,6 +78,10 @@ def description_of(trace: Trace, *, hashed: bool) -> dict[str, Any]:
     ends = [t["end_ns"] for t in topics if t["end_ns"] is not None]
     links, result = _split(trace.result or {})
     outcome, recovered = outcome_of(trace.result), Recovered.of(trace.metadata)
+    version = digest = None
+    with suppress(InputError):  # a format of rows that is not known has no hash
+        version = trace.content_hash_version
+        digest = content_hash_of(trace) if hashed else None
     return {
         "path": str(trace.path),
         "bytes": trace.path.stat().st_size,
@@ -100,8 +105,8 @@ def description_of(trace: Trace, *, hashed: bool) -> dict[str, Any]:
             for name, data in trace.attachments.items()
         ],
         "verified": _verified(trace.path) if hashed else None,
-        "content_hash": content_hash_of(trace) if hashed else None,
-        "content_hash_version": trace.content_hash_version,
+        "content_hash": digest,
+        "content_hash_version": version,
     }
 
 

@@ -99,10 +99,10 @@ def _identity(
     host = [f"{key.removeprefix(HOST_PREFIX)} {run[key]}" for key in sorted(run) if key in _HOST]
     if host:
         yield "recorded", ", ".join(host)
-    yield (
-        "content hash",
-        description["content_hash"] or "not computed: --hash reads the file for it",
-    )
+    none = "not computed: --hash reads the file for it"
+    if description["content_hash_version"] is None:
+        none = "none: the rows are of a format that a newer auv-cosim knows"
+    yield "content hash", description["content_hash"] or none
 
 
 def _ended(state: Check, outcome: RunOutcome) -> Iterator[tuple[str, object]]:

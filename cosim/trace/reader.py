@@ -60,11 +60,9 @@ class Trace(Framed):
 
     Attributes
     ----------
-    run, result : entries of `cosim.run` ({} in files of other tools) and `cosim.result` (None if
+    run, result : entries of `cosim.run` ({} in files of other tools), and `cosim.result` (None if
         the run did not finish).
     finished : whether there is a result.
-    row_format : of the rows of components and links: 2, or 1 in older files and in those of other
-        tools.
     complete : whether the file is whole; else `damage` says where and why reading stopped.
     metadata : every metadata record, (name, entries), in file order.
     attachments, media_types : by name.
@@ -95,8 +93,8 @@ class Trace(Framed):
             raise self._lost(known.damage)
         self.library, self.metadata = known.library, known.metadata
         self.media_types = known.media_types
-        self.run: dict[str, str] = next((e for n, e in self.metadata if n == layout.RUN), {})
-        self.row_format = self._row_format()
+        self.run = dict(next((e for n, e in self.metadata if n == layout.RUN), {}))
+        self._row_format = self.run.pop(layout.ROW_FORMAT, "1")
         results = [entries for name, entries in self.metadata if name == layout.RESULT]
         self.result: dict[str, str] | None = results[-1] if results else None
         self.topics: dict[str, TopicInfo] = {}
@@ -107,18 +105,26 @@ class Trace(Framed):
             else:
                 self.topics[channel.topic] = TopicInfo(channel, count, lambda: self.spans)
 
-    def _row_format(self) -> int:
+    @property
+    def row_format(self) -> int:
+        """Format of the rows of components and links: 2; 1 in older files and in those of others.
+
+        Rows are read whatever it is; the content hash depends on it.
+
+        Raises
+        ------
+        InputError : the file says another one.
+        """
         known = ("1", layout.NEWEST_ROW_FORMAT)
-        found = self.run.get(layout.ROW_FORMAT, known[0])
-        if found not in known:
+        if self._row_format not in known:
             raise InputError(
                 "the rows of this trace are of another format",
                 where=f"{self.path}: {layout.RUN}, {layout.ROW_FORMAT}",
                 expected=" or ".join(known),
-                got=repr(found),
-                hint="a newer auv-cosim reads it",
+                got=repr(self._row_format),
+                hint="a newer auv-cosim knows its content hash",
             )
-        return int(found)
+        return int(self._row_format)
 
     @property
     def content_hash_version(self) -> int:

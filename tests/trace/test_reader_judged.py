@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import struct
+from collections.abc import Iterator
 from io import BytesIO
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -264,7 +265,7 @@ def test_files_of_the_official_writer(
     assert trace.read("/json")["k"].tolist() == list(range(0, 200, 3))
     assert (trace.topics["/whole"].count, trace.topics["/whole"].end_ns) == (200, 1990)
     assert trace.metadata == [("theirs", {"x": "y"})]
-    assert content_hash(path) == plain_hash(path)
+    assert content_hash(path) == former_hash(path)
 
 
 def uncommented(schema: Any) -> bytes:
@@ -277,8 +278,8 @@ def uncommented(schema: Any) -> bytes:
     return files.SerializeToString(deterministic=True)
 
 
-def plain_hash(path: Path) -> str:
-    """The content hash as its definition reads, a message at a time, by the official reader."""
+def covered(path: Path) -> Iterator[tuple[bytes, records.Message]]:
+    """The messages that count, each with the digest of its channel, by the official reader."""
 
     def prefixed(parts: list[bytes]) -> bytes:
         head = struct.pack("<Q", len(parts))
@@ -288,7 +289,6 @@ def plain_hash(path: Path) -> str:
         kept = sorted((k, v) for k, v in found.items() if not k.startswith("host."))
         return [text.encode() for item in kept for text in item]
 
-    messages = hashlib.sha256(b"auv-cosim content 2")
     with path.open("rb") as stream:
         schemas: dict[int, Any] = {}
         channels: dict[int, Any] = {}
@@ -306,9 +306,28 @@ def plain_hash(path: Path) -> str:
                 names = [channel.topic, channel.message_encoding]
                 names += [schema.name, schema.encoding] if schema else ["", ""]
                 parts = [n.encode() for n in names] + [uncommented(schema)]
-                head = hashlib.sha256(prefixed(parts + entries(channel.metadata))).digest()
-                times = (record.log_time, record.publish_time, record.sequence, len(record.data))
-                messages.update(head + struct.pack("<QQIQ", *times) + record.data)
+                yield hashlib.sha256(prefixed(parts + entries(channel.metadata))).digest(), record
+
+
+def plain_hash(path: Path) -> str:
+    """The content hash as its definition reads, a message at a time."""
+    found: dict[bytes, list[bytes]] = {}
+    for channel, one in covered(path):
+        head = 5, 22 + len(one.data), 0, one.sequence, one.log_time, one.publish_time
+        found.setdefault(channel, []).append(struct.pack("<BQHIQQ", *head) + one.data)
+    topics = [
+        channel + struct.pack("<Q", len(of)) + hashlib.sha256(b"".join(of)).digest()
+        for channel, of in found.items()
+    ]
+    return hashlib.sha256(b"auv-cosim content 3" + b"".join(sorted(topics))).hexdigest()
+
+
+def former_hash(path: Path) -> str:
+    """That of files of other tools, and of those that have row format 1."""
+    messages = hashlib.sha256(b"auv-cosim content 2")
+    for channel, one in covered(path):
+        times = one.log_time, one.publish_time, one.sequence, len(one.data)
+        messages.update(channel + struct.pack("<QQIQ", *times) + one.data)
     return messages.hexdigest()
 
 

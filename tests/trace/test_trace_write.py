@@ -104,7 +104,7 @@ def test_layout_of_the_file(tmp_path: Path) -> None:
         (attachment,) = reader.iter_attachments()
         summary = reader.get_summary()
     assert [(m.name, m.metadata) for m in metadata] == [
-        ("cosim.run", {"a": "1", "b": "2"}),
+        ("cosim.run", {"a": "1", "b": "2", "row_format": "2"}),
         ("cosim.result", {"link.sc.sent": "3"}),
     ]
     assert (attachment.name, attachment.media_type, attachment.data) == (

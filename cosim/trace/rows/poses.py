@@ -75,6 +75,8 @@ def _filled(
     """Return the messages; `at` : where the contents of place and turn begin in a line."""
     line = np.frombuffer(bytes(room) + b"".join(parts), np.uint8)
     lines = np.tile(line, (time_ns.size, 1))
+    if not time_ns.size:
+        return lines
     for k, values in enumerate(np.divmod(time_ns, _SECOND)):
         first = room + 3 + k * (_WIDTH + 1)
         for j in range(_WIDTH):
