@@ -27,6 +27,7 @@ app = HelpTyper(
     epilog="cosim alone shows where to begin; the --help of every command has examples.",
     **(STYLE | {"add_completion": True}),
 )
+"""Every command and group, for who reads or calls them in a process; `main` is the command."""
 
 # typer may contain its own copy of click: this is the usage error of the copy that it uses
 _UsageError: Any = typer.BadParameter.__base__

@@ -19,10 +19,7 @@ from .engine import (
 )
 from .guards import NOT_WATCHED as NOT_WATCHED, Guards as Guards
 from .observers import Observer as Observer
-from .order import (
-    ReceivingOrder as ReceivingOrder,
-    receiving_order as receiving_order,
-)
+from .order import receiving_order as receiving_order
 from .pacing import Pace as Pace, PaceFigures as PaceFigures
 from .parts import (
     MODE_NUMBER as MODE_NUMBER,

@@ -3,19 +3,12 @@ from . import (
     stepping as stepping,
 )
 from .arrivals import (
-    COLLIDED as COLLIDED,
     DELIVERED as DELIVERED,
-    DUPLICATE as DUPLICATE,
     IN_FLIGHT as IN_FLIGHT,
-    LATE as LATE,
     LOST as LOST,
     NOT_RECEIVED as NOT_RECEIVED,
-    ON_MEDIUM as ON_MEDIUM,
-    OUT_OF_RANGE as OUT_OF_RANGE,
-    OVERTAKEN as OVERTAKEN,
     QUEUE_FULL as QUEUE_FULL,
     REASONS as REASONS,
-    RECEIVER_SENDING as RECEIVER_SENDING,
     Arrivals as Arrivals,
 )
 from .checks import MAX_NS as MAX_NS
@@ -75,8 +68,6 @@ from .range_loss import (
 from .recording import (
     IN_FLIGHT_NS as IN_FLIGHT_NS,
     Recording as Recording,
-    Replay as Replay,
-    RowOf as RowOf,
 )
 from .single_draws import (
     single_log as single_log,

@@ -1,13 +1,8 @@
-from .checks.results import Check as Check
 from .checks.verification import (
     Verification as Verification,
     verify as verify,
 )
-from .citation import (
-    Citation as Citation,
-    cite as cite,
-)
-from .comparison.context import Change as Change
+from .citation import cite as cite
 from .comparison.format import (
     diff_json as diff_json,
     diff_verdict as diff_verdict,
@@ -77,10 +72,7 @@ from .picture import (
     pyplot as pyplot,
     save_picture as save_picture,
 )
-from .reader import (
-    TopicInfo as TopicInfo,
-    Trace as Trace,
-)
+from .reader import Trace as Trace
 from .recovery import (
     Recovery as Recovery,
     recover as recover,
@@ -127,7 +119,6 @@ from .rows.rows import (
 )
 from .rows.scene import Thinned as Thinned
 from .tables.table import (
-    Series as Series,
     Table as Table,
     series_of as series_of,
 )

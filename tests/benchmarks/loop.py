@@ -50,10 +50,10 @@ from cosim.master import (
     Session,
     System,
     TraceRecorder,
+    load_kernel,
     make_schedule,
     simulate,
 )
-from cosim.master.compiled import load_kernel
 from cosim.network import Jitter, PacketLink
 from cosim.trace import TraceWriter
 from tests.benchmarks._peers import PEERS, ByPeer

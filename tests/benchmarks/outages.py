@@ -27,8 +27,8 @@ from cosim import hinf
 from cosim.models import Delay, DelaySystem
 from cosim.network import Recording
 from cosim.recordings import HiddenChain, outage_verdict, read_recordings
-from cosim.recordings.link_verdict import in_touch
 from tests.benchmarks._show import show
+from tests.truth.touch import in_touch
 
 DAMPING, AGE, OTHER, COUNT = 0.05, 2.4, 0.3, 1800
 CHAINS = {

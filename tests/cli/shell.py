@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import sys
-from contextlib import chdir, redirect_stderr, redirect_stdout
+from collections.abc import Iterator
+from contextlib import chdir, contextmanager, redirect_stderr, redirect_stdout
 from dataclasses import asdict, dataclass
 from functools import cache
 from io import StringIO
@@ -16,7 +18,7 @@ from unittest.mock import patch
 import typer.main
 from shared import fmu_store, made_once
 
-from cosim.cli.application import main
+from cosim.cli import main
 
 BUILT_IN = (
     "auv-acoustic",
@@ -63,7 +65,7 @@ class Result:
 
 
 def cosim(*arguments: str | Path, cwd: Path, columns: int = 200) -> Result:
-    """Run the command in this process, as its entry point does, from the folder `cwd`.
+    """Run the command in this process, as a shell does in one of its own, from the folder `cwd`.
 
     columns : width of its terminal.
     """
@@ -78,12 +80,26 @@ def cosim(*arguments: str | Path, cwd: Path, columns: int = 200) -> Result:
         patch.dict(os.environ, {"COLUMNS": str(columns)}),
         redirect_stdout(out),
         redirect_stderr(err),
+        _as_before(),
     ):
         try:
             main()
         except SystemExit as end:
             code = int(end.code or 0)
     return Result(code, out.getvalue(), err.getvalue())
+
+
+@contextmanager
+def _as_before() -> Iterator[None]:
+    """Keep what a command leaves to the end of its process, which this one does not share."""
+    handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        with patch("gc.set_threshold"), patch("gc.freeze"):
+            yield
+    finally:
+        for number, handler in handlers.items():
+            if signal.getsignal(number) is not handler:
+                signal.signal(number, handler)
 
 
 @cache

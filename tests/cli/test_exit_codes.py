@@ -43,9 +43,9 @@ def test_error_leaves_with_its_code(
     def fails(*_: object) -> None:
         raise kind("this went wrong")
 
-    monkeypatch.setattr("cosim.cli.scenario.answer", fails)
+    monkeypatch.setattr("cosim.scenario.load", fails)
     monkeypatch.delenv("COSIM_DEBUG", raising=False)
-    result = cosim("scenarios", "--json", cwd=tmp_path)
+    result = cosim("run", "paper-example", "--json", cwd=tmp_path)
     assert result.code == code
     assert result.error["exit_code"] == code
     wanted = "interrupted" if kind is KeyboardInterrupt else "this went wrong"

@@ -6,17 +6,13 @@ import os
 import re
 import shlex
 import shutil
-from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import pytest
-import typer.main
+from cli.commands import leaf_of, listed_commands
 from cli.shell import cosim
 from shared import copied, fmu_store, share_of
-
-from cosim.cli.application import app
 
 EXAMPLE = re.compile(r"^  (cosim .*)$", re.MULTILINE)
 NOT_RUN = (
@@ -55,26 +51,8 @@ d = 0.3
 """
 
 
-def leaf_of(words: list[str]) -> tuple[Any, Any, list[str]]:
-    """Return the command that a line names, its context before it is parsed, and the rest."""
-    node: Any = typer.main.get_command(app)
-    context, rest = None, list(words)
-    while hasattr(node, "resolve_command") and rest and not rest[0].startswith("-"):
-        context = node.context_class(node, info_name=node.name, parent=context)
-        _, node, rest = node.resolve_command(context, rest)
-    return node, context, rest
-
-
-def paths(node: Any = None, path: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
-    """Yield the words of every command and group that is listed."""
-    node = leaf_of(list(path))[0] if node is None else node
-    yield path
-    for name, listed in sorted(getattr(node, "commands", {}).items()):
-        if not listed.hidden:
-            yield from paths(None, (*path, name))
-
-
-EVERY = list(paths())
+EVERY = [(), *(found.path for found in listed_commands())]
+"""The words of every command and group that is listed, `cosim` itself first."""
 
 
 def words_of(line: str) -> list[str]:

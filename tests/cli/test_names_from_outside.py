@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
-from cli.shell import SCENARIOS, command_of, cosim
+from cli.commands import every_command
+from cli.shell import SCENARIOS, cosim
 from shared import sampled, spread
 
-from cosim.cli.application import app
-from cosim.cli.verbs import VERBS, loaded
 from cosim.vehicle import vehicle_text
 
 STEERING = "\x1b]0;owned\x07\x1b[2J\x9b31m\u202e[/red]"
@@ -20,23 +17,12 @@ STEERING = "\x1b]0;owned\x07\x1b[2J\x9b31m\u202e[/red]"
 SUFFIXES = (".toml", ".json", ".fmu", ".mcap", ".csv", ".ssp", ".parquet", "")
 
 
-def leaves(command: Any, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], Any]]:
-    """Every command without commands of its own, with its name."""
-    own = getattr(command, "commands", None)
-    if not own:
-        yield path, command
-        return
-    for name, inner in own.items():
-        whole = loaded(name, VERBS[name]) if not path and name in VERBS else inner
-        for verb, known in (getattr(command, "verbs", {}) if path else {}).items():
-            whole = loaded(name, known) if verb == name else whole
-        yield from leaves(whole, (*path, name))
-
-
 WITH_FILES = {
-    " ".join(path): command
-    for path, command in leaves(command_of(app))
-    if any(p.param_type_name == "argument" for p in command.params) and path[-1] != "play"
+    found.words: found.command
+    for found in every_command()
+    if found.is_leaf
+    and any(p.param_type_name == "argument" for p in found.command.params)
+    and found.path[-1] != "play"
 }
 
 

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from typing import Any
 
 import pytest
-
-from cosim.cli.verbs import TRACE_VERBS, VERBS, loaded
-
-EVERY = VERBS | TRACE_VERBS
+from cli.commands import Found, every_command
 
 LOADED = """
 import sys
@@ -22,13 +20,17 @@ finally:
 """
 
 
-@pytest.mark.parametrize("name", EVERY)
-def test_a_verb_says_of_itself_what_the_list_says(name: str) -> None:
+@pytest.mark.parametrize("found", every_command(), ids=lambda found: found.words)
+def test_a_verb_says_of_itself_what_the_list_says(found: Found) -> None:
     """Name, first sentence of its help, and whether it is listed."""
-    verb = EVERY[name]
-    command = loaded(name, verb)
-    listed = " ".join((command.help or "").partition("\n\n")[0].split())
-    assert (command.name, listed, command.hidden) == (name, verb.help, verb.hidden)
+    listed, command = found.listed, found.command
+    assert (command.name, command.hidden) == (found.path[-1], listed.hidden)
+    assert first_sentence(command) == first_sentence(listed)
+
+
+def first_sentence(command: Any) -> str:
+    """What the list of commands has of its help."""
+    return " ".join((command.help or "").partition("\n\n")[0].split())
 
 
 def modules(*words: str) -> tuple[str, set[str]]:
@@ -42,7 +44,10 @@ def modules(*words: str) -> tuple[str, set[str]]:
 def test_the_list_of_verbs_loads_none_of_them() -> None:
     """Neither NumPy nor SciPy nor what reads FMUs: a start takes a tenth of the time."""
     printed, found = modules("--help")
-    assert all(f" {name} " in printed for name in VERBS if name != "scenarios")
+    verbs = [found for found in every_command() if len(found.path) == 1]
+    hidden = {found.words for found in verbs if found.listed.hidden}
+    assert hidden == {"scenarios"}
+    assert all(f" {found.words} " in printed for found in verbs if found.words not in hidden)
     assert not {"numpy", "scipy", "fmpy", "cvxpy", "mcap"} & found
 
 

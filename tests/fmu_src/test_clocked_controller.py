@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 from shared import fmu_store
 
-from cosim.cli.runs import make_fmu_cache
 from cosim.core import InputError
 from cosim.fmu import build_fmu, describe_fmu, inspect_fmu
-from cosim.scenario import execute_run, load, prepare
+from cosim.scenario import FmuCache, execute_run, load, prepare
 from cosim.trace import Table, Trace
 
 TOPICS = ("/plant/output", "/plant/input", "/controller/output", "/controller/input")
@@ -27,7 +26,7 @@ def clocked(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def rows_of(folder: Path, *settings: str) -> dict[str, Table]:
     """The rows of the paper's example, by topic."""
     loaded = load("paper-example", ["run.end=3.0", *settings])
-    prepared = prepare(loaded, make_fmu_cache(fmu_store("native"), loaded.folder, "native"))
+    prepared = prepare(loaded, FmuCache(fmu_store("native"), loaded.folder, "native"))
     path = folder / f"run{len(list(folder.glob('*.mcap')))}.mcap"
     assert execute_run(prepared, path).status == "finished"
     return {topic: Trace(path).read(topic) for topic in TOPICS}

@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from cli.shell import cosim
 from shared import sampled
 from solver_points import benchmark
 
-from cosim.cli.application import main
 from cosim.core import InputError, NotAchievableError
 from cosim.hinf import check_certificate, design, greatest_delay
 from cosim.hinf.problem import with_delays
@@ -110,39 +110,29 @@ def test_bad_requests_are_refused() -> None:
             with_delays(system, lengths)
 
 
-def _design(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], *arguments: str
-) -> tuple[int, Any]:
-    monkeypatch.setattr("sys.argv", ["cosim", "design", *arguments, "--json"])
-    with pytest.raises(SystemExit) as left:
-        main()
-    return int(left.value.code or 0), json.loads(capsys.readouterr().out)
+def _design(folder: Path, *arguments: str) -> tuple[int, Any]:
+    result = cosim("design", "paper", *arguments, "--json", cwd=folder)
+    return result.code, result.json
 
 
 @pytest.mark.slow
-def test_design_command_reports_the_greatest_delay_as_json(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
+def test_design_command_reports_the_greatest_delay_as_json(tmp_path: Path) -> None:
     """--max-delay, --search, --delays: lists per delay, null for what is absent, a path saved."""
     path = str(tmp_path / "c.json")
-    code, output = _design(
-        monkeypatch, capsys, "paper", "--gamma", "6", "--max-delay", "--search", "--save", path
-    )
+    code, output = _design(tmp_path, "--gamma", "6", "--max-delay", "--search", "--save", path)
     assert code == 0
     assert (output["gamma"], output["delays"], output["limit_reached"]) == (6.0, [20.0], True)
     assert (output["certified"], output["certificate"]) == (True, path)
     assert np.shape(output["K"]) == (1, 2)
     saved = json.loads(Path(path).read_text(encoding="utf-8"))
     assert check_certificate(saved).valid
-    code, output = _design(
-        monkeypatch, capsys, "paper", "--gamma", "6", "--max-delay", "--delay-limit", "1"
-    )
+    code, output = _design(tmp_path, "--gamma", "6", "--max-delay", "--delay-limit", "1")
     assert (code, output["delays"], output["limit_reached"]) == (0, [1.0], True)
     assert (output["k1"], output["k2"], output["certificate"]) == ([0.6], [0.2], None)
-    code, output = _design(monkeypatch, capsys, "paper", "--delays", "0.2")
+    code, output = _design(tmp_path, "--delays", "0.2")
     assert (code, output["delays"], output["limit_reached"]) == (0, [0.2], None)
     assert output["exact_norm"] < output["gamma"]
     assert output["abscissa"] < 0
-    assert _design(monkeypatch, capsys, "paper", "--gamma", "5", "--max-delay")[0] == 5
-    assert _design(monkeypatch, capsys, "paper", "--delays", "0.2,0.3")[0] == 2
-    assert _design(monkeypatch, capsys, "paper", "--max-delay")[0] == 2
+    assert _design(tmp_path, "--gamma", "5", "--max-delay")[0] == 5
+    assert _design(tmp_path, "--delays", "0.2,0.3")[0] == 2
+    assert _design(tmp_path, "--max-delay")[0] == 2

@@ -12,10 +12,10 @@ from typing import Any
 import flint
 import numpy as np
 import pytest
+from cli.shell import cosim
 from numpy.typing import NDArray
 from solver_points import benchmark, random_system
 
-from cosim.cli.application import main
 from cosim.core import InputError, NotAchievableError
 from cosim.fmu import export_controller
 from cosim.hinf import auv_system, check_certificate, design, greatest_delay
@@ -319,35 +319,31 @@ def test_no_floor_without_d1() -> None:
     assert gamma_floor(system, 1e-9) is None
 
 
-def test_the_verbs_keep_and_check_the_proofs(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
+def test_the_verbs_keep_and_check_the_proofs(tmp_path: Path) -> None:
     """--save-refutation beside a greatest delay (exit 0) and beside a refusal (exit 5)."""
     path = tmp_path / "proof.json"
 
-    def cosim(*arguments: str) -> tuple[int, Any]:
-        monkeypatch.setattr("sys.argv", ["cosim", *arguments, "--json"])
-        with pytest.raises(SystemExit) as left:
-            main()
-        return int(left.value.code or 0), json.loads(capsys.readouterr().out)
+    def answered(*arguments: str) -> tuple[int, Any]:
+        result = cosim(*arguments, "--json", cwd=tmp_path)
+        return result.code, result.json
 
     common = ("design", "paper", "--max-delay", "--save-refutation", str(path))
-    code, output = cosim(*common, "--gamma", "6")
+    code, output = answered(*common, "--gamma", "6")
     assert (code, output["refutation"]) == (0, str(path))
     assert output["refuted_at"] > output["delays"][0]
-    code, output = cosim("certificate", "check", str(path))
+    code, output = answered("certificate", "check", str(path))
     assert (code, output["valid"], output["claim"]["gamma"]) == (0, True, "6")
-    code, output = cosim(*common, "--gamma", "5")
+    code, output = answered(*common, "--gamma", "5")
     assert code == 5
     assert "||D1||" in output["error"]["what"]
     assert str(path) in output["error"]["hint"]
-    code, output = cosim("certificate", "check", str(path))
+    code, output = answered("certificate", "check", str(path))
     assert (code, output["valid"], output["claim"]["gamma"]) == (0, True, "5")
     data = json.loads(path.read_text(encoding="utf-8"))
     data["gamma"] = data["claim"]["gamma"] = "6"
     path.write_text(json.dumps(data), encoding="utf-8")
-    assert cosim("certificate", "check", str(path))[0] == 1
-    code, output = cosim("design", "paper", "--gamma", "4", "--max-delay")
+    assert answered("certificate", "check", str(path))[0] == 1
+    code, output = answered("design", "paper", "--gamma", "4", "--max-delay")
     assert code == 5
     assert "--save-refutation" in output["error"]["hint"]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import zipfile
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -21,8 +21,6 @@ from cosim.master import (
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
     from pathlib import Path
-
-    from cosim.master.communication_schedule import Events
 
 K = np.array([[0.6432, -0.5679]])
 A = np.array([[-5.0, 0.0], [6.0, -10.0]])
@@ -64,7 +62,7 @@ def system(
     step: float,
     stop: float,
     links: Sequence[Link] = (),
-    events: Events = "align",
+    events: Literal["align", "grid"] = "align",
     driven: Mapping[str, Callable[[float], float]] | None = None,
     divergence: float | None = 1e6,
 ) -> System:

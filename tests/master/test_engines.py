@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import math
+import os
+import subprocess
+import sys
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -12,12 +16,10 @@ import numpy as np
 import pytest
 from coupled import end, ns, section_5
 from mixed import mixed_fmu
-from shared import sampled
+from shared import fmu_store, sampled
 
-import cosim.master.compiled as compiled_module
-import cosim.master.engine as engine_module
-from cosim.core import InputError
-from cosim.fmu import compiled_library, describe_fmu
+import cosim
+from cosim.fmu import describe_fmu
 from cosim.master import (
     Component,
     Connection,
@@ -26,13 +28,12 @@ from cosim.master import (
     Observer,
     Run,
     System,
-    load_kernel,
     make_schedule,
     simulate,
 )
-from cosim.master.engine import choose_engine
 from cosim.network import Jitter, PacketLink, TransportLink
 
+PROJECT = Path(cosim.__file__).parents[1]
 ENGINES: tuple[EngineName, EngineName] = ("python", "kernel")
 
 
@@ -199,18 +200,34 @@ def test_log_level_filters_the_log_of_a_component(mixed: Path) -> None:
     assert terminated["warning"] == [line for line in terminated["debug"] if line[1] == "warning"]
 
 
-def test_engine_choice_gives_its_reason(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert choose_engine("python") == ("python", "asked for")
-    assert choose_engine("auto") == ("kernel", "numbers only")
-    assert choose_engine("auto", texts=True) == ("kernel", "Strings and Binary by Python")
-    assert choose_engine("auto", events=True) == ("kernel", "events by Python")
-    monkeypatch.setenv("CC", "no-such-compiler")
-    monkeypatch.setattr(engine_module, "load_kernel", load_kernel.__wrapped__)
-    monkeypatch.setattr(compiled_module, "compiled_library", compiled_library.__wrapped__)
-    assert choose_engine("auto").name == "python"
-    assert "CC=no-such-compiler" in choose_engine("auto").reason
-    with pytest.raises(InputError, match="or take the engine python"):
-        choose_engine("kernel")
+def test_engine_choice_gives_its_reason(mixed: Path) -> None:
+    """That of events and of texts is beside the runs that have them."""
+    chosen = {engine: simulate(ring(mixed), engine=engine).engine for engine in (*ENGINES, "auto")}
+    assert chosen == {
+        "python": ("python", "asked for"),
+        "kernel": ("kernel", "asked for"),
+        "auto": ("kernel", "numbers only"),
+    }
+
+
+def test_without_a_compiler_the_loop_is_in_python(tmp_path: Path) -> None:
+    """Which the result says, with the reason; the kernel alone is refused, with a way out."""
+    line = ("run", "paper-example", "--until", "0.1", "--flavour", "python", "--json")
+    line = (sys.executable, "-m", "cosim", *line, "--fmus", str(fmu_store("python")))
+    found = {}
+    for engine in ("auto", "kernel"):
+        done = subprocess.run(  # noqa: S603 - ourselves
+            [*line, "--engine", engine],
+            cwd=tmp_path,
+            env={**os.environ, "CC": "no-such-compiler", "PYTHONPATH": str(PROJECT)},
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        found[engine] = json.loads(done.stdout)
+    assert found["auto"]["engine"]["name"] == "python"
+    assert "CC=no-such-compiler" in found["auto"]["engine"]["reason"]
+    assert "or take the engine python" in found["kernel"]["error"]["hint"]
 
 
 def test_two_hundred_thousand_steps_agree(mixed: Path) -> None:

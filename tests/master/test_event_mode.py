@@ -80,6 +80,7 @@ def test_events_of_two_components_cause_each_other_at_one_instant(tmp_path: Path
         {"a": Component(fmu, start), "b": Component(fmu, {"limit": 104})}, "a.y b.u", "b.y a.u"
     )
     run = run_of(system)
+    assert run.engine == ("kernel", "events by Python")
     at = np.flatnonzero(run.points_ns == 400_000_000)
     a, b = run.signal("a", "y")[at].tolist(), run.signal("b", "y")[at].tolist()
     # the time event; then each change of an input takes two updates of who receives it

@@ -113,6 +113,7 @@ def test_values_of_every_type_are_exchanged_between_fmi_versions(
         numbers = [session.read("last", f"{kind}.out") for kind in small]
         run = session.result()
     assert run.status == "finished"
+    assert run.engine == ("kernel", "Strings and Binary by Python")
     assert read == {
         "Boolean.out": True,
         "String.out": "größer",

@@ -6,6 +6,7 @@ Ten thousand of these systems were also compared with the two engines of version
 from __future__ import annotations
 
 import random
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -106,11 +107,20 @@ def random_links(r: random.Random, step: float) -> dict[str, Link]:
     return links
 
 
-def random_system(r: random.Random, fmus: tuple[FmuDescription, FmuDescription]) -> System:
-    """Chains and loops of scalars, some with steps of their own, and of slaves with Integers."""
+def random_system(
+    r: random.Random,
+    fmus: tuple[FmuDescription, FmuDescription],
+    *,
+    steps: Sequence[float] = (0.05, 0.1, 0.013),
+    count: tuple[float, float] = (3, 40),
+) -> System:
+    """Chains and loops of scalars, some with steps of their own, and of slaves with Integers.
+
+    steps : of which one is chosen [s]; a run is of at least and at most so many.
+    """
     scalar, mixed = fmus
-    step = r.choice([0.05, 0.1, 0.013])
-    stop = step * r.uniform(3, 40)
+    step = r.choice(steps)
+    stop = step * r.uniform(*count)
     algorithm: Any = r.choice(["jacobi", "jacobi", "gauss-seidel"])
     links = random_links(r, step)
     names = [f"s{i}" for i in range(r.randint(1, 5))]

@@ -16,19 +16,7 @@ from test_link_exact import Case, draw_case
 from cosim.fmu.export.native.compiler import shared_library
 from cosim.fmu.export.native.link_step import _function, link_step_header
 from cosim.fmu.export.native.platforms import host
-from cosim.network import DELIVERED, REASONS, SUBSTITUTE
-from cosim.network.stepping import (
-    Arrival,
-    Message,
-    Receiver,
-    Reception,
-    Rules,
-    Sender,
-    Sending,
-    receive,
-    rules_of,
-    send,
-)
+from cosim.network import DELIVERED, REASONS, SUBSTITUTE, stepping
 
 DRIVER = """
 #include "link_step.h"
@@ -97,18 +85,23 @@ def test_steps_in_c_are_the_python_bit_for_bit(core: Core) -> None:
         return r.randint(0, 1)
 
     count = 20_000
-    rules = [Rules(time(), time(), bit(), bit(), bit(), bit() * time()) for _ in range(count)]
-    senders = [Sender(time(), time()) for _ in range(count)]
-    messages = [Message(time(), time(), time(), bit(), bit(), time()) for _ in range(count)]
-    expected = [send(*given) for given in zip(rules, senders, messages, strict=True)]
-    assert core.each("send_all", rules, senders, messages, Sending) == expected
+    rules = [
+        stepping.Rules(time(), time(), bit(), bit(), bit(), bit() * time()) for _ in range(count)
+    ]
+    senders = [stepping.Sender(time(), time()) for _ in range(count)]
+    messages = [
+        stepping.Message(time(), time(), time(), bit(), bit(), time()) for _ in range(count)
+    ]
+    expected = [stepping.send(*given) for given in zip(rules, senders, messages, strict=True)]
+    assert core.each("send_all", rules, senders, messages, stepping.Sending) == expected
     small = range(-2, 4)
     receivers = [
-        Receiver(r.choice(small), r.choice(small), time(), time(), time()) for _ in range(count)
+        stepping.Receiver(r.choice(small), r.choice(small), time(), time(), time())
+        for _ in range(count)
     ]
-    arrivals = [Arrival(r.choice(small), time(), r.randrange(7)) for _ in range(count)]
-    wanted = [receive(*given) for given in zip(rules, receivers, arrivals, strict=True)]
-    assert core.each("receive_all", rules, receivers, arrivals, Reception) == wanted
+    arrivals = [stepping.Arrival(r.choice(small), time(), r.randrange(7)) for _ in range(count)]
+    wanted = [stepping.receive(*given) for given in zip(rules, receivers, arrivals, strict=True)]
+    assert core.each("receive_all", rules, receivers, arrivals, stepping.Reception) == wanted
     assert {found.fate for found in expected} == {0, 1, 4, 6}
     assert {found.copy_fate for found in expected if found.copies} == {0, 6}
     assert {found.noticed for found in wanted} == {0, 1}
@@ -120,7 +113,7 @@ class Entry(NamedTuple):
     time: int
     number: int
     copy: int
-    arrival: Arrival
+    arrival: stepping.Arrival
 
 
 def check_core(core: Core, number: int) -> None:
@@ -137,7 +130,11 @@ def check_core(core: Core, number: int) -> None:
         assert len(entries) == len(model.entries)
         due = sorted(entry for entry in entries if entry.time <= case.end)
         found = core.each(
-            "receive_all", rules_of(link), Receiver(), [e.arrival for e in due], Reception
+            "receive_all",
+            stepping.rules_of(link),
+            stepping.Receiver(),
+            [e.arrival for e in due],
+            stepping.Reception,
         )
         fates = [
             ((e.arrival.message, e.copy), REASONS[f.status])
@@ -169,7 +166,7 @@ def core_entries(
     count = sum(copy == 0 for _, copy in model.entries)
     sent = [model.entries[k, 0].sent for k in range(count)]
     messages = [
-        Message(
+        stepping.Message(
             sent[k],
             case.delay(k, sent[k]),
             raw.jitter[k],
@@ -183,12 +180,14 @@ def core_entries(
     if not messages:
         return entries
     for k, found in enumerate(
-        core.each("send_all", rules_of(case.link), Sender(), messages, Sending)
+        core.each(
+            "send_all", stepping.rules_of(case.link), stepping.Sender(), messages, stepping.Sending
+        )
     ):
-        arrival = Arrival(k, sent[k], found.fate)
+        arrival = stepping.Arrival(k, sent[k], found.fate)
         entries.append(Entry(rounded(found.arrival_ns), len(entries), 0, arrival))
         if found.copies:
-            copy = Arrival(k, sent[k], found.copy_fate)
+            copy = stepping.Arrival(k, sent[k], found.copy_fate)
             entries.append(Entry(rounded(found.copy_arrival_ns), len(entries), 1, copy))
     return entries
 
@@ -208,18 +207,18 @@ def test_steps_in_c_are_exact_on_ten_thousand(core: Core, part: int) -> None:
         check_core(core, number)
 
 
-def _loops(rules: Rules) -> Arrival:
+def _loops(rules: stepping.Rules) -> stepping.Arrival:
     for _ in range(rules.frame_ns):
         pass
-    return Arrival(0, 0, 0)
+    return stepping.Arrival(0, 0, 0)
 
 
-def _divides(rules: Rules) -> Arrival:
-    return Arrival(rules.frame_ns // 2, 0, 0)
+def _divides(rules: stepping.Rules) -> stepping.Arrival:
+    return stepping.Arrival(rules.frame_ns // 2, 0, 0)
 
 
-def _calls(rules: Rules) -> Arrival:
-    return Arrival(abs(rules.frame_ns), 0, 0)
+def _calls(rules: stepping.Rules) -> stepping.Arrival:
+    return stepping.Arrival(abs(rules.frame_ns), 0, 0)
 
 
 @pytest.mark.parametrize(("step", "words"), [(_loops, "for _"), (_divides, "//"), (_calls, "abs")])

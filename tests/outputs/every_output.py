@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import shutil
 from collections.abc import Callable, Iterator, Mapping
@@ -9,22 +10,20 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Literal, NamedTuple
 
-import typer
 from chaos.command import run_quietly
+from cli.commands import every_command
 
-from cosim.cli.application import app
-from cosim.cli.common import output_file, output_file_or_folder, output_folder, output_trace
-from cosim.cli.verbs import loaded
+from cosim.core import InputError
 
-JUDGES: Mapping[Any, str] = MappingProxyType(
+_KINDS: Mapping[frozenset[str], str] = MappingProxyType(
     {
-        output_file: "file",
-        output_file_or_folder: "file",
-        output_trace: "trace",
-        output_folder: "folder",
+        frozenset({"a file", "a device"}): "file",
+        frozenset({"a file", "a device", "a folder"}): "file",  # one, or several in a folder
+        frozenset({"a file"}): "trace",
+        frozenset({"a folder"}): "folder",
     }
 )
-"""What judges the place of an output, while options are read."""
+"""What is taken as the place of an output while options are read, and what is then written."""
 _OUTPUT = re.compile(r"--(out|save(-\w+)?|picture|html)")
 
 
@@ -115,20 +114,32 @@ OUTPUTS: tuple[Output, ...] = (
 )
 
 
-def options_of_outputs() -> Iterator[tuple[str, str, Any]]:
-    """Every option of the command line that names an output: verb, option, what judges it."""
+def options_of_outputs(folder: Path) -> Iterator[tuple[str, str, str | None]]:
+    """Every option of the command line that names an output: verb, option, kind of the output.
 
-    def below(command: Any, path: tuple[str, ...]) -> Iterator[tuple[str, str, Any]]:
-        for name, inner in getattr(command, "commands", {}).items():
-            verb = getattr(command, "verbs", {}).get(name)
-            yield from below(inner if verb is None else loaded(name, verb), (*path, name))
-        for one in getattr(command, "params", ()):
-            option = next((each for each in one.opts if _OUTPUT.fullmatch(each)), None)
+    The kind is what its places are judged as while options are read; None: nothing judges them.
+
+    folder : an empty one, for places to be judged.
+    """
+    (folder / "file").touch()
+    places = {"a file": folder / "file", "a folder": folder, "a device": Path(os.devnull)}
+    for found in every_command():
+        for parameter in found.command.params:
+            option = next((each for each in parameter.opts if _OUTPUT.fullmatch(each)), None)
             if option is not None:
-                judge = getattr(one.callback, "__wrapped__", one.callback)
-                yield " ".join(path), option, judge
+                taken = frozenset(name for name, it in places.items() if _takes(parameter, it))
+                yield found.words, option, _KINDS.get(taken)
 
-    return below(typer.main.get_command(app), ())
+
+def _takes(parameter: Any, place: Path) -> bool:
+    """Whether an option takes a place while it is read."""
+    if parameter.callback is None:
+        return True
+    try:
+        parameter.callback(None, parameter, place)
+    except InputError:
+        return False
+    return True
 
 
 def make_stock(folder: Path) -> None:

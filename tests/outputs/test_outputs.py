@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 from cli.shell import cosim
-from outputs.every_output import JUDGES, OUTPUTS, Output, make_stock, options_of_outputs
+from outputs.every_output import OUTPUTS, Output, make_stock, options_of_outputs
 from outputs.rows import Row, rows, try_row
 from shared import made_once, sampled, share_of
 
@@ -21,10 +21,10 @@ def stock() -> Path:
     return made_once("outputs", make_stock)
 
 
-def test_every_output_is_judged_while_options_are_read() -> None:
+def test_every_output_is_judged_while_options_are_read(tmp_path: Path) -> None:
     """Before any work is done; and every one is in the table, as what it is."""
     known = {(output.verb, output.option): output.kind for output in OUTPUTS}
-    found = {(verb, option): JUDGES.get(judge) for verb, option, judge in options_of_outputs()}
+    found = {(verb, option): kind for verb, option, kind in options_of_outputs(tmp_path)}
     assert found == known
 
 

@@ -11,13 +11,13 @@ import pytest
 import scipy.linalg
 from cli.shell import cosim
 from shared import sampled
+from truth.touch import in_touch
 
 from cosim import hinf
 from cosim.core import InputError
 from cosim.models import Delay, DelaySystem
 from cosim.network import Recording
 from cosim.recordings import HiddenChain, outage_verdict, write_recordings
-from cosim.recordings.link_verdict import in_touch
 
 S = 10**9
 D = 2.4
@@ -46,15 +46,22 @@ def recording(chain: HiddenChain, count: int = 900, copy: int = 0) -> Recording:
 
 @pytest.mark.parametrize("copy", range(3))
 def test_touch_is_what_its_definition_says_at_any_instant(copy: int) -> None:
-    found = recording(BAD, 200, copy)
-    assert found.delay_ns is not None
-    times, touch = in_touch(found, 1.9, 0.2)
-    at = np.random.default_rng(copy).uniform(0, times[-1], 2000)
-    came = (found.sent_ns + found.delay_ns)[found.arrived] / 1e9 + 0.2
-    sent = found.sent_ns[found.arrived] / 1e9
-    newest = np.array([sent[came <= t].max(initial=-np.inf) for t in at])
-    expected = at - newest < 1.9
-    assert np.array_equal(touch[np.searchsorted(times, at, side="right") - 1], expected)
+    """Between each two sendings: of a recording that ends later there is so much more.
+
+    Some messages arrive after later ones, some not before the end, which is as if they were lost.
+    """
+    lost = recording(BAD, 60, copy).lost
+    late = np.random.default_rng(copy).integers(S // 5, 3 * S, 60)
+    whole = Recording(np.arange(60) * S, lost, late)
+    times, touch = in_touch(whole, D, 0.2)
+    so_far = np.concatenate([[0.0], np.cumsum(np.diff(times) * touch)])
+    none, late = np.zeros(60, bool), np.where(lost, 1000 * S, late)
+    parts = [Recording(whole.sent_ns[:n], none[:n], late[:n]) for n in range(2, 61)]
+    for part in (*parts, whole):
+        bound = outage_verdict(part, proved(), 0.2).bound
+        end = part.sent_ns[-1] / 1e9
+        assert bound.touch_s == pytest.approx(np.interp(end, times, so_far), abs=1e-9)
+        assert bound.touch_s + bound.out_s == pytest.approx(end)
 
 
 def test_a_link_that_is_mostly_there_holds_and_one_that_is_mostly_gone_does_not() -> None:
@@ -93,8 +100,7 @@ def test_no_flight_over_a_recording_exceeds_its_bound(copy: int) -> None:
     outages = proved().guarantees.outages
     assert outages is not None
     assert found.delay_ns is not None
-    times, _ = in_touch(found, D, other)
-    count = round(times[-1] / step)
+    count = round(found.sent_ns[-1] / 1e9 / step)
     moved = scipy.linalg.expm(np.block([[AXIS.A, AXIS.B], [np.zeros((1, 3))]]) * step)[:2]
     x, seen = np.array([1.0, 0.5]), {}
     came = np.full(count + 5, -1)

@@ -10,7 +10,6 @@ import pytest
 from master.events import event_fmu
 from shared import fmu_store
 
-from cosim.cli.runs import make_fmu_cache
 from cosim.core import InputError
 from cosim.master import Limits
 from cosim.scenario import FmuCache, Outcome, Supervision, execute_run, load, prepare
@@ -103,7 +102,7 @@ def test_builtin_run_with_fmus_of_fmi_3(tmp_path: Path) -> None:
     flavours: tuple[Literal["native", "native-fmi3"], ...] = ("native", "native-fmi3")
     for flavour in flavours:
         loaded = load("paper-example", ["run.end=2.0"])
-        prepared = prepare(loaded, make_fmu_cache(fmu_store(flavour), loaded.folder, flavour))
+        prepared = prepare(loaded, FmuCache(fmu_store(flavour), loaded.folder, flavour))
         trace = tmp_path / f"{flavour}.mcap"
         assert execute_run(prepared, trace).status == "finished"
         rows[flavour] = Trace(trace).read("/plant/output")

@@ -20,9 +20,17 @@ from hostile.hostile_fmu import hostile_fmu
 from scenario.test_supervised_runs import LINE, pump
 from shared import fmu_store, sampled
 
-from cosim.cli.runs import make_fmu_cache
 from cosim.master import Limits
-from cosim.scenario import Outcome, Scenario, Supervision, execute_run, json_schema, load, prepare
+from cosim.scenario import (
+    FmuCache,
+    Outcome,
+    Scenario,
+    Supervision,
+    execute_run,
+    json_schema,
+    load,
+    prepare,
+)
 from cosim.trace import Trace
 
 NAMES = ("auv-acoustic", "paper-example", "events-of-every-kind", "delays-that-vary")
@@ -39,7 +47,7 @@ def executed(
     names = load(text).scenario.components
     loaded = load(text, [f"components.{n}.isolate={str(isolate).lower()}" for n in names])
     flavour = "python" if name == "paper-example" else "native"
-    prepared = prepare(loaded, make_fmu_cache(fmu_store(flavour), loaded.folder, flavour))
+    prepared = prepare(loaded, FmuCache(fmu_store(flavour), loaded.folder, flavour))
     trace = folder / f"{name}-{method}-{isolate}.mcap"
     return execute_run(
         prepared, trace, supervision=Supervision(Limits(), method is not None, method)

@@ -17,10 +17,9 @@ from cli.shell import BUILT_IN, SCENARIOS, cosim
 from hostile.hostile_fmu import hostile_fmu, misbehaviour
 from shared import fmu_store, sampled
 
-from cosim.cli.runs import make_fmu_cache
 from cosim.core import Method
 from cosim.master import Limits
-from cosim.scenario import Outcome, Supervision, execute_run, load, prepare
+from cosim.scenario import FmuCache, Outcome, Supervision, execute_run, load, prepare
 from cosim.trace import Trace, content_hash
 
 PUMP = """
@@ -215,7 +214,7 @@ def test_child_of_a_killed_command_ends_itself(tmp_path: Path) -> None:
 def executed(text: str | Path, folder: Path, method: Method | None) -> Outcome:
     """A run, to METHOD.mcap."""
     loaded = load(str(text))
-    prepared = prepare(loaded, make_fmu_cache(fmu_store("native"), loaded.folder, "native"))
+    prepared = prepare(loaded, FmuCache(fmu_store("native"), loaded.folder, "native"))
     supervision = Supervision(Limits(), method is not None, method)
     return execute_run(prepared, folder / f"{method}.mcap", supervision=supervision)
 

@@ -11,7 +11,7 @@ from shared import sampled
 from ssp.archives import LINKED, component, connection, export, ssd, write
 from typer.testing import CliRunner
 
-from cosim.cli.application import app
+from cosim.cli import app
 from cosim.core import InputError
 from cosim.scenario import SSP_TOOLS, SspTool, check_ssp
 from cosim.scenario.ssp.tool_rules import RULES

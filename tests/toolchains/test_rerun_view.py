@@ -5,6 +5,7 @@ from __future__ import annotations
 import shlex
 import subprocess
 import sys
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,8 +16,7 @@ from numpy.typing import NDArray
 from outcomes.ways import found
 
 from cosim.core import InputError
-from cosim.trace import Trace
-from cosim.trace.live import rerun_view
+from cosim.trace import Trace, view_in_rerun
 
 chunk = pytest.importorskip("rerun.chunk", reason="rerun-sdk is not installed")
 
@@ -138,7 +138,7 @@ def test_the_layout_shows_what_is_recorded(saved: Path, chunks: dict[str, list[A
 
 def test_the_same_trace_gives_the_same_recording(saved: Path, tmp_path: Path) -> None:
     """The identifier of the recording is that of its content."""
-    again = rerun_view.view_in_rerun(trace_of("auv-acoustic"), tmp_path / "again.rrd")
+    again = view_in_rerun(trace_of("auv-acoustic"), tmp_path / "again.rrd")
     assert again.output is not None
     ours, theirs = (chunk.RrdReader(p).recordings()[0] for p in (saved, again.output))
     assert ours.recording_id == theirs.recording_id
@@ -156,28 +156,61 @@ def test_a_trace_without_a_pose_and_with_infinite_numbers(tmp_path: Path) -> Non
         found("far").trace,
         foreign(tmp_path / "foreign.mcap"),
     ):
-        viewed = rerun_view.view_in_rerun(path, tmp_path / f"{path.stem}.rrd")
+        viewed = view_in_rerun(path, tmp_path / f"{path.stem}.rrd")
         assert viewed.charts > 0
         names = {piece.entity_path for piece in chunk.RrdReader(viewed.output).stream()}
         assert ("/world/vehicle" in names) == (path.stem == "far")
     assert "/lab/sensors/1/temperature" in names
 
 
-def test_usage_figures_are_off(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.fixture
+def viewer(monkeypatch: pytest.MonkeyPatch) -> Callable[[str | None], list[str]]:
+    """Call with what the viewer is to say of its settings, None for the truth.
+
+    It is asked, and not opened: what it says in the environment in which it would be is returned.
+    """
+    real = subprocess.run
+
+    def install(answer: str | None) -> list[str]:
+        opened: list[str] = []
+
+        def run(command: Sequence[str], **more: Any) -> subprocess.CompletedProcess[str]:
+            if "analytics" in command and answer is not None:
+                return subprocess.CompletedProcess(command, 0, answer, "")
+            if not any(word.endswith(".rrd") for word in command):
+                return real(command, **more)
+            line = [*command[: command.index("rerun") + 1], "analytics", "config"]
+            done = real(line, env=more["env"], capture_output=True, text=True, check=False)
+            opened.append(done.stdout + done.stderr)
+            return subprocess.CompletedProcess(command, 0, "", "")
+
+        monkeypatch.setattr(subprocess, "run", run)
+        return opened
+
+    monkeypatch.setenv("DISPLAY", ":0")
+    return install
+
+
+def test_usage_figures_are_off(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, viewer: Callable[[str | None], list[str]]
+) -> None:
     """The viewer itself reports it, in the environment in which it is started."""
     monkeypatch.setenv("HOME", str(tmp_path / "home"))
-    quiet = rerun_view.quiet_environment(tmp_path / "settings")
-    assert '"analytics_enabled": false' in rerun_view._ask(quiet, "config")
+    opened = viewer(None)
+    assert view_in_rerun(trace_of("paper-example")).output is None
+    (reported,) = opened
+    assert '"analytics_enabled": false' in reported
     assert not (tmp_path / "home" / ".config").exists()
 
 
 def test_viewer_is_not_started_unless_usage_figures_are_off(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    viewer: Callable[[str | None], list[str]],
 ) -> None:
     """It is refused if this cannot be verified."""
-    monkeypatch.setattr(rerun_view, "_ask", lambda *_: '"analytics_enabled": true')
+    opened = viewer('"analytics_enabled": true')
     with pytest.raises(InputError, match="could not be switched off"):
-        rerun_view.quiet_environment(tmp_path)
+        view_in_rerun(trace_of("paper-example"))
+    assert opened == []
 
 
 def test_missing_display_is_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -7,6 +7,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from mcap.opcode import Opcode
+from mcap.records import Channel, DataEnd, Message
+from mcap.stream_reader import StreamReader
+from mcap_files import records_of
 from rosbags.highlevel import AnyReader
 from rosbags.interfaces import QosDurability
 from rosbags.rosbag2 import Reader
@@ -38,6 +42,24 @@ def read(path: Path) -> Bag:
             message = reader.deserialize(raw, connection.msgtype)
             found.setdefault(connection.topic, []).append((time, message))
     return found
+
+
+def test_topics_are_declared_in_the_chunks_of_a_bag_and_once_more_in_its_summary(
+    written: WrittenBag,
+) -> None:
+    """Each before its first message, as the mcap package's own writer does."""
+    kinds = [record.opcode for record in records_of(written.path)]
+    before, after = (kinds[: kinds.index(Opcode.DATA_END)], kinds[kinds.index(Opcode.DATA_END) :])
+    assert {*before} == {Opcode.HEADER, Opcode.METADATA, Opcode.CHUNK, Opcode.MESSAGE_INDEX}
+    with written.path.open("rb") as stream:
+        records = [*StreamReader(stream, validate_crcs=True).records]
+    declared: list[int] = []
+    for record in records[: next(i for i, one in enumerate(records) if isinstance(one, DataEnd))]:
+        if isinstance(record, Channel):
+            declared.append(record.id)
+        assert not isinstance(record, Message) or record.channel_id in declared
+    assert declared == sorted(set(declared))
+    assert after.count(Opcode.CHANNEL) == len(declared)
 
 
 def test_types_are_those_of_ros(written: WrittenBag) -> None:

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import random
+import subprocess
+import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -15,8 +18,20 @@ from foxglove_client import PAUSE, PLAY, client
 from mcap.writer import CompressionType, Writer
 from recorded_runs import write_run, write_topics
 
-from cosim.core import InputError
-from cosim.trace import Player, Signal, Table, Trace, TraceWriter, diff, diff_json, export, verify
+from cosim.trace import (
+    Player,
+    Rows,
+    Signal,
+    Table,
+    Trace,
+    TraceWriter,
+    content_hash,
+    describe,
+    diff,
+    diff_json,
+    export,
+    verify,
+)
 
 STEP = 10_000_000
 
@@ -111,24 +126,36 @@ def test_a_value_stays_in_force_from_part_to_part(tmp_path: Path, monkeypatch: A
     assert float(rows[200][3]) == -30
 
 
+FULL = """
+import resource, sys
+from pathlib import Path
+from cosim.core import InputError
+from cosim.trace import export
+resource.setrlimit(resource.RLIMIT_FSIZE, (5000,) * 2)
+try:
+    export(Path(sys.argv[1]), Path(sys.argv[2]), sys.argv[3])
+except InputError as error:
+    print(error)
+"""
+
+
+@pytest.mark.parametrize("to", ["csv", "parquet"])
 def test_a_full_disk_leaves_no_file_under_a_final_name(
-    runs: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    runs: tuple[Path, Path], tmp_path: Path, to: str
 ) -> None:
     """Neither new, nor in the place of an old one, nor half of one beside it."""
-
-    def full(self: Any, sheet: Any) -> None:
-        del self
-        if sheet.rows:
-            raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr("cosim.trace.exports.files.CsvFile.append", full)
     out = tmp_path / "out"
     out.mkdir()
-    (out / "plant.output.csv").write_text("old")
-    with pytest.raises(InputError, match="cannot be written"):
-        export(runs[0], out, "csv")
-    assert [path.name for path in out.iterdir()] == ["plant.output.csv"]
-    assert (out / "plant.output.csv").read_text() == "old"
+    old = out / f"plant.output.{to}"
+    old.write_text("old")
+    command = [sys.executable, "-c", FULL, str(runs[0]), str(out), to]
+    environment = os.environ | {"PYTHONPATH": str(Path(__file__).resolve().parents[2])}
+    done = subprocess.run(  # noqa: S603 - our own script
+        command, check=True, capture_output=True, text=True, env=environment
+    )
+    assert "cannot be written" in done.stdout
+    assert [*out.iterdir()] == [old]
+    assert old.read_text() == "old"
 
 
 MS = 10**6
@@ -232,23 +259,27 @@ def test_many_topics_cost_no_more_each(tmp_path: Path, monkeypatch: pytest.Monke
     assert per_message[1] <= 1.5 * per_message[0]
 
 
-def test_info_of_a_large_file_is_from_its_summary(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_info_of_a_large_file_is_from_its_summary(tmp_path: Path) -> None:
     """No data are read, and no hash is made up; with --hash it is there."""
-    from cosim.trace import content_hash, describe  # noqa: PLC0415
-
-    with TraceWriter(tmp_path / "a.mcap", run={}) as writer:
-        topic = writer.add_topic("/a/output", [Signal("x")], schema_name="t.A")
-        for k in range(100):
-            writer.write(topic, k, [k])
-        path = writer.finish({"status": "finished"})
-    small = describe(path)
-    monkeypatch.setattr("cosim.trace.info.MOST_HASHED_BYTES", 10)
-    with monkeypatch.context() as patch:
-        patch.setattr("cosim.trace.reader.read_segment", None)
-        patch.setattr("cosim.trace.reader.by_scan", None)
-        large = describe(path)
+    whole = {}
+    for name, rows in (("small", 10), ("large", 8000)):
+        path = tmp_path / f"{name}.mcap"
+        with TraceWriter(path, run={}, compression="none") as writer:
+            signals = [Signal(f"x[{i}]") for i in range(1000)]
+            topic = writer.add_topic("/a/output", signals, schema_name="t.A")
+            writer.write_rows([Rows(topic, np.arange(rows), np.zeros((rows, 1000)))])
+            writer.finish({"status": "finished"})
+        whole[name] = {
+            "content_hash": content_hash(path),
+            "verified": {"verdict": "ok", "failed": []},
+        }
+    small, large = describe(tmp_path / "small.mcap"), describe(path)
+    assert small == {**small, **whole["small"]}
+    assert path.stat().st_size > 2**26
     assert (large["content_hash"], large["verified"]) == (None, None)
-    whole = {"content_hash": content_hash(path), "verified": {"verdict": "ok", "failed": []}}
-    assert {**large, **whole} == small == describe(path, hashed=True)
+    assert describe(path, hashed=True) == {**large, **whole["large"]}
+    with path.open("r+b") as stream:  # which is noticed where data are read
+        stream.seek(2**25)
+        stream.write(b"damage")
+    assert describe(path) == large
+    assert describe(path, hashed=True) != {**large, **whole["large"]}

@@ -132,7 +132,7 @@ def test_seek_makes_the_last_messages_due_again(path: Path) -> None:
             assert quiet(seen) == []
 
 
-def test_a_jump_is_told_once(path: Path) -> None:
+def test_a_jump_is_reported_once(path: Path) -> None:
     """By the answer to who jumped: to play on is no other jump."""
     with Player(path, port=0) as player, client(player.url) as seen:
         commanded(seen, PAUSE, 1)

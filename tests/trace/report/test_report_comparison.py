@@ -7,61 +7,89 @@ from pathlib import Path
 import numpy as np
 import pytest
 from cli.shell import cosim, shared_run, trace_of
+from numpy.typing import NDArray
 from outcomes.ways import found
+from report_pages import Chart, Curve, ReportPage, words
 from shared import copied
-from test_report_text import words
 
-from cosim.trace import Trace, rows_in_force
-from cosim.trace.report.comparison import Comparison, comparison_of
-from cosim.trace.report.html_page import comparison_page
+from cosim.page import packed_values
+from cosim.trace import Trace, diff, rows_in_force, write_comparison
 
 PAIR = ("auv-acoustic", "auv-acoustic-naive")
 
 
+def compared(first: Path, second: Path, folder: Path) -> ReportPage:
+    """The page of two traces."""
+    return ReportPage(write_comparison(first, second, folder / "compared.html").output)
+
+
 @pytest.fixture(scope="module")
-def compared() -> Comparison:
-    return comparison_of(*map(trace_of, PAIR))
+def page(tmp_path_factory: pytest.TempPathFactory) -> ReportPage:
+    return compared(*map(trace_of, PAIR), tmp_path_factory.mktemp("compared"))
+
+
+def charts(page: ReportPage, kind: str) -> list[Chart]:
+    """Those of a kind, in their order."""
+    return [chart for key, chart in page.charts.items() if key.startswith(f"{kind}-")]
+
+
+def drawn_of(instants_ns: NDArray[np.int64], curve: Curve) -> NDArray[np.intp]:
+    """Which of the instants are those of a curve, which are drawn with few digits."""
+    at = instants_ns / 1e9
+    nearest: NDArray[np.intp] = np.abs(at[:, None] - curve.t).argmin(axis=0)
+    assert np.abs(at[nearest] - curve.t).max() < 1e-3
+    return nearest
 
 
 def test_curves_lie_over_each_other_and_their_difference_is_exact(
-    compared: Comparison, monkeypatch: pytest.MonkeyPatch
+    page: ReportPage, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Each point is that of the traces, no extreme is lost; the same where it is read in parts."""
     tables = [Trace(trace_of(name)).read("/plant/output") for name in PAIR]
-    truth = {one.name: one for one in compared.found.parted}
+    truth = {one.name: one for one in diff(*map(trace_of, PAIR)).parted}
     monkeypatch.setattr(Trace.borders, "__defaults__", (200_000,))
-    in_parts = comparison_of(*map(trace_of, PAIR))
-    for (both, apart), (_, again) in zip(compared.apart, in_parts.apart, strict=True):
+    in_parts = compared(*map(trace_of, PAIR), tmp_path)
+    seen = 0
+    instants = np.union1d(*(table.log_time_ns for table in tables))
+    for both, apart, same, again in zip(
+        *(charts(one, kind) for one in (page, in_parts) for kind in ("both", "apart")), strict=True
+    ):
+        assert [curve.drawn for curve in both.curves] == [curve.drawn for curve in same.curves]
         assert [curve.label for curve in both.curves] == ["first", "second"]
+        assert apart.title == again.title == f"{both.title}, second minus first"
         if not both.title.startswith("plant."):
             continue
+        seen += 1
         columns = [table[both.title.removeprefix("plant.")] for table in tables]
-        for curve, column in zip(both.curves, columns, strict=True):
-            assert np.array_equal(curve.values, column)
+        for curve, table, column in zip(both.curves, tables, columns, strict=True):
+            rows = drawn_of(table.log_time_ns, curve)
+            assert curve.packed[1] == packed_values(column[rows])
+            assert {column.argmin(), column.argmax()} <= {*rows.tolist()}
         for curve in (apart.curves[0], again.curves[0]):
-            at = np.rint(curve.t * 1e9).astype(np.int64)
-            rows = [rows_in_force(table.log_time_ns, at) for table in tables]
-            a, b = (column[row] for column, row in zip(columns, rows, strict=True))
-            assert np.array_equal(curve.values, b - a)
-            assert np.abs(curve.values).max() == truth[both.title].max_abs
+            at = instants[drawn_of(instants, curve)]
+            in_force = [rows_in_force(table.log_time_ns, at) for table in tables]
+            a, b = (column[row] for column, row in zip(columns, in_force, strict=True))
+            assert curve.packed[1] == packed_values(b - a)
+            assert np.abs(b - a).max() == truth[both.title].max_abs
+    assert seen > 5
 
 
-def test_outcomes_figures_and_links_are_side_by_side(compared: Comparison) -> None:
+def test_outcomes_figures_and_links_are_side_by_side(page: ReportPage) -> None:
     """With the ratio of each figure, and what each link did in either run."""
     one, two = (shared_run(name).json for name in PAIR)
-    ratios = {row.name: row for row in compared.metrics}
     gains = [run["metrics"]["gain"] for run in (one, two)]
-    assert [ratios["gain"].a, ratios["gain"].b] == gains
-    assert ratios["gain"].ratio == gains[1] / gains[0]
-    assert ratios["saturated_fraction"].ratio is None  # the first was never at a limit
-    text = words(comparison_page(compared))
-    assert "first: auv-acoustic.mcap ✓ finished 180 s of signals auv-acoustic" in text
-    assert "limit cycle 180 s of signals auv-acoustic-naive" in text
+    assert f"gain {gains[0]:.5g} {gains[1]:.5g} {gains[1] / gains[0]:.4g}" in page.words
+    saturated = [run["metrics"]["saturated_fraction"] for run in (one, two)]
+    assert saturated[0] == 0.0  # the first was never at a limit: there is no ratio
+    assert f"saturated_fraction 0 {saturated[1]:.5g} –" in page.words
+    assert "first: auv-acoustic.mcap ✓ finished 180 s of signals auv-acoustic" in page.words
+    assert "limit cycle 180 s of signals auv-acoustic-naive" in page.words
     for name in ("uplink", "downlink"):
         for word, run in (("first", one), ("second", two)):
             link = run["links"][name]
-            assert f"{name}, {word} {link['sent']} {link['delivered']} {link['dropped']}" in text
-    assert "cosim.run seed" not in text  # which is the same
+            row = f"{name}, {word} {link['sent']} {link['delivered']} {link['dropped']}"
+            assert row in page.words
+    assert "cosim.run seed" not in page.words  # which is the same
 
 
 def test_failed_runs_are_compared(tmp_path: Path) -> None:
@@ -91,19 +119,20 @@ def test_failed_runs_are_compared(tmp_path: Path) -> None:
     assert "would replace its trace" in refused.error["what"]
 
 
-def test_runs_without_a_signal_in_common_are_compared() -> None:
+def test_runs_without_a_signal_in_common_are_compared(tmp_path: Path) -> None:
     """What only one of them has is listed; outcomes and figures are beside each other."""
-    other = comparison_of(trace_of("auv-acoustic"), found("finished").trace)
-    text = words(comparison_page(other))
-    assert "no signal is in both" in text
-    assert "only in the second trace: /pump/output" in text
-    assert (other.apart, other.alike) == ([], [])
+    other = compared(trace_of("auv-acoustic"), found("finished").trace, tmp_path)
+    assert "no signal is in both" in other.words
+    assert "only in the second trace: /pump/output" in other.words
+    assert not [key for key in other.charts if not key.startswith("age")]
 
 
-def test_the_same_run_twice_is_identical() -> None:
+def test_the_same_run_twice_is_identical(tmp_path: Path) -> None:
     """And its outputs are still shown, once."""
-    twice = comparison_of(*[found("finished").trace] * 2)
-    assert twice.found.identical
-    assert (twice.parted, twice.apart) == ([], [])
-    assert [(chart.title, len(chart.curves)) for chart in twice.alike] == [("pump.x", 1)]
-    assert "identical" in words(comparison_page(twice))
+    trace = found("finished").trace
+    written = write_comparison(trace, trace, tmp_path / "twice.html")
+    assert (written.equal, written.differing, written.verdict) == (True, 0, "identical")
+    twice = ReportPage(written.output)
+    assert twice.status == "identical"
+    assert [(chart.title, len(chart.curves)) for chart in twice.charts.values()] == [("pump.x", 1)]
+    assert [*twice.charts] == ["alike-0"]
