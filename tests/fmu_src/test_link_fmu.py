@@ -372,6 +372,7 @@ def test_export_warns_of_a_link_that_is_later_as_an_fmu(
     assert [warned in warning for warning in done.warnings] == [True]
 
 
+SHARED = 'kind = "packet", sample_time = 0.1, frame_size = 1, medium = "m", from = "a", to = "b"'
 PROFILE = "delay = { times = [0.0, 1.0], delays = [0.1, 0.2] }"
 
 
@@ -386,8 +387,7 @@ PROFILE = "delay = { times = [0.0, 1.0], delays = [0.1, 0.2] }"
             "cannot replay a recording",
         ),
         (
-            '{ kind = "packet", sample_time = 0.1, frame_size = 1, from = "a", to = "b", '
-            + 'medium = "bay" }',
+            f"{{ {SHARED} }}",
             "shares a medium with others",
         ),
     ],
@@ -396,7 +396,7 @@ def test_link_that_no_fmu_can_be_is_refused_by_name(
     up: str, words: str, native_fmus: Path, tmp_path: Path
 ) -> None:
     """What varies, what is replayed or shared, and a seed that no Integer of FMI holds."""
-    bay = "[medium.bay]\nnodes = { a = [0.0], b = [1.0] }\ndata_rate = 1000\n"
+    bay = "[medium.m]\nnodes = { a = [0.0], b = [1.0] }\ndata_rate = 1000\n"
     text = f'{OVER_LINKS}down = {{ kind = "transport", delay = 0.1 }}\nup = {up}\n{bay}'
     with pytest.raises(InputError, match=words) as refused:
         export(text, native_fmus, tmp_path, "fmu")
