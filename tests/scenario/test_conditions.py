@@ -180,12 +180,12 @@ def test_fault_is_reported_with_its_column(
     """The column counts from 1, and a caret stands below it."""
     with pytest.raises(InputError) as found:
         assembled_system(prepare(*given(folder, native_fmus, text)))
-    said = found.value.text()
-    assert "assertions[0].always" in said
-    assert f"column {column}" in said
-    assert words in said
+    reported = found.value.text()
+    assert "assertions[0].always" in reported
+    assert f"column {column}" in reported
+    assert words in reported
     if text and "\n" not in text:
-        assert f"{text}\n       {' ' * (column - 1)}^" in said
+        assert f"{text}\n       {' ' * (column - 1)}^" in reported
 
 
 @pytest.mark.parametrize(("text", "column"), [("x > > 5", 5), ("1 + y", 5), ("1 / 0 m + 1 s", 1)])
