@@ -98,7 +98,11 @@ class RandomRuns:
             end_s = float(system.comm_schedule.points_ns[-1]) / 1e9
             if r.random() < 0.3:
                 tables["events"] = [{"at": round(r.uniform(0, end_s), 9), "stop": "enough"}]
-            text = tomli_w.dumps(scenario_of(system, **tables, **more(r, system)))
+            at_once = tables.pop("at_once", False)
+            data = scenario_of(system, **tables, **more(r, system))
+            if at_once:  # its commands are read behind its inputs, at the same point
+                data["components"]["controller"]["feedthrough"] = ["u"]
+            text = tomli_w.dumps(data)
             folder = self._cache.folder
             prepared = prepare(parse(text, name="r", where="r.toml", folder=folder), self._cache)
             made, _ = assembled_system(prepared)
@@ -145,7 +149,7 @@ class RandomRuns:
         ]
         signal = DelaySource((end("plant.x[1]"),), (0.0,))
         system = _system(r, fmus, parts, signal, r.choice([1e6, 1e6, 9.0]))
-        return system, {"design": {"file": "paper-late"}}
+        return system, {"design": {"file": "paper-late"}, "at_once": r.random() < 0.5}
 
     def _scalars(self, r: random.Random) -> tuple[System, dict[str, Any]]:
         fmu = r.choice([self._scalar, self._undeclared])

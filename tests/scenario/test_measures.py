@@ -17,7 +17,7 @@ from master.scalar import scalar_fmu
 from random_runs import RandomRun, RandomRuns
 from shared import fmu_store, sampled, slow_share_of
 
-from cosim.master import EngineName, Run, System
+from cosim.master import EngineName, Pace, Run, System
 from cosim.models import STATE, TABLE_1, thrust_map
 from cosim.network import PacketLink
 from cosim.scenario import (
@@ -207,9 +207,9 @@ def some(members: Iterable[Any], number: int) -> list[Any]:
 
 @pytest.mark.parametrize("seed", some(range(SYSTEMS), 24))
 def test_blocks_of_random_systems(random_runs: RandomRuns, seed: int, tmp_path: Path) -> None:
-    """One block, blocks of a point and of a kernel, and whole arrays: the same figures.
+    """One block, blocks of a point, random blocks, and whole arrays: the same figures.
 
-    No block has rows that are yet to come; without `keep` none has those that no route reads.
+    Without `keep` a run has no rows that no route reads any more.
     """
     conditions = Conditions()
     found = random_runs.run(seed, conditions.assertions)
@@ -227,7 +227,7 @@ def without_time(outcome: Outcome) -> dict[str, Any]:
     found = replace(outcome, wall_s=0.0).to_json()
     # events of one instant stand in the order in which blocks bring them
     found["events"] = sorted(found["events"], key=lambda event: (event["first_s"], repr(event)))
-    return {key: value for key, value in found.items() if key not in ("engine", "binaries")}
+    return {key: value for key, value in found.items() if key not in ("engine", "binaries", "pace")}
 
 
 @pytest.mark.parametrize(
@@ -258,14 +258,33 @@ def check_scenario(loaded: LoadedScenario, tmp_path: Path) -> None:
     blocks_are_nothing(prepared, execute_unrecorded(prepared)[0], tmp_path)
 
 
+class Instants:
+    """A clock that goes by naps alone, each of which may last longer than it was meant to."""
+
+    def __init__(self, *longer_s: float) -> None:
+        self._now, self._longer_s = 0.0, longer_s
+        self._random = random.Random(1)  # noqa: S311 - reproducible choices
+
+    def pace(self) -> Pace:
+        """A run goes on by as many points as are due: one, or those of the time overslept."""
+        return Pace(clock=lambda: self._now, sleep=self._sleep)
+
+    def _sleep(self, seconds: float) -> None:
+        self._now += seconds + self._random.choice(self._longer_s)
+
+
 def blocks_are_nothing(prepared: PreparedScenario, whole: Outcome, folder: Path) -> None:
-    """Measure a run point by point, as the kernel gives its rows, and without keeping them."""
+    """Measure a run in blocks of a point, in random ones, at once, and without keeping rows."""
     alone = supervision_of(prepared.loaded.scenario, supervise=False)
     expected = repr(without_time(whole))
     assert repr(without_time(execute_unrecorded(prepared, keep=False)[0])) == expected
-    engines: tuple[EngineName, ...] = ("python", "auto")
-    for engine in engines:  # a run that is recorded is measured as soon as its rows are there
+    ways: tuple[tuple[EngineName, Pace | None], ...] = (
+        ("python", Instants(0.0).pace()),
+        ("auto", Instants(0.0, 0.0, 0.1, 0.3, 2.0).pace()),
+        ("auto", None),
+    )
+    for engine, pace in ways:  # a run that is recorded is measured as soon as its rows are there
         _, found, _ = execute_recorded(
-            prepared, folder / f"{engine}.mcap", engine=engine, supervision=alone
+            prepared, folder / f"{engine}.mcap", engine=engine, pace=pace, supervision=alone
         )
         assert repr(without_time(found)) == expected

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import pytest
 import tomli_w
 
-from cosim.master import EngineName
+from cosim.master import EngineName, Pace
 from cosim.scenario import (
     FmuCache,
     Outcome,
@@ -20,7 +20,7 @@ from cosim.scenario import (
     prepare,
     supervision_of,
 )
-from cosim.trace import EventCount, Trace
+from cosim.trace import EventCount, Trace, verify
 
 STEP_NS = 100_000_000
 AXES = {"force.x": "x", "force.y": "y", "force.z": "z", "moment.z": "psi"}
@@ -55,7 +55,10 @@ def run_of(
     prepared = prepare(loaded, FmuCache(fmus.parent, folder, flavour="native"))
     path = folder / f"{engine}.mcap"
     alone = supervision_of(loaded.scenario, supervise=False)
-    outcome, _, _ = execute_recorded(prepared, path, engine=engine, supervision=alone)
+    pace = None if engine == "auto" else Pace(factor=1e6)  # which looks at every point
+    outcome, _, _ = execute_recorded(prepared, path, engine=engine, pace=pace, supervision=alone)
+    checks = verify(path).checks  # every line has its place among the rows
+    assert [check for check in checks if check.verdict == "failed"] == []
     log = Trace(path).read("/log")
     levels = [LEVELS[int(level)] for level in log["level"]]
     columns = (log.log_time_ns.tolist(), levels, log["name"], log["message"])
