@@ -63,8 +63,8 @@ LOWER_ROOMS: dict[str, set[str]] = {
 """Room of `cosim.hinf` -> the rooms that it may import from."""
 
 THROUGH_FACES = (
-    *("cli", "components", "hinf", "models", "network", "paper", "recordings", "replay"),
-    "vehicle",
+    *("cli", "components", "fmu", "hinf", "models", "network", "paper", "recordings", "replay"),
+    *("scenario", "study", "trace", "vehicle"),
 )
 """Packages whose tests, wherever they are, know their faces alone."""
 

@@ -32,7 +32,7 @@ from rich.table import Table
 from cosim.fmu import FmuDescription, compiled_library
 from cosim.hinf.delay_lti import one_thread
 from cosim.master import Component, Session
-from cosim.scenario.execute import assembled_system
+from cosim.scenario import assembled_system
 from cosim.study import Plan, Study, load_study, plan_of
 from cosim.study.batch import register_runner, run_and_measure, run_batch
 from tests.benchmarks._cpu import cpu_s

@@ -22,7 +22,8 @@ from cosim.fmu import (
     why_none_prebuilt,
 )
 from cosim.fmu.export.native.platforms import host
-from cosim.scenario.binary_origins import binary_origins
+from cosim.master import load_kernel
+from cosim.scenario import FmuCache, execute_unrecorded, parse, prepare
 
 CACHED = (prebuilt.why_none_prebuilt, prebuilt.source_digest, prebuilt._manifest)
 
@@ -151,15 +152,31 @@ def test_the_digest_is_of_what_decides_on_the_bytes() -> None:
     assert not any(".pyc" in name for name in names)
 
 
+@pytest.fixture
+def kernel() -> None:
+    """The kernel is loaded, before a wheel brings another file in its place."""
+    load_kernel()
+
+
+TWO = """
+title = "Two controllers"
+[run]
+end = 1.0
+step = 0.1
+[components.a]
+fmu = "PaperController"
+[components.b]
+fmu = "own/mine.fmu"
+"""
+
+
+@pytest.mark.usefixtures("kernel")
 def test_origins_are_named(wheel: Path, tmp_path: Path) -> None:
     """The summary of a run says of each binary where it is from."""
-    from types import SimpleNamespace  # noqa: PLC0415
-
-    fmus = {
-        "a": SimpleNamespace(path=wheel / "native" / "PaperController.fmu"),
-        "b": SimpleNamespace(path=tmp_path / "fmus" / "mine.fmu"),
-    }
-    kernel = SimpleNamespace(name="kernel")
-    found = binary_origins(fmus, kernel)  # type: ignore[arg-type]
-    assert found["the kernel"] == "prebuilt"
-    assert found["b"] == f"from {tmp_path / 'fmus'}"
+    (tmp_path / "own").mkdir()
+    copied(wheel / "native" / "PaperController.fmu", tmp_path / "own" / "mine.fmu")
+    loaded = parse(TWO, name="two", where="two.toml", folder=tmp_path)
+    prepared = prepare(loaded, FmuCache(tmp_path / "fmus", tmp_path, flavour="native"))
+    outcome, _ = execute_unrecorded(prepared, engine="kernel")
+    assert outcome.binaries["the kernel"] == "prebuilt"
+    assert outcome.binaries["b"] == f"from {tmp_path / 'own'}"

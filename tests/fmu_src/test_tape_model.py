@@ -25,8 +25,7 @@ from cosim.fmu.export.native.tape_model import model_data
 from cosim.fmu.export.native.tape_package import MODEL, build_tape_fmu
 from cosim.models import Delay, DelaySystem
 from cosim.network import Jitter, LossChain, PacketLink, TransportLink
-from cosim.scenario.binding import Given
-from cosim.scenario.computed import ComputedTable
+from cosim.scenario import formula
 
 LINK = component_module("link_channel.variables")
 PLANT = component_module("delayed_plant.variables").delayed_plant_spec
@@ -57,12 +56,33 @@ def spec_of(name: str) -> ComponentSpec:  # noqa: PLR0911 - one per kind
         settings = {"noise": 0.5, "resolution": 0.125, "greatest": 1.0}
         return sensor_spec("gps", [("a", "m"), ("b.x", None)], settings, sample_time=0.15)
     if name == "computed":
-        bound = ComputedTable("c", {"y": _EXPRESSION}, Given(("u", "w")), lambda _: None)
-        bound.bind("y")
-        return bound.spec({"u": None, "w": None}, 0.1)
+        return computed_spec()
     if name == "TwoDelays":
         return two_delays.SPEC
     return CATALOGUE[name]
+
+
+def computed_spec() -> ComponentSpec:
+    """What a formula of u and w records, as a component."""
+    operations = formula(_EXPRESSION, "u", "w").tape.operations
+    nodes: list[list[Any]] = [
+        [one.name, one.text]
+        if one.name == "symbol"
+        else [one.name, float(one.text)]
+        if one.name == "constant"
+        else [one.name, *one.operands]
+        for one in operations
+    ]
+    spec: ComponentSpec = component_module("computed.variables").computed_spec(
+        "c",
+        [(name, None, f"signal {name}") for name in ("u", "w")],
+        [("y", None, _EXPRESSION)],
+        nodes,
+        [len(nodes) - 1],
+        [["u", "w"]],
+        0.1,
+    )
+    return spec
 
 
 _EXPRESSION = (

@@ -14,8 +14,7 @@ from shared import sampled
 
 from cosim.core import InputError
 from cosim.master import Run, Session, System, make_schedule, receiving_order
-from cosim.scenario import Outcome, load
-from cosim.scenario.execute import assembled_system
+from cosim.scenario import Outcome, assembled_system, load
 from cosim.study import Plan, Study, plan_of
 from cosim.study.study_runner import StudyRunner
 
