@@ -11,11 +11,7 @@ import pytest
 from scipy import stats
 from shared import sampled
 
-from cosim.study import RareEstimate
-from cosim.study.importance_sampling import importance_sampling
-from cosim.study.mixture import Mixture
-from cosim.study.rare_events import estimated
-from cosim.study.subset_simulation import subset_simulation
+from cosim.study import RareEstimate, estimated, importance_sampling, subset_simulation
 
 Limit = Callable[[Any], Any]
 

@@ -26,13 +26,7 @@ from study.rare_problems import (
     two_planes,
 )
 
-from cosim.study import RareEstimate
-from cosim.study.exploration import explore
-from cosim.study.importance_sampling import importance_sampling
-from cosim.study.mixture import Mixture, fitted
-from cosim.study.rare_events import estimated
-from cosim.study.regions import Found, regions_of
-from cosim.study.subset_simulation import subset_simulation
+from cosim.study import RareEstimate, estimated, importance_sampling, subset_simulation
 
 
 def one(problem: Problem, method: str, seed: int, samples: int = 1000) -> RareEstimate:
