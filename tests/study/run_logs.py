@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from study.deadly import MANIFEST, RUN_LOG
+from study.deadly import MANIFEST, RESULTS, RUN_LOG, base, planned
+
+from cosim.core import LossError
+from cosim.study import Study, execute_study, read_table
 
 Cells = list[Any]
 """Number, status, reason and seconds of a run, then its metrics."""
@@ -21,3 +25,12 @@ def write_bare(folder: Path, change: Callable[[list[Cells]], list[Cells]]) -> No
     manifest = json.loads(file.read_text("utf-8"))
     del manifest["run_log_checked"]
     file.write_text(json.dumps(manifest), "utf-8")
+
+
+def table_of(study: Study, rows: list[Cells], folder: Path) -> tuple[Any, dict[str, Any]]:
+    """The table, and its manifest, of a study of the usual scenario that has these rows."""
+    with contextlib.suppress(LossError):  # its time is over when it has begun
+        execute_study(planned(study, base()), folder, time_limit_s=0.0)
+    (folder / RESULTS).unlink(missing_ok=True)
+    write_bare(folder, lambda _: rows)
+    return read_table(folder)

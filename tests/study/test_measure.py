@@ -128,7 +128,7 @@ def test_the_zero_state_run_is_made_only_for_metrics_that_need_it(
         asked = Study(
             title="t",
             scenario="auv-acoustic",
-            set={"run.end": 1.0},
+            set={"run.end": 1.0, "components.plant.parameters.initial.eta.x": 1.0},
             vary=[{"kind": "replicates", "count": 1}],
             metrics=metrics,
         )
