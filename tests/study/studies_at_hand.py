@@ -77,7 +77,9 @@ def study_folder(name: str) -> Path:
     """Return the folder of one of `STUDIES`, which is finished."""
     folder = made_once(
         f"studies/{name}",
-        lambda folder: execute_study(planned(STUDIES[name](), base(more=_ASSERTION)), folder / name),
+        lambda folder: execute_study(
+            planned(STUDIES[name](), base(more=_ASSERTION)), folder / name
+        ),
     )
     assert (folder / name / RESULTS).exists()
     return folder / name

@@ -6,7 +6,6 @@ import contextlib
 import os
 import resource
 from pathlib import Path
-from typing import Any
 
 import pytest
 from study.deadly import DEADLY, RESULTS, RUN_LOG, U, plan, truth
@@ -100,11 +99,11 @@ def test_a_folder_that_is_lost_is_named_and_the_study_can_be_continued(tmp_path:
     def lose(what: str, _share: float) -> None:
         if what != "2 of 5 runs":
             return
-        nothing = os.open(tmp_path, os.O_PATH)  # a descriptor that nothing is read from or written to
-        for number in os.listdir("/proc/self/fd"):
+        nothing = os.open(tmp_path, os.O_PATH)  # nothing can be read from it or written to it
+        for link in Path("/proc/self/fd").iterdir():
             with contextlib.suppress(OSError):
-                if os.readlink(f"/proc/self/fd/{number}").endswith(RUN_LOG):
-                    os.dup2(nothing, int(number))
+                if link.readlink().name == RUN_LOG:
+                    os.dup2(nothing, int(link.name))
         os.close(nothing)
 
     values = [0.1 * i for i in range(5)]
