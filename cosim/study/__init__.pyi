@@ -3,7 +3,7 @@ from .execution import (
     execute_study as execute_study,
 )
 from .folder import read_rows as read_rows
-from .importance_sampling import importance_sampling as importance_sampling
+from .importance import importance_sampling as importance_sampling
 from .merge import (
     MergedStudy as MergedStudy,
     merge_studies as merge_studies,
@@ -62,7 +62,7 @@ from .stages import (
     stopping_of as stopping_of,
 )
 from .stopping import Stopping as Stopping
-from .subset_simulation import subset_simulation as subset_simulation
+from .subset import subset_simulation as subset_simulation
 from .summary import (
     Group as Group,
     Numbers as Numbers,

@@ -11,6 +11,7 @@ import sys
 import time
 from collections.abc import Iterator
 from dataclasses import replace
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -187,6 +188,34 @@ def test_a_worker_that_joins_late_with_other_versions_is_named(
             )
     assert "numpy 0.1" in refused.value.text()
     assert 1 < read_table(tmp_path)[0].num_rows < 6
+
+
+OTHER = """
+import importlib.metadata
+def version(name):
+    return "0.1" if name == "numpy" else importlib.metadata.Distribution.from_name(name).version
+importlib.metadata.version = version
+"""
+"""Preloaded by a worker: what is a process of another installation."""
+
+
+def test_a_worker_with_other_versions_is_refused(tmp_path: Path) -> None:
+    """Before it executes a run; the message says which versions were meant, and which are there."""
+    (tmp_path / "other.py").write_text(OTHER)
+    with (
+        distributed.LocalCluster(
+            n_workers=1,
+            threads_per_worker=1,
+            host="127.0.0.1",
+            dashboard_address=":0",
+            preload=[str(tmp_path / "other.py")],
+        ) as workers,
+        pytest.raises(InputError, match="a worker has other versions") as refused,
+    ):
+        execute_study(plan([0.0, 1.0]), tmp_path / "x", pool_for(1, workers.scheduler_address))
+    assert refused.value.got == "numpy 0.1"
+    assert refused.value.expected == f"numpy {version('numpy')}"
+    assert read_table(tmp_path / "x")[0].num_rows == 1
 
 
 def _pretend_other_versions() -> None:

@@ -256,9 +256,9 @@ def test_one_process_at_a_time(tmp_path: Path) -> None:
     refused: list[InputError] = []
 
     def also(_what: str, _share: float) -> None:
-        with pytest.raises(InputError, match="another process is running this study") as told:
+        with pytest.raises(InputError, match="another process is running this study") as found:
             execute_study(plan([0.0, 1.0]), tmp_path)
-        refused.append(told.value)
+        refused.append(found.value)
 
     done = execute_study(plan([0.0, 1.0]), tmp_path, progress=also)
     assert refused
