@@ -21,6 +21,7 @@ from study.rare_problems import (
     ball,
     box,
     chi_square,
+    corner,
     linear,
     only_ball,
     two_planes,
@@ -120,6 +121,27 @@ def test_the_exploration_is_right_in_the_mean(problem: Problem) -> None:
     assert spread < 0.3
 
 
+def test_an_exploration_counts_by_its_own_deviation() -> None:
+    """One that differs by chance alone refuses no sample; one that finds four times as much does.
+
+    The sample of 8000 points is far more exact than it.
+    """
+    problem, more = linear(3, 3.5), linear(3, float(stats.norm.isf(4.0 * stats.norm.sf(3.5))))
+
+    def wider(u: Any) -> Any:
+        return (more if len(u) in (200, 2000) else problem).limit(u)
+
+    def refused(limit: Any, repeats: int) -> int:
+        found = [
+            estimated(importance_sampling(3, 8000, 1000, 12, seed), limit)
+            for seed in range(repeats)
+        ]
+        return sum(each.probability is None for each in found)
+
+    assert refused(problem.limit, 40) <= stats.binom.isf(1e-3, 40, 0.05)
+    assert refused(wider, 12) >= 10
+
+
 def _flat(problem: Problem) -> Problem:
     """The same event for an exploration: all its points, of which there are 2000 and 200."""
 
@@ -137,6 +159,7 @@ def test_arcs_tell_regions_apart() -> None:
         (two_planes(8, 3.0, 9.0), 1),
         (chi_square(6, 3.0), 1),
         (two_planes(8, 3.0, 3.0), 2),
+        (corner(6, 3.0, 3.0), 2),
         (ball(2, 3.5, 4.0, 1.0), 2),
     ):
         found = [one(problem, "subset", seed).regions for seed in range(12)]
@@ -155,6 +178,34 @@ def test_regions_have_their_shares_of_the_sample(share: float) -> None:
     error = known.std(ddof=1) / math.sqrt(known.size)
     assert known.mean() == pytest.approx(truth, abs=4.0 * error)
     assert error < 0.03 * truth
+
+
+def _two(d: int, share: float) -> Problem:
+    """Two planes apart, of one probability, and this share of it at the first."""
+    return two_planes(d, *(float(stats.norm.isf(part * 2e-4)) for part in (share, 1.0 - share)))
+
+
+def test_a_region_of_few_points_is_sampled_as_well() -> None:
+    """A plane with a fourteenth of the probability: the sample has points there, and an estimate.
+
+    Few of the points that were found lie there; what they found alone has a component, too.
+    """
+    problem = _two(6, 0.93)
+    found = [
+        estimated(importance_sampling(6, 8000, 1000, 12, seed), problem.limit) for seed in range(12)
+    ]
+    assert sum(each.probability is not None for each in found) >= 10
+
+
+def test_a_sample_with_other_shares_than_were_explored_is_refused() -> None:
+    """Beyond chance: half of the probability in a region, where the exploration has 72 %."""
+    sampled, explored = _two(4, 0.5), _two(4, 0.72)
+
+    def limit(u: Any) -> Any:
+        return (explored if len(u) in (200, 2000) else sampled).limit(u)
+
+    found = [estimated(importance_sampling(4, 8000, 1000, 12, seed), limit) for seed in range(12)]
+    assert sum("% of the probability" in (each.reason or "") for each in found) >= 6
 
 
 def test_the_same_seed_gives_the_same() -> None:
