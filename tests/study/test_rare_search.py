@@ -122,11 +122,11 @@ def test_the_exploration_is_right_in_the_mean(problem: Problem) -> None:
 
 
 def test_an_exploration_counts_by_its_own_deviation() -> None:
-    """One that differs by chance alone refuses no sample; one that finds four times as much does.
+    """One that differs by chance alone refuses no sample; one that finds twice as much does.
 
     The sample of 8000 points is far more exact than it.
     """
-    problem, more = linear(3, 3.5), linear(3, float(stats.norm.isf(4.0 * stats.norm.sf(3.5))))
+    problem, more = linear(3, 3.5), linear(3, float(stats.norm.isf(2.0 * stats.norm.sf(3.5))))
 
     def wider(u: Any) -> Any:
         return (more if len(u) in (200, 2000) else problem).limit(u)
