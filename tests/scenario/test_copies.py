@@ -13,8 +13,7 @@ from cli.shell import SCENARIOS
 from cosim import Scenario
 from cosim.core import InputError, Origin
 from cosim.scenario import load, open_source
-from cosim.study import Study
-from cosim.study.varied import Variations
+from cosim.study import Study, plan_of
 
 TEXT = (SCENARIOS / "valid" / "copies.toml").read_text("utf-8")
 
@@ -164,9 +163,10 @@ def test_loop_without_a_meaning_is_refused(
     assert words in str(refused.value)
 
 
-def test_study_varies_one_copy() -> None:
+def test_study_varies_one_copy(native_fmus: Path) -> None:
     """By its number in brackets or by its name."""
-    base = load(str(SCENARIOS / "valid" / "copies.toml")).scenario
+    loaded = load(str(SCENARIOS / "valid" / "copies.toml"))
+    base = loaded.scenario
     place = "components.drone[2].parameters.initial.eta.z"
     vary = [{"kind": "grid", "path": place, "values": [7.0, 9.0]}]
     study = Study.model_validate(
@@ -177,6 +177,7 @@ def test_study_varies_one_copy() -> None:
             "metrics": {"z": {"signal": "drone_2.eta.z", "reduce": "final"}},
         }
     )
-    varied = Variations(study, base).scenario([9.0])
+    plan = plan_of(study, loaded, fmus=native_fmus.parent)
+    varied = plan.runner.variations.scenario(plan.runner.points[1])
     assert varied.components["drone_2"].parameters["initial.eta.z"] == 9.0
     assert varied.components["drone_1"] == base.components["drone_1"]
