@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import zipfile
-from collections.abc import Iterator
 from pathlib import Path
 
 import fmpy
 import pytest
-from fmu.packed import FMI1, FMI3, XML, described, each_library_read_once, files_of, pack
+from fmu.packed import FMI1, FMI3, XML, described, files_of, pack
 from hypothesis import HealthCheck, given, settings, strategies as st
 
 from cosim.core import InputError
@@ -18,13 +17,6 @@ from cosim.fmu.inspect.library import read_binary
 CONTAINER = Path(fmpy.__file__).parent / "container_fmu" / "binaries"
 FLIPS = st.lists(st.tuples(st.floats(0, 1, exclude_max=True), st.integers(1, 255)), max_size=12)
 SLOW = settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
-
-
-@pytest.fixture(scope="module", autouse=True)
-def libraries() -> Iterator[None]:
-    """Every FMU of these tests has the same libraries, damaged ones apart."""
-    with each_library_read_once():
-        yield
 
 
 def flipped(content: bytes, flips: list[tuple[float, int]], head: int | None = None) -> bytes:
