@@ -48,13 +48,15 @@ def python(
     *arguments: str,
     packages: Sequence[Path] = (ROOT,),
     given: bytes = b"",
+    folder: Path | None = None,
     **environment: str,
 ) -> subprocess.CompletedProcess[bytes]:
-    """Run Python with packages before all others; `given`: its standard input."""
+    """Run Python with packages before all others, in a folder; `given`: its standard input."""
     path = os.pathsep.join([*map(str, packages), *filter(None, sys.path)])
     return subprocess.run(  # noqa: S603 - ourselves
         [sys.executable, "-P", "-c", code, *arguments],
         input=given,
+        cwd=folder,
         env={**os.environ, **environment, "PYTHONPATH": path},
         capture_output=True,
         check=False,
