@@ -62,7 +62,7 @@ LOWER_ROOMS: dict[str, set[str]] = {
 }
 """Room of `cosim.hinf` -> the rooms that it may import from."""
 
-THROUGH_FACES = ("hinf", "models", "paper", "vehicle")
+THROUGH_FACES = ("fmu", "hinf", "models", "paper", "vehicle")
 """Packages whose tests, wherever they are, know their faces alone."""
 
 ROOMS_OF_TRACE = (

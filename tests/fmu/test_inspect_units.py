@@ -26,7 +26,7 @@ DESCRIPTION = """<?xml version="1.0" encoding="UTF-8"?>
 """
 
 
-def said(name: str, base: Mapping[str, float], folder: Path) -> list[str]:
+def what_is_found(name: str, base: Mapping[str, float], folder: Path) -> list[str]:
     """What is found of a unit of this name that is defined so."""
     written = " ".join(f'{key}="{value!r}"' for key, value in base.items())
     found = inspected(DESCRIPTION.format(name=name, base=written), folder).findings
@@ -38,12 +38,14 @@ def said(name: str, base: Mapping[str, float], folder: Path) -> list[str]:
 def test_units_of_our_components_mean_what_they_declare(name: str, tmp_path: Path) -> None:
     """Compare with the exponents that the FMUs are built with; that of rad does not count."""
     declared = UNITS[name]
-    assert said(name, declared, tmp_path) == []
-    assert said(name, {**declared, "factor": FAR}, tmp_path) == [f"factor {FAR:g}, the name says 1"]
+    assert what_is_found(name, declared, tmp_path) == []
+    assert what_is_found(name, {**declared, "factor": FAR}, tmp_path) == [
+        f"factor {FAR:g}, the name says 1"
+    ]
     for base in ("kg", "m", "s", "A", "K", "mol", "cd"):
-        (what,) = said(name, {**declared, base: declared.get(base, 0) + 1}, tmp_path)
+        (what,) = what_is_found(name, {**declared, base: declared.get(base, 0) + 1}, tmp_path)
         assert "the name says" in what
-    assert said(name, {**declared, "rad": declared.get("rad", 0) + 1}, tmp_path) == []
+    assert what_is_found(name, {**declared, "rad": declared.get("rad", 0) + 1}, tmp_path) == []
 
 
 @pytest.mark.parametrize(
@@ -68,13 +70,13 @@ def test_factors_and_offsets(
 ) -> None:
     """The same numbers as in scipy.constants (CODATA and SI), and no others."""
     true = {**exponents, "factor": factor, "offset": offset}
-    assert said(name, true, tmp_path) == []
+    assert what_is_found(name, true, tmp_path) == []
     for near in (NEAR, 1 / NEAR):
-        assert said(name, {**true, "factor": near * factor}, tmp_path) == []
+        assert what_is_found(name, {**true, "factor": near * factor}, tmp_path) == []
     for far in (FAR * factor, factor / FAR):
-        (what,) = said(name, {**true, "factor": far}, tmp_path)
+        (what,) = what_is_found(name, {**true, "factor": far}, tmp_path)
         assert what == f"factor {far:g}, the name says {factor:g}"
-    (what,) = said(name, {**true, "offset": offset + 1.0}, tmp_path)
+    (what,) = what_is_found(name, {**true, "offset": offset + 1.0}, tmp_path)
     assert what == f"offset {offset + 1.0:g}, the name says {offset:g}"
 
 
@@ -84,4 +86,4 @@ def test_factors_and_offsets(
 def test_ambiguous_unit_names_are_not_read(name: str, tmp_path: Path) -> None:
     """Ambiguous, unknown or overlong names say nothing, however the unit is defined."""
     for base in ({"m": 1}, {"kg": 1, "s": -2, "factor": 1e-3}, {"cd": 1, "offset": 5.0}):
-        assert said(name, base, tmp_path) == []
+        assert what_is_found(name, base, tmp_path) == []
