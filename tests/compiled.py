@@ -14,7 +14,8 @@ from pathlib import Path
 import fmpy
 import pytest
 
-_HEADERS = Path(__file__).parents[1] / "cosim" / "fmu" / "export" / "native" / "c" / "headers"
+HEADERS = Path(fmpy.__file__).parent / "c-code"
+"""The folder of the headers of FMI 2.0 and 3.0."""
 _SHARED = Path(__file__).parent
 """The folder of slave.h, which has what the slaves share."""
 
@@ -56,7 +57,7 @@ def _library(text: str, home: Path, flags: tuple[str, ...], suffix: str) -> byte
     compiler = shutil.which(name)
     if compiler is None:
         pytest.skip(f"needs a compiler ({name})")
-    strict = ("-O1", "-Wall", "-Wextra", "-Werror", *(f"-I{p}" for p in (_HEADERS, _SHARED, home)))
+    strict = ("-O1", "-Wall", "-Wextra", "-Werror", *(f"-I{p}" for p in (HEADERS, _SHARED, home)))
     with tempfile.TemporaryDirectory() as folder:
         source, library = Path(folder) / f"source{suffix}", Path(folder) / "library"
         source.write_text(text, "utf-8")

@@ -65,11 +65,14 @@ LOWER_ROOMS: dict[str, set[str]] = {
 THROUGH_FACES = (
     *("cli", "components", "hinf", "models", "network", "paper", "recordings", "replay"),
     *("trace", "vehicle"),
+    *("cli", "components", "fmu", "hinf", "models", "network", "paper", "recordings", "replay"),
+    *("scenario", "study", "trace", "vehicle"),
 )
 """Packages whose tests, wherever they are, know their faces alone."""
 
 ROOMS_OF_TRACE = (
-    *("file", "rows", "outcome", "tables", "digest", "writer", "info_view", "reader"),
+    *("file", "rows", "outcome", "tables", "digest", "former_digest", "writer", "info_view"),
+    "reader",
     *("recovered", "checks", "content", "picture", "traces", "ros2", "viewers"),
     *("info", "citation", "recovery", "comparison", "exports", "report", "live"),
 )

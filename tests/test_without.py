@@ -6,6 +6,7 @@ import errno
 import json
 import os
 import re
+import shutil
 import subprocess
 import sys
 import tomllib
@@ -16,14 +17,11 @@ from typing import Any
 
 import pytest
 from shared import fmu_store
+from wheel import installed, python
 
-import cosim.fmu.inspect
 from cosim.core import InputError, notices
-from cosim.fmu import compiled, ensure_fmu, inspect_fmu, own_folder
-from cosim.fmu.export import identity
+from cosim.fmu import ensure_fmu, own_folder
 from cosim.scenario import FmuCache, demo, fmu_cache
-
-SOURCE = b'__attribute__((visibility("default"))) int seven(void) { return 7; }\n'
 
 
 def test_the_demo_flies_without_matplotlib(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -46,20 +44,26 @@ def test_the_demo_flies_without_matplotlib(monkeypatch: pytest.MonkeyPatch, tmp_
     assert "auv-cosim[plot]" in str(found.no_picture)
 
 
-def test_an_fmu_is_checked_without_readers_of_binaries(monkeypatch: pytest.MonkeyPatch) -> None:
+NO_READERS = """
+import json, sys
+for name in ("elftools", "pefile", "macholib"):
+    sys.modules[name] = None
+from pathlib import Path
+from cosim.fmu import inspect_fmu
+found = inspect_fmu(Path(sys.argv[1]))
+print(json.dumps([found.valid, [(f.code, f.level, f.why) for f in found.findings]]))
+"""
+
+
+def test_an_fmu_is_checked_without_readers_of_binaries() -> None:
     """What needs them is not checked, which is said once and is no error."""
-    for name in ("elftools", "pefile", "macholib"):
-        for loaded in [one for one in sys.modules if one.startswith(f"{name}.")]:
-            monkeypatch.delitem(sys.modules, loaded)
-        monkeypatch.setitem(sys.modules, name, None)
-    for name in ("elf", "pe", "macho"):
-        monkeypatch.delitem(sys.modules, f"cosim.fmu.inspect.{name}", raising=False)
-        monkeypatch.delattr(cosim.fmu.inspect, name, raising=False)
-    found = inspect_fmu(fmu_store("native") / "native" / "WaveField.fmu")
-    notes = [each for each in found.findings if each.code == "binary-unexamined"]
-    assert found.valid
-    assert [(note.level, "auv-cosim[check]" in note.why) for note in notes] == [("note", True)]
-    assert {each.code for each in found.findings}.isdisjoint({"binary-damaged", "binary-unread"})
+    done = python(NO_READERS, str(fmu_store("native") / "native" / "WaveField.fmu"))
+    assert done.returncode == 0, done.stderr.decode()
+    valid, findings = json.loads(done.stdout)
+    notes = [(level, why) for code, level, why in findings if code == "binary-unexamined"]
+    assert valid
+    assert [(level, "auv-cosim[check]" in why) for level, why in notes] == [("note", True)]
+    assert {code for code, *_ in findings}.isdisjoint({"binary-damaged", "binary-unread"})
 
 
 def test_an_fmu_is_checked_with_a_handful_of_packages(tmp_path: Path) -> None:
@@ -99,19 +103,23 @@ def _distributed() -> set[str]:
     return found - {"fmpy"}
 
 
-def test_a_library_is_compiled_where_the_cache_cannot_be_written(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
+TWO_LIBRARIES = """
+from pathlib import Path
+from cosim.fmu import compiled_library, own_folder
+source = b'__attribute__((visibility("default"))) int seven(void) { return 7; }\\n'
+for extra in (b"", b"int eight(void) { return 8; }\\n"):
+    library = compiled_library("seven", source + extra)
+    print(library.seven(), Path(library._name).parent == own_folder())
+"""
+
+
+def test_a_library_is_compiled_where_the_cache_cannot_be_written(tmp_path: Path) -> None:
     """It lies in the temporary folder of the process; standard error says so once."""
     blocked = tmp_path / "no folder"
     blocked.write_text("a file")
-    monkeypatch.setattr(compiled, "cache_folder", lambda: blocked / "auv-cosim")
-    notices.say_once.cache_clear()
-    for extra in (b"", b"int eight(void) { return 8; }\n"):
-        library = compiled.compiled_library.__wrapped__("seven", SOURCE + extra)
-        assert library.seven() == 7
-        assert Path(library._name).parent == own_folder()
-    printed = capfd.readouterr().err
+    done = python(TWO_LIBRARIES, XDG_CACHE_HOME=str(blocked))
+    printed = done.stderr.decode()
+    assert done.stdout.split() == [b"7", b"True"] * 2, printed
     assert printed.count("cannot be written") == 1
     assert str(blocked) in printed
     assert "XDG_CACHE_HOME" in printed
@@ -157,41 +165,43 @@ def test_a_command_goes_on_without_home_and_cache(tmp_path: Path) -> None:
     assert "cosim:" not in done.stdout, "said to the user, not in the trace"
 
 
-def test_a_guid_is_computed_once_for_the_same_sources(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+UP_TO_DATE = """
+import sys
+from pathlib import Path
+from cosim.fmu import ensure_fmu
+print(*(ensure_fmu(name, Path(sys.argv[1]), flavour="python").new for name in sys.argv[2:]))
+print("markdown_it" in sys.modules)
+"""
+
+
+def test_a_guid_is_computed_once_for_the_same_sources(tmp_path: Path) -> None:
     """It is computed again for other sources, for a damaged file, and where none can be kept."""
-    computed: list[str] = []
+    package = installed(tmp_path / "site", {})
+    models = package / "cosim" / "models"
+    source = models.readlink()
+    models.unlink()
+    shutil.copytree(source, models)
+    cache, fmus = tmp_path / "cache", fmu_store("python")
 
-    def guid(name: str = "a", folder: Path = tmp_path) -> str:
-        return identity.kept_guid(name, folder, lambda: computed.append(name) or f"{{{name}}}")
+    def computed(*names: str, cache: Path = cache) -> bool:
+        """Whether a GUID is computed to find that FMUs are up to date: it has a page's text."""
+        environment = {"XDG_CACHE_HOME": str(cache)}
+        done = python(UP_TO_DATE, str(fmus), *names, packages=[package], **environment)
+        *new, page = done.stdout.decode().split()
+        assert new == ["False"] * len(names), done.stderr.decode()
+        return page == "True"
 
-    assert [guid(), guid(), guid("b"), guid("b"), guid()] == ["{a}", "{a}", "{b}", "{b}", "{a}"]
-    assert computed == ["a", "b"]
-    (file,) = tmp_path.iterdir()
+    a, b = "WaveField", "PaperController"
+    assert [computed(*names) for names in ([a], [a], [b], [b], [a, b])] == [
+        *(True, False, True, False, False)
+    ]
+    (file,) = cache.rglob("guids-*")
     file.write_text("[]")
-    assert guid() == "{a}"
-    monkeypatch.setattr(identity, "_sources_state", lambda: "others")
-    assert guid() == "{a}"
-    file.unlink()
-    file.write_text("a file")
-    assert [guid(folder=file), guid(folder=file)] == ["{a}", "{a}"]
-    assert computed == ["a", "b", "a", "a", "a", "a"]
-
-
-def test_the_state_of_the_sources_changes_with_a_file(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    package = tmp_path / "cosim"
-    for name in identity._SOURCES:
-        (package / name).mkdir(parents=True, exist_ok=True)
-    source = package / "models" / "auv.py"
-    source.write_text("x = 1\n")
-    monkeypatch.setattr(identity, "_PACKAGE", package)
-    before = identity._sources_state.__wrapped__()
-    assert identity._sources_state.__wrapped__() == before
-    source.write_text("x = 12\n")
-    assert identity._sources_state.__wrapped__() != before
+    assert [computed(a), computed(a)] == [True, False]
+    with (models / "auv.py").open("a") as changed:  # in neither of the two
+        changed.write("\n")
+    assert [computed(a), computed(a)] == [True, False]
+    assert [computed(a, cache=file), computed(a, cache=file)] == [True, True]
 
 
 def test_an_installation_without_extras_names_them() -> None:

@@ -71,7 +71,6 @@ from .export.plant import (
 )
 from .export.python.delay_plant import DelayPlant as DelayPlant
 from .export.spec import (
-    CERTIFICATE as CERTIFICATE,
     UNITS as UNITS,
     ComponentSpec as ComponentSpec,
     Variable as Variable,
@@ -105,7 +104,6 @@ from .inspect.rules import (
 from .inspect.run import run_findings as run_findings
 from .instance import require_loadable as require_loadable
 from .isolation import SlaveProcess as SlaveProcess
-from .messages import LogSink as LogSink
 from .port import (
     Port as Port,
     SignalKind as SignalKind,
@@ -115,7 +113,6 @@ from .port import (
 from .prebuilt import (
     is_current as is_current,
     prebuilt_folder as prebuilt_folder,
-    why_none_prebuilt as why_none_prebuilt,
     write_manifest as write_manifest,
 )
 from .returned import (
@@ -125,7 +122,6 @@ from .returned import (
 )
 from .slave import (
     FmuSlave as FmuSlave,
-    StepResults as StepResults,
 )
 from .state import FmuState as FmuState
 from .unpacking import (

@@ -23,6 +23,7 @@ from .diagram import (
 )
 from .editor_schema import json_schema as json_schema
 from .execute import (
+    assembled_system as assembled_system,
     execute_recorded as execute_recorded,
     execute_run as execute_run,
     execute_unrecorded as execute_unrecorded,
@@ -83,6 +84,7 @@ from .run_limits import (
     time_limit as time_limit,
 )
 from .run_series import RunSeries as RunSeries
+from .scenario_session import ScenarioSession as ScenarioSession
 from .schema import Scenario as Scenario
 from .ssp.check import (
     SspCheck as SspCheck,
@@ -105,6 +107,7 @@ from .step_check import (
     StepCheck as StepCheck,
     check_step as check_step,
 )
+from .supervised_session import SupervisedSession as SupervisedSession
 from .supervision import (
     Supervision as Supervision,
     supervision_of as supervision_of,

@@ -3,6 +3,7 @@ from .execution import (
     execute_study as execute_study,
 )
 from .folder import read_rows as read_rows
+from .importance import importance_sampling as importance_sampling
 from .merge import (
     MergedStudy as MergedStudy,
     merge_studies as merge_studies,
@@ -16,9 +17,10 @@ from .plan import (
     Plan as Plan,
     check_runs as check_runs,
 )
+from .points import Points as Points
 from .rare_events import (
-    Level as Level,
     RareEstimate as RareEstimate,
+    estimated as estimated,
 )
 from .read import (
     LoadedStudy as LoadedStudy,
@@ -40,15 +42,11 @@ from .running import (
 )
 from .schema import (
     MAX_RUNS as MAX_RUNS,
-    GridAxis as GridAxis,
     Metric as Metric,
-    ReplicatesAxis as ReplicatesAxis,
-    SampledAxis as SampledAxis,
     Study as Study,
     study_schema as study_schema,
 )
 from .sensitivity_indices import (
-    Index as Index,
     Sensitivity as Sensitivity,
     sensitivity as sensitivity,
 )
@@ -64,6 +62,7 @@ from .stages import (
     stopping_of as stopping_of,
 )
 from .stopping import Stopping as Stopping
+from .subset import subset_simulation as subset_simulation
 from .summary import (
     Group as Group,
     Numbers as Numbers,

@@ -16,12 +16,12 @@ import numpy as np
 
 from cosim.core import ComponentError, InputError
 from cosim.study.descent import CHAIN, descend
-from cosim.study.importance_sampling import importance_sampling
+from cosim.study.importance import importance_sampling
 from cosim.study.rare_events import Evaluations, RareEstimate, Reals
 from cosim.study.sampling import values_at
 from cosim.study.schema import Axis, RarePart, SampledAxis, Study
 from cosim.study.search import most_checked
-from cosim.study.subset_simulation import subset_simulation
+from cosim.study.subset import subset_simulation
 
 ESTIMATOR = 2
 """Which points the runs of a rare event have, in the manifest; without it there was one population.

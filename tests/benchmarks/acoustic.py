@@ -25,8 +25,7 @@ from rich.table import Table
 
 from cosim.fmu import FmuSlave, compiled_library
 from cosim.master import EngineName, Run, Session, System
-from cosim.scenario import FmuCache, gain_parameters, load, prepare
-from cosim.scenario.assembly import assemble
+from cosim.scenario import FmuCache, assembled_system, load, prepare
 from tests.benchmarks._show import show
 
 END, STEP, REPEATS = 120.0, 0.01, 15
@@ -37,15 +36,9 @@ ENGINES: tuple[EngineName, ...] = ("kernel", "python")
 
 def the_system(folder: Path, end: float = END) -> System:
     """The scenario's, at another step and end, of native FMUs."""
-    loaded = load("auv-acoustic")
-    run = loaded.scenario.run.model_copy(update={"end": end, "step": STEP})
-    shortened = loaded.scenario.model_copy(update={"run": run})
+    loaded = load("auv-acoustic", [f"run.end={end}", f"run.step={STEP}"])
     prepared = prepare(loaded, FmuCache(folder, loaded.folder, flavour="native"))
-    if prepared.design is None or loaded.scenario.design is None:
-        raise SystemExit("the scenario has no design")
-    controller = loaded.scenario.design.controller
-    gain = gain_parameters(prepared.design.K, prepared.fmus[controller])
-    return assemble(shortened, prepared.fmus, parameters={controller: gain}).system
+    return assembled_system(prepared)[0]
 
 
 def the_loop(system: System, engine: EngineName) -> tuple[float, Run]:

@@ -14,26 +14,26 @@ from __future__ import annotations
 
 import argparse
 import asyncio
+import contextlib
 import json
 import logging
 import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import dask
 import distributed
 import psutil
+import pytest
 from distributed.comm.tcp import TCP
 from rich.console import Console
 from rich.table import Table
 
-from cosim.study import load_study, plan_of, workers as pools
-from cosim.study.batch import Job, Row
-from cosim.study.run_log import RunLog
-from cosim.study.shipping import Ticket, shipment_of
+from cosim.study import Plan, Study, execute_study, load_study, plan_of, pool_for
 
 SETTINGS = {
     # what each worker does for itself, a thousand times in one process
@@ -47,8 +47,18 @@ TOGETHER = 50
 """Workers that start at a time."""
 
 
-async def simulated(seconds: float, _ticket: Ticket, runs: list[int]) -> Any:
-    """In place of `run_ticket`: no run is flown."""
+class Row(NamedTuple):
+    """The result of a simulated run."""
+
+    run: int
+    status: str
+    reason: str | None
+    seconds: float
+    values: tuple[float, ...]
+
+
+async def simulated(seconds: float, _ticket: object, runs: list[int]) -> Any:
+    """In place of what a worker does with a batch: no run is flown."""
     await asyncio.sleep(seconds)
     return [Row(run, "finished", None, seconds / len(runs), (0.1 * run, 0.7)) for run in runs], {}
 
@@ -153,7 +163,51 @@ class Process:
         self._process.wait()
 
 
-def measure(job: Job, asked: argparse.Namespace, folder: Path) -> dict[str, Any]:
+class Pool:
+    """The pool of a cluster, which is given batches of one size, and measured while it has some.
+
+    begin, end : called before the first batch and after the last; `ready` when files are offered.
+    """
+
+    size = 1
+
+    def __init__(
+        self,
+        pool: Any,
+        batches: Iterator[list[int]],
+        seconds: float,
+        moments: tuple[Callable[[], None], Callable[[], None], Callable[[], None]],
+    ) -> None:
+        self.notice: Callable[[str], None] = lambda _text: None
+        self._pool, self._batches, self._seconds = pool, batches, seconds
+        self._begin, self._ready, self._end = moments
+
+    def run_batches(self, _function: Any, job: Any, _next_batch: Any) -> Iterator[Any]:
+        """Execute the batches on the simulated workers, which sleep in place of the function."""
+        self._begin()
+
+        def next_batch() -> list[int] | None:
+            self._ready()
+            return next(self._batches, None)
+
+        yield from self._pool.run_batches(self._seconds, job, next_batch)
+        self._end()
+
+
+def plan_for(runs: int, fmus: Path) -> Plan:
+    """So many runs of the vehicle over its links, of which the first alone is flown."""
+    base = load_study("delay-loss").base
+    study = Study(
+        title="simulated",
+        scenario=base.name,
+        set={"run.end": 1.0},
+        vary=[{"kind": "replicates", "count": runs}],
+        metrics={"x": "final.plant.eta.x", "age": "metrics.message_age_s"},
+    )
+    return plan_of(study, base, fmus=fmus)
+
+
+def measure(asked: argparse.Namespace, folder: Path) -> dict[str, Any]:
     """Execute the batches on the simulated workers."""
     scheduler = Process("scheduler")
     began = time.perf_counter()
@@ -161,32 +215,34 @@ def measure(job: Job, asked: argparse.Namespace, folder: Path) -> dict[str, Any]
     joined = time.perf_counter() - began
     mine, me = counted_bytes(), psutil.Process()
     batches = asked.rounds * asked.workers
-    numbers = iter(range(batches))
+    seen: dict[str, Any] = {}
 
-    def next_batch() -> list[int] | None:
-        found = next(numbers, None)
-        return None if found is None else list(range(found * asked.rows, (found + 1) * asked.rows))
+    def look() -> dict[str, Any]:
+        return {
+            "written": (scheduler.written(), workers.written(), [*mine]),
+            "cpu": (scheduler.cpu(), sum(me.cpu_times()[:2])),
+            "time": time.perf_counter(),
+        }
 
-    with distributed.Client(scheduler.greeting, timeout="120s") as client:
-        pool = pools.DaskPool(client, None)
-        log = RunLog(folder / "journal.jsonl", append=True)
-        before = scheduler.written(), workers.written(), [*mine]
-        cpu = scheduler.cpu(), sum(me.cpu_times()[:2])
-        began = time.perf_counter()
-        for _, rows in pool.run_batches(asked.seconds, job, next_batch):  # type: ignore[arg-type]
-            log.append(rows)  # type: ignore[arg-type]
-        wall = time.perf_counter() - began
-        spent = scheduler.cpu() - cpu[0], sum(me.cpu_times()[:2]) - cpu[1]
-        after = scheduler.written(), workers.written(), [*mine]
+    moments = (
+        lambda: seen.update(begin=look()),
+        lambda: seen.setdefault("ready", mine[0]),
+        lambda: seen.update(end=look()),
+    )
+    of_size = (list(range(k * asked.rows, (k + 1) * asked.rows)) for k in range(batches))
+    plan = plan_for(batches * asked.rows, folder / "fmus")
+    with pool_for(1, scheduler.greeting, None)() as pool:
+        own = Pool(pool, of_size, asked.seconds, moments)
+        done = execute_study(plan, folder / "out", lambda: contextlib.nullcontext(own)).runs
         memory = scheduler.memory()
-        done = len(log)
-        log.close()
-        pool.close()
         quiet = scheduler.cpu()
         workers.ask("over")
         heartbeats = scheduler.cpu() - quiet
     workers.end()
     scheduler.end()
+    before, after = seen["begin"]["written"], seen["end"]["written"]
+    spent = [b - a for a, b in zip(seen["begin"]["cpu"], seen["end"]["cpu"], strict=True)]
+    wall = seen["end"]["time"] - seen["begin"]["time"]
     size = [(b[0] - a[0]) / batches for a, b in zip(before, after, strict=True)]
     return {
         "workers": asked.workers,
@@ -203,6 +259,7 @@ def measure(job: Job, asked: argparse.Namespace, folder: Path) -> dict[str, Any]
         "workers_write_bytes_per_batch": round(size[1]),
         "starter_writes_bytes_per_batch": round(size[2]),
         "scheduler_memory_mib": round(memory),
+        "shipped_bytes": seen["ready"] - before[2][0],
         "workers_that_keep_one_scheduler_busy": round(asked.seconds / (spent[0] / batches)),
     }
 
@@ -224,14 +281,11 @@ def main() -> None:
             asyncio.run(of)
             return
         with tempfile.TemporaryDirectory() as folder:
-            study = load_study("delay-loss")
-            plan = plan_of(study.study, study.base, study.place, fmus=Path(folder) / "fmus")
-            plan.runner.problem_and_design(0)
             from tests.benchmarks.cluster import simulated as by_name  # noqa: PLC0415
 
-            pools.run_ticket = by_name
-            found = measure(plan.job, asked, Path(folder))
-            found["shipped_bytes_per_host"] = sum(map(len, shipment_of(plan.job)[1].values()))
+            with pytest.MonkeyPatch.context() as patched:
+                patched.setattr("cosim.study.workers.run_ticket", by_name)
+                found = measure(asked, Path(folder))
     if asked.json:
         print(json.dumps(found, indent=1))
         return

@@ -17,29 +17,38 @@ import subprocess
 import sys
 import tempfile
 import time
+import zipfile
 from pathlib import Path
 
 import fmpy
 from fmpy.fmi2 import FMU2Slave
+from lxml import etree
 from rich.console import Console
 from rich.table import Table
 
-from cosim.fmu import ensure_fmu
-from cosim.fmu.export.native.compiler import STANDARD, host_compiler
-from cosim.fmu.export.native.platforms import host
+from cosim.fmu import ensure_fmu, host
+from tests.c_compiler import c_compiler
 
 NAME, STEP, DELAY, STEPS = "AuvPlant", 0.05, 0.5, 1000
 FORCE = ("force.x", "force.y", "force.z", "moment.z")
 SOURCE = Path(__file__).with_suffix(".c")
 
 
-def in_c(native: Path, folder: Path) -> dict[str, dict[str, float]]:
+def options_of(path: Path) -> list[str]:
+    """The options of the compiler by the build description of an FMU (FMI 3.0)."""
+    with zipfile.ZipFile(path) as archive:
+        root = etree.fromstring(archive.read("sources/buildDescription.xml"))
+    options: str = next(root.iter("SourceFileSet")).get("compilerOptions")
+    return options.split()
+
+
+def in_c(native: Path, options: list[str], folder: Path) -> dict[str, dict[str, float]]:
     """Nanoseconds per step in C, by case: hand, native, setting; and how far apart they end."""
     unpacked = Path(fmpy.extract(str(native), unzipdir=str(folder / "unpacked")))
     program = folder / "dostep"
     subprocess.run(  # noqa: S603 - a compiler, on our own source
         [
-            *(*host_compiler(), *STANDARD, "-D_DEFAULT_SOURCE", f"-I{unpacked / 'sources'}"),
+            *(*c_compiler(), *options, "-D_DEFAULT_SOURCE", f"-I{unpacked / 'sources'}"),
             *(str(SOURCE), "-o", str(program), "-ldl", "-lm"),
         ],
         check=True,
@@ -102,7 +111,8 @@ def main() -> None:
         folder = Path(name)
         native = ensure_fmu(NAME, folder, flavour="native").path
         python = ensure_fmu(NAME, folder, flavour="python").path
-        cases = in_c(native, folder)
+        options = options_of(ensure_fmu(NAME, folder, flavour="native-fmi3").path)
+        cases = in_c(native, options, folder)
         python_ns, fmpy_ns = through_fmpy(python), through_fmpy(native)
     figures = {
         **cases,

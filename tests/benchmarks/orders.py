@@ -25,17 +25,19 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+import tomli_w
 from rich.table import Table
 from scipy.linalg import expm
 
 from cosim.master import Link, System, simulate
 from cosim.network import PacketLink, TransportLink
-from cosim.scenario.coupling import coupling_delays_s
+from cosim.scenario import FmuCache, Wanted, execute_unrecorded, parse, prepare
 
 if __package__ == "tests.benchmarks":
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from master.masses import exact, mass_fmu, oscillator
 from master.scalar import ns, scalar_fmu, scalars
+from scenario.as_scenario import scenario_of
 from truth.dde import solve
 
 from tests.benchmarks._show import show
@@ -180,8 +182,13 @@ def errors(fmus: Fmus, case: Case) -> list[float]:
 
 def coupling_delay(fmus: Fmus, case: Case) -> float:
     """Largest delay that the coupling adds at the longest step, as the summary of a run has it."""
-    system = case.system(fmus, HALVINGS[0])
-    return max(coupling_delays_s(simulate(system, engine="python"), system).values())
+    text = tomli_w.dumps(scenario_of(case.system(fmus, HALVINGS[0])))
+    folder = fmus.scalar.parent
+    prepared = prepare(parse(text, name="o", where="o.toml", folder=folder), FmuCache(folder))
+    wanted = Wanted(["metrics.coupling_delay_s"])
+    outcome, _ = execute_unrecorded(prepared, engine="python", wanted=wanted)
+    delay: float = outcome.metrics["coupling_delay_s"]
+    return delay
 
 
 def slopes(of: list[float]) -> list[float]:

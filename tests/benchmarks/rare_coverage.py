@@ -27,9 +27,7 @@ if __package__ == "tests.benchmarks":
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from study.rare_problems import ISLANDS, MODES, PLAIN, Problem
 
-from cosim.study.importance_sampling import importance_sampling
-from cosim.study.rare_events import estimated
-from cosim.study.subset_simulation import subset_simulation
+from cosim.study import estimated, importance_sampling, subset_simulation
 
 METHODS = ("subset", "importance")
 LEVELS = 12

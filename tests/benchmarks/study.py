@@ -29,11 +29,7 @@ import psutil
 from rich.console import Console
 from rich.table import Table
 
-from cosim.study import Plan, Study, execute_study, load_study
-from cosim.study.local_workers import local
-from cosim.study.plan import make_plan
-from cosim.study.study_runner import BaseScenario
-from cosim.study.workers import InProcessPool
+from cosim.study import Plan, Study, execute_study, load_study, plan_of, pool_for
 from tests.benchmarks._cpu import cpu_s
 
 WORKERS = 2
@@ -42,7 +38,7 @@ SAMPLES_OF_MEMORY = 20
 MIB = 2**20
 
 
-def plan_of(runs: int, seed: int, fmus: Path) -> Plan:
+def plan_for(runs: int, seed: int, fmus: Path) -> Plan:
     """So many runs; another seed is another study."""
     base = load_study("delay-margin").base
     study = Study(
@@ -57,8 +53,7 @@ def plan_of(runs: int, seed: int, fmus: Path) -> Plan:
             "rms": {"signal": ["plant.x[1]", "plant.x[2]"], "reduce": "rms"},
         },
     )
-    of = BaseScenario(base.name, base.scenario, base.text, base.folder, fmus, "native")
-    return make_plan(study, of)
+    return plan_of(study, base, fmus=fmus)
 
 
 def processes(pool: Any) -> list[psutil.Process]:
@@ -91,17 +86,20 @@ def memory_over_runs(plan: Plan, pool: Any, folder: Path) -> dict[str, Any]:
 
 def efficiency(runs: int, pool: Any, fmus: Path, folder: Path) -> dict[str, float]:
     """Two processes against one, in turns."""
-    pools: dict[str, Any] = {"one": InProcessPool(), "two": pool}
+    pools: dict[str, Any] = {
+        "one": pool_for(1),
+        "two": lambda: contextlib.nullcontext(pool),
+    }
     wall: dict[str, list[float]] = {"one": [], "two": []}
     used: dict[str, list[float]] = {"one": [], "two": []}
     for turn in range(ROUNDS):
-        plan = plan_of(runs, 100 + turn, fmus)
+        plan = plan_for(runs, 100 + turn, fmus)
         # the same design for all, made before the clock starts
         plan.runner.problem_and_design(0)
         for name, who in pools.items():
             out = folder / f"{name}-{turn}"
             began, before = time.perf_counter(), cpu_s()
-            execute_study(plan, out, lambda who=who: contextlib.nullcontext(who))
+            execute_study(plan, out, who)
             wall[name].append(time.perf_counter() - began)
             used[name].append(cpu_s() - before)
     middle = {name: statistics.median(times) for name, times in wall.items()}
@@ -123,14 +121,14 @@ def scratch() -> Iterator[Path]:
 def main() -> None:
     """Measure, print."""
     runs = int(sys.argv[sys.argv.index("--runs") + 1]) if "--runs" in sys.argv else 10_000
-    with scratch() as folder, local(WORKERS) as pool:
+    with scratch() as folder, pool_for(WORKERS)() as pool:
         fmus = folder / "fmus"
         found = {
             "workers": WORKERS,
             "cores": os.cpu_count(),
             "load_before": round(os.getloadavg()[0], 2),
             "efficiency": efficiency(max(runs // 5, 20), pool, fmus, folder),
-            "study": memory_over_runs(plan_of(runs, 1, fmus), pool, folder / "long"),
+            "study": memory_over_runs(plan_for(runs, 1, fmus), pool, folder / "long"),
         }
     if "--json" in sys.argv:
         print(json.dumps(found, indent=1))

@@ -17,9 +17,11 @@ that the variants come to are compared.
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
+import tempfile
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -29,12 +31,12 @@ import numpy as np
 from fmpy.fmi2 import FMU2Slave
 from rich.table import Table
 
+from cosim.core import LossError
 from cosim.fmu import FmuDescription, compiled_library
 from cosim.hinf.delay_lti import one_thread
 from cosim.master import Component, Session
-from cosim.scenario.execute import assembled_system
-from cosim.study import Plan, Study, load_study, plan_of
-from cosim.study.batch import register_runner, run_and_measure, run_batch
+from cosim.scenario import assembled_system
+from cosim.study import Plan, Study, execute_study, load_study, plan_of
 from tests.benchmarks._cpu import cpu_s
 from tests.benchmarks._show import show
 
@@ -160,25 +162,53 @@ def _slave(component: Component) -> _ByFmpy:
     return _ByFmpy(fmu, component.description, {**first, **given})
 
 
+class Worker:
+    """What a study asks of a worker: it is kept here, and no batch is executed.
+
+    function, job : `function(job, runs)` executes runs as `cosim study run` does.
+    """
+
+    size = 1
+
+    def __init__(self, plan: Plan) -> None:
+        self.notice: Callable[[str], None] = lambda _text: None
+        self.function: Any = None
+        self.job: Any = None
+        with tempfile.TemporaryDirectory() as folder, contextlib.suppress(LossError):
+            execute_study(plan, Path(folder), lambda: contextlib.nullcontext(self))
+
+    def run_batches(self, function: Any, job: Any, _next_batch: Any) -> Iterator[Any]:
+        """Keep what is asked for."""
+        self.function, self.job = function, job
+        return iter(())
+
+
+def in_this_process(runner: Any, run: int) -> float:
+    """Execute a run, and take the two figures of `plan_for`; return the first."""
+    outcome, done = runner.execute_run(run, runner.wanted)
+    t = done.points_ns / 1e9
+    squares = sum(done.signal("plant", name) ** 2 for name in ("x[1]", "x[2]"))
+    np.sqrt(np.trapezoid(squares, t) / (t[-1] - t[0]))
+    return float(outcome.to_json()["final"]["plant.x[1]"])
+
+
 @one_thread
 def measured(steps: int, runs: int) -> dict[str, float]:
     """Microseconds of a run, by variant."""
     plan = plan_for(steps, runs)
-    job = replace(plan.job, run_limit_s=60.0)
-    register_runner(job.digest, plan.runner)
-    plan.runner.problem_and_design(0)
+    worker = Worker(plan)
     by_hand = ByHand(plan)
     series = plan_for(steps, runs).runner
     series.supervise_no_more()
-    numbers: Sequence[int] = range(runs)
+    numbers = [*range(runs)]
     few = range(runs - 10, runs)
     session = Session(by_hand.system).__enter__()
     variants: dict[str, tuple[int, Callable[[], Any]]] = {
         "c_bound": (runs, by_hand.in_c),
         "fmpy": (len(few), lambda: by_hand.by_fmpy(len(few))),
         "kernel_loop": (1, session.run_until),
-        "study": (runs, lambda: [run_and_measure(series, run)[1][0] for run in numbers][-1]),
-        "supervised": (runs, lambda: run_batch(job, numbers)[-1].values[0]),
+        "study": (runs, lambda: [in_this_process(series, run) for run in numbers][-1]),
+        "supervised": (runs, lambda: worker.function(worker.job, numbers)[-1].values[0]),
     }
     least = dict.fromkeys(variants, float("inf"))
     last = {}

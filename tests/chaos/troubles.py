@@ -21,8 +21,8 @@ from chaos.doors import DOORS, Fault, end_of
 from hostile.expected import RUN_CALLS
 from hostile.hostile_fmu import FAULTS
 
-_NOT_FINDABLE = frozenset({"nothing", "flood-stderr", "sleep"})
-"""What is no fault; a sleep in every call makes a long run half an hour long."""
+_NOT_FINDABLE = frozenset({"nothing", "flood-stderr", "sleep", "kill-worker"})
+"""What is no fault, or one of studies; a sleep in every call makes a run half an hour long."""
 
 
 class Draw(NamedTuple):

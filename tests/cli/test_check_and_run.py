@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import warnings
 import zipfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 from cli.shell import Result, cosim
-from fmu.packed import XML, each_library_read_once, files_of
+from fmu.packed import XML, files_of
 from shared import sampled
 
 from cosim.core import CheckFailedError
@@ -56,13 +56,6 @@ ARCHIVES: dict[str, tuple[Change, str | None]] = {
     "capitals": (more(("resources/a", b""), ("resources/A", b"")), "entry-case"),
     "outside": (more(("../a", b"")), "path-escapes"),
 }
-
-
-@pytest.fixture(scope="module", autouse=True)
-def libraries() -> Iterator[None]:
-    """Every FMU of these tests has the same ones."""
-    with each_library_read_once():
-        yield
 
 
 @pytest.fixture(scope="module")

@@ -9,8 +9,7 @@ import pytest
 from cli.shell import cosim
 from study.deadly import folder
 
-from cosim.study import batch, workers
-from cosim.study.study_runner import StudyRunner
+from cosim.study import execute_study
 
 STUDY = """
 title = "x follows u"
@@ -112,11 +111,8 @@ def test_a_study_is_run_resumed_and_displayed(tmp_path: Path) -> None:
         (("show", "."), "not the folder of a study"),
     ],
 )
-def test_bad_usage_is_named(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments: tuple[str, ...], words: str
-) -> None:
+def test_bad_usage_is_named(tmp_path: Path, arguments: tuple[str, ...], words: str) -> None:
     """Exit code 2, and the same in JSON."""
-    monkeypatch.setattr(workers, "_CONNECT_S", 1)  # nobody listens there
     study(tmp_path)
     result = cosim("study", *arguments, "--json", cwd=tmp_path)
     assert result.code == 2
@@ -146,15 +142,16 @@ def test_an_interruption_reports_what_is_kept_and_how_to_continue(
 ) -> None:
     """Exit code 130; the same command runs the rest."""
     study(tmp_path)
-    original = batch.run_and_measure
 
-    def interrupted(runner: StudyRunner, run: int) -> Any:
-        if run == 4:
-            raise KeyboardInterrupt
-        return original(runner, run)
+    def interrupted(*given: Any, **more: Any) -> Any:
+        def look(what: str, _share: float) -> None:
+            if what == "4 of 6 runs":
+                raise KeyboardInterrupt
+
+        return execute_study(*given, **more | {"progress": look})
 
     with monkeypatch.context() as patched:
-        patched.setattr(batch, "run_and_measure", interrupted)
+        patched.setattr("cosim.study.execute_study", interrupted)
         stopped = cosim("study", "run", "follows.toml", "--json", cwd=tmp_path)
     assert stopped.code == 130
     assert stopped.error["got"] == "4 of 6 runs are done and kept"

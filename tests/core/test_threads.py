@@ -17,7 +17,7 @@ from threadpoolctl import threadpool_info
 
 from cosim.core import InputError, once, one_blas_thread, say_once
 from cosim.hinf.exact import ball_precision
-from cosim.scenario.expression import Expression
+from cosim.scenario import formula
 
 THREADS = 8
 
@@ -106,5 +106,5 @@ def test_warnings_are_as_before_after_expressions_were_read(
     with monkeypatch.context() as patched:
         patched.setattr(ast, "parse", parse_slowly)
         for order in (1, -1):
-            in_threads(lambda n, o=order: Expression("plant.x > 1" + "0" * (n * o % THREADS)))
+            in_threads(lambda n, o=order: formula(f"{o} + 1" + "0" * (n * o % THREADS)))
     assert warnings.filters == filters

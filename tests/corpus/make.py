@@ -27,9 +27,7 @@ from vehicle.vehicle_files import EVERY_TERM
 
 from cosim.fmu import build_fmu
 from cosim.master import TraceRecorder
-from cosim.scenario import FmuCache, load, prepare
-from cosim.scenario.execute import assembled_system
-from cosim.scenario.scenario_session import ScenarioSession
+from cosim.scenario import FmuCache, ScenarioSession, assembled_system, load, prepare
 from cosim.trace import TraceWriter, result_of_link
 
 LIBRARY = HERE.parents[1] / "cosim" / "scenario" / "library" / "designs"

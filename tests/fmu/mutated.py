@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import io
 import sys
+import tempfile
 import zipfile
 from collections import defaultdict
 from collections.abc import Callable, Iterator
@@ -20,12 +21,10 @@ from typing import Any, NamedTuple
 
 from lxml import etree
 
-from cosim.fmu import GROUPS, RULES
-from cosim.fmu.inspect.inspection import describe_root
-from cosim.fmu.inspect.markup import parse_xml
-from cosim.fmu.inspect.rules import example_description
+sys.path.insert(0, str(Path(__file__).parents[1]))
+from fmu.packed import XML, example, inspected
 
-XML = "modelDescription.xml"
+from cosim.fmu import GROUPS, RULES
 
 
 class Mutation(NamedTuple):
@@ -237,7 +236,7 @@ def mutations() -> Iterator[Mutation]:
             yield Mutation(GROUPS[rule.number[0]], code, rule.broken(), allowed=False)
     for allowed, changes in ((True, ALLOWED), (False, FORBIDDEN)):
         for base, old, new in changes:
-            before = example_description(base)
+            before = example(base)
             if old not in before:
                 raise ValueError(f"{base} has no {old}")
             text = before.replace(old, new, 1)
@@ -291,9 +290,8 @@ def _combination(
 
 def our_errors(description: str) -> list[str]:
     """The codes of the errors that the check finds."""
-    root, found = parse_xml(description.encode(), XML)
-    if root is not None:
-        found = found + describe_root(root)[1]
+    with tempfile.TemporaryDirectory() as folder:
+        found = inspected(description, Path(folder)).findings
     return [each.code for each in found if each.level == "error"]
 
 
@@ -316,7 +314,7 @@ class Score(NamedTuple):
 
 def scores(judge: Callable[[str], list[str]]) -> dict[str, Score]:
     """Group -> what a tool judges wrongly; what it says of a base already does not count."""
-    bases = {base: set(judge(example_description(base))) for base in ("fmi1", "fmi2", "fmi3")}
+    bases = {base: set(judge(example(base))) for base in ("fmi1", "fmi2", "fmi3")}
     known = set().union(*bases.values())
     found: dict[str, Score] = defaultdict(lambda: Score([], []))
     for each in mutations():

@@ -6,15 +6,13 @@ import re
 import shutil
 import subprocess
 import zipfile
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
-from functools import cache
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from unittest.mock import patch
 
+import fmpy
 import pytest
 
-from cosim.fmu.inspect import inspection
+from cosim.fmu import RULES, Inspection, inspect_fmu
 
 XML = "modelDescription.xml"
 Files = dict[str, bytes]
@@ -62,11 +60,29 @@ FMI3 = """<?xml version="1.0" encoding="UTF-8"?>
 """
 
 
-@contextmanager
-def each_library_read_once() -> Iterator[None]:
-    """Inspections of many FMUs with the same libraries in them, which take longest to read."""
-    with patch.object(inspection, "read_binary", cache(inspection.read_binary)):
-        yield
+def example(base: str) -> str:
+    """The model description without faults, "fmi1", "fmi2" or "fmi3", that rules show faults of."""
+    if base == "fmi1":  # no rule shows a fault of one
+        return FMI1.replace("Old", "Example")
+    return next(
+        rule.broken().replace(rule.new, rule.old)
+        for rule in RULES.values()
+        if rule.base == base and rule.new and rule.broken().count(rule.new) == 1
+    )
+
+
+def inspected(xml: str, folder: Path) -> Inspection:
+    """The inspection of a model description: of an FMU with nothing else but a source."""
+    files = {XML: xml.encode(), "sources/a.c": b""}
+    return inspect_fmu(pack(files, folder / "described.fmu"))
+
+
+def functions_of_fmi2() -> list[str]:
+    """The functions of FMI 2.0 for co-simulation, by the header of the standard in FMPy."""
+    text = (Path(fmpy.__file__).parent / "c-code" / "fmi2Functions.h").read_text("utf-8")
+    exchange = text.rfind("Functions for FMI2 for Model Exchange")
+    text = text[:exchange] + text[text.rfind("FMI2 for Co-Simulation") :]
+    return sorted(set(re.findall(r"_Export fmi2\w+TYPE\s+(\w+);", text)))
 
 
 def described(xml: str, page: str) -> Files:

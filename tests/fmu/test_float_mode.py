@@ -11,7 +11,13 @@ import pytest
 from arithmetic import is_usual, keeps_tiny_numbers, reads_to_nearest, rounds_to_nearest
 from foreign.steered import CALLS, VERSIONS, parameters, steered_fmu
 
-from cosim.fmu import FmuDescription, FmuSlave, describe_fmu
+from cosim.fmu import (
+    FmuDescription,
+    FmuSlave,
+    describe_fmu,
+    restore_function,
+    saved_float_mode,
+)
 
 pytestmark = pytest.mark.skipif(
     platform.machine().lower() not in {"x86_64", "amd64", "aarch64", "arm64"},
@@ -88,17 +94,18 @@ def test_arithmetic_is_as_before_after_loading_and_unloading(version: str, tmp_p
 
 def test_fmu_does_change_it(steered: Fmus) -> None:
     """Called at its address, by nobody who restores anything; else these tests would be vain."""
-    from cosim.fmu.float_mode import call_with_own_float_mode  # noqa: PLC0415
-
     with FmuSlave(steered["2.0", "steered"], "it", silent) as slave:
         slave.initialise(parameters("nothing", 0, arithmetic=CALLS.index("step")), 0.0, 1.0)
         step = ctypes.CFUNCTYPE(
             ctypes.c_int, ctypes.c_void_p, ctypes.c_double, ctypes.c_double, ctypes.c_int
         )(slave.address("step"))
 
-        def unguarded() -> tuple[bool, bool, bool]:
+        restore = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p)(restore_function)
+        saved = saved_float_mode()
+        try:
             step(slave.component, 0.0, 0.25, 1)
-            return rounds_to_nearest(), reads_to_nearest(), keeps_tiny_numbers()
-
-        assert call_with_own_float_mode(unguarded) == (False, False, False)
+            found = rounds_to_nearest(), reads_to_nearest(), keeps_tiny_numbers()
+        finally:
+            restore(ctypes.addressof(saved))
+        assert found == (False, False, False)
         assert is_usual()

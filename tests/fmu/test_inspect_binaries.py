@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 import struct
 import subprocess
@@ -11,41 +12,41 @@ from typing import Any
 import fmpy
 import macholib.mach_o
 import macholib.MachO
+import pefile
 import pytest
-from fmu.packed import FMI3, compiled, described, files_of, pack
+from elftools.elf.elffile import ELFFile
+from fmu.packed import FMI3, compiled, described, files_of, functions_of_fmi2, pack
 from macholib.ptypes import Structure, p_uint32
+from shared import fmu_folder
 
-from cosim.fmu import component_module, inspect_fmu
-from cosim.fmu.export.model_description import fmi2_xml
-from cosim.fmu.inspect import binaries, macho
-from cosim.fmu.inspect.fmi_functions import functions
-from cosim.fmu.inspect.image import Image
-from cosim.fmu.inspect.library import Binary, read_binary
-from cosim.fmu.inspect.platforms import Platform, named_by_tuple, this_libc, this_machine
-
-SPEC = component_module("wave_field.variables").SPEC
+from cosim.fmu import inspect_fmu
 
 SHIPPED = Path(fmpy.__file__).parent
 FOREIGN = [
     *(SHIPPED / "container_fmu" / "binaries").glob("*/*"),
     *(SHIPPED / "sundials").glob("*/sundials_core.*"),
 ]
-EMPTY = "".join(
-    f"int {name}(void) {{ return 3; }}\n"
-    for name in sorted({n for part in functions(2, "co-simulation", "") for n in part})
-)
+EMPTY = "".join(f"int {name}(void) {{ return 3; }}\n" for name in functions_of_fmi2())
 
 
-def read(path: Path) -> Binary:
-    return read_binary("linux64", path.name, path.read_bytes())
+def read_as(name: str, content: bytes, folder: Path) -> Any:
+    """What an inspection has of a library, the only one of its FMU: its headers, or why not."""
+    files = described(FMI3, "documentation/index.html") | {f"binaries/{name}": content}
+    (found,) = inspect_fmu(pack(files, folder / "New.fmu")).binaries
+    return found
+
+
+def read(path: Path, folder: Path) -> Any:
+    return read_as(f"x86_64-linux/{path.name}", path.read_bytes(), folder)
 
 
 @pytest.mark.parametrize("path", FOREIGN, ids=lambda p: f"{p.parent.name}-{p.name}")
-def test_architecture_is_that_of_the_folder(path: Path) -> None:
+def test_architecture_is_that_of_the_folder(path: Path, tmp_path: Path) -> None:
     """FMPy's own libraries are in folders by platform: four systems, three formats."""
-    found = read(path)
+    found = read(path, tmp_path)
     assert found.damage is None
-    assert named_by_tuple(path.parent.name) in [image.platform for image in found.images]
+    platforms = [f"{i.platform.architecture}-{i.platform.system}" for i in found.images]
+    assert path.parent.name in platforms
     assert {image.format for image in found.images} == {
         {".so": "ELF", ".dll": "PE", ".dylib": "Mach-O"}[path.suffix]
     }
@@ -72,7 +73,7 @@ def emptied(content: bytes, kind: int, field: int) -> bytes:
 
 @pytest.mark.parametrize("spelling", ["datasize", "datassize"])
 def test_exports_of_a_stripped_mach_o_library_come_from_its_trie(
-    monkeypatch: pytest.MonkeyPatch, spelling: str
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, spelling: str
 ) -> None:
     """The field of the trie's size is read under both spellings that releases of macholib use."""
 
@@ -81,21 +82,21 @@ def test_exports_of_a_stripped_mach_o_library_come_from_its_trie(
 
     kind = macholib.mach_o.LC_DYLD_EXPORTS_TRIE
     monkeypatch.setitem(macholib.MachO.LC_REGISTRY, kind, LinkEditData)
-    whole = read(LOGGER)
+    whole = read(LOGGER, tmp_path)
     assert (whole.damage, whole.unread) == (None, None)
     assert [i.platform.architecture for i in whole.images] == ["x86_64", "aarch64"]
     content = emptied(LOGGER.read_bytes(), macholib.mach_o.LC_SYMTAB, 12)
-    stripped = read_binary("darwin64", "logging.dylib", content)
+    stripped = read_as("x86_64-darwin/logging.dylib", content, tmp_path)
     assert [i.imports for i in stripped.images] == [frozenset(), frozenset()]
     for image, bare in zip(whole.images, stripped.images, strict=True):
         assert "addLoggerProxy" in bare.exports
         assert bare.exports == image.exports
 
 
-def test_exports_of_a_mach_o_library_without_a_trie_come_from_its_symbols() -> None:
+def test_exports_of_a_mach_o_library_without_a_trie_come_from_its_symbols(tmp_path: Path) -> None:
     """Older linkers write none."""
     content = emptied(LOGGER.read_bytes(), macholib.mach_o.LC_DYLD_EXPORTS_TRIE, 12)
-    bare = read_binary("darwin64", "logging.dylib", content)
+    bare = read_as("x86_64-darwin/logging.dylib", content, tmp_path)
     assert len(bare.images) == 2
     for image in bare.images:
         assert "addLoggerProxy" in image.exports
@@ -113,7 +114,7 @@ def test_fault_of_a_reader_is_not_reported_as_damage(
     for folder in ("x86_64-darwin", "aarch64-darwin"):
         files[f"binaries/{folder}/New.dylib"] = LOGGER.read_bytes()
     files["binaries/aarch64-darwin/New.dylib"] = LOGGER.read_bytes()[:5000]
-    monkeypatch.setattr(macho, "exported_names", slip)
+    monkeypatch.setattr(macholib.MachO.MachO, "load", slip)
     found = {f.code: f for f in inspect_fmu(pack(files, tmp_path / "New.fmu")).findings}
     assert found["binary-unread"].level == "warning"
     assert found["binary-unread"].where == "binaries/x86_64-darwin/New.dylib"
@@ -125,42 +126,43 @@ ONE_OF_EACH = {path.suffix: path for path in FOREIGN if path.stem == "container_
 
 
 @pytest.mark.parametrize("suffix", [".so", ".dll", ".dylib"])
-def test_damage_is_what_the_headers_announce_and_the_file_lacks(suffix: str) -> None:
+def test_damage_is_what_the_headers_announce_and_the_file_lacks(
+    suffix: str, tmp_path: Path
+) -> None:
     """Half a library is damaged, and so is its beginning; the whole one is not."""
     content = ONE_OF_EACH[suffix].read_bytes()
     for kept in (len(content) // 2, 300, 30):
-        found = read_binary("linux64", "x", content[:kept])
+        found = read_as("x86_64-linux/x.so", content[:kept], tmp_path)
         assert found.damage is not None, kept
         assert (found.unread, found.images) == (None, ())
-    assert read_binary("linux64", "x", content).damage is None
+    assert read_as("x86_64-linux/x.so", content, tmp_path).damage is None
 
 
 @pytest.mark.parametrize(
     "raised", [ValueError, KeyError, AssertionError, struct.error, MemoryError]
 )
 def test_no_exception_of_a_reader_is_damage(
-    monkeypatch: pytest.MonkeyPatch, raised: type[Exception]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, raised: type[Exception]
 ) -> None:
     """Of whatever type, even those that readers raise for damaged files."""
 
-    def reader(kind: str) -> Any:
-        def read_it(_: Any) -> Any:
-            raise raised(kind)
+    def slips(*_: Any, **__: Any) -> Any:
+        raise raised("a slip")
 
-        return read_it
-
-    monkeypatch.setattr("cosim.fmu.inspect.library._reader", reader)
+    monkeypatch.setattr(ELFFile, "__init__", slips)
+    monkeypatch.setattr(pefile.PE, "__init__", slips)
+    monkeypatch.setattr(macholib.MachO.MachO, "load", slips)
     for path in ONE_OF_EACH.values():
-        found = read(path)
+        found = read(path, tmp_path)
         assert found.damage is None
         assert str(found.unread).startswith(raised.__name__.rpartition(".")[2])
 
 
-def test_a_format_that_is_unknown_here_is_not_damage() -> None:
+def test_a_format_that_is_unknown_here_is_not_damage(tmp_path: Path) -> None:
     """A text is; bytes with a magic number that nobody knows may be a library somewhere."""
-    assert read_binary("linux64", "x", b"#!/bin/sh\n").damage is not None
-    assert read_binary("linux64", "x", b"").damage is not None
-    found = read_binary("wasm", "x", b"\xca\xfe\xba\xbf" + bytes(100))
+    assert read_as("x86_64-linux/x.so", b"#!/bin/sh\n", tmp_path).damage is not None
+    assert read_as("x86_64-linux/x.so", b"", tmp_path).damage is not None
+    found = read_as("wasm/x.so", b"\xca\xfe\xba\xbf" + bytes(100), tmp_path)
     assert (found.damage, found.images) == (None, ())
     assert "not read here" in str(found.unread)
 
@@ -181,20 +183,41 @@ def test_a_format_that_is_unknown_here_is_not_damage() -> None:
         ("python311.dll", "needs-python"),
     ],
 )
-def test_libraries_that_windows_has_are_not_absent(needed: str, code: str | None) -> None:
+def test_libraries_that_windows_has_are_not_absent(
+    needed: str, code: str | None, tmp_path: Path
+) -> None:
     """Its own and those of the redistributables; what a compiler of another kind needs is."""
-    image = Image("PE", Platform("windows", "x86_64"), frozenset(), frozenset(), (needed,))
-    found = [each.code for each in binaries._library("x.dll", image, needed, set())]
-    assert found == ([] if code is None else [code])
+    files = described(FMI3, "documentation/index.html")
+    files["binaries/x86_64-windows/New.dll"] = needing(needed)
+    report = inspect_fmu(pack(files, tmp_path / "New.fmu"))
+    assert needed in report.binaries[0].images[0].libraries
+    about = {"library-absent", "library-debug", "library-path", "library-unreached", "needs-python"}
+    found = [(each.code, needed in each.what) for each in report.findings if each.code in about]
+    assert found == ([] if code is None else [(code, True)])
+
+
+def needing(library: str) -> bytes:
+    """FMPy's library for Windows, which needs this library in place of the first one."""
+    with pefile.PE(data=ONE_OF_EACH[".dll"].read_bytes()) as pe:
+        place = pe.sections[0].VirtualAddress  # its code, which nobody runs here
+        pe.set_bytes_at_rva(place, library.encode() + b"\0")
+        pe.DIRECTORY_ENTRY_IMPORT[0].struct.Name = place
+        return bytes(pe.write())
 
 
 @pytest.mark.parametrize("path", [p for p in FOREIGN if p.stem == "container_fmu"], ids=str)
-def test_functions_of_a_real_fmu_are_found_on_every_platform(path: Path) -> None:
+def test_functions_of_a_real_fmu_are_found_on_every_platform(path: Path, tmp_path: Path) -> None:
     """FMPy's container offers FMI 2 and 3 for co-simulation in each of its builds."""
-    (image,) = read(path).images
-    assert functions(2, "co-simulation", "").core <= image.exports
-    assert functions(3, "co-simulation", "").core <= image.exports
+    (image,) = read(path, tmp_path).images
+    assert {*functions_of_fmi2()} <= image.exports
     assert not image.needs_python
+    other = re.sub(" <(ModelExchange|ScheduledExecution).*?/>", "", FMI3.replace("New", path.stem))
+    files = described(other, "documentation/index.html")
+    files[f"binaries/{path.parent.name}/{path.name}"] = path.read_bytes()
+    report = inspect_fmu(pack(files, tmp_path / "container.fmu"))
+    assert report.binaries[0].images[0].functions
+    missing = {"function-missing", "needs-python", "binary-name"}
+    assert missing.isdisjoint(f.code for f in report.findings)
 
 
 def test_exports_and_imports_are_those_of_nm(tmp_path: Path) -> None:
@@ -214,7 +237,7 @@ def test_exports_and_imports_are_those_of_nm(tmp_path: Path) -> None:
         rows = [row.split() for row in done.stdout.splitlines()]
         return {name.partition("@")[0] for name, kind, *_ in rows if kind not in "wv"}
 
-    (image,) = read(path).images
+    (image,) = read(path, tmp_path).images
     assert {"f", "h"} <= image.exports
     assert image.exports == symbols("--defined-only")
     assert image.imports == symbols("--undefined-only")
@@ -223,9 +246,9 @@ def test_exports_and_imports_are_those_of_nm(tmp_path: Path) -> None:
 
 def packed(tmp_path: Path, library: Path, **beside: bytes) -> dict[str, list[str]]:
     """Code -> what was found of a WaveField whose only binary is this library."""
+    whole = files_of(fmu_folder("native") / "WaveField.fmu")
     files = {
-        "modelDescription.xml": fmi2_xml(SPEC, "{1}", tool="a test", needs_tool=False),
-        "documentation/index.html": b"",
+        **{name: content for name, content in whole.items() if not name.startswith("binaries/")},
         "binaries/linux64/WaveField.so": library.read_bytes(),
         **{f"binaries/linux64/{name}.so": content for name, content in beside.items()},
     }
@@ -332,21 +355,22 @@ def test_functions_are_not_asked_of_a_folder_that_no_tool_of_fmi3_looks_into(
 
 
 def test_glibc_newer_than_this_machine(fmus: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """PythonFMU's library on a machine of 2018; the real machine's own is read as it is."""
-    path = fmus / "WaveField.fmu"
-    assert this_machine().system != "linux" or this_libc() is None or this_libc() >= (2, 17)
-    monkeypatch.setattr("cosim.fmu.inspect.binaries.this_libc", lambda: (2, 27))
-    monkeypatch.setattr(
-        "cosim.fmu.inspect.binaries.this_machine", lambda: Platform("linux", "x86_64")
-    )
-    found = [f.what for f in inspect_fmu(path).findings if f.code == "libc-here"]
-    assert found == ["it needs glibc 2.32, this machine has 2.27"]
+    """PythonFMU's library on machines of 2018 and 2022, and on one without glibc."""
+    monkeypatch.setattr("sys.platform", "linux")
+    monkeypatch.setattr("platform.machine", lambda: "x86_64")
+    for libc, known in (("glibc", "2.27"), ("glibc", "2.9"), ("glibc", "2.35"), ("", "")):
+        monkeypatch.setattr("platform.libc_ver", lambda libc=libc, known=known: (libc, known))
+        findings = inspect_fmu(fmus / "WaveField.fmu").findings
+        found = [f.what for f in findings if f.code == "libc-here"]
+        old = known in ("2.27", "2.9")
+        assert found == [f"it needs glibc 2.32, this machine has {known}"] * old
 
 
 def test_glibc_that_is_needed(fmus: Path) -> None:
     """PythonFMU's library names GLIBC_2.32 as its newest symbol version."""
     content = files_of(fmus / "WaveField.fmu")["binaries/linux64/WaveField.so"]
-    (image,) = read_binary("linux64", "WaveField.so", content).images
+    report = inspect_fmu(fmus / "WaveField.fmu")
+    (image,) = next(b.images for b in report.binaries if b.name.endswith(".so"))
     assert image.libc == max(
         tuple(map(int, word.split(b"\0")[0].split(b".")))
         for word in content.split(b"GLIBC_")[1:]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import struct
 import zipfile
-from collections.abc import Iterator
 from pathlib import Path
 
 import fmpy
@@ -16,7 +15,6 @@ from fmu.packed import (
     Damage,
     described,
     described_as,
-    each_library_read_once,
     files_of,
     pack,
     renamed,
@@ -31,13 +29,6 @@ from cosim.fmu import CATALOGUE, RULES, inspect_fmu
 CONTAINER = Path(fmpy.__file__).parent / "container_fmu" / "binaries"
 SO, DLL = "binaries/linux64/AuvPlant.so", "binaries/win64/AuvPlant.dll"
 ETA_X = r'(<ScalarVariable name="eta\.x".*?<Real [^/]*?)'
-
-
-@pytest.fixture(scope="module", autouse=True)
-def libraries() -> Iterator[None]:
-    """Every FMU of these tests has the same libraries, damaged ones apart."""
-    with each_library_read_once():
-        yield
 
 
 def found(path: Path) -> dict[str, str]:

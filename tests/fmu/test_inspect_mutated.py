@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import pytest
 from fmu import mutated
-
-from cosim.fmu.inspect.rules import example_description
+from fmu.packed import example
 
 
 def test_every_mutation_is_judged_as_the_standard_does() -> None:
@@ -26,7 +25,7 @@ def test_the_score_counts_what_is_missed_and_what_is_refused_wrongly() -> None:
 def test_fmpy_finds_nothing_that_the_standard_forbids_and_the_check_misses() -> None:
     """What FMPy objects to and the check does not is allowed: FMPy's false alarms."""
     fmpy = mutated.fmpy_problems
-    known = {problem for base in ("fmi2", "fmi3") for problem in fmpy(example_description(base))}
+    known = {problem for base in ("fmi2", "fmi3") for problem in fmpy(example(base))}
     sample = list(mutated.mutations())[::7]
     for each in sample:
         if set(fmpy(each.description)) - known and not mutated.our_errors(each.description):

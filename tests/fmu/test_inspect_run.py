@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import tempfile
 from pathlib import Path
+from typing import Any
 
 import pytest
-from fmu.packed import compiled, files_of, pack, with_file
+from fmu.packed import compiled, files_of, functions_of_fmi2, pack, with_file
 from shared import sampled
 
-from cosim.fmu import CATALOGUE, inspect_fmu, run_findings
-from cosim.fmu.inspect import Finding
-from cosim.fmu.inspect.fmi_functions import functions
-from cosim.fmu.inspect.platforms import FMI2, this_machine
+from cosim.fmu import CATALOGUE, host, inspect_fmu, run_findings
 
 XML = """<?xml version="1.0" encoding="UTF-8"?>
 <fmiModelDescription fmiVersion="2.0" modelName="Tiny" guid="{1}">
@@ -78,8 +76,7 @@ __attribute__((destructor)) static void bye(void) { if (FLAW == UNLOAD) abort();
 """
 STUBS = "".join(
     f"int {name}(void) {{ return 3; }}\n"
-    for part in functions(2, "co-simulation", "")
-    for name in sorted(part)
+    for name in functions_of_fmi2()
     if f" {name}(" not in SOURCE
 )
 PATIENCE_S = 600.0
@@ -99,19 +96,20 @@ FLAWS = {
     "INIT": ("run-refused", "error", "fmi2EnterInitializationMode failed with status 3"),
     "UNLOAD": ("run-end", "error", "SIGABRT"),
 }
-HERE = {platform: folder for folder, platform in FMI2.items()}.get(this_machine())
+HERE = host().fmi2
 
 
 def tiny(tmp_path: Path, flaw: str, more: str = "") -> Path:
     """The FMU with one flaw and more C, for this machine."""
-    if HERE is None or not HERE.startswith("linux"):
+    if HERE not in ("linux32", "linux64"):
         pytest.skip("needs Linux on a processor that FMI 2 names")
     library = compiled(tmp_path, SOURCE + STUBS + more, "Tiny", f"-DFLAW={flaw}")
     binary = {f"binaries/{HERE}/Tiny.so": library.read_bytes()}
     return pack({"modelDescription.xml": XML.encode(), **binary}, tmp_path / "Tiny.fmu")
 
 
-def run(path: Path, seconds: float = PATIENCE_S) -> list[Finding]:
+def run(path: Path, seconds: float = PATIENCE_S) -> list[Any]:
+    """The findings of a run of an FMU."""
     return run_findings(inspect_fmu(path), seconds)
 
 

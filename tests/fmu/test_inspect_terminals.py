@@ -5,12 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from fmu.packed import described, pack
+from fmu.packed import described, example, pack
 
 from cosim.fmu import inspect_fmu
-from cosim.fmu.inspect.rules import example_description
-from cosim.fmu.inspect.terminals import BUILD, TERMINALS
 
+TERMINALS = "terminalsAndIcons/terminalsAndIcons.xml"
+BUILD = "sources/buildDescription.xml"
 ICON = "terminalsAndIcons/plug.png"
 TERMINAL = """<?xml version="1.0" encoding="UTF-8"?>
 <fmiTerminalsAndIcons fmiVersion="3.0"><Terminals>
@@ -38,7 +38,7 @@ BUILT = """<?xml version="1.0" encoding="UTF-8"?>
 
 def codes(folder: Path, **files: str) -> set[str]:
     """The codes of errors and warnings, a missing binary apart."""
-    packed = described(example_description("fmi3"), "documentation/index.html")
+    packed = described(example("fmi3"), "documentation/index.html")
     packed |= {ICON: b"", "sources/a.c": b""}
     packed |= {TERMINALS: files.get("terminals", TERMINAL).encode()}
     packed |= {BUILD: files.get("build", BUILT).encode()}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -20,11 +21,11 @@ from isolated import children, isolated_slave
 from pythonfmu import FmuBuilder
 from shared import sampled
 
-import cosim.fmu.isolation.channel as channel_module
-import cosim.fmu.isolation.process as process_module
 from cosim.core import ComponentError, InputError, Worker
 from cosim.fmu import FmuDescription, FmuSlave, SlaveProcess, describe_fmu, own_folder
-from cosim.fmu.isolation.channel import channel_library
+
+BELL = os.environ.get("BELL") or ("futex" if sys.platform == "linux" else "pipes")
+"""What the processes sleep on: Linux has the futex; pipes are for all others."""
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -42,16 +43,6 @@ def nothing_left() -> Iterator[None]:
     yield
     assert children() <= before
     assert psutil.Process().num_fds() <= files
-
-
-@pytest.fixture(params=["futex", "pipes"])
-def bell(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Any:
-    """What the processes sleep on: Linux has the futex; pipes are for all others."""
-    for module in (channel_module, process_module):
-        monkeypatch.setattr(module, "FUTEX", request.param == "futex")
-    channel_library.cache_clear()
-    yield request.param
-    channel_library.cache_clear()
 
 
 @pytest.fixture(scope="module")
@@ -89,7 +80,6 @@ def used(slave: FmuSlave, value: Any) -> list[Any]:
     return [*found, slave.read([f"{kind}.out" for kind in TYPES])]
 
 
-@pytest.mark.usefixtures("bell")
 def test_values_and_log_lines_are_those_of_a_slave_here(fmi3: FmuDescription) -> None:
     """Every type of FMI 3.0, Strings included; lines of the call are there when it returns."""
     logs, found = (Log(), Log()), []
@@ -201,7 +191,6 @@ def test_process_is_forked_only_where_nothing_foreign_was_loaded(fmi2: FmuDescri
 DEATHS = {"segfault": "SIGSEGV", "kill": "SIGKILL", "exit-0": "exit code 0", "abort": "SIGABRT"}
 
 
-@pytest.mark.usefixtures("bell")
 @pytest.mark.parametrize("fault", sampled(DEATHS, 1))
 def test_death_is_named_at_once(tmp_path: Path, fault: str) -> None:
     """In a call over the pipe: component, call, what killed it; others go on, closing is quiet."""
@@ -224,6 +213,43 @@ def test_death_is_named_at_once(tmp_path: Path, fault: str) -> None:
         assert other.read(["x"]) == {"x": 0.5}
     assert slave.end_failure is None
     assert log.lines == []
+
+
+def test_processes_sleep_on_what_their_system_has(fmi3: FmuDescription) -> None:
+    """A channel has descriptors of pipes where there is no futex, and none where there is."""
+    process = SlaveProcess("it", fmi3)
+    process.wait_until_ready()
+    channel = process.channel()
+    process.close()
+    assert (channel.own == channel.other == -1) is (BELL == "futex")
+
+
+_OTHER_SYSTEM = """
+import sys
+import fmpy, numpy, psutil, pytest  # they know this system, and no other
+import fmpy.fmi1, fmpy.fmi2, fmpy.fmi3
+here, sys.platform = sys.platform, "sunos5"
+from cosim.fmu import SlaveProcess  # what processes sleep on is decided when this is loaded
+sys.platform = here
+sys.exit(pytest.main(sys.argv[1:]))
+"""
+
+
+@pytest.mark.skipif(BELL == "pipes", reason="so it is here")
+def test_all_is_the_same_where_there_is_no_futex(tmp_path: Path) -> None:
+    """Values, log lines and deaths, with pipes to sleep on."""
+    words = "values_and_log_lines or death_is_named or sleep_on_what"
+    options = ["-q", "-p", "no:cacheprovider", "--basetemp", str(tmp_path / "base"), "-k", words]
+    done = subprocess.run(  # noqa: S603 - ourselves
+        [sys.executable, "-c", _OTHER_SYSTEM, *options, "-m", "", __file__],
+        env={k: v for k, v in os.environ.items() if not k.startswith(("PYTEST_", "SHARE"))}
+        | {"BELL": "pipes"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert f"{2 + len(DEATHS)} passed" in done.stdout
 
 
 def test_death_while_it_is_freed_is_noted(tmp_path: Path) -> None:
@@ -293,33 +319,58 @@ def test_it_ends_with_the_process_of_the_master(tmp_path: Path, fault: str) -> N
     slave.wait(timeout=5)
 
 
-def test_where_it_cannot_be_a_message_says_so(
-    fmi2: FmuDescription, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """On Windows; and without a C compiler where the library is not there yet."""
-    channel_library.cache_clear()
-    monkeypatch.setattr(channel_module.sys, "platform", "win32")
-    with pytest.raises(
-        InputError, match=r"cannot be isolated on this system[\s\S]*isolate = false"
-    ):
-        SlaveProcess("it", fmi2)
-    monkeypatch.undo()
-    monkeypatch.setattr(channel_module, "compiled_library", refused)
-    with pytest.raises(InputError, match=r"cannot be isolated here[\s\S]*isolate = false"):
-        SlaveProcess("it", fmi2)
-    channel_library.cache_clear()
-
-
-def refused(*_: object) -> None:
-    raise InputError("native FMUs need a C compiler", got="none of them")
-
-
-def test_process_that_does_not_start_is_named(
-    fmi2: FmuDescription, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """For example where its library is gone."""
-    monkeypatch.setattr(channel_library(), "_name", "/no such library")
-    process = SlaveProcess("it", fmi2)
-    with pytest.raises(ComponentError, match=r"'it'.*did not start[\s\S]*exit code \d"):
+_NO_PROCESS = """
+import os, sys
+from pathlib import Path
+from cosim.core import CosimError
+from cosim.fmu import FmuSlave, SlaveProcess, describe_fmu
+fmu = describe_fmu(Path(sys.argv[1]))
+try:
+    CODE
+    SlaveProcess("it", fmu)
+except CosimError as error:
+    print(type(error).__name__, error.text())
+"""
+_GONE = """
+    FmuSlave(fmu, "here", lambda *_: None).close()  # what follows it is not forked
+    SlaveProcess("it", fmu).close()
+    for library in Path(os.environ["XDG_CACHE_HOME"]).rglob("channel-*"):
+        library.unlink()
+    process = SlaveProcess("it", fmu)
+    try:
         process.wait_until_ready()
-    process.close()
+    finally:
+        process.close()
+"""
+
+
+def refusal(fmu: FmuDescription, code: str, **environment: str) -> str:
+    """The error of a process that starts that of a slave, after some code."""
+    script = _NO_PROCESS.replace("    CODE\n", f"    {code.strip()}\n")
+    done = subprocess.run(  # noqa: S603 - ourselves
+        [sys.executable, "-c", script, str(fmu.path)],
+        env={**os.environ, **environment},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return done.stdout
+
+
+def test_where_it_cannot_be_a_message_says_so(fmi2: FmuDescription, tmp_path: Path) -> None:
+    """On Windows; and without a C compiler where the library is not there yet."""
+    windows = refusal(fmi2, 'sys.platform = "win32"')
+    assert re.match(
+        r"InputError [\s\S]*cannot be isolated on this system[\s\S]*isolate = false", windows
+    )
+    bare = {"CC": "no-such-compiler", "XDG_CACHE_HOME": str(tmp_path)}
+    compiler = refusal(fmi2, "", **bare)
+    assert re.match(r"InputError [\s\S]*cannot be isolated here[\s\S]*isolate = false", compiler)
+    assert "CC=no-such-compiler" in compiler
+
+
+def test_process_that_does_not_start_is_named(fmi2: FmuDescription, tmp_path: Path) -> None:
+    """For example where its library is gone."""
+    gone = refusal(fmi2, _GONE, XDG_CACHE_HOME=str(tmp_path))
+    assert re.match(r"ComponentError [\s\S]*'it'[\s\S]*exit code \d", gone)
+    assert "did not start" in gone

@@ -14,6 +14,7 @@ from typing import TypeVar
 
 import fmpy
 import pytest
+from compiled import HEADERS
 from foreign.c_fmu import c_fmu, every, source_of, talker
 from packed import files_of, pack
 
@@ -64,8 +65,7 @@ def test_library_that_looks_in_the_working_directory_finds_its_neighbour(tmp_pat
         "\nint beside(void);\n__attribute__((constructor)) static void begin(void) { beside(); }\n"
     )
     (tmp_path / "talker.c").write_text(text)
-    own = Path(__file__).parents[2] / "cosim" / "fmu" / "export" / "native" / "c" / "headers"
-    shared = [cc, "-shared", "-fPIC", f"-I{own}"]
+    shared = [cc, "-shared", "-fPIC", f"-I{HEADERS}"]
     for line in (
         [*shared, "beside.c", "-Wl,-soname,libbeside.so", "-o", beside],
         [*shared, "talker.c", beside, "-Wl,-rpath,.", "-o", main],

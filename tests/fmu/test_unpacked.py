@@ -19,11 +19,10 @@ from cosim.fmu import (
     CheckedArchive,
     FmuDescription,
     FmuSlave,
-    adopt_folder,
     describe_fmu,
+    own_folder,
     unpack_fmu,
 )
-from cosim.fmu.unpacking import PREFIX, remove_unpacked
 
 
 @pytest.fixture(scope="module")
@@ -37,9 +36,23 @@ def scratch(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A place of its own for what processes unpack."""
     folder = tmp_path / "scratch"
     folder.mkdir()
-    remove_unpacked()
     monkeypatch.setattr(tempfile, "tempdir", str(folder))
     return folder
+
+
+def removed_from(scratch: Path) -> bool:
+    """Whether nothing is left of what this process has unpacked, when its place is another one."""
+    other = scratch.with_name("other")
+    other.mkdir(exist_ok=True)
+    tempfile.tempdir = str(other)
+    own_folder()
+    tempfile.tempdir = str(scratch)
+    return list(scratch.iterdir()) == []
+
+
+def process_of(room: Path) -> int:
+    """The process that a folder of unpacked FMUs is of."""
+    return int(room.name.split("-")[2])
 
 
 def silent(_level: str, _message: str, _category: str) -> None:
@@ -50,15 +63,15 @@ def test_instances_share_unpacked_files(described: FmuDescription, scratch: Path
     """One folder per FMU while the process lives; unpacked again if it is removed."""
     with FmuSlave(described, "one", silent), FmuSlave(described, "two", silent):
         (room,) = scratch.iterdir()
-        assert room.name.startswith(f"{PREFIX}{os.getpid()}-")
+        assert room == own_folder()
+        assert process_of(room) == os.getpid()
         assert [p.name for p in room.iterdir() if p.is_dir()] == [described.sha256]
     folder = unpack_fmu(described)
     assert (folder / "resources").is_dir()
-    remove_unpacked()
-    assert list(scratch.iterdir()) == []
+    assert removed_from(scratch)
     assert unpack_fmu(described).parent != folder.parent
     assert (folder.parent / described.sha256).is_dir() is False
-    remove_unpacked()
+    assert removed_from(scratch)
 
 
 def test_what_is_unpacked_is_what_was_checked(
@@ -76,8 +89,7 @@ def test_what_is_unpacked_is_what_was_checked(
     monkeypatch.setattr(CheckedArchive, "require_sound", exchange)
     resources = unpack_fmu(sound) / "resources"
     assert [p.name for p in resources.iterdir()] == ["one"]
-    remove_unpacked()
-    assert list(scratch.iterdir()) == []
+    assert removed_from(scratch)
     with pytest.raises(InputError, match="the FMU has changed since it was read"):
         unpack_fmu(sound)
 
@@ -125,15 +137,14 @@ def test_unpacked_files_are_removed_with_their_process(
     killed.kill()
     killed.communicate()
     (left,) = scratch.iterdir()
-    assert left.name.startswith(f"{PREFIX}{killed.pid}-")
+    assert process_of(left) == killed.pid
     living = other_process(described, scratch, "ends")
     (room,) = scratch.iterdir()
-    assert room.name.startswith(f"{PREFIX}{living.pid}-")
+    assert process_of(room) == living.pid
     unpack_fmu(described)  # sweeps, and leaves alone what is in use
-    assert {p.name.split("-")[2] for p in scratch.iterdir()} == {str(living.pid), str(os.getpid())}
+    assert {process_of(p) for p in scratch.iterdir()} == {living.pid, os.getpid()}
     living.communicate(b"")
-    remove_unpacked()
-    assert list(scratch.iterdir()) == []
+    assert removed_from(scratch)
 
 
 _SIGNALLED = """
@@ -152,10 +163,10 @@ unpack_fmu(describe_fmu(Path(sys.argv[1])))
 """
 
 
-def signalled(code: str, described: FmuDescription, scratch: Path) -> tuple[int, str]:
+def signalled(code: str, described: FmuDescription, scratch: Path, *more: str) -> tuple[int, str]:
     """Exit code and errors of a process that unpacks an FMU."""
     done = subprocess.run(  # noqa: S603 - ourselves
-        [sys.executable, "-c", code, str(described.path)],
+        [sys.executable, "-c", code, str(described.path), *more],
         env={**os.environ, "TMPDIR": str(scratch)},
         stderr=subprocess.PIPE,
         text=True,
@@ -178,8 +189,7 @@ def test_a_folder_that_is_being_made_is_left_by_no_signal(
     unpack_fmu(described)
     assert not left.exists()
     assert not bare.exists()
-    remove_unpacked()
-    assert list(scratch.iterdir()) == []
+    assert removed_from(scratch)
 
 
 def test_a_draft_that_another_process_removes_is_made_again(
@@ -198,8 +208,7 @@ def test_a_draft_that_another_process_removes_is_made_again(
     monkeypatch.setattr(Path, "mkdir", removed_at_first)
     assert unpack_fmu(described).is_dir()
     assert len(made) == 2
-    remove_unpacked()
-    assert list(scratch.iterdir()) == []
+    assert removed_from(scratch)
 
 
 def test_a_file_system_without_locks_is_none_to_wait_for(
@@ -209,9 +218,8 @@ def test_a_file_system_without_locks_is_none_to_wait_for(
     monkeypatch.setattr("cosim.core.locks.lock_file", lambda _file: False)
     assert unpack_fmu(described).is_dir()
     (room,) = scratch.iterdir()
-    assert room.name.startswith(PREFIX)
-    remove_unpacked()
-    assert list(scratch.iterdir()) == []
+    assert process_of(room) == os.getpid()
+    assert removed_from(scratch)
 
 
 _HALFWAY = """
@@ -244,20 +252,34 @@ def test_ctrl_c_stops_no_folder_halfway(described: FmuDescription, scratch: Path
     assert list(scratch.iterdir()) == []
 
 
+_ADOPTING = """
+import sys
+from pathlib import Path
+from cosim.core import InputError
+from cosim.fmu import adopt_folder, describe_fmu, unpack_fmu
+adopt_folder(Path(sys.argv[2]))
+try:
+    unpack_fmu(describe_fmu(Path(sys.argv[1])))
+except InputError as error:
+    sys.exit(error.text())
+"""
+
+
 def test_nobody_remakes_the_folder_of_a_process_that_is_gone(
     described: FmuDescription, scratch: Path
 ) -> None:
     """Nobody would remove it; one that was removed by halves is removed by the next."""
-    half = scratch / f"{PREFIX}1-1"
+    kind, _, _ = own_folder().name.rsplit("-", 2)
+    assert removed_from(scratch)
+    half = scratch / f"{kind}-1-1"
     (half / "abc").mkdir(parents=True)
-    remove_unpacked()
     unpack_fmu(described)
     assert not half.exists()
-    adopt_folder(half)
-    with pytest.raises(InputError, match="the FMU cannot be unpacked"):
-        unpack_fmu(described)
-    remove_unpacked()
-    assert list(scratch.iterdir()) == []
+    code, errors = signalled(_ADOPTING, described, scratch, str(half))
+    assert code == 1
+    assert "the FMU cannot be unpacked" in errors
+    assert not half.exists()
+    assert removed_from(scratch)
 
 
 def test_who_has_no_locks_keeps_his_files(described: FmuDescription, scratch: Path) -> None:
@@ -267,24 +289,23 @@ def test_who_has_no_locks_keeps_his_files(described: FmuDescription, scratch: Pa
     unpack_fmu(described)  # sweeps
     assert (folder / described.sha256 / "modelDescription.xml").is_file()
     living.communicate(b"")
-    remove_unpacked()
-    assert list(scratch.iterdir()) == []
+    assert removed_from(scratch)
 
 
 _FORK = """
 import os, sys
 from pathlib import Path
-from cosim.fmu import describe_fmu
-from cosim.fmu.unpacking import remove_unpacked, unpack_fmu
+from cosim.fmu import describe_fmu, unpack_fmu
 described = describe_fmu(Path(sys.argv[1]))
 folder = unpack_fmu(described)
+note = folder.parent / "note"
 child = os.fork()
 if child == 0:
     own = unpack_fmu(described)
-    remove_unpacked()
-    os._exit(0 if own != folder and not own.exists() and folder.exists() else 1)
+    note.write_text(str(own))
+    sys.exit(0 if own != folder and folder.exists() else 1)  # and removes what is its own
 code = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
-sys.exit(code if folder.exists() else 2)
+sys.exit(code if folder.exists() and not Path(note.read_text()).exists() else 2)
 """
 
 

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import importlib
+import json
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from raw_fmu import RawFmu
 
 if TYPE_CHECKING:
     from pathlib import Path
+
+    from cosim.fmu import ComponentSpec
 
 DRIVE = {
     "AuvPlant": ("force.x", lambda t: 400 * math.sin(t), {"initial.nu.r": 0.05}),
@@ -19,6 +23,13 @@ DRIVE = {
     "Sensor": ("u[2]", lambda t: math.sin(2 * t), {"sample_time": 0.07, "offset": 0.1}),
 }
 """For each FMU an input, how it moves, and parameters that are not the default."""
+
+
+def behaviour_of(spec: ComponentSpec) -> Any:
+    """The equations of a component in Python, with its constants as they are in an FMU: JSON."""
+    module, name = spec.behaviour.split(":")
+    constants = json.loads(json.dumps(dict(spec.constants)))
+    return getattr(importlib.import_module(module), name)(constants)
 
 
 def started(path: Path, name: str, instance: str = "it", beside: RawFmu | None = None) -> RawFmu:

@@ -11,9 +11,9 @@ from raw_fmu import RawFmu
 
 from cosim.fmu import build_fmu, component_module
 from cosim.network import LinkState, PacketLink, TransportLink, deliver
-from cosim.scenario.ssp.link_fmu import link_spec
 
-LinkSignal = component_module("link_channel.variables").LinkSignal
+VARIABLES = component_module("link_channel.variables")
+LinkSignal = VARIABLES.LinkSignal
 
 INITIAL = (7.0, -3.0)
 
@@ -39,7 +39,8 @@ def expected(link: PacketLink, step_ns: int, steps: int) -> tuple[NDArray[np.flo
 def build(link: PacketLink | TransportLink, folder: Path, step_ns: int) -> Path:
     """The link FMU of a link that carries two signals."""
     signals = [LinkSignal("m", INITIAL[0], "one"), LinkSignal(None, INITIAL[1], "two")]
-    return build_fmu(link_spec("Channel", link, signals, step_ns)[0], folder, "native")
+    made = VARIABLES.packet_spec if isinstance(link, PacketLink) else VARIABLES.transport_spec
+    return build_fmu(made("Channel", link, signals, step_ns / 1e9), folder, "native")
 
 
 class Channel(RawFmu):

@@ -5,8 +5,9 @@ from __future__ import annotations
 import json
 from typing import TYPE_CHECKING, Any
 
+from driven import behaviour_of
+
 from cosim.fmu import component_module
-from cosim.fmu.export.native.c_model import behaviour_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence

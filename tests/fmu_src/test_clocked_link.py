@@ -7,13 +7,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from link_runs import LinkSignal
+from link_runs import VARIABLES, LinkSignal
 from master.events import event_fmu
 
 from cosim.fmu import build_fmu, describe_fmu, inspect_fmu
 from cosim.master import Component, Connection, Endpoint, Session, System, make_schedule
 from cosim.network import Jitter, PacketLink
-from cosim.scenario.ssp.link_fmu import link_spec
 
 MS = 1_000_000
 LINKS: dict[str, dict[str, Any]] = {
@@ -35,7 +34,7 @@ LINKS: dict[str, dict[str, Any]] = {
 def test_clocked_link_delivers_as_the_link_of_the_master(tmp_path: Path, name: str) -> None:
     """The receiver has the same messages at every instant, once its events are over."""
     link = PacketLink("Channel", **{"sample_time_ns": 50 * MS, **LINKS[name]})
-    spec, _ = link_spec("Channel", link, [LinkSignal()], 50 * MS)
+    spec = VARIABLES.packet_spec("Channel", link, [LinkSignal()])
     channel = build_fmu(spec, tmp_path / "clocked", "native-fmi3", clocked=True)
     assert [f for f in inspect_fmu(channel).findings if f.level == "error"] == []
     ramp = describe_fmu(event_fmu(tmp_path, ["ramp"]))

@@ -20,8 +20,8 @@ SCRIPT = """
 import sys
 from pathlib import Path
 import cosim
-from cosim.fmu.export.components import components_folder
-print(components_folder())
+from cosim.fmu import component_module
+print(Path(component_module("auv_plant.variables").__file__).parents[1])
 for flavour in ("native", "python"):
     print(cosim.build_fmu("HinfController", Path(sys.argv[1], flavour), flavour))
 """

@@ -17,7 +17,6 @@ from fmpy import read_model_description
 from fmpy.validation import validate_fmu
 
 from cosim.fmu import CATALOGUE, UNITS, Variable, build_fmu, ensure_fmu
-from cosim.fmu.export.python import package
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -231,52 +230,67 @@ def changed() -> list[Any]:
     return [pytest.param(value, id=key) for key, value in some.items()]
 
 
+def guid_of(spec: ComponentSpec, folder: Path) -> str:
+    """The GUID of the FMU that is built of a component now."""
+    return description(build_fmu(spec, folder, "python")).attrib["guid"]
+
+
 @pytest.mark.parametrize("spec", changed())
-def test_guid_changes_with_the_specification(spec: ComponentSpec) -> None:
+def test_guid_changes_with_the_specification(
+    spec: ComponentSpec, fmus: Path, tmp_path: Path
+) -> None:
     """Whatever of a component changes, its GUID does."""
-    assert package.guid(spec) != package.guid(CATALOGUE["DelayedPlant"])
+    assert guid_of(spec, tmp_path) != description(fmus / "DelayedPlant.fmu").attrib["guid"]
 
 
-def test_guid_changes_with_one_byte_of_the_certificate() -> None:
+def test_guid_changes_with_one_byte_of_the_certificate(fmus: Path, tmp_path: Path) -> None:
     """The proof is part of the FMU, down to the last digit."""
     assert PAPER.certificate is not None
     other = dataclasses.replace(PAPER, certificate=PAPER.certificate.replace(b"8", b"9", 1))
-    assert package.guid(other) != package.guid(PAPER)
+    assert guid_of(other, tmp_path) != description(fmus / "PaperController.fmu").attrib["guid"]
 
 
-def test_guid_changes_with_a_source(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_guid_changes_with_a_source(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """One byte in a module that runs inside is enough; so is the version of PythonFMU."""
-    spec = CATALOGUE["AuvPlant"]
-    before = package.guid(spec)
-    assert package.guid(spec) == before
-    real = package.component_sources
-    with monkeypatch.context() as patch:
-        patch.setattr(
-            package, "component_sources", lambda s: {k: v + b"\n" for k, v in real(s).items()}
-        )
-        assert package.guid(spec) != before
-    monkeypatch.setattr(package.importlib.metadata, "version", lambda _name: "0.0")
-    assert package.guid(spec) != before
+    monkeypatch.syspath_prepend(tmp_path)
+    module = tmp_path / "one_more_module.py"
+    plant = CATALOGUE["AuvPlant"]
+    spec = dataclasses.replace(plant, sources=(*plant.sources, module.stem))
+    module.write_text("ONE = 1\n")
+    before = guid_of(spec, tmp_path)
+    assert guid_of(spec, tmp_path) == before
+    module.write_text("ONE = 2\n")
+    assert guid_of(spec, tmp_path) != before
+    module.write_text("ONE = 1\n")
+    monkeypatch.setattr("importlib.metadata.version", lambda _name: "0.0")
+    assert guid_of(spec, tmp_path) != before
 
 
-def test_guid_changes_with_what_is_generated(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_guid_changes_with_what_is_generated(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """The joining script and the units are part of the FMU, so they are part of the hash."""
-    spec = CATALOGUE["AuvPlant"]
-    before = package.guid(spec)
-    script = package._script
-    with monkeypatch.context() as patch:
-        patch.setattr(package, "_script", lambda *arguments: script(*arguments) + "\n")
-        assert package.guid(spec) != before
-    units = {**UNITS, "m": {"m": 2}}
-    monkeypatch.setattr("cosim.fmu.export.model_description.UNITS", units)
-    assert package.guid(spec) != before
+    monkeypatch.syspath_prepend(tmp_path)
+    plant = CATALOGUE["AuvPlant"]
+    home, name = plant.slave.split(":")
+    text = (
+        f"from {home} import {name}\n\nclass One({name}):\n    pass\n\nclass Two(One):\n    pass\n"
+    )
+    (tmp_path / "two_slaves.py").write_text(text)
+    # only the script names the one that is joined to the behaviour
+    one, two = (dataclasses.replace(plant, slave=f"two_slaves:{it}") for it in ("One", "Two"))
+    before = guid_of(one, tmp_path)
+    assert guid_of(two, tmp_path) != before
+    assert guid_of(one, tmp_path) == before
+    monkeypatch.setitem(UNITS["m"], "m", 2)
+    assert guid_of(one, tmp_path) != before
 
 
 def test_guid_is_well_formed_and_in_the_file(fmus: Path) -> None:
     """The file's GUID is the component's, {8-4-4-4-12} hexadecimal digits."""
     for name in NAMES:
+        assert not ensure_fmu(name, fmus.parent, flavour="python").new
         guid = description(fmus / f"{name}.fmu").attrib["guid"]
-        assert guid == package.guid(CATALOGUE[name])
         assert [len(part) for part in guid.strip("{}").split("-")] == [8, 4, 4, 4, 12]
         assert int(guid.strip("{}").replace("-", ""), 16)
 

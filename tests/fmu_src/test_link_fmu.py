@@ -9,29 +9,20 @@ from typing import Any
 
 import numpy as np
 import pytest
-from link_runs import INITIAL, Channel, build, expected, signal
+from link_runs import INITIAL, VARIABLES, Channel, build, expected, signal
 from shared import sampled, share_of
+from ssp.archives import export
 
 from cosim.core import InputError
-from cosim.fmu import component_module
 from cosim.network import (
     QUEUE_FULL,
-    DelayProfile,
     GilbertElliott,
-    Hop,
     Jitter,
     LossChain,
-    Medium,
-    Node,
     PacketLink,
-    Recording,
     TransportLink,
     deliver,
 )
-from cosim.scenario.ssp.link_fmu import link_spec
-
-VARIABLES = component_module("link_channel.variables")
-LinkSignal = VARIABLES.LinkSignal
 
 MS = 1_000_000
 STEP = 50 * MS
@@ -260,10 +251,8 @@ def test_steps_that_are_added_up_do_not_shift_a_message(channel: Path) -> None:
 
 
 def test_message_that_arrives_where_it_was_sent_is_one_step_late(channel: Path) -> None:
+    """A link FMU has no direct feedthrough."""
     link = PacketLink("uplink", STEP)
-    _, warnings = link_spec("Channel", link, [LinkSignal()], STEP)
-    assert len(warnings) == 1
-    assert "'uplink'" in warnings[0]
     with Channel(channel) as raw:
         rows = raw.begin(packet_parameters(link)).run(STEP, 0, 20)
     assert np.array_equal(rows[:, :2], signal(np.arange(20) * STEP))
@@ -297,8 +286,6 @@ def test_transport_link_fmu_reads_the_past(tmp_path: Path, delay_ns: int) -> Non
     values = (1 - weight[:, None]) * sent[index] + weight[:, None] * np.append(sent, sent[-1:], 0)[
         index + 1
     ]
-    _, warnings = link_spec("Channel", link, [LinkSignal()], STEP)
-    assert bool(warnings) == (delay_ns < STEP)
     with Channel(build(link, tmp_path, STEP)) as raw:
         rows = raw.begin().run(STEP, 0, 200)
         data = raw.saved()
@@ -355,15 +342,62 @@ def test_far_too_many_messages_discard_the_step(channel: Path) -> None:
         assert "sample_time is too short" in raw.messages
 
 
-def test_link_that_no_fmu_can_be_is_refused_by_name() -> None:
-    profile = DelayProfile((0, 10), (1, 2))
-    bay = Medium("bay", (Node("a", (0.0,)), Node("b", (1.0,))), 1000)
-    for link in (
-        PacketLink("up", MS, delay=profile),
-        TransportLink("up", delay=profile),
-        PacketLink("up", MS, delay_ns=MS, seed=2**40),
-        PacketLink("up", MS, recording=Recording([0], [0], [MS])),
-        PacketLink("up", MS, frame_size=1, hop=Hop(bay, "a", "b")),
-    ):
-        with pytest.raises(InputError, match="'up'"):
-            link_spec("Up", link, [LinkSignal()], MS)
+OVER_LINKS = """
+title = "A loop over two links"
+connect = ["plant.x -> controller.x : up", "controller.u -> plant.u : down"]
+[run]
+end = 1.0
+step = 0.05
+[components.plant]
+fmu = "DelayedPlant"
+[components.controller]
+fmu = "PaperController"
+[links]
+"""
+
+
+@pytest.mark.parametrize(
+    ("up", "down", "warned"),
+    [
+        ('{ kind = "packet", sample_time = 0.05 }', "0.05", "'up': messages without delay"),
+        ('{ kind = "packet", sample_time = 0.05, delay = 0.001 }', "0.02", "'down': its delay of"),
+    ],
+)
+def test_export_warns_of_a_link_that_is_later_as_an_fmu(
+    up: str, down: str, warned: str, native_fmus: Path, tmp_path: Path
+) -> None:
+    """Of messages without any delay, and of a delay below the step; of no other link."""
+    text = f'{OVER_LINKS}up = {up}\ndown = {{ kind = "transport", delay = {down} }}\n'
+    done = export(text, native_fmus, tmp_path, "fmu")
+    assert [warned in warning for warning in done.warnings] == [True]
+
+
+SHARED = 'kind = "packet", sample_time = 0.1, frame_size = 1, medium = "m", from = "a", to = "b"'
+PROFILE = "delay = { times = [0.0, 1.0], delays = [0.1, 0.2] }"
+
+
+@pytest.mark.parametrize(
+    ("up", "words"),
+    [
+        (f'{{ kind = "packet", sample_time = 0.1, {PROFILE} }}', "has a constant delay"),
+        (f'{{ kind = "transport", {PROFILE} }}', "has a constant delay"),
+        ('{ kind = "packet", sample_time = 0.1, seed = 1099511627776 }', "seed is too large"),
+        (
+            '{ kind = "packet", sample_time = 0.1, recording = { sent = [0.0], replay = "loop" } }',
+            "cannot replay a recording",
+        ),
+        (
+            f"{{ {SHARED} }}",
+            "shares a medium with others",
+        ),
+    ],
+)
+def test_link_that_no_fmu_can_be_is_refused_by_name(
+    up: str, words: str, native_fmus: Path, tmp_path: Path
+) -> None:
+    """What varies, what is replayed or shared, and a seed that no Integer of FMI holds."""
+    bay = "[medium.m]\nnodes = { a = [0.0], b = [1.0] }\ndata_rate = 1000\n"
+    text = f'{OVER_LINKS}down = {{ kind = "transport", delay = 0.1 }}\nup = {up}\n{bay}'
+    with pytest.raises(InputError, match=words) as refused:
+        export(text, native_fmus, tmp_path, "fmu")
+    assert "'up'" in str(refused.value)

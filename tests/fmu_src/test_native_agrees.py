@@ -11,14 +11,12 @@ from typing import Any
 import numpy as np
 import pytest
 import two_delays
-from driven import drive, started
+from driven import behaviour_of, drive, started
 from raw_fmu import RawFmu
 from shared import sampled
 from truth.dde import Hold, solve
 
-from cosim.fmu import CATALOGUE, ComponentSpec
-from cosim.fmu.export.native.c_model import behaviour_of
-from cosim.fmu.export.native.package import build_native_fmu
+from cosim.fmu import CATALOGUE, ComponentSpec, build_fmu
 
 NAMES = sorted(CATALOGUE)
 
@@ -111,7 +109,7 @@ def test_sea_agrees_to_the_last_bit(native_fmus: Path, spectrum: int, count: int
 @pytest.fixture(scope="module")
 def two(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Build a component with two delays that the catalogue does not have."""
-    return build_native_fmu(two_delays.SPEC, tmp_path_factory.mktemp("two"), "2.0")
+    return build_fmu(two_delays.SPEC, tmp_path_factory.mktemp("two"), prebuilt=False)
 
 
 @pytest.mark.parametrize("steps", STEPS)
@@ -127,7 +125,7 @@ def test_two_delays_agree_to_the_last_bit(
 @pytest.mark.parametrize("steps", STEPS)
 def test_plain_equation_agrees_and_is_the_solution(tmp_path: Path, steps: str) -> None:
     """Neither delays nor inputs: x' = cos t - x, whose solution is known."""
-    path = build_native_fmu(two_delays.NO_DELAY, tmp_path, "2.0")
+    path = build_fmu(two_delays.NO_DELAY, tmp_path, prebuilt=False)
     own = {"solver.step": 0.01}
     assert differing(path, two_delays.NO_DELAY, STEPS[steps], own) == []
     with RawFmu(path) as raw:

@@ -12,6 +12,7 @@ from pathlib import Path
 from xml.etree import ElementTree as ET
 
 import pytest
+from c_compiler import c_compiler, compile_c
 from driven import drive, started
 from fmpy import extract, read_model_description
 from fmpy.build import build_platform_binary
@@ -19,11 +20,7 @@ from fmpy.validation import validate_fmu
 from shared import copied, sampled, slow_share_of
 
 from cosim.core import InputError
-from cosim.fmu import CATALOGUE, deterministic_zip, ensure_fmu
-from cosim.fmu.export.native import compiler
-from cosim.fmu.export.native.package import guid
-from cosim.fmu.export.native.platforms import host
-from cosim.fmu.inspect.platforms import this_machine
+from cosim.fmu import CATALOGUE, deterministic_zip, ensure_fmu, host, inspect_fmu
 
 NAMES = sorted(CATALOGUE)
 ROOT = Path(__file__).resolve().parents[2]
@@ -167,7 +164,7 @@ def test_two_builds_give_the_same_bytes(
 
 
 def compiler_path() -> str:
-    found = shutil.which(compiler.host_compiler()[0])
+    found = shutil.which(c_compiler()[0])
     assert found is not None
     return found
 
@@ -207,8 +204,8 @@ def test_binary_shows_fmi_and_needs_libc_alone(
     assert b"cosim-native" not in content
     versions = [int(v) for v in re.findall(rb"\0GLIBC_2\.(\d+)", content)]
     assert max(versions) <= 17
-    headers = ROOT / "cosim" / "fmu" / "export" / "native" / "c" / "headers"
-    declared = (headers / f"{prefix}Functions.h").read_text()
+    with zipfile.ZipFile(flavour[1] / f"{name}.fmu") as archive:
+        declared = archive.read(f"sources/{prefix}Functions.h").decode()
     if version == "2.0":
         exchange = declared.rfind("Functions for FMI2 for Model Exchange")
         declared = declared[:exchange] + declared[declared.rfind("FMI2 for Co-Simulation") :]
@@ -240,31 +237,20 @@ def test_sources_inside_compile_and_give_the_same_bits(
         assert len(list(inside.glob("binaries/*/*"))) == 1
 
 
-def test_no_multiplication_is_fused_with_an_addition(tmp_path: Path) -> None:
+def test_no_multiplication_is_fused_with_an_addition(native_fmus: Path, tmp_path: Path) -> None:
     """Even where the machine could, and whatever options a foreign build has."""
     if host().tuple_name != "x86_64-linux":
         pytest.skip("looks at instructions of x86_64")
-    c = ROOT / "cosim" / "fmu" / "export" / "native" / "c"
+    with zipfile.ZipFile(native_fmus / "AuvPlant.fmu") as archive:
+        (tmp_path / "arithmetic.h").write_bytes(archive.read("sources/arithmetic.h"))
     source = tmp_path / "fused.c"
     source.write_text(
         '#include "arithmetic.h"\ndouble f(double a, double b, double c) { return a * b + c; }\n'
     )
     for options in (["-O2"], ["-O3", "-std=gnu99"]):
-        text = subprocess.run(  # noqa: S603
-            [
-                *compiler.host_compiler(),
-                *options,
-                "-mfma",
-                "-w",
-                f"-I{c}",
-                "-S",
-                "-o-",
-                str(source),
-            ],
-            check=True,
-            capture_output=True,
-            text=True,
-        ).stdout
+        assembly = tmp_path / "fused.s"
+        compile_c(*options, "-mfma", "-w", f"-I{tmp_path}", "-S", "-o", str(assembly), str(source))
+        text = assembly.read_text()
         assert "mulsd" in text
         assert "fmadd" not in text
 
@@ -307,14 +293,17 @@ def test_up_to_date_means_this_machine_too(native_fmus: Path, tmp_path: Path) ->
     assert ensure_fmu("PaperController", root, flavour="native").new
 
 
-def test_guid_tells_flavours_and_components_apart(flavour: tuple[str, Path]) -> None:
-    """It stands in the file, and no two are alike."""
-    kind, folder = flavour
-    key = "guid" if kind == "native" else "instantiationToken"
-    found = {name: description(folder / f"{name}.fmu").attrib[key] for name in NAMES}
-    assert found == {name: guid(CATALOGUE[name], VERSIONS[kind]) for name in NAMES}
-    other = {guid(CATALOGUE[name], v) for name in NAMES for v in VERSIONS.values()}
-    assert len(other) == 2 * len(NAMES)
+def test_guid_tells_flavours_and_components_apart(
+    native_fmus: Path, native_fmus_of_fmi3: Path
+) -> None:
+    """It stands in the file, by which it is up to date, and no two are alike."""
+    found = set()
+    for kind, folder in (("native", native_fmus), ("native-fmi3", native_fmus_of_fmi3)):
+        key = "guid" if kind == "native" else "instantiationToken"
+        found |= {description(folder / f"{name}.fmu").attrib[key] for name in NAMES}
+        for name in NAMES:
+            assert not ensure_fmu(name, folder.parent, flavour=kind).new
+    assert len(found) == 2 * len(NAMES)
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="names a Linux machine")
@@ -323,9 +312,24 @@ def test_guid_tells_flavours_and_components_apart(flavour: tuple[str, Path]) -> 
     [("x86_64", "x86_64-linux"), ("i686", "x86-linux"), ("ppc64le", "ppc64-linux")],
 )
 def test_host_has_the_name_that_a_slave_is_loaded_by(
-    monkeypatch: pytest.MonkeyPatch, machine: str, name: str
+    native_fmus_of_fmi3: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    machine: str,
+    name: str,
 ) -> None:
     """The folder that a build writes is the one that FMI 3 names and the loader looks into."""
+    with zipfile.ZipFile(native_fmus_of_fmi3 / "WaveField.fmu") as archive:
+        files = {n: archive.read(n) for n in archive.namelist() if not n.startswith("binaries/")}
+    library = {f"binaries/{name}/WaveField.so": b"\x7fELF"}
+    fits = deterministic_zip({**files, **library}, tmp_path / "fits.fmu")
+    none = deterministic_zip(
+        {**files, "binaries/riscv64-linux/WaveField.so": b"\x7fELF"}, tmp_path / "none.fmu"
+    )
     monkeypatch.setattr("platform.machine", lambda: machine)
-    here = this_machine()
-    assert host().tuple_name == f"{here.architecture}-{here.system}" == name
+    assert host().tuple_name == name
+    assert host().folder("3.0") == name
+    found = [
+        [f.what for f in inspect_fmu(p).findings if f.code == "binary-here"] for p in (fits, none)
+    ]
+    assert found == [[], [f"no binary for {name.replace('-', ' ')}"]]

@@ -15,7 +15,7 @@ from fmpy import fmi2
 from fmpy.fmi1 import FMICallException
 from raw_fmu import RawFmu
 
-from cosim.fmu.export.native.package import build_native_fmu
+from cosim.fmu import build_fmu
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -222,7 +222,7 @@ def test_indefinite_mass_matrix_is_refused(native_fmus: Path) -> None:
 
 def test_messages_of_conditions_are_escaped_in_c(tmp_path: Path) -> None:
     """Quotes, percent signs, comment ends and umlauts are kept."""
-    path = build_native_fmu(two_delays.SPEC, tmp_path, "2.0")
+    path = build_fmu(two_delays.SPEC, tmp_path, prebuilt=False)
     with RawFmu(path) as raw:
         assert attempt(raw.initialise, {"gain": 0.2}) == ERROR
         assert 'a "gain" of %% must exceed 1/4 */ ä' in raw.messages

@@ -18,20 +18,17 @@ from fmpy.validation import validate_fmu
 from hypothesis import given, settings, strategies as st
 from raw_fmu import RawFmu
 from shared import made_once
-from tape_binaries import binary_of
+from wheel import tape_fmu
 
 from cosim.core import InputError
 from cosim.fmu import build_fmu, inspect_fmu
-from cosim.fmu.export.native.package import build_native_fmu
-from cosim.fmu.export.native.platforms import host
-from cosim.fmu.export.native.tape_package import build_tape_fmu
 
 SPEC = pairs.spec_of()
 
 
 @pytest.fixture(scope="module")
 def native() -> Path:
-    return made_once("pair", lambda folder: build_native_fmu(SPEC, folder, "2.0")) / "Pair.fmu"
+    return made_once("pair", lambda folder: build_fmu(SPEC, folder, prebuilt=False)) / "Pair.fmu"
 
 
 def flight(seed: int, count: int = 60, step: float = 0.05) -> tuple[list[float], list[Any]]:
@@ -99,7 +96,7 @@ def test_c_and_python_agree_to_the_last_bit(native: Path, sizes: Any, packets: A
 def test_every_flavour_is_valid_and_the_same(flavour: str, native: Path, tmp_path: Path) -> None:
     """Compiled or read by a prebuilt binary, FMI 2 or 3, in C or in Python: FMPy runs them all."""
     if flavour == "tape":
-        path = build_tape_fmu(SPEC, tmp_path, "2.0", {host(): binary_of("observer")})
+        path = tape_fmu(SPEC, "observer", tmp_path)
     else:
         path = build_fmu(SPEC, tmp_path, flavour, prebuilt=False)
     assert validate_fmu(str(path)) == []
@@ -123,7 +120,7 @@ def test_an_observer_alone_is_given_what_acts(tmp_path: Path) -> None:
     """Given what the other one takes to act, it has the same estimate, in C and in Python."""
     spec = pairs.VARIABLES.observer_spec("Alone", pairs.content(), envelope={1: 0.5})
     whole = pairs.spec_of(allocation=(), outputs=(), trim=(), safe=(), limits=(0.1,))
-    path = build_tape_fmu(spec, tmp_path, "2.0", {host(): binary_of("observer")})
+    path = tape_fmu(spec, "observer", tmp_path)
     both, alone = pairs.Equations(whole), pairs.Equations(spec)
     points, inputs = flight(5)
     with RawFmu(path) as raw:

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import math
 import re
+import string
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,11 +14,11 @@ import pytest
 import sympy
 import two_delays
 from driven import started
+from fmpy.fmi1 import FMICallException
 from hypothesis import given, strategies as st
 from raw_fmu import RawFmu
 
-from cosim.fmu.export.native.c_model import c_string
-from cosim.fmu.export.native.package import build_native_fmu
+from cosim.fmu import Variable, build_fmu
 from cosim.models import auv
 from cosim.tape import FIXED, Functions, Tape, run_constants, statements, tangents
 
@@ -135,14 +138,28 @@ def test_branching_on_a_value_is_refused() -> None:
         tape.constant(2**53 + 1)
 
 
-@given(st.text())
-def test_c_string_holds_any_text(text: str) -> None:
-    """As bytes of UTF-8, with nothing for the compiler to interpret."""
-    literal = c_string(text)
-    assert literal[0] == literal[-1] == '"'
-    inside = re.sub(r"\\([0-7]{3})", lambda m: chr(int(m[1], 8)), literal[1:-1])
-    assert inside.encode("latin-1").decode() == text
-    assert not re.search(r'[^ -~]|"|\?', literal[1:-1])
+NAMES = [
+    string.printable[:95],
+    "??/ ??= ??' \\n \\x41 \\",
+    "/* // */ %s %n %d",
+    *("".join(map(chr, range(first, first + 64))) for first in range(0xA0, 0x250, 64)),
+    "é1 ß777 \N{ROCKET}0 \N{COMBINING DIAERESIS}a \N{CJK UNIFIED IDEOGRAPH-6DF1} \U0010fffd",
+]
+
+
+def test_any_text_is_in_c_what_it_was(tmp_path: Path) -> None:
+    """As bytes of UTF-8, with nothing for the compiler to interpret: names, in messages."""
+    named = [f"p{i} {text}" for i, text in enumerate(NAMES)]
+    parameters = [Variable(name, "parameter", "a parameter") for name in named]
+    spec = replace(two_delays.SPEC, variables=(*two_delays.SPEC.variables, *parameters))
+    with RawFmu(build_fmu(spec, tmp_path, prebuilt=False)) as raw:
+        for name in named:
+            raw.logged.clear()
+            with pytest.raises(FMICallException):
+                raw.put({name: math.nan})
+            escaped = name.replace("#", "##").replace("%", "%%")  # FMI 2.0.4, 2.1.5
+            assert raw.messages == f"{escaped} must be finite, got nan"
+            raw.fmu.reset()
 
 
 def test_recorded_vehicle_is_the_symbolic_one() -> None:
@@ -213,7 +230,7 @@ def test_tangent_is_the_derivative() -> None:
 
 def test_directional_derivative_is_that_of_the_output(tmp_path: Any) -> None:
     """Of a nonlinear output, against a difference quotient; states follow no input at once."""
-    path = build_native_fmu(two_delays.SPEC, tmp_path, "2.0")
+    path = build_fmu(two_delays.SPEC, tmp_path, prebuilt=False)
     with RawFmu(path) as raw:
         raw.initialise()
         raw.put({"push[1]": 0.4, "push[2]": -0.7})

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import zipfile
 from pathlib import Path
 from typing import Any
@@ -14,19 +15,12 @@ from fmpy.fmi1 import FMICallException
 from fmpy.validation import validate_fmu
 from raw_fmu import RawFmu
 from shared import sampled
-from tape_binaries import binary_of
+from wheel import prebuilt_fmu, tape_fmu
 
-from cosim.core import InputError
-from cosim.fmu import CATALOGUE, KINDS, ComponentSpec, component_module, deterministic_zip
-from cosim.fmu.export.native.kinds import recorded_model
-from cosim.fmu.export.native.package import build_native_fmu
-from cosim.fmu.export.native.platforms import host
-from cosim.fmu.export.native.tape_model import model_data
-from cosim.fmu.export.native.tape_package import MODEL, build_tape_fmu
+from cosim.fmu import CATALOGUE, ComponentSpec, build_fmu, component_module, deterministic_zip
 from cosim.models import Delay, DelaySystem
 from cosim.network import Jitter, LossChain, PacketLink, TransportLink
-from cosim.scenario.binding import Given
-from cosim.scenario.computed import ComputedTable
+from cosim.scenario import formula
 
 LINK = component_module("link_channel.variables")
 PLANT = component_module("delayed_plant.variables").delayed_plant_spec
@@ -57,12 +51,33 @@ def spec_of(name: str) -> ComponentSpec:  # noqa: PLR0911 - one per kind
         settings = {"noise": 0.5, "resolution": 0.125, "greatest": 1.0}
         return sensor_spec("gps", [("a", "m"), ("b.x", None)], settings, sample_time=0.15)
     if name == "computed":
-        bound = ComputedTable("c", {"y": _EXPRESSION}, Given(("u", "w")), lambda _: None)
-        bound.bind("y")
-        return bound.spec({"u": None, "w": None}, 0.1)
+        return computed_spec()
     if name == "TwoDelays":
         return two_delays.SPEC
     return CATALOGUE[name]
+
+
+def computed_spec() -> ComponentSpec:
+    """What a formula of u and w records, as a component."""
+    operations = formula(_EXPRESSION, "u", "w").tape.operations
+    nodes: list[list[Any]] = [
+        [one.name, one.text]
+        if one.name == "symbol"
+        else [one.name, float(one.text)]
+        if one.name == "constant"
+        else [one.name, *one.operands]
+        for one in operations
+    ]
+    spec: ComponentSpec = component_module("computed.variables").computed_spec(
+        "c",
+        [(name, None, f"signal {name}") for name in ("u", "w")],
+        [("y", None, _EXPRESSION)],
+        nodes,
+        [len(nodes) - 1],
+        [["u", "w"]],
+        0.1,
+    )
+    return spec
 
 
 _EXPRESSION = (
@@ -72,10 +87,18 @@ _EXPRESSION = (
 )
 
 
-def tape_fmu(spec: ComponentSpec, folder: Path, version: str = "2.0") -> Path:
-    _, sources = recorded_model(spec)
-    kind = next(KINDS[source] for source in sources if source in KINDS)
-    return build_tape_fmu(spec, folder, version, {host(): binary_of(kind, version)})
+MODEL = "resources/model.bin"
+KINDS = {
+    "AuvPlant": "plant",
+    "DelayedPlant": "plant",
+    "TwoDelays": "plant",
+    "HinfController": "feedback",
+    "PaperController": "feedback",
+    "packet": "packet_link",
+    "transport": "transport_link",
+}
+"""Component -> the kind of its binary, where it has another name."""
+FLAVOURS = {"2.0": "native", "3.0": "native-fmi3"}
 
 
 MEMBERS = sampled(
@@ -97,8 +120,8 @@ def test_the_bits_are_those_of_compiled_equations(name: str, version: str, tmp_p
     spec = spec_of(name)
     runs = []
     for path in (
-        tape_fmu(spec, tmp_path / "tape", version),
-        build_native_fmu(spec, tmp_path / "compiled", version),
+        tape_fmu(spec, KINDS.get(name, name), tmp_path / "tape", version),
+        build_fmu(spec, tmp_path / "compiled", FLAVOURS[version], prebuilt=False),
     ):
         assert validate_fmu(str(path)) == []
         runs.append(simulate_fmu(str(path), stop_time=8.0, input=moving(spec), output_interval=0.1))
@@ -128,8 +151,8 @@ def outputs_that_move(spec: ComponentSpec, run: Any) -> list[str]:
 def test_states_derivatives_and_refusals_are_the_same(tmp_path: Path) -> None:
     """A saved history is resumed bit for bit; a message names variable and bound."""
     spec = spec_of("TwoDelays")
-    tape = tape_fmu(spec, tmp_path / "tape")
-    compiled = build_native_fmu(spec, tmp_path / "compiled", "2.0")
+    tape = tape_fmu(spec, "plant", tmp_path / "tape")
+    compiled = build_fmu(spec, tmp_path / "compiled", prebuilt=False)
     seen = []
     for path in (tape, compiled):
         with RawFmu(path) as raw, RawFmu(path, "again", raw) as other:
@@ -159,7 +182,7 @@ def test_states_derivatives_and_refusals_are_the_same(tmp_path: Path) -> None:
 def test_a_model_that_is_damaged_is_refused(tmp_path: Path) -> None:
     """Cut, empty, missing, of another build, or with any word changed: words, and no crash."""
     spec = spec_of("TwoDelays")
-    with zipfile.ZipFile(tape_fmu(spec, tmp_path)) as archive:
+    with zipfile.ZipFile(tape_fmu(spec, "plant", tmp_path)) as archive:
         files = {name: archive.read(name) for name in archive.namelist()}
     good = files.pop(MODEL)
     words = np.frombuffer(good, "<i8")
@@ -183,9 +206,10 @@ def test_a_model_that_is_damaged_is_refused(tmp_path: Path) -> None:
     assert refused >= 8
 
 
-def test_what_is_too_large_says_so() -> None:
+def test_what_is_too_large_says_so(tmp_path: Path) -> None:
     """Sizes of the binary are fixed: more delays than it has room for need a compiler."""
     system = DelaySystem(A=[[-1.0]], delays=[Delay(A=[[0.1]], d=0.1 * k) for k in range(1, 10)])
-    writer, _ = recorded_model(PLANT(system, name="Large"))
-    with pytest.raises(InputError, match=r"Large[\s\S]*at most[\s\S]*--platforms host"):
-        model_data(writer, "")
+    done = prebuilt_fmu(PLANT(system, name="Large"), "plant", tmp_path)
+    assert done.returncode == 2
+    assert re.search(r"Large[\s\S]*at most[\s\S]*--platforms host", done.stderr.decode())
+    assert not [*tmp_path.glob("*.fmu")]

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
+import shlex
+import sys
 import zipfile
 from pathlib import Path
 
 import fmpy
 import pytest
+from c_compiler import c_compiler
 from fmpy import read_model_description
 from fmpy.model_description import read_build_description
 from lxml import etree
 
-from cosim.fmu import CATALOGUE, component_module
-from cosim.fmu.export.native.compiler import STANDARD
-from cosim.fmu.export.terminals import terminal_files
+from cosim.fmu import CATALOGUE, build_fmu, component_module
 from cosim.network import PacketLink
 
 PATH = "terminalsAndIcons/terminalsAndIcons.xml"
@@ -37,6 +38,12 @@ def terminals(xml: bytes) -> dict[str, dict[str, str]]:
     return found
 
 
+def packed(path: Path) -> dict[str, dict[str, str]]:
+    """The terminals of an FMU."""
+    with zipfile.ZipFile(path) as archive:
+        return terminals(archive.read(PATH))
+
+
 @pytest.mark.parametrize("name", sorted(CATALOGUE))
 def test_every_flavour_has_the_terminals(
     fmus: Path, native_fmus: Path, native_fmus_of_fmi3: Path, name: str
@@ -53,12 +60,9 @@ def test_every_flavour_has_the_terminals(
         assert set(members.values()) <= outer
 
 
-def test_vehicle_and_controller_match() -> None:
+def test_vehicle_and_controller_match(native_fmus: Path) -> None:
     """Pose, twist and wrench: the same members, of outputs here and of inputs there."""
-    (plant,), (controller,) = (
-        terminal_files(CATALOGUE[name]).values() for name in ("AuvPlant", "HinfController")
-    )
-    ours, theirs = terminals(plant), terminals(controller)
+    ours, theirs = (packed(native_fmus / f"{name}.fmu") for name in ("AuvPlant", "HinfController"))
     assert ours["pose"] == {axis: f"eta.{axis}" for axis in ("x", "y", "z", "psi")}
     assert ours["twist"] == {axis: f"nu.{axis}" for axis in "uvwr"}
     assert set(ours["wrench"]) == {"force.x", "force.y", "force.z", "moment.z"}
@@ -66,11 +70,12 @@ def test_vehicle_and_controller_match() -> None:
         assert ours[name] == theirs[name]
 
 
-def test_links_have_what_is_sent_and_received() -> None:
+def test_links_have_what_is_sent_and_received(tmp_path: Path) -> None:
+    """An array of what goes in, and one of what comes out, by place."""
     link = component_module("link_channel.variables")
     lanes = [link.LinkSignal(), link.LinkSignal()]
     spec = link.packet_spec("Link", PacketLink("link", sample_time_ns=1), lanes)
-    found = terminals(terminal_files(spec)[PATH])
+    found = packed(build_fmu(spec, tmp_path, "python"))
     assert found == {"u": {"1": "u[1]", "2": "u[2]"}, "y": {"1": "y[1]", "2": "y[2]"}}
 
 
@@ -85,9 +90,32 @@ def test_options_of_a_build_belong_to_a_compiler(native_fmus_of_fmi3: Path) -> N
     sets = list(root.iter("SourceFileSet"))
     assert all(s.get("compiler") and s.get("language") == "C99" for s in sets)
     assert sets[0].get("compiler") == "gcc"
-    assert sets[0].get("compilerOptions", "").split() == list(STANDARD)
     assert {len(s) for s in sets} == {len(names)}
     platforms = [one.get("platform") for one in root]
     assert platforms[0] is None
     assert None not in platforms[1:]
     assert len(set(platforms)) == len(platforms)
+
+
+_NOTED = """\
+import os, sys
+with open({noted!r}, "a") as noted:
+    print(*sys.argv[1:], file=noted)
+os.execvp({command!r}, [*{words!r}, *sys.argv[1:]])
+"""
+
+
+def test_an_fmu_is_compiled_with_the_options_that_it_names(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Who compiles its sources as the build description says has the bits of its binary."""
+    words, noted, script = c_compiler(), tmp_path / "noted", tmp_path / "noting.py"
+    script.write_text(_NOTED.format(noted=str(noted), command=words[0], words=words))
+    monkeypatch.setenv("CC", shlex.join([sys.executable, str(script)]))
+    path = build_fmu(CATALOGUE["PaperController"], tmp_path, "native-fmi3", prebuilt=False)
+    with zipfile.ZipFile(path) as archive:
+        root = etree.fromstring(archive.read("sources/buildDescription.xml"))
+    options = next(root.iter("SourceFileSet")).get("compilerOptions", "").split()
+    (used,) = noted.read_text().splitlines()
+    chosen = [word for word in used.split() if word.startswith(("-std", "-O", "-f"))]
+    assert chosen == [*options, "-fPIC"]

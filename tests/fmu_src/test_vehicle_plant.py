@@ -12,14 +12,10 @@ from fmpy.fmi1 import FMICallException
 from fmpy.validation import validate_fmu
 from raw_fmu import RawFmu
 from shared import made_once, sampled
-from tape_binaries import binary_of
 from test_native_agrees import differing
+from wheel import tape_fmu
 
 from cosim.fmu import ComponentSpec, build_fmu
-from cosim.fmu.export.native.kinds import recorded_model
-from cosim.fmu.export.native.package import build_native_fmu
-from cosim.fmu.export.native.platforms import host
-from cosim.fmu.export.native.tape_package import build_tape_fmu
 from cosim.vehicle import plant_spec
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "vehicle"))
@@ -38,7 +34,7 @@ def compiled(name: str) -> Path:
     spec = spec_of(name)
 
     def build(folder: Path) -> None:
-        build_native_fmu(spec, folder, "2.0")
+        build_fmu(spec, folder, prebuilt=False)
 
     return made_once(f"vehicle-plant/{name}", build) / f"{spec.name}.fmu"
 
@@ -70,10 +66,8 @@ def test_a_binary_that_reads_its_model_and_a_python_slave_compute_the_same(
 ) -> None:
     """Euler angles need a kind of their own, which watches the pitch; a quaternion does not."""
     spec = spec_of(attitude)
-    _, sources = recorded_model(spec)
     kind = "vehicle" if attitude == "euler" else "plant"
-    assert (f"{kind}.c") in sources
-    tape = build_tape_fmu(spec, tmp_path / "tape", "2.0", {host(): binary_of(kind)})
+    tape = tape_fmu(spec, kind, tmp_path / "tape")
     slave = build_fmu(spec, tmp_path / "python", "python")
     expected = rows(compiled(attitude))
     assert rows(tape) == expected
@@ -85,7 +79,7 @@ def test_a_run_ends_by_name_where_euler_angles_have_no_rates(flavour: str, tmp_p
     """A vehicle that pitches up without end; what it was before the step can still be read."""
     spec = plant_spec(free(), name="Free")
     if flavour == "tape":
-        path = build_tape_fmu(spec, tmp_path, "2.0", {host(): binary_of("vehicle")})
+        path = tape_fmu(spec, "vehicle", tmp_path)
     else:
         path = build_fmu(spec, tmp_path, "python")
     with RawFmu(path) as raw:

@@ -12,13 +12,10 @@ from fmpy.fmi1 import FMICallException
 from fmpy.validation import validate_fmu
 from raw_fmu import RawFmu
 from shared import made_once
-from tape_binaries import binary_of
+from wheel import tape_fmu
 
 from cosim.core import InputError
 from cosim.fmu import CATALOGUE, build_fmu, component_module
-from cosim.fmu.export.native.package import build_native_fmu
-from cosim.fmu.export.native.platforms import host
-from cosim.fmu.export.native.tape_package import build_tape_fmu
 
 VARIABLES = component_module("hinf_controller.variables")
 PLAIN = CATALOGUE["HinfController"]
@@ -27,7 +24,7 @@ SPEC = VARIABLES.watched_spec(PLAIN, age=1.25, envelope={"nu.u": 0.3, "eta.psi":
 
 @pytest.fixture(scope="module")
 def native() -> Path:
-    made = made_once("watched", lambda folder: build_native_fmu(SPEC, folder, "2.0"))
+    made = made_once("watched", lambda folder: build_fmu(SPEC, folder, prebuilt=False))
     return made / "HinfController.fmu"
 
 
@@ -57,7 +54,7 @@ def test_commands_are_those_without_a_watch_and_all_flavours_agree(
     assert own.v["assumption.met"] == 0
     paths = [
         native,
-        build_tape_fmu(SPEC, tmp_path, "2.0", {host(): binary_of("watched_feedback")}),
+        tape_fmu(SPEC, "watched_feedback", tmp_path),
         build_fmu(SPEC, tmp_path / "python", "python"),
     ]
     for path in paths:

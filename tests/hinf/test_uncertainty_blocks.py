@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import itertools
 import json
+import zipfile
 from dataclasses import replace
 from fractions import Fraction
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 from cosim.core import InputError
-from cosim.fmu.export.certificate_section import certified_section
+from cosim.fmu import FmuTarget, export_controller
 from cosim.hinf import Delay, DelaySystem, analyse, check_certificate, design, hinf_norm
 from cosim.hinf.certificate import (
-    certificate_bytes,
     differences,
     standalone,
     system_from_json,
@@ -191,14 +192,17 @@ def accepted(data: Any) -> tuple[bool, bool]:
     return verdicts[0], verdicts[1]
 
 
-def test_the_certificate_says_which_F_it_covers(certificate: Any) -> None:
-    """In its claim and in its theorem, and both checkers prove it."""
+def test_the_certificate_says_which_F_it_covers(certificate: Any, tmp_path: Path) -> None:
+    """In its claim, in its theorem and on the page of an FMU, and both checkers prove it."""
     assert certificate["claim"]["uncertainty_blocks"] == PARAMETERS
     (sentence,) = [text for text in certificate["theorem"] if text.startswith("uncertainty")]
     assert "F = diag(F_1, F_2), F_1 1 x 1, F_2 1 x 1" in sentence
     assert "F_i(t)'F_i(t) <= I" in sentence
     assert "real or complex" in sentence
-    page = certified_section(certificate_bytes(certificate), "k.fmu")
+    path = tmp_path / "k.fmu"
+    export_controller(certificate, path, where="a test", kind=FmuTarget("python"))
+    with zipfile.ZipFile(path) as fmu:
+        page = fmu.read("documentation/index.html").decode()
     assert "F&#x27;F ≤ I, block diagonal with blocks 1 x 1, 1 x 1" in page
     assert accepted(certificate) == (True, True)
 

@@ -45,7 +45,7 @@ enum { /* faults */
     ROUNDING, FLUSH_TO_ZERO, SIGNALS, THREAD, CLOSE_OUTPUT, CHILD, CHANGE_FOLDER, DELETE_RESOURCES,
     DELETE_FOLDER, SURROUNDINGS,
     /* what belongs to the program that runs it */
-    DAEMON, TRACE_ME, TRUNCATE, GARBAGE, CLOSE_ALL, INTRUDE
+    DAEMON, TRACE_ME, TRUNCATE, GARBAGE, CLOSE_ALL, INTRUDE, KILL_WORKER
 };
 
 typedef struct { /* steps begun and done, gets and sets after the initialisation, and faults */
@@ -177,6 +177,21 @@ static void intrude(void) {
         fclose(maps);
 }
 
+/* Kill the worker of a study whose run this is, but never the process that started the study. */
+static void kill_worker(void) {
+    char path[64], line[512] = "";
+    const char *spared = getenv("SPARED");
+    int worker = 0; /* between it and this process stands the keeper of this process */
+    snprintf(path, sizeof path, "/proc/%d/stat", (int)getppid());
+    FILE *keeper = fopen(path, "r");
+    if (keeper && fgets(line, sizeof line, keeper) && strrchr(line, ')'))
+        sscanf(strrchr(line, ')'), ") %*c %d", &worker);
+    if (keeper)
+        fclose(keeper);
+    if (spared && worker > 1 && worker != atoi(spared))
+        kill(worker, SIGKILL);
+}
+
 static void delete_folder(void) {
     char folder[4200];
     if (!getcwd(folder, sizeof folder) || rmdir(folder))
@@ -280,6 +295,7 @@ static int misbehave(Model *m, int fault) {
     case TRACE_ME: ptrace(PTRACE_TRACEME, 0, NULL, NULL); break;
     case TRUNCATE: case GARBAGE: case CLOSE_ALL: with_descriptors(fault); break;
     case INTRUDE: intrude(); break;
+    case KILL_WORKER: kill_worker(); raise(SIGKILL); break;
     case DELETE_FOLDER: delete_folder(); break;
     case SURROUNDINGS: change_surroundings(); break;
     }

@@ -19,8 +19,7 @@ import pytest
 from cosim import open_session
 from cosim.core import ComponentError, CosimError
 from cosim.master import TraceRecorder
-from cosim.scenario import FmuCache, load, prepare
-from cosim.scenario.execute import assembled_system
+from cosim.scenario import FmuCache, assembled_system, load, prepare
 from cosim.trace import TraceWriter
 
 LATER: dict[str, Callable[[Any], Any]] = {

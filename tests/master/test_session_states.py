@@ -23,7 +23,7 @@ from cosim.master import (
     System,
     make_schedule,
 )
-from cosim.scenario.supervised_session import SupervisedSession
+from cosim.scenario import SupervisedSession
 
 PAGE = Path(__file__).parents[2] / "docs" / "reference" / "outcomes.md"
 FAULTS = {

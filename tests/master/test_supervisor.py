@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import psutil
 import pytest
+from conduct import ToItsEnd
 from diary import Diary
 from foreign.c_fmu import c_fmu, every
 from hostile.hostile_fmu import hostile_fmu, misbehaviour
@@ -36,13 +37,12 @@ from cosim.master import (
     simulate,
 )
 from cosim.network import DelaySignal, PacketLink
-from cosim.scenario.system_run import DriveEvents, EventResults
 
 
 def supervised(supervisor: Supervisor, system: System, *observers: Observer) -> Run:
     """One run to its end, closed."""
     with ExitStack() as living:
-        return supervisor.run(system, observers, DriveEvents(), living=living).run
+        return supervisor.run(system, observers, ToItsEnd(), living=living).run
 
 
 @pytest.fixture(scope="module")
@@ -247,7 +247,7 @@ def test_interruption_is_answered_before_the_messages_that_wait(tmp_path: Path) 
     system = replace(pump(tmp_path, "nothing"), comm_schedule=_LONG, divergence=1e12)
     with Supervisor(interruption=slow) as supervisor, ExitStack() as living:
         run = supervisor.run(
-            system, [slow], DriveEvents(), living=living, engine="python", keep=False
+            system, [slow], ToItsEnd(), living=living, engine="python", keep=False
         ).run
     assert run.cause is not None
     assert run.cause.kind == "interrupted"
@@ -274,12 +274,11 @@ def test_what_a_run_has_changed_is_not_there_for_the_next(tmp_path: Path, fault:
 class Idle:
     """Runs half of a session, and then does something else that does not end."""
 
-    result = EventResults
+    result = None
 
-    def __call__(self, session: Session) -> EventResults:
+    def __call__(self, session: Session) -> None:
         session.run_until(0.5)
         time.sleep(600.0)
-        return EventResults()
 
 
 def test_a_limit_of_calls_bounds_the_time_between_two_as_well(tmp_path: Path) -> None:

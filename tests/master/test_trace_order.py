@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from compiled import compile_fmu
+from conduct import ToItsEnd
 from coupled import ns
 from events import event_fmu
 from shared import slow_share_of
@@ -28,7 +29,6 @@ from cosim.master import (
     make_schedule,
 )
 from cosim.network import PacketLink
-from cosim.scenario.system_run import DriveEvents
 from cosim.trace import RunEvent, Trace, TraceWriter, verify
 
 _VARIABLES = "".join(
@@ -81,7 +81,7 @@ def supervised(system: System, path: Path, *observers: Observer, keep: bool = Fa
     with TraceWriter(path, run={}) as writer, Supervisor() as supervisor, ExitStack() as living:
         recorder = TraceRecorder(writer, system)
         watching = [*observers, recorder]
-        run = supervisor.run(system, watching, DriveEvents(), living=living, keep=keep).run
+        run = supervisor.run(system, watching, ToItsEnd(), living=living, keep=keep).run
         recorder.run_ended = True
         living.close()
         recorder.conclude(run.end_ns, [("info", "master", run.status)])

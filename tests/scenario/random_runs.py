@@ -1,12 +1,14 @@
-"""Random systems of a plant and a controller, with all that links, policies and steps can be."""
+"""Random scenarios of a plant and a controller, with all that links, policies and steps can be."""
 
 from __future__ import annotations
 
 import random
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
+import tomli_w
+from as_scenario import scenario_of
 from master.scalar import end, ns
 
 from cosim.core import InputError
@@ -17,11 +19,19 @@ from cosim.master import (
     DelaySource,
     Link,
     Run,
-    Session,
     System,
     make_schedule,
 )
 from cosim.network import DelayProfile, DelaySignal, Jitter, PacketLink, TransportLink
+from cosim.scenario import (
+    FmuCache,
+    Outcome,
+    PreparedScenario,
+    assembled_system,
+    execute_unrecorded,
+    parse,
+    prepare,
+)
 
 POSE, RATES = ("x", "y", "z", "psi"), ("u", "v", "w", "r")
 COMMANDS = ("force.x", "force.y", "force.z", "moment.z")
@@ -52,31 +62,66 @@ def random_link(r: random.Random, name: str, step: float, *, live: bool) -> Link
     return PacketLink(name, ns(period), ns(offset), ns(delay * step), seed=seed, **given)
 
 
+def _nothing(_: random.Random, __: System) -> dict[str, Any]:
+    return {}
+
+
+class RandomRun(NamedTuple):
+    """A scenario, its system, and a run of it that has kept its rows."""
+
+    prepared: PreparedScenario
+    system: System
+    outcome: Outcome
+    run: Run
+
+
 class RandomRuns:
-    """Runs of random systems, of vehicles and of scalars; their FMUs are described once."""
+    """Random scenarios of vehicles, of the loop of Section 5, and of scalars without a design."""
 
     def __init__(self, fmus: Path, scalar: Path, undeclared: Path) -> None:
-        self._fmus = {n: describe_fmu(fmus / f"{n}.fmu") for n in ("AuvPlant", "HinfController")}
+        names = ("AuvPlant", "HinfController", "DelayedPlant", "PaperController")
+        self._fmus = {n: describe_fmu(fmus / f"{n}.fmu") for n in names}
         self._scalar, self._undeclared = describe_fmu(scalar), describe_fmu(undeclared)
+        self._cache = FmuCache(fmus.parent, scalar.parent, flavour="native")
 
-    def run(self, seed: int) -> tuple[System, Run] | None:
-        """A run that is kept, ended early now and then; None where the system is refused."""
+    def run(
+        self, seed: int, more: Callable[[random.Random, System], dict[str, Any]] = _nothing
+    ) -> RandomRun | None:
+        """One that is stopped early now and then; None where the system is refused.
+
+        more : returns further tables.
+        """
         r = random.Random(seed)  # noqa: S311 - reproducible choices
+        make = r.choice([self._vehicle, self._paper, self._scalars])
         try:
-            system = self._vehicle(r) if r.random() < 0.5 else self._scalars(r)
+            system, tables = make(r)
             end_s = float(system.comm_schedule.points_ns[-1]) / 1e9
-            with Session(system, engine="python") as session:
-                session.go_on(session.instant_ns(r.uniform(0, end_s) if r.random() < 0.3 else None))
-                return system, session.result(complete=r.random() < 0.5)
+            if r.random() < 0.3:
+                tables["events"] = [{"at": round(r.uniform(0, end_s), 9), "stop": "enough"}]
+            at_once = tables.pop("at_once", False)
+            data = scenario_of(system, **tables, **more(r, system))
+            if at_once:  # its commands are read behind its inputs, at the same point
+                data["components"]["controller"]["feedthrough"] = ["u"]
+            text = tomli_w.dumps(data)
+            folder = self._cache.folder
+            prepared = prepare(parse(text, name="r", where="r.toml", folder=folder), self._cache)
+            made, _ = assembled_system(prepared)
+            outcome, run = execute_unrecorded(prepared, engine="python")
         except InputError:
             return None
+        assert set(made.connections) == set(system.connections)
+        assert {k: x for k, x in made.links.items() if k not in system.delays} == {
+            k: x for k, x in system.links.items() if k not in system.delays
+        }
+        return RandomRun(prepared, made, outcome, run)
 
-    def _vehicle(self, r: random.Random) -> System:
+    def _vehicle(self, r: random.Random) -> tuple[System, dict[str, Any]]:
         limits = {"limit.force": r.choice([30.0, 2500.0]), "limit.moment": r.choice([5.0, 2500.0])}
+        start = r.choice([{}, {"initial.eta.x": 5.0, "initial.eta.psi": 0.5}])
         fmus = {
             "plant": (
                 self._fmus["AuvPlant"],
-                {"initial.eta.x": 5.0, "initial.eta.psi": 0.5, "disturbance.u": r.choice([0, 0.1])},
+                {**start, "disturbance.u": r.choice([0, 0.1])},
             ),
             "controller": (
                 self._fmus["HinfController"],
@@ -87,11 +132,26 @@ class RandomRuns:
         nu = [(f"plant.nu.{a}", f"controller.nu.{a}") for a in RATES]
         back = [(f"controller.{c}", f"plant.{c}") for c in COMMANDS]
         signal = DelaySource((end("plant.eta.x"),), (0.0,))
-        return _system(
-            r, fmus, [eta, nu, back[:3], back[3:]], signal, r.choice([1e6, 1e6, 5.01, 4.9])
-        )
+        largest = r.choice([1e6, 1e6, 5.01, 4.9])
+        system = _system(r, fmus, [eta, nu, back[:3], back[3:]], signal, largest)
+        return system, {"design": {"file": "auv-1.25s"}}
 
-    def _scalars(self, r: random.Random) -> System:
+    def _paper(self, r: random.Random) -> tuple[System, dict[str, Any]]:
+        start = r.choice([{}, {"initial.x[1]": 0.0, "initial.x[2]": 0.0}])
+        fmus = {
+            "plant": (self._fmus["DelayedPlant"], {**start, "w[1]": r.choice([0.0, 0.1])}),
+            "controller": (self._fmus["PaperController"], {}),
+        }
+        parts = [
+            [("plant.x[1]", "controller.x[1]")],
+            [("plant.x[2]", "controller.x[2]")],
+            [("controller.u[1]", "plant.u[1]")],
+        ]
+        signal = DelaySource((end("plant.x[1]"),), (0.0,))
+        system = _system(r, fmus, parts, signal, r.choice([1e6, 1e6, 9.0]))
+        return system, {"design": {"file": "paper-late"}, "at_once": r.random() < 0.5}
+
+    def _scalars(self, r: random.Random) -> tuple[System, dict[str, Any]]:
         fmu = r.choice([self._scalar, self._undeclared])
         fmus = {
             name: (fmu, {"a": r.uniform(-2, 0.5), "b": r.uniform(-2, 2), "x0": 1.0, "e": 0.3})
@@ -103,7 +163,7 @@ class RandomRuns:
             [(f"{r.choice(['plant', 'controller'])}.x", "other.u")],
         ]
         signal = DelaySource((end("plant.x"),), (0.0,))
-        return _system(r, fmus, parts, signal, r.choice([1e6, 1e6, 1.5]))
+        return _system(r, fmus, parts, signal, r.choice([1e6, 1e6, 1.5])), {}
 
 
 def _system(

@@ -7,20 +7,22 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import tomli_w
 from cli.shell import SCENARIOS
 
 from cosim import Scenario
-from cosim.core import InputError
+from cosim.core import InputError, Origin
 from cosim.scenario import load, open_source
-from cosim.scenario.copies import written_out
-from cosim.study import Study
-from cosim.study.varied import Variations
+from cosim.study import Study, plan_of
 
 TEXT = (SCENARIOS / "valid" / "copies.toml").read_text("utf-8")
 
 
-def out(**data: Any) -> dict[str, Any]:
-    return written_out(data)[0]
+def out(folder: Path, **data: Any) -> tuple[dict[str, Any], Origin]:
+    """What a file with these tables is written out, and what locates its parts."""
+    path = folder / "copied.toml"
+    path.write_text(tomli_w.dumps(data), "utf-8")
+    return open_source(str(path)).written_out()
 
 
 def test_copies_are_the_scenario_written_out() -> None:
@@ -93,22 +95,21 @@ def test_line_and_copy_of_a_part_are_known() -> None:
     assert found("assertions", 0, "always")[0].startswith('always = "drone_1')
 
 
-def test_loops_inside_loops_and_braces() -> None:
+def test_loops_inside_loops_and_braces(tmp_path: Path) -> None:
     """The inner loop knows the outer one's names; a doubled brace is one."""
     inner = {"count": 2, "as": "k", "connect": ["{a}_{k}.y -> {a}_{k - 1 + i}.{{u}}"]}
-    assert out(**{"for": [{"each": ["p", "q"], "as": "a", "for": [inner]}]})["connect"] == [
+    loops = {"for": [{"each": ["p", "q"], "as": "a", "for": [inner]}]}
+    assert out(tmp_path, **loops)[0]["connect"] == [
         "p_1.y -> p_1.{u}",
         "p_2.y -> p_3.{u}",
         "q_1.y -> q_1.{u}",
         "q_2.y -> q_3.{u}",
     ]
-    assert out(components={"p{each}x": {"fmu": "F", "each": [3, 4.5]}})["components"] == {
-        "p3x": {"fmu": "F"},
-        "p4.5x": {"fmu": "F"},
-    }
+    named, _ = out(tmp_path, components={"p{each}x": {"fmu": "F", "each": [3, 4.5]}})
+    assert named["components"] == {"p3x": {"fmu": "F"}, "p4.5x": {"fmu": "F"}}
 
 
-def test_copies_add_to_one_table() -> None:
+def test_copies_add_to_one_table(tmp_path: Path) -> None:
     """Of a table whose name is the same in each copy they are parts, behind those of the file."""
     tries = {
         "count": 2,
@@ -119,10 +120,8 @@ def test_copies_add_to_one_table() -> None:
             }
         },
     }
-    data, origin = written_out(
-        {"modes": {"grab": {"states": {"try_3": {}}, "transitions": [{"to": "try_1"}]}}}
-        | {"for": [tries]}
-    )
+    own = {"grab": {"states": {"try_3": {}}, "transitions": [{"to": "try_1"}]}}
+    data, origin = out(tmp_path, modes=own, **{"for": [tries]})
     assert data["modes"]["grab"] == {
         "states": {"try_3": {}, "try_1": {"enter": {"stop": 1}}, "try_2": {"enter": {"stop": 2}}},
         "transitions": [
@@ -131,8 +130,11 @@ def test_copies_add_to_one_table() -> None:
             {"from": "try_2", "to": "try_3"},
         ],
     }
-    place = origin.copies["modes", "grab", "transitions", 2]
-    assert place == (("for", 0, "modes", "grab", "transitions", 0), " (copy 2)")
+    path, _, place = (origin.place(("modes", "grab", "transitions", 2)) or "").rpartition(":")
+    line, _, copy = place.partition(" ")
+    assert path == str(tmp_path / "copied.toml")
+    assert copy == "(copy 2)"
+    assert "try_{i + 1}" in "".join(Path(path).read_text("utf-8").splitlines()[int(line) - 1 :][:3])
 
 
 @pytest.mark.parametrize(
@@ -152,15 +154,19 @@ def test_copies_add_to_one_table() -> None:
         ({"for": [{"each": [{"v": [1]}], "connect": ["x{v}"]}]}, "is not a word or a number"),
     ],
 )
-def test_loop_without_a_meaning_is_refused(data: dict[str, Any], words: str) -> None:
+def test_loop_without_a_meaning_is_refused(
+    data: dict[str, Any], words: str, tmp_path: Path
+) -> None:
+    """The words say what is missing, and where."""
     with pytest.raises(InputError) as refused:
-        out(**data)
+        out(tmp_path, **data)
     assert words in str(refused.value)
 
 
-def test_study_varies_one_copy() -> None:
+def test_study_varies_one_copy(native_fmus: Path) -> None:
     """By its number in brackets or by its name."""
-    base = load(str(SCENARIOS / "valid" / "copies.toml")).scenario
+    loaded = load(str(SCENARIOS / "valid" / "copies.toml"))
+    base = loaded.scenario
     place = "components.drone[2].parameters.initial.eta.z"
     vary = [{"kind": "grid", "path": place, "values": [7.0, 9.0]}]
     study = Study.model_validate(
@@ -171,6 +177,7 @@ def test_study_varies_one_copy() -> None:
             "metrics": {"z": {"signal": "drone_2.eta.z", "reduce": "final"}},
         }
     )
-    varied = Variations(study, base).scenario([9.0])
+    plan = plan_of(study, loaded, fmus=native_fmus.parent)
+    varied = plan.runner.variations.scenario(plan.runner.points[1])
     assert varied.components["drone_2"].parameters["initial.eta.z"] == 9.0
     assert varied.components["drone_1"] == base.components["drone_1"]

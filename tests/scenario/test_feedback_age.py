@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import io
 import random
+import tomllib
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+import tomli_w
+from as_scenario import scenario_of
+from claims import Claims, claiming
 from cli.shell import cosim
 from master.scalar import end, ns, scalar_fmu
 from random_runs import RandomRuns
@@ -19,27 +23,32 @@ from shared import fmu_store
 
 from cosim.core import InputError, NotAchievableError
 from cosim.fmu import FmuDescription, describe_fmu
-from cosim.hinf import auv_system
-from cosim.master import Component, Connection, Link, Session, System, make_schedule
+from cosim.master import Component, Connection, Link, System, make_schedule
 from cosim.network import (
     DelayProfile,
     GilbertElliott,
     Hop,
     Jitter,
-    LossWindow,
     Medium,
     Node,
     PacketLink,
     Recording,
     TransportLink,
 )
-from cosim.scenario import FmuCache, Problem, execute_run, load, prepare, problem_of
-from cosim.scenario.age import AgeMeasure, MeasuredAges
-from cosim.scenario.feedback_age import FeedbackAge, feedback_age
-from cosim.scenario.gain import solve, with_known_age
-from cosim.scenario.guarantee.ages import FedBack, feedback_findings
-from cosim.scenario.measure import measured
-from cosim.scenario.schema import DesignPart
+from cosim.scenario import (
+    FmuCache,
+    PreparedScenario,
+    Scenario,
+    Wanted,
+    assembled_system,
+    execute_run,
+    execute_unrecorded,
+    load,
+    open_source,
+    parse,
+    prepare,
+    problem_of,
+)
 from cosim.trace import assumptions_of, describe, render
 
 STEP = ns(0.05)
@@ -55,16 +64,47 @@ def fmus(native_fmus: Path) -> Mapping[str, FmuDescription]:
     }
 
 
-def system_of(
+@dataclass(frozen=True)
+class Known:
+    """What an outcome says of the ages of a loop, by its settings and in its run [ns]."""
+
+    settings: Mapping[str, Any]
+    measured: Mapping[str, Any] | None
+    alike: bool
+
+    @property
+    def sampled(self) -> bool:
+        """Whether they say that it is sampled."""
+        return bool(self.settings["sampled"])
+
+    @property
+    def why(self) -> str:
+        """Why it is, or what prevents it."""
+        return str(self.settings["why"])
+
+    @property
+    def least_ns(self) -> int:
+        """It is never less."""
+        return ns(self.settings["least_s"])
+
+    @property
+    def greatest_ns(self) -> int | None:
+        """It is never more."""
+        most = self.settings["greatest_s"]
+        return None if most is None else ns(most)
+
+
+def known_of(
     fmus: Mapping[str, FmuDescription],
     up: Link | None,
     down: Link | None,
     *,
-    events: Any = "align",
+    instants: Any = "align",
     sample_time: float = 0.05,
-    **more: Any,
-) -> System:
-    """The vehicle and its controller, with a link or a wire each way."""
+    points: int = 160,
+    **tables: Any,
+) -> Known:
+    """A run of the vehicle and its controller, with a link or a wire each way."""
     links = {link.name: link for link in (up, down) if link is not None}
     wires = [
         Connection(end(a), end(b), None if link is None else link.name)
@@ -75,36 +115,34 @@ def system_of(
         "plant": Component(fmus["plant"]),
         "controller": Component(fmus["controller"], {"sample_time": sample_time}),
     }
-    schedule = make_schedule(links, STEP, 160 * STEP, events)
-    return System(components, wires, links, {}, schedule, **more)
+    schedule = make_schedule(links, STEP, points * STEP, instants)
+    system = System(components, wires, links, {}, schedule)
+    text = tomli_w.dumps(scenario_of(system, design={"file": "auv-1.25s"}, **tables))
+    folder = fmus["plant"].path.parent
+    loaded = parse(text, name="age", where="age.toml", folder=folder)
+    prepared = prepare(loaded, FmuCache(folder.parent, folder, flavour="native"))
+    made = assembled_system(prepared)[0]
+    assert tables or made.links == links
+    wanted = Wanted(["metrics.feedback_age", "metrics.assumptions"])
+    outcome, _ = execute_unrecorded(prepared, zero_state_run=False, wanted=wanted)
+    age = outcome.metrics["feedback_age"]
+    alike = outcome.metrics["assumptions"].get("measurements_equally_old", True)
+    return Known(age["settings"], age["measured"], alike)
 
 
-def ages_of(system: System) -> MeasuredAges | None:
-    """The ages that a run of it has."""
-    with Session(system, engine="python") as session:
-        session.run_until(None)
-        return measured(session.result(), AgeMeasure("plant", "controller", system.algorithm))
-
-
-def known_of(system: System) -> FeedbackAge:
-    found = feedback_age(system, "plant", "controller")
-    assert found is not None
-    return found
-
-
-def check(system: System) -> FeedbackAge:
+def check(known: Known) -> Known:
     """What is known of the ages holds in the run."""
-    known, found = known_of(system), ages_of(system)
-    if found is None or found.least_ns is None:
+    found = known.measured
+    if found is None or found["least_s"] is None:
         return known
-    assert found.least_ns >= known.least_ns
+    assert ns(found["least_s"]) >= known.least_ns
     if known.greatest_ns is not None:
-        assert found.greatest_ns <= known.greatest_ns
+        assert ns(found["greatest_s"]) <= known.greatest_ns
     if known.sampled:
-        assert found.in_use_ns == (known.least_ns, known.least_ns)
-        assert found.alike
-        if known.greatest_ns is not None and found.first_ns < 80 * STEP:
-            assert found.greatest_ns == known.greatest_ns
+        assert [ns(x) for x in found["in_use_s"]] == [known.least_ns, known.least_ns]
+        assert known.alike
+        if known.greatest_ns is not None:
+            assert ns(found["greatest_s"]) == known.greatest_ns
     return known
 
 
@@ -139,8 +177,8 @@ def test_what_settings_say_of_the_age_holds_in_random_runs(
         r = random.Random(seed)  # noqa: S311 - cases, not secrets
         up, down = random_link(r, "up"), random_link(r, "down")
         events, sample = r.choice(["align", "grid"]), r.choice([0.0, 0.05, 0.05, 0.1, 0.15])
-        system = system_of(fmus, up, down, events=events, sample_time=sample)
-        seen.append(check(system).sampled)
+        known = known_of(fmus, up, down, instants=events, sample_time=sample)
+        seen.append(check(known).sampled)
     assert 15 < sum(seen) < 45
 
 
@@ -156,7 +194,7 @@ def test_what_a_recording_says_of_the_age_holds(fmus: Mapping[str, FmuDescriptio
         playout = int(random.choice([0, 0, 4 * STEP, 8 * STEP]))
         playout = max(playout, recording.least_ns) if playout else 0
         up = PacketLink("up", every, playout_ns=playout, recording=recording)
-        known = check(system_of(fmus, up, None))
+        known = check(known_of(fmus, up, None))
         assert known.least_ns >= recording.least_ns
         greatest.append(known.greatest_ns)
     assert 3 < sum(each is not None for each in greatest) < 12
@@ -169,19 +207,52 @@ def test_no_age_of_a_random_system_is_below_the_least(
     folder = tmp_path_factory.mktemp("scalar")
     runs = RandomRuns(native_fmus, scalar_fmu(folder), scalar_fmu(folder, declared=False))
     checked = 0
-    for seed in [136, *range(40)]:  # 136: a transport link read half a step ahead
+    for seed in range(60):
         made = runs.run(seed)
-        if made is None or not made[1].points_ns.size:
+        age = None if made is None else made.outcome.metrics["feedback_age"]
+        if age is None or None in (age["settings"], age["measured"]):
             continue
-        system, run = made
-        known = feedback_age(system, "plant", "controller")
-        found = measured(run, AgeMeasure("plant", "controller", system.algorithm))
-        if known is None or found is None or found.least_ns is None:
+        known, found = age["settings"], age["measured"]
+        if found["least_s"] is None:
             continue
-        assert found.least_ns >= known.least_ns, seed
-        assert known.greatest_ns is None or found.greatest_ns <= known.greatest_ns, seed
+        assert found["least_s"] >= known["least_s"], seed
+        assert known["greatest_s"] is None or found["greatest_s"] <= known["greatest_s"], seed
         checked += 1
     assert checked > 10
+
+
+AHEAD = """
+title = "A transport link that is read half a step ahead"
+[run]
+end = 2.0
+step = 0.05
+[components.plant]
+fmu = "DelayedPlant"
+[components.controller]
+fmu = "PaperController"
+feedthrough = ["u"]
+[[connections]]
+from = "plant.x"
+to = "controller.x"
+link = "up"
+policy = "midpoint"
+[[connections]]
+from = "controller.u"
+to = "plant.u"
+[links.up]
+kind = "transport"
+delay = 0.125
+[design]
+file = "paper-late"
+"""
+
+
+def test_what_is_read_ahead_is_younger_than_its_link(native_fmus: Path, tmp_path: Path) -> None:
+    """The settings say so too."""
+    loaded = parse(AHEAD, name="a", where="a.toml", folder=tmp_path)
+    cache = FmuCache(native_fmus.parent, tmp_path, flavour="native")
+    age = execute_unrecorded(prepare(loaded, cache))[0].metrics["feedback_age"]
+    assert age["settings"]["least_s"] <= age["measured"]["least_s"] < 0.125
 
 
 FIXES = PacketLink(
@@ -215,7 +286,7 @@ def test_why_an_age_is_not_sampled(
     fmus: Mapping[str, FmuDescription], up: Link, down: Link | None, words: str
 ) -> None:
     """The sentence names what prevents it."""
-    known = known_of(system_of(fmus, up, down))
+    known = known_of(fmus, up, down, points=4)
     assert not known.sampled
     assert words in known.why
 
@@ -224,10 +295,10 @@ def test_over_a_medium_any_message_may_be_lost_and_none_is_younger_than_its_airt
     fmus: Mapping[str, FmuDescription],
 ) -> None:
     """Another link may collide with it at any time: there is no greatest age, but a least one."""
-    known = known_of(system_of(fmus, ON_MEDIUM, None))
+    known = known_of(fmus, ON_MEDIUM, None)
     assert known.greatest_ns is None
     assert known.least_ns >= ON_MEDIUM.frame_ns
-    buffered = known_of(system_of(fmus, replace(ON_MEDIUM, playout_ns=STEP), None))
+    buffered = known_of(fmus, replace(ON_MEDIUM, playout_ns=STEP), None)
     assert buffered.sampled
     assert buffered.greatest_ns is None
 
@@ -237,58 +308,98 @@ def test_losses_on_both_ways_are_sampled_only_one_at_a_time(
 ) -> None:
     """A command that is lost brings its measurement back later, unless a newer one came."""
     sure = replace(BUFFERED, loss=0.0)
-    for up, down, sampled in (
-        (BUFFERED, replace(sure, name="down"), True),
-        (sure, replace(BUFFERED, name="down"), True),
-        (BUFFERED, replace(BUFFERED, name="down"), False),
-        (BUFFERED, replace(sure, name="down", windows=(LossWindow(0, STEP, 1.0),)), False),
+    window = {"events": [{"at": 0.0, "until": STEP / 1e9, "loss": {"down": 1.0}}]}
+    for up, down, tables, sampled in (
+        (BUFFERED, replace(sure, name="down"), {}, True),
+        (sure, replace(BUFFERED, name="down"), {}, True),
+        (BUFFERED, replace(BUFFERED, name="down"), {}, False),
+        (BUFFERED, replace(sure, name="down"), window, False),
     ):
-        assert check(system_of(fmus, up, down)).sampled == sampled
+        assert check(known_of(fmus, up, down, **tables)).sampled == sampled
     late = replace(sure, jitter=Jitter("uniform", width_ns=6 * STEP))
-    assert known_of(system_of(fmus, late, None)).greatest_ns is None
-    assert known_of(system_of(fmus, sure, None)).greatest_ns == 7 * STEP + STEP + 3 * STEP
+    assert known_of(fmus, late, None).greatest_ns is None
+    assert known_of(fmus, sure, None).greatest_ns == 7 * STEP + STEP + 3 * STEP
 
 
-SAMPLED = FedBack("x", 1.25, 0.35, "sampled: from least_age at rate one to d at most")
-JUST = FeedbackAge(ns(0.35), None, sampled=True, why="")
-RIGHT = MeasuredAges(ns(0.35), ns(0.95), (ns(0.35), ns(0.35)), ns(0.35), alike=True)
+@pytest.fixture(scope="module")
+def playout(native_fmus: Path) -> Claims:
+    """Ages that are exactly 0.35 s as a measurement comes into use, and 0.95 s at most."""
+    claims = Claims(load("auv-acoustic-playout", ("run.end=10",)), native_fmus)
+    age = claims.metrics(claims.design)["feedback_age"]["measured"]
+    assert age == {"least_s": 0.35, "greatest_s": 0.95, "in_use_s": [0.35, 0.35]}
+    assert claims.unmet(claims.design) == set()
+    return claims
+
+
+FROM_LEAST = "any, however it varies, from least_age to d"
 
 
 @pytest.mark.parametrize(
-    ("changed", "wrong"),
+    ("claimed", "wrong"),
     [
         ({}, set()),
-        ({"greatest_ns": ns(1.25)}, set()),
-        ({"greatest_ns": ns(1.25) + 1}, {"message_age_within_design"}),
-        ({"least_ns": ns(0.35) - 1}, {"message_age_not_below_least"}),
-        ({"least_ns": None}, {"message_age_not_below_least"}),
-        ({"first_ns": ns(1.25) + 1}, {"message_age_within_design"}),
-        ({"interrupted": True}, {"message_age_within_design"}),
-        ({"in_use_ns": (ns(0.35), ns(0.35) + 1)}, {"message_age_sampled"}),
-        ({"alike": False}, {"message_age_sampled", "measurements_equally_old"}),
+        ({"d": 0.95}, set()),
+        ({"d": 0.95 - 1e-9}, {"message_age_within_design"}),
+        ({"age": FROM_LEAST}, set()),
+        ({"age": FROM_LEAST, "least_age": 0.35 + 1e-9}, {"message_age_not_below_least"}),
+        ({"least_age": 0.35 - 1e-9}, {"message_age_sampled"}),
+        (
+            {"least_age": 0.35 + 1e-9},
+            {"message_age_not_below_least", "message_age_sampled"},
+        ),
     ],
 )
 def test_each_fault_of_an_age_fails_its_own_assumption(
-    changed: dict[str, Any], wrong: set[str]
+    claimed: dict[str, Any], wrong: set[str], playout: Claims
 ) -> None:
-    """Too old, below the least age, late at first, interrupted, another age in use: by 1 ns."""
-    found = feedback_findings(SAMPLED, RIGHT._replace(**changed), "", substituted=False)
-    assert {name for name, departures in found.items() if departures} == wrong
+    """Too old, below the least age, another age in use: by 1 ns."""
+    assert playout.unmet(claiming(playout.design, **claimed)) == wrong
+
+
+@pytest.mark.parametrize(
+    ("settings", "wrong"),
+    [
+        (("links.fixes.offset=1.2",), {"message_age_within_design"}),
+        (
+            ("links.fixes.loss=1.0",),
+            {"message_age_within_design", "message_age_not_below_least", "message_age_sampled"},
+        ),
+        (
+            ("links.fixes.on_loss=0.0", "links.fixes.loss=0.5", "run.end=5"),
+            {"message_age_within_design"},
+        ),
+    ],
+)
+def test_each_fault_of_a_link_fails_its_own_assumption(
+    settings: tuple[str, ...], wrong: set[str], native_fmus: Path
+) -> None:
+    """Late at first, no measurement at all, a substitute that interrupts."""
+    claims = Claims(load("auv-acoustic-playout", ("run.end=10", *settings)), native_fmus)
+    claimed = claiming(claims.design, d=1.45)  # older ones count, so that the start alone is late
+    assert {x for x in claims.unmet(claimed) if x.startswith("m")} == wrong
+
+
+def test_parts_that_are_not_equally_old_fail_two_assumptions(native_fmus: Path) -> None:
+    """Velocities over another link: no gain acts on one age then, and none is the sampled one."""
+    data = tomllib.loads(open_source("auv-acoustic-playout").text)
+    data["links"]["other"] = {**data["links"]["fixes"], "playout": 0.35}
+    for wire in data["connections"]:
+        if wire["to"] == "controller.nu":
+            wire["link"] = "other"
+    loaded = parse(tomli_w.dumps(data), name="p", where="p.toml", folder=Path())
+    claims = Claims(loaded, native_fmus)
+    found = claims.unmet(claims.design)
+    assert {"message_age_sampled", "measurements_equally_old"} <= found
 
 
 @pytest.mark.parametrize(
     "word", ["constant, exactly d", "constant, up to d", "constant, from 1/2 to d", "unheard of"]
 )
-def test_no_proof_of_a_constant_age_covers_a_run(word: str) -> None:
-    """However little it varies: the proof is about another loop, and the run says what proves it.
-
-    A word that has no rule covers nothing.
-    """
-    found = feedback_findings(
-        FedBack("x", 1.0, 0.0, word), RIGHT, "prove it again", substituted=False
-    )
-    (departure,) = found["message_age_constant"]
-    assert "prove it again" in departure.got
+def test_no_proof_of_a_constant_age_covers_a_run(word: str, playout: Claims) -> None:
+    """However little it varies: the proof is about another loop; no rule of a word: of none."""
+    found = playout.metrics(claiming(playout.design, age=word))["departures"]
+    (got,) = [one["got"] for one in found if one["assumption"] == "message_age_constant"]
+    assert got.startswith("what is used is held, up to 0.95 s old")
 
 
 def printed(view: Any) -> str:
@@ -334,9 +445,15 @@ def test_playout_scenario_keeps_to_its_proof(native_fmus: Path, tmp_path: Path) 
     assert "dropped late mean delay" in printed_by_run("0.3", tmp_path)
 
 
+def design_part(**keys: Any) -> Any:
+    """The table [design] of a scenario."""
+    data = {"title": "t", "run": {"end": 1.0, "step": 0.1}, "components": {"a": {"fmu": "A"}}}
+    return Scenario.model_validate({**data, "design": keys}).design
+
+
 def test_design_takes_the_keys_of_ages(tmp_path: Path) -> None:
     """As in the file of a system; a rate, or an age of immediate feedback, is refused."""
-    part = DesignPart(system="auv", loop_delay=1.25, least_age=0.35, sampled=True)
+    part = design_part(system="auv", loop_delay=1.25, least_age=0.35, sampled=True)
     late = problem_of(part, tmp_path).system.delays[1]
     assert (late.d, late.least_age, late.sampled) == (1.25, 0.35, True)
     for given, where in (
@@ -344,7 +461,7 @@ def test_design_takes_the_keys_of_ages(tmp_path: Path) -> None:
         ({"system": "auv", "loop_delay": 1.0, "least_age": 1.0}, "design.least_age"),
     ):
         with pytest.raises(InputError) as caught:
-            problem_of(DesignPart(**given), tmp_path)
+            problem_of(design_part(**given), tmp_path)
         assert caught.value.where == where
 
 
@@ -360,32 +477,6 @@ d = 0.6
 feedback = true
 any_age = true
 """
-
-
-def test_a_design_for_a_bounded_rate_flies_over_no_link(tmp_path: Path) -> None:
-    """Values are held: their age grows at rate one and falls."""
-    (tmp_path / "networked.toml").write_text(NETWORKED, "utf-8")
-    part = DesignPart(system="networked.toml", rate=0.5, gain=[[-3.75, -11.5]])
-    with pytest.raises(NotAchievableError, match="no bounded rate"):
-        solve(problem_of(part, tmp_path), part.gain)
-
-
-def test_links_sharpen_a_problem_that_says_any_age() -> None:
-    """Sampled or from the least age on; not below zero, beyond the bound, or what is known."""
-    system = auv_system()
-    problem = Problem(system, None, None, None)
-
-    def feedback(known: FeedbackAge | None) -> tuple[float, bool]:
-        late = with_known_age(problem, known).system.delays[1]
-        return late.least_age, late.sampled
-
-    assert feedback(JUST) == (0.35, True)
-    assert feedback(replace(JUST, sampled=False)) == (0.35, False)
-    assert feedback(replace(JUST, least_ns=ns(1.25))) == (0.0, False)
-    assert feedback(replace(JUST, least_ns=0)) == (0.0, False)
-    assert feedback(None) == (0.0, False)
-    known = with_known_age(problem, JUST)
-    assert with_known_age(known, replace(JUST, least_ns=ns(0.2))) is known
 
 
 OVER_A_LINK = """
@@ -411,16 +502,58 @@ gain = [[-3.75, -11.5]]
 """
 
 
+def networked(folder: Path, fmus: Path, *settings: str, of_links: bool = True) -> PreparedScenario:
+    """The scenario over a link, in a folder, prepared."""
+    (folder / "networked.toml").write_text(NETWORKED, "utf-8")
+    (folder / "over.toml").write_text(OVER_A_LINK, "utf-8")
+    loaded = load(str(folder / "over.toml"), settings)
+    cache = FmuCache(fmus.parent, folder, flavour="native")
+    return prepare(loaded, cache, of_links=of_links)
+
+
+def test_a_design_for_a_bounded_rate_flies_over_no_link(tmp_path: Path, native_fmus: Path) -> None:
+    """Values are held: their age grows at rate one and falls."""
+    with pytest.raises(NotAchievableError, match="no bounded rate"):
+        networked(tmp_path, native_fmus, "design.rate=0.5")
+
+
+def test_a_run_says_what_proves_a_gain_of_a_constant_age(tmp_path: Path, native_fmus: Path) -> None:
+    """The command, of the file that the scenario names."""
+    file = Path(__file__).parents[1] / "corpus" / "certificates" / "constant-up-to.json"
+    text = OVER_A_LINK.partition("[design]")[0] + f'[design]\nfile = "{file}"\n'
+    loaded = parse(text, name="c", where="c.toml", folder=tmp_path)
+    cache = FmuCache(native_fmus.parent, tmp_path, flavour="native")
+    found = execute_unrecorded(prepare(loaded, cache))[0].metrics["departures"]
+    (got,) = [one["got"] for one in found if one["assumption"] == "message_age_constant"]
+    assert f"proved anew by: cosim certificate prove {file}" in got
+
+
+@pytest.mark.parametrize(
+    ("settings", "known"),
+    [
+        (("links.up.playout=0.2",), (0.25, True)),
+        (("links.up.playout=0", "links.up.jitter.width=0.04"), (0.0, False)),
+        (("links.up.playout=0.55",), (0.0, False)),
+        (("links.up.playout=0", "links.up.delay=0", "links.up.jitter.width=0.04"), (0.0, False)),
+        (("links.up.playout=0.2", "design.least_age=0.2"), (0.2, False)),
+    ],
+)
+def test_links_sharpen_a_problem_that_says_any_age(
+    settings: tuple[str, ...], known: tuple[float, bool], tmp_path: Path, native_fmus: Path
+) -> None:
+    """Sampled, where that proves more; not below zero, beyond the bound, or what is known."""
+    problem = networked(tmp_path, native_fmus, *settings).problem
+    assert problem is not None
+    late = problem.system.delays[0]
+    assert (late.least_age, late.sampled) == known
+
+
 @pytest.mark.slow
 def test_a_gain_of_a_scenario_is_proved_for_its_links(tmp_path: Path, native_fmus: Path) -> None:
     """The claim is that of the ages the link justifies; it is kept, and a study does without."""
-    (tmp_path / "networked.toml").write_text(NETWORKED, "utf-8")
-    (tmp_path / "over.toml").write_text(OVER_A_LINK, "utf-8")
-    cache = FmuCache(native_fmus.parent, tmp_path, flavour="native")
     gammas = []
     for of_links in (True, True, False):
-        loaded = load(str(tmp_path / "over.toml"))
-        found = prepare(loaded, cache, of_links=of_links)
+        found = networked(tmp_path, native_fmus, of_links=of_links)
         assert found.design is not None
         assert found.problem is not None
         assert found.source is not None

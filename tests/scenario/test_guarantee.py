@@ -12,6 +12,7 @@ from typing import Any
 
 import pytest
 import tomli_w
+from claims import Claims, claiming, with_claim
 from cli.shell import cosim
 from shared import fmu_store
 
@@ -28,7 +29,6 @@ from cosim.scenario import (
     prepare,
     supervision_of,
 )
-from cosim.scenario.guarantee.claim import AGE_RULES, GUARANTEES, KINDS, age_rule
 from cosim.trace import RunOutcome, assumptions_of, describe, guarantee_of
 
 ROOT = Path(hinf.__file__).parents[2]
@@ -63,24 +63,63 @@ def words_of_claims() -> set[str]:
     return {*hinf.certificate.AgeWord, AGE_FROM.format(least="1/2")}
 
 
-def test_every_word_of_a_claim_has_a_rule() -> None:
+@pytest.fixture(scope="module")
+def acoustic(native_fmus: Path) -> Claims:
+    return Claims(load("auv-direct", ["run.end=0.5"]), native_fmus)
+
+
+def test_every_word_of_a_claim_has_a_rule(acoustic: Claims) -> None:
     """Of ages, kinds and guarantees: what has none would be claimed by nobody's decision."""
     words = words_of_claims()
     assert len(words) >= 7
-    known = {word for word in words if age_rule(word) is not age_rule("no such word")}
-    assert words - known == set()
-    assert set(AGE_RULES) <= words
+    for word in words:
+        assert "claim_known" not in acoustic.unmet(claiming(acoustic.design, age=word)), word
     fields = hinf.certificate.Guarantees.__dataclass_fields__
-    assert set(GUARANTEES) == set(fields)
-    kinds = {"analysis", "ages", "output-feedback"}
-    assert kinds <= KINDS
+    named = with_claim(acoustic.design, guarantees={name: {} for name in fields})
+    assert "claim_known" not in acoustic.unmet(named)
 
 
-def test_an_unknown_word_covers_nothing() -> None:
-    """Neither a held value nor a delay in a plant."""
-    rule = age_rule("any age, on weekdays")
-    assert not rule.varies
-    assert not rule.constant(1.0, 1.0, 0.0)
+@pytest.mark.parametrize("name", ["auv-acoustic", "auv-acoustic-playout", "auv-remote"])
+def test_the_kinds_of_certificates_are_known(fly: Fly, name: str) -> None:
+    """An analysis, a proof for ages as they are, and one of an output feedback."""
+    assert "claim_known" not in fly(name, "run.end=0.5").assumptions
+
+
+def test_an_unknown_word_covers_nothing(acoustic: Claims) -> None:
+    """Neither a held value nor a delay in a plant; and what is not known is named."""
+    other = "any age, on weekdays"
+    for at, apart in ((-1, "message_age_constant"), (0, "plant_as_designed")):
+        found = acoustic.metrics(claiming(acoustic.design, at, age=other))
+        assert found["assumptions"][apart] is False
+        got = [one["got"] for one in found["departures"] if one["assumption"] == "claim_known"]
+        assert got == [f"an age that is {other!r}"]
+    found = acoustic.metrics(with_claim(acoustic.design, guarantees={"colour": {}}))
+    assert found["assumptions"]["claim_known"] is False
+
+
+PLANT = """
+title = "Section 5"
+connect = ["plant.x -> controller.x", "controller.u -> plant.u"]
+[run]
+end = 0.1
+step = 0.1
+[components.plant]
+fmu = "DelayedPlant"
+parameters = {{ "delay.d" = {} }}
+[components.controller]
+fmu = "PaperController"
+[design]
+file = "paper-printed-gain"
+"""
+
+
+@pytest.fixture(scope="module")
+def plants(native_fmus: Path) -> dict[float, Claims]:
+    """A loop with a delay in its plant, by the value that this has."""
+    return {
+        d: Claims(parse(PLANT.format(d), name="p", where="p", folder=Path()), native_fmus)
+        for d in (0.0, 0.3, 1.0, 1.1)
+    }
 
 
 @pytest.mark.parametrize(
@@ -95,10 +134,16 @@ def test_an_unknown_word_covers_nothing() -> None:
         ("sampled: from least_age at rate one to d at most", set()),
     ],
 )
-def test_which_delays_of_a_plant_a_word_covers(word: str, covered: set[float]) -> None:
+def test_which_delays_of_a_plant_a_word_covers(
+    word: str, covered: set[float], plants: dict[float, Claims]
+) -> None:
     """Of a delay d = 1 with the least age 0.2."""
     least = 0.0 if word.endswith("any, however it varies, up to d") else 0.2
-    found = {d for d in (0.0, 0.3, 1.0, 1.1) if age_rule(word).constant(d, 1.0, least)}
+    found = set()
+    for d, run in plants.items():
+        claimed = claiming(run.design, d=1.0, any_age=True, least_age=least, age=word)
+        apart = {(x["assumption"], x["place"]) for x in run.metrics(claimed)["departures"]}
+        found |= set() if ("plant_as_designed", "plant.delay.d") in apart else {d}
     assert found == covered
 
 

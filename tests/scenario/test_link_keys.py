@@ -33,31 +33,23 @@ from cosim.network import (
     WordOrNumberKey,
     keys_of,
 )
-from cosim.scenario import link_of
-from cosim.scenario.links import (
-    BurstPart,
-    ChainPart,
-    JitterPart,
-    PacketPart,
-    RecordingFilePart,
-    SignalDelayPart,
-    TransportPart,
-)
-from cosim.scenario.media import MediumPart, RangeLogitPart
+from cosim.scenario import Scenario, json_schema, link_of
 
 VARIABLES = component_module("link_channel.variables")
 DOCS = Path(cosim.__file__).parents[1] / "docs" / "reference" / "links.md"
-PARTS = {
-    PacketLink: PacketPart,
-    TransportLink: TransportPart,
-    Jitter: JitterPart,
-    GilbertElliott: BurstPart,
-    LossChain: ChainPart,
-    Recording: RecordingFilePart,
-    DelaySignal: SignalDelayPart,
-    Medium: MediumPart,
-    RangeLogit: RangeLogitPart,
+SCHEMA = json_schema()["$defs"]
+PARTS: dict[type, Any] = {
+    PacketLink: SCHEMA["PacketPart"],
+    TransportLink: SCHEMA["TransportPart"],
+    Jitter: SCHEMA["JitterPart"],
+    GilbertElliott: SCHEMA["BurstPart"],
+    LossChain: SCHEMA["ChainPart"],
+    Recording: SCHEMA["RecordingFilePart"],
+    DelaySignal: SCHEMA["SignalDelayPart"],
+    Medium: SCHEMA["MediumPart"],
+    RangeLogit: SCHEMA["RangeLogitPart"],
 }
+"""What a scenario has for each of them, as the JSON schema says it."""
 NOT_KEYS = {"name", "delay", "windows", "recording", "hop", "adjustable", "nodes", "slots", "loss"}
 NOT_KEYS |= {"greatest_age_ns", "on_age"}
 ROWS = {"sent_ns", "lost", "delay_ns", "range_m", "size", "start_ns"}
@@ -76,12 +68,11 @@ def test_every_field_is_a_key() -> None:
 @pytest.mark.parametrize("declared", PARTS)
 def test_a_scenario_has_the_same_keys(declared: type) -> None:
     """Each key once, in order, with its meaning in the JSON schema; nothing else but a few."""
-    part = PARTS[declared]
-    names = [field.alias or name for name, field in part.model_fields.items()]
+    properties = PARTS[declared]["properties"]
     others = ("kind", "signal", "recording", "file", "node", "medium", "from", "to", "packet")
-    others += ("nodes", "slots", "loss", "greatest_age", "on_age")
-    assert [n for n in names if n not in others or n in keys_of(declared)] == [*keys_of(declared)]
-    properties = part.model_json_schema()["properties"]
+    others += ("nodes", "slots", "loss", "greatest_age", "on_age", "count", "each", "as")
+    own = [n for n in properties if n not in others or n in keys_of(declared)]
+    assert own == [*keys_of(declared)]
     for name, found in keys_of(declared).items():
         assert properties[name]["description"] == found.key.text
 
@@ -118,16 +109,22 @@ def in_network(found: DeclaredKey, value: Any) -> PacketLink | str:
         return str(error.where)
 
 
+def read_link(table: dict[str, Any]) -> Any:
+    """The link of [links.up] with these keys; a ValidationError where one is refused."""
+    data = {"title": "t", "run": {"end": 1.0, "step": 0.1}, "links": {"up": table}}
+    part = Scenario.model_validate({**data, "components": {"a": {"fmu": "WaveField"}}}).links["up"]
+    return link_of("up", part, 0)  # a value that the table lets through makes a link
+
+
 def in_scenario(found: DeclaredKey, value: Any) -> Any:
     """The link of [links.up] with this value, or what is said against it."""
     seconds = isinstance(found.key, DurationKey) and value is not None
     table = {"kind": "packet", "sample_time": 0.1, **beside(found)}
     table[found.name] = value / 1e9 if seconds else value
     try:
-        part = PacketPart.model_validate(table)
+        return read_link(table)
     except ValidationError as error:
         return str(error)
-    return link_of("up", part, 0)  # a value that the table lets through makes a link
 
 
 @pytest.mark.parametrize("name", [n for n in keys_of(PacketLink) if n != "jitter"])
@@ -171,7 +168,7 @@ def test_a_range_of_jitter_is_the_same_everywhere(kind: str, name: str) -> None:
         try:
             table = {"kind": kind, needed: 1e-6, name: None if value is None else value / 1e9}
             given = {"kind": "packet", "sample_time": 0.1, "jitter": table}
-            link = link_of("up", PacketPart.model_validate(given), 0)
+            link = read_link(given)
             assert isinstance(link, PacketLink)
             read: Jitter | None = link.jitter
         except ValueError:
@@ -205,13 +202,14 @@ def rows(declared: type) -> list[str]:
     """The rows of a table of the documentation."""
     lines = ["| key | values | default | meaning |", "|---|---|---|---|"]
     for name, found in keys_of(declared).items():
-        field = PARTS[declared].model_fields[name]
-        default = "none" if field.default is None else f"{field.default}"
-        if isinstance(field.default, int | float):
-            default = f"{field.default:g}"
-        elif isinstance(field.default, str):
+        part = PARTS[declared]
+        given = part["properties"][name].get("default")
+        default = "none" if given is None else f"{given}"
+        if isinstance(given, int | float):
+            default = f"{given:g}"
+        elif isinstance(given, str):
             default = f'`"{default}"`'
-        if field.is_required():
+        if name in part.get("required", ()):
             default = "required"
         lines.append(f"| `{name}` | {values_in_words(found)} | {default} | {found.key.text} |")
     return lines

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import tomllib
 from collections.abc import Callable
+from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -12,11 +14,17 @@ import pytest
 import tomli_w
 from shared import sampled
 
-from cosim import hinf
-from cosim.models import Measurement
-from cosim.scenario import FmuCache, parse, prepare
-from cosim.scenario.execute import assembled_system, loop_beside_design
-from cosim.scenario.guarantee.ages import command_findings
+from cosim.hinf import Result
+from cosim.hinf.certificate import pair_from_json
+from cosim.scenario import (
+    FmuCache,
+    PreparedScenario,
+    Problem,
+    execute_unrecorded,
+    load,
+    parse,
+    prepare,
+)
 
 Data = dict[str, Any]
 
@@ -33,16 +41,13 @@ def wire(data: Data, target: str) -> Data:
 
 
 def departures(data: Data, native_fmus: Path, folder: Path) -> set[str]:
-    """The places where the loop is not as designed."""
+    """The places where the loop is not as designed, as a run of a moment names them."""
+    data["run"]["end"] = 0.5
     loaded = parse(tomli_w.dumps(data), name="s", where="s.toml", folder=folder)
     prepared = prepare(loaded, FmuCache(native_fmus.parent, folder, flavour="native"))
-    compared = loop_beside_design(prepared, assembled_system(prepared)[0])
-    assert compared is not None
-    apart = [x.place for x in (*compared.departures, *compared.sensors)]
-    numbers = [
-        f"{name}.{x.parameter}" for name, found in compared.differences.items() for x in found
-    ]
-    return {*apart, *numbers}
+    metrics = execute_unrecorded(prepared, zero_state_run=False)[0].metrics
+    found = metrics.get("departures", ())
+    return {one["place"] for one in found if one["assumption"].endswith("_as_designed")}
 
 
 def with_gain(data: Data) -> None:
@@ -143,22 +148,40 @@ def test_a_value_beyond_the_last_one_is_named(native_fmus: Path, tmp_path: Path)
     assert departures(data, native_fmus, tmp_path) == places
 
 
-def test_commands_of_a_constant_age_cover_no_run() -> None:
-    """However young they are."""
-    system = hinf.DelaySystem([[-1.0]], [[1.0]])
-    measured = [Measurement("x", [[1.0]], 0.1, any_age=True)]
-    for late, name in (
+def test_commands_of_a_constant_age_cover_no_run(native_fmus: Path) -> None:
+    """However young they are; of any age they may be as old as is proved, and no nanosecond more.
+
+    The design claims another thing than is proved: what a run asks of the claim is looked at.
+    """
+    loaded = load("auv-remote", ["run.end=3"])
+    cache = FmuCache(native_fmus.parent, loaded.folder, flavour="native")
+    proved = prepare(loaded, cache)
+    measured = commands(proved)[0]
+    for any_age, name in (
         (False, "age_of_commands_constant"),
         (True, "age_of_commands_within_design"),
     ):
-        found = hinf.design_output_feedback(
-            *(system, measured),
-            gain=[[-0.1]],
-            injections=[[[0.1]]],
-            command_age=0.1,
-            command_any_age=late,
-        )
-        for age, met in ((100_000_000, late), (100_000_001, False)):
-            apart = command_findings(found.pair, age, "")
-            assert set(apart) == {name}
-            assert (not apart[name]) is met
+        for age_s, met in ((measured, any_age), (measured - 1e-9, False)):
+            saved = claiming_commands(proved, age_s, any_age=any_age)
+            _, assumptions = commands(prepare(loaded, cache, saved=saved))
+            assert {x for x in assumptions if x.startswith("age_of_commands")} == {name}
+            assert assumptions[name] is met
+
+
+def commands(prepared: PreparedScenario) -> tuple[float, dict[str, bool]]:
+    """The greatest age of a command in a run [s], and which assumptions were met."""
+    metrics = execute_unrecorded(prepared, zero_state_run=False)[0].metrics
+    age: float = metrics["measurement_ages"]["commands"]["measured"]["greatest_s"]
+    return age, metrics["assumptions"]
+
+
+def claiming_commands(
+    prepared: PreparedScenario, age_s: float, *, any_age: bool
+) -> tuple[Problem, Result]:
+    """The problem, and its design with another claim about the age of its commands."""
+    assert prepared.problem is not None
+    assert prepared.design is not None
+    data = json.loads(json.dumps(prepared.design.certificate))
+    data |= {"command_age": age_s, "command_any_age": any_age}
+    observer = pair_from_json(data)
+    return prepared.problem, replace(prepared.design, observer=observer, certificate=data)

@@ -26,14 +26,10 @@ from cosim.scenario import (
     execute_unrecorded,
     load,
     open_session,
-    open_source,
     prepare,
     run,
-    with_settings,
 )
-from cosim.scenario.read import loaded_of
-from cosim.study import Study, builtin_studies, load_study
-from cosim.study.varied import Variations
+from cosim.study import Study, builtin_studies, load_study, plan_of
 
 DESIGNS = Path(str(files("cosim.scenario").joinpath("library", "designs")))
 MINE = """\
@@ -190,19 +186,25 @@ def test_a_saved_design_is_used_unchanged(table: str, tmp_path: Path, native_fmu
     assert found.design.K.tolist() == [[0.6432, -0.5679]]
 
 
-def test_a_design_that_was_saved_before_its_worst_case_was_kept_is_read() -> None:
+def test_a_design_that_was_saved_before_its_worst_case_was_kept_is_read(native_fmus: Path) -> None:
     """Then it is found again, to six digits."""
-    old = shipped("paper-printed-gain")
-    del old["figures"]["worst_case"]
-    found = design_from_json(old, where="old")
-    assert found.worst_case is None
-    from cosim.scenario.schema import DisturbancePart  # noqa: PLC0415
-    from cosim.scenario.signals import worst_case_of  # noqa: PLC0415
-
-    part = DisturbancePart(kind="worst-case", target="plant.w", amplitude=1.0)
+    before = shipped("paper-printed-gain")
+    del before["figures"]["worst_case"]
+    old = design_from_json(before, where="old")
     new = design_from_json(shipped("paper-printed-gain"), where="new")
-    assert worst_case_of(part, found) == worst_case_of(part, new) == new.worst_case
-    other = worst_case_of(part.model_copy(update={"omega": 3.0}), new)
+    assert old.worst_case is None
+    cache = FmuCache(native_fmus.parent, Path.cwd(), flavour="native")
+
+    def worst_case(design: hinf.Result, *settings: str) -> hinf.delay_lti.WorstCase:
+        loaded = load("paper-worst-case", settings)
+        named = prepare(loaded, cache).problem
+        assert named is not None
+        found = prepare(loaded, cache, saved=(named, design)).worst_case
+        assert found is not None
+        return found
+
+    assert worst_case(old) == worst_case(new) == new.worst_case
+    other = worst_case(new, "disturbance.omega=3.0")
     assert other.omega == 3.0
     assert other.gain == float(f"{other.gain:.5e}")
 
@@ -291,28 +293,28 @@ def test_what_stands_beside_a_file_must_be_what_it_was_made_for(
 # what replaces a file, and what a file replaces
 
 
-def design_of(source: Any) -> dict[str, Any]:
-    part = loaded_of(source).scenario.design
+def design_of(name: str, *settings: str) -> dict[str, Any]:
+    """The keys of [design], but for the roles."""
+    part = load(name, settings).scenario.design
     assert part is not None
     return part.model_dump(exclude_none=True, exclude={"controller", "plant"})
 
 
 def test_a_setting_of_the_design_replaces_the_file() -> None:
     """A new design is made for it; the other way round, a file replaces how one is made."""
-    base = open_source("auv-acoustic")
-    assert design_of(with_settings(base, ["design.loop_delay=0.6"])) == {
+    base = "auv-acoustic"
+    assert design_of(base, "design.loop_delay=0.6") == {
         "system": "auv",
         "loop_delay": 0.6,
     }
-    assert design_of(with_settings(base, ["run.end=5"]))["file"] == "auv-1.25s"
-    assert design_of(with_settings(base, ["design.plant=plant"]))["file"] == "auv-1.25s"
-    both = ["design.loop_delay=0.15", "design.file=auv-0.15s"]
-    assert design_of(with_settings(base, both)) == {
+    assert design_of(base, "run.end=5")["file"] == "auv-1.25s"
+    assert design_of(base, "design.plant=plant")["file"] == "auv-1.25s"
+    assert design_of(base, "design.loop_delay=0.15", "design.file=auv-0.15s") == {
         "system": "auv",
         "file": "auv-0.15s",
         "loop_delay": 0.15,
     }
-    assert design_of(with_settings(base, ["design.file=auv-0.6s"])) == {
+    assert design_of(base, "design.file=auv-0.6s") == {
         "system": "auv",
         "file": "auv-0.6s",
     }
@@ -333,7 +335,7 @@ def test_an_extending_scenario_replaces_the_file(
     """And `without` takes the file away alone."""
     path = tmp_path / "s.toml"
     path.write_text(f'extends = "auv-acoustic"\ntitle = "t"\n{table}\n', "utf-8")
-    assert design_of(open_source(str(path))) == expected
+    assert design_of(str(path)) == expected
 
 
 def test_the_path_of_a_file_goes_along_with_what_extends(tmp_path: Path) -> None:
@@ -342,22 +344,27 @@ def test_the_path_of_a_file_goes_along_with_what_extends(tmp_path: Path) -> None
     own(tmp_path / "base", {}, "")
     path = tmp_path / "s.toml"
     path.write_text('extends = "base/flight.toml"\ntitle = "t"\n', "utf-8")
-    assert design_of(open_source(str(path))) == {"file": "base/own.json"}
+    assert design_of(str(path)) == {"file": "base/own.json"}
 
 
-def test_an_axis_of_a_study_replaces_the_file() -> None:
+def test_an_axis_of_a_study_replaces_the_file(native_fmus: Path) -> None:
     """A design is made for every value of an axis in [design]."""
     axis = {"kind": "grid", "path": "design.loop_delay", "values": [0.6, 1.25]}
     study = Study.model_validate(
         {"title": "t", "scenario": "auv-acoustic", "vary": [axis], "metrics": {"s": "status"}}
     )
-    moved = Variations(study, load("auv-acoustic").scenario).scenario([0.6]).design
+
+    def design_of_first(study: Study) -> Any:
+        plan = plan_of(study, load("auv-acoustic"), fmus=native_fmus.parent)
+        return plan.runner.variations.scenario(plan.runner.points[0]).design
+
+    moved = design_of_first(study)
     assert moved is not None
     assert (moved.file, moved.loop_delay) == (None, 0.6)
     still = {**study.model_dump(), "vary": [{**axis, "path": "run.end", "values": [5.0]}]}
-    kept = Variations(Study.model_validate(still), load("auv-acoustic").scenario).scenario([5.0])
-    assert kept.design is not None
-    assert kept.design.file == "auv-1.25s"
+    kept = design_of_first(Study.model_validate(still))
+    assert kept is not None
+    assert kept.file == "auv-1.25s"
 
 
 @pytest.mark.usefixtures("no_solver")
@@ -479,7 +486,7 @@ def test_design_is_kept_in_the_trace_if_the_folder_is_read_only(
     mine: Path, native_fmus: Path
 ) -> None:
     """The run says that the folder takes no file."""
-    with patch("cosim.scenario.pinned.write_whole", side_effect=PermissionError(13, "denied")):
+    with patch.object(Path, "write_bytes", side_effect=PermissionError(13, "denied")):
         loaded = load(str(mine))
         found = prepare(loaded, FmuCache(native_fmus.parent, loaded.folder, flavour="native"))
     assert found.source is not None

@@ -20,8 +20,8 @@ from cosim.scenario import (
     parameters_of_plant,
     parse,
     prepare,
+    problem_of,
 )
-from cosim.scenario.plant import design_settings_for
 
 SCENARIO = """\
 title = "Two seconds"
@@ -142,11 +142,14 @@ def test_a_thrust_map_of_its_own_is_named(fmu_cache: FmuCache) -> None:
 
 def test_what_the_design_says_stands() -> None:
     """`damping` and `state_delay` of [design] are not those of the plant; a unit is converted."""
-    scenario = loaded('mass = "6 t", "damping.u" = 0.1, "delay.d" = 0.4').scenario
+    design = f"{MADE}damping = [0.05, 0.05, 0.05, 0.05]\nstate_delay = 0.5\n"
+    scenario = loaded('mass = "6 t", "damping.u" = 0.1, "delay.d" = 0.4', design=design).scenario
     plant = parameters_of_plant(scenario)
     assert plant == {"mass": 6000.0, "damping.u": 0.1, "delay.d": 0.4}
+    assert scenario.design is not None
+    found = problem_of(scenario.design, Path(), plant).vehicle
     usual = hinf.problem.AuvDesignSettings()
-    found = design_settings_for(usual, {"damping": (0.05,) * 4, "state_delay": 0.5}, plant)
+    assert found is not None
     assert (found.damping, found.state_delay) == (usual.damping, usual.state_delay)
     assert found.parameters["mass"] == 6000.0
 

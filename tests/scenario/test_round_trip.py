@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import json
+import shutil
 import tomllib
 from functools import cache
 from pathlib import Path
@@ -14,22 +15,18 @@ import tomli_w
 from cli.shell import SCENARIOS, cosim
 from hypothesis import HealthCheck, given, settings, strategies as st
 
-from cosim.core import CosimError
+from cosim.core import CosimError, InputError
 from cosim.scenario import (
     FmuCache,
     Scenario,
     builtin_names,
-    execute_run,
     json_schema,
     load,
     open_source,
     parse,
-    prepare,
     problems_of,
+    run,
 )
-from cosim.scenario.check import schema_problems
-from cosim.scenario.extend import source_of
-from cosim.scenario.read import of_scenario
 
 VALID = sorted(map(str, (SCENARIOS / "valid").glob("*.toml")))
 EVERY = [*builtin_names(), *VALID]
@@ -89,10 +86,10 @@ def test_scenario_built_in_python_runs(fmus: Path, tmp_path: Path) -> None:
             "assertions": [{"eventually": "plant.x[1] < 5"}],
         }
     )
-    (tmp_path / "built.toml").write_text(scenario.to_toml())
-    fmu_cache = FmuCache(fmus.parent, tmp_path)
-    built = execute_run(prepare(of_scenario(scenario, "built"), fmu_cache), tmp_path / "a.mcap")
-    read = execute_run(prepare(load(str(tmp_path / "built.toml")), fmu_cache), tmp_path / "b.mcap")
+    path = tmp_path / "scenario.toml"
+    path.write_text(scenario.to_toml())
+    built = run(scenario, tmp_path / "a.mcap", fmus=fmus.parent)
+    read = run(path, tmp_path / "b.mcap", fmus=fmus.parent)
     assert built.content_hash == read.content_hash
     assert built.assertions[0].result == "holds"
     again = cosim("trace", "rerun", "a.mcap", "--json", "--fmus", fmus.parent, cwd=tmp_path)
@@ -160,13 +157,15 @@ def test_every_mutation_runs_or_gives_a_message(
     data: st.DataObject, fmus: Path, tmp_path: Path
 ) -> None:
     """Values of every wrong kind in every place: refused in words, or right; never a traceback."""
+    shutil.copytree(SCENARIOS / "valid", tmp_path, dirs_exist_ok=True)
     tables = mutated(data.draw(st.sampled_from(SEEDS)), data.draw)
     try:
         text = tomli_w.dumps(tables)
     except (TypeError, ValueError):  # None, and what is no text
         text = tomli_w.dumps({k: v for k, v in tables.items() if isinstance(v, str)})
     try:
-        source = source_of(text, name="m", where="m.toml", folder=SCENARIOS / "valid")
+        (tmp_path / "m.toml").write_text(text, "utf-8")
+        source = open_source(str(tmp_path / "m.toml"))
     except CosimError:
         return
     for problem in problems_of(source, FmuCache(fmus.parent, tmp_path)):
@@ -182,6 +181,9 @@ def test_every_text_is_a_condition_or_gives_a_message(text: str) -> None:
     """Any letters: a condition, or a message with a column."""
     data = tomllib.loads(Path(VALID[0]).read_text("utf-8"))
     data["events"] = [{"when": text, "stop": True}]
-    source = source_of(tomli_w.dumps(data), name="m", where="m.toml", folder=Path())
-    message = [problem.text() for problem in schema_problems(source)]
-    assert all("events[0].when" in words and "column" in words for words in message)
+    refused = []
+    try:
+        parse(tomli_w.dumps(data), name="m", where="m.toml", folder=Path())
+    except InputError as error:
+        refused.append(error.text())
+    assert all("events[0].when" in words and "column" in words for words in refused)

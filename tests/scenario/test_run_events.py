@@ -1,106 +1,201 @@
-"""Events of a run are the same whatever its blocks, and the log has no more than it can bear."""
+"""Events of a run are counted and logged as they happen; the log has no more than it can bear."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from itertools import pairwise
+import random
+from collections.abc import Mapping, Sequence
+from itertools import groupby
+from pathlib import Path
+from typing import Any, NamedTuple
 
-import numpy as np
-from hypothesis import given, strategies as st
+import pytest
+import tomli_w
 
-from cosim.scenario.loss_bursts import FEWEST, Bursts
-from cosim.scenario.run_events import MOST_LINES, Episodes, EventCollector
-from cosim.trace import EventCount, RunEvent
+from cosim.master import EngineName, Pace
+from cosim.scenario import (
+    FmuCache,
+    Outcome,
+    execute_recorded,
+    parse,
+    prepare,
+    supervision_of,
+)
+from cosim.trace import EventCount, Trace, verify
 
-TRUTHS = st.lists(st.booleans(), max_size=30)
-CUTS = st.lists(st.integers(0, 30), max_size=3)
-AT_LIMIT = RunEvent(0, "warning", "saturation", "c.force", "at its limit")
-END_NS = 1000
+STEP_NS = 100_000_000
+AXES = {"force.x": "x", "force.y": "y", "force.z": "z", "moment.z": "psi"}
+LIMIT = 10.0
+AS_COMMANDED = {f"K[{i},{j}]": -float(i == j) for i in range(1, 5) for j in range(1, 9)} | {
+    f"thrust_map[{i},{j}]": float(i == j) for i in range(1, 5) for j in range(1, 5)
+}
+"""u = K (x - reference) with x = 0: each command is the reference of its axis."""
+BEGINS, ENDS = "at its limit of 10 N", "below its limit again"
+MOST_LINES = 400
+"""Lines of one kind of event of one subject that a log can bear, as its last one says."""
 
 
-def in_blocks(size: int, cuts: Sequence[int]) -> list[slice]:
-    """Slices that cut so many items at these places."""
-    places = sorted({0, size, *(min(cut, size) for cut in cuts)})
-    return [slice(a, b) for a, b in pairwise(places)]
+LEVELS = {1: "debug", 2: "info", 3: "warning", 4: "error"}
+"""Levels of the log of a trace, which are Foxglove's."""
 
 
-@given(TRUTHS, CUTS)
-def test_episodes_are_where_it_is_true(there: list[bool], cuts: list[int]) -> None:
+class Line(NamedTuple):
+    """A line of the log of a trace."""
+
+    time_ns: int
+    level: str
+    name: str
+    message: str
+
+
+def run_of(
+    data: Mapping[str, Any], fmus: Path, folder: Path, engine: EngineName = "auto"
+) -> tuple[Outcome, list[Line]]:
+    """A recorded run: its outcome, and its log."""
+    loaded = parse(tomli_w.dumps(data), name="e", where="e.toml", folder=folder)
+    prepared = prepare(loaded, FmuCache(fmus.parent, folder, flavour="native"))
+    path = folder / f"{engine}.mcap"
+    alone = supervision_of(loaded.scenario, supervise=False)
+    pace = None if engine == "auto" else Pace(factor=1e6)  # which looks at every point
+    outcome, _, _ = execute_recorded(prepared, path, engine=engine, pace=pace, supervision=alone)
+    checks = verify(path).checks  # every line has its place among the rows
+    assert [check for check in checks if check.verdict == "failed"] == []
+    log = Trace(path).read("/log")
+    levels = [LEVELS[int(level)] for level in log["level"]]
+    columns = (log.log_time_ns.tolist(), levels, log["name"], log["message"])
+    return outcome, [Line(*line) for line in zip(*columns, strict=True)]
+
+
+def at_limits(truths: Mapping[str, Sequence[bool]]) -> dict[str, Any]:
+    """A scenario of a controller whose commands are at their limits where it is true."""
+    count = len(next(iter(truths.values())))
+    return {
+        "title": "commands at their limits",
+        "run": {"end": (count - 1) * STEP_NS / 1e9, "step": STEP_NS / 1e9},
+        "components": {
+            "c": {
+                "fmu": "HinfController",
+                "parameters": {
+                    **AS_COMMANDED,
+                    "limit.force": LIMIT,
+                    "limit.moment": LIMIT,
+                    "sample_time": 0.0,
+                },
+            }
+        },
+        "inputs": [
+            {
+                "times": [k * STEP_NS / 1e9 for k in range(count)],
+                "values": {  # what it samples at a point it commands at the next one
+                    f"c.reference.{AXES[name]}": [2 * LIMIT * x for x in [*there[1:], False]]
+                    for name, there in truths.items()
+                },
+                "interpolation": "hold",
+            }
+        ],
+    }
+
+
+def lines_of(log: Sequence[Line], *words: str) -> list[tuple[int, str, str]]:
+    """The lines of the log about a subject."""
+    about = [line for line in log if all(word in f"{line.name}: {line.message}" for word in words)]
+    return [(line.time_ns, line.level, line.message) for line in about]
+
+
+@pytest.mark.parametrize("engine", ["python", "auto"])
+def test_episodes_are_where_it_is_true(
+    engine: EngineName, native_fmus: Path, tmp_path: Path
+) -> None:
     """Begin, end and duration of each, found by hand; one that lasts ends with the run."""
-    times = np.arange(len(there), dtype=np.int64) * 10
-    collector = EventCollector()
-    episodes = Episodes(collector, AT_LIMIT, "below again")
-    for part in in_blocks(len(there), cuts):
-        episodes.add(times[part], np.array(there, bool)[part])
-    episodes.close(END_NS)
-    wanted, total, since = [], 0, None
-    for k, now in enumerate(there):
-        if now and since is None:
-            since = 10 * k
-            wanted.append((since, "warning", "at its limit"))
-        elif not now and since is not None:
-            total += 10 * k - since
-            since = None
-            wanted.append((10 * k, "info", "below again"))
-    total += 0 if since is None else END_NS - since
-    assert [(e.time_ns, e.level, e.message) for e in collector.take(END_NS)] == wanted
-    begun = [time for time, level, _ in wanted if level == "warning"]
-    if not begun:
-        assert collector.counts() == ()
-        return
-    (found,) = collector.counts()
-    assert (found.count, found.first_s, found.total_s) == (len(begun), begun[0] / 1e9, total / 1e9)
+    r = random.Random(3)  # noqa: S311 - cases, not secrets
+    some = {name: [False, *(r.random() < 0.4 for _ in range(60))] for name in AXES}
+    some["force.y"][-3:] = [True, True, True]
+    some["moment.z"] = [False] * 61
+    outcome, log = run_of(at_limits(some), native_fmus, tmp_path, engine)
+    counts = {one.subject: one for one in outcome.events if one.kind == "saturation"}
+    assert set(counts) == {"c.force.x", "c.force.y", "c.force.z"}
+    for name in ("force.x", "force.y", "force.z"):
+        wanted, total, k = [], 0, 0
+        for there, group in groupby(some[name]):
+            lasts = len(list(group))
+            ended = k + lasts == len(some[name])
+            if there:
+                wanted.append((k * STEP_NS, "warning", BEGINS))
+                total += (lasts - ended) * STEP_NS
+                if not ended:
+                    wanted.append(((k + lasts) * STEP_NS, "info", ENDS))
+            k += lasts
+        assert lines_of(log, f"c.{name}", "its limit") == wanted
+        begun = [time for time, level, _ in wanted if level == "warning"]
+        found = counts[f"c.{name}"]
+        assert (found.count, found.first_s) == (len(begun), begun[0] / 1e9)
+        assert found.total_s == total / 1e9
 
 
-@given(TRUTHS, CUTS)
-def test_bursts_are_three_messages_missed_in_a_row(missed: list[bool], cuts: list[int]) -> None:
+@pytest.mark.parametrize("engine", ["python", "auto"])
+def test_bursts_are_three_messages_missed_in_a_row(
+    engine: EngineName, native_fmus: Path, tmp_path: Path
+) -> None:
     """Begin at the third, end with the next that arrives: counted one message after the other."""
-    times = np.arange(len(missed), dtype=np.int64) * 7
-    collector = EventCollector()
-    bursts = Bursts("up", collector)
-    for part in in_blocks(len(missed), cuts):
-        bursts.add(times[part], np.array(missed, bool)[part])
-    bursts.close(END_NS)
-    wanted, gone = [], 0
-    for k, is_missed in enumerate(missed):
-        if is_missed:
-            gone += 1
-            if gone == FEWEST:
-                wanted.append((7 * k, "3 messages in a row did not arrive"))
-        else:
-            if gone >= FEWEST:
-                wanted.append((7 * k, f"messages arrive again, after {gone} that did not"))
-            gone = 0
-    assert [(e.time_ns, e.message) for e in collector.take(END_NS)] == wanted
+    r = random.Random(4)  # noqa: S311 - cases, not secrets
+    missed = {name: [r.random() < 0.6 for _ in range(80)] for name in ("up", "down")}
+    missed["up"][-4:] = [False, True, True, True]
+    missed["down"][:5] = [True, True, True, True, False]
+    data = {
+        "title": "bursts",
+        "connect": ["plant.x -> controller.x : up", "controller.u -> plant.u : down"],
+        "run": {"end": 79 * STEP_NS / 1e9, "step": STEP_NS / 1e9},
+        "components": {
+            "plant": {"fmu": "DelayedPlant"},
+            "controller": {"fmu": "PaperController"},
+        },
+        "links": {
+            name: {
+                "kind": "packet",
+                "sample_time": STEP_NS / 1e9,
+                "recording": {
+                    "sent": [k * STEP_NS / 1e9 for k in range(80)],
+                    "lost": [k for k, lost in enumerate(each) if lost],
+                },
+            }
+            for name, each in missed.items()
+        },
+    }
+    outcome, log = run_of(data, native_fmus, tmp_path, engine)
+    counts = {one.subject: one for one in outcome.events if one.kind == "loss"}
+    for name, each in missed.items():
+        wanted, gone = [], 0
+        for k, lost in enumerate(each):
+            gone = gone + 1 if lost else 0
+            if gone == 3:
+                wanted.append((STEP_NS * k, "3 messages in a row did not arrive"))
+            before = [not x for x in reversed(each[:k])]
+            run = before.index(True) if True in before else len(before)
+            if not lost and run >= 3:
+                words = f"messages arrive again, after {run} that did not"
+                wanted.append((STEP_NS * k, words))
+        found = lines_of(log, name, "messages")
+        assert [(time, words) for time, _, words in found] == wanted
+        begun = [time for time, words in wanted if words.startswith("3")]
+        assert (counts[name].count, counts[name].first_s) == (len(begun), begun[0] / 1e9)
 
 
-def test_log_has_a_bounded_number_of_lines_of_a_kind() -> None:
+def test_log_has_a_bounded_number_of_lines_of_a_kind(native_fmus: Path, tmp_path: Path) -> None:
     """The last one says so; all are counted, and another subject has its own lines."""
-    collector = EventCollector()
-    episodes = Episodes(collector, AT_LIMIT, "below again")
     count = MOST_LINES + 50
-    times = np.arange(2 * count, dtype=np.int64)
-    episodes.add(times, times % 2 == 0)
-    collector.begun(RunEvent(3, "warning", "saturation", "c.moment", "at its limit"))
-    lines = collector.take(10**9)
-    mine = [line for line in lines if line.subject == "c.force"]
+    often = [k % 2 == 1 for k in range(2 * count + 1)]
+    once = [k == 5 for k in range(2 * count + 1)]
+    outcome, log = run_of(at_limits({"force.x": often, "moment.z": once}), native_fmus, tmp_path)
+    mine = lines_of(log, "c.force.x", "its limit")
     assert len(mine) == 2 * MOST_LINES
-    assert sum("counted only" in line.message for line in mine) == 1
-    assert [line.time_ns for line in lines] == sorted(line.time_ns for line in lines)
-    first, other = collector.counts()
-    assert (first.count, first.total_s) == (count, count / 1e9)
-    assert first.words == "c.force: at its limit (450 times, 4.5e-07 s in all)"
-    assert (other.count, other.words) == (1, "c.moment: at its limit")
-
-
-def test_events_are_returned_once_and_not_before_their_time() -> None:
-    """Only those up to an instant; the rest the next time."""
-    collector = EventCollector()
-    for time_ns in (5, 1, 9):
-        collector.begun(RunEvent(time_ns, "info", "loss", "up", "x"))
-    assert [e.time_ns for e in collector.take(5)] == [1, 5]
-    assert [e.time_ns for e in collector.take(100)] == [9]
-    assert collector.take(100) == []
+    assert sum("counted only" in message for _, _, message in mine) == 1
+    assert "counted only" in mine[-2][2]
+    assert len(lines_of(log, "c.moment.z", "its limit")) == 2
+    times = [line.time_ns for line in log]
+    assert times == sorted(times)
+    first, other = (one for one in outcome.events if one.kind == "saturation")
+    assert (first.count, first.total_s) == (count, count * STEP_NS / 1e9)
+    assert first.words == f"c.force.x: at its limit of 10 N ({count} times, 45 s in all)"
+    assert (other.count, other.words) == (1, "c.moment.z: at its limit of 10 N.m (0.1 s)")
 
 
 def test_count_of_any_json_is_read() -> None:

@@ -15,8 +15,7 @@ from test_events import LOOP as PLAIN
 from cosim import open_session
 from cosim.core import InputError
 from cosim.master import Run, Snapshot
-from cosim.scenario import FmuCache, execute_unrecorded, load, prepare
-from cosim.scenario.scenario_session import ScenarioSession
+from cosim.scenario import FmuCache, ScenarioSession, execute_unrecorded, load, prepare
 
 LOOP = (
     PLAIN.replace(" LINK", "")

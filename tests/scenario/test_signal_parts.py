@@ -8,17 +8,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+import tomli_w
 from numpy.typing import NDArray
 
 from cosim.core import InputError
-from cosim.fmu import component_module
+from cosim.fmu import build_fmu, component_module
 from cosim.master import Run
 from cosim.network import standard_normal
 from cosim.scenario import FmuCache, execute_unrecorded, parse, prepare
-from cosim.scenario.binding import Meaning, bind
-from cosim.scenario.computed import ComputedTable
-from cosim.scenario.expression import Expression
-from cosim.scenario.quantity import dimension
 
 Reals = NDArray[np.float64]
 
@@ -77,7 +74,10 @@ def test_a_computed_value_is_that_of_the_same_instant(fmus: Path, tmp_path: Path
     assert units["sum"]["high"].unit is None
 
 
-def test_a_computed_value_has_the_bits_of_a_condition() -> None:
+@pytest.mark.parametrize("flavour", ["native", "python"])
+def test_a_computed_value_has_the_bits_of_a_condition(
+    flavour: str, fmus: Path, tmp_path: Path
+) -> None:
     """Every function and operator, recorded and carried out on floats, against signals."""
     text = (
         "min(p.a, 2) * max(p.b, p.a, 0.1) - hypot(p.a, p.b) / abs(p.b) + atan2(p.a, p.b)"
@@ -87,25 +87,27 @@ def test_a_computed_value_has_the_bits_of_a_condition() -> None:
         " + (asin(sin(p.b)) + acos(cos(p.a)) + atan(p.b)) / 1 rad"
     )
     truth = "p.a < p.b or not p.a >= 0.5 and p.b != p.a or p.a <= -1 or p.a == p.b"
-
-    class Loose:
-        def meaning(self, reference: str) -> Meaning:
-            return Meaning("number", None if reference != "t" else dimension(s=1))
-
-    table = ComputedTable("c", {"y": text, "b": truth}, Loose(), lambda _name: None)
-    for output in ("y", "b"):
-        table.bind(output)
-    constants = table.spec(dict.fromkeys(table.signals), 1.0).constants
-    recorded = component_module("computed.behaviour").Computed(dict(constants))
-    draw = np.random.default_rng(1)
-    for a, b in draw.uniform(-3.0, 3.0, (200, 2)).tolist():
-        values = {"p.a": a, "p.b": b}
-        recorded.initialise(values, 0.0)
-        recorded.refresh(values)  # which refuses what is not finite
-        for value, one in zip((values["y"], values["b"]), (text, truth), strict=True):
-            bound = bind(Expression(one), Loose(), None)
-            given = {"p.a": a, "p.b": b}
-            assert value == float(bound([given[name] for name in bound.names])), one
+    draws = np.random.default_rng(1).uniform(-3.0, 3.0, (200, 2)).tolist()
+    spec = component_module("signal_table.variables").table_spec(
+        "Table", [("a", None), ("b", None)], [k * 10**8 for k in range(200)], draws, 0.1
+    )
+    build_fmu(spec, tmp_path, "native")
+    data = {
+        "title": "bits",
+        "run": {"end": 19.9, "step": 0.1},
+        "components": {"p": {"fmu": "Table.fmu"}},
+        "computed": {"c": {"y": text, "b": truth}},
+        "assertions": [
+            {"always": f"c.y == {text}"},
+            {"always": f"c.b > 0 and ({truth}) or c.b < 1 and not ({truth})"},
+        ],
+    }
+    loaded = parse(tomli_w.dumps(data), name="bits", where="bits.toml", folder=tmp_path)
+    cache = FmuCache(fmus.parent, tmp_path, flavour=flavour)
+    outcome, run = execute_unrecorded(prepare(loaded, cache))
+    assert [one.result for one in outcome.assertions] == ["holds", "holds"]
+    assert len({*run.signal("c", "y").tolist()}) == 200
+    assert 0 < run.signal("c", "b").sum() < 200
 
 
 def noisy(count: int, sigma: float, lane: int) -> Reals:

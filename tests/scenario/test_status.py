@@ -1,32 +1,39 @@
 """Limit cycle, steady saturation and decay are distinguished on runs with given commands.
 
-A table of signals, as an FMU, gives the reference; the vehicle's controller, an FMU too, makes
-its commands of it and limits them. What is judged is the run.
+A time series gives the reference of a designed controller, which makes its commands of it and
+limits them; its plant stands apart. What is judged is the outcome.
 """
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
-from fed import blocks_of_one, fed
+import tomli_w
 
-from cosim.fmu import build_fmu, component_module, describe_fmu
-from cosim.master import Component, Connection, Endpoint, Run, System, make_schedule, simulate
-from cosim.models import STATE
-from cosim.scenario.limits import Saturation, SaturationMeasure, saturation
+from cosim.master import Run
+from cosim.models import TABLE_1, inertia
+from cosim.scenario import (
+    FmuCache,
+    Outcome,
+    execute_recorded,
+    execute_unrecorded,
+    parse,
+    prepare,
+    supervision_of,
+)
 
 S = 10**9
 FORCE, MOMENT = 10.0, 4.0
 AXIS = {"force.x": "x", "force.y": "y", "force.z": "z", "moment.z": "psi"}
-AS_COMMANDED = {f"K[{i},{j}]": -float(i == j) for i in range(1, 5) for j in range(1, 9)} | {
-    f"thrust_map[{i},{j}]": float(i == j) for i in range(1, 5) for j in range(1, 5)
-}
-"""u = K (x - reference) with x = 0: each command is the reference of its axis."""
 
 SMOOTH_NS = [k * S // 10 for k in range(1000)]
 T = np.array(SMOOTH_NS) / 1e9
@@ -43,7 +50,9 @@ SMOOTH = {
 }
 """Signals of force.x, and whether they are a limit cycle."""
 
-STEPS_NS = sorted({*range(0, 81 * S, S), *range(2 * S, 3 * S, S // 1000), 70 * S - 1, 70 * S + 1})
+BETWEEN_NS = [*range(2 * S + S // 100, 3 * S, S // 100), 70 * S - 1, 70 * S + 1]
+"""Points beside those of the step, at which events do nothing that counts."""
+STEPS_NS = sorted({*range(0, 81 * S, S), *BETWEEN_NS})
 """80 s, of which the last quarter begins at 60 s and has half of its 20 s until 70 s."""
 
 
@@ -97,14 +106,37 @@ STEPPED: dict[str, tuple[dict[str, np.ndarray], bool]] = {
         },
         True,
     ),
-    "a second in a thousand points": ({"force.x": -turning(seconds(2, 3), FORCE)}, False),
+    "a second in a hundred points": ({"force.x": -turning(seconds(2, 3), FORCE)}, False),
     "a second in one point": ({"force.x": -turning(seconds(1, 2), FORCE)}, False),
 }
 """Signals of commands, and whether they are a limit cycle."""
 
 
+@cache
+def named_gain() -> np.ndarray:
+    """The gain of the design from positions to accelerations, (4, 4)."""
+    designs = files("cosim.scenario").joinpath("library", "designs")
+    K = json.loads(designs.joinpath("auv-1.25s.json").read_bytes())["K"]
+    return np.array(K)[:, :4]
+
+
+@dataclass(frozen=True)
+class Judged:
+    """What an outcome says of the commands of a run."""
+
+    status: str
+    fraction: float
+    largest: Mapping[str, float]
+
+    @classmethod
+    def of(cls, outcome: Outcome) -> Judged:
+        """That of an outcome."""
+        metrics = outcome.metrics
+        return cls(outcome.status, metrics["saturated_fraction"], metrics["largest_command"])
+
+
 class Commander:
-    """Runs the controller so that its commands at given points are given ones."""
+    """Runs a designed controller so that its commands at given points are given ones."""
 
     def __init__(
         self,
@@ -113,57 +145,80 @@ class Commander:
         fmus: Path,
         folder: Path,
     ) -> None:
-        self._cases, self._points = cases, points_ns
-        pairs = [(case, name) for case, given in cases.items() for name in given]
-        self._names = {pair: f"command{number}" for number, pair in enumerate(pairs)}
-        values = np.column_stack([x for given in cases.values() for x in given.values()])
-        assert not values[0].any()  # a controller starts with zero
-        # what it samples at a point it commands at the next one
-        ahead = [*values[1:].tolist(), values[-1].tolist()]
-        outputs = [(name, None) for name in self._names.values()]
-        spec = component_module("signal_table.variables").table_spec(
-            "Table", outputs, points_ns, ahead, 1.0
-        )
-        self._table = describe_fmu(build_fmu(spec, folder, "native"))
-        self._controller = describe_fmu(fmus / "HinfController.fmu")
+        self._cases, self._points, self._folder = cases, points_ns, folder
+        self._step_ns = points_ns[1] - points_ns[0]
+        self._cache = FmuCache(fmus.parent, folder, flavour="native")
 
-    def judged(self, case: str, force: float = FORCE) -> Saturation:
-        """Saturation of a run with these commands."""
-        start = dict.fromkeys(STATE, 0.0) | {"limit.force": force, "limit.moment": MOMENT}
-        start |= AS_COMMANDED | {"sample_time": 0.0}
-        end = self._points[-1]
-        commands = self._cases[case]
-        run = simulate(
-            System(
-                {"table": Component(self._table), "controller": Component(self._controller, start)},
-                [
-                    Connection(
-                        Endpoint("table", self._names[case, name]),
-                        Endpoint("controller", f"reference.{AXIS[name]}"),
-                    )
-                    for name in commands
-                ],
-                {},
-                {},
-                make_schedule({}, end, end, "align", (), self._points),
-                1e9,
-            )
+    def judged(self, case: str, force: float = FORCE) -> Judged:
+        """What is said of a run with these commands, however it is measured."""
+        prepared = prepare(self._loaded(case, force), self._cache)
+        outcome, run = execute_unrecorded(prepared, zero_state_run=False)
+        self._check(run, self._cases[case], force)
+        found = Judged.of(outcome)
+        alone = supervision_of(prepared.loaded.scenario, supervise=False)
+        path = self._folder / "status.mcap"  # recorded, and measured point by point
+        _, again, _ = execute_recorded(
+            prepared, path, engine="python", supervision=alone, zero_state_run=False
         )
-        self._check(run, commands, force)
-        found = saturation(run, "controller")
-        assert found is not None
-        again = fed(run, [SaturationMeasure("controller")], blocks_of_one(run.points_ns.size))
-        assert again == [found]
-        broken_off = saturation(replace(run, status="stopped"), "controller")
-        assert broken_off == replace(found, limit_cycle=False)
+        assert Judged.of(again) == found
         return found
+
+    def stopped(self, case: str) -> Judged:
+        """What is said of a run that is stopped where it would end."""
+        stop = {"at": (self._points[-1] - 1) / 1e9, "stop": "enough"}
+        prepared = prepare(self._loaded(case, FORCE, stop), self._cache)
+        return Judged.of(execute_unrecorded(prepared, zero_state_run=False)[0])
+
+    def _loaded(self, case: str, force: float, *events: dict[str, Any]) -> Any:
+        commands = self._cases[case]
+        wanted = np.zeros((len(self._points), len(AXIS)))
+        for j, name in enumerate(AXIS):
+            wanted[:, j] = commands.get(name, 0.0)
+        assert not wanted[0].any()  # a controller starts with zero
+        # u = K (x - reference) with x = 0; what it samples at a point it commands at the next one
+        ahead = np.vstack([wanted[1:], wanted[-1:]])
+        thrust = np.array(inertia(TABLE_1)) @ named_gain()
+        references = -np.linalg.solve(thrust, ahead.T)
+        points = {k * self._step_ns for k in range(len(self._points))}
+        between = [t for t in self._points if t not in points]
+        data = {
+            "title": "commands that are given",
+            "run": {"end": self._points[-1] / 1e9, "step": self._step_ns / 1e9},
+            "components": {
+                "plant": {"fmu": "AuvPlant"},
+                "controller": {
+                    "fmu": "HinfController",
+                    "parameters": {
+                        "limit.force": force,
+                        "limit.moment": MOMENT,
+                        "sample_time": 0.0,
+                    },
+                },
+            },
+            "design": {"file": "auv-1.25s"},
+            "inputs": [
+                {
+                    "times": [t / 1e9 for t in self._points],
+                    "values": {
+                        f"controller.reference.{axis}": row.tolist()
+                        for axis, row in zip(AXIS.values(), references, strict=True)
+                    },
+                    "interpolation": "hold",
+                }
+            ],
+            "events": [
+                *({"at": t / 1e9, "set": {"plant.disturbance.u": 0.0}} for t in between),
+                *events,
+            ],
+        }
+        return parse(tomli_w.dumps(data), name="s", where="s.toml", folder=self._folder)
 
     def _check(self, run: Run, commands: Mapping[str, np.ndarray], force: float) -> None:
         assert run.points_ns.tolist() == list(self._points)
         for name, wanted in commands.items():
             bound = MOMENT if name == "moment.z" else force
             made = run.signal("controller", name)
-            assert made.tolist() == np.clip(wanted, -bound, bound).tolist()
+            np.testing.assert_allclose(made, np.clip(wanted, -bound, bound), rtol=0, atol=1e-9)
 
 
 @pytest.fixture(scope="module")
@@ -181,21 +236,30 @@ def stepped(native_fmus: Path, tmp_path_factory: pytest.TempPathFactory) -> Comm
 @pytest.mark.parametrize("case", SMOOTH)
 def test_limit_cycle_is_distinguished_from_saturation(smooth: Commander, case: str) -> None:
     """A limit cycle goes to and fro between the limits, most of the last quarter."""
-    assert smooth.judged(case).limit_cycle is SMOOTH[case][1]
+    assert smooth.judged(case).status == ("limit_cycle" if SMOOTH[case][1] else "finished")
 
 
 @pytest.mark.parametrize("case", STEPPED)
 def test_limit_cycle_begins_at_its_threshold(stepped: Commander, case: str) -> None:
     """More than half of the last quarter, four reversals of one command: at, below, above."""
-    assert stepped.judged(case).limit_cycle is STEPPED[case][1]
+    assert stepped.judged(case).status == ("limit_cycle" if STEPPED[case][1] else "finished")
 
 
-@pytest.mark.parametrize("case", ["a second in a thousand points", "a second in one point"])
+def test_a_run_that_was_stopped_has_no_limit_cycle(smooth: Commander) -> None:
+    """However near its end; the share of time at the limits is what it was."""
+    found, whole = smooth.stopped("from limit to limit"), smooth.judged("from limit to limit")
+    assert (found.status, whole.status) == ("stopped", "limit_cycle")
+    assert found.fraction == pytest.approx(whole.fraction, rel=1e-3)
+    assert found.largest == whole.largest
+
+
+@pytest.mark.parametrize("case", ["a second in a hundred points", "a second in one point"])
 def test_fraction_is_of_time_not_of_points(stepped: Commander, case: str) -> None:
     """One second at the limit in eighty, whatever the number of points in it."""
     found = stepped.judged(case)
     assert found.fraction == pytest.approx(1 / 80, rel=1e-12)
-    assert found.largest == {"force.x": FORCE, "force.y": 0.0, "force.z": 0.0, "moment.z": 0.0}
+    expected = {"force.x": FORCE, "force.y": 0.0, "force.z": 0.0, "moment.z": 0.0}
+    assert found.largest == pytest.approx(expected, abs=1e-9)
 
 
 def test_limit_that_the_scenario_sets_counts(smooth: Commander) -> None:

@@ -1,27 +1,42 @@
-"""What measures give, from the whole arrays of a run that has kept its rows: a truth to compare.
+"""What an outcome says of a run, from the whole arrays of its rows: a truth to compare.
 
-Written as expressions over all points at once, where a measure goes from block to block.
+Written as expressions over all points at once, where a run is measured block by block.
 """
 
 from __future__ import annotations
 
 import itertools
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from cosim.master import Run, System, receiving_order
 from cosim.models import DelaySystem
 from cosim.network import PacketLink
-from cosim.scenario.age import MeasuredAges
-from cosim.scenario.events import AssertionPart
-from cosim.scenario.performance import Binding
 
 
-def measured_ages(
-    run: Run, plant: str, controller: str, *, jacobi: bool = True
-) -> MeasuredAges | None:
+class Ages(NamedTuple):
+    """Ages of measurements in use [ns]; `in_use_ns` : least and greatest as one comes into use."""
+
+    least_ns: int | None
+    greatest_ns: int
+    in_use_ns: tuple[int, int] | None
+    first_ns: int
+    alike: bool
+    interrupted: bool
+
+
+class Binding(NamedTuple):
+    """Variables of a plant that are x, u and w; `thrust` : from u's variables to u."""
+
+    state: tuple[str, ...]
+    control: tuple[str, ...]
+    disturbance: tuple[str, ...]
+    thrust: Any = None
+
+
+def measured_ages(run: Run, plant: str, controller: str, *, jacobi: bool = True) -> Ages | None:
     """Ages of measurements, by following every row back from the plant to the plant."""
     by_name = {s.name: s for s in run.instances}
     points, c = run.points_ns, by_name[controller]
@@ -60,7 +75,7 @@ def measured_ages(
         if min(taken) > 0 and (k == 0 or min(intervals[k - 1][1]) != min(taken))
     ]
     young = [int(points[k]) - max(taken) for k, taken in known if min(taken) > 0]
-    return MeasuredAges(
+    return Ages(
         least_ns=min(young, default=None),
         greatest_ns=max(int(points[k + 1]) - min(taken) for k, taken in known),
         in_use_ns=(min(comes), max(comes)) if comes else None,
@@ -115,10 +130,10 @@ def gain_of(run: Run, plant: str, binding: Binding, system: DelaySystem) -> floa
             found.append(added)
         return found
 
-    x, w = values(binding.state.names), values(binding.disturbance.names)
-    u = values(binding.control.names)
-    if binding.control.map is not None:
-        u = times(binding.control.map, u)
+    x, w = values(binding.state), values(binding.disturbance)
+    u = values(binding.control)
+    if binding.thrust is not None:
+        u = times(binding.thrust, u)
     d1, d2 = times(system.D1, w), times(system.D2, u)
     direct = [a + b for a, b in zip(d1, d2, strict=True)]
     z = times(system.D, x)
@@ -191,7 +206,7 @@ def cut_delays(run: Run, system: System) -> dict[Any, float]:
 
 
 def verdict_of(
-    part: AssertionPart, holds: list[bool], since: list[bool] | None, run: Run, end: float
+    part: Any, holds: list[bool], since: list[bool] | None, run: Run, end: float
 ) -> tuple[str, float | None]:
     """The result of an assertion and the point that decided it, from its truth at every point."""
     seconds = [int(t) / 1e9 for t in run.points_ns]

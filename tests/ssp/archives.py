@@ -5,16 +5,30 @@ from __future__ import annotations
 import zipfile
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cosim.master import Run, simulate
-from cosim.scenario import FmuCache, LoadedScenario, SspExport, export_ssp, parse, prepare
-from cosim.scenario.ssp.export import Links, system_of
+from cosim.scenario import (
+    FmuCache,
+    LoadedScenario,
+    SspExport,
+    assembled_system,
+    export_ssp,
+    parse,
+    prepare,
+)
+
+Links = Literal["annotate", "fmu"]
+"""How an archive has the links: as annotations, or as FMUs."""
+
+SSP1 = "http://ssp-standard.org/SSP1/SystemStructure"
+"""Begin of the namespaces of SSP."""
 
 SPACES = " ".join(
-    f'xmlns:{prefix}="http://ssp-standard.org/SSP1/SystemStructure{name}"'
+    f'xmlns:{prefix}="{SSP1}{name}"'
     for prefix, name in (
         ("ssc", "Common"),
         ("ssd", "Description"),
@@ -87,7 +101,7 @@ def export(
 
 def execute_scenario(scenario: LoadedScenario, fmus: Path) -> Run:
     prepared = prepare(scenario, FmuCache(fmus.parent, scenario.folder, flavour="native"))
-    run = simulate(system_of(prepared, prepared.loaded.scenario))
+    run = simulate(assembled_system(prepared)[0])
     assert run.status == "finished", run.reason
     return run
 

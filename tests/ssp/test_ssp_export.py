@@ -10,13 +10,14 @@ import numpy as np
 import pytest
 from fmpy.ssp.ssd import find_components, read_ssd
 from lxml import etree
-from ssp.archives import LINKED, execute_scenario, export, loaded, signals
+from ssp.archives import LINKED, SSP1, execute_scenario, export, loaded, signals
 
 from cosim.core import InputError
 from cosim.fmu import inspect_fmu
 from cosim.scenario import import_ssp, load
-from cosim.scenario.ssp.names import NAMESPACES, OWN
 
+OWN = "urn:auv-cosim:ssp:1"
+"""Namespace of the annotations of this project (docs/reference/ssp.md)."""
 NAMES = ("plant.x[1]", "plant.x[2]", "plant.z[1]", "controller.u[1]")
 
 
@@ -70,7 +71,7 @@ def test_link_annotation_has_every_parameter(native_fmus: Path, tmp_path: Path) 
     assert own["up-link"]["loss"]["p_exit"] == 0.4
     assert own["up-link"]["data_rate"] == 9600
     assert {"offset", "order", "on_loss", "playout", "frame_size"} <= set(own["up-link"])
-    over = [c for c in root.iter(f"{{{NAMESPACES['ssd']}}}Connection") if len(c)]
+    over = [c for c in root.iter(f"{{{SSP1}Description}}Connection") if len(c)]
     assert len(over) == 3
 
 
@@ -280,7 +281,7 @@ def test_signals_of_a_scenario_come_back(native_fmus: Path, tmp_path: Path, link
     done = export(SIGNALS, native_fmus, tmp_path, links)  # type: ignore[arg-type]
     found = [
         (e.get("factor"), e.get("offset"))
-        for e in description(done.path).iter(f"{{{NAMESPACES['ssc']}}}LinearTransformation")
+        for e in description(done.path).iter(f"{{{SSP1}Common}}LinearTransformation")
     ]
     assert sorted(found) == [("-0.75", "0.0"), ("0.5", "0.1")]
     assert not any("to_" in name for name in done.components)

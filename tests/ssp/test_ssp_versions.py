@@ -12,6 +12,7 @@ from foreign.c_fmu import c_fmu, every
 from lxml import etree
 from ssp.archives import (
     LINKED,
+    SSP1,
     component,
     connection,
     execute_scenario,
@@ -24,10 +25,6 @@ from ssp.archives import (
 from cosim.core import InputError
 from cosim.fmu import CATALOGUE
 from cosim.scenario import FmuCache, export_ssp, import_ssp, load, prepare
-from cosim.scenario.ssp.archive import Archive
-from cosim.scenario.ssp.names import NAMESPACES, SSD, identifiers
-from cosim.scenario.ssp.parameters import BoundValue, bound_values, values_for
-from cosim.scenario.ssp.units import UnitBase
 
 END = '<ssd:DefaultExperiment stopTime="1.5"/>'
 ASSERTION = """
@@ -53,12 +50,35 @@ n = 1
 """
 
 
-def test_names_become_distinct_identifiers() -> None:
+IDENTIFIER = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
+THREE = """
+title = "three that are alike"
+[run]
+end = 1.0
+step = 0.1
+[components.a-b]
+fmu = "WaveField"
+[components.a--b]
+fmu = "WaveField"
+[components.a_b]
+fmu = "WaveField"
+"""
+
+
+@pytest.mark.parametrize("name", ["1st", "-", "a b", "a.b", "a_b"])
+def test_names_become_distinct_identifiers(native_fmus: Path, tmp_path: Path, name: str) -> None:
     """Names that are identifiers stay, also where another one would become them."""
-    found = identifiers(["a_b", "a-b", "a.b", "1st", "-", "a b"])
-    assert found["a_b"] == "a_b"
-    assert len(set(found.values())) == len(found)
-    assert all(re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", name) for name in found.values())
+    done = export(THREE, native_fmus, tmp_path, name=name)
+    with zipfile.ZipFile(done.path) as packed:
+        root = etree.fromstring(packed.read("SystemStructure.ssd"))
+    assert "a_b" in done.components
+    assert len(set(done.components)) == 3
+    assert all(IDENTIFIER.fullmatch(one) for one in (*done.components, root.get("name")))
+    assert (root.get("name") == name) == (name == "a_b")
+    again = import_ssp(done.path, tmp_path / "again.toml")
+    assert set(again.names) == set(done.components)
+    assert again.names["a_b"] == "a_b"
+    assert set(again.names.values()) == {"a-b", "a--b", "a_b"}
 
 
 def test_archive_of_2_0_comes_back(native_fmus: Path, tmp_path: Path) -> None:
@@ -89,9 +109,9 @@ def test_archive_of_before_comes_back(native_fmus: Path, tmp_path: Path) -> None
     with zipfile.ZipFile(done.path) as packed:
         entries = {name: packed.read(name) for name in packed.namelist()}
     root = etree.fromstring(entries["SystemStructure.ssd"])
-    space = f"{{{NAMESPACES['ssd']}}}"
+    space = f"{{{SSP1}Description}}"
     components = {c.get("name"): c for c in root.iter(f"{space}Component")}
-    for holder in list(root.iter(f"{{{NAMESPACES['ssc']}}}Annotation")):
+    for holder in list(root.iter(f"{{{SSP1}Common}}Annotation")):
         kind, parent = holder.get("type"), None
         if kind == "auv-cosim.link-fmu":
             parent = components[holder[0].attrib.pop("element")]
@@ -145,44 +165,57 @@ def test_signal_dictionary_passes_signals_on(native_fmus: Path, tmp_path: Path) 
     }
 
 
-def test_units_are_converted_before_a_mapping_transforms(native_fmus: Path, tmp_path: Path) -> None:
-    """SSP 1.0, 5.3.2.1: and not at all if the entry says so."""
-    from cosim.fmu import describe_fmu  # noqa: PLC0415
-
-    fmu = describe_fmu(native_fmus / "DelayedPlant.fmu")
-    units = {"ms": UnitBase((("s", 1),), 1e-3, 0.0)}
-    path = write(tmp_path / "a.ssp", {"SystemStructure.ssd": ssd("")})
-    with Archive(path) as archive:
-
-        def value(unit: str | None) -> float:
-            bound = BoundValue("delay.d", "Real", ("250",), unit, "here", factor=2.0, offset=1.0)
-            found: float = values_for(archive, "p", [bound], fmu, units)["delay.d"]
-            return found
-
-        assert value("ms") == 0.25 * 2.0 + 1.0
-        assert value(None) == 250.0 * 2.0 + 1.0
-        assert value("s") == 501.0
+UNITS = (
+    '<ssd:Units><ssc:Unit name="ms"><ssc:BaseUnit s="1" factor="0.001"/></ssc:Unit></ssd:Units>\n'
+)
 
 
-def test_mapping_may_suppress_the_conversion_of_units(tmp_path: Path) -> None:
-    """Then the value has no unit any more; the transformation holds all the same."""
-    entry = '<ssm:MappingEntry source="late" target="{}" suppressUnitConversion="{}"><ssc:LinearT'
-    entry += 'ransformation factor="0.001"/></ssm:MappingEntry>'
-    inside = (
+def delays(fmus: Path, folder: Path, unit: str, *entries: str) -> list[float]:
+    """The delays of two plants, from 250 of a unit by the entries of a mapping."""
+    bound = (
         "<ssd:ParameterBindings><ssd:ParameterBinding><ssd:ParameterValues><ssv:ParameterSet "
         'version="1.0" name="p"><ssv:Parameters><ssv:Parameter name="late"><ssv:Real value="250" '
-        'unit="ms"/></ssv:Parameter></ssv:Parameters></ssv:ParameterSet></ssd:ParameterValues>'
+        f"{unit}/></ssv:Parameter></ssv:Parameters></ssv:ParameterSet></ssd:ParameterValues>"
         '<ssd:ParameterMapping><ssm:ParameterMapping version="1.0">'
-        + entry.format("a", "true")
-        + entry.format("b", "false")
+        + "".join(entries)
         + "</ssm:ParameterMapping></ssd:ParameterMapping></ssd:ParameterBinding>"
         "</ssd:ParameterBindings>"
     )
-    path = write(tmp_path / "a.ssp", {"SystemStructure.ssd": ssd(inside, END)})
-    with Archive(path) as archive:
-        system = archive.xml(SSD, "SystemStructureDescription")[0]
-        found = {v.name: (v.unit, v.factor) for v in bound_values(archive, system, SSD)}
-    assert found == {"a": (None, 0.001), "b": ("ms", 0.001)}
+    plants = "".join(component(name, "resources/DelayedPlant.fmu") for name in ("p", "q"))
+    system = ssd(f"{bound}<ssd:Elements>{plants}</ssd:Elements>", UNITS + END)
+    fmu = (fmus / "DelayedPlant.fmu").read_bytes()
+    content = {"SystemStructure.ssd": system, "resources/DelayedPlant.fmu": fmu}
+    again = import_ssp(write(folder / "a.ssp", content), folder / "a.toml", step=0.01)
+    parts = load(str(again.path)).scenario.components
+    return [float(parts[name].parameters["delay.d"]) for name in ("p", "q")]
+
+
+def entry(of: str, factor: float, offset: float = 0.0, more: str = "") -> str:
+    """An entry of a mapping for the delay of a plant."""
+    return (
+        f'<ssm:MappingEntry source="late" target="{of}.delay.d" {more}><ssc:LinearTransformation '
+        f'factor="{factor}" offset="{offset}"/></ssm:MappingEntry>'
+    )
+
+
+@pytest.mark.parametrize(
+    ("unit", "delay_s"),
+    [('unit="ms"', 0.25 * 2.0 + 1.0), ("", 250.0 * 2.0 + 1.0), ('unit="s"', 501.0)],
+)
+def test_units_are_converted_before_a_mapping_transforms(
+    native_fmus: Path, tmp_path: Path, unit: str, delay_s: float
+) -> None:
+    """SSP 1.0, 5.3.2.1; units that the archive does not define are those of the FMU."""
+    found = delays(native_fmus, tmp_path, unit, entry("p", 2.0, 1.0), entry("q", 0.001))
+    assert found[0] == delay_s
+
+
+def test_mapping_may_suppress_the_conversion_of_units(native_fmus: Path, tmp_path: Path) -> None:
+    """Then the value has no unit any more; the transformation holds all the same."""
+    suppressed = (f'suppressUnitConversion="{word}"' for word in ("true", "false"))
+    entries = [entry(of, 0.001, more=more) for of, more in zip(("p", "q"), suppressed, strict=True)]
+    found = delays(native_fmus, tmp_path, 'unit="ms"', *entries)
+    assert found == [250.0 * 0.001, 0.25 * 0.001]
 
 
 def test_arrays_and_types_of_fmi_3_need_2_0(tmp_path: Path) -> None:
@@ -198,6 +231,7 @@ def test_arrays_and_types_of_fmi_3_need_2_0(tmp_path: Path) -> None:
     assert values == before.scenario.components["every"].parameters
 
 
-def test_catalogue_has_no_identifier_to_change() -> None:
+def test_catalogue_has_no_identifier_to_change(native_fmus: Path, tmp_path: Path) -> None:
     """Names of built-in models are file names in archives as they are."""
-    assert identifiers(CATALOGUE) == {name: name for name in CATALOGUE}
+    assert [name for name in CATALOGUE if not IDENTIFIER.fullmatch(name)] == []
+    assert export(THREE, native_fmus, tmp_path).resources == ("resources/WaveField.fmu",)

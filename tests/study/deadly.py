@@ -12,10 +12,8 @@ from typing import Any
 from hostile.hostile_fmu import hostile_fmu, misbehaviour
 from shared import made_once
 
-from cosim.scenario import parse
-from cosim.study import Plan, Study
-from cosim.study.plan import make_plan
-from cosim.study.study_runner import BaseScenario
+from cosim.scenario import LoadedScenario, parse
+from cosim.study import Plan, Study, plan_of
 
 STEP, STEPS = 0.1, 20
 SCENARIO = f"""
@@ -30,6 +28,8 @@ fmu = "tiny.fmu"
 """
 U = "components.tiny.parameters.u"
 DEADLY = 667.0
+MANIFEST, RUN_LOG, RESULTS = "study.json", "journal.jsonl", "results.parquet"
+"""Files in the folder of a study, as the page about studies names them."""
 
 
 def truth(u: float, k: int = STEPS) -> float:
@@ -52,11 +52,10 @@ def _scenario(fault: str) -> str:
     return SCENARIO + "".join(f"{name} = {value}\n" for name, value in {"u": 0.0, **given}.items())
 
 
-def base(fault: str = "kill") -> BaseScenario:
-    """The scenario, in which a fault happens where |u| is large."""
-    where, text = folder(), _scenario(fault)
-    loaded = parse(text, name="tiny", where="tiny.toml", folder=where)
-    return BaseScenario("tiny", loaded.scenario, text, where, where / "fmus", "native")
+def base(fault: str = "kill", more: str = "") -> LoadedScenario:
+    """The scenario, in which a fault happens where |u| is large; `more` : at its end."""
+    text = _scenario(fault) + more
+    return parse(text, name="tiny", where="tiny.toml", folder=folder())
 
 
 def study(values: list[float], **more: Any) -> Study:
@@ -74,4 +73,9 @@ def study(values: list[float], **more: Any) -> Study:
 
 def plan(values: list[float], fault: str = "kill", **more: Any) -> Plan:
     """The same, ready to be run."""
-    return make_plan(study(values, **more), base(fault))
+    return planned(study(values, **more), base(fault))
+
+
+def planned(asked: Study, of: LoadedScenario) -> Plan:
+    """A study of such a scenario, ready to be run."""
+    return plan_of(asked, of, fmus=folder() / "fmus", flavour="native")

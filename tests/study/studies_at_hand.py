@@ -12,13 +12,9 @@ from types import MappingProxyType
 from typing import Any
 
 from shared import made_once
-from study.deadly import base, study
+from study.deadly import RESULTS, base, planned, study
 
-from cosim.scenario import parse
 from cosim.study import Study, execute_study
-from cosim.study.folder import RESULTS
-from cosim.study.plan import make_plan
-from cosim.study.study_runner import BaseScenario
 
 _PARAMETERS = "components.tiny.parameters"
 _ASSERTION = '\n[[assertions]]\nname = "x <i>stays</i> below 400"\nalways = "tiny.x < 400"\n'
@@ -38,13 +34,6 @@ def grid(name: str, values: list[Any]) -> dict[str, Any]:
 def drawn(name: str, kind: str = "random", **distribution: Any) -> dict[str, Any]:
     """Return a sampled axis over a parameter."""
     return {"kind": kind, "name": name, "path": f"{_PARAMETERS}.{name}", **distribution}
-
-
-def _asserting() -> BaseScenario:
-    usual = base()
-    text = usual.text + _ASSERTION
-    loaded = parse(text, name="tiny", where="tiny.toml", folder=usual.folder)
-    return BaseScenario("tiny", loaded.scenario, text, usual.folder, usual.fmus, "native")
 
 
 STUDIES: Mapping[str, Callable[[], Study]] = MappingProxyType(
@@ -88,7 +77,9 @@ def study_folder(name: str) -> Path:
     """Return the folder of one of `STUDIES`, which is finished."""
     folder = made_once(
         f"studies/{name}",
-        lambda folder: execute_study(make_plan(STUDIES[name](), _asserting()), folder / name),
+        lambda folder: execute_study(
+            planned(STUDIES[name](), base(more=_ASSERTION)), folder / name
+        ),
     )
     assert (folder / name / RESULTS).exists()
     return folder / name

@@ -6,21 +6,29 @@ x at the end is linear in u and in x0, which are normal: its probability is know
 from __future__ import annotations
 
 import math
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
 import pytest
 from scipy import stats
-from study.deadly import STEP, STEPS, U, plan
+from study.deadly import RESULTS, RUN_LOG, STEP, STEPS, U, plan
+from study.pools import RunByRun
 
 from cosim.core import ComponentError, InputError
-from cosim.study import Study, execute_study, plain_sample, rare_estimate, read_table, repeat_run
-from cosim.study.folder import RESULTS, RUN_LOG
-from cosim.study.local_workers import local
-from cosim.study.points import Points
-from cosim.study.rare_study import RarePoints
+from cosim.study import (
+    Plan,
+    Points,
+    RareEstimate,
+    Study,
+    execute_study,
+    plain_sample,
+    pool_for,
+    rare_estimate,
+    read_table,
+    repeat_run,
+)
 
 LEFT = (1.0 - STEP) ** STEPS  # of x0 at the end
 U_AXIS: dict[str, Any] = {"kind": "random", "name": "u", "path": U, "normal": [0.0, 1.0]}
@@ -100,7 +108,7 @@ def test_two_processes_give_the_table_of_one(tmp_path: Path, method: str) -> Non
     """Bit for bit, with traces of the worst runs of any level."""
     more = {"rare": {"method": method}, "traces": "worst:2 by x"}
     done = execute_study(event(5e-2, **more), tmp_path / "1")
-    both = execute_study(event(5e-2, **more), tmp_path / "2", partial(local, 2))
+    both = execute_study(event(5e-2, **more), tmp_path / "2", pool_for(2))
     assert (tmp_path / "1" / RESULTS).read_bytes() == (tmp_path / "2" / RESULTS).read_bytes()
     assert done.traces == both.traces
     assert set(done.traces.values()) == {None}
@@ -123,35 +131,45 @@ def test_importance_sampling_is_extended(tmp_path: Path) -> None:
     assert low <= 5e-2 <= high
 
 
-def test_a_run_without_a_value_is_refused_or_counts_as_asked() -> None:
+def estimate_of(made: Plan, x: list[float | None], **parts: str) -> RareEstimate | None:
+    """What a study of a rare event finds whose runs, in order, had these values of x."""
+    manifest = {"study": made.job.study.model_dump(mode="json"), "parts": parts}
+    return rare_estimate(pa.table({"run": range(len(x)), "x": x}), manifest)
+
+
+def test_a_run_without_a_value_is_refused_or_counts_as_asked(tmp_path: Path) -> None:
     """Named, with what to do; or beyond, or within."""
 
-    def found(**more: Any) -> Any:
-        rare = {"metric": "x", "above": 1.0, **more}
-        points = RarePoints(event(0.1, rare=rare).job.study)
-        points.tell(2 * ([2.0] * 10 + [None] * 15 + [0.0] * 25))  # two populations
-        return points.estimate
+    def found(**more: Any) -> RareEstimate | None:
+        made = event(0.1, rare={"above": 1.0, **more})
+        x = 2 * ([2.0] * 10 + [None] * 15 + [0.0] * 25)  # two populations
+        return estimate_of(made, x, estimator="2")
 
-    with pytest.raises(ComponentError, match="run 10 has no value of x") as refused:
-        found()
-    assert "study repeat STUDY 10" in refused.value.text()
-    assert found(missing="beyond").probability == pytest.approx(0.5)
-    assert found(missing="within").probability == pytest.approx(0.2)
-    read = RarePoints(event(0.1).job.study)
-    read.replay([None] * 100)  # its runs can still be looked at
-    assert (read.stage, read.estimate) == (range(100), None)
+    assert found() is None
+    for missing, probability in (("beyond", 0.5), ("within", 0.2)):
+        estimate = found(missing=missing)
+        assert estimate is not None
+        assert estimate.probability == pytest.approx(probability)
+
+    axis = {**U_AXIS, "normal": [0.0, 400.0]}  # beyond 600 a run fails
+    given: dict[str, Any] = {"vary": [axis], "samples": 100}
+    rare = {"metric": "x", "above": 1e3}
+    with pytest.raises(ComponentError, match=r"run \d+ has no value of x") as refused:
+        execute_study(plan([], "error", rare=rare, **given), tmp_path / "x")
+    table, manifest = read_table(tmp_path / "x")  # its runs can still be looked at
+    first = table.column("status").to_pylist().index("failed")
+    assert f"study repeat STUDY {first}" in refused.value.text()
+    assert (table.num_rows, rare_estimate(table, manifest)) == (100, None)
+    words = {"metrics": {"x": "status"}, "rare": rare}
     with pytest.raises(InputError, match="is a number"):
-        RarePoints(event(0.1).job.study).tell([True] * 100)
+        execute_study(plan([], **given | {"vary": [U_AXIS]}, **words), tmp_path / "words")
 
 
 def test_what_one_population_found_has_no_interval() -> None:
     """The runs of a folder from before two were compared: read, with its levels, and told so."""
-    made = event(1e-2, seed=4, samples=100)
-    former = RarePoints(made.job.study, former=True)
-    while former.stage is not None:
-        runs = former.stage
-        former.tell([former[run][0] * (1 - LEFT) + former[run][1] * LEFT for run in runs])
-    found = former.estimate
+    made = event(1e-2, rare={"above": 6.0})
+    x = np.random.default_rng(1).normal(size=2000) + 0.01 * np.arange(2000)
+    found = estimate_of(made, x.tolist())  # who wrote it named no estimator
     assert found is not None
     assert (found.probability, len(found.levels) > 1) == (None, True)
     assert "one population alone" in (found.reason or "")
@@ -159,20 +177,23 @@ def test_what_one_population_found_has_no_interval() -> None:
     assert "estimator" not in plan([], vary=[U_AXIS], samples=4).hashes
 
 
-def test_a_bound_below_is_one_above_of_the_negative() -> None:
-    """And a metric far out in a normal axis stays exact, where shares are all 1."""
-    rare = {"metric": "x", "below": -3.0}
-    study = Study(
-        title="t", scenario="s", vary=[U_AXIS], metrics={"x": "a"}, samples=100, rare=rare
-    )
-    points = RarePoints(study)
-    points.tell([points[run][0] for run in range(100)])
+def test_a_bound_below_is_one_above_of_the_negative(tmp_path: Path) -> None:
+    """The chains of the second level start at the lowest of the first, ten of a hundred runs."""
+
+    def stop(run: int) -> None:
+        if run == 110:
+            raise KeyboardInterrupt
+
+    made = plan([], vary=[U_AXIS], samples=100, rare={"metric": "x", "below": -4.0})
+    with pytest.raises(KeyboardInterrupt):
+        execute_study(made, tmp_path, RunByRun(stop))
+    found = read_table(tmp_path)[0]
+    assert found["level"].to_pylist() == [1] * 100 + [2] * 10
+    u = found["u"].to_pylist()
     # of each population the five lowest of fifty start chains
-    third = max(sorted(points[run][0] for run in half)[4] for half in (range(50), range(50, 100)))
-    assert points.stage == range(100, 110)
-    assert max(points[run][0] for run in points.stage) < third + 3.0
-    points.learn((130, [(7.0,)]))
-    assert points[130] == (7.0,)
+    third = max(sorted(half)[4] for half in (u[:50], u[50:100]))
+    assert max(u[100:]) < third + 3.0
+    assert np.mean(u[100:]) < np.mean(u[:100]) - 1.0
 
 
 @pytest.mark.parametrize(

@@ -14,10 +14,8 @@ from shared import sampled
 
 from cosim.core import InputError
 from cosim.master import Run, Session, System, make_schedule, receiving_order
-from cosim.scenario import Outcome, load
-from cosim.scenario.execute import assembled_system
+from cosim.scenario import Outcome, assembled_system, load
 from cosim.study import Plan, Study, plan_of
-from cosim.study.study_runner import StudyRunner
 
 
 def drawn(path: str, least: float, most: float) -> dict[str, Any]:
@@ -120,12 +118,7 @@ def rows_of(made: tuple[Outcome, Run]) -> tuple[Any, ...]:
 def test_a_run_of_a_series_is_the_run_alone(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """In any order, rows, statistics and every figure; most with the slaves of the run before."""
     plan = study_of(name)
-    plan.runner.problem_and_design(0)
-    designs = plan.runner.designs_made()
-    alone = [
-        rows_of(StudyRunner(plan.job.study, plan.job.base, designs=designs).execute_run(run))
-        for run in range(plan.count)
-    ]
+    alone = [rows_of(study_of(name).runner.execute_run(run)) for run in range(plan.count)]
     again: list[bool] = []
     before = Session.begin_again
 
@@ -162,21 +155,22 @@ def test_what_fits_one_length_is_looked_at_again_for_another(tmp_path: Path) -> 
         {"kind": "grid", "path": "components.e.parameters.gain", "values": [1.0, 2.0]},
     ]
     study = Study(title="lengths", scenario="lengths.toml", vary=axes, metrics={"x": "final.e.x"})
-    plan = plan_of(study, load(str(tmp_path / "lengths.toml")))
+    scenario = load(str(tmp_path / "lengths.toml"))
+    plan = plan_of(study, scenario)
     plan.runner.supervise_no_more()
 
-    def ended(runner: StudyRunner, run: int) -> tuple[str, str]:
+    def ended(plan: Plan, run: int) -> tuple[str, str]:
         try:
-            return runner.execute_run(run)[0].status, ""
+            return plan.runner.execute_run(run)[0].status, ""
         except InputError as error:
             return error.what, error.text()
 
     order = (0, 2, 1, 3, 4, 0, 5, 1, 2)
-    seen = [ended(plan.runner, run) for run in order]
+    seen = [ended(plan, run) for run in order]
     refused = "Float64.row is an array of another shape"
     expected = ["finished" if run < 2 else refused for run in order if run < 4]
     assert [what for run, (what, _) in zip(order, seen, strict=True) if run < 4] == expected
-    alone = [ended(StudyRunner(plan.job.study, plan.job.base), run) for run in order]
+    alone = [ended(plan_of(study, scenario), run) for run in order]
     assert seen == alone  # 2.5 is no length: the place of the error is named as well
 
 

@@ -4,15 +4,12 @@ from __future__ import annotations
 
 import os
 import signal
-from functools import partial
 from pathlib import Path
 
 import pytest
 from study.deadly import DEADLY, plan, truth
 
-from cosim.study import execute_study, read_table
-from cosim.study.local_workers import local
-from cosim.study.workers import in_process
+from cosim.study import execute_study, pool_for, read_table
 
 VALUES = [0.0, DEADLY, 1.0, DEADLY + 1.0, 2.0]
 FAULTS = ("change-folder", "delete-folder", "surroundings", "signals", "close-output")
@@ -43,8 +40,8 @@ def test_what_a_run_changes_of_its_process_is_not_there_for_the_next(
 def test_the_table_does_not_depend_on_the_number_of_workers(fault: str, tmp_path: Path) -> None:
     """Whichever worker has the runs that misbehave."""
     tables = []
-    for name, pool in (("one", in_process), ("two", partial(local, 2))):
-        execute_study(plan(VALUES * 3, fault), tmp_path / name, pool)
+    for name, workers in (("one", 1), ("two", 2)):
+        execute_study(plan(VALUES * 3, fault), tmp_path / name, pool_for(workers))
         found = read_table(tmp_path / name)[0].to_pydict()
         tables.append([found[column] for column in ("run", "status", "reason", "x")])
     assert tables[1] == tables[0]

@@ -20,11 +20,10 @@ from cosim.study import (
     execute_study,
     load_study,
     loop_delay_margin,
+    plan_of,
     read_table,
     run_study,
 )
-from cosim.study.plan import make_plan
-from cosim.study.study_runner import BaseScenario
 
 PNG = b"\x89PNG"
 
@@ -38,9 +37,7 @@ def executed(
     if vary is not None:
         axes = [a.model_copy(update=vary.get(a.column)) for a in study.vary]
         study = study.model_copy(update={"vary": axes})
-    fmus = native_fmus.parent
-    of = BaseScenario(base.name, base.scenario, base.text, base.folder, fmus, "native")
-    execute_study(make_plan(study, of), out)
+    execute_study(plan_of(study, base, fmus=native_fmus.parent), out)
     return out
 
 

@@ -11,6 +11,7 @@ import sys
 import time
 from collections.abc import Iterator
 from dataclasses import replace
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -18,14 +19,10 @@ import dask
 import distributed
 import pytest
 from hostile.hostile_fmu import hostile_fmu
-from study.deadly import DEADLY, plan
+from study.deadly import DEADLY, RESULTS, base, plan, study
 
 from cosim.core import ComponentError, InputError
-from cosim.study import execute_study, read_table, shipping
-from cosim.study.folder import RESULTS
-from cosim.study.local_workers import local
-from cosim.study.plan import make_plan
-from cosim.study.workers import cluster
+from cosim.study import Plan, execute_study, plan_of, pool_for, read_table, shipping
 
 BLIND = """
 import os, sys
@@ -68,12 +65,15 @@ def test_workers_that_share_no_folder_give_the_same_table_and_traces(tmp_path: P
     home = tmp_path / "home"
     home.mkdir()
     hostile_fmu(home, "2.0", "tiny")
-    made = plan([0.1 * i for i in range(8)], traces="worst:2 by x")
-    where = replace(made.job.base, folder=home, fmus=home / "fmus")
-    execute_study(made_at(made, where), home / "alone")
+    asked = study([0.1 * i for i in range(8)], traces="worst:2 by x")
+
+    def made() -> Plan:
+        return plan_of(asked, replace(base(), folder=home), fmus=home / "fmus", flavour="native")
+
+    execute_study(made(), home / "alone")
     with separate(tmp_path, home) as workers:
         address = workers.scheduler_address
-        done = execute_study(made_at(made, where), home / "far", lambda: cluster(address))
+        done = execute_study(made(), home / "far", pool_for(1, address))
         offers = workers.scheduler.extensions["auv_cosim_content"]
     assert offers == {}
     assert done.traces == {6: None, 7: None}
@@ -81,12 +81,7 @@ def test_workers_that_share_no_folder_give_the_same_table_and_traces(tmp_path: P
     assert sorted(path.name for path in (home / "far" / "traces").iterdir()) == names
     assert (home / "far" / RESULTS).read_bytes() == (home / "alone" / RESULTS).read_bytes()
     kept = [path.name for path in (tmp_path / "theirs" / "auv-cosim" / "shipped").iterdir()]
-    assert kept == [f"{made_at(made, where).job.hashes['tiny.fmu']}.fmu"]
-
-
-def made_at(made: Any, where: Any) -> Any:
-    """The same study with its files in another place."""
-    return make_plan(made.job.study, where)
+    assert kept == [f"{made().job.hashes['tiny.fmu']}.fmu"]
 
 
 @pytest.mark.slow
@@ -109,7 +104,7 @@ def test_a_cluster_that_begins_without_workers_grows_and_gives_the_same_table(
         done = execute_study(
             plan(values, "sleep"),
             tmp_path / "adapted",
-            lambda: cluster(workers.scheduler_address),
+            pool_for(1, workers.scheduler_address),
             progress=look,
         )
     assert done.statuses == {"finished": 120}
@@ -141,7 +136,7 @@ def test_a_scheduler_that_is_killed_ends_the_study_and_another_goes_on(tmp_path:
         began = time.monotonic()
         with pytest.raises(ComponentError, match="scheduler does not answer"):
             execute_study(
-                plan(values, "sleep"), tmp_path / "hit", lambda: cluster(address), progress=kill
+                plan(values, "sleep"), tmp_path / "hit", pool_for(1, address), progress=kill
             )
         assert time.monotonic() - began < 60.0
     finally:
@@ -149,8 +144,7 @@ def test_a_scheduler_that_is_killed_ends_the_study_and_another_goes_on(tmp_path:
             process.kill()
             process.wait()
     assert 1 < read_table(tmp_path / "hit")[0].num_rows < 60
-    with local(2) as pool:
-        execute_study(plan(values, "sleep"), tmp_path / "hit", lambda: contextlib.nullcontext(pool))
+    execute_study(plan(values, "sleep"), tmp_path / "hit", pool_for(2))
     tables = [(tmp_path / name / RESULTS).read_bytes() for name in ("here", "hit")]
     assert tables[0] == tables[1]
 
@@ -189,11 +183,39 @@ def test_a_worker_that_joins_late_with_other_versions_is_named(
             execute_study(
                 plan(values),
                 tmp_path,
-                lambda: cluster(workers.scheduler_address),
+                pool_for(1, workers.scheduler_address),
                 progress=late,
             )
     assert "numpy 0.1" in refused.value.text()
     assert 1 < read_table(tmp_path)[0].num_rows < 6
+
+
+OTHER = """
+import importlib.metadata
+def version(name):
+    return "0.1" if name == "numpy" else importlib.metadata.Distribution.from_name(name).version
+importlib.metadata.version = version
+"""
+"""Preloaded by a worker: what is a process of another installation."""
+
+
+def test_a_worker_with_other_versions_is_refused(tmp_path: Path) -> None:
+    """Before it executes a run; the message says which versions were meant, and which are there."""
+    (tmp_path / "other.py").write_text(OTHER)
+    with (
+        distributed.LocalCluster(
+            n_workers=1,
+            threads_per_worker=1,
+            host="127.0.0.1",
+            dashboard_address=":0",
+            preload=[str(tmp_path / "other.py")],
+        ) as workers,
+        pytest.raises(InputError, match="a worker has other versions") as refused,
+    ):
+        execute_study(plan([0.0, 1.0]), tmp_path / "x", pool_for(1, workers.scheduler_address))
+    assert refused.value.got == "numpy 0.1"
+    assert refused.value.expected == f"numpy {version('numpy')}"
+    assert read_table(tmp_path / "x")[0].num_rows == 1
 
 
 def _pretend_other_versions() -> None:

@@ -8,9 +8,7 @@ import pytest
 
 from cosim.core import InputError
 from cosim.scenario import load
-from cosim.study import Plan, Study, builtin_studies, load_study
-from cosim.study.plan import make_plan
-from cosim.study.study_runner import BaseScenario
+from cosim.study import Plan, Study, builtin_studies, load_study, plan_of
 
 HERE = Path(__file__).parent
 SAYS = {
@@ -66,14 +64,7 @@ SAYS = {
 def planned(name_or_path: str, native_fmus: Path) -> Plan:
     """A study from its file to its plan."""
     loaded = load_study(name_or_path)
-    base = loaded.base
-    return make_plan(
-        loaded.study,
-        BaseScenario(
-            base.name, base.scenario, base.text, base.folder, native_fmus.parent, "native"
-        ),
-        loaded.place,
-    )
+    return plan_of(loaded.study, loaded.base, loaded.place, fmus=native_fmus.parent)
 
 
 @pytest.mark.parametrize("path", sorted((HERE / "invalid").iterdir()), ids=lambda p: p.stem)
@@ -129,11 +120,8 @@ def test_the_same_study_in_python_and_in_toml_has_the_same_hash(native_fmus: Pat
         ],
         metrics=study.metrics,
     )
-    base = loaded.base
-    of = BaseScenario(
-        base.name, base.scenario, base.text, base.folder, native_fmus.parent, "native"
-    )
-    assert make_plan(written, of).job.digest == make_plan(study, of).job.digest
+    plans = [plan_of(one, loaded.base, fmus=native_fmus.parent) for one in (written, study)]
+    assert plans[0].job.digest == plans[1].job.digest
 
 
 def test_a_study_that_does_not_exist_names_those_that_do() -> None:
@@ -152,10 +140,8 @@ def test_a_gain_that_the_design_sets_cannot_be_varied(native_fmus: Path) -> None
         vary=[{"kind": "grid", "path": "components.controller.parameters.K[1,1]", "values": [1.0]}],
         metrics={"x": "final.plant.x[1]"},
     )
-    loaded = load("paper-example")
-    of = BaseScenario(loaded.name, loaded.scenario, "", loaded.folder, native_fmus.parent, "native")
     with pytest.raises(InputError, match="is set by the design of the scenario") as refused:
-        make_plan(study, of)
+        plan_of(study, load("paper-example"), fmus=native_fmus.parent)
     assert "design.gain" in refused.value.text()
 
 

@@ -2,22 +2,18 @@
 
 from __future__ import annotations
 
-import errno
+import contextlib
 import os
 import resource
-from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import pytest
-from study.deadly import DEADLY, U, plan, truth
+from study.deadly import DEADLY, RESULTS, RUN_LOG, U, plan, truth
+from study.pools import RunByRun
+from study.run_logs import write_bare
 
 from cosim.core import InputError, LossError
-from cosim.study import Plan, batch, execute_study, read_table, repeat_run
-from cosim.study.batch import Row
-from cosim.study.folder import RESULTS, RUN_LOG, Folder
-from cosim.study.manifest import manifest_of
-from cosim.study.run_log import RunLog
+from cosim.study import Plan, execute_study, read_table, repeat_run
 from cosim.trace import Trace
 
 
@@ -59,11 +55,11 @@ def test_a_study_whose_only_run_hung_goes_on(
 ) -> None:
     """What is done says nothing of how long a run takes: the least limit holds."""
     monkeypatch.setattr("cosim.study.execution.RUN_LIMIT_S", 1.0)
-    made = plan([DEADLY, 0.5], "hang")
-    with Folder(tmp_path) as folder:
-        folder.begin(manifest_of(made))
-        folder.append([Row(0, "timed_out", "no answer", 1.0, (None,))])
-    done = execute_study(made, tmp_path)
+    made, soon = plan([DEADLY, 0.5], "hang"), ["run=0.2"]
+    with pytest.raises(LossError, match="the time of the study is over"):
+        execute_study(made, tmp_path, limits=soon, time_limit_s=0.0)
+    write_bare(tmp_path, lambda _: [[0, "timed_out", "no answer", 1.0, None]])
+    done = execute_study(plan([DEADLY, 0.5], "hang"), tmp_path)
     assert done.statuses == {"timed_out": 1, "finished": 1}
     assert done.run_limit_s == 1.0
 
@@ -76,11 +72,8 @@ def test_a_study_that_takes_too_long_ends_and_can_be_continued(tmp_path: Path) -
     assert execute_study(made, tmp_path).executed == 2
 
 
-def test_a_full_disk_is_named_and_the_study_can_be_continued(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_full_disk_is_named_and_the_study_can_be_continued(tmp_path: Path) -> None:
     """The greatest size of a file stands for the disk; the half line that it leaves is removed."""
-    monkeypatch.setattr("cosim.study.workers._PIECE_S", 0.0)  # rows are kept one by one
     made = plan([0.1 * i for i in range(30)])
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
 
@@ -91,7 +84,7 @@ def test_a_full_disk_is_named_and_the_study_can_be_continued(
 
     try:
         with pytest.raises(LossError, match="results cannot be written") as caught:
-            execute_study(made, tmp_path, progress=fill)
+            execute_study(made, tmp_path, RunByRun(), progress=fill)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
     assert RUN_LOG in str(caught.value.where)
@@ -100,34 +93,25 @@ def test_a_full_disk_is_named_and_the_study_can_be_continued(
     assert 24 <= done.executed <= 26
 
 
-def test_a_folder_that_is_lost_is_named_and_the_study_can_be_continued(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_folder_that_is_lost_is_named_and_the_study_can_be_continued(tmp_path: Path) -> None:
     """As one of a network whose server is gone: the system refuses every access to it."""
-    append, written = RunLog.append, []
 
-    def lost(self: RunLog, rows: Any) -> None:
-        if len(written) == 2:
-            raise OSError(errno.ESTALE, os.strerror(errno.ESTALE))
-        written.append(rows)
-        append(self, rows)
+    def lose(what: str, _share: float) -> None:
+        if what != "2 of 5 runs":
+            return
+        nothing = os.open(tmp_path, os.O_PATH)  # nothing can be read from it or written to it
+        for link in Path("/proc/self/fd").iterdir():
+            with contextlib.suppress(OSError):
+                if link.readlink().name == RUN_LOG:
+                    os.dup2(nothing, int(link.name))
+        os.close(nothing)
 
     values = [0.1 * i for i in range(5)]
-    monkeypatch.setattr(RunLog, "append", lost)
     with pytest.raises(LossError, match="results cannot be written") as refused:
-        execute_study(plan(values), tmp_path)
+        execute_study(plan(values), tmp_path, RunByRun(), progress=lose)
     assert str(tmp_path) in refused.value.text()
-    monkeypatch.setattr(RunLog, "append", append)
     done = execute_study(plan(values), tmp_path)
     assert (done.runs, done.executed) == (5, 3)
-
-
-def test_a_worker_with_other_versions_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(batch, "_runners", type(batch._runners)())
-    job = replace(plan([0.0, 1.0]).job, software={**batch.software(), "numpy": "1.0"})
-    with pytest.raises(InputError, match="other versions") as caught:
-        batch.run_batch(job, [0])
-    assert caught.value.expected == "numpy 1.0"
 
 
 def test_a_run_that_crashes_is_repeated_alone_with_its_trace(tmp_path: Path) -> None:

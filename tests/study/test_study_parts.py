@@ -8,12 +8,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from study.deadly import plan
+from study.deadly import MANIFEST, RESULTS, plan
+from study.run_logs import Cells, write_bare
 
 from cosim.core import InputError
-from cosim.study import execute_study, merge_studies, read_rows, read_table
-from cosim.study.folder import MANIFEST, RESULTS, RUN_LOG, read_manifest
-from cosim.study.run_log import line_of
+from cosim.study import execute_study, merge_studies, read_table
 
 VALUES = [0.1 * i for i in range(6)]
 
@@ -85,11 +84,12 @@ def test_parts_of_different_studies_are_refused_by_what_differs(
 def test_a_run_with_two_results_is_refused(parts: Path, tmp_path: Path) -> None:
     """The last bit of one value: run and folders are named, and nothing is merged."""
     other = shutil.copytree(parts / "second", tmp_path / "other")
-    with read_rows(other) as rows:
-        first, *rest = rows
-    changed = first._replace(values=(first.values[0] * (1 + 2**-52), *first.values[1:]))
-    digest = read_manifest(other)["digest"]
-    (other / RUN_LOG).write_bytes(b"".join(line_of(row, digest) for row in (changed, *rest)))
+
+    def changed(rows: list[Cells]) -> list[Cells]:
+        *before, x = next(row for row in rows if row[0] == 2)
+        return [[*before, x * (1 + 2**-52)], *(row for row in rows if row[0] != 2)]
+
+    write_bare(other, changed)
     with pytest.raises(InputError, match="run 2 has other results") as refused:
         merge_studies([parts / "first", other], tmp_path / "out")
     assert str(other) in refused.value.text()

@@ -10,9 +10,7 @@ import pytest
 from scipy import stats
 
 from cosim.core import InputError
-from cosim.study import SampledAxis, Study
-from cosim.study.points import Points
-from cosim.study.sampling import distributed
+from cosim.study import Points, Study
 
 
 def points(*vary: dict[str, Any], **more: Any) -> Points:
@@ -116,10 +114,15 @@ def test_random_axes_have_streams_of_their_own() -> None:
     assert list(column(both, 0)) == list(column(points(axis, samples=20, seed=4), 0))
 
 
-def test_the_least_number_drawn_has_a_normal_value() -> None:
+def test_the_least_number_drawn_has_a_normal_value(monkeypatch: pytest.MonkeyPatch) -> None:
     """0 is one of 2^53 steps: as far out as the first of them, not infinitely far."""
-    axis = SampledAxis(kind="random", path="run.p0", normal=[1.0, 2.0])
-    drawn = distributed(axis, np.array([0.0, 2.0**-53, 0.5]))
+
+    class Drawn:
+        def random(self, _count: int) -> np.ndarray[Any, Any]:
+            return np.array([0.0, 2.0**-53, 0.5])
+
+    monkeypatch.setattr(np.random, "default_rng", lambda _seed: Drawn())
+    drawn = column(points({"kind": "random", "normal": [1.0, 2.0]}, samples=3), 0)
     assert drawn[0] == drawn[1] == pytest.approx(1.0 + 2.0 * stats.norm.ppf(2.0**-53))
     assert drawn[2] == 1.0
 

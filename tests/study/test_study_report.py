@@ -7,7 +7,6 @@ import json
 import re
 from collections import Counter
 from collections.abc import Iterator
-from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 
@@ -17,53 +16,19 @@ import pytest
 from cli.shell import cosim
 from report_browser import Page, browser, needs_chromium
 from shared import copied, sampled
-from study.studies_at_hand import STUDIES, study_folder
+from study.deadly import study
+from study.pages import figures_of, numbers, page_of, words
+from study.run_logs import table_of
+from study.studies_at_hand import STUDIES, drawn, grid, study_folder
 
 from cosim.core import InputError
-from cosim.study import read_table, write_study_report
-from cosim.study.report import content
-from cosim.study.report.content import StudyContent, content_of, figures, thinned
-from cosim.study.report.write import study_page
-from cosim.study.summary import mean_of, quantile_of
-
-
-class _Texts(HTMLParser):
-    """The words of a page, without scripts, styles and what is packed."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.words: list[str] = []
-        self._skipped = False
-
-    def handle_starttag(self, tag: str, attrs: Any) -> None:
-        del attrs
-        self._skipped = tag in ("script", "style")
-
-    def handle_endtag(self, tag: str) -> None:
-        del tag
-        self._skipped = False
-
-    def handle_data(self, data: str) -> None:
-        if not self._skipped:
-            self.words += data.split()
-
-
-def words(html: str) -> str:
-    """Return what a reader sees."""
-    texts = _Texts()
-    texts.feed(html)
-    return " ".join(texts.words)
+from cosim.study import read_table, summarise, write_study_report
 
 
 @pytest.fixture
 def light(monkeypatch: pytest.MonkeyPatch) -> None:
     """Pages without their library, which takes longest and is always the same."""
     monkeypatch.setattr("cosim.page.render.plotly_js", lambda: "")
-
-
-def content_at(folder: Path, target: Path) -> StudyContent:
-    """Return the content of the page about a study."""
-    return content_of(*read_table(folder), folder, target)
 
 
 def unfinished(folder: Path, target: Path, *, lines: int) -> Path:
@@ -81,9 +46,9 @@ def unfinished(folder: Path, target: Path, *, lines: int) -> Path:
 def test_page_agrees_with_the_table(tmp_path: Path) -> None:
     """Statuses, causes, commands, statistics, missing values; markup of the study stays text."""
     folder = study_folder("mixed")
-    table, _ = read_table(folder)
+    table, manifest = read_table(folder)
     rows = table.to_pylist()
-    html = study_page(content_at(folder, tmp_path / "mixed.html"))
+    html = page_of(folder, tmp_path / "mixed.html")
     text = words(html)
     counts = Counter(row["status"] for row in rows)
     assert set(counts) == {"finished", "crashed", "assertion_failed"}
@@ -100,11 +65,12 @@ def test_page_agrees_with_the_table(tmp_path: Path) -> None:
     assert "follows <b>u" not in html
     values = [row["x"] for row in rows if row["status"] != "crashed"]
     assert {row["x"] for row in rows if row["status"] == "crashed"} == {None}
-    found = mean_of(values, 48, quantiles=(0.95,))
+    found = summarise(table, manifest, [], quantiles=(0.95,)).groups[0].numbers["x"]
+    assert found.count == len(values)
     assert (
         f"x {len(values)} (12 without) {found.mean:.5g} {found.low:.4g} to {found.high:.4g}" in text
     )
-    high = quantile_of(values, 0.95)
+    (high,) = found.quantiles
     assert f"{high.value:.4g} {high.low:.4g} to {'–' if high.high is None else high.high}" in text
     small = sum(row["small"] for row in rows)
     assert f"small {small} 48 {100 * small / 48:.2f} %" in text
@@ -114,18 +80,21 @@ def test_page_agrees_with_the_table(tmp_path: Path) -> None:
     assert "uniform from -700 to 700; independent draws" in text
 
 
+@pytest.mark.usefixtures("light")
 def test_worst_runs_are_ranked_and_lead_to_their_traces(tmp_path: Path) -> None:
     """All runs by the metric of `traces`; a link only where there is a trace, from the page on."""
     folder = study_folder("mixed")
     rows = read_table(folder)[0].to_pylist()
-    found = content_at(folder, tmp_path / "deep" / "page.html")
-    assert found.worst is not None
-    assert (found.worst.metric, found.worst.order) == ("x", "largest")
+    (tmp_path / "deep").mkdir()
+    html = page_of(folder, tmp_path / "deep" / "page.html")
+    for chosen in ("x", "largest"):
+        assert re.search(f"<option[^>]* selected[^>]*>{chosen}<", html)
+    worst = figures_of(html)["worst"]
     whole = [row for row in rows if row["x"] is not None]
     ranked = sorted(whole, key=lambda row: (-row["x"], row["run"]))
-    listed = found.worst_figures["order"]["x"]["largest"]
+    listed = worst["order"]["x"]["largest"]
     assert listed == [row["run"] for row in ranked]
-    links = {run: found.worst_figures["runs"][run]["trace"] for run in listed}
+    links = {run: worst["runs"][str(run)]["trace"] for run in listed}
     kept = {run: link for run, link in links.items() if link is not None}
     assert len(kept) == 2
     for run, link in kept.items():
@@ -133,13 +102,14 @@ def test_worst_runs_are_ranked_and_lead_to_their_traces(tmp_path: Path) -> None:
         assert run in [row["run"] for row in ranked][:2]
 
 
+@pytest.mark.usefixtures("light")
 @pytest.mark.parametrize("name", sampled(STUDIES, 2))
 def test_plotly_knows_every_property(name: str, tmp_path: Path) -> None:
     """The charts fit plotly's schema: a misspelt property would be ignored in silence."""
-    drawn = figures(content_at(study_folder(name), tmp_path / "page.html"))
-    assert drawn["charts"]
-    json.dumps(drawn, allow_nan=False)
-    for chart in drawn["charts"].values():
+    figures = figures_of(page_of(study_folder(name), tmp_path / "page.html"))
+    assert figures["charts"]
+    json.dumps(figures, allow_nan=False)
+    for chart in figures["charts"].values():
         layout = json.loads(json.dumps(chart["layout"]))
         for axis in ("xaxis", "yaxis"):
             layout[axis]["title"] = {"text": layout[axis].pop("title")}
@@ -167,7 +137,7 @@ def test_same_study_same_page(tmp_path: Path) -> None:
 def test_studies_of_one_run_of_failures_and_of_rare_events(tmp_path: Path) -> None:
     """Each has a page that says what it is."""
     pages = {
-        name: words(study_page(content_at(study_folder(name), tmp_path / "page.html")))
+        name: words(page_of(study_folder(name), tmp_path / "page.html"))
         for name in ("one", "dead", "rare", "indices")
     }
     assert "1 run, with a result" in pages["one"]
@@ -247,22 +217,30 @@ def test_what_is_no_study_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyP
     assert not (tmp_path / "x.html").exists()
 
 
-def test_many_runs_are_thinned_by_their_numbers_alone(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+@pytest.mark.usefixtures("light")
+def test_many_runs_are_thinned_by_their_numbers_alone(tmp_path: Path) -> None:
     """The extremes are kept, no stride of the grid is, and a part of the runs gives a part."""
-    monkeypatch.setattr(content, "_MOST_POINTS", 12)
-    folder = study_folder("mixed")
-    whole = content_at(folder, tmp_path / "x.html")
-    kept = thinned(whole.columns)
-    assert 12 <= len(kept) <= 12 + 2 * 4
-    for metric in whole.columns.metrics.values():
-        assert np.nanargmax(metric.values) in kept
-        assert np.nanargmin(metric.values) in kept
-    assert len({whole.columns.axes["x0"].values[k] for k in kept}) == 3
-    assert len({whole.columns.axes["u"].values[k] for k in kept}) > 3
-    html = study_page(whole)
-    assert f"Of 48 runs, at most {len(kept)} are drawn as points" in html
+    axes = [grid("x0", [0.0, 1.0, 2.0]), drawn("u", uniform=[0.0, 1.0])]
+    values = np.random.default_rng(1).normal(size=(2, 1800)).tolist()
+    made = study([], vary=axes, samples=600, metrics={"x": "final.tiny.x", "y": "final.tiny.x"})
+    rows = [[k, "finished", None, 0.0, x, y] for k, (x, y) in enumerate(zip(*values, strict=True))]
+    found = []
+    for count in (1800, 1700):
+        folder = tmp_path / str(count)
+        table, _ = table_of(made, rows[:count], folder)
+        html = page_of(folder, folder / "page.html")
+        found.append(figures_of(html))
+        kept = found[-1]["runs"]
+        assert 1500 <= len(kept) <= 1500 + 2 * 2
+        for metric in "xy":
+            column = table[metric].to_numpy()
+            assert {int(column.argmax()), int(column.argmin())} <= set(kept)
+        assert f"Of {count:,} runs, at most {len(kept):,} are drawn as points" in words(html)
+        assert np.ptp(np.diff(kept)) > 0
+        assert len(set(numbers(found[-1]["columns"]["x0"]["values"]))) == 3
+        assert len(set(numbers(found[-1]["columns"]["u"]["values"]))) > 300
+    whole, part = (set(one["runs"]) for one in found)
+    assert len({run for run in whole if run < 1700} - part) <= 2 * 2  # extremes of one alone
 
 
 @pytest.fixture(scope="module")

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
-from study.deadly import DEADLY, U, plan, truth
+from study.deadly import DEADLY, RESULTS, RUN_LOG, U, plan, truth
+from study.pools import RunByRun
+from study.run_logs import write_bare
 
 from cosim.core import InputError, LossError
-from cosim.study import batch, execute_study, read_rows, read_table
-from cosim.study.folder import MANIFEST, RESULTS, RUN_LOG, Folder
-from cosim.study.manifest import manifest_of
-from cosim.study.study_runner import StudyRunner
+from cosim.study import execute_study, read_rows, read_table
 from cosim.trace import Trace
 
 
@@ -21,19 +21,6 @@ def table(path: Path) -> dict[str, list[Any]]:
     """The columns of a study's table."""
     found: dict[str, list[Any]] = read_table(path)[0].to_pydict()
     return found
-
-
-def counted(monkeypatch: pytest.MonkeyPatch) -> list[int]:
-    """The numbers of the runs that are flown, as they are."""
-    executed: list[int] = []
-    before = batch._row
-
-    def row(job: batch.Job, runner: Any, run: int, known: batch.Row | None) -> batch.Row:
-        executed.append(run)
-        return before(job, runner, run, known)
-
-    monkeypatch.setattr(batch, "_row", row)
-    return executed
 
 
 def test_every_run_agrees_with_the_closed_form(tmp_path: Path) -> None:
@@ -49,7 +36,7 @@ def test_every_run_agrees_with_the_closed_form(tmp_path: Path) -> None:
 
 
 def test_a_line_of_the_run_log_counts_as_it_was_written_or_not_at_all(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """A changed value, number or status, and a line of another study: these runs are done again."""
     values = [0.5 * i for i in range(6)]
@@ -67,9 +54,9 @@ def test_a_line_of_the_run_log_counts_as_it_was_written_or_not_at_all(
     with read_rows(tmp_path / "one") as rows:
         assert ([row.run for row in rows], rows.unread) == ([0, 3], 4)
     capsys.readouterr()
-    executed = counted(monkeypatch)
-    done = execute_study(plan(values), tmp_path / "one")
-    assert sorted(executed) == [1, 2, 4, 5]
+    pool = RunByRun()
+    done = execute_study(plan(values), tmp_path / "one", pool)
+    assert sorted(pool.runs) == [1, 2, 4, 5]
     assert "4 lines not as written" in capsys.readouterr().err
     assert (done.runs, done.statuses) == (6, {"finished": 6})
     assert table(tmp_path / "one")["x"] == pytest.approx([truth(u) for u in values], rel=1e-14)
@@ -84,16 +71,12 @@ def test_a_run_log_without_checksums_is_continued_and_gets_them(tmp_path: Path) 
     """As earlier releases wrote it."""
     values = [0.5 * i for i in range(4)]
     execute_study(plan(values), tmp_path)
-    log, file = tmp_path / RUN_LOG, tmp_path / MANIFEST
-    bare = [json.dumps(json.loads(line)["row"]) for line in log.read_text().splitlines()[:3]]
-    log.write_text("\n".join([*bare, ""]))
-    manifest = json.loads(file.read_text())
-    del manifest["run_log_checked"]
-    file.write_text(json.dumps(manifest))
+    write_bare(tmp_path, lambda rows: rows[:3])
     with read_rows(tmp_path) as rows:
         assert (len(rows), rows.unread) == (3, 0)
     assert execute_study(plan(values), tmp_path).executed == 1
-    assert len([json.loads(line)["check"] for line in log.read_text().splitlines()]) == 4
+    lines = (tmp_path / RUN_LOG).read_text().splitlines()
+    assert len([json.loads(line)["check"] for line in lines]) == 4
 
 
 def test_axes_change_the_places_they_name(tmp_path: Path) -> None:
@@ -163,66 +146,53 @@ def test_a_diverged_run_is_one_of_the_results(tmp_path: Path) -> None:
     assert found["peak"] == pytest.approx([1.0, first_beyond], rel=1e-13)
 
 
-def test_a_study_that_is_interrupted_goes_on_and_repeats_nothing(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_study_that_is_interrupted_goes_on_and_repeats_nothing(tmp_path: Path) -> None:
     """Interrupted in the sixth run: six to go on with, and the table of one that was not."""
     values = [0.1 * i for i in range(10)]
-    executed = counted(monkeypatch)
-    original = batch.run_and_measure
 
-    def interrupted(runner: Any, run: int) -> Any:
+    def interrupt(run: int) -> None:
         if run == 5:
             raise KeyboardInterrupt
-        return original(runner, run)
 
-    monkeypatch.setattr(batch, "run_and_measure", interrupted)
-    monkeypatch.setattr("cosim.study.workers._PIECE_S", 0.0)  # rows are kept one by one
+    stopped, rest, nothing = RunByRun(interrupt), RunByRun(), RunByRun()
     with pytest.raises(KeyboardInterrupt):
-        execute_study(plan(values), tmp_path / "a")
-    assert executed == [1, 2, 3, 4, 5]  # the first run is the rehearsal's
+        execute_study(plan(values), tmp_path / "a", stopped)
+    assert stopped.runs == [1, 2, 3, 4, 5]  # the first run is the rehearsal's
     assert len(table(tmp_path / "a")["run"]) == 5
-    monkeypatch.setattr(batch, "run_and_measure", original)
-    executed.clear()
-    done = execute_study(plan(values), tmp_path / "a")
-    assert executed == [5, 6, 7, 8, 9]
+    done = execute_study(plan(values), tmp_path / "a", rest)
+    assert rest.runs == [5, 6, 7, 8, 9]
     assert (done.runs, done.executed) == (10, 5)
     execute_study(plan(values), tmp_path / "b")
     same = [(tmp_path / name / RESULTS).read_bytes() for name in "ab"]
     assert same[0] == same[1]
-    executed.clear()
-    assert execute_study(plan(values), tmp_path / "a").executed == 0
-    assert executed == []
+    assert execute_study(plan(values), tmp_path / "a", nothing).executed == 0
+    assert nothing.runs == []
 
 
 @pytest.mark.parametrize("cut", [1, 7, 20])
-def test_the_run_of_an_incomplete_line_is_repeated(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cut: int
-) -> None:
+def test_the_run_of_an_incomplete_line_is_repeated(tmp_path: Path, cut: int) -> None:
     """However much of it is there: that run and no other, and the same table."""
     values = [0.0, 1.0, 2.0]
     execute_study(plan(values), tmp_path)
     before = (tmp_path / RESULTS).read_bytes()
     run_log = tmp_path / RUN_LOG
     run_log.write_bytes(run_log.read_bytes()[:-cut])
-    executed = counted(monkeypatch)
-    execute_study(plan(values), tmp_path)
-    assert executed == [2]
+    pool = RunByRun()
+    execute_study(plan(values), tmp_path, pool)
+    assert pool.runs == [2]
     assert (tmp_path / RESULTS).read_bytes() == before
 
 
-def test_a_damaged_line_is_as_if_it_were_not_there(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_damaged_line_is_as_if_it_were_not_there(tmp_path: Path) -> None:
     """Also one with the number of a run that no study has, for which there is no memory."""
     values = [0.0, 1.0]
     execute_study(plan(values), tmp_path)
     lines = (tmp_path / RUN_LOG).read_bytes().splitlines(keepends=True)
     damaged = b'[1000000000000, "finished", null, 0.1, 1.0]\n[1, "fin\n'
     (tmp_path / RUN_LOG).write_bytes(lines[0] + damaged)
-    executed = counted(monkeypatch)
-    execute_study(plan(values), tmp_path)
-    assert executed == [1]
+    pool = RunByRun()
+    execute_study(plan(values), tmp_path, pool)
+    assert pool.runs == [1]
 
 
 def test_another_study_in_the_folder_is_not_mixed_with(tmp_path: Path) -> None:
@@ -259,63 +229,52 @@ def test_traces_of_all_and_of_failed_runs(tmp_path: Path) -> None:
     assert [p.name for p in (tmp_path / "b" / "traces").iterdir()] == ["run-1.mcap"]
 
 
-def test_a_run_whose_trace_is_kept_is_executed_once(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """With `traces = "all"` each run writes its trace as it is flown, and the table is the same."""
+def test_a_run_whose_trace_is_kept_is_executed_once(tmp_path: Path) -> None:
+    """With `traces = "all"` each run writes its trace as it is flown, and the table is the same.
+
+    The first one, too, which is tried before; none is repeated for its trace.
+    """
     values, metrics = [0.0, 1.0, DEADLY], {"peak": {"signal": "tiny.x", "reduce": "max_abs"}}
     execute_study(plan(values, metrics=metrics), tmp_path / "none")
-    recorded: list[int] = []
-    record = StudyRunner.record
+    pool, seen = RunByRun(), []
 
-    def counting(self: StudyRunner, run: int, trace: Path, **more: Any) -> Any:
-        recorded.append(run)
-        return record(self, run, trace, **more)
+    def look(_what: str, _share: float) -> None:
+        traces = (tmp_path / "all" / "traces").glob("run-*.mcap")
+        seen.append(sorted((path.name, path.stat().st_ino) for path in traces))
 
-    def unrecorded(*_: object) -> None:
-        raise AssertionError
-
-    monkeypatch.setattr(StudyRunner, "record", counting)
     made = plan(values, metrics=metrics, traces="all")
-    monkeypatch.setattr(batch, "run_and_measure", unrecorded)
-    monkeypatch.setattr("cosim.study.plan.run_and_measure", unrecorded)
-    assert execute_study(made, tmp_path / "all").traces == dict.fromkeys(range(3))
-    assert recorded == [0, 1, 2]
+    done = execute_study(made, tmp_path / "all", pool, progress=look)
+    assert done.traces == dict.fromkeys(range(3))
+    assert (pool.runs, len(pool.works)) == ([1, 2], 1)
+    assert len(seen[-1]) == 3
+    assert all(set(before) <= set(seen[-1]) for before in seen)  # none is written again
     assert read_table(tmp_path / "all")[0].equals(read_table(tmp_path / "none")[0])
 
 
 def test_one_process_at_a_time(tmp_path: Path) -> None:
-    """The second one is told."""
-    made = plan([0.0, 1.0])
-    with Folder(tmp_path) as first:
-        first.begin(manifest_of(made))
-        with pytest.raises(InputError, match="another process is running this study"):
-            execute_study(made, tmp_path)
-    execute_study(made, tmp_path)
+    """The second one is told, while the first goes on."""
+    refused: list[InputError] = []
+
+    def also(_what: str, _share: float) -> None:
+        with pytest.raises(InputError, match="another process is running this study") as found:
+            execute_study(plan([0.0, 1.0]), tmp_path)
+        refused.append(found.value)
+
+    done = execute_study(plan([0.0, 1.0]), tmp_path, progress=also)
+    assert refused
+    assert done.statuses == {"finished": 2}
+    assert execute_study(plan([0.0, 1.0]), tmp_path).executed == 0
 
 
-def test_a_table_with_missing_runs_is_not_written(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_table_with_missing_runs_is_not_written(tmp_path: Path) -> None:
     """Runs that nobody flew are an error, whoever lost them."""
 
-    class Forgetful:
-        size = 1
+    class Forgetful(RunByRun):
+        def run_batches(self, *given: Any) -> Iterator[Any]:
+            yield from (found for found in super().run_batches(*given) if found[0] != [2])
 
-        def run_batches(self, function: Any, job: Any, next_batch: Any) -> Any:
-            while (runs := next_batch()) is not None:
-                if runs != [2]:
-                    yield runs, function(job, runs)
-
-        def __enter__(self) -> Any:
-            return self
-
-        def __exit__(self, *_: object) -> None:
-            pass
-
-    monkeypatch.setattr("cosim.study.execution.MAX_AT_ONCE", 1)
     with pytest.raises(LossError, match="runs are missing") as message:
-        execute_study(plan([0.0, 1.0, 2.0, 3.0]), tmp_path, Forgetful)
+        execute_study(plan([0.0, 1.0, 2.0, 3.0]), tmp_path, Forgetful())
     assert "without number 2" in message.value.text()
     assert not (tmp_path / RESULTS).exists()
 

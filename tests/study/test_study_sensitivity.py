@@ -5,14 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
 import pytest
-from study.deadly import plan
+from study.deadly import study
 
 from cosim.core import InputError
-from cosim.study import sensitivity
-from cosim.study.batch import Row
-from cosim.study.manifest import manifest_of
-from cosim.study.table import make_table
+from cosim.study import Points, sensitivity
 
 A, B = 7.0, 0.1
 NAMES = ("decay", "x0", "u")
@@ -29,13 +27,12 @@ def of(samples: int, **more: Any) -> tuple[Any, dict[str, Any]]:
         }
         for name in NAMES
     ]
-    made = plan([], **{"vary": axes, "samples": samples, "metrics": {"y": "final.tiny.x"}, **more})
-    rows = []
-    for run in range(made.count):
-        a, b, c = made.runner.points[run]
-        y = np.sin(a) + A * np.sin(b) ** 2 + B * c**4 * np.sin(a)
-        rows.append(Row(run, "finished", None, 0.0, (float(y),)))
-    return make_table(manifest_of(made), rows), manifest_of(made)
+    given = {"vary": axes, "samples": samples, "metrics": {"y": "final.tiny.x"}, **more}
+    made = study([], **given)
+    points = Points(made)
+    a, b, c = np.array([points[run] for run in range(points.count)]).T
+    y = np.sin(a) + A * np.sin(b) ** 2 + B * c**4 * np.sin(a)
+    return pa.table({"run": range(points.count), "y": y}), {"study": made.model_dump(mode="json")}
 
 
 @pytest.mark.slow

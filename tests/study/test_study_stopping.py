@@ -2,41 +2,55 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
 import pytest
-from study.deadly import U, plan
+from scipy.special import stdtrit
+from study.deadly import RESULTS, RUN_LOG, U, plan
 
 from cosim.core import InputError
-from cosim.study import Study, execute_study, read_table, stopping_of
-from cosim.study.folder import RESULTS, RUN_LOG
-from cosim.study.stopping import looks, stopping
+from cosim.study import Stopping, Study, execute_study, read_table, stopping_of
 
 MOST = 4000
 AXIS: dict[str, Any] = {"kind": "random", "name": "u", "path": U, "normal": [0.0, 1.0]}
 
 
-def asked(width: float, **more: Any) -> Study:
-    """A study that stops."""
-    return Study(
+def asked(width: float, **more: Any) -> dict[str, Any]:
+    """What the table of a study says that stops at a width."""
+    study = Study(
         title="t",
         scenario="s",
-        vary=[AXIS],
+        vary=[{"kind": "replicates", "count": MOST}],
         metrics={"m": "status"},
-        samples=MOST,
         stop={"metric": "m", "width": width, **more},
     )
+    return {"study": study.model_dump(mode="json")}
 
 
-def share_of_misses(study: Study, truth: float, draw: Any, repeats: int) -> float:
+def reached(manifest: dict[str, Any], values: list[Any]) -> Stopping | None:
+    """What a study has reached whose first runs had these values of its metric."""
+    return stopping_of(pa.table({"run": range(len(values)), "m": values}), manifest)
+
+
+def looks(first: int) -> tuple[int, ...]:
+    """Numbers of runs at which it is looked: each 1.3 times the one before, up to the most."""
+    n = [first]
+    while n[-1] < MOST:
+        n.append(min(math.ceil(1.3 * n[-1]), MOST))
+    return tuple(n)
+
+
+def share_of_misses(manifest: dict[str, Any], truth: float, draw: Any, repeats: int) -> float:
     """How often the interval at the end misses the truth."""
     missed = 0
     for repeat in range(repeats):
         values = draw(np.random.default_rng([repeat, 5])).tolist()
-        for n in looks(study.stop.first if study.stop else 0, MOST):
-            found = stopping(study, values[:n], MOST)
+        for n in looks(manifest["study"]["stop"]["first"]):
+            found = reached(manifest, values[:n])
             assert found is not None
             if found.reached:
                 break
@@ -49,28 +63,35 @@ def test_the_interval_of_a_share_covers_it_however_often_it_was_looked(
     share: float, width: float
 ) -> None:
     """At most 10 % of 300 studies miss."""
-    study = asked(width, confidence=0.9)
+    manifest = asked(width, confidence=0.9)
     draw = lambda rng: rng.random(MOST) < share  # noqa: E731
-    assert share_of_misses(study, share, draw, 300) <= 0.1
+    assert share_of_misses(manifest, share, draw, 300) <= 0.1
 
 
-def test_the_interval_of_a_mean_covers_it(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_interval_of_a_mean_covers_it() -> None:
     """Of normal values at most 10 % miss; with an error of 10 % at each look more than that."""
-    study = asked(0.75, confidence=0.9, first=10)
+    manifest = asked(0.75, confidence=0.9, first=10)
     draw = lambda rng: rng.normal(3.0, 1.0, MOST)  # noqa: E731
-    assert share_of_misses(study, 3.0, draw, 800) <= 0.1
-    monkeypatch.setattr("cosim.study.stopping.look_error", lambda *_: 0.1)
-    assert share_of_misses(study, 3.0, draw, 800) > 0.1
+    assert share_of_misses(manifest, 3.0, draw, 800) <= 0.1
+    missed = 0
+    for repeat in range(800):
+        values = draw(np.random.default_rng([repeat, 5]))
+        for n in looks(10):
+            half = stdtrit(n - 1, 0.95) * values[:n].std(ddof=1) / math.sqrt(n)
+            if 2.0 * half <= 0.75:
+                break
+        missed += abs(values[:n].mean() - 3.0) > half
+    assert missed / 800 > 0.1
 
 
 def test_a_share_of_nothing_is_given_up_at_the_last_look() -> None:
     """Too wide at the end: what was reached is said, and still holds."""
-    found = stopping(asked(0.001), [True, False] * (MOST // 2), MOST)
+    found = reached(asked(0.001), [True, False] * (MOST // 2))
     assert found is not None
-    assert (found.reached, found.runs, found.looks[-1]) == (False, MOST, MOST)
+    assert (found.reached, found.runs, found.looks) == (False, MOST, looks(50))
     assert found.low < 0.5 < found.high
-    assert stopping(asked(0.1), [True] * 49, MOST) is None
-    gaps = stopping(asked(0.5), [True, None] * 40, MOST)
+    assert reached(asked(0.1), [True] * 49) is None
+    gaps = reached(asked(0.5), [True, None] * 40)
     assert gaps is not None
     assert (gaps.missing, gaps.runs, gaps.value) == (32, 65, 1.0)
 
@@ -91,7 +112,8 @@ def test_the_table_is_the_same_whatever_was_there_before(tmp_path: Path) -> None
     assert found is not None
     assert found.reached
     assert done.runs == done.count == found.runs < 400
-    assert found.runs in looks(20, 400)
+    assert found.looks == tuple(n for n in looks(20) if n <= found.runs)
+    assert found.runs == found.looks[-1]
 
     lines = (tmp_path / "a" / RUN_LOG).read_bytes().splitlines(keepends=True)
     (tmp_path / "a" / RESULTS).unlink()

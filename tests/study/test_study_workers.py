@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import os
 import signal
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -13,13 +12,10 @@ import distributed
 import hostile.studies
 import pytest
 from shared import slow_share_of
-from study.deadly import DEADLY, plan, truth
+from study.deadly import DEADLY, RESULTS, plan, truth
 
 from cosim.core import ComponentError, InputError
-from cosim.study import execute_study, read_table
-from cosim.study.folder import RESULTS
-from cosim.study.local_workers import local
-from cosim.study.workers import WorkerDied, cluster
+from cosim.study import execute_study, pool_for, read_table
 
 
 def dask_cluster(workers: int) -> Any:
@@ -27,6 +23,11 @@ def dask_cluster(workers: int) -> Any:
     return distributed.LocalCluster(
         n_workers=workers, threads_per_worker=1, host="127.0.0.1", dashboard_address=":0"
     )
+
+
+def processes(pool: Any) -> list[int]:
+    """Numbers of the worker processes of a local pool that there are now."""
+    return [worker.number for worker in pool.workers]
 
 
 def test_two_processes_give_the_table_of_one_bit_for_bit(tmp_path: Path) -> None:
@@ -37,11 +38,10 @@ def test_two_processes_give_the_table_of_one_bit_for_bit(tmp_path: Path) -> None
     before = os.environ.get("TMPDIR")
     values = [0.1 * i for i in range(24)]
     execute_study(plan(values), tmp_path / "here")
-    with local(2) as pool:
-        execute_study(plan(values), tmp_path / "local", lambda: contextlib.nullcontext(pool))
+    execute_study(plan(values), tmp_path / "local", pool_for(2))
     with dask_cluster(2) as workers:
         address = workers.scheduler_address
-        execute_study(plan(values), tmp_path / "cluster", lambda: cluster(address))
+        execute_study(plan(values), tmp_path / "cluster", pool_for(1, address))
     assert os.environ.get("TMPDIR") == before
     tables = [(tmp_path / name / RESULTS).read_bytes() for name in ("here", "local", "cluster")]
     assert tables[0] == tables[1] == tables[2]
@@ -51,7 +51,7 @@ def test_a_scheduler_that_is_not_there_is_named(tmp_path: Path) -> None:
     """As what was asked for; what was flown for a start stays."""
     wrong = "no address at all://"
     with pytest.raises(InputError, match="no scheduler answers") as refused:
-        execute_study(plan([0.0, 1.0]), tmp_path, lambda: cluster(wrong))
+        execute_study(plan([0.0, 1.0]), tmp_path, pool_for(1, wrong))
     assert wrong in refused.value.text()
     assert read_table(tmp_path)[0]["run"].to_pylist() == [0]
 
@@ -62,11 +62,11 @@ def test_a_worker_killed_in_the_middle_loses_nothing(tmp_path: Path) -> None:
     values = [DEADLY + 0.1 * i for i in range(150)]
     execute_study(plan(values, "sleep"), tmp_path / "undisturbed")
     killed: list[int] = []
-    with local(3) as pool:
+    with pool_for(3)() as pool:
 
         def kill(_what: str, share: float) -> None:
             if share > 0.3 and not killed:
-                killed.append(pool.workers[0].number)
+                killed.append(processes(pool)[0])
                 os.kill(killed[0], signal.SIGKILL)
 
         done = execute_study(
@@ -85,13 +85,7 @@ def test_a_worker_killed_in_the_middle_loses_nothing(tmp_path: Path) -> None:
 def test_a_run_that_crashes_is_recorded_and_stops_no_other(tmp_path: Path) -> None:
     """Its child process ends, not the worker; all others are the closed form."""
     values = [0.0, 1.0, DEADLY, *(0.1 * i for i in range(12))]
-
-    @contextlib.contextmanager
-    def two() -> Iterator[Any]:
-        with local(2) as pool:
-            yield pool
-
-    done = execute_study(plan(values), tmp_path, two)
+    done = execute_study(plan(values), tmp_path, pool_for(2))
     found = read_table(tmp_path)[0].to_pydict()
     assert done.statuses == {"finished": 14, "crashed": 1}
     assert done.retried == 0
@@ -103,21 +97,22 @@ def test_a_run_that_crashes_is_recorded_and_stops_no_other(tmp_path: Path) -> No
 
 @pytest.mark.slow
 def test_workers_that_die_are_replaced(tmp_path: Path) -> None:
-    """Each time that they do: the only one is ended whenever a run is done."""
+    """Each time that they do: all there are of two are ended whenever a run is done."""
     killed: list[int] = []
     values = [DEADLY + 0.1 * i for i in range(12)]
-    with local(1) as pool:
+    with pool_for(2)() as pool:
 
         def kill(_what: str, _share: float) -> None:
-            alive = [worker.number for worker in pool.workers]
-            if len(killed) < 3 and alive and alive[0] not in killed:
-                killed.append(alive[0])
-                os.kill(alive[0], signal.SIGKILL)
+            alive = [number for number in processes(pool) if number not in killed]
+            if len(killed) < 4 and alive:
+                for number in alive:
+                    os.kill(number, signal.SIGKILL)
+                killed.extend(alive)
 
         done = execute_study(
             plan(values, "sleep"), tmp_path, lambda: contextlib.nullcontext(pool), progress=kill
         )
-    assert len(killed) == 3
+    assert len(killed) >= 4
     assert done.statuses == {"finished": 12}
 
 
@@ -134,7 +129,7 @@ def test_a_study_that_loses_its_workers_ends_and_can_be_continued(
             execute_study(
                 plan([0.0, 1.0]),
                 tmp_path,
-                lambda: cluster(address, 0.5),
+                pool_for(1, address, 0.5),
                 progress=lambda what, _: notices.append(what),
             )
     assert "the same command continues" in str(caught.value.hint)
@@ -154,25 +149,16 @@ def test_runs_that_misbehave_do_not_stop_a_study(fault: str, workers: int) -> No
     assert hostile.studies.run_study_with(fault, workers).wrong == []
 
 
-def test_all_runs_of_a_batch_but_the_one_that_kills_its_worker_are_kept(tmp_path: Path) -> None:
-    """Halved down to the one that kills; a crew that dies on it, in this process."""
-    executed: list[int] = []
-
-    class Fragile:
-        size = 2
-
-        def run_batches(self, function: Any, job: Any, next_batch: Any) -> Iterator[Any]:
-            while (runs := next_batch()) is not None:
-                if 7 in runs:
-                    yield runs, WorkerDied(2)
-                else:
-                    executed.extend(runs)
-                    yield runs, function(job, runs)
-
-    done = execute_study(
-        plan([0.1 * i for i in range(100)]), tmp_path, lambda: contextlib.nullcontext(Fragile())
-    )
+def test_all_runs_of_a_batch_but_the_one_that_kills_its_worker_are_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Divided down to the one that kills, which is tried alone before it is given up."""
+    monkeypatch.setenv("SPARED", str(os.getpid()))
+    values = [0.1 * i if i != 7 else DEADLY for i in range(100)]
+    done = execute_study(plan(values, "kill-worker"), tmp_path, pool_for(2))
     assert done.statuses == {"finished": 99, "lost": 1}
-    assert sorted([0, *executed]) == [i for i in range(100) if i != 7]
+    assert (done.runs, done.executed) == (100, 100)
+    assert done.retried > 0
     found = read_table(tmp_path)[0].to_pydict()
     assert found["status"][7] == "lost"
+    assert "died at each of 4 attempts" in found["reason"][7]

@@ -12,16 +12,13 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
+from c_compiler import c_compiler, compile_c
 from fmpy import read_model_description
-from shared import sampled
+from shared import fmu_folder, sampled
 
-from cosim.fmu import CATALOGUE, PLATFORMS
-from cosim.fmu.export.native.compiler import cross_compiler, host_compiler, shared_library
-from cosim.fmu.export.native.package import sources
-from cosim.fmu.export.native.platforms import host
+from cosim.fmu import CATALOGUE, PLATFORMS, Platform, build_fmu, host
 
 HERE = Path(__file__).resolve().parent
-HEADERS = HERE.parents[1] / "cosim" / "fmu" / "export" / "native" / "c" / "headers"
 NAMES = sorted(CATALOGUE)
 SANITIZERS = ["-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
 
@@ -30,15 +27,27 @@ pytestmark = pytest.mark.skipif(
 )
 
 
+def sources_of(path: Path, folder: Path) -> tuple[Path, list[str]]:
+    """A folder with the sources of an FMU, and the names of those to compile."""
+    inside = folder / path.stem
+    inside.mkdir(parents=True, exist_ok=True)
+    with zipfile.ZipFile(path) as archive:
+        for name in archive.namelist():
+            if name.startswith("sources/"):
+                (inside / Path(name).name).write_bytes(archive.read(name))
+    return inside, sorted(file.name for file in inside.glob("*.c"))
+
+
 def compiled_host(folder: Path, *options: str, compiler: Sequence[str] = ()) -> Path:
     program = folder / "host"
-    command = [*(compiler or host_compiler()), "-std=c99", "-D_DEFAULT_SOURCE"]
+    headers, _ = sources_of(fmu_folder("native") / "AuvPlant.fmu", folder / "headers")
+    command = [*(compiler or c_compiler()), "-std=c99", "-D_DEFAULT_SOURCE"]
     command += [
         "-Wall",
         "-Wextra",
         "-Werror",
         *options,
-        f"-I{HEADERS}",
+        f"-I{headers}",
         str(HERE / "host.c"),
         "-o",
         str(program),
@@ -71,9 +80,11 @@ def run(program: Path, library: Path, *words: str, under: Sequence[str] = ()) ->
     return [float.fromhex(line) for line in done.stdout.split()]
 
 
-def library_of(path: Path, folder: Path) -> Path:
+def library_of(path: Path, folder: Path, platform: Platform | None = None) -> Path:
+    """The library of an FMU for a platform; None: for this machine."""
+    built_for = platform or host()
     with zipfile.ZipFile(path) as archive:
-        name = f"binaries/{host().fmi2}/{path.stem}{host().suffix}"
+        name = f"binaries/{built_for.fmi2}/{path.stem}{built_for.suffix}"
         return Path(archive.extract(name, folder))
 
 
@@ -100,17 +111,14 @@ def test_c_host_runs_saves_restores(native_fmus: Path, tmp_path: Path, name: str
         assert not python_in(library)
 
 
-@pytest.mark.parametrize("version", ["2.0", "3.0"])
-def test_sources_have_no_warning(tmp_path: Path, version: str) -> None:
+@pytest.mark.parametrize("flavour", ["native", "native-fmi3"])
+def test_sources_have_no_warning(tmp_path: Path, flavour: str) -> None:
     """Of any component: users compile the sources with their own warnings, errors among them."""
     warnings = {}
     for name in NAMES:
-        content, compiled = sources(CATALOGUE[name], version, "identity")
-        for file, text in content.items():
-            (tmp_path / file).write_bytes(text)
-        line = [*host_compiler(), "-std=c99", "-fsyntax-only", "-Wall", "-Wextra", *compiled]
-        done = subprocess.run(line, check=True, capture_output=True, text=True, cwd=tmp_path)  # noqa: S603
-        warnings[name] = done.stderr
+        inside, files = sources_of(fmu_folder(flavour) / f"{name}.fmu", tmp_path)
+        words = ["-std=c99", "-fsyntax-only", "-Wall", "-Wextra", *files]
+        warnings[name] = compile_c(*words, folder=inside)
     assert warnings == dict.fromkeys(NAMES, "")
 
 
@@ -122,19 +130,12 @@ def test_no_memory_error_and_no_leak(native_fmus: Path, tmp_path: Path, name: st
     """The same run under the address and undefined-behaviour sanitizers, leaks included."""
     path = native_fmus / f"{name}.fmu"
     words = arguments(path)
-    content, compiled = sources(CATALOGUE[name], "2.0", words[0])
-    for file, text in content.items():
-        (tmp_path / file).write_bytes(text)
+    inside, files = sources_of(path, tmp_path)
     library = tmp_path / "model.so"
-    subprocess.run(  # noqa: S603
-        [
-            *(*host_compiler(), "-std=c99", "-O1", "-fPIC", "-shared"),
-            *("-Wall", "-Wextra", "-Werror", *SANITIZERS),
-            *(*compiled, "-o", str(library), "-lm"),
-        ],
-        check=True,
-        capture_output=True,
-        cwd=tmp_path,
+    compile_c(
+        *("-std=c99", "-O1", "-fPIC", "-shared", "-Wall", "-Wextra", "-Werror", *SANITIZERS),
+        *(*files, "-o", str(library), "-lm"),
+        folder=inside,
     )
     checked = run(compiled_host(tmp_path, *SANITIZERS), library, *words)
     plain = run(compiled_host(tmp_path), library_of(path, tmp_path), *words)
@@ -158,10 +159,9 @@ def test_c_host_on_another_machine(native_fmus: Path, tmp_path: Path, name: str)
     path = native_fmus / f"{name}.fmu"
     words = arguments(path)
     here = run(compiled_host(tmp_path), library_of(path, tmp_path), *words)
-    content, compiled = sources(CATALOGUE[name], "2.0", words[0])
-    library = tmp_path / "model.so"
-    library.write_bytes(shared_library(name, content, compiled, ARM, cross=True))
-    program = compiled_host(tmp_path, compiler=[*cross_compiler(), "-target", ARM.zig])
+    library = library_of(build_fmu(CATALOGUE[name], tmp_path, "native", [ARM]), tmp_path, ARM)
+    compiler = [sys.executable, "-m", "ziglang", "cc", "-target", ARM.zig]
+    program = compiled_host(tmp_path, compiler=compiler)
     qemu = [str(shutil.which("qemu-aarch64")), "-L", str(ARM_ROOT)]
     there = run(program, library, *words, under=qemu)
     assert there == pytest.approx(here, rel=1e-12, abs=1e-300)

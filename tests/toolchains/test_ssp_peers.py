@@ -12,12 +12,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from ssp.archives import Links
 from toolchains.peer_run import skip_without
 from toolchains.ssp_peer_run import PEERS, Archive, Peer, label, run_peer
 
 from cosim.master import simulate
-from cosim.scenario import FmuCache, export_ssp, parse, prepare
-from cosim.scenario.ssp.export import Links, system_of
+from cosim.scenario import FmuCache, assembled_system, export_ssp, parse, prepare
 
 TOLERANCE = 1e-9
 
@@ -101,7 +101,7 @@ def exported(
     prepared = prepare(loaded, FmuCache(fmus.parent, folder, flavour="native"))
     ssp = folder / "peer.ssp"
     export_ssp(prepared, ssp, links)
-    run = simulate(system_of(prepared, loaded.scenario))
+    run = simulate(assembled_system(prepared)[0])
     assert run.status == "finished"
     watch = (("plant", "x[1]"), ("plant", "x[2]"), ("controller", "u[1]"))
     archive = Archive(str(ssp), 10_000_000, run.points_ns.size - 1, watch)
@@ -143,7 +143,7 @@ def test_vehicle_over_its_acoustic_links_runs_elsewhere_as_here(
     loaded = parse(text, name="vehicle", where="vehicle.toml", folder=tmp_path)
     prepared = prepare(loaded, FmuCache(native_fmus.parent, tmp_path, flavour="native"))
     export_ssp(prepared, tmp_path / "vehicle.ssp", "fmu")
-    run = simulate(system_of(prepared, loaded.scenario))
+    run = simulate(assembled_system(prepared)[0])
     watch = tuple(("plant", f"eta.{axis}") for axis in ("x", "y", "z", "psi"))
     watch += (("controller", "force.x"), ("controller", "moment.z"))
     archive = Archive(str(tmp_path / "vehicle.ssp"), 50_000_000, run.points_ns.size - 1, watch)

@@ -1,4 +1,3 @@
-from .findings import Finding as Finding
 from .inspection import (
     Inspection as Inspection,
     inspect_fmu as inspect_fmu,

@@ -87,7 +87,7 @@ class Rule:
 
 
 def example_description(base: str) -> str:
-    """Return a model description without faults: "fmi1", "fmi2" or "fmi3"."""
+    """Return a model description without faults: "fmi2" or "fmi3"."""
     return (_FOLDER / "examples" / f"{base}.xml").read_text("utf-8")
 
 

@@ -84,21 +84,6 @@ def tape_sources(
     return found, compiled
 
 
-def tape_binary(kind: str, version: str, target: Platform, *, cross: bool) -> bytes:
-    """Compile the binary of a kind, which reads its model.
-
-    Raises
-    ------
-    InputError : no compiler.
-    """
-    # any plant does for a vehicle: what it is, the binary reads
-    writer, own = recorded_model(_specimens()["plant" if kind == "vehicle" else kind])
-    if kind == "vehicle":
-        own = tuple("vehicle.c" if name == "plant.c" else name for name in own)
-    content, compiled = tape_sources(writer, own, version)
-    return shared_library(kind, content, compiled, target, cross=cross)
-
-
 def write_binary(kind: str, version: str, folder: Path, target: Platform) -> None:
     """Cross-compile the binary of a kind to where it is looked for below the folder of a wheel.
 
@@ -106,9 +91,14 @@ def write_binary(kind: str, version: str, folder: Path, target: Platform) -> Non
     ------
     InputError : no cross compiler.
     """
+    # any plant does for a vehicle: what it is, the binary reads
+    writer, own = recorded_model(_specimens()["plant" if kind == "vehicle" else kind])
+    if kind == "vehicle":
+        own = tuple("vehicle.c" if name == "plant.c" else name for name in own)
+    content, compiled = tape_sources(writer, own, version)
     path = folder / _binary_path(kind, version, target)
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_bytes(tape_binary(kind, version, target, cross=True))
+    path.write_bytes(shared_library(kind, content, compiled, target, cross=True))
 
 
 def _binary_path(kind: str, version: str, target: Platform) -> str:
