@@ -60,12 +60,12 @@ class EventCollector:
         return sorted(taken, key=lambda event: event.time_ns)
 
     def counts(self) -> tuple[EventCount, ...]:
-        """Return what happened, how often and how long, by the time at which it first did."""
+        """Return what happened, how often and how long, by when it first did, then by kind."""
         found = []
         for key, count in self._counts.items():
             total_ns = self._totals_ns.get(key)
             found.append(replace(count, total_s=None if total_ns is None else total_ns / 1e9))
-        return tuple(sorted(found, key=lambda each: each.first_s))
+        return tuple(sorted(found, key=lambda each: (each.first_s, each.kind, each.subject)))
 
 
 class Episodes:

@@ -251,6 +251,11 @@ class TraceWriter:
                 got=str(len(part.values)),
             )
         rank = np.asarray(part.rank, np.int64)
+        groups = list(encoder.many(part.values, HEAD.size))
+        if len(groups) > 1:  # of several sizes: rows of one instant and rank stay as they are given
+            numbers = np.arange(part.log_ns.size)
+            ranks = np.broadcast_to(rank, (numbers.size, rank.shape[-1]))
+            rank = np.column_stack([ranks, numbers])
         return [
             Records(
                 channel=part.topic_id,
@@ -260,7 +265,7 @@ class TraceWriter:
                 lines=lines,
                 rank=rank[mine] if rank.ndim == 2 else rank,
             )
-            for mine, lines in encoder.many(part.values, HEAD.size)
+            for mine, lines in groups
         ]
 
     def _encoder(self, topic_id: int, where: str) -> RowEncoder:

@@ -132,8 +132,9 @@ def test_other_text_is_refused_as_expression(text: str) -> None:
 @pytest.mark.parametrize(("text", "x"), [("1 / x", 0.0), ("log(x)", -1.0), ("x", "a"),
                                          ("exp(x)", 1e4), ("x ** 0.5", -1.0)])  # fmt: skip
 def test_an_expression_without_a_value_says_where(text: str, x: object, tmp_path: Path) -> None:
-    """The argument is in the reason of the run, which is refused; another run is not."""
-    found = applied(text, [1.0, x], tmp_path)
-    assert found["status"] == ["finished", "refused"]
-    assert "column 1" in found["reason"][1]
-    assert repr(x) in found["reason"][1]
+    """The argument is in the reason of the runs, which are refused; another run is not."""
+    found = applied(text, [x, 1.0, x], tmp_path)
+    assert found["status"] == ["refused", "finished", "refused"]
+    for run in (0, 2):
+        assert "column 1" in found["reason"][run]
+        assert repr(x) in found["reason"][run]

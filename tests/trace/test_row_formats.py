@@ -115,6 +115,17 @@ def test_rows_one_by_one_are_those_written_together(tmp_path: Path) -> None:
     assert content_hash(one) == content_hash(many)
 
 
+def test_rows_of_one_instant_stay_in_the_order_given(tmp_path: Path) -> None:
+    """Whatever their sizes."""
+    words = ["aaa", "", "bbb", "c", "", "dd"]
+    with TraceWriter(tmp_path / "a.mcap", run={}) as writer:
+        topic = writer.add_topic("/a", [Signal("s", kind="string")], schema_name="t.A")
+        times = np.array([0, 0, 0, 0, 5, 5])
+        writer.write_rows([Rows(topic, times, [[word] for word in words])])
+        path = writer.finish({})
+    assert Trace(path).read("/a")["s"].tolist() == words
+
+
 def test_a_file_of_format_1_keeps_its_hash_and_has_the_content_of_one_of_format_2(
     tmp_path: Path,
 ) -> None:
