@@ -98,6 +98,31 @@ class PreparedScenario:
             found[part.plant] = {name: value for name, value in trim.items() if name in ports}
         return found
 
+    def again(self, loaded: LoadedScenario) -> PreparedScenario:
+        """Return another scenario that is ready to run: one with the FMUs and design of this one.
+
+        Raises
+        ------
+        InputError : numbers of its controller are not those of the design.
+        """
+        before, scenario = self.loaded.scenario, loaded.scenario
+        if before.reference is not None:  # in the units of the inputs
+            scenario = scenario.model_copy(update={"reference": before.reference})
+            loaded = replace(loaded, scenario=scenario)
+        part = scenario.design
+        if part is not None and self.design is not None:
+            name = part.controller
+            if scenario.components[name] is not before.components[name]:
+                _check_own_numbers(loaded, self.fmus[name], name, self.design)
+        return replace(self, loaded=loaded)
+
+
+def _check_own_numbers(
+    loaded: LoadedScenario, fmu: FmuDescription, controller: str, design: Result
+) -> None:
+    with Findings(loaded.origin).at("components", controller, "parameters"):
+        require_own_numbers(design, fmu, loaded.scenario.components[controller])
+
 
 def prepare(
     loaded: LoadedScenario,
@@ -164,8 +189,7 @@ def prepare(
         known = feedback_age(system, part.plant, part.controller) if of_links else None
         found, source = kept_or_made(loaded, problem, known)
         problem = replace(problem, system=found.system)
-    with findings.at("components", part.controller, "parameters"):
-        require_own_numbers(found, fmus[part.controller], scenario.components[part.controller])
+    _check_own_numbers(loaded, fmus[part.controller], part.controller, found)
     if disturbance is not None and worst_case is None:
         with findings.at("disturbance"):
             worst_case = worst_case_of(disturbance, found)

@@ -83,9 +83,9 @@ class Variations:
         if key not in known:
             if len(known) >= _PARTS_KEPT:
                 known.clear()
-            known[key] = self._part_alone(_at(first, path), path, values)
-            if known[key] is None:
-                known[key] = _at(self._validated(values), path)
+            part = self._part_alone(_at(first, path), path, values)
+            # a refused value is not kept: it is refused again
+            known[key] = _at(self._validated(values), path) if part is None else part
         return known[key]
 
     def _part_alone(self, like: Any, path: tuple[str, ...], values: Sequence[Any]) -> Any:
