@@ -218,6 +218,53 @@ def test_a_run_is_refused_whatever_ran_before(name: str) -> None:
     assert seen == [alone[run] for run in order]
 
 
+_MEDIA = """
+title = "each way over a medium of its own, or both over one"
+run = { end = 3.0, step = 0.1 }
+components = { plant = { fmu = "DelayedPlant" }, controller = { fmu = "PaperController" } }
+connect = ["plant.x -> controller.x : up", "controller.u -> plant.u : down"]
+[medium.one]
+nodes = { a = [0], b = ["100 m"] }
+data_rate = 1000
+access = "aloha"
+[medium.two]
+nodes = { a = [0], b = ["100 m"] }
+data_rate = 1000
+access = "aloha"
+[links.up]
+kind = "packet"
+medium = "one"
+from = "a"
+to = "b"
+sample_time = 1.0
+frame_size = "100 bit"
+[links.down]
+kind = "packet"
+medium = "one"
+from = "b"
+to = "a"
+sample_time = 1.0
+frame_size = "100 bit"
+[[events]]
+when = "plant.x[1] > 2"
+loss = { up = 0.9 }
+"""
+
+
+def test_a_link_is_made_anew_where_another_one_comes_to_its_medium(tmp_path: Path) -> None:
+    """Links over one medium are adjustable together: `down` is where `up` is over the same one."""
+    (tmp_path / "media.toml").write_text(_MEDIA)
+    axis = {"kind": "grid", "path": "links.up.medium", "values": ["one", "two"]}
+    metrics = {"x": "final.plant.x[1]"}
+    study = Study(title="media", scenario="media.toml", vary=[axis], metrics=metrics)
+    plan = plan_of(study, load(str(tmp_path / "media.toml")))
+    plan.runner.supervise_no_more()
+    alone = [rows_of(StudyRunner(plan.job.study, plan.job.base).execute_run(run)) for run in (0, 1)]
+    assert alone[0] != alone[1]
+    for run in (1, 0, 1):
+        assert rows_of(plan.runner.execute_run(run)) == alone[run]
+
+
 def test_a_session_begins_again_as_a_new_one_begins() -> None:
     """Passes of the initialisation, and the first row, are those of a new one."""
     plan = study_of("packets")
