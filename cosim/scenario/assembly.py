@@ -416,10 +416,13 @@ def delay_sources(scenario: Scenario) -> dict[str, DelaySource | PositionSource]
 
 def _blamed(error: InputError, wires: Wires, scenario: Scenario) -> KeyPath:
     where = error.where or ""
-    named = f"{where} {error.got}"  # an algebraic loop lists its connections as what it got
+    # an algebraic loop lists its connections as what it got
+    listed = f", {where.removeprefix('connection ')}, {error.got}, "
     for connection, path in reversed(wires):
+        named = f", {connection.source} -> {connection.target}"
         if (
-            f"{connection.source} -> {connection.target}" in named
+            f"{named}, " in listed
+            or f"{named} (dependencies" in listed
             or str(connection.target) == where
         ):
             return path
