@@ -31,6 +31,7 @@ from cosim.scenario.plant import (
     thrust_map_parameters,
 )
 from cosim.scenario.read import LoadedScenario
+from cosim.scenario.schema import Scenario
 from cosim.scenario.signals import no_disturbance, reference_inputs, worst_case_of
 
 if TYPE_CHECKING:
@@ -110,18 +111,25 @@ class PreparedScenario:
             scenario = scenario.model_copy(update={"reference": before.reference})
             loaded = replace(loaded, scenario=scenario)
         part = scenario.design
-        if part is not None and self.design is not None:
+        if part is not None:
             name = part.controller
             if scenario.components[name] is not before.components[name]:
-                _check_own_numbers(loaded, self.fmus[name], name, self.design)
+                findings = Findings(loaded.origin)
+                check_own_numbers(scenario, self.fmus[name], name, self.design, findings)
         return replace(self, loaded=loaded)
 
 
-def _check_own_numbers(
-    loaded: LoadedScenario, fmu: FmuDescription, controller: str, design: Result
+def check_own_numbers(
+    scenario: Scenario,
+    fmu: FmuDescription,
+    controller: str,
+    design: Result | None,
+    findings: Findings,
 ) -> None:
-    with Findings(loaded.origin).at("components", controller, "parameters"):
-        require_own_numbers(design, fmu, loaded.scenario.components[controller])
+    """Refuse numbers of a controller that are not those of its design; errors go to `findings`."""
+    with findings.at("components", controller, "parameters"):
+        if design is not None:
+            require_own_numbers(design, fmu, scenario.components[controller])
 
 
 def prepare(
@@ -189,7 +197,7 @@ def prepare(
         known = feedback_age(system, part.plant, part.controller) if of_links else None
         found, source = kept_or_made(loaded, problem, known)
         problem = replace(problem, system=found.system)
-    _check_own_numbers(loaded, fmus[part.controller], part.controller, found)
+    check_own_numbers(scenario, fmus[part.controller], part.controller, found, findings)
     if disturbance is not None and worst_case is None:
         with findings.at("disturbance"):
             worst_case = worst_case_of(disturbance, found)
