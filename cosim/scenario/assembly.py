@@ -61,11 +61,13 @@ class SystemParts:
 
     own, shaped : by component its parameters in the scenario, and its FMU with the lengths of
         arrays that these give.
+    links_of : by link everything that it is made of.
     """
 
     components: Mapping[str, Component]
     wires: Wires
     links: Mapping[str, Link]
+    links_of: Mapping[str, tuple[Any, ...]]
     driven: Signals
     comm_schedule: CommunicationSchedule
     own: Mapping[str, Mapping[str, Any]]
@@ -109,15 +111,6 @@ class Assembled:
             for variable, value in part.parameters.items()
             if variable in own and before.get(variable) is value
         }
-
-    def has_link(self, name: str, scenario: Scenario) -> bool:
-        """Whether a link is the same in another scenario."""
-        mine, run = self.scenario, scenario.run
-        of_links = (run.seed, run.end, run.start)
-        same = mine.run is run or (mine.run.seed, mine.run.end, mine.run.start) == of_links
-        same &= mine.events is scenario.events and mine.modes is scenario.modes
-        same &= mine.medium is scenario.medium
-        return same and mine.links[name] is scenario.links[name]
 
     def has_points(self, scenario: Scenario) -> bool:
         """Whether another scenario has the same communication points but for those of messages."""
@@ -194,7 +187,7 @@ def parts_of(
     like: Assembled | None = None,
 ) -> SystemParts:
     """Make the parts of a system, as `assemble`; errors go to `findings`."""
-    links = _links(scenario, findings, like)
+    links, links_of = _links(scenario, findings, like)
     comm_schedule = _comm_schedule(scenario, links, findings, like)
     own, shaped, same = _own_parameters(scenario, fmus, findings, like)
     for name in scenario.log.components if scenario.log is not None else ():
@@ -233,7 +226,7 @@ def parts_of(
                 clocks=part.clocks,
                 intermediate=part.intermediate,
             )
-    return SystemParts(components, wires, links, driven, comm_schedule, own, shaped)
+    return SystemParts(components, wires, links, links_of, driven, comm_schedule, own, shaped)
 
 
 def _own_parameters(
@@ -274,24 +267,27 @@ def _wanted_log(scenario: Scenario, component: str) -> tuple[LogLevel, list[str]
     return part.level or scenario.log.level, part.categories
 
 
-def _links(scenario: Scenario, findings: Findings, like: Assembled | None) -> dict[str, Link]:
+def _links(
+    scenario: Scenario, findings: Findings, like: Assembled | None
+) -> tuple[dict[str, Link], dict[str, tuple[Any, ...]]]:
+    """Return `links` and `links_of` of `SystemParts`."""
     links: dict[str, Link] = {}
+    links_of: dict[str, tuple[Any, ...]] = {}
     changes, adjusted = changes_of(scenario, findings), adjusted_links(scenario)
     media = media_of(scenario.medium, findings)
     packets = {n: part for n, part in scenario.links.items() if isinstance(part, PacketPart)}
     shared = {packets[name].medium for name in adjusted & packets.keys()} - {None}
     adjusted |= {name for name, part in packets.items() if part.medium in shared}
     for name, part in scenario.links.items():
-        if like is not None and name in like.parts.links and like.has_link(name, scenario):
+        of = part, scenario.run.seed, changes.get(name, ()), media
+        adjustable, start_ns = name in adjusted, scenario.run.start_ns
+        links_of[name] = (*of, adjustable, start_ns)
+        if like is not None and like.parts.links_of.get(name) == links_of[name]:
             links[name] = like.parts.links[name]
             continue
         with findings.at("links", name):
-            links[name] = link_of(
-                *(name, part, scenario.run.seed, changes.get(name, ()), media),
-                adjustable=name in adjusted,
-                start_ns=scenario.run.start_ns,
-            )
-    return links
+            links[name] = link_of(name, *of, adjustable=adjustable, start_ns=start_ns)
+    return links, links_of
 
 
 def _comm_schedule(
@@ -420,10 +416,13 @@ def delay_sources(scenario: Scenario) -> dict[str, DelaySource | PositionSource]
 
 def _blamed(error: InputError, wires: Wires, scenario: Scenario) -> KeyPath:
     where = error.where or ""
-    named = f"{where} {error.got}"  # an algebraic loop lists its connections as what it got
+    # an algebraic loop lists its connections as what it got
+    listed = f", {where.removeprefix('connection ')}, {error.got}, "
     for connection, path in reversed(wires):
+        named = f", {connection.source} -> {connection.target}"
         if (
-            f"{connection.source} -> {connection.target}" in named
+            f"{named}, " in listed
+            or f"{named} (dependencies" in listed
             or str(connection.target) == where
         ):
             return path

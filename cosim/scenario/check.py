@@ -29,7 +29,7 @@ from cosim.scenario.gain import controller_parameters, gain_parameters, observes
 from cosim.scenario.lowering import lowered
 from cosim.scenario.pinned import named_design
 from cosim.scenario.plant import parameters_of_plant, require_vehicle_of
-from cosim.scenario.preparation import check_disturbance, check_roles
+from cosim.scenario.preparation import check_disturbance, check_own_numbers, check_roles
 from cosim.scenario.read import LoadedScenario, loaded_of
 from cosim.scenario.schema import Scenario
 from cosim.scenario.script import script_of
@@ -94,6 +94,7 @@ def _look(
                 problem, designed, _ = named_design(design, loaded.folder, plant)
                 if problem.vehicle is not None:
                     require_vehicle_of(problem.vehicle, scenario, design)
+            check_own_numbers(scenario, fmu, design.controller, designed, findings)
             if observes(designed):
                 parameters[design.controller] = controller_parameters(designed, fmu)
             else:

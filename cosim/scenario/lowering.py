@@ -191,7 +191,7 @@ class _Lowering:
         integers = [signal for signal in table.signals if self._is_integer(signal)]
         self._make(name, "computed", table.spec(units, self._scenario.run.step, integers), {})
         for signal in table.signals:
-            self._read(signal, f"{name}.{signal}")
+            self._read(signal, name)
 
     def _make_sensor(self, name: str, part: SensorPart) -> None:
         lanes = self._lanes(name)
@@ -227,7 +227,7 @@ class _Lowering:
                 raise InputError(f"least is greater than greatest, of {lane}")
         self._make(name, "sensors", spec, start)
         for end, lane in lanes.items():
-            self._more.append(_wire(str(end), f"{name}.true.{lane}"))
+            self._more.append(_wire(("sensors", name), str(end), f"{name}.true.{lane}"))
 
     def _settings(
         self, key: str, given: Setting, lanes: Mapping[Endpoint, str]
@@ -382,21 +382,22 @@ class _Lowering:
                     return part, Endpoint(source.component, source.variable + suffix)
         return None
 
-    def _read(self, signal: str, target: str) -> None:
-        """Connect a signal of an expression to the component that computes it."""
+    def _read(self, signal: str, name: str) -> None:
+        """Connect a signal of an expression to the component `name` that computes it."""
+        path, target = ("computed", name), f"{name}.{signal}"
         end = endpoint(signal)
         found = None
         if end.component in self._fmus and self._port(end).causality == "input":
             found = self._feeding(end)
         if found is None:
-            self._more.append(_wire(signal, target))
+            self._more.append(_wire(path, signal, target))
             return
         part, source = found
         if part.gain is not None or part.offset is not None or part.matrix is not None or part.add:
             source = Endpoint(_map_name(end), end.variable)
         elif part.sensor is not None:
             source = Endpoint(part.sensor, self._lanes(part.sensor)[source])
-        self._more.append(_wire(str(source), target, part.link, part.policy))
+        self._more.append(_wire(path, str(source), target, part.link, part.policy))
 
     # ---- connections
 
@@ -413,7 +414,7 @@ class _Lowering:
 
     def _connect(self, part: ConnectionPart, path: KeyPath) -> None:
         if not _has_map(part):
-            self._kept.append(part)
+            self._kept.append(part.made_of(path))
             return
         if part.matrix is not None:
             self._matrix(part, path)
@@ -421,7 +422,8 @@ class _Lowering:
         plain = part.gain is None and part.offset is None and not part.add
         for c in self._ends(part):
             if plain:
-                self._more.append(_wire(str(c.source), str(c.target), part.link, part.policy))
+                ends = str(c.source), str(c.target)
+                self._more.append(_wire(path, *ends, part.link, part.policy))
                 continue
             one = self._maps.get(c.target)
             if one is None:
@@ -519,10 +521,9 @@ class _Lowering:
         if name in self._parts:
             raise InputError(f"there are two parts named {name!r}")
         self._make(name, "connections", spec, {})
-        self._more += [_wire(signal, f"{name}.{signal}") for signal in signals]
-        self._more.append(
-            _wire(f"{name}.{port.name}", str(one.target), one.part.link, one.part.policy)
-        )
+        self._more += [_wire(one.path, signal, f"{name}.{signal}") for signal in signals]
+        ends = f"{name}.{port.name}", str(one.target)
+        self._more.append(_wire(one.path, *ends, one.part.link, one.part.policy))
 
 
 def _map_name(target: Endpoint) -> str:
@@ -531,9 +532,10 @@ def _map_name(target: Endpoint) -> str:
 
 
 def _wire(
-    source: str, target: str, link: str | None = None, policy: Any = "hold"
+    path: KeyPath, source: str, target: str, link: str | None = None, policy: Any = "hold"
 ) -> ConnectionPart:
+    """Return a connection that is made of the part of the scenario at a path."""
     given: dict[str, Any] = {"from": source, "to": target, "policy": policy}
     if link is not None:
         given["link"] = link
-    return ConnectionPart.model_validate(given)
+    return ConnectionPart.model_validate(given).made_of(path)

@@ -31,6 +31,7 @@ from cosim.scenario.plant import (
     thrust_map_parameters,
 )
 from cosim.scenario.read import LoadedScenario
+from cosim.scenario.schema import Scenario
 from cosim.scenario.signals import no_disturbance, reference_inputs, worst_case_of
 
 if TYPE_CHECKING:
@@ -98,6 +99,38 @@ class PreparedScenario:
             found[part.plant] = {name: value for name, value in trim.items() if name in ports}
         return found
 
+    def again(self, loaded: LoadedScenario) -> PreparedScenario:
+        """Return another scenario that is ready to run: one with the FMUs and design of this one.
+
+        Raises
+        ------
+        InputError : numbers of its controller are not those of the design.
+        """
+        before, scenario = self.loaded.scenario, loaded.scenario
+        if before.reference is not None:  # in the units of the inputs
+            scenario = scenario.model_copy(update={"reference": before.reference})
+            loaded = replace(loaded, scenario=scenario)
+        part = scenario.design
+        if part is not None:
+            name = part.controller
+            if scenario.components[name] is not before.components[name]:
+                findings = Findings(loaded.origin)
+                check_own_numbers(scenario, self.fmus[name], name, self.design, findings)
+        return replace(self, loaded=loaded)
+
+
+def check_own_numbers(
+    scenario: Scenario,
+    fmu: FmuDescription,
+    controller: str,
+    design: Result | None,
+    findings: Findings,
+) -> None:
+    """Refuse numbers of a controller that are not those of its design; errors go to `findings`."""
+    with findings.at("components", controller, "parameters"):
+        if design is not None:
+            require_own_numbers(design, fmu, scenario.components[controller])
+
 
 def prepare(
     loaded: LoadedScenario,
@@ -164,8 +197,7 @@ def prepare(
         known = feedback_age(system, part.plant, part.controller) if of_links else None
         found, source = kept_or_made(loaded, problem, known)
         problem = replace(problem, system=found.system)
-    with findings.at("components", part.controller, "parameters"):
-        require_own_numbers(found, fmus[part.controller], scenario.components[part.controller])
+    check_own_numbers(scenario, fmus[part.controller], part.controller, found, findings)
     if disturbance is not None and worst_case is None:
         with findings.at("disturbance"):
             worst_case = worst_case_of(disturbance, found)

@@ -16,12 +16,13 @@ from pydantic import (
     ConfigDict,
     Discriminator,
     Field,
+    PrivateAttr,
     Tag,
     field_validator,
     model_validator,
 )
 
-from cosim.core import NotNegative, Number, Positive, Text
+from cosim.core import KeyPath, NotNegative, Number, Positive, Text
 from cosim.master import Algorithm, Policy, UnknownFeedthrough
 from cosim.scenario.copies import written_out
 from cosim.scenario.events import AssertionPart, EventPart
@@ -184,6 +185,18 @@ class ConnectionPart(Part):
     known from a transport delay ("midpoint") or extrapolated ("linear"), or that of one
     communication point before ("previous"), which cuts an algebraic loop.
     """
+    _path: KeyPath | None = PrivateAttr(default=None)
+
+    @property
+    def path(self) -> KeyPath | None:
+        """The path in the scenario of what it was made of; None: it stands there itself."""
+        return self._path
+
+    def made_of(self, path: KeyPath) -> Self:
+        """Return the connection as made of the part of the scenario at a path."""
+        made = self.model_copy()
+        made._path = path  # noqa: SLF001 - of this class
+        return made
 
     @model_validator(mode="after")
     def _one_map(self) -> Self:
@@ -467,7 +480,8 @@ class Scenario(Part):
             return [(("reference", i), part) for i, part in enumerate(self.reference)]
         return [] if self.reference is None else [(("reference",), self.reference)]
 
-    def wires(self) -> list[tuple[tuple[str, int], ConnectionPart]]:
-        """Return the connections of both forms, each with its path."""
-        short = [(("connect", i), connection_of(text)) for i, text in enumerate(self.connect)]
-        return [(("connections", i), part) for i, part in enumerate(self.connections)] + short
+    def wires(self) -> list[tuple[KeyPath, ConnectionPart]]:
+        """Return the connections of both forms, each with the path of what it was made of."""
+        long = enumerate(self.connections)
+        found = [(part.path or ("connections", i), part) for i, part in long]
+        return found + [(("connect", i), connection_of(x)) for i, x in enumerate(self.connect)]

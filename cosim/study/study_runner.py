@@ -268,12 +268,7 @@ class StudyRunner:
 
     def _prepared(self, loaded: LoadedScenario) -> PreparedScenario:
         if self._last is not None and _differ_in_numbers(self._last[0], loaded.scenario):
-            before = self._last[1]
-            reference = before.loaded.scenario.reference  # in the units of the inputs
-            scenario = loaded.scenario
-            if reference is not None:
-                scenario = scenario.model_copy(update={"reference": reference})
-            return replace(before, loaded=replace(loaded, scenario=scenario))
+            return self._last[1].again(loaded)
         prepared = self._prepared_anew(loaded)
         self._last = loaded.scenario, prepared
         return prepared

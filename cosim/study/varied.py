@@ -83,8 +83,9 @@ class Variations:
         if key not in known:
             if len(known) >= _PARTS_KEPT:
                 known.clear()
-            found = self._part_alone(_at(first, path), path, values)
-            known[key] = _at(self._validated(values), path) if found is None else found
+            part = self._part_alone(_at(first, path), path, values)
+            # a refused value is not kept: it is refused again
+            known[key] = _at(self._validated(values), path) if part is None else part
         return known[key]
 
     def _part_alone(self, like: Any, path: tuple[str, ...], values: Sequence[Any]) -> Any:

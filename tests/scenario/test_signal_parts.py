@@ -110,6 +110,53 @@ def test_a_computed_value_has_the_bits_of_a_condition(
     assert 0 < run.signal("c", "b").sum() < 200
 
 
+WRONG_UNIT = connected("plant.eta.y", "controller.nu.u")
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "place"),
+    [
+        (connected("plant.eta.x", "controller.eta.x", "gain = 2.0"), "", "connections[1]"),
+        (
+            '[sensors.fix]\nbias = "1 m"\n\n'
+            + connected("plant.eta.x", "controller.eta.x", 'sensor = "fix"'),
+            "",
+            "connections[1]",
+        ),
+        (SOURCE, connected("source.x", "controller.eta.x"), "connections[0]"),
+    ],
+    ids=["behind a map", "behind a sensor", "beside a computed value"],
+)
+def test_an_error_of_a_connection_has_its_place(
+    before: str, after: str, place: str, fmus: Path, tmp_path: Path
+) -> None:
+    """Its own, where others are made into components and more connections."""
+    line = (HEAD + before).count("\n") + 1
+    with pytest.raises(InputError, match="units of the two ends differ") as refused:
+        ran(before + WRONG_UNIT + after, fmus, tmp_path)
+    assert str(refused.value).startswith(f"signals.toml:{line}: {place}: ")
+
+
+def test_an_error_of_a_connection_is_not_that_of_a_like_name(fmus: Path, tmp_path: Path) -> None:
+    """`a-plant` ends as `plant` does, whose connection stands behind."""
+    text = '[components.a-plant]\nfmu = "AuvPlant"\n\n'
+    line = (HEAD + text).count("\n") + 1
+    text += WRONG_UNIT.replace("plant", "a-plant") + WRONG_UNIT
+    with pytest.raises(InputError, match=r"connection a-plant\.eta\.y") as refused:
+        ran(text, fmus, tmp_path)
+    assert str(refused.value).startswith(f"signals.toml:{line}: connections[0]: ")
+
+
+def test_an_error_of_a_mapped_connection_has_its_place(fmus: Path, tmp_path: Path) -> None:
+    """The link of a connection with a map is looked at behind the map, and named where it is."""
+    text = connected("plant.eta.x", "controller.eta.x")
+    text += connected("plant.eta.y", "controller.eta.y", 'gain = 2.0\nlink = "none"')
+    with pytest.raises(InputError, match="there is no link 'none'") as refused:
+        ran(text, fmus, tmp_path)
+    line = (HEAD + text).count("\n") - 1
+    assert str(refused.value).startswith(f"signals.toml:{line}: connections[1].link: ")
+
+
 def noisy(count: int, sigma: float, lane: int) -> Reals:
     """The noise of a sensor `fix` by its definition."""
     draws = [standard_normal(7, "fix", f"noise {lane}", k) for k in range(count)]

@@ -146,6 +146,14 @@ parameters = {{ n = 3, gain = 1.0, "Float64.row" = [[1, 2, 3], [4, 5, 6], [7, 8,
 """
 
 
+def ended(plan: Plan, run: int) -> tuple[str, str]:
+    """The status of a run; or what is refused, and the whole text of the error."""
+    try:
+        return plan.runner.execute_run(run)[0].status, ""
+    except InputError as error:
+        return error.what, error.text()
+
+
 def test_what_fits_one_length_is_looked_at_again_for_another(tmp_path: Path) -> None:
     """A matrix that is the same in all runs of a series, and has too few rows in some."""
     fmu = c_fmu("every_fmi3.c", every(), tmp_path)
@@ -159,12 +167,6 @@ def test_what_fits_one_length_is_looked_at_again_for_another(tmp_path: Path) -> 
     plan = plan_of(study, scenario)
     plan.runner.supervise_no_more()
 
-    def ended(plan: Plan, run: int) -> tuple[str, str]:
-        try:
-            return plan.runner.execute_run(run)[0].status, ""
-        except InputError as error:
-            return error.what, error.text()
-
     order = (0, 2, 1, 3, 4, 0, 5, 1, 2)
     seen = [ended(plan, run) for run in order]
     refused = "Float64.row is an array of another shape"
@@ -172,6 +174,90 @@ def test_what_fits_one_length_is_looked_at_again_for_another(tmp_path: Path) -> 
     assert [what for run, (what, _) in zip(order, seen, strict=True) if run < 4] == expected
     alone = [ended(plan_of(study, scenario), run) for run in order]
     assert seen == alone  # 2.5 is no length: the place of the error is named as well
+
+
+REFUSED: dict[str, tuple[str, dict[str, Any], str]] = {
+    "a number of the design": (
+        "components.controller.parameters",
+        {"values": [{}, {"K[1,1]": 0.1}]},
+        "K[1,1] is a number of the design, and the scenario has another one",
+    ),
+    "a value that is not allowed": (
+        "run.events",
+        {"values": ["grid", "never"]},
+        "the varied scenario is not allowed",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_a_run_is_refused_whatever_ran_before(name: str) -> None:
+    """The first time and again, after a run that is refused and after one that is not."""
+    path, values, refused = REFUSED[name]
+    axis = {"kind": "grid", "path": path, **values}
+    metrics = {"x": "final.plant.x[1]"}
+    study = Study(
+        title="refused",
+        scenario="paper-example",
+        set={"run.end": 0.1},
+        vary=[axis],
+        metrics=metrics,
+    )
+    plan = plan_of(study, load("paper-example"))
+    plan.runner.supervise_no_more()
+    order = (0, 1, 1, 0, 1)
+    seen = [ended(plan, run) for run in order]
+    alone = [ended(plan_of(study, load("paper-example")), run) for run in order[:2]]
+    assert [what for what, _ in alone] == ["finished", refused]
+    assert seen == [alone[run] for run in order]
+
+
+_MEDIA = """
+title = "each way over a medium of its own, or both over one"
+run = { end = 3.0, step = 0.1 }
+components = { plant = { fmu = "DelayedPlant" }, controller = { fmu = "PaperController" } }
+connect = ["plant.x -> controller.x : up", "controller.u -> plant.u : down"]
+[medium.one]
+nodes = { a = [0], b = ["100 m"] }
+data_rate = 1000
+access = "aloha"
+[medium.two]
+nodes = { a = [0], b = ["100 m"] }
+data_rate = 1000
+access = "aloha"
+[links.up]
+kind = "packet"
+medium = "one"
+from = "a"
+to = "b"
+sample_time = 1.0
+frame_size = "100 bit"
+[links.down]
+kind = "packet"
+medium = "one"
+from = "b"
+to = "a"
+sample_time = 1.0
+frame_size = "100 bit"
+[[events]]
+when = "plant.x[1] > 2"
+loss = { up = 0.9 }
+"""
+
+
+def test_a_link_is_made_anew_where_another_one_comes_to_its_medium(tmp_path: Path) -> None:
+    """Links over one medium are adjustable together: `down` is where `up` is over the same one."""
+    (tmp_path / "media.toml").write_text(_MEDIA)
+    axis = {"kind": "grid", "path": "links.up.medium", "values": ["one", "two"]}
+    metrics = {"x": "final.plant.x[1]"}
+    study = Study(title="media", scenario="media.toml", vary=[axis], metrics=metrics)
+    scenario = load(str(tmp_path / "media.toml"))
+    plan = plan_of(study, scenario)
+    plan.runner.supervise_no_more()
+    alone = [rows_of(plan_of(study, scenario).runner.execute_run(run)) for run in (0, 1)]
+    assert alone[0] != alone[1]
+    for run in (1, 0, 1):
+        assert rows_of(plan.runner.execute_run(run)) == alone[run]
 
 
 def test_a_session_begins_again_as_a_new_one_begins() -> None:
