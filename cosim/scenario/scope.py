@@ -182,7 +182,7 @@ class ValueReader:
             elif constant is not None:
                 self._read.append(partial(_constant, constant))
             else:
-                reader = SignalReader(by_name[first], [rest])
+                reader = SignalReader(by_name[first], [rest], recorded=True)
                 self.reads_inputs |= reader.reads_inputs
                 self._read.append(partial(_signal, reader))
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from cosim.master import Run
-from cosim.scenario.measure import Measure
+from cosim.scenario.measure import Block, Measure, MeasuredRun
 
 NEVER = np.iinfo(np.int64).max
 
@@ -35,15 +35,17 @@ def fed(
 ) -> list[Any]:
     """The results of measures that received the rows of a run in these blocks.
 
-    `alone` : nothing is readable but the block itself, not even what routes read.
+    `alone` : nothing is readable but the block and the own points before it, not even what routes
+    read.
     """
+    measured_run = MeasuredRun(run.instances)
     for measure in measures:
-        measure.begin(run.instances)
+        measure.begin(measured_run)
     with Release(run, alone=alone).readable() as release:
         for first, last in itertools.pairwise(cuts):
             release.advance(first, last)
             for measure in measures:
-                measure.add(first, last)
+                measure.add(Block(max(first - 1, 0), first, last))
     return [measure.result(run) for measure in measures]
 
 
@@ -65,7 +67,10 @@ class Release:
         self._arrays = [(array, array.copy(), later) for array, later in unique.values()]
         self._following = {id(points.last) for points in own if points.always}
         size = self._comm_points.points_ns.size
-        needed = np.arange(size) - (not alone)
+        # the first intervals of a block begin at the own points before it
+        begins = np.min([points.last[:size] for points in own], axis=0)
+        self._begin = np.concatenate(([0], begins[:-1]))
+        needed = np.arange(size)
         for used in () if alone else routes:
             rows = used.row[:size]
             needed = np.minimum(needed, np.where(rows >= 0, rows, size))
@@ -88,7 +93,7 @@ class Release:
 
     def advance(self, first: int, last: int) -> None:
         """Show the next block, and take away what is older than any row still read."""
-        oldest = int(self._oldest[first])
+        oldest = int(self._oldest[self._begin[first]])
         for array, saved, _ in self._arrays:
             array[:oldest] = 0
             end = last + (id(array) in self._following)

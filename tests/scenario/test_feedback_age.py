@@ -33,7 +33,7 @@ from cosim.network import (
     TransportLink,
 )
 from cosim.scenario import FmuCache, Problem, execute_run, load, prepare, problem_of
-from cosim.scenario.age import AgeMeasure, MeasuredAges
+from cosim.scenario.age import MeasuredAges, measured_ages
 from cosim.scenario.feedback_age import FeedbackAge, feedback_age
 from cosim.scenario.gain import solve, with_known_age
 from cosim.scenario.guarantee.ages import FedBack, feedback_findings
@@ -82,7 +82,7 @@ def ages_of(system: System) -> MeasuredAges | None:
     """The ages that a run of it has."""
     with Session(system, engine="python") as session:
         session.run_until(None)
-        return measured(session.result(), AgeMeasure("plant", "controller", system.algorithm))
+        return measured(session.result(), measured_ages("plant", "controller", system.algorithm))
 
 
 def known_of(system: System) -> FeedbackAge:
@@ -174,7 +174,7 @@ def test_no_age_of_a_random_system_is_below_the_least(
             continue
         system, run = made
         known = feedback_age(system, "plant", "controller")
-        found = measured(run, AgeMeasure("plant", "controller", system.algorithm))
+        found = measured(run, measured_ages("plant", "controller", system.algorithm))
         if known is None or found is None or found.least_ns is None:
             continue
         assert found.least_ns >= known.least_ns, seed
