@@ -38,15 +38,15 @@ def commands_known(
     seen_as : how the plant is seen as that system, where the design knows.
     """
     vectors, names = vectors_of(run, plant, system, seen_as), elements("applied", len(system.B.T))
-    observer = run.instances.get(controller)
-    ports = () if observer is None else observer.component.description.ports
+    ports = run.instances[controller].component.description.ports
     if vectors is None or not all(name in ports for name in names):
         return None
+    _, control, _ = vectors
     applied = run.reader(controller, names)
     greatest = apart = 0.0
     while block := (yield):
-        acting = vectors.control.read(block)
-        assumed = applied.read(block.first, block.last)
+        acting = control.read(block)
+        assumed = applied.read(block)
         greatest = max(greatest, float(np.abs(acting).max(initial=0.0)))
         apart = max(apart, float(np.abs(acting - assumed).max(initial=0.0)))
     return apart <= _CLOSE * greatest

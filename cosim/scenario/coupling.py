@@ -20,7 +20,8 @@ from numpy.typing import NDArray
 from cosim.master import ComponentInstance, Route, Run, System
 from cosim.network import PacketLink, TransportLink
 from cosim.scenario.link_rows import changes_between, messages_in_use
-from cosim.scenario.measure import Fold, MeasuredRun, measure, measured, own_points
+from cosim.scenario.measure import Fold, MeasuredRun, measure, measured
+from cosim.scenario.signal_reader import own_points
 
 Integers = NDArray[np.int64]
 

@@ -47,7 +47,7 @@ def largest_magnitudes(
     reader = run.reader(component, names, recorded=True)
     largest: NDArray[np.float64] | None = None
     while block := (yield):
-        values = reader.read(block.first, block.last)
+        values = reader.read(block)
         magnitudes = np.abs(values if centres is None else values - np.array(centres))
         if watch is not None:
             watch(run.points_ns(block), magnitudes)

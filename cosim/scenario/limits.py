@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from cosim.master import ComponentInstance, Run
 from cosim.scenario.measure import Fold, MeasuredRun, measure, measured
-from cosim.scenario.run_events import Episodes, EventCollector, close_all
-from cosim.trace import RunEvent
+from cosim.scenario.run_events import Episodes, EventCollector
 
 _SHARED = {
     "force.x": "limit.force",
@@ -72,68 +71,43 @@ def measured_saturation(
     A limit cycle is a status of a run that has reached its end; its last quarter is therefore
     known from the start.
     """
-    instance = run.instances.get(controller)
-    limit_of = {} if instance is None else limits_of(instance.component.description.ports)
-    if instance is None or not limit_of:
+    instance = run.instances[controller]
+    limit_of = limits_of(instance.component.description.ports)
+    if not limit_of:
         return None
     start_of, names = instance.component.start_of, list(limit_of)
     bounds = np.array([start_of(limit, 0.0) for limit in limit_of.values()])
     commands = run.reader(controller, names, recorded=True)
-    episodes = [] if collector is None else _episodes(collector, instance, names, bounds)
-    every, last_quarter = _Time(), _Time()
+    episodes: list[Episodes] = []
+    if collector is not None:
+        for name, bound in zip(names, bounds.tolist(), strict=True):
+            unit = instance.component.description.ports[name].unit or ""
+            words = f"at its limit of {bound:g} {unit}".rstrip(), "below its limit again"
+            episodes.append(collector.episodes("saturation", f"{controller}.{name}", *words))
+    total_ns, at_limit_ns = [0, 0], [0, 0]  # in the whole run, and in its last quarter
     last_quarter_ns = run.comm_points.end_ns * 3 // 4
     largest, sides, reversals = np.zeros(len(names)), [np.zeros(0)] * len(names), [0] * len(names)
     while block := (yield):
-        values, points = commands.read(block.first, block.last), run.points_ns(block)
+        values, points = commands.read(block), run.points_ns(block)
         largest = np.maximum(largest, np.abs(values).max(axis=0))
         at_limit = np.abs(values) >= bounds * (1 - 1e-12)
         for each, there in zip(episodes, at_limit.T, strict=False):
             each.add(points, there)
         duration, at_limit = np.diff(points), at_limit[:-1]
         anywhere: NDArray[np.bool_] = np.logical_or.reduce(at_limit, axis=1)
-        every.add(duration, anywhere)
         begin = int(np.searchsorted(points[:-1], last_quarter_ns))
-        last_quarter.add(duration[begin:], anywhere[begin:])
+        for k, part in enumerate((slice(None), slice(begin, None))):
+            total_ns[k] += int(duration[part].sum())
+            at_limit_ns[k] += int(duration[part][anywhere[part]].sum())
         for j in range(len(names) if anywhere[begin:].any() else 0):
             reached = np.sign(values[begin:-1, j][at_limit[begin:, j]])
             reversals[j] += int(np.count_nonzero(np.diff(np.concatenate((sides[j], reached)))))
             sides[j] = np.concatenate((sides[j], reached))[-1:]
-    close_all(episodes, run.end.end_ns)
-    if every.total_ns == 0:
+    if total_ns[0] == 0:
         return None
-    cycling = last_quarter.share > 0.5 and max(reversals) >= _REVERSALS
+    cycling = at_limit_ns[1] > 0.5 * total_ns[1] and max(reversals) >= _REVERSALS
     return Saturation(
-        fraction=every.share,
+        fraction=at_limit_ns[0] / total_ns[0],
         largest=dict(zip(names, largest.tolist(), strict=True)),
         limit_cycle=run.end.status == "finished" and cycling,
     )
-
-
-def _episodes(
-    collector: EventCollector,
-    instance: ComponentInstance,
-    names: Sequence[str],
-    bounds: NDArray[np.float64],
-) -> list[Episodes]:
-    """Return what makes events of each command at its limit."""
-    ports, episodes = instance.component.description.ports, []
-    for name, bound in zip(names, bounds.tolist(), strict=True):
-        words = f"at its limit of {bound:g} {ports[name].unit or ''}".rstrip()
-        begins = RunEvent(0, "warning", "saturation", f"{instance.name}.{name}", words)
-        episodes.append(Episodes(collector, begins, "below its limit again"))
-    return episodes
-
-
-class _Time:
-    """How long commands were at their limits, in exact nanoseconds."""
-
-    def __init__(self) -> None:
-        self.total_ns = self._at_limit_ns = 0
-
-    def add(self, duration: NDArray[np.int64], at_limit: NDArray[np.bool_]) -> None:
-        self.total_ns += int(duration.sum())
-        self._at_limit_ns += int(duration[at_limit].sum())
-
-    @property
-    def share(self) -> float:
-        return float(self._at_limit_ns) / float(self.total_ns) if self.total_ns else 0.0

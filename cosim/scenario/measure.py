@@ -24,7 +24,6 @@ from typing import (
     Any,
     Concatenate,
     Generic,
-    NamedTuple,
     ParamSpec,
     TypeAlias,
     TypeVar,
@@ -35,7 +34,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.master import Component, ComponentInstance, Observer, Run
-from cosim.scenario.signal_reader import SignalReader
+from cosim.scenario.signal_reader import Block, SignalReader
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -45,17 +44,6 @@ Integers = NDArray[np.int64]
 
 ROWS_AT_ONCE = 8192
 """Most rows in a block: enough to be fast, few enough to stay in the cache."""
-
-
-class Block(NamedTuple):
-    """The points first to last - 1 of a run, of which those from `new` on are new: at least one.
-
-    `first` is the last point of the block before; in the first block it is `new`.
-    """
-
-    first: int
-    new: int
-    last: int
 
 
 Fold: TypeAlias = Generator[None, Block | None, R]
@@ -209,12 +197,6 @@ class Measures(Observer):
         for each in self._measures:
             each.add(block)
         self._new = last
-
-
-def own_points(instance: ComponentInstance, block: Block) -> Integers:
-    """Return a component's own points in a block, after the last one before, int64 (n,)."""
-    own = instance.own_points
-    return own.own_between(int(own.last[block.first]), block.last)
 
 
 def sample_period_ns(controller: Component) -> int:

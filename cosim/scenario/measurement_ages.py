@@ -14,14 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.scenario.age import MeasuredAges, ages_at, ages_with
-from cosim.scenario.measure import (
-    Block,
-    Fold,
-    MeasuredRun,
-    measure,
-    own_points,
-    sample_period_ns,
-)
+from cosim.scenario.measure import Fold, MeasuredRun, measure, sample_period_ns
+from cosim.scenario.signal_reader import Block, own_points
 from cosim.scenario.stamps import OutputStamps, stamps_read
 
 Integers = NDArray[np.int64]
@@ -50,7 +44,7 @@ class PacketsInUse:
         And the stamps in use before the first interval between them and in each [ns], (n, names);
         -1 where there was none.
         """
-        times, stamps = self._stamps.at_own(block.first, block.last)
+        times, stamps = self._stamps.at_own(block)
         begins = times[:-1, None]
         taken = np.round(stamps[:-1] * 1e9).astype(np.int64) - self._start_ns
         taken = np.where((begins - taken) / 1e9 > self._oldest_s, -1, taken)
@@ -96,8 +90,6 @@ def command_age(run: MeasuredRun, controller: str, plant: str) -> Fold[int | Non
     None where no command came into use. It is the age that a design with an observer allows for
     between its estimate and the actuators: `command_age`.
     """
-    if plant not in run.instances:
-        return None
     instance, greatest = run.instances[controller], -1
     routes = [r for r in run.instances[plant].routes if r.source == controller]
     commands, period_ns = OutputStamps(instance), sample_period_ns(instance.component) or 1

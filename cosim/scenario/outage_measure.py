@@ -26,9 +26,8 @@ from cosim.scenario.age import ages_at
 from cosim.scenario.measure import Fold, MeasuredRun, measure
 from cosim.scenario.outage_value import OutageValue
 from cosim.scenario.performance import vectors_of
-from cosim.scenario.run_events import Episodes, EventCollector, close_all
+from cosim.scenario.run_events import Episodes, EventCollector
 from cosim.scenario.stamps import FeedbackStamps
-from cosim.trace import RunEvent
 
 if TYPE_CHECKING:
     from cosim.scenario.designed_plant import DesignedPlant
@@ -96,7 +95,7 @@ def measured_outages(
     vectors = vectors_of(run, plant, system, seen_as)
     loop = run.shared(FeedbackStamps, plant, controller, algorithm)
     ways = loop.ways()
-    if vectors is None or len(vectors.state.group.names) != len(system.A) or not ways:
+    if vectors is None or len(vectors[0].group.names) != len(system.A) or not ways:
         return None
     set_points |= _has_shorter_delays(system, run.instances[plant].component)
     every_ns = max(int(end * 1e9 / _PLACES), 1)
@@ -126,7 +125,6 @@ def measured_outages(
             grown = math.exp(rate * span)
             energy_in = energy_in * grown + of_noise * span * (grown + 1) / 2
             energy_out = energy_out * grown + span * (first * grown + last) / 2
-    division.close(run.end.end_ns)
     if value is None or not division.touch:
         return None
     at = run.comm_points.at_s
@@ -172,16 +170,17 @@ class _Division:
         self._oldest_ns = oldest * 1e9 * (1 + 1e-12)
         self.touch: list[NDArray[np.bool_]] = []
         self.points: list[Integers] = []
-        self.uncovered_ns, self.uncovered_at_ns = 0, None
+        self.uncovered_ns = 0
+        self.uncovered_at_ns: int | None = None
         self._measured, self._deficit = False, 0.0
         self._episodes: list[Episodes] = []
         if collector is not None:
-            words = "out of touch: the bound gamma is suspended"
-            begins = RunEvent(0, "warning", "guarantee", plant, words)
-            suspended = Episodes(collector, begins, "touch has made up for it: regained")
             words = "not covered: the control is held although older than designed for"
-            begins = RunEvent(0, "error", "guarantee", f"{plant} control", words)
-            self._episodes = [Episodes(collector, begins, "covered again"), suspended]
+            control, over = f"{plant} control", "covered again"
+            uncovered = collector.episodes("guarantee", control, words, over, level="error")
+            words = "out of touch: the bound gamma is suspended"
+            over = "touch has made up for it: regained"
+            self._episodes = [uncovered, collector.episodes("guarantee", plant, words, over)]
 
     def add(
         self, points: Integers, ages: Integers, u: Reals, first_control: Reals
@@ -218,10 +217,6 @@ class _Division:
             self._deficit = max(self._deficit + h / 1e9 * rate, 0.0)
             deficits.append(self._deficit)
         return ~touch | (np.array(deficits) > 0.0)
-
-    def close(self, end_ns: int) -> None:
-        """Count what still lasts at the end of the run."""
-        close_all(self._episodes, end_ns)
 
 
 def outage_figures(

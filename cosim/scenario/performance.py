@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from cosim.master import ComponentInstance
 from cosim.models import STATE, TABLE_1, DelaySystem, thrust_map, total
 from cosim.scenario.designed_plant import DesignedPlant, LinearSignals
-from cosim.scenario.measure import Block, Fold, Measure, MeasuredRun, measure
-from cosim.scenario.signal_reader import SignalReader
+from cosim.scenario.measure import Fold, Measure, MeasuredRun, measure
+from cosim.scenario.signal_reader import Block, SignalReader
 
 FORCES = ("force.x", "force.y", "force.z", "moment.z")
 DISTURBANCES = ("disturbance.u", "disturbance.v", "disturbance.w", "disturbance.r")
@@ -78,27 +78,18 @@ class VectorReader(NamedTuple):
 
     def read(self, block: Block) -> NDArray[np.float64]:
         """Return its entries at the points of a block, (n, entries)."""
-        deviation = self.signals.read(block.first, block.last) - np.array(self.group.trim)
+        deviation = self.signals.read(block) - np.array(self.group.trim)
         return deviation if self.group.map is None else times(deviation, self.group.map)
-
-
-class Vectors(NamedTuple):
-    """Readers of x, u and w."""
-
-    state: VectorReader
-    control: VectorReader
-    disturbance: VectorReader
 
 
 def vectors_of(
     run: MeasuredRun, plant: str, system: DelaySystem, seen_as: DesignedPlant | None = None
-) -> Vectors | None:
-    """Return what reads x, u and w of a plant in a run; None if it is not there or not known."""
-    instance = run.instances.get(plant)
-    binding = None if instance is None else binding_for(instance, system, seen_as)
+) -> list[VectorReader] | None:
+    """Return what reads x, u and w of a plant in a run; None of a plant that is not known."""
+    binding = binding_for(run.instances[plant], system, seen_as)
     if binding is None:
         return None
-    return Vectors(*(VectorReader(group, run.reader(plant, group.names)) for group in binding))
+    return [VectorReader(group, run.reader(plant, group.names)) for group in binding]
 
 
 class MeasuredGain(NamedTuple):

@@ -65,21 +65,19 @@ class ZeroStateFigures:
     energy : of the disturbance and the measurements' noise; None where that is not known.
     """
 
-    saturation: Saturation | None
-    largest: Mapping[str, float] | None
-    gain: float | None
-    outages: OutageFigures | None
+    saturation: Saturation | None = None
+    largest: Mapping[str, float] | None = None
+    gain: float | None = None
+    outages: OutageFigures | None = None
     energy: float | None = 0.0
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class RunFigures:
     """What an outcome needs of the rows of its run; what is not wanted is left out.
 
     Attributes
     ----------
-    assertions : the verdicts.
-    events : what happened during the run, and how often.
     saturation : of the commands; None without a controller that has limits.
     largest : of the signals that the envelope bounds, by their names; None without one.
     ages : of the measurements in use; None without one.
@@ -90,14 +88,14 @@ class RunFigures:
     outages : what is proved across outages; None without such a proof.
     last_outputs : by component and output.
     coupling_delays_s, cut_delays_s : by connection.
+    assertions : the verdicts.
+    events : what happened during the run, and how often.
     """
 
-    assertions: tuple[AssertionResult, ...]
-    events: tuple[EventCount, ...]
-    ages_by_place: Mapping[str, MeasuredAges | None]
     saturation: Saturation | None = None
     largest: Mapping[str, float] | None = None
     ages: MeasuredAges | None = None
+    ages_by_place: Mapping[str, MeasuredAges | None]
     stamped_ages: Mapping[str, MeasuredAges | None] | None = None
     command_age_ns: int | None = None
     commands_known: bool | None = None
@@ -105,6 +103,8 @@ class RunFigures:
     last_outputs: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     coupling_delays_s: Mapping[str, float] = field(default_factory=dict)
     cut_delays_s: Mapping[Connection, float] = field(default_factory=dict)
+    assertions: tuple[AssertionResult, ...]
+    events: tuple[EventCount, ...]
 
 
 class _Figures(Measures):
@@ -138,17 +138,17 @@ class ZeroStateMeasures(_Figures):
             if loop is not None and observes(design):
                 noise = own_noise = measured_noise(loop, design, problem.plant)
             gain = measured_gain(part.plant, problem.system, problem.plant, noise)
-        figures = {
-            "saturation": part and measured_saturation(part.controller),
+        figures: dict[str, Measure[Any] | None] = {
+            "saturation": None if part is None else measured_saturation(part.controller),
             "largest": _envelope_measure(prepared),
             "gain": gain,
             "outages": _outage_measure(prepared),
         }
-        super().__init__(figures, *_made(own_noise))
+        super().__init__(figures, *(() if own_noise is None else (own_noise,)))
 
     def figures(self, run: Run) -> ZeroStateFigures:
         """Return them at the end of the run."""
-        results = dict.fromkeys(("saturation", "largest", "outages")) | self.results(run)
+        results = self.results(run)
         gain, energy = results.pop("gain", MeasuredGain())
         return ZeroStateFigures(gain=gain, energy=energy, **results)
 
@@ -184,7 +184,7 @@ class RunMeasures(_Figures):
         self._by_place = _ages_by_place(prepared) if aged else {}
         # events of one instant are counted in this order
         figures: dict[str, Measure[Any] | None] = {
-            "saturation": part and commands.pop(part.controller),
+            "saturation": None if part is None else commands.pop(part.controller),
             "largest": _envelope_measure(prepared, self._events.envelope) if envelope else None,
             **(_age_measures(prepared, self._events) if aged else {}),
             "last_outputs": last_outputs() if final else None,
@@ -193,10 +193,10 @@ class RunMeasures(_Figures):
             "assertions": assertion_results(
                 scenario, system, Findings(prepared.loaded.origin), self._collector
             ),
+            "loss": loss_bursts(system, self._collector) if wanted.has("events") else None,
         }
-        loss = loss_bursts(system, self._collector) if wanted.has("events") else None
-        self._others = [*_made(loss), *commands.values()]
-        super().__init__(figures, *self._by_place.values(), *self._others, at_once=at_once)
+        others: list[Measure[Any]] = [*self._by_place.values(), *commands.values()]
+        super().__init__(figures, *others, at_once=at_once)
 
     def log(self, time_ns: int, level: str, name: str, message: str) -> None:
         """Count warnings of components, failures, outages, and events of the scenario."""
@@ -209,9 +209,8 @@ class RunMeasures(_Figures):
     def figures(self, run: Run) -> RunFigures:
         """Return them at the end of the run."""
         results = self.results(run)
-        self._events.close(run.end_ns)
-        for each in self._others:
-            each.result(run)
+        results.pop("loss", None)  # its events are counted
+        self._collector.close(run.end_ns)
         by_place = {name: ages.result(run) for name, ages in self._by_place.items()}
         return RunFigures(events=self._collector.counts(), ages_by_place=by_place, **results)
 
@@ -290,7 +289,3 @@ def _outage_measure(
         set_points=scenario.reference is not None,
         collector=collector,
     )
-
-
-def _made(*measures: Measure[Any] | None) -> list[Measure[Any]]:
-    return [measure for measure in measures if measure is not None]

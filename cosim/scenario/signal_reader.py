@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,17 @@ from cosim.master import ComponentInstance
 
 Reals = NDArray[np.float64]
 Integers = NDArray[np.int64]
+
+
+class Block(NamedTuple):
+    """The points first to last - 1 of a run, of which those from `new` on are new: at least one.
+
+    `first` is the last point of the block before; in the first block it is `new`.
+    """
+
+    first: int
+    new: int
+    last: int
 
 
 class SignalReader:
@@ -47,16 +58,15 @@ class SignalReader:
         self._columns = np.array([column for column, _ in places], np.intp)
         self.reads_inputs = any(column.port.causality == "input" for _, column in places)
 
-    def read(self, first: int, last: int) -> Reals:
-        """Return the values at the points first to last - 1, (n, names)."""
-        own = self._instance.own_points
-        return self._values(slice(first, last) if own.always else own.last[first:last])
+    def read(self, block: Block) -> Reals:
+        """Return the values at the points of a block, (n, names)."""
+        own, points = self._instance.own_points, slice(block.first, block.last)
+        return self._values(points if own.always else own.last[points])
 
-    def at_own(self, first: int, last: int) -> tuple[Integers, Reals]:
-        """Return the own points [ns] from the last one at or before `first` on, and the values."""
-        own = self._instance.own_points
-        begin = int(own.last[first])
-        rows = slice(begin, last) if own.always else own.own_between(begin, last)
+    def at_own(self, block: Block) -> tuple[Integers, Reals]:
+        """Return the own points of a block, after the last one before [ns], and the values."""
+        always = self._instance.own_points.always
+        rows = slice(block.first, block.last) if always else own_points(self._instance, block)
         return self._instance.comm_points.points_ns[rows], self._values(rows)
 
     def _values(self, rows: slice | Integers) -> Reals:
@@ -66,6 +76,12 @@ class SignalReader:
         every = np.tile(self._constants, (len(values), 1))
         every[:, self._places] = values
         return every
+
+
+def own_points(instance: ComponentInstance, block: Block) -> Integers:
+    """Return a component's own points in a block, after the last one before, int64 (n,)."""
+    own = instance.own_points
+    return own.own_between(int(own.last[block.first]), block.last)
 
 
 class History:

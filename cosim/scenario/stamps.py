@@ -3,20 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Collection
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cosim.master import Algorithm, ComponentInstance, Reserved, Route
-from cosim.scenario.measure import (
-    Block,
-    MeasuredRun,
-    held,
-    own_points,
-    sample_period_ns,
-    samples_in,
-)
+from cosim.scenario.measure import MeasuredRun, held, sample_period_ns, samples_in
+from cosim.scenario.signal_reader import Block, own_points
 
 Integers: TypeAlias = NDArray[np.int64]
 
@@ -47,23 +41,29 @@ class OutputStamps:
         self._reserved.give_back(self._points.oldest)
 
 
-class FeedbackStamps:
-    """When the measurements behind the plant's inputs were taken, over each way.
+class _Way(NamedTuple):
+    """A route to the controller and one back to the plant, and the stamps of what that one reads.
 
-    A way is a route to the controller and one back to the plant; there is none where one of them
-    is not in the run.
+    at_once : commands depend on the inputs of their own point, and so does what the plant reads.
     """
 
+    forth: Route
+    back: Route
+    commands: OutputStamps
+    at_once: bool
+
+
+class FeedbackStamps:
+    """When the measurements behind the plant's inputs were taken, over each way there and back."""
+
     def __init__(self, run: MeasuredRun, plant: str, controller: str, algorithm: Algorithm) -> None:
-        self._ways: list[tuple[Route, Route, OutputStamps, bool]] = []
-        if not {plant, controller} <= run.instances.keys():
-            return
+        self._ways: list[_Way] = []
         self._controller = instance = run.instances[controller]
         self._period_ns = sample_period_ns(instance.component)
         for back in (r for r in run.instances[plant].routes if r.source == controller):
             at_once = algorithm == "jacobi" and _feedthrough(instance, back)
             self._ways += [
-                (forth, back, OutputStamps(instance), at_once)
+                _Way(forth, back, OutputStamps(instance), at_once)
                 for forth in instance.routes
                 if forth.source == plant
             ]
@@ -74,7 +74,7 @@ class FeedbackStamps:
         if states is None:
             return [*range(len(self._ways))]
         first, columns = self._controller.input_column, self._controller.input_columns
-        targets = ({columns[k - first].name for k in way[0].targets} for way in self._ways)
+        targets = ({columns[k - first].name for k in way.forth.targets} for way in self._ways)
         return [k for k, names in enumerate(targets) if not names.isdisjoint(states)]
 
     def in_use(self, block: Block, ways: list[int]) -> tuple[Integers, Integers]:
@@ -83,14 +83,13 @@ class FeedbackStamps:
         The oldest is -1 where there is none over one of the ways, of which there is at least one.
         """
         if self._block != block:
-            self._block, self._taken = block, np.stack([self._by(block, *w) for w in self._ways])
+            self._block, self._taken = block, np.stack([self._by(block, way) for way in self._ways])
         taken = self._taken[ways]
         there = (taken >= 0).all(axis=0)
         return np.where(there, taken.min(axis=0), NONE_IN_USE), taken.max(axis=0)
 
-    def _by(
-        self, block: Block, forth: Route, back: Route, commands: OutputStamps, at_once: bool
-    ) -> Integers:
+    def _by(self, block: Block, way: _Way) -> Integers:
+        (forth, back, commands, at_once) = way
         own, points = own_points(self._controller, block), self._controller.comm_points.points_ns
         if at_once:
             commands.by_row[own] = stamps_read(forth, own, points)

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cosim.master import ComponentInstance, Connection, Route
 from cosim.scenario.guarantee.departure import Departure
-from cosim.scenario.guarantee.first_departure import departed
-from cosim.scenario.measure import Block, Fold, MeasuredRun, measure, own_points
+from cosim.scenario.guarantee.first_departure import first_departed
+from cosim.scenario.measure import Fold, MeasuredRun, measure
+from cosim.scenario.signal_reader import Block, own_points
 
 _CLOSE = 1e-12
 
@@ -46,12 +46,12 @@ def delivery_law(
             ]
             if chosen:
                 compared[route] = receiver, chosen, [into[k].name for k in chosen]
-    departures: dict[Route, Departure] = {}
+    departures: dict[Route, list[Departure]] = {route: [] for route in compared}
     while block := (yield):
         for route, (receiver, chosen, names) in compared.items():
-            if route not in departures:
-                departures |= {route: d for d in _compared(receiver, route, chosen, names, block)}
-    return [departures[route] for route in compared if route in departures]
+            if not departures[route]:
+                departures[route] = _compared(receiver, route, chosen, names, block)
+    return [each for departure in departures.values() for each in departure]
 
 
 def _not_verbatim(receiver: ComponentInstance) -> list[Route]:
@@ -83,9 +83,5 @@ def _compared(
         sent += share * rows[used.after[own][:, None], columns]
     got = rows[own[:, None], route.targets[chosen]]
     apart = ~(np.abs(sent - got) <= _CLOSE * np.abs(sent)) & ~(np.isnan(sent) & np.isnan(got))
-    if not apart.any():
-        return []
-    k, j = (int(x) for x in np.argwhere(apart)[0])
-    expected = f"{sent[k, j]:.9g}, as {route.source} sent it"
-    at_ns = int(receiver.comm_points.points_ns[own[k]])
-    return [departed(receiver, names[j], expected, f"{got[k, j]:.9g}", at_ns)]
+    times = receiver.comm_points.points_ns[own]
+    return first_departed(receiver, names, times, (sent, got), apart, f"as {route.source} sent it")

@@ -10,18 +10,23 @@ FMU the controller is.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
-from itertools import chain
+from collections.abc import Collection, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cosim import hinf
+from cosim.master import ComponentInstance
 from cosim.models import inertia
 from cosim.scenario.gain import Problem
 from cosim.scenario.guarantee.departure import Departure
 from cosim.scenario.guarantee.designed_loop import DesignedLoop, set_point_of
-from cosim.scenario.guarantee.first_departure import CLOSE, departed, lacking, unexplained_by
+from cosim.scenario.guarantee.first_departure import (
+    CLOSE,
+    first_departed,
+    lacking,
+    unexplained_by,
+)
 from cosim.scenario.limits import bounds_of
 from cosim.scenario.measure import (
     Fold,
@@ -36,8 +41,7 @@ from cosim.scenario.performance import elements
 Reals = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-_Errors = tuple[Integers, Reals, Reals, NDArray[np.bool_], Sequence[str]]
-"""Points [ns], what follows from the law, what was got, (n, k), where this is wrong; names."""
+_BY_K = "by the K of the design"
 
 
 @measure
@@ -56,17 +60,13 @@ def feedback_law(
     unrecorded : inputs of the controller that events set, and that no connection leads to: where
         they are set-points, commands may differ by what any set-point explains.
     """
-    instance = run.instances.get(loop.controller)
-    if instance is None:
-        return []
-    law = _Law(loop, design, problem)
+    instance, law = run.instances[loop.controller], _Law(loop, design, problem)
     if missing := lacking(instance, [*law.states, *law.outputs]):
         return missing
     ports = instance.component.description.ports
     set_points = ((j, set_point_of(state)) for j, state in enumerate(law.states))
     given = {j: name for j, name in set_points if name in ports}
-    law.judged = unexplained_by(law.K[:, [j for j, name in given.items() if name in unrecorded]])
-    law.bounds = bounds_of(instance, law.commands)
+    law.bind(instance, [j for j, name in given.items() if name in unrecorded])
     reader = run.reader(loop.controller, [*law.states, *given.values(), *law.outputs])
     edges = np.cumsum([len(law.states), len(given), len(law.commands)])
     period_ns = sample_period_ns(instance.component)
@@ -74,26 +74,22 @@ def feedback_law(
     at_once = all(p.feedthrough and p.feedthrough_declared for p in commanded)
     behind: Reals = np.full((1, law.K.shape[1]), np.nan)
     while block := (yield):
-        points, rows = reader.at_own(block.first, block.last)
+        points, rows = reader.at_own(block)
         error, set_point, commands, integrals = np.split(rows, edges, axis=1)
         error[:, [*given]] -= set_point
         inputs = np.hstack((error, integrals))
         if at_once:
-            errors = law.of_commands(points, inputs, commands)
+            left = law.of_commands(points, inputs, commands)
         else:
-            taken = samples_in(points, period_ns)
+            taken, ends, commands = samples_in(points, period_ns), points[1:], commands[1:]
             elapsed = taken * period_ns / 1e9 if period_ns else np.diff(points) / 1e9
             used = held(behind, inputs[:-1], taken > 0)
             behind = np.concatenate((behind, used))[-1:]
-            errors = chain(
-                law.of_commands(points[1:], used, commands[1:]),
-                law.of_integrals(points[1:], error[:-1], commands[1:], integrals, elapsed),
+            left = law.of_commands(ends, used, commands) or law.of_integrals(
+                ends, error[:-1], commands, integrals, elapsed
             )
-        for times, wanted, got, wrong, names in errors:
-            if wrong.any():
-                k, j = (int(x) for x in np.argwhere(wrong)[0])
-                expected = f"{wanted[k, j]:.9g}, by the K of the design"
-                return [departed(instance, names[j], expected, f"{got[k, j]:.9g}", int(times[k]))]
+        if left:
+            return left
     return []
 
 
@@ -104,12 +100,7 @@ class _Law:
     ----------
     states, commands, outputs : names of variables; outputs are the commands and the integrals.
     K : from states and integrals to commands.
-    judged : the part of an error that no unrecorded set-point explains.
-    bounds : of the commands.
     """
-
-    judged: Reals
-    bounds: Reals
 
     def __init__(self, loop: DesignedLoop, design: hinf.Result, problem: Problem) -> None:
         system = design.system
@@ -123,22 +114,32 @@ class _Law:
         if problem.vehicle is not None:
             self.K = np.array(inertia(problem.vehicle.parameters), dtype=float) @ self.K
 
-    def of_commands(self, points: Integers, inputs: Reals, commands: Reals) -> Iterator[_Errors]:
+    def bind(self, instance: ComponentInstance, moved: Sequence[int]) -> None:
+        """Find the bounds of the commands, and what unrecorded set-points do not explain."""
+        self._instance, self._bounds = instance, bounds_of(instance, self.commands)
+        self._judged = unexplained_by(self.K[:, moved])
+
+    def of_commands(self, points: Integers, inputs: Reals, commands: Reals) -> list[Departure]:
         """Compare commands with what follows from what the controller was told."""
-        wanted = np.clip(inputs @ self.K.T, -self.bounds, self.bounds)
+        wanted = np.clip(inputs @ self.K.T, -self._bounds, self._bounds)
         allowed = CLOSE * (np.abs(inputs) @ np.abs(self.K).T)
         known = ~np.asarray(np.isnan(inputs)).any(axis=1, keepdims=True)
-        apart = np.abs((wanted - commands) @ self.judged)
-        yield points, wanted, commands, (apart > allowed) & known, self.commands
+        wrong = (np.abs((wanted - commands) @ self._judged) > allowed) & known
+        return first_departed(
+            self._instance, self.commands, points, (wanted, commands), wrong, _BY_K
+        )
 
     def of_integrals(
         self, points: Integers, error: Reals, commands: Reals, integrals: Reals, elapsed: Reals
-    ) -> Iterator[_Errors]:
+    ) -> list[Departure]:
         """Compare integrals, where no command is at its limit."""
-        if len(self._S):
-            change = elapsed[:, None] * (error @ self._S.T)
-            before, now = integrals[:-1], integrals[1:]
-            allowed = CLOSE * (np.abs(before) + np.abs(change) + 1e-12)
-            free = (np.abs(commands) < self.bounds * (1 - 1e-12)).all(axis=1, keepdims=True)
-            wrong = (np.abs(before + change - now) > allowed) & free
-            yield points, before + change, now, wrong, self.outputs[len(self.commands) :]
+        if not len(self._S):
+            return []
+        change = elapsed[:, None] * (error @ self._S.T)
+        before, now = integrals[:-1], integrals[1:]
+        wanted = before + change
+        allowed = CLOSE * (np.abs(before) + np.abs(change) + 1e-12)
+        free = (np.abs(commands) < self._bounds * (1 - 1e-12)).all(axis=1, keepdims=True)
+        wrong = (np.abs(wanted - now) > allowed) & free
+        names = self.outputs[len(self.commands) :]
+        return first_departed(self._instance, names, points, (wanted, now), wrong, _BY_K)

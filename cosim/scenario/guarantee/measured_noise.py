@@ -18,10 +18,10 @@ from cosim.master import ComponentInstance
 from cosim.scenario.designed_plant import DesignedPlant
 from cosim.scenario.guarantee.departure import Departure
 from cosim.scenario.guarantee.designed_loop import DesignedLoop
-from cosim.scenario.guarantee.first_departure import CLOSE, departed
+from cosim.scenario.guarantee.first_departure import CLOSE, departed, first_departed
 from cosim.scenario.guarantee.observer_rows import ObserverRows, columns_of
 from cosim.scenario.measure import Fold, MeasuredRun, held, measure
-from cosim.scenario.performance import times, vectors_of
+from cosim.scenario.performance import elements, times, vectors_of
 from cosim.scenario.signal_reader import History
 
 if TYPE_CHECKING:
@@ -69,12 +69,12 @@ def measured_noise(
     while block := (yield):
         if any(noise.departures for noise in noises):
             continue  # the energy is not known, and other departures follow from the first
-        states.add(run.points_ns(block), vectors.state.read(block))
+        states.add(run.points_ns(block), vectors[0].read(block))
         at = rows.read(block)
         for noise, used in zip(noises, at.used.T, strict=True):
             noise.add(np.diff(at.times) / 1e9, used, at.y, states)
         states.forget(int(at.used[-1].min()))
-    departures = [each for noise in noises for each in noise.departures.values()]
+    departures = [each for noise in noises for each in noise.departures]
     energy = None if departures else sum(noise.energy for noise in noises)
     return MeasuredNoise(energy, [*departures, *(d for n in noises for d in n.too_great())])
 
@@ -85,13 +85,13 @@ class _Noise:
     Attributes
     ----------
     energy : so far.
-    departures : by place, what is not a measurement of the design.
+    departures : what is not a measurement of the design.
     """
 
     def __init__(self, one: Measurement, columns: slice, controller: ComponentInstance) -> None:
         self._one, self._columns, self._controller = one, columns, controller
         self.energy = 0.0
-        self.departures: dict[str, Departure] = {}
+        self.departures: list[Departure] = []
         self._rate = np.zeros(1)
         self._squares, self._count = np.zeros((1, len(one.C))), 0
 
@@ -110,24 +110,21 @@ class _Noise:
         name, C = self._one.name, self._one.C
         past, between = states.at(stamps)
         if between.any():
-            at = int(stamps[np.argmax(between)])
-            self._depart(name, "a measurement of a point of the run", "one between two", at)
+            words = "a measurement of a point of the run", "one between two"
+            self.departures += departed(self._controller, name, *words, stamps[np.argmax(between)])
         true = times(past, C)
         noise, sizes = values - true, np.array(self._one.noise)
         silent = sizes == 0.0
         wrong = ~(np.abs(noise) <= CLOSE * (1.0 + np.abs(true))) & silent & ~between[:, None]
-        if wrong.any():
-            k, i = (int(x) for x in np.argwhere(wrong)[0])
-            expected = f"{true[k, i]:.9g}, of the plant at its stamp, without noise"
-            self._depart(f"{name}[{i + 1}]", expected, f"{values[k, i]:.9g}", int(stamps[k]))
+        self.departures += first_departed(
+            *(self._controller, elements(name, len(C)), stamps, (true, values), wrong),
+            "of the plant at its stamp, without noise",
+        )
         shares = np.where(silent, 0.0, noise / np.where(silent, 1.0, sizes))
         squares = shares * shares
         self._squares = np.cumsum(np.concatenate((self._squares, squares)), axis=0)[-1:]
         self._count += len(stamps)
         return np.cumsum(squares, axis=1)[:, -1]
-
-    def _depart(self, name: str, expected: str, got: str, stamp: int) -> None:
-        self.departures.setdefault(name, departed(self._controller, name, expected, got, stamp))
 
     def too_great(self) -> Iterator[Departure]:
         """Yield values whose noise is greater, on the whole, than the design counts with."""
@@ -139,6 +136,5 @@ class _Noise:
         for i in np.flatnonzero(mean > most).tolist():
             noise = self._one.noise[i]
             got = f"errors of {math.sqrt(mean[i]) * noise:.4g}, by their mean square"
-            yield departed(
-                self._controller, f"{self._one.name}[{i + 1}]", f"noise of {noise:g}", got
-            )
+            name = f"{self._one.name}[{i + 1}]"
+            yield from departed(self._controller, name, f"noise of {noise:g}", got)

@@ -43,14 +43,14 @@ def measured_motion(
     system : that the plant was designed as.
     seen_as : how the plant is seen as that system, where the design knows.
     """
-    plant, controller = run.instances.get(loop.plant), run.instances.get(loop.controller)
-    binding = None if plant is None else binding_for(plant, system, seen_as)
-    if plant is None or controller is None or binding is None:
+    plant = run.instances[loop.plant]
+    ports, binding = plant.component.description.ports, binding_for(plant, system, seen_as)
+    if binding is None or not all(name in ports for name in binding.state.names):
         return None
-    ports, names = plant.component.description.ports, list(binding.state.names)
-    if not all(name in ports for name in names):
-        return None
-    measured = controller.component.description.ports
+    names, measured = (
+        list(binding.state.names),
+        run.instances[loop.controller].component.description.ports,
+    )
     given = {
         j: name
         for j, state in enumerate(names)
@@ -64,7 +64,7 @@ def measured_motion(
     begin = end = 0.0
     driven, error = False, np.zeros((1, len(names)))
     while block := (yield):
-        rows, reference = (each.read(block.first, block.last) for each in (outputs, references))
+        rows, reference = (each.read(block) for each in (outputs, references))
         error = rows[:, : len(names)] - np.array(binding.state.trim)
         error[:, [*given]] -= reference
         driven |= bool((reference[1:] != reference[:-1]).any() or rows[:, len(names) :].any())

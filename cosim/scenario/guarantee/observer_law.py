@@ -23,16 +23,11 @@ from cosim.scenario.gain import Problem
 from cosim.scenario.guarantee.departure import Departure
 from cosim.scenario.guarantee.designed_loop import DesignedLoop
 from cosim.scenario.guarantee.first_departure import CLOSE, departed, lacking, unexplained_by
-from cosim.scenario.guarantee.observer_rows import (
-    ObserverBlock,
-    ObserverRows,
-    columns_of,
-    observer_names,
-)
+from cosim.scenario.guarantee.observer_rows import ObserverBlock, ObserverRows, columns_of
 from cosim.scenario.guarantee.step_law import Equation, OwnRows, step_law
 from cosim.scenario.limits import bounds_of
-from cosim.scenario.measure import Block, Fold, MeasuredRun, measure, sample_period_ns
-from cosim.scenario.signal_reader import History
+from cosim.scenario.measure import Fold, MeasuredRun, measure, sample_period_ns
+from cosim.scenario.signal_reader import Block, History
 
 Reals = NDArray[np.float64]
 
@@ -45,7 +40,6 @@ def estimate_law(
     run: MeasuredRun, loop: DesignedLoop, design: hinf.Result
 ) -> Fold[list[Departure]]:
     """Measure where the estimate left its equation for the first time; empty if it never did."""
-    names = observer_names(loop, design)
     system = design.system
     m = system.B.shape[1]
     late = [x for x in system.delays if x.A.any()]
@@ -63,18 +57,15 @@ def estimate_law(
         u_ = np.array(u)
         return list(moved + system.B @ u_[:m] + injection @ u_[m:])
 
-    instance = run.instances.get(loop.controller)
-    if instance is None:
-        return []
-    if missing := lacking(instance, [*names.estimate, *names.applied, *names.innovation]):
+    instance, rows = run.instances[loop.controller], run.shared(ObserverRows, loop, design)
+    if missing := lacking(instance, [*rows.estimate, *rows.applied, *rows.innovation]):
         return missing
-    rows = run.shared(ObserverRows, loop, design)
 
     def own_rows(block: Block) -> OwnRows:
         at = rows.read(block)
         return at.times, np.hstack((at.estimate, at.applied, at.innovation))
 
-    equation = Equation(names.estimate, rates, delays, 0.2 / roots if roots > 0 else 1.0)
+    equation = Equation(rows.estimate, rates, delays, 0.2 / roots if roots > 0 else 1.0)
     # an innovation is computed at the beginning of a step, and seen at its end
     return (yield from step_law(instance, equation, own_rows, later=slice(m, None)))
 
@@ -94,29 +85,27 @@ def observer_law(
     loop : of the design.
     unrecorded : as of `feedback_law`.
     """
-    names, instance = observer_names(loop, design), run.instances.get(loop.controller)
-    if instance is None:
-        return []
-    needed = *names.y, *names.estimate, *names.innovation, *names.command
+    instance, rows = run.instances[loop.controller], run.shared(ObserverRows, loop, design)
+    needed = *rows.y, *rows.estimate, *rows.innovation, *rows.command
     if missing := lacking(instance, [*needed, *(one.stamp for one in loop.measurements)]):
         return missing
-    K, trim = np.asarray(design.K, dtype=np.float64), np.zeros(len(names.command))
+    K, trim = np.asarray(design.K, dtype=np.float64), np.zeros(len(rows.command))
     if problem.plant is not None:
         trim = np.array(problem.plant.control.trim, float)
         if problem.plant.thrust_map:
             K = np.array(problem.plant.thrust_map, float) @ K
-    moved = [j for j, name in enumerate(names.set_point) if name in unrecorded]
+    moved = [j for j, name in enumerate(rows.set_point) if name in unrecorded]
     commands = _Commands(
-        *(names.command, K, trim, unexplained_by(K[:, moved])),
-        bounds_of(instance, names.command),
+        *(rows.command, K, trim, unexplained_by(K[:, moved])),
+        bounds_of(instance, rows.command),
         sample_period_ns(instance.component),
     )
-    rows, estimates = run.shared(ObserverRows, loop, design), History()
+    estimates = History()
     while block := (yield):
         at = rows.read(block)
         estimates.add(at.times, at.estimate)
         for left in chain(_innovations(design, estimates, at), commands.compared(at)):
-            return [departed(instance, *left)]
+            return departed(instance, *left)
         estimates.forget(int(at.used[-1].min()))
     return []
 

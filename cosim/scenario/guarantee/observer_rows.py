@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.scenario.guarantee.designed_loop import DesignedLoop
-from cosim.scenario.measure import Block, MeasuredRun
+from cosim.scenario.measure import MeasuredRun
 from cosim.scenario.measurement_ages import PacketsInUse
 from cosim.scenario.performance import elements
+from cosim.scenario.signal_reader import Block
 
 if TYPE_CHECKING:
     from cosim.hinf import Result
@@ -19,29 +20,6 @@ if TYPE_CHECKING:
 
 Reals = NDArray[np.float64]
 Integers = NDArray[np.int64]
-
-
-class ObserverNames(NamedTuple):
-    """Names of the variables of a controller with an observer, in the order of its vectors."""
-
-    y: Sequence[str]
-    estimate: Sequence[str]
-    innovation: Sequence[str]
-    command: Sequence[str]
-    applied: Sequence[str]
-    set_point: Sequence[str]
-    watchdog: Sequence[str]
-
-
-def observer_names(loop: DesignedLoop, design: Result) -> ObserverNames:
-    """Return the names that the loop of a design gives them."""
-    n, m = design.system.B.shape
-    y = [name for one in loop.measurements for name in one.inputs]
-    return ObserverNames(
-        *(y, elements("estimate", n), [f"innovation.{name}" for name in y]),
-        *([*loop.commands.values()], elements("applied", m), elements("reference", n)),
-        ["watchdog"],
-    )
 
 
 class ObserverBlock(NamedTuple):
@@ -69,24 +47,35 @@ class ObserverBlock(NamedTuple):
 
 
 class ObserverRows:
-    """Reads a controller with an observer block by block; outputs that it lacks have no column."""
+    """Reads a controller with an observer block by block; outputs that it lacks have no column.
+
+    Attributes
+    ----------
+    y, estimate, innovation, command, applied, set_point : names of the variables.
+    """
 
     def __init__(self, run: MeasuredRun, loop: DesignedLoop, design: Result) -> None:
-        component = run.instances[loop.controller].component
-        y, *outputs = observer_names(loop, design)
+        component, (n, m) = run.instances[loop.controller].component, design.system.B.shape
+        self.y = [name for one in loop.measurements for name in one.inputs]
+        self.estimate, self.applied = elements("estimate", n), elements("applied", m)
+        self.innovation = [f"innovation.{name}" for name in self.y]
+        self.command = list(loop.commands.values())
+        self.set_point = elements("reference", n)
+        outputs = self.estimate, self.innovation, self.command, self.applied, self.set_point
         ports = component.description.ports
-        groups = y, *([name for name in group if name in ports] for group in outputs)
+        present = ([n for n in names if n in ports] for names in (*outputs, ["watchdog"]))
+        groups = self.y, *present
         self._rows = run.reader(loop.controller, [name for group in groups for name in group])
         self._edges = np.cumsum([len(group) for group in groups])[:-1]
         names = [one.name for one in design.measurements]
         self._packets = PacketsInUse(run, loop.controller, names)
-        self._trims = np.array([component.start_of(f"trim.{name}", 0.0) for name in y], float)
+        self._trims = np.array([component.start_of(f"trim.{y}", 0.0) for y in self.y], float)
         self._block: Block | None = None
 
     def read(self, block: Block) -> ObserverBlock:
         """Return the rows at the own points of a block."""
         if self._block != block:
-            times, rows = self._rows.at_own(block.first, block.last)
+            times, rows = self._rows.at_own(block)
             y, *outputs = np.split(rows, self._edges, axis=1)
             _, used = self._packets.add(block)
             self._block = block

@@ -38,16 +38,14 @@ def plant_law(
     plant : name of the component.
     unrecorded : inputs that events set, and that no connection leads to.
     """
-    instance = run.instances.get(plant)
-    if instance is None:
-        return []
+    instance = run.instances[plant]
     bound = _bound(problem, instance, unrecorded)
     if bound is None:
         words = "a step of the plant of the design", "a plant that the design does not know"
-        return [departed(instance, "", *words)]
+        return departed(instance, "", *words)
     equation, names = bound
     reader = run.reader(plant, names)
-    return (yield from step_law(instance, equation, lambda b: reader.at_own(b.first, b.last)))
+    return (yield from step_law(instance, equation, reader.at_own))
 
 
 def _bound(
@@ -67,20 +65,13 @@ def _bound(
         return None
     delays = tuple(float(values[name]) for name in behaviour.delays)
     unknown = tuple(j for j, name in enumerate(behaviour.inputs) if name in unrecorded)
-    equation = Equation(
-        tuple(behaviour.states), _rates(behaviour, constants), delays, step, unknown
-    )
-    return equation, [*behaviour.states, *behaviour.inputs]
 
-
-def _rates(behaviour: Any, constants: Any) -> Any:
-    def rates(
-        t: Reals, x: Sequence[Reals], late: Sequence[Sequence[Reals]], u: Sequence[Reals]
-    ) -> Sequence[Any]:
-        found: Sequence[Any] = behaviour.rates(t, x, late, u, constants, ArrayFunctions)
+    def rates(t: Reals, x: Sequence[Reals], *past_and_u: Sequence[Any]) -> Sequence[Any]:
+        found: Sequence[Any] = behaviour.rates(t, x, *past_and_u, constants, ArrayFunctions)
         return found
 
-    return rates
+    equation = Equation(tuple(behaviour.states), rates, delays, step, unknown)
+    return equation, [*behaviour.states, *behaviour.inputs]
 
 
 _vehicles: WeakKeyDictionary[DesignedPlant, tuple[Any, float]] = WeakKeyDictionary()

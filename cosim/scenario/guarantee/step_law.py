@@ -23,8 +23,8 @@ from numpy.typing import NDArray
 from cosim.master import ComponentInstance
 from cosim.scenario.guarantee.departure import Departure
 from cosim.scenario.guarantee.first_departure import departed
-from cosim.scenario.measure import Block, Fold
-from cosim.scenario.signal_reader import History
+from cosim.scenario.measure import Fold
+from cosim.scenario.signal_reader import Block, History
 
 Reals = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -114,7 +114,7 @@ def step_law(
     steps = _Steps(equation, later, instance.comm_points.start_ns / 1e9)
     while block := (yield):
         if left := steps.compared(*own_rows(block)):
-            return [departed(instance, *left)]
+            return departed(instance, *left)
     return []
 
 
@@ -123,8 +123,6 @@ class _Steps:
 
     def __init__(self, equation: Equation, later: slice, start_s: float) -> None:
         self._equation, self._later, self._start_s = equation, later, start_s
-        n = len(equation.states)
-        self._columns = slice(0, n), slice(n, None)
         self._history = History()  # of x and u
         self._compared = 0
         self._greatest = 0.0
@@ -134,7 +132,7 @@ class _Steps:
         known = self._history.times.size
         self._history.add(points / 1e9, rows)
         self._times = self._history.times
-        self._x, self._u = (self._history.values[:, columns] for columns in self._columns)
+        self._x, self._u = np.split(self._history.values, [len(self._equation.states)], axis=1)
         left = None
         if self._times.size > max(known, 1):
             with np.errstate(all="ignore"):
