@@ -17,10 +17,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.master import ComponentInstance, Route, Run, System
+from cosim.master import ComponentInstance, Route, System
 from cosim.network import PacketLink, TransportLink
 from cosim.scenario.link_rows import changes_between, messages_in_use
-from cosim.scenario.measure import Fold, MeasuredRun, measure, measured
+from cosim.scenario.measure import Fold, MeasuredRun, measure
 from cosim.scenario.signal_reader import own_points
 
 Integers = NDArray[np.int64]
@@ -32,17 +32,12 @@ _Delays = Callable[[Integers, Integers], NDArray[Any]]
 delays [ns]."""
 
 
-def coupling_delays_s(run: Run, system: System) -> dict[str, float]:
-    """Return the largest coupling delay [s] by connection.
+@measure
+def coupling_delays(run: MeasuredRun, system: System) -> Fold[dict[str, float]]:
+    """Measure the largest coupling delay [s] by connection; empty for a run without a step.
 
     A key is `sender -> receiver` for a wire, `controller -> plant over downlink` for a link.
     """
-    return measured(run, coupling_delays(system))
-
-
-@measure
-def coupling_delays(run: MeasuredRun, system: System) -> Fold[dict[str, float]]:
-    """Measure the largest coupling delay [s] by connection; empty for a run without a step."""
     routes: list[tuple[str, ComponentInstance, _Delays]] = []
     for receiver in run.instances.values():
         for route in receiver.routes:

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.master import ComponentInstance, Run
-from cosim.scenario.measure import Fold, MeasuredRun, measure, measured
+from cosim.master import ComponentInstance
+from cosim.scenario.measure import Fold, MeasuredRun, measure
 from cosim.scenario.run_events import Episodes, EventCollector
 
 _SHARED = {
@@ -53,11 +53,6 @@ class Saturation:
     fraction: float
     largest: dict[str, float]
     limit_cycle: bool
-
-
-def saturation(run: Run, controller: str) -> Saturation | None:
-    """Return the saturation of a controller's commands; None if it has no limits."""
-    return measured(run, measured_saturation(controller))
 
 
 @measure

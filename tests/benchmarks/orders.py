@@ -30,7 +30,8 @@ from scipy.linalg import expm
 
 from cosim.master import Link, System, simulate
 from cosim.network import PacketLink, TransportLink
-from cosim.scenario.coupling import coupling_delays_s
+from cosim.scenario.coupling import coupling_delays
+from cosim.scenario.measure import measured
 
 if __package__ == "tests.benchmarks":
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
@@ -181,7 +182,7 @@ def errors(fmus: Fmus, case: Case) -> list[float]:
 def coupling_delay(fmus: Fmus, case: Case) -> float:
     """Largest delay that the coupling adds at the longest step, as the summary of a run has it."""
     system = case.system(fmus, HALVINGS[0])
-    return max(coupling_delays_s(simulate(system, engine="python"), system).values())
+    return max(measured(simulate(system, engine="python"), coupling_delays(system)).values())
 
 
 def slopes(of: list[float]) -> list[float]:

@@ -18,7 +18,8 @@ from fed import blocks_of_one, fed
 from cosim.fmu import build_fmu, component_module, describe_fmu
 from cosim.master import Component, Connection, Endpoint, Run, System, make_schedule, simulate
 from cosim.models import STATE
-from cosim.scenario.limits import Saturation, measured_saturation, saturation
+from cosim.scenario.limits import Saturation, measured_saturation
+from cosim.scenario.measure import measured
 
 S = 10**9
 FORCE, MOMENT = 10.0, 4.0
@@ -150,11 +151,11 @@ class Commander:
             )
         )
         self._check(run, commands, force)
-        found = saturation(run, "controller")
+        found = measured(run, measured_saturation("controller"))
         assert found is not None
         again = fed(run, [measured_saturation("controller")], blocks_of_one(run.points_ns.size))
         assert again == [found]
-        broken_off = saturation(replace(run, status="stopped"), "controller")
+        broken_off = measured(replace(run, status="stopped"), measured_saturation("controller"))
         assert broken_off == replace(found, limit_cycle=False)
         return found
 
