@@ -214,7 +214,7 @@ def samples_in(times: Integers, period_ns: int) -> Integers:
     return np.diff(-(-times // period_ns))
 
 
-def held(before: NDArray[D], values: NDArray[D], comes: NDArray[np.bool_]) -> NDArray[D]:
+def hold(before: NDArray[D], values: NDArray[D], comes: NDArray[np.bool_]) -> NDArray[D]:
     """Return values, each held until the next one that comes; `before`, (1, ...), is held first."""
     place = np.maximum.accumulate(np.where(comes, np.arange(1, len(values) + 1), 0))
     return np.concatenate((before, values))[place]

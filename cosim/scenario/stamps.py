@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.master import Algorithm, ComponentInstance, Reserved, Route
-from cosim.scenario.measure import MeasuredRun, held, sample_period_ns, samples_in
+from cosim.scenario.measure import MeasuredRun, hold, sample_period_ns, samples_in
 from cosim.scenario.signal_reader import Block, own_points
 
 Integers: TypeAlias = NDArray[np.int64]
@@ -37,7 +37,7 @@ class OutputStamps:
 
     def add(self, own: Integers, stamps: Integers, comes: NDArray[np.bool_]) -> None:
         """Take steps between own points: a stamp comes with the result of some, or is kept."""
-        self.by_row[own[1:]] = held(self.by_row[own[:1]], stamps, comes)
+        self.by_row[own[1:]] = hold(self.by_row[own[:1]], stamps, comes)
         self._reserved.give_back(self._points.oldest)
 
 

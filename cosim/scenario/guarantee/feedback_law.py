@@ -31,7 +31,7 @@ from cosim.scenario.limits import bounds_of
 from cosim.scenario.measure import (
     Fold,
     MeasuredRun,
-    held,
+    hold,
     measure,
     sample_period_ns,
     samples_in,
@@ -83,7 +83,7 @@ def feedback_law(
         else:
             taken, ends, commands = samples_in(points, period_ns), points[1:], commands[1:]
             elapsed = taken * period_ns / 1e9 if period_ns else np.diff(points) / 1e9
-            used = held(behind, inputs[:-1], taken > 0)
+            used = hold(behind, inputs[:-1], taken > 0)
             behind = np.concatenate((behind, used))[-1:]
             left = law.of_commands(ends, used, commands) or law.of_integrals(
                 ends, error[:-1], commands, integrals, elapsed

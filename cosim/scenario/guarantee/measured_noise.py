@@ -20,7 +20,7 @@ from cosim.scenario.guarantee.departure import Departure
 from cosim.scenario.guarantee.designed_loop import DesignedLoop
 from cosim.scenario.guarantee.first_departure import CLOSE, departed, first_departed
 from cosim.scenario.guarantee.observer_rows import ObserverRows, columns_of
-from cosim.scenario.measure import Fold, MeasuredRun, held, measure
+from cosim.scenario.measure import Fold, MeasuredRun, hold, measure
 from cosim.scenario.performance import elements, times, vectors_of
 from cosim.scenario.signal_reader import History
 
@@ -101,7 +101,7 @@ class _Noise:
         rates = np.zeros(len(lasted))
         if new.any():  # a block may have no packet
             rates[new] = self._rates_of(used[1:][new], y[:-1][new, self._columns], states)
-        rates = held(self._rate, rates, new)
+        rates = hold(self._rate, rates, new)
         self._rate = np.concatenate((self._rate, rates))[-1:]
         self.energy = float(np.cumsum(np.concatenate(([self.energy], lasted * rates)))[-1])
 

@@ -104,7 +104,8 @@ def observer_law(
     while block := (yield):
         at = rows.read(block)
         estimates.add(at.times, at.estimate)
-        for left in chain(_innovations(design, estimates, at), commands.compared(at)):
+        left = next(chain(_innovations(design, estimates, at), commands.compared(at)), None)
+        if left is not None:
             return departed(instance, *left)
         estimates.forget(int(at.used[-1].min()))
     return []
