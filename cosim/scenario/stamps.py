@@ -35,10 +35,14 @@ class OutputStamps:
         self.by_row: Integers = self._reserved.array
         self.by_row[0] = NONE_IN_USE
 
+    def put(self, rows: Integers, stamps: Integers) -> None:
+        """Set the stamps at some own points, and forget those that no route reads any more."""
+        self.by_row[rows] = stamps
+        self._reserved.give_back(self._points.oldest)
+
     def add(self, own: Integers, stamps: Integers, comes: NDArray[np.bool_]) -> None:
         """Take steps between own points: a stamp comes with the result of some, or is kept."""
-        self.by_row[own[1:]] = hold(self.by_row[own[:1]], stamps, comes)
-        self._reserved.give_back(self._points.oldest)
+        self.put(own[1:], hold(self.by_row[own[:1]], stamps, comes))
 
 
 class _Way(NamedTuple):
@@ -89,10 +93,10 @@ class FeedbackStamps:
         return np.where(there, taken.min(axis=0), NONE_IN_USE), taken.max(axis=0)
 
     def _by(self, block: Block, way: _Way) -> Integers:
-        (forth, back, commands, at_once) = way
+        forth, back, commands, at_once = way
         own, points = own_points(self._controller, block), self._controller.comm_points.points_ns
         if at_once:
-            commands.by_row[own] = stamps_read(forth, own, points)
+            commands.put(own, stamps_read(forth, own, points))
         else:  # results of a step appear at its end; only steps with a sample instant use inputs
             sampled = samples_in(points[own], self._period_ns) > 0
             commands.add(own, stamps_read(forth, own[:-1], points), sampled)
