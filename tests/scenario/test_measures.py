@@ -15,15 +15,16 @@ import pytest
 import whole_run
 from cli.shell import SCENARIOS
 from fed import Release, blocks_of_one, fed, random_blocks
-from master.scalar import scalar_fmu
+from master.scalar import ns, scalar_fmu
 from random_runs import RandomRuns
 from shared import fmu_store, sampled, slow_share_of
 
 from cosim.core import Findings
+from cosim.fmu import describe_fmu
 from cosim.hinf import auv_system
 from cosim.hinf.problem import AuvDesignSettings
-from cosim.master import Run, System
-from cosim.network import PacketLink
+from cosim.master import Component, Connection, Endpoint, Run, System, make_schedule, simulate
+from cosim.network import PacketLink, TransportLink
 from cosim.scenario import (
     BoundExpression,
     FmuCache,
@@ -44,8 +45,9 @@ from cosim.scenario.envelope import largest_magnitudes
 from cosim.scenario.events import AssertionPart
 from cosim.scenario.execute import assembled_system
 from cosim.scenario.final_values import last_outputs
+from cosim.scenario.guarantee.delivery_law import delivery_law
 from cosim.scenario.limits import Saturation, measured_saturation
-from cosim.scenario.measure import Measure, measured
+from cosim.scenario.measure import Measure, Measures, measured
 from cosim.scenario.performance import binding_for, measured_gain
 from cosim.scenario.run_measures import RunMeasures
 
@@ -263,3 +265,41 @@ def blocks_are_nothing(
                 measures.rows_complete(first, last)
         found.append(repr(measures.figures(run)))
     assert found[0] == found[1]
+
+
+def test_an_altered_value_is_found_wherever_blocks_end(
+    tmp_path_factory: pytest.TempPathFactory,
+) -> None:
+    """Between a value and the next one by a weight of 0: also at the last point of a block."""
+    fmu = describe_fmu(scalar_fmu(tmp_path_factory.mktemp("altered")))
+    link = TransportLink("wire", 0)
+    connections = [Connection(Endpoint("a", "x"), Endpoint("b", "u"), "wire")]
+    components = {name: Component(fmu, {"a": -1.0, "x0": 1.0}) for name in "ab"}
+    schedule = make_schedule({"wire": link}, ns(0.1), ns(1.0), "grid", [])
+    run = simulate(System(components, connections, {"wire": link}, {}, schedule), engine="python")
+    route = run.instances[1].routes[0]
+    for k in range(run.count - 1):
+        before = run.instances[1].rows[k, route.targets].copy()
+        run.instances[1].rows[k, route.targets] += 1.0
+        whole = measured(run, delivery_law(connections))
+        assert [departure.at_s for departure in whole] == [run.points_ns[k] / 1e9]
+        for cuts in (blocks_of_one(run.count), random_blocks(run.count, k, 4)):
+            assert fed(run, [delivery_law(connections)], cuts) == [whole]
+        run.instances[1].rows[k, route.targets] = before
+
+
+def test_own_points_before_a_block_remain_readable() -> None:
+    """What a component reads at its own points is asked for until its next one: `unread` waits."""
+
+    class Own:
+        def __init__(self, every: int) -> None:
+            self.last = np.arange(100) // every * every
+
+    instances = [SimpleNamespace(name=str(n), own_points=Own(n), comm_points=None) for n in (1, 7)]
+    measures = Measures([], at_once=True)
+    measures.begin(cast("Any", instances))
+    assert measures.unread == 0
+    measures.rows_complete(0, 20)
+    assert measures.unread == 14
+    measures.rows_complete(20, 22)
+    assert measures.unread == 21
