@@ -80,6 +80,7 @@ class Release:
     def readable(self) -> Iterator[Release]:
         """Hide everything; bring it back in the end."""
         flags = [array.flags.writeable for array, _, _ in self._arrays]
+        oldest = self._comm_points.oldest
         try:
             for array, _, later in self._arrays:
                 array.flags.writeable = True
@@ -89,7 +90,7 @@ class Release:
             for (array, saved, _), flag in zip(self._arrays, flags, strict=True):
                 array[:] = saved
                 array.flags.writeable = flag
-            self._comm_points.__dict__.pop("oldest", None)
+            self._comm_points.oldest = oldest
 
     def advance(self, first: int, last: int) -> None:
         """Show the next block, and take away what is older than any row still read."""
@@ -98,4 +99,4 @@ class Release:
             array[:oldest] = 0
             end = last + (id(array) in self._following)
             array[first:end] = saved[first:end]
-        vars(self._comm_points)["oldest"] = oldest
+        self._comm_points.oldest = oldest
