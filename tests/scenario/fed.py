@@ -54,7 +54,8 @@ class Release:
 
     def __init__(self, run: Run, *, alone: bool = False) -> None:
         self._comm_points = run.instances[0].comm_points
-        routes = [route.in_step for instance in run.instances for route in instance.routes]
+        every = [route for instance in run.instances for route in instance.routes]
+        routes = [route.in_step for route in every]
         own = [instance.own_points for instance in run.instances]
         arrays: list[tuple[Any, Any]] = [(run.instances[0].rows, np.nan)]
         arrays.append((self._comm_points.points_ns, NEVER))
@@ -70,7 +71,9 @@ class Release:
         # the first intervals of a block begin at the own points before it
         begins = np.min([points.last[:size] for points in own], axis=0)
         self._begin = np.concatenate(([0], begins[:-1]))
-        needed = np.arange(size)
+        # a route with the policy "previous" reads the point before (`RowsInUse.oldest`)
+        later = any(route.route_key.policy == "previous" for route in every)
+        needed = np.arange(size) - (later and not alone)
         for used in () if alone else routes:
             rows = used.row[:size]
             needed = np.minimum(needed, np.where(rows >= 0, rows, size))
