@@ -69,8 +69,8 @@ class MeasuredRun:
         self._shared: dict[Any, Any] = {}
 
     def points_ns(self, block: Block) -> Integers:
-        """Return the points of a block [ns]."""
-        return self.comm_points.points_ns[block.first : block.last]
+        """Return a copy of the points of a block [ns]: theirs is given back."""
+        return self.comm_points.points_ns[block.first : block.last].copy()
 
     def reader(
         self, component: str, names: Sequence[str], *, recorded: bool = False

@@ -46,7 +46,7 @@ def fed(
             release.advance(first, last)
             for measure in measures:
                 measure.add(Block(max(first - 1, 0), first, last))
-    return [measure.result(run) for measure in measures]
+        return [measure.result(run) for measure in measures]
 
 
 class Release:
@@ -67,7 +67,7 @@ class Release:
         unique = {id(array): (array, later) for array, later in arrays if array is not None}
         self._arrays = [(array, array.copy(), later) for array, later in unique.values()]
         self._following = {id(points.last) for points in own if points.always}
-        size = self._comm_points.points_ns.size
+        size = run.count  # beyond, nothing is filled in
         # the first intervals of a block begin at the own points before it
         begins = np.min([points.last[:size] for points in own], axis=0)
         self._begin = np.concatenate(([0], begins[:-1]))

@@ -263,7 +263,7 @@ def blocks_are_nothing(
                 release.advance(first, last)
                 monkeypatch.setattr(measures_module, "ROWS_AT_ONCE", last - first)
                 measures.rows_complete(first, last)
-        found.append(repr(measures.figures(run)))
+            found.append(repr(measures.figures(run)))
     assert found[0] == found[1]
 
 
@@ -303,3 +303,10 @@ def test_own_points_before_a_block_remain_readable() -> None:
     assert measures.unread == 14
     measures.rows_complete(20, 22)
     assert measures.unread == 21
+
+
+def test_the_division_of_time_outlives_the_points(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What is proved across outages is computed at the end, of points that were given back."""
+    blocks_are_nothing(load("survey-outages", ["run.end=24.0"]), tmp_path, monkeypatch)
