@@ -182,6 +182,9 @@ class Measures(Observer):
         while last - self._new >= fewest:
             self._add(min(last, self._new + ROWS_AT_ONCE))
 
+    def log(self, time_ns: int, level: str, name: str, message: str) -> None:
+        """Do nothing: log lines go to the trace."""
+
     def complete(self, run: Run) -> None:
         """Pass the last rows to the measures, as soon as the run has ended."""
         if self._run is None:  # its components did not start
