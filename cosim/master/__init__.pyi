@@ -38,6 +38,7 @@ from .recorder import (
     TraceRecorder as TraceRecorder,
     identifier as identifier,
 )
+from .reserved import Reserved as Reserved
 from .routes import Route as Route
 from .run import (
     Run as Run,

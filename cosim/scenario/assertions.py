@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import partial
 from typing import NamedTuple, Protocol
 
@@ -10,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.core import Findings
-from cosim.master import ComponentInstance, Run, System
+from cosim.master import Run, System
 from cosim.scenario.binding import BoundExpression
 from cosim.scenario.events import AssertionPart
-from cosim.scenario.measure import Measure
+from cosim.scenario.measure import Fold, MeasuredRun, measure
 from cosim.scenario.run_events import EventCollector
 from cosim.scenario.schema import Scenario
 from cosim.scenario.scope import RunScope, ValueReader
@@ -63,44 +62,38 @@ def bind_assertions(
     return scope, found
 
 
-class AssertionsMeasure(Measure[tuple[AssertionResult, ...]]):
-    """The verdict on every assertion of a scenario, in its order; errors as `bind_assertions`.
+@measure
+def assertion_results(
+    run: MeasuredRun,
+    scenario: Scenario,
+    system: System,
+    findings: Findings,
+    collector: EventCollector | None = None,
+) -> Fold[tuple[AssertionResult, ...]]:
+    """Measure the verdict on every assertion of a scenario, in its order.
 
-    Each that fails, or is undecided, is an event for the collector.
+    Each that fails, or is undecided, is an event for the collector. Errors as `bind_assertions`.
     """
-
-    def __init__(
-        self,
-        scenario: Scenario,
-        system: System,
-        findings: Findings,
-        collector: EventCollector | None = None,
-    ) -> None:
-        self._end = scenario.run.end
-        collector = collector or EventCollector(system.comm_schedule.start_ns)
-        self._scope, bound = bind_assertions(scenario, system, findings)
-        self._watched = [_Watched(each, self._end, collector) for each in bound]
-
-    def begin(self, instances: Sequence[ComponentInstance]) -> None:
-        """Find the signals."""
-        for each in self._watched:
-            each.begin(instances, self._scope)
-        self.reads_inputs = any(each.reads_inputs for each in self._watched)
-
-    def add(self, first: int, last: int) -> None:
-        """Evaluate the conditions at the points."""
-        for each in self._watched:
-            each.add(first, last)
-
-    def result(self, run: Run) -> tuple[AssertionResult, ...]:
-        """Return the verdicts."""
-        return tuple(each.result(run) for each in self._watched)
+    collector = collector or EventCollector(system.comm_schedule.start_ns)
+    scope, bound = bind_assertions(scenario, system, findings)
+    watched = [_Watched(each, scenario.run.end, collector, run, scope) for each in bound]
+    while block := (yield):
+        for each in watched:
+            each.add(block.new, block.last)
+    return tuple(each.result(run.end) for each in watched)
 
 
 class _Watched:
     """One assertion during a run."""
 
-    def __init__(self, bound: BoundAssertion, end: float, collector: EventCollector) -> None:
+    def __init__(
+        self,
+        bound: BoundAssertion,
+        end: float,
+        collector: EventCollector,
+        run: MeasuredRun,
+        scope: RunScope,
+    ) -> None:
         self._part, self._condition, self._since = bound
         self._collector, self._announced = collector, False
         self._after = self._part.after or 0.0
@@ -110,18 +103,16 @@ class _Watched:
             self._verdict = _Within(self._part.within.of)
         else:
             self._verdict = _First(always=self._part.always is not None)
-        self.reads_inputs = False
-
-    def begin(self, instances: Sequence[ComponentInstance], scope: RunScope) -> None:
+        self._points = run.comm_points
         conditions = [self._condition, *([self._since] if self._since else [])]
-        self._instance = instances[0]
+        instances = list(run.instances.values())
         self._readers = [ValueReader(instances, scope, c.names) for c in conditions]
-        self.reads_inputs = any(reader.reads_inputs for reader in self._readers)
+        run.reads_inputs |= any(reader.reads_inputs for reader in self._readers)
 
     def add(self, first: int, last: int) -> None:
         if self._verdict.at is not None:
             return
-        points = self._instance.comm_points
+        points = self._points
         seconds = (points.points_ns[first:last] + points.start_ns) / 1e9
         inside = (seconds >= self._after) & (seconds <= self._before)
         holds = _judged(self._condition, self._readers[0], first, last)
@@ -134,7 +125,7 @@ class _Watched:
             self._announce(known_ns, self._result("fails", 0.0, whole=True))
 
     def result(self, run: Run) -> AssertionResult:
-        last_s = self._instance.comm_points.at_s(run.end_ns) if run.count else -1.0
+        last_s = self._points.at_s(run.end_ns) if run.count else -1.0
         whole = run.status == "finished" or last_s >= self._before
         # what a run did not reach fails if the run broke off, is open if it was stopped on purpose
         rest: Result = "undecided" if run.status == "stopped" else "fails"

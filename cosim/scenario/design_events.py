@@ -8,8 +8,7 @@ from numpy.typing import NDArray
 from cosim.scenario.envelope import envelope_bounds
 from cosim.scenario.gain import observes
 from cosim.scenario.preparation import PreparedScenario
-from cosim.scenario.run_events import Episodes, EventCollector, close_all
-from cosim.trace import RunEvent
+from cosim.scenario.run_events import Episodes, EventCollector
 
 
 class DesignEvents:
@@ -27,21 +26,19 @@ class DesignEvents:
         words = f"the measurement in use is older than the {designed or 0:g} s designed for"
         if self._watched:
             words = f"no measurement within the {designed or 0:g} s designed for is in use"
-        begins = RunEvent(0, "warning", "age", controller, words)
-        self._age = Episodes(collector, begins, "the measurement in use is young enough again")
+        over = "the measurement in use is young enough again"
+        self._age = collector.episodes("age", controller, words, over)
         self._axes: list[tuple[float, Episodes]] = []
         self._stamped: list[tuple[float, Episodes]] = []
         for each in prepared.design.measurements if observes(prepared.design) else ():
             words = f"the measurement in use is older than the {each.d:g} s designed for"
-            begins = RunEvent(0, "warning", "age", f"{controller}.{each.name}", words)
-            over = "the measurement in use is young enough again"
-            bound = each.d * 1e9 * (1 + 1e-12)
-            self._stamped.append((bound, Episodes(collector, begins, over)))
-        if problem is not None:
-            for name, bound in envelope_bounds(problem).values():
-                words = f"outside the envelope of the proof: beyond {bound:g}"
-                begins = RunEvent(0, "warning", "envelope", f"{plant}.{name}", words)
-                self._axes.append((bound, Episodes(collector, begins, "inside the envelope again")))
+            of_one = collector.episodes("age", f"{controller}.{each.name}", words, over)
+            self._stamped.append((each.d * 1e9 * (1 + 1e-12), of_one))
+        for name, bound in () if problem is None else envelope_bounds(problem).values():
+            words = f"outside the envelope of the proof: beyond {bound:g}"
+            over = "inside the envelope again"
+            axis = collector.episodes("envelope", f"{plant}.{name}", words, over)
+            self._axes.append((bound, axis))
 
     def age(self, points_ns: NDArray[np.int64], ages_ns: NDArray[np.int64]) -> None:
         """Take the ages of the measurements in use."""
@@ -60,8 +57,3 @@ class DesignEvents:
         """Take the magnitudes of what the envelope bounds."""
         for j, (bound, episodes) in enumerate(self._axes):
             episodes.add(points_ns, ~(magnitudes[:, j] / bound <= 1.0))
-
-    def close(self, end_ns: int) -> None:
-        """Count what still lasts at the end of the run."""
-        bounded = [episodes for _, episodes in (*self._stamped, *self._axes)]
-        close_all([self._age, *bounded], end_ns)

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.master import ComponentInstance, Run, System
+from cosim.master import System
 from cosim.network import DELIVERED, NOT_RECEIVED, PacketLink
-from cosim.scenario.measure import Measure
+from cosim.scenario.measure import Fold, MeasuredRun, measure
 from cosim.scenario.run_events import EventCollector
 from cosim.trace import RunEvent
 
@@ -17,48 +15,30 @@ FEWEST = 3
 """Messages in a row that make a burst: one or two may be lost at any time."""
 
 
-class LossBursts(Measure[None]):
-    """Makes an event of each burst: it begins where the third message is missed."""
-
-    def __init__(self, system: System, collector: EventCollector) -> None:
-        links = (link.name for link in system.links.values() if isinstance(link, PacketLink))
-        self._bursts = [Bursts(name, collector) for name in links]
-
-    def begin(self, instances: Sequence[ComponentInstance]) -> None:
-        """Note the points."""
-        self._comm_points = instances[0].comm_points if instances else None
-
-    def add(self, first: int, last: int) -> None:
-        """Take the messages that arrived or were missed up to the last of the points."""
-        del first
-        points = self._comm_points
-        assert points is not None  # noqa: S101 - rows are of components
-        until_ns = int(points.points_ns[last - 1])
-        for each in self._bursts:
-            found = points.arrivals(each.link, each.taken)
-            count = int(np.searchsorted(found.arrival_ns, until_ns, side="right"))
-            each.taken += count
-            missed = np.isin(found.status[:count], NOT_RECEIVED)
-            relevant = missed | (found.status[:count] == DELIVERED)
-            each.add(found.arrival_ns[:count][relevant], missed[relevant])
-
-    def result(self, run: Run) -> None:
-        """Count the bursts that last at the end of the run."""
-        for each in self._bursts:
-            each.close(run.end_ns)
+@measure
+def loss_bursts(run: MeasuredRun, system: System, collector: EventCollector) -> Fold[None]:
+    """Make an event of each burst: it begins where the third message is missed."""
+    links = (link.name for link in system.links.values() if isinstance(link, PacketLink))
+    bursts = {name: Bursts(name, collector) for name in links}
+    taken = dict.fromkeys(bursts, 0)  # messages that were looked at
+    while block := (yield):
+        until_ns = int(run.points_ns(block)[-1])
+        for name, each in bursts.items():
+            messages = run.comm_points.arrivals(name, taken[name])
+            count = int(np.searchsorted(messages.arrival_ns, until_ns, side="right"))
+            taken[name] += count
+            missed = np.isin(messages.status[:count], NOT_RECEIVED)
+            relevant = missed | (messages.status[:count] == DELIVERED)
+            each.add(messages.arrival_ns[:count][relevant], missed[relevant])
+    for each in bursts.values():
+        each.close(run.end.end_ns)
 
 
 class Bursts:
-    """The bursts of one link.
-
-    Attributes
-    ----------
-    link : its name.
-    taken : number of its messages that were looked at.
-    """
+    """The bursts of one link."""
 
     def __init__(self, link: str, collector: EventCollector) -> None:
-        self.link, self.taken = link, 0
+        self._link = link
         self._collector = collector
         self._missed = 0
         self._since_ns = 0
@@ -85,9 +65,9 @@ class Bursts:
     def _begin(self, time_ns: int) -> None:
         self._since_ns = time_ns
         words = f"{FEWEST} messages in a row did not arrive"
-        self._collector.begun(RunEvent(time_ns, "warning", "loss", self.link, words))
+        self._collector.begun(RunEvent(time_ns, "warning", "loss", self._link, words))
 
     def _end(self, time_ns: int, count: int, *, line: bool = True) -> None:
         words = f"messages arrive again, after {count} that did not"
-        over = RunEvent(time_ns, "info", "loss", self.link, words)
+        over = RunEvent(time_ns, "info", "loss", self._link, words)
         self._collector.ended(over, time_ns - self._since_ns, line=line)

@@ -13,11 +13,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.master import ComponentInstance, Run
+from cosim.master import ComponentInstance
 from cosim.models import STATE, TABLE_1, DelaySystem, thrust_map, total
 from cosim.scenario.designed_plant import DesignedPlant, LinearSignals
-from cosim.scenario.measure import Measure, after
-from cosim.scenario.signal_reader import SignalReader, reader_of
+from cosim.scenario.measure import Fold, Measure, MeasuredRun, measure
+from cosim.scenario.signal_reader import Block, SignalReader
 
 FORCES = ("force.x", "force.y", "force.z", "moment.z")
 DISTURBANCES = ("disturbance.u", "disturbance.v", "disturbance.w", "disturbance.r")
@@ -70,8 +70,44 @@ def _plain(names: Sequence[str], mapped: NDArray[np.float64] | None = None) -> L
     return LinearSignals(tuple(names), (0.0,) * len(names), mapped)
 
 
-class GainMeasure(Measure[float | None]):
-    """sqrt(int z'z / int w'w) over the run.
+class VectorReader(NamedTuple):
+    """Reads one of the vectors of Eq. (7)."""
+
+    group: LinearSignals
+    signals: SignalReader
+
+    def read(self, block: Block) -> NDArray[np.float64]:
+        """Return its entries at the points of a block, (n, entries)."""
+        deviation = self.signals.read(block) - np.array(self.group.trim)
+        return deviation if self.group.map is None else times(deviation, self.group.map)
+
+
+def vectors_of(
+    run: MeasuredRun, plant: str, system: DelaySystem, seen_as: DesignedPlant | None = None
+) -> list[VectorReader] | None:
+    """Return what reads x, u and w of a plant in a run; None of a plant that is not known."""
+    binding = binding_for(run.instances[plant], system, seen_as)
+    if binding is None:
+        return None
+    return [VectorReader(group, run.reader(plant, group.names)) for group in binding]
+
+
+class MeasuredGain(NamedTuple):
+    """The gain of a run, and the energy of its disturbance; None where it is not known."""
+
+    gain: float | None = None
+    energy_in: float | None = 0.0
+
+
+@measure
+def measured_gain(
+    run: MeasuredRun,
+    plant: str,
+    system: DelaySystem,
+    seen_as: DesignedPlant | None = None,
+    noise: Measure[Any] | None = None,
+) -> Fold[MeasuredGain]:
+    """Measure sqrt(int z'z / int w'w) over the run.
 
     None without a disturbance or without z, of a plant that is not known, and of a failed run; and
     where measurements have a noise that the design has not.
@@ -83,91 +119,37 @@ class GainMeasure(Measure[float | None]):
     seen_as : how the plant is seen as that system, where the design knows.
     noise : a measure of the same points whose result has the `energy` of the noise of an
         observer's measurements, which is a disturbance as w is; None where that is not known.
-
-    Attributes
-    ----------
-    energy_in : of the disturbance and the noise, after `result`; None where it is not known.
     """
-
-    def __init__(
-        self,
-        plant: str,
-        system: DelaySystem,
-        seen_as: DesignedPlant | None = None,
-        noise: Measure[Any] | None = None,
-    ) -> None:
-        self._plant, self._system, self._seen_as = plant, system, seen_as
-        self._noise = noise
-        self._readers: tuple[SignalReader, ...] = ()
-        self._before: tuple[Any, ...] = (None, None, None, None)
-        self._disturbance, self._outset, self._end = _Integral(), _Integral(), _Integral()
-        self.energy_in: float | None = 0.0
-
-    def begin(self, instances: Sequence[ComponentInstance]) -> None:
-        """Bind the variables of the plant."""
-        instance = next((s for s in instances if s.name == self._plant), None)
-        binding = None if instance is None else binding_for(instance, self._system, self._seen_as)
-        if instance is None or binding is None or not self._system.has_performance:
-            return
-        self._instance, self._binding = instance, binding
-        self._readers = tuple(reader_of(instance, group.names) for group in binding)
-        self.reads_inputs = any(reader.reads_inputs for reader in self._readers)
-
-    def add(self, first: int, last: int) -> None:
-        """Add the integrals over the intervals that end at the points."""
-        if not self._readers:
-            return
-        x, u, w = (
-            vector_of(group, reader.read(first, last))
-            for group, reader in zip(self._binding, self._readers, strict=True)
-        )
-        direct = times(w, self._system.D1) + times(u, self._system.D2)
-        here = (
-            self._instance.comm_points.points_ns[first:last],
-            w,
-            times(x, self._system.D),
-            direct,
-        )
-        points, w, z, direct = (
-            after(before, block) for before, block in zip(self._before, here, strict=True)
-        )
-        self._before = tuple(block[-1:].copy() for block in (points, w, z, direct))
-        h = np.diff(points) / 1e9
-        self._disturbance.add(h, w[:-1])
-        self._outset.add(h, z[:-1] + direct[:-1])
-        self._end.add(h, z[1:] + direct[:-1])
-
-    def result(self, run: Run) -> float | None:
-        """Return the gain."""
-        noise = 0.0 if self._noise is None or not self._readers else self._noise.result(run).energy
-        if noise is None:
-            self.energy_in = None
-            return None
-        self.energy_in = energy_in = self._disturbance.value + noise
-        if run.status == "failed" or energy_in == 0.0:
-            return None
-        energy_out = 0.5 * (self._outset.value + self._end.value)
-        gain = math.sqrt(energy_out / energy_in)
-        return gain if math.isfinite(gain) else None
+    vectors = vectors_of(run, plant, system, seen_as)
+    if vectors is None or not system.has_performance:
+        return MeasuredGain()
+    energy_in = begins = ends = 0.0
+    while block := (yield):
+        h = np.diff(run.points_ns(block)) / 1e9
+        x, u, w = (vector.read(block) for vector in vectors)
+        direct = (times(w, system.D1) + times(u, system.D2))[:-1]
+        z = times(x, system.D)
+        energy_in = _with_squares(energy_in, h, w[:-1])
+        begins = _with_squares(begins, h, z[:-1] + direct)
+        ends = _with_squares(ends, h, z[1:] + direct)
+    of_noise = 0.0 if noise is None else noise.result(run.end).energy
+    if of_noise is None:
+        return MeasuredGain(energy_in=None)
+    energy_in += of_noise
+    if run.end.status == "failed" or energy_in == 0.0:
+        return MeasuredGain(energy_in=energy_in)
+    gain = math.sqrt(0.5 * (begins + ends) / energy_in)
+    return MeasuredGain(gain if math.isfinite(gain) else None, energy_in)
 
 
-class _Integral:
-    """The sum of h |values|^2, added in order: the order of `sum` may vary."""
+def _with_squares(integral: float, h: NDArray[np.float64], values: NDArray[np.float64]) -> float:
+    """Return an integral with h |values|^2, added in order: the order of `sum` may vary.
 
-    def __init__(self) -> None:
-        self.value = 0.0
-
-    def add(self, h: NDArray[np.float64], values: NDArray[np.float64]) -> None:
-        """Continue with values at the beginnings of intervals h [s], (n, m)."""
-        with np.errstate(over="ignore"):  # no gain is measured where the sum is infinite
-            parts = (h[:, None] * values * values).ravel()
-        self.value = float(np.cumsum(np.concatenate(([self.value], parts)))[-1])
-
-
-def vector_of(group: LinearSignals, rows: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the entries of a vector of the linear model from the values of its variables."""
-    deviation = rows - np.array(group.trim)
-    return deviation if group.map is None else times(deviation, group.map)
+    h : lengths of intervals [s], (n,); values : in them, (n, m).
+    """
+    with np.errstate(over="ignore"):  # no gain is measured where the sum is infinite
+        parts = (h[:, None] * values * values).ravel()
+    return float(np.cumsum(np.concatenate(([integral], parts)))[-1])
 
 
 def times(rows: NDArray[np.float64], matrix: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.trace import EventCount, RunEvent
+from cosim.trace import EventCount, EventKind, RunEvent
 
 Integers = NDArray[np.int64]
 
@@ -25,8 +24,24 @@ class EventCollector:
     def __init__(self, start_ns: int = 0) -> None:
         self._start_ns = start_ns
         self._pending: list[RunEvent] = []
+        self._episodes: list[Episodes] = []
         self._counts: dict[tuple[str, str], EventCount] = {}
         self._totals_ns: dict[tuple[str, str], int] = {}
+
+    def episodes(
+        self, kind: EventKind, subject: str, begins: str, ends: str, level: str = "warning"
+    ) -> Episodes:
+        """Return what makes events of the stretches of the run in which something is the case.
+
+        begins, ends : what the lines say when one begins, and when it is over.
+        """
+        self._episodes.append(Episodes(self, RunEvent(0, level, kind, subject, begins), ends))
+        return self._episodes[-1]
+
+    def close(self, end_ns: int) -> None:
+        """Count the episodes that still last at the end of the run."""
+        for each in self._episodes:
+            each.close(end_ns)
 
     def begun(self, event: RunEvent) -> None:
         """Take an event that happens, or begins, at its instant."""
@@ -102,9 +117,3 @@ class Episodes:
         over = replace(self._begins, time_ns=time_ns, level="info", message=self._ends)
         self._collector.ended(over, time_ns - self._since)
         self._since = None
-
-
-def close_all(episodes: Sequence[Episodes], end_ns: int) -> None:
-    """Close all of them."""
-    for each in episodes:
-        each.close(end_ns)

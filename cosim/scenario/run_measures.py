@@ -2,36 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
-
-import numpy as np
-from numpy.typing import NDArray
 
 from cosim.core import Findings
 from cosim.master import Connection, Run, System
-from cosim.scenario.age import AgeMeasure, MeasuredAges
-from cosim.scenario.applied_commands import AppliedCommands
-from cosim.scenario.assertions import AssertionsMeasure
-from cosim.scenario.coupling import CouplingMeasure
-from cosim.scenario.cut_delays import CutMeasure
+from cosim.scenario.age import MeasuredAges, measured_ages
+from cosim.scenario.applied_commands import commands_known
+from cosim.scenario.assertions import assertion_results
+from cosim.scenario.coupling import coupling_delays
+from cosim.scenario.cut_delays import cut_delays
 from cosim.scenario.design_events import DesignEvents
-from cosim.scenario.envelope import ENVELOPE, LargestMagnitudes
-from cosim.scenario.final_values import LastOutputs
+from cosim.scenario.envelope import ENVELOPE, Watch, largest_magnitudes
+from cosim.scenario.final_values import last_outputs
 from cosim.scenario.gain import observes
 from cosim.scenario.guarantee.designed_loop import DesignedLoop, designed_loop
-from cosim.scenario.guarantee.measured_noise import NoiseMeasure
-from cosim.scenario.guarantee.observer_rows import ObserverRows
+from cosim.scenario.guarantee.measured_noise import measured_noise
 from cosim.scenario.guarantee.verdict import (
     fed_back,
 )
-from cosim.scenario.limits import Saturation, SaturationMeasure
-from cosim.scenario.loss_bursts import LossBursts
+from cosim.scenario.limits import Saturation, measured_saturation
+from cosim.scenario.loss_bursts import loss_bursts
 from cosim.scenario.measure import Measure, Measures
-from cosim.scenario.measurement_ages import CommandAge, StampedAges
-from cosim.scenario.outage_measure import OutageFigures, OutageMeasure, both
-from cosim.scenario.performance import GainMeasure
+from cosim.scenario.measurement_ages import command_age, stamped_ages
+from cosim.scenario.outage_measure import OutageFigures, measured_outages
+from cosim.scenario.performance import MeasuredGain, measured_gain
 from cosim.scenario.preparation import PreparedScenario
 from cosim.scenario.run_events import EventCollector
 from cosim.scenario.wanted import ALL_FIGURES, Wanted
@@ -63,22 +60,21 @@ OF_COUPLING = tuple(
 class ZeroStateFigures:
     """What an outcome needs of the zero-state run.
 
-    saturation, largest : as in `RunFigures`.
+    saturation, largest, outages : as in `RunFigures`.
     gain : measured; None if it could not be.
     energy : of the disturbance and the measurements' noise; None where that is not known.
-    outages : as in `RunFigures`.
     """
 
-    saturation: Saturation | None
-    largest: Mapping[str, float] | None
-    gain: float | None
-    outages: OutageFigures | None
+    saturation: Saturation | None = None
+    largest: Mapping[str, float] | None = None
+    gain: float | None = None
+    outages: OutageFigures | None = None
     energy: float | None = 0.0
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class RunFigures:
-    """What an outcome needs of the rows of its run.
+    """What an outcome needs of the rows of its run; what is not wanted is left out.
 
     Attributes
     ----------
@@ -96,22 +92,37 @@ class RunFigures:
     events : what happened during the run, and how often.
     """
 
-    saturation: Saturation | None
-    largest: Mapping[str, float] | None
-    ages: MeasuredAges | None
+    saturation: Saturation | None = None
+    largest: Mapping[str, float] | None = None
+    ages: MeasuredAges | None = None
     ages_by_place: Mapping[str, MeasuredAges | None]
-    stamped_ages: Mapping[str, MeasuredAges | None] | None
-    command_age_ns: int | None
-    commands_known: bool | None
-    outages: OutageFigures | None
-    last_outputs: Mapping[str, Mapping[str, float]]
-    coupling_delays_s: Mapping[str, float]
-    cut_delays_s: Mapping[Connection, float]
+    stamped_ages: Mapping[str, MeasuredAges | None] | None = None
+    command_age_ns: int | None = None
+    commands_known: bool | None = None
+    outages: OutageFigures | None = None
+    last_outputs: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    coupling_delays_s: Mapping[str, float] = field(default_factory=dict)
+    cut_delays_s: Mapping[Connection, float] = field(default_factory=dict)
     assertions: tuple[AssertionResult, ...]
     events: tuple[EventCount, ...]
 
 
-class ZeroStateMeasures(Measures):
+class _Figures(Measures):
+    """Measures of a run by the figures that they give, of which some are not wanted: None."""
+
+    def __init__(
+        self, figures: Mapping[str, Measure[Any] | None], *more: Measure[Any], at_once: bool = False
+    ) -> None:
+        self._by_figure = {name: each for name, each in figures.items() if each is not None}
+        super().__init__([*self._by_figure.values(), *more], at_once=at_once)
+
+    def results(self, run: Run) -> dict[str, Any]:
+        """Return the figures at the end of the run."""
+        self.complete(run)
+        return {name: each.result(run) for name, each in self._by_figure.items()}
+
+
+class ZeroStateMeasures(_Figures):
     """What an outcome needs of the zero-state run, measured while it goes.
 
     Parameters
@@ -119,39 +130,30 @@ class ZeroStateMeasures(Measures):
     noise : of the measurements of an observer, if it is measured already.
     """
 
-    def __init__(self, prepared: PreparedScenario, noise: NoiseMeasure | None = None) -> None:
-        part, own_noise = prepared.loaded.scenario.design, None
-        self._saturation = None if part is None else SaturationMeasure(part.controller)
-        self._largest = _envelope_measure(prepared)
-        self._gain = None
-        if part is not None and prepared.problem is not None:
-            design, problem = prepared.design, prepared.problem
+    def __init__(self, prepared: PreparedScenario, noise: Measure[Any] | None = None) -> None:
+        part, problem, design = prepared.loaded.scenario.design, prepared.problem, prepared.design
+        own_noise = gain = None
+        if part is not None and problem is not None:
             loop = None if noise is not None else loop_of(prepared)
             if loop is not None and observes(design):
-                rows = ObserverRows(loop, design)
-                ends = part.controller, part.plant
-                noise = own_noise = NoiseMeasure(*ends, design, rows, problem.plant)
-            self._gain = GainMeasure(part.plant, problem.system, problem.plant, noise)
-        self._outages, aged = _outage_measure(prepared), None
-        if self._outages is not None and part is not None:
-            algorithm = prepared.loaded.scenario.run.algorithm
-            aged = AgeMeasure(part.plant, part.controller, algorithm, self._outages.age)
-        found = (self._saturation, self._largest, self._gain, aged, self._outages, own_noise)
-        super().__init__(_made(*found))
+                noise = own_noise = measured_noise(loop, design, problem.plant)
+            gain = measured_gain(part.plant, problem.system, problem.plant, noise)
+        figures: dict[str, Measure[Any] | None] = {
+            "saturation": None if part is None else measured_saturation(part.controller),
+            "largest": _envelope_measure(prepared),
+            "gain": gain,
+            "outages": _outage_measure(prepared),
+        }
+        super().__init__(figures, *(() if own_noise is None else (own_noise,)))
 
     def figures(self, run: Run) -> ZeroStateFigures:
         """Return them at the end of the run."""
-        self.complete(run)
-        return ZeroStateFigures(
-            saturation=None if self._saturation is None else self._saturation.result(run),
-            largest=None if self._largest is None else self._largest.result(run),
-            gain=None if self._gain is None else self._gain.result(run),
-            outages=None if self._outages is None else self._outages.result(run),
-            energy=0.0 if self._gain is None else self._gain.energy_in,
-        )
+        results = self.results(run)
+        gain, energy = results.pop("gain", MeasuredGain())
+        return ZeroStateFigures(gain=gain, energy=energy, **results)
 
 
-class RunMeasures(Measures):
+class RunMeasures(_Figures):
     """What an outcome needs of its run, measured while it goes."""
 
     def __init__(
@@ -171,48 +173,30 @@ class RunMeasures(Measures):
         self._collector, self._links = self._events.collector, frozenset(system.links)
         self._modes = frozenset(system.modes)
         commands = {
-            name: SaturationMeasure(name, self._collector)
+            name: measured_saturation(name, self._collector)
             for name in system.components
             if wanted.has("events") or (part is not None and name == part.controller)
         }
-        self._saturation = None if part is None else commands[part.controller]
-        self._largest = self._age = self._last_outputs = self._coupling = self._cut = None
-        self._stamped = self._commands = self._applied = self._outages = None
-        self._by_place: dict[str, AgeMeasure] = {}
-        if wanted.has("events", "metrics.envelope_use", *OF_GUARANTEE):
-            self._largest = _envelope_measure(prepared, self._events.envelope)
         aged = part is not None and wanted.has("events", *_OF_AGE)
-        if part is not None and aged and observes(prepared.design):
-            names = [each.name for each in prepared.design.measurements]
-            self._stamped = StampedAges(part.controller, names, self._events.stamped)
-            self._commands = CommandAge(part.controller, part.plant)
-            plant = None if prepared.problem is None else prepared.problem.plant
-            self._applied = AppliedCommands(
-                part.controller, part.plant, prepared.design.system, plant
-            )
-        elif part is not None and aged:
-            self._outages = _outage_measure(prepared, self._collector)
-            watch = both(self._events.age, None if self._outages is None else self._outages.age)
-            self._age = AgeMeasure(part.plant, part.controller, scenario.run.algorithm, watch)
-            self._by_place = _ages_by_place(prepared)
-            if prepared.problem is not None and prepared.problem.system.integrals:
-                self._commands = CommandAge(part.controller, part.plant)
-        if wanted.has("final", "metrics.position_error_m"):
-            self._last_outputs = LastOutputs()
-        if wanted.has(*OF_COUPLING):
-            self._coupling, self._cut = CouplingMeasure(system), CutMeasure(system)
-        self._assertions = AssertionsMeasure(
-            scenario, system, Findings(prepared.loaded.origin), self._collector
-        )
-        self._loss = LossBursts(system, self._collector) if wanted.has("events") else None
-        self._others = [m for m in commands.values() if m is not self._saturation]
-        found = (self._saturation, self._largest, self._age, self._last_outputs, self._coupling)
-        last = _made(
-            *(self._outages, self._stamped, self._commands, self._applied),
-            *(self._cut, self._assertions, self._loss),
-            *self._by_place.values(),
-        )
-        super().__init__([*_made(*found), *last, *self._others], at_once=at_once)
+        envelope = wanted.has("events", "metrics.envelope_use", *OF_GUARANTEE)
+        final = wanted.has("final", "metrics.position_error_m")
+        coupled = wanted.has(*OF_COUPLING)
+        self._by_place = _ages_by_place(prepared) if aged else {}
+        # events of one instant are counted in this order
+        figures: dict[str, Measure[Any] | None] = {
+            "saturation": None if part is None else commands.pop(part.controller),
+            "largest": _envelope_measure(prepared, self._events.envelope) if envelope else None,
+            **(_age_measures(prepared, self._events) if aged else {}),
+            "last_outputs": last_outputs() if final else None,
+            "coupling_delays_s": coupling_delays(system) if coupled else None,
+            "cut_delays_s": cut_delays(system) if coupled else None,
+            "assertions": assertion_results(
+                scenario, system, Findings(prepared.loaded.origin), self._collector
+            ),
+            "loss": loss_bursts(system, self._collector) if wanted.has("events") else None,
+        }
+        others: list[Measure[Any]] = [*self._by_place.values(), *commands.values()]
+        super().__init__(figures, *others, at_once=at_once)
 
     def log(self, time_ns: int, level: str, name: str, message: str) -> None:
         """Count warnings of components, failures, outages, and events of the scenario."""
@@ -224,25 +208,11 @@ class RunMeasures(Measures):
 
     def figures(self, run: Run) -> RunFigures:
         """Return them at the end of the run."""
-        self.complete(run)
-        self._events.close(run.end_ns)
-        for measure in _made(self._loss, *self._others):
-            measure.result(run)
-        return RunFigures(
-            saturation=None if self._saturation is None else self._saturation.result(run),
-            largest=None if self._largest is None else self._largest.result(run),
-            ages=None if self._age is None else self._age.result(run),
-            ages_by_place={name: age.result(run) for name, age in self._by_place.items()},
-            stamped_ages=None if self._stamped is None else self._stamped.result(run),
-            command_age_ns=None if self._commands is None else self._commands.result(run),
-            commands_known=None if self._applied is None else self._applied.result(run),
-            outages=None if self._outages is None else self._outages.result(run),
-            last_outputs={} if self._last_outputs is None else self._last_outputs.result(run),
-            coupling_delays_s={} if self._coupling is None else self._coupling.result(run),
-            cut_delays_s={} if self._cut is None else self._cut.result(run),
-            assertions=self._assertions.result(run),
-            events=self._collector.counts(),
-        )
+        results = self.results(run)
+        results.pop("loss", None)  # its events are counted
+        self._collector.close(run.end_ns)
+        by_place = {name: ages.result(run) for name, ages in self._by_place.items()}
+        return RunFigures(events=self._collector.counts(), ages_by_place=by_place, **results)
 
 
 def loop_of(prepared: PreparedScenario) -> DesignedLoop | None:
@@ -253,39 +223,59 @@ def loop_of(prepared: PreparedScenario) -> DesignedLoop | None:
     return designed_loop(design, problem, part.plant, part.controller, prepared.fmus[part.plant])
 
 
-def _ages_by_place(prepared: PreparedScenario) -> dict[str, AgeMeasure]:
+def _age_measures(
+    prepared: PreparedScenario, events: DesignEvents
+) -> dict[str, Measure[Any] | None]:
+    """Return the measures of ages, and of what depends on them, of a run with a design."""
+    scenario, problem, design = prepared.loaded.scenario, prepared.problem, prepared.design
+    part = scenario.design
+    if part is None:
+        return {}
+    commands = command_age(part.controller, part.plant)
+    if observes(design):
+        names = [each.name for each in design.measurements]
+        plant = None if problem is None else problem.plant
+        return {
+            "stamped_ages": stamped_ages(part.controller, names, events.stamped),
+            "command_age_ns": commands,
+            "commands_known": commands_known(part.controller, part.plant, design.system, plant),
+        }
+    integral = problem is not None and problem.system.integrals
+    ages = measured_ages(part.plant, part.controller, scenario.run.algorithm, events.age)
+    return {
+        "ages": ages,
+        "outages": _outage_measure(prepared, events.collector),
+        "command_age_ns": commands if integral else None,
+    }
+
+
+def _ages_by_place(prepared: PreparedScenario) -> dict[str, Measure[MeasuredAges | None]]:
     """Return measures of states that are fed back with ages of their own; none where all are."""
     part, design, loop = prepared.loaded.scenario.design, prepared.design, loop_of(prepared)
     if part is None or design is None or loop is None or observes(design):
         return {}
     each = fed_back(design, loop)
-    algorithm = prepared.loaded.scenario.run.algorithm
-    return {
-        age.place: AgeMeasure(part.plant, part.controller, algorithm, states=own)
-        for age, own in (each if len(each) > 1 else ())
-        if own
-    }
+    of = partial(measured_ages, part.plant, part.controller, prepared.loaded.scenario.run.algorithm)
+    return {age.place: of(states=own) for age, own in (each if len(each) > 1 else ()) if own}
 
 
 def _envelope_measure(
-    prepared: PreparedScenario,
-    watch: Callable[[NDArray[np.int64], NDArray[np.float64]], None] | None = None,
-) -> LargestMagnitudes | None:
-    part = prepared.loaded.scenario.design
-    problem = prepared.problem
+    prepared: PreparedScenario, watch: Watch | None = None
+) -> Measure[dict[str, float]] | None:
+    part, problem = prepared.loaded.scenario.design, prepared.problem
     if problem is None or part is None:
         return None
     if problem.plant is not None and problem.plant.envelope:
         centres = [centre for centre, _ in problem.plant.envelope.values()]
-        return LargestMagnitudes(part.plant, list(problem.plant.envelope), watch, centres)
+        return largest_magnitudes(part.plant, list(problem.plant.envelope), watch, centres)
     if problem.vehicle is None:
         return None
-    return LargestMagnitudes(part.plant, list(ENVELOPE.values()), watch)
+    return largest_magnitudes(part.plant, list(ENVELOPE.values()), watch)
 
 
 def _outage_measure(
     prepared: PreparedScenario, collector: EventCollector | None = None
-) -> OutageMeasure | None:
+) -> Measure[OutageFigures | None] | None:
     """Return the measure of a run; None without a proof across outages."""
     scenario, problem, design = prepared.loaded.scenario, prepared.problem, prepared.design
     part = scenario.design
@@ -293,15 +283,9 @@ def _outage_measure(
         return None
     if design.guarantees.outages is None:
         return None
-    return OutageMeasure(
-        part.plant,
-        design,
-        problem.plant,
+    return measured_outages(
+        *(part.plant, part.controller, scenario.run.algorithm, design, problem.plant),
         scenario.run.end,
         set_points=scenario.reference is not None,
         collector=collector,
     )
-
-
-def _made(*measures: Measure[Any] | None) -> list[Measure[Any]]:
-    return [measure for measure in measures if measure is not None]

@@ -17,7 +17,7 @@ from cosim.scenario.link_rows import link_state
 from cosim.scenario.matching import endpoint
 from cosim.scenario.modes import TIME_IN_STATE
 from cosim.scenario.quantity import NUMBER_ONLY, TIME
-from cosim.scenario.signal_reader import SignalReader
+from cosim.scenario.signal_reader import Block, SignalReader
 from cosim.scenario.units import unit_of
 
 _STATE = {"age": "age_s"}
@@ -182,7 +182,7 @@ class ValueReader:
             elif constant is not None:
                 self._read.append(partial(_constant, constant))
             else:
-                reader = SignalReader(by_name[first], [rest])
+                reader = SignalReader(by_name[first], [rest], recorded=True)
                 self.reads_inputs |= reader.reads_inputs
                 self._read.append(partial(_signal, reader))
 
@@ -216,4 +216,4 @@ def _constant(value: float, first: int, last: int) -> NDArray[np.float64]:
 
 
 def _signal(reader: SignalReader, first: int, last: int) -> NDArray[np.float64]:
-    return reader.read(first, last)[:, 0]
+    return reader.read(Block(first, first, last))[:, 0]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,14 +14,26 @@ Reals = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 
+class Block(NamedTuple):
+    """The points first to last - 1 of a run, of which those from `new` on are new: at least one.
+
+    `first` is the last point of the block before; in the first block it is `new`.
+    """
+
+    first: int
+    new: int
+    last: int
+
+
 class SignalReader:
-    """Reads outputs and connected inputs at the points; between own points they keep their values.
+    """Reads signals at the points; between own points they keep their values.
 
     Parameters
     ----------
     instance : the component.
-    names : of the signals, elements of arrays included.
-    constants : the names in it have these values all the time.
+    names : of the signals, elements of arrays included. Unconnected inputs, and parameters, are at
+        their start.
+    recorded : all of them must be outputs or connected inputs.
 
     Attributes
     ----------
@@ -33,79 +45,43 @@ class SignalReader:
     """
 
     def __init__(
-        self,
-        instance: ComponentInstance,
-        names: Sequence[str],
-        constants: dict[str, float] | None = None,
+        self, instance: ComponentInstance, names: Sequence[str], *, recorded: bool = False
     ) -> None:
         self._instance = instance
-        given = constants or {}
-        self._constants = [(j, given[name]) for j, name in enumerate(names) if name in given]
-        self._places = [j for j, name in enumerate(names) if name not in given]
-        found = [instance.place(names[j]) for j in self._places]
-        self._columns = np.array([column for column, _ in found], np.intp)
-        self._width = len(names)
-        self._kept = np.zeros(len(self._places))
-        self.reads_inputs = any(column.port.causality == "input" for _, column in found)
+        columns = {c.name for c in (*instance.output_columns, *instance.input_columns)}
+        read = [recorded or name in columns for name in names]
+        start_of = instance.component.start_of
+        values = [0.0 if there else start_of(n, 0.0) for n, there in zip(names, read, strict=True)]
+        self._constants = None if all(read) else np.array(values, np.float64)
+        self._places = np.flatnonzero(read)
+        places = [instance.place(names[j]) for j in self._places.tolist()]
+        self._columns = np.array([column for column, _ in places], np.intp)
+        self.reads_inputs = any(column.port.causality == "input" for _, column in places)
 
-    def read(self, first: int, last: int) -> Reals:
-        """Return the values at the points first to last - 1, (n, names); blocks come in order."""
-        rows = self._instance.rows
-        if self._instance.own_points.always:
-            values = rows[first:last].take(self._columns, axis=1)
-        else:
-            own = self._instance.own_points.last[first:last]
-            values = rows[np.maximum(own, first)].take(self._columns, axis=1)
-            values[own < first] = self._kept
-        self._kept = values[-1].copy()
-        if not self._constants:
+    def read(self, block: Block) -> Reals:
+        """Return the values at the points of a block, (n, names)."""
+        own, points = self._instance.own_points, slice(block.first, block.last)
+        return self._values(points if own.always else own.last[points])
+
+    def at_own(self, block: Block) -> tuple[Integers, Reals]:
+        """Return the own points of a block, after the last one before [ns], and the values."""
+        always = self._instance.own_points.always
+        rows = slice(block.first, block.last) if always else own_points(self._instance, block)
+        return self._instance.comm_points.points_ns[rows], self._values(rows)
+
+    def _values(self, rows: slice | Integers) -> Reals:
+        values = self._instance.rows[rows].take(self._columns, axis=1)
+        if self._constants is None:
             return values
-        found = np.empty((last - first, self._width))
-        found[:, self._places] = values
-        for j, value in self._constants:
-            found[:, j] = value
-        return found
+        every = np.tile(self._constants, (len(values), 1))
+        every[:, self._places] = values
+        return every
 
 
-def reader_of(instance: ComponentInstance, names: Sequence[str]) -> SignalReader:
-    """Return a reader of variables; unconnected inputs, and parameters, are at their start."""
-    recorded = {c.name for c in (*instance.output_columns, *instance.input_columns)}
-    start_of = instance.component.start_of
-    constants = {name: start_of(name, 0.0) for name in names if name not in recorded}
-    return SignalReader(instance, names, constants)
-
-
-class OwnRows:
-    """Signals of a component at its own points, each block after the last row of the one before.
-
-    Parameters
-    ----------
-    groups : names of signals; each group is an array of its own.
-    """
-
-    def __init__(self, instance: ComponentInstance, *groups: Sequence[str]) -> None:
-        self._instance = instance
-        self._reader = reader_of(instance, [name for group in groups for name in group])
-        self._edges = np.cumsum([len(group) for group in groups])[:-1]
-        self._points: Integers = np.zeros(0, np.int64)
-        self._rows: Reals = np.zeros((0, sum(map(len, groups))))
-
-    def read(self, first: int, last: int) -> tuple[Integers, list[Reals]]:
-        """Return the own points among first to last - 1 [ns], (n,), and a (n, names) per group.
-
-        Before them stands the last one of the block before, if there was one.
-        """
-        rows, points = self._reader.read(first, last), self._instance.comm_points.points_ns
-        if self._instance.own_points.always:
-            points = points[first:last]
-        else:
-            own = self._instance.own_points.own_between(first, last)
-            rows, points = rows[own - first], points[own]
-        if self._points.size:
-            points = np.concatenate((self._points, points))
-            rows = np.concatenate((self._rows, rows))
-        self._points, self._rows = points[-1:].copy(), rows[-1:].copy()
-        return points, np.split(rows, self._edges, axis=1)
+def own_points(instance: ComponentInstance, block: Block) -> Integers:
+    """Return a component's own points in a block, after the last one before, int64 (n,)."""
+    own = instance.own_points
+    return own.own_between(int(own.last[block.first]), block.last)
 
 
 class History:
@@ -115,16 +91,11 @@ class History:
         self.times: NDArray[Any] = np.zeros(0, np.int64)
         self.values: Reals = np.zeros((0, 0))
 
-    def continue_with(self, times: NDArray[Any], values: Reals) -> None:
-        """Add a block of `OwnRows`, whose first row is known from the block before."""
-        known = min(self.times.size, 1)
-        self.add(times[known:], values[known:])
-
     def add(self, times: NDArray[Any], values: Reals) -> None:
-        """Add later instants, ascending."""
+        """Add instants, ascending, of which the first is known already."""
         if self.times.size:
-            self.times = np.concatenate((self.times, times))
-            self.values = np.concatenate((self.values, values))
+            self.times = np.concatenate((self.times, times[1:]))
+            self.values = np.concatenate((self.values, values[1:]))
         else:  # the memory of a run's points is given back
             self.times, self.values = times.copy(), values.copy()
 

@@ -185,3 +185,21 @@ def claiming_commands(
     data |= {"command_age": age_s, "command_any_age": any_age}
     observer = pair_from_json(data)
     return prepared.problem, replace(prepared.design, observer=observer, certificate=data)
+
+
+@pytest.mark.parametrize("at_point", [8190, 8191, 8192])
+def test_an_altered_value_is_found_wherever_it_is(
+    at_point: int, native_fmus: Path, tmp_path: Path
+) -> None:
+    """For one point of a long run, over a link that delays nothing: whatever is read at once."""
+    data = data_of("auv-worst-case")
+    data["run"] |= {"end": 90.0, "step": 0.01}
+    for link in data["links"].values():
+        link["delay"] = 0.0
+    at, until = at_point / 100, (at_point + 1) / 100
+    data["events"] = [{"at": at, "until": until, "override": {"plant.force.x": 3.0}}]
+    loaded = parse(tomli_w.dumps(data), name="long", where="long.toml", folder=tmp_path)
+    prepared = prepare(loaded, FmuCache(native_fmus.parent, tmp_path, flavour="native"))
+    found = execute_unrecorded(prepared)[0].to_json()["metrics"]["departures"]
+    altered = [one for one in found if one["assumption"] == "values_delivered"]
+    assert [(one["place"], one["at_s"]) for one in altered] == [("plant.force.x", at)]

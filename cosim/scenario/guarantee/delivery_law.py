@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
-from cosim.master import ComponentInstance, Connection, Route, Run
+from cosim.master import ComponentInstance, Connection, Route
 from cosim.scenario.guarantee.departure import Departure
-from cosim.scenario.measure import Measure
+from cosim.scenario.guarantee.first_departure import first_departed
+from cosim.scenario.measure import Fold, MeasuredRun, measure
+from cosim.scenario.signal_reader import Block, own_points
 
 _CLOSE = 1e-12
 
 
-class DeliveryLaw(Measure[list[Departure]]):
-    """Where an input of the loop had, for the first time, a value that its sender did not have.
+@measure
+def delivery_law(
+    run: MeasuredRun, connections: Iterable[Connection], *, altered: bool = True
+) -> Fold[list[Departure]]:
+    """Measure where an input first had a value that its sender did not have: once for each route.
 
     Connections through a link that interpolates have the value in between. What is not yet
     delivered, or replaced by a link's substitute, is a matter of ages.
@@ -26,95 +30,58 @@ class DeliveryLaw(Measure[list[Departure]]):
     altered : whether values may be overridden on their way. Otherwise what a route brings verbatim
         is the sender's value by construction: rows have it by a copy.
     """
-
-    def __init__(self, connections: Iterable[Connection], *, altered: bool = True) -> None:
-        self._altered = altered
-        self._wanted: Mapping[str, set[str]] = {}
-        wanted: dict[str, set[str]] = {}
-        for c in connections:
-            wanted.setdefault(c.target.component, set()).add(c.target.variable)
-        self._wanted = wanted
-        self._routes: list[_Delivered] = []
-        self.reads_inputs = True
-
-    def begin(self, instances: Sequence[ComponentInstance]) -> None:
-        """Find the columns."""
-        for receiver in instances:
-            names = self._wanted.get(receiver.name)
-            if not names:
-                continue
-            first = receiver.input_column
-            mine = {
-                first + j: column.name
-                for j, column in enumerate(receiver.input_columns)
-                if column.name in names or column.port.name in names
-            }
-            for route in receiver.routes:
-                chosen = [k for k, target in enumerate(route.targets.tolist()) if target in mine]
-                if chosen and (self._altered or not route.verbatim):
-                    measured = [f"{receiver.name}.{mine[int(route.targets[k])]}" for k in chosen]
-                    self._routes.append(_Delivered(receiver, route, np.array(chosen), measured))
-
-    def add(self, first: int, last: int) -> None:
-        """Compare at the points."""
-        for route in self._routes:
-            route.add(first, last)
-
-    def result(self, run: Run) -> list[Departure]:
-        """Return the departures, one for each route at most."""
-        del run
-        return [route.found for route in self._routes if route.found is not None]
+    run.reads_inputs = True
+    targets = {(c.target.component, c.target.variable) for c in connections}
+    compared: dict[Route, tuple[ComponentInstance, list[int], list[str]]] = {}
+    for receiver in run.instances.values():
+        first, columns = receiver.input_column, receiver.input_columns
+        for route in receiver.routes if altered else _not_verbatim(receiver):
+            into = [columns[target - first] for target in route.targets.tolist()]
+            chosen = [
+                k
+                for k, column in enumerate(into)
+                if not targets.isdisjoint(
+                    (receiver.name, n) for n in (column.name, column.port.name)
+                )
+            ]
+            if chosen:
+                compared[route] = receiver, chosen, [into[k].name for k in chosen]
+    departures: dict[Route, list[Departure]] = {route: [] for route in compared}
+    while block := (yield):
+        for route, (receiver, chosen, names) in compared.items():
+            if not departures[route]:
+                departures[route] = _compared(receiver, route, chosen, names, block)
+    return [each for departure in departures.values() for each in departure]
 
 
-class _Delivered:
-    """The inputs that come by one route."""
+def _not_verbatim(receiver: ComponentInstance) -> list[Route]:
+    return [route for route in receiver.routes if not route.verbatim]
 
-    def __init__(
-        self,
-        receiver: ComponentInstance,
-        route: Route,
-        chosen: NDArray[np.intp],
-        names: Sequence[str],
-    ) -> None:
-        self._receiver, self._route, self._names = receiver, route, names
-        self._from, self._to = route.columns[chosen], route.targets[chosen]
-        self._awaited: NDArray[np.float64] | None = None
-        self.found: Departure | None = None
 
-    def add(self, first: int, last: int) -> None:
-        """Compare; a row that is not complete yet is compared in the next block."""
-        if self.found is not None:
-            return
-        own = self._receiver.own_points.own_between(first, last)
-        rows, used = self._receiver.rows, self._route.in_step
-        if self._awaited is not None:
-            sent = rows[first, self._from]
-            self._compare(sent[None], self._awaited[None], np.array([max(first - 1, 0)]))
-            self._awaited = None
-        own = own[own > 0] if used.initialised else own
-        row = used.row[own]
-        if row.size and row[-1] >= last:
-            self._awaited = rows[own[-1], self._to].copy()
-        there = (row >= 0) & (row < last)
-        own, row = own[there], row[there]
-        if not own.size:
-            return
-        sent = rows[row[:, None], self._from]
-        if used.weight is not None and used.after is not None:
-            later, weight = used.after[own], used.weight[own]
-            known = later < last
-            own, sent, later, weight = own[known], sent[known], later[known], weight[known]
-            sent = (1 - weight)[:, None] * sent + weight[:, None] * rows[later[:, None], self._from]
-        self._compare(sent, rows[own[:, None], self._to], own)
+def _compared(
+    receiver: ComponentInstance,
+    route: Route,
+    chosen: Sequence[int],
+    names: Sequence[str],
+    block: Block,
+) -> list[Departure]:
+    """Compare inputs of one route; return where one was first another, or nothing.
 
-    def _compare(
-        self, sent: NDArray[np.float64], got: NDArray[np.float64], own: NDArray[np.int64]
-    ) -> None:
-        apart = ~(np.abs(sent - got) <= _CLOSE * np.abs(sent)) & ~(np.isnan(sent) & np.isnan(got))
-        if self.found is not None or not apart.any():
-            return
-        k, j = (int(x) for x in np.argwhere(apart)[0])
-        at = self._receiver.comm_points.at_s(int(self._receiver.comm_points.points_ns[own[k]]))
-        source = self._route.source
-        expected = f"{sent[k, j]:.9g}, as {source} sent it"
-        self.found = Departure(self._names[j], expected, f"{got[k, j]:.9g}", at)
+    A row that is not complete yet is compared in the next block.
+    """
+    rows, used = receiver.rows, route.in_step
+    own = own_points(receiver, block)
+    own = own[(used.row[own] >= 0) & (used.row[own] < block.last)]
+    own = own[own > 0] if used.initialised else own
+    columns = route.columns[chosen]
+    if used.weight is None or used.after is None:
+        sent = rows[used.row[own][:, None], columns]
+    else:
+        own = own[used.after[own] < block.last]
+        share = used.weight[own][:, None]
+        sent = (1 - share) * rows[used.row[own][:, None], columns]
+        sent += share * rows[used.after[own][:, None], columns]
+    got = rows[own[:, None], route.targets[chosen]]
+    apart = ~(np.abs(sent - got) <= _CLOSE * np.abs(sent)) & ~(np.isnan(sent) & np.isnan(got))
+    times = receiver.comm_points.points_ns[own]
+    return first_departed(receiver, names, times, (sent, got), apart, f"as {route.source} sent it")

@@ -10,7 +10,7 @@ FMU the controller is.
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,23 +19,40 @@ from cosim import hinf
 from cosim.master import ComponentInstance
 from cosim.models import inertia
 from cosim.scenario.gain import Problem
+from cosim.scenario.guarantee.departure import Departure
 from cosim.scenario.guarantee.designed_loop import DesignedLoop, set_point_of
 from cosim.scenario.guarantee.first_departure import (
     CLOSE,
-    FirstDeparture,
+    first_departed,
+    lacking,
     unexplained_by,
 )
 from cosim.scenario.limits import bounds_of
-from cosim.scenario.measure import sample_period_ns
+from cosim.scenario.measure import (
+    Fold,
+    MeasuredRun,
+    hold,
+    measure,
+    sample_period_ns,
+    samples_in,
+)
 from cosim.scenario.performance import elements
-from cosim.scenario.signal_reader import OwnRows
 
 Reals = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
+_BY_K = "by the K of the design"
 
-class FeedbackLaw(FirstDeparture):
-    """Where a controller left its law for the first time; empty if it never did.
+
+@measure
+def feedback_law(
+    run: MeasuredRun,
+    loop: DesignedLoop,
+    design: hinf.Result,
+    problem: Problem,
+    unrecorded: Collection[str] = (),
+) -> Fold[list[Departure]]:
+    """Measure where a controller left its law for the first time; empty if it never did.
 
     Parameters
     ----------
@@ -43,97 +60,86 @@ class FeedbackLaw(FirstDeparture):
     unrecorded : inputs of the controller that events set, and that no connection leads to: where
         they are set-points, commands may differ by what any set-point explains.
     """
+    instance, law = run.instances[loop.controller], _Law(loop, design, problem)
+    if missing := lacking(instance, [*law.states, *law.outputs]):
+        return missing
+    ports = instance.component.description.ports
+    set_points = ((j, set_point_of(state)) for j, state in enumerate(law.states))
+    given = {j: name for j, name in set_points if name in ports}
+    law.bind(instance, [j for j, name in given.items() if name in unrecorded])
+    reader = run.reader(loop.controller, [*law.states, *given.values(), *law.outputs])
+    edges = np.cumsum([len(law.states), len(given), len(law.commands)])
+    period_ns = sample_period_ns(instance.component)
+    commanded = [ports[name] for name in law.commands]
+    at_once = all(p.feedthrough and p.feedthrough_declared for p in commanded)
+    behind: Reals = np.full((1, law.K.shape[1]), np.nan)
+    while block := (yield):
+        points, rows = reader.at_own(block)
+        error, set_point, commands, integrals = np.split(rows, edges, axis=1)
+        error[:, [*given]] -= set_point
+        inputs = np.hstack((error, integrals))
+        if at_once:
+            left = law.of_commands(points, inputs, commands)
+        else:
+            taken, ends, commands = samples_in(points, period_ns), points[1:], commands[1:]
+            elapsed = taken * period_ns / 1e9 if period_ns else np.diff(points) / 1e9
+            used = hold(behind, inputs[:-1], taken > 0)
+            behind = np.concatenate((behind, used))[-1:]
+            left = law.of_commands(ends, used, commands) or law.of_integrals(
+                ends, error[:-1], commands, integrals, elapsed
+            )
+        if left:
+            return left
+    return []
 
-    def __init__(
-        self,
-        loop: DesignedLoop,
-        design: hinf.Result,
-        problem: Problem,
-        unrecorded: Collection[str] = (),
-    ) -> None:
+
+class _Law:
+    """The law of a state feedback, as matrices over the inputs of the controller.
+
+    Attributes
+    ----------
+    states, commands, outputs : names of variables; outputs are the commands and the integrals.
+    K : from states and integrals to commands.
+    """
+
+    def __init__(self, loop: DesignedLoop, design: hinf.Result, problem: Problem) -> None:
         system = design.system
-        self._states, self._commands = list(loop.states), list(loop.commands.values())
-        self._outputs = [*self._commands, *elements("xi", system.integrals)]
-        super().__init__(loop.controller, [*self._states, *self._outputs])
+        self.states, self.commands = list(loop.states), list(loop.commands.values())
+        self.outputs = [*self.commands, *elements("xi", system.integrals)]
         n = len(system.A) - system.integrals
         inputs = np.flatnonzero(system.measured[:n])
         self._S: Reals = np.array([system.A, *(x.A for x in system.delays)]).sum(axis=0)[n:, inputs]
         K = np.asarray(design.K, dtype=np.float64)
-        self._K: Reals = np.hstack((K[:, inputs], K[:, n:]))
+        self.K: Reals = np.hstack((K[:, inputs], K[:, n:]))
         if problem.vehicle is not None:
-            self._K = np.array(inertia(problem.vehicle.parameters), dtype=float) @ self._K
-        self._unrecorded = unrecorded
+            self.K = np.array(inertia(problem.vehicle.parameters), dtype=float) @ self.K
 
-    def bind(self, instance: ComponentInstance) -> None:
-        """Find what the controller is told, and what it commands."""
-        ports = instance.component.description.ports
-        set_points = ((j, set_point_of(state)) for j, state in enumerate(self._states))
-        given = {j: name for j, name in set_points if name in ports}
-        self._with_set_point = [*given]
-        moved = [j for j, name in given.items() if name in self._unrecorded]
-        self._judged = unexplained_by(self._K[:, moved])
-        self._rows = OwnRows(instance, self._states, [*given.values()], self._outputs)
-        self._bounds = bounds_of(instance, self._commands)
-        self._period = sample_period_ns(instance.component)
-        outputs = [ports[name] for name in self._commands]
-        self._at_once = all(p.feedthrough and p.feedthrough_declared for p in outputs)
-        self._behind: Reals = np.full((1, self._K.shape[1]), np.nan)
+    def bind(self, instance: ComponentInstance, moved: Sequence[int]) -> None:
+        """Find the bounds of the commands, and what unrecorded set-points do not explain."""
+        self._instance, self._bounds = instance, bounds_of(instance, self.commands)
+        self._judged = unexplained_by(self.K[:, moved])
 
-    def compare(self, first: int, last: int) -> None:
-        """Compare the commands at the points."""
-        times, (error, set_point, outputs) = self._rows.read(first, last)
-        error[:, self._with_set_point] -= set_point
-        inputs = np.hstack((error, outputs[:, len(self._bounds) :]))
-        if self._at_once:
-            self._compare_commands(times, inputs, outputs)
-            return
-        begins, ends = times[:-1], times[1:]
-        if not begins.size:
-            return
-        place, elapsed = np.arange(1, times.size), (ends - begins) / 1e9
-        if self._period > 0:
-            # a step samples when it contains a multiple of the period
-            taken = -(-ends // self._period) + (begins // -self._period)
-            elapsed = taken * self._period / 1e9
-            place = np.maximum.accumulate(np.where(taken > 0, place, 0))
-        table = np.vstack((self._behind, inputs[:-1]))
-        self._behind = table[place[-1:]].copy()
-        self._compare_commands(ends, table[place], outputs[1:])
-        self._compare_integrals(ends, inputs[:-1], outputs, elapsed)
-
-    def _compare_commands(self, points: Integers, inputs: Reals, outputs: Reals) -> None:
+    def of_commands(self, points: Integers, inputs: Reals, commands: Reals) -> list[Departure]:
         """Compare commands with what follows from what the controller was told."""
-        wanted = np.clip(inputs @ self._K.T, -self._bounds, self._bounds)
-        allowed = CLOSE * (np.abs(inputs) @ np.abs(self._K).T)
-        got = outputs[:, : len(self._bounds)]
+        wanted = np.clip(inputs @ self.K.T, -self._bounds, self._bounds)
+        allowed = CLOSE * (np.abs(inputs) @ np.abs(self.K).T)
         known = ~np.asarray(np.isnan(inputs)).any(axis=1, keepdims=True)
-        apart = np.abs((wanted - got) @ self._judged)
-        self._note(points, wanted, got, (apart > allowed) & known, self._commands)
+        wrong = (np.abs((wanted - commands) @ self._judged) > allowed) & known
+        return first_departed(
+            self._instance, self.commands, points, (wanted, commands), wrong, _BY_K
+        )
 
-    def _compare_integrals(
-        self, points: Integers, inputs: Reals, outputs: Reals, elapsed: Reals
-    ) -> None:
+    def of_integrals(
+        self, points: Integers, error: Reals, commands: Reals, integrals: Reals, elapsed: Reals
+    ) -> list[Departure]:
         """Compare integrals, where no command is at its limit."""
         if not len(self._S):
-            return
-        k, n = len(self._bounds), self._S.shape[1]
-        change = elapsed[:, None] * (inputs[:, :n] @ self._S.T)
-        before, now = outputs[:-1, k:], outputs[1:, k:]
-        allowed = CLOSE * (np.abs(before) + np.abs(change) + 1e-12)
-        free = (np.abs(outputs[1:, :k]) < self._bounds * (1 - 1e-12)).all(axis=1, keepdims=True)
+            return []
+        change = elapsed[:, None] * (error @ self._S.T)
+        before, now = integrals[:-1], integrals[1:]
         wanted = before + change
+        allowed = CLOSE * (np.abs(before) + np.abs(change) + 1e-12)
+        free = (np.abs(commands) < self._bounds * (1 - 1e-12)).all(axis=1, keepdims=True)
         wrong = (np.abs(wanted - now) > allowed) & free
-        self._note(points, wanted, now, wrong, self._outputs[k:])
-
-    def _note(
-        self,
-        points: Integers,
-        wanted: Reals,
-        got: Reals,
-        wrong: NDArray[np.bool_],
-        names: list[str],
-    ) -> None:
-        if wrong.any():
-            k, j = (int(x) for x in np.argwhere(wrong)[0])
-            expected = f"{wanted[k, j]:.9g}, by the K of the design"
-            self.depart(names[j], expected, f"{got[k, j]:.9g}", int(points[k]))
+        names = self.outputs[len(self.commands) :]
+        return first_departed(self._instance, names, points, (wanted, now), wrong, _BY_K)

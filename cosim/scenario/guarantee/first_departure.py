@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.master import ComponentInstance, Run
+from cosim.master import ComponentInstance
 from cosim.scenario.guarantee.departure import Departure
-from cosim.scenario.measure import Measure
 
 Reals = NDArray[np.float64]
 
@@ -17,63 +17,41 @@ CLOSE = 1e-9
 """Relative size of an error that is rounding."""
 
 
-class FirstDeparture(Measure[list[Departure]]):
-    """Where a component left its law for the first time; empty if it never did.
+def departed(
+    instance: ComponentInstance, variable: str, expected: str, got: str, at_ns: Any = None
+) -> list[Departure]:
+    """Return the departure of a component at an instant of the run [ns], or for all of it."""
+    place = f"{instance.name}.{variable}" if variable else instance.name
+    at = None if at_ns is None else instance.comm_points.at_s(int(at_ns))
+    return [Departure(place, expected, got, at)]
 
-    A law binds the variables that it needs (`bind`), and compares rows (`compare`) until it finds
-    the first one that is not by the law (`depart`).
 
-    Parameters
-    ----------
-    component : its name.
-    needed : variables without which there is no such law.
+def first_departed(
+    instance: ComponentInstance,
+    names: Sequence[str],
+    times: NDArray[np.int64],
+    values: tuple[Reals, Reals],
+    wrong: NDArray[np.bool_],
+    law: str,
+) -> list[Departure]:
+    """Return the departure of the first values that are wrong; none where all are right.
+
+    times : of the values [ns], (n,); values : expected by a law, and got, (n, names).
     """
+    if not wrong.any():
+        return []
+    k, j = (int(x) for x in np.argwhere(wrong)[0])
+    expected, got = (f"{each[k, j]:.9g}" for each in values)
+    return departed(instance, names[j], f"{expected}, {law}", got, times[k])
 
-    def __init__(self, component: str, needed: Iterable[str] = ()) -> None:
-        self._component, self._needed = component, tuple(needed)
-        self._found: Departure | None = None
-        self._bound = False
-        self._instance: ComponentInstance
-        self.reads_inputs = True
 
-    def begin(self, instances: Sequence[ComponentInstance]) -> None:
-        """Find what the law is about."""
-        instance = next((one for one in instances if one.name == self._component), None)
-        if instance is None:
-            return
-        self._instance = instance
-        ports = instance.component.description.ports
-        missing = next((name for name in self._needed if name not in ports), None)
-        if missing is not None:
-            self.depart(missing, "a variable of the controller", "there is none")
-            return
-        self.bind(instance)
-        self._bound = True
-
-    def bind(self, instance: ComponentInstance) -> None:
-        """Find the columns of the variables."""
-        raise NotImplementedError
-
-    def add(self, first: int, last: int) -> None:
-        """Compare at the points, until the law was left."""
-        if self._bound and self._found is None:
-            self.compare(first, last)
-
-    def compare(self, first: int, last: int) -> None:
-        """Compare the points first to last - 1."""
-        raise NotImplementedError
-
-    def depart(self, variable: str, expected: str, got: str, at_ns: int | None = None) -> None:
-        """Keep a departure, if it is the first; `at_ns` : instant of the run [ns]."""
-        if self._found is None:
-            place = f"{self._component}.{variable}" if variable else self._component
-            at = None if at_ns is None else self._instance.comm_points.at_s(int(at_ns))
-            self._found = Departure(place, expected, got, at)
-
-    def result(self, run: Run) -> list[Departure]:
-        """Return where the law was left."""
-        del run
-        return [] if self._found is None else [self._found]
+def lacking(instance: ComponentInstance, needed: Iterable[str]) -> list[Departure]:
+    """Return that a component lacks a variable that its law needs: the first one; or nothing."""
+    ports = instance.component.description.ports
+    for name in needed:
+        if name not in ports:
+            return departed(instance, name, "a variable of the controller", "there is none")
+    return []
 
 
 def unexplained_by(effects: Reals) -> Reals:

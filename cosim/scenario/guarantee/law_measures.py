@@ -9,14 +9,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from cosim import hinf
 from cosim.master import Endpoint, Run
 from cosim.scenario.gain import Problem, observes
-from cosim.scenario.guarantee.delivery_law import DeliveryLaw
+from cosim.scenario.guarantee.delivery_law import delivery_law
 from cosim.scenario.guarantee.departure import Departure
 from cosim.scenario.guarantee.designed_loop import DesignedLoop
-from cosim.scenario.guarantee.feedback_law import FeedbackLaw
-from cosim.scenario.guarantee.measured_noise import NoiseMeasure
-from cosim.scenario.guarantee.motion import Motion, MotionMeasure
-from cosim.scenario.guarantee.observer_law import ObserverLaw, estimate_law
-from cosim.scenario.guarantee.observer_rows import ObserverRows
+from cosim.scenario.guarantee.feedback_law import feedback_law
+from cosim.scenario.guarantee.measured_noise import MeasuredNoise, measured_noise
+from cosim.scenario.guarantee.motion import Motion, measured_motion
+from cosim.scenario.guarantee.observer_law import estimate_law, observer_law
 from cosim.scenario.guarantee.plant_law import plant_law
 from cosim.scenario.guarantee.wiring import Wiring
 from cosim.scenario.measure import Measure, Measures
@@ -72,24 +71,22 @@ class LawMeasures(Measures):
             for name in (loop.plant, loop.controller)
         )
         self._laws: list[tuple[str, Measure[list[Departure]]]] = [
-            (DELIVERED, DeliveryLaw(wiring.feedback_connections(), altered=altered)),
+            (DELIVERED, delivery_law(wiring.feedback_connections(), altered=altered)),
             (PLANT, plant_law(problem, loop.plant, of_plant)),
         ]
-        self.noise: NoiseMeasure | None = None
-        if observes(design):
-            rows = ObserverRows(loop, design)
-            law = ObserverLaw(loop, design, problem, rows, of_controller)
-            self._laws.append((CONTROLLER, law))
-            self._laws.append((CONTROLLER, estimate_law(design, loop.controller, rows)))
-            self.noise = NoiseMeasure(loop.controller, loop.plant, design, rows, problem.plant)
-        else:
-            self._laws.append((CONTROLLER, FeedbackLaw(loop, design, problem, of_controller)))
-        self._motion = MotionMeasure(
-            loop, hinf.problem.without_integrals(design.system), problem.plant
-        )
+        system = hinf.problem.without_integrals(design.system)
+        self._motion = measured_motion(loop, system, problem.plant)
         self._driven = bool(of_plant or of_controller)
-        more: list[Measure[Any]] = [self._motion] + ([] if self.noise is None else [self.noise])
-        super().__init__([*(measure for _, measure in self._laws), *more])
+        self.noise: Measure[MeasuredNoise] | None = None
+        more: list[Measure[Any]] = [self._motion]
+        if observes(design):
+            law = observer_law(loop, design, problem, of_controller)
+            self._laws += [(CONTROLLER, law), (CONTROLLER, estimate_law(loop, design))]
+            self.noise = measured_noise(loop, design, problem.plant)
+            more.append(self.noise)
+        else:
+            self._laws.append((CONTROLLER, feedback_law(loop, design, problem, of_controller)))
+        super().__init__([*(law for _, law in self._laws), *more])
 
     def measured(self, run: Run) -> MeasuredLaw:
         """Return at the end of the run where it left its law, and how its state moved."""

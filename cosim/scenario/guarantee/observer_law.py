@@ -11,35 +11,43 @@ commands at every point, the estimate step by step as a plant's state is (`StepL
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
+from itertools import chain
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cosim import hinf
-from cosim.master import ComponentInstance
 from cosim.scenario.gain import Problem
+from cosim.scenario.guarantee.departure import Departure
 from cosim.scenario.guarantee.designed_loop import DesignedLoop
-from cosim.scenario.guarantee.first_departure import CLOSE, FirstDeparture, unexplained_by
+from cosim.scenario.guarantee.first_departure import CLOSE, departed, lacking, unexplained_by
 from cosim.scenario.guarantee.observer_rows import ObserverBlock, ObserverRows, columns_of
-from cosim.scenario.guarantee.step_law import Equation, ReadRows, StepLaw
+from cosim.scenario.guarantee.step_law import Equation, OwnRows, step_law
 from cosim.scenario.limits import bounds_of
-from cosim.scenario.measure import sample_period_ns
-from cosim.scenario.signal_reader import History
+from cosim.scenario.measure import Fold, MeasuredRun, measure, sample_period_ns
+from cosim.scenario.signal_reader import Block, History
 
 Reals = NDArray[np.float64]
-Integers = NDArray[np.int64]
+
+_Left = Iterator[tuple[str, str, str, int]]
+"""Variable, what was expected and got, and when [ns]."""
 
 
-def estimate_law(design: hinf.Result, controller: str, rows: ObserverRows) -> StepLaw:
-    """Return the measure of the estimate's equation."""
+@measure
+def estimate_law(
+    run: MeasuredRun, loop: DesignedLoop, design: hinf.Result
+) -> Fold[list[Departure]]:
+    """Measure where the estimate left its equation for the first time; empty if it never did."""
     system = design.system
     m = system.B.shape[1]
     late = [x for x in system.delays if x.A.any()]
     terms = [system.A, *(x.A for x in late)]
     injection = np.hstack(design.L)
     delays = tuple(x.d for x in late)
-    roots = max(float(np.linalg.norm(A, 2)) for A in [*terms, injection @ _stacked(design)])
+    stacked = np.vstack([one.C for one in design.measurements])
+    roots = max(float(np.linalg.norm(A, 2)) for A in [*terms, injection @ stacked])
 
     def rates(
         t: Reals, x: Sequence[Reals], past: Sequence[Sequence[Reals]], u: Sequence[Reals]
@@ -49,117 +57,121 @@ def estimate_law(design: hinf.Result, controller: str, rows: ObserverRows) -> St
         u_ = np.array(u)
         return list(moved + system.B @ u_[:m] + injection @ u_[m:])
 
+    instance, rows = run.instances[loop.controller], run.shared(ObserverRows, loop, design)
+    if missing := lacking(instance, [*rows.estimate, *rows.applied, *rows.innovation]):
+        return missing
+
+    def own_rows(block: Block) -> OwnRows:
+        at = rows.read(block)
+        return at.times, np.hstack((at.estimate, at.applied, at.innovation))
+
     equation = Equation(rows.estimate, rates, delays, 0.2 / roots if roots > 0 else 1.0)
-
-    def read(first: int, last: int) -> tuple[Integers, Sequence[Reals]]:
-        block = rows.read(first, last)
-        return block.times, (block.estimate, block.applied, block.innovation)
-
-    def bound(instance: ComponentInstance) -> tuple[Equation, ReadRows]:
-        rows.begin(instance)
-        return equation, read
-
-    needed = [*rows.estimate, *rows.applied, *rows.innovation]
     # an innovation is computed at the beginning of a step, and seen at its end
-    return StepLaw(controller, bound, needed, later=slice(m, None))
+    return (yield from step_law(instance, equation, own_rows, later=slice(m, None)))
 
 
-def _stacked(design: hinf.Result) -> Reals:
-    return np.vstack([one.C for one in design.measurements])
-
-
-class ObserverLaw(FirstDeparture):
-    """Where innovations or commands left their law for the first time; empty if they never did.
+@measure
+def observer_law(
+    run: MeasuredRun,
+    loop: DesignedLoop,
+    design: hinf.Result,
+    problem: Problem,
+    unrecorded: Collection[str] = (),
+) -> Fold[list[Departure]]:
+    """Measure where innovations or commands left their law first; empty if they never did.
 
     Parameters
     ----------
     loop : of the design.
-    rows : of the controller.
-    unrecorded : as of `FeedbackLaw`.
+    unrecorded : as of `feedback_law`.
+    """
+    instance, rows = run.instances[loop.controller], run.shared(ObserverRows, loop, design)
+    needed = *rows.y, *rows.estimate, *rows.innovation, *rows.command
+    if missing := lacking(instance, [*needed, *(one.stamp for one in loop.measurements)]):
+        return missing
+    K, trim = np.asarray(design.K, dtype=np.float64), np.zeros(len(rows.command))
+    if problem.plant is not None:
+        trim = np.array(problem.plant.control.trim, float)
+        if problem.plant.thrust_map:
+            K = np.array(problem.plant.thrust_map, float) @ K
+    moved = [j for j, name in enumerate(rows.set_point) if name in unrecorded]
+    commands = _Commands(
+        *(rows.command, K, trim, unexplained_by(K[:, moved])),
+        bounds_of(instance, rows.command),
+        sample_period_ns(instance.component),
+    )
+    estimates = History()
+    while block := (yield):
+        at = rows.read(block)
+        estimates.add(at.times, at.estimate)
+        left = next(chain(_innovations(design, estimates, at), commands.compared(at)), None)
+        if left is not None:
+            return departed(instance, *left)
+        estimates.forget(int(at.used[-1].min()))
+    return []
+
+
+def _innovations(design: hinf.Result, estimates: History, at: ObserverBlock) -> _Left:
+    """Yield innovations that are not held, or not those of the packet that comes into use."""
+    times, innovation, used = at.times, at.innovation, at.used
+    for j, (one, mine) in enumerate(columns_of(design.measurements)):
+        new = used[1:, j] > used[:-1, j]
+        before, after = innovation[:-1, mine], innovation[1:, mine]
+        changed = ~new & (before != after).any(axis=1)
+        if changed.any():
+            k = int(np.argmax(changed))
+            yield _innovation(one.name, times[k + 1], before[k], after[k])
+        comes = np.flatnonzero(new)
+        if not comes.size:
+            continue
+        stored, between = estimates.at(used[comes + 1, j])
+        values, outputs = at.y[comes, mine], after[comes]
+        wanted = values - stored @ one.C.T
+        # between points the recorded estimates are interpolated
+        allowed = np.where(between, 1e-2, CLOSE)
+        size = np.abs(stored) @ np.abs(one.C).T + np.abs(values) + 1e-12
+        wrong = (np.abs(wanted - outputs) > allowed[:, None] * size).any(axis=1)
+        if wrong.any():
+            k = int(np.argmax(wrong))
+            yield _innovation(one.name, times[comes[k] + 1], wanted[k], outputs[k])
+
+
+def _innovation(name: str, at_ns: int, wanted: Reals, got: Reals) -> tuple[str, str, str, int]:
+    j = int(np.argmax(np.abs(wanted - got)))
+    expected = f"{wanted[j]:.9g}, the measurement against the estimate of its time"
+    return f"innovation.{name}[{j + 1}]", expected, f"{got[j]:.9g}", at_ns
+
+
+class _Commands(NamedTuple):
+    """The law of the commands: limited(trim + K (estimate - set-point)), at sample instants.
+
+    judged : the part of an error that no unrecorded set-point explains.
     """
 
-    def __init__(
-        self,
-        loop: DesignedLoop,
-        design: hinf.Result,
-        problem: Problem,
-        rows: ObserverRows,
-        unrecorded: Collection[str] = (),
-    ) -> None:
-        needed = [*rows.y, *rows.estimate, *rows.innovation, *rows.command, *rows.stamps]
-        super().__init__(loop.controller, needed)
-        self._design, self._rows, note = design, rows, problem.plant
-        self._K = np.asarray(design.K, dtype=np.float64)
-        self._trim = np.zeros(len(rows.command))
-        if note is not None:
-            self._trim = np.array(note.control.trim, float)
-            if note.thrust_map:
-                self._K = np.array(note.thrust_map, float) @ self._K
-        moved = [j for j, name in enumerate(rows.set_point) if name in unrecorded]
-        self._judged = unexplained_by(self._K[:, moved])
-        self._estimates = History()
+    names: Sequence[str]
+    K: Reals
+    trim: Reals
+    judged: Reals
+    bounds: Reals
+    period_ns: int
 
-    def bind(self, instance: ComponentInstance) -> None:
-        """Find what the controller is told, shows and commands."""
-        self._rows.begin(instance)
-        self._bounds = bounds_of(instance, self._rows.command)
-        self._period = sample_period_ns(instance.component)
-
-    def compare(self, first: int, last: int) -> None:
-        """Compare innovations and commands at the points."""
-        block = self._rows.read(first, last)
-        self._estimates.continue_with(block.times, block.estimate)
-        if block.packets is None:
-            return
-        used = block.packets[2]
-        self._compare_innovations(block, used)
-        self._compare_commands(block)
-        self._estimates.forget(int(used[-1].min()))
-
-    def _compare_innovations(self, block: ObserverBlock, used: Integers) -> None:
-        times, innovation = block.times, block.innovation
-        for j, (one, mine) in enumerate(columns_of(self._design.measurements)):
-            new = used[1:, j] > used[:-1, j]
-            steady = np.flatnonzero(~new)
-            same = innovation[steady + 1, mine] == innovation[steady, mine]
-            if not same.all():
-                k = int(steady[np.flatnonzero(~same.all(axis=1))[0]])
-                self._note(one.name, times[k + 1], innovation[k, mine], innovation[k + 1, mine])
-            comes = np.flatnonzero(new)
-            if not comes.size:
-                continue
-            stored, between = self._estimates.at(used[comes + 1, j])
-            values, outputs = block.y[comes, mine], innovation[comes + 1, mine]
-            wanted = values - stored @ one.C.T
-            # between points the recorded estimates are interpolated
-            allowed = np.where(between, 1e-2, CLOSE)
-            size = np.abs(stored) @ np.abs(one.C).T + np.abs(values) + 1e-12
-            wrong = (np.abs(wanted - outputs) > allowed[:, None] * size).any(axis=1)
-            if wrong.any():
-                k = int(np.argmax(wrong))
-                self._note(one.name, times[comes[k] + 1], wanted[k], outputs[k])
-
-    def _note(self, name: str, at_ns: int, wanted: Reals, got: Reals) -> None:
-        j = int(np.argmax(np.abs(wanted - got)))
-        expected = f"{wanted[j]:.9g}, the measurement against the estimate of its time"
-        self.depart(f"innovation.{name}[{j + 1}]", expected, f"{got[j]:.9g}", at_ns)
-
-    def _compare_commands(self, block: ObserverBlock) -> None:
-        times, out, safe = block.times, block.command, block.safe[1:]
-        error = block.estimate[1:].copy()
-        if block.set_point.shape[1] == error.shape[1]:
-            error -= block.set_point[:-1]
-        wanted = np.clip(error @ self._K.T + self._trim, -self._bounds, self._bounds)
-        allowed = CLOSE * (np.abs(error) @ np.abs(self._K).T + np.abs(self._trim))
+    def compared(self, at: ObserverBlock) -> _Left:
+        """Yield the first command that is another one."""
+        times, out, safe = at.times, at.command, (at.watchdog[1:] != 0).any(axis=1)
+        error = at.estimate[1:].copy()
+        if at.set_point.shape[1] == error.shape[1]:
+            error -= at.set_point[:-1]
+        wanted = np.clip(error @ self.K.T + self.trim, -self.bounds, self.bounds)
+        allowed = CLOSE * (np.abs(error) @ np.abs(self.K).T + np.abs(self.trim))
         due = np.ones(len(error), bool)
-        if self._period > 0:
-            due = times[1:] // self._period > times[:-1] // self._period
+        if self.period_ns > 0:
+            due = np.diff(times // self.period_ns) > 0
         wanted = np.where(due[:, None], wanted, out[:-1])
-        apart = np.abs((wanted - out[1:]) @ self._judged)
+        apart = np.abs((wanted - out[1:]) @ self.judged)
         wrong = (apart > np.where(due[:, None], allowed, 0.0)) | safe[:, None]
-        if not wrong.any():
-            return
-        k, j = (int(x) for x in np.argwhere(wrong)[0])
-        got = f"{out[k + 1, j]:.9g}" + (", a safe value: a measurement is too old" * bool(safe[k]))
-        expected = f"{wanted[k, j]:.9g}, K of the design times the estimate"
-        self.depart(self._rows.command[j], expected, got, int(times[k + 1]))
+        if wrong.any():
+            k, j = (int(x) for x in np.argwhere(wrong)[0])
+            got = f"{out[k + 1, j]:.9g}"
+            got += ", a safe value: a measurement is too old" * bool(safe[k])
+            expected = f"{wanted[k, j]:.9g}, K of the design times the estimate"
+            yield self.names[j], expected, got, int(times[k + 1])

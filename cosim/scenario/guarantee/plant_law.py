@@ -16,8 +16,10 @@ from cosim.master import ComponentInstance
 from cosim.models import VehicleEquations
 from cosim.scenario.designed_plant import DesignedPlant
 from cosim.scenario.gain import Problem
-from cosim.scenario.guarantee.step_law import ArrayFunctions, Equation, ReadRows, StepLaw
-from cosim.scenario.signal_reader import OwnRows
+from cosim.scenario.guarantee.departure import Departure
+from cosim.scenario.guarantee.first_departure import departed
+from cosim.scenario.guarantee.step_law import ArrayFunctions, Equation, step_law
+from cosim.scenario.measure import Fold, MeasuredRun, measure
 
 Reals = NDArray[np.float64]
 
@@ -25,45 +27,51 @@ _LINEAR = component_module("delayed_plant.variables")
 _VEHICLE = component_module("vehicle_plant.variables")
 
 
-def plant_law(problem: Problem, plant: str, unrecorded: Collection[str] = ()) -> StepLaw:
-    """Return the measure of the law of the plant of a design.
+@measure
+def plant_law(
+    run: MeasuredRun, problem: Problem, plant: str, unrecorded: Collection[str] = ()
+) -> Fold[list[Departure]]:
+    """Measure where the plant of a design left its law for the first time; empty if it never did.
 
     Parameters
     ----------
     plant : name of the component.
     unrecorded : inputs that events set, and that no connection leads to.
     """
-
-    def read(instance: ComponentInstance) -> tuple[Equation, ReadRows] | None:
-        behaviour, step = _behaviour(problem, instance)
-        if behaviour is None:
-            return None
-        ports = instance.component.description.ports
-        needed = (*behaviour.states, *behaviour.inputs, *behaviour.delays)
-        if not all(name in ports for name in needed):
-            return None
-        values = {name: instance.component.start_of(name, 0.0) for name in ports}
-        try:
-            constants = behaviour.constants(values)
-        except (ArithmeticError, KeyError, TypeError, ValueError):
-            return None
-        delays = tuple(float(values[name]) for name in behaviour.delays)
-        unknown = tuple(j for j, name in enumerate(behaviour.inputs) if name in unrecorded)
-        rates = _rates(behaviour, constants)
-        equation = Equation(tuple(behaviour.states), rates, delays, step, unknown)
-        return equation, OwnRows(instance, behaviour.states, behaviour.inputs).read
-
-    return StepLaw(plant, read)
+    instance = run.instances[plant]
+    bound = _bound(problem, instance, unrecorded)
+    if bound is None:
+        words = "a step of the plant of the design", "a plant that the design does not know"
+        return departed(instance, "", *words)
+    equation, names = bound
+    reader = run.reader(plant, names)
+    return (yield from step_law(instance, equation, reader.at_own))
 
 
-def _rates(behaviour: Any, constants: Any) -> Any:
-    def rates(
-        t: Reals, x: Sequence[Reals], late: Sequence[Sequence[Reals]], u: Sequence[Reals]
-    ) -> Sequence[Any]:
-        found: Sequence[Any] = behaviour.rates(t, x, late, u, constants, ArrayFunctions)
+def _bound(
+    problem: Problem, instance: ComponentInstance, unrecorded: Collection[str]
+) -> tuple[Equation, Sequence[str]] | None:
+    """Return the equation of a plant, and the names of x and u; None if they are not known."""
+    behaviour, step = _behaviour(problem, instance)
+    if behaviour is None:
+        return None
+    ports = instance.component.description.ports
+    if not all(n in ports for n in (*behaviour.states, *behaviour.inputs, *behaviour.delays)):
+        return None
+    values = {name: instance.component.start_of(name, 0.0) for name in ports}
+    try:
+        constants = behaviour.constants(values)
+    except (ArithmeticError, KeyError, TypeError, ValueError):
+        return None
+    delays = tuple(float(values[name]) for name in behaviour.delays)
+    unknown = tuple(j for j, name in enumerate(behaviour.inputs) if name in unrecorded)
+
+    def rates(t: Reals, x: Sequence[Reals], *past_and_u: Sequence[Any]) -> Sequence[Any]:
+        found: Sequence[Any] = behaviour.rates(t, x, *past_and_u, constants, ArrayFunctions)
         return found
 
-    return rates
+    equation = Equation(tuple(behaviour.states), rates, delays, step, unknown)
+    return equation, [*behaviour.states, *behaviour.inputs]
 
 
 _vehicles: WeakKeyDictionary[DesignedPlant, tuple[Any, float]] = WeakKeyDictionary()

@@ -13,7 +13,7 @@ design does not know, is found without knowing what its FMU does.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -21,8 +21,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.master import ComponentInstance
-from cosim.scenario.guarantee.first_departure import FirstDeparture
-from cosim.scenario.signal_reader import History
+from cosim.scenario.guarantee.departure import Departure
+from cosim.scenario.guarantee.first_departure import departed
+from cosim.scenario.measure import Fold
+from cosim.scenario.signal_reader import Block, History
 
 Reals = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -51,9 +53,8 @@ Rates = Callable[
 """t, x, [x(t - d_1), ...] and u to x': lists of arrays over many steps at once."""
 
 
-ReadRows = Callable[[int, int], tuple[Integers, Sequence[Reals]]]
-"""first and last to the own points among first to last - 1 [ns], and x and u there, in columns; the
-last of the block before stands first."""
+OwnRows = tuple[Integers, Reals]
+"""The own points of a block, after the last one before it [ns], (n,), and x and u there, (n, k)."""
 
 
 @dataclass(frozen=True)
@@ -96,59 +97,51 @@ class _Past(NamedTuple):
         return list(z * z * ((1 + 2 * s) * a + s * p) + s * s * ((3 - 2 * s) * b - z * q))
 
 
-class StepLaw(FirstDeparture):
-    """Where a component left its equation for the first time; empty if it never did.
+def step_law(
+    instance: ComponentInstance,
+    equation: Equation,
+    own_rows: Callable[[Block], OwnRows],
+    *,
+    later: slice = _NONE,
+) -> Fold[list[Departure]]:
+    """Measure where a component left its equation for the first time; empty if it never did.
 
     Parameters
     ----------
-    component : its name.
-    read : of an instance of it the equation, and the rows of x and of the u held from each on;
-        None if they are not known, which is a departure.
-    needed : as of `FirstDeparture`.
+    own_rows : reads a block; u is held from each own point on.
     later : the entries of u that the rows show at the end of a step, not at its beginning.
     """
+    steps = _Steps(equation, later, instance.comm_points.start_ns / 1e9)
+    while block := (yield):
+        if left := steps.compared(*own_rows(block)):
+            return departed(instance, *left)
+    return []
 
-    def __init__(
-        self,
-        component: str,
-        read: Callable[[ComponentInstance], tuple[Equation, ReadRows] | None],
-        needed: Iterable[str] = (),
-        *,
-        later: slice = _NONE,
-    ) -> None:
-        super().__init__(component, needed)
-        self._later, self._read = later, read
+
+class _Steps:
+    """The steps of a component so far, as far back as its delays reach."""
+
+    def __init__(self, equation: Equation, later: slice, start_s: float) -> None:
+        self._equation, self._later, self._start_s = equation, later, start_s
+        self._history = History()  # of x and u
         self._compared = 0
         self._greatest = 0.0
 
-    def bind(self, instance: ComponentInstance) -> None:
-        """Find the states and the inputs."""
-        found = self._read(instance)
-        if found is None:
-            words = "a step of the plant of the design"
-            self.depart("", words, "a plant that the design does not know")
-            return
-        self._equation, self._read_rows = found
-        n = len(self._equation.states)
-        self._columns = slice(0, n), slice(n, None)
-        self._history = History()  # of x and u
-        self._start_s = instance.comm_points.start_ns / 1e9
-
-    def compare(self, first: int, last: int) -> None:
-        """Compare steps that end at the points."""
-        points, rows = self._read_rows(first, last)
+    def compared(self, points: Integers, rows: Reals) -> tuple[str, str, str, int] | None:
+        """Compare steps between own points [ns]; return variable, expected, got and when [ns]."""
         known = self._history.times.size
-        self._history.continue_with(points / 1e9, np.hstack(rows))
+        self._history.add(points / 1e9, rows)
         self._times = self._history.times
-        self._x, self._u = (self._history.values[:, columns] for columns in self._columns)
+        self._x, self._u = np.split(self._history.values, [len(self._equation.states)], axis=1)
+        left = None
         if self._times.size > max(known, 1):
             with np.errstate(all="ignore"):
-                self._compare(max(known - 1, 0))
-        if self._times.size:
-            # the state before the first point is constant: the first row stands for it
-            self._history.forget(self._times[-1] - max(self._equation.delays, default=0.0))
+                left = self._compare(max(known - 1, 0))
+        # the state before the first point is constant: the first row stands for it
+        self._history.forget(self._times[-1] - max(self._equation.delays, default=0.0))
+        return left
 
-    def _compare(self, begin: int) -> None:
+    def _compare(self, begin: int) -> tuple[str, str, str, int] | None:
         """Compare some of the steps from row `begin` on."""
         columns = np.ascontiguousarray(self._x.T)
         change = np.abs(np.diff(columns)).max(axis=0)
@@ -164,15 +157,14 @@ class StepLaw(FirstDeparture):
         error = np.abs(self._unexplained(steps, found, end)).max(axis=1)
         # a solution beyond all numbers is left by a state that is a number
         wrong = ~(error <= allowed + _ROUNDING * greatest)
-        if wrong.any():
-            k = int(np.argmax(wrong))
-            apart = np.where(np.isfinite(found[k]), np.abs(found[k] - end[k]), np.inf)
-            j = int(np.nanargmax(apart))
-            expected = f"{found[k, j]:.6g}, from the state a step before by the equations of "
-            at_ns = round(float(self._times[steps[k] + 1]) * 1e9)
-            self.depart(
-                self._equation.states[j], f"{expected}the design", f"{end[k, j]:.6g}", at_ns
-            )
+        if not wrong.any():
+            return None
+        k = int(np.argmax(wrong))
+        apart = np.where(np.isfinite(found[k]), np.abs(found[k] - end[k]), np.inf)
+        j = int(np.nanargmax(apart))
+        expected = f"{found[k, j]:.6g}, from the state a step before by the equations of the design"
+        at_ns = round(float(self._times[steps[k] + 1]) * 1e9)
+        return self._equation.states[j], expected, f"{end[k, j]:.6g}", at_ns
 
     def _chosen(self, change: Reals, begin: int) -> Integers:
         """Return the rows from which steps are compared, ascending."""
