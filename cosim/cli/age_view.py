@@ -13,7 +13,7 @@ from rich.table import Table
 from rich.text import Text
 
 from cosim import hinf, trace
-from cosim.cli.terminal import NONE, facts_table, number
+from cosim.cli.terminal import NONE, facts, number
 from cosim.core import at_least, at_most
 
 _BLUE, _RED, _GREY = "#0b6e99", "#d1495b", "#666666"
@@ -70,10 +70,8 @@ def age_view(
     """Show the arithmetic of the modem, the limits in order, and the table."""
     parts: list[RenderableType] = []
     if modem is not None:
-        facts = facts_table()
-        for what, seconds, of in modem.arithmetic():
-            facts.add_row(what, f"{seconds:.4g} s", of)
-        parts += [Text("From the modem to the age", style="bold"), facts, Text()]
+        rows = ((what, f"{seconds:.4g} s", of) for what, seconds, of in modem.arithmetic())
+        parts += [Text("From the modem to the age", style="bold"), facts(*rows), Text()]
     parts += [_limits(name, found), Text(), _table(found)]
     refused = [row for row in found.rows if not row.certified]
     parts += [Text(f"{row.age:g} s: {row.reason}", style="dim") for row in refused]
@@ -86,10 +84,8 @@ def _limits(name: str, found: hinf.MessageAges) -> RenderableType:
         (f"How old the messages of {name} may be", "bold"),
         f": {goal}, the gain for {found.age:.4g} s",
     )
-    facts = facts_table()
-    for limit in found.limits:
-        facts.add_row(_NAMES[limit.assumption], _age(limit), _meaning(limit, found))
-    return Group(head, facts)
+    rows = ((_NAMES[one.assumption], _age(one), _meaning(one, found)) for one in found.limits)
+    return Group(head, facts(*rows))
 
 
 def _age(limit: hinf.synthesis.AgeLimit) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from fractions import Fraction
 from typing import Any
 
@@ -10,7 +11,7 @@ from rich.text import Text
 
 from cosim import hinf, replay
 from cosim.cli.result_view import acts_of, condition_of
-from cosim.cli.terminal import facts_table
+from cosim.cli.terminal import facts
 from cosim.core import at_least, at_most
 from cosim.models import DelaySystem
 
@@ -35,42 +36,54 @@ def certificate_view(
 
     compared_with, differences : the system of --system, and where it is another; or None.
     """
-    claim = certificate.claim
     verdict = (
         Text.assemble(("proved", "bold green"), f": {file}")
         if certificate.valid
         else Text.assemble(("not proved", "bold red"), f": {file}\n  {certificate.reason}")
     )
-    facts = facts_table()
+    gain = ("gain", "K in the certificate", _WHOSE[found.container])
+    rows = facts(
+        *_about(system, compared_with, differences),
+        *_claim(certificate.claim),
+        *[gain] * ("K" in found.data),  # a refutation is about every gain
+        *_rest(certificate.not_read, f"{found.sha256}"),
+    )
+    sentences = Text("theorem\n" + "\n".join(f"  {text}" for text in theorem))
+    return Group(verdict, rows, sentences)
+
+
+def _about(
+    system: DelaySystem, compared_with: str | None, differences: list[str] | None
+) -> Iterator[tuple[str, str, str]]:
     about = system_facts(system)
-    facts.add_row("system", about["name"] or "without a name", about["sizes"])
-    facts.add_row("  matrices", "", about["matrices"])
+    yield "system", about["name"] or "without a name", about["sizes"]
+    yield "  matrices", "", about["matrices"]
     if compared_with is not None:
         same = "every matrix, delay and age is the same" if not differences else ""
-        facts.add_row("  compared with", compared_with, same)
+        yield "  compared with", compared_with, same
     for text in (differences or ())[:_MOST_DIFFERENCES]:
-        facts.add_row("    differs", "", text)
+        yield "    differs", "", text
     if len(differences or ()) > _MOST_DIFFERENCES:
-        facts.add_row("    differs", "", f"in {len(differences or ())} places in all")
-    facts.add_row("claim", claim["property"], "")
-    facts.add_row("condition", condition_of(claim), "")
+        yield "    differs", "", f"in {len(differences or ())} places in all"
+
+
+def _claim(claim: Any) -> Iterator[tuple[str, str, str]]:
+    yield "claim", claim["property"], ""
+    yield "condition", condition_of(claim), ""
     gamma, refuted = claim["gamma"], not claim["property"].startswith("stability")
     if gamma is not None:
-        facts.add_row(
-            "gamma",
-            at_least(gamma) if refuted else at_most(gamma),
-            "rounded here, exact in the file",
-        )
+        bound = at_least(gamma) if refuted else at_most(gamma)
+        yield "gamma", bound, "rounded here, exact in the file"
     for name in (name for name in ("k1", "k2") if name in claim):
-        facts.add_row(name, ", ".join(f"{float(Fraction(x)):g}" for x in claim[name]), "")
+        yield name, ", ".join(f"{float(Fraction(x)):g}" for x in claim[name]), ""
     for i, delay in enumerate(claim["delays"], 1):
         acts = acts_of(delay["feedback"])
         known = [f"{key} = {delay[key]:g}" for key in ("least_age", "rate") if key in delay]
         more = f" ({', '.join(known)})" if known else ""
-        facts.add_row(f"delay {i}", f"{delay['d']:g} s", f"{delay['age']}{more}{acts}")
+        yield f"delay {i}", f"{delay['d']:g} s", f"{delay['age']}{more}{acts}"
     blocks = ", ".join(f"{p} x {q}" for p, q in claim.get("uncertainty_blocks", ()))
     covered = "every F(t) with F'F <= I" if claim["uncertain"] else "none"
-    facts.add_row("uncertainty", covered, f"F block diagonal: {blocks}" if blocks else "")
+    yield "uncertainty", covered, f"F block diagonal: {blocks}" if blocks else ""
     for name, more in claim.get("guarantees", {}).items():
         key = next(key for key in ("rate", "ratio", "share", "bound", "bounds") if key in more)
         values = more[key] if isinstance(more[key], list) else [more[key]]
@@ -78,14 +91,13 @@ def certificate_view(
         formatted = ", ".join(outward(value) for value in values)
         if "within" in more:
             formatted += f" within {at_least(more['within'])} 1/s"
-        facts.add_row(name.replace("_", " "), formatted, more["property"])
-    if "K" in found.data:  # a refutation is about every gain
-        facts.add_row("gain", "K in the certificate", _WHOSE[found.container])
-    unproved = ", ".join(certificate.not_read)
-    facts.add_row("not read", "", f"{unproved}: nothing proves these" if unproved else "nothing")
-    facts.add_row("SHA-256", f"{found.sha256}"[:16], "of the certificate without its notes")
-    sentences = Text("theorem\n" + "\n".join(f"  {text}" for text in theorem))
-    return Group(verdict, facts, sentences)
+        yield name.replace("_", " "), formatted, more["property"]
+
+
+def _rest(not_read: Any, sha256: str) -> Iterator[tuple[str, str, str]]:
+    unproved = ", ".join(not_read)
+    yield "not read", "", f"{unproved}: nothing proves these" if unproved else "nothing"
+    yield "SHA-256", sha256[:16], "of the certificate without its notes"
 
 
 def system_facts(system: DelaySystem) -> dict[str, Any]:

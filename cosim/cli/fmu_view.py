@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 from rich.console import Group, RenderableType
 from rich.padding import Padding
-from rich.table import Table
 from rich.text import Text
 
+from cosim.cli.terminal import table
+from cosim.core import counted
 from cosim.fmu import LEVELS, RULES, Inspection, Rule, printable
 
 _COLOURS = {"error": "red", "warning": "yellow", "note": "cyan"}
@@ -17,11 +19,9 @@ _COLOURS = {"error": "red", "warning": "yellow", "note": "cyan"}
 def check_view(file: str, found: Inspection) -> RenderableType:
     """Show the verdict, then the findings by kind, with the reason once for each kind."""
     counts = [sum(each.level == level for each in found.findings) for level in LEVELS]
-    counted = ", ".join(
-        f"{n} {level}{'' if n == 1 else 's'}" for n, level in zip(counts, LEVELS, strict=True)
-    )
+    totals = ", ".join(map(counted, counts, LEVELS))
     verdict = ("no errors", "bold green") if found.valid else ("not valid", "bold red")
-    parts: list[RenderableType] = [Text.assemble(verdict, f": {file}\n{counted}")]
+    parts: list[RenderableType] = [Text.assemble(verdict, f": {file}\n{totals}")]
     for level in LEVELS:
         kinds: dict[str, list[Text]] = {}
         reasons = {}
@@ -40,9 +40,6 @@ def check_view(file: str, found: Inspection) -> RenderableType:
 
 def rule_view(rule: Rule) -> RenderableType:
     """Explain a rule of the check."""
-    table = Table(show_header=False, box=None, pad_edge=False)
-    table.add_column(style="bold")
-    table.add_column()
     rows = {
         "rule": f"{rule.number} {rule.code}",
         "usually": rule.level,
@@ -51,53 +48,49 @@ def rule_view(rule: Rule) -> RenderableType:
         "breaks it": rule.example,
         "instead of": " ".join(rule.old.split()),
     }
-    for label, value in rows.items():
-        if value:
-            table.add_row(label, Text(value))
-    return table
+    return table("*|", ((label, value) for label, value in rows.items() if value))
 
 
 def info_view(answer: dict[str, Any]) -> RenderableType:
     """Show an FMU, from the data of `fmu_facts`."""
-    model = answer["model"]
-    table = Table(show_header=False, box=None, pad_edge=False)
-    table.add_column(style="bold")
-    table.add_column()
+    rows = (
+        (label, Text(printable(str(value))))
+        for label, value in _info(answer, answer["model"])
+        if value not in (None, "", [])
+    )
+    return table("*|", rows)
 
-    def row(label: str, value: Any) -> None:
-        if value not in (None, "", []):
-            table.add_row(label, Text(printable(str(value))))
 
-    row("model", model["name"])
-    row("description", model["description"])
-    row("FMI", model["fmi_version"])
+def _info(answer: dict[str, Any], model: dict[str, Any]) -> Iterator[tuple[str, Any]]:
+    yield "model", model["name"]
+    yield "description", model["description"]
+    yield "FMI", model["fmi_version"]
     for kind in model["kinds"]:
         able = ", ".join(kind["capabilities"]) or "no optional capabilities"
-        row(kind["kind"], f"{kind['identifier']}: {able}")
-    row("made by", model["generation_tool"])
-    row("version", model["version"])
-    row("author", model["author"])
-    row("licence", model["license"])
-    row("token", model["token"])
+        yield kind["kind"], f"{kind['identifier']}: {able}"
+    yield "made by", model["generation_tool"]
+    yield "version", model["version"]
+    yield "author", model["author"]
+    yield "licence", model["license"]
+    yield "token", model["token"]
     for variables in model["variables"]:
-        row(f"{variables['causality']} {variables['type']}", variables["count"])
-    row("units", ", ".join(model["units"]))
+        yield f"{variables['causality']} {variables['type']}", variables["count"]
+    yield "units", ", ".join(model["units"])
     experiment = ", ".join(f"{k} {v:g}" for k, v in model["default_experiment"].items())
-    row("default experiment", experiment)
+    yield "default experiment", experiment
     for binary in answer["binaries"]:
-        row(binary["file"], binary["damage"] or binary["unread"])
+        yield binary["file"], binary["damage"] or binary["unread"]
         if binary["unexamined"] is not None:
-            row(binary["file"], "headers not read: pip install 'auv-cosim[check]'")
+            yield binary["file"], "headers not read: pip install 'auv-cosim[check]'"
         for image in binary["images"]:
-            row(binary["file"], _image(image))
-    row("sources", f"{answer['sources']} files" if answer["sources"] else "none")
-    row("documentation", "yes" if answer["documentation"] else "none")
-    row("size", f"{answer['bytes']} bytes, unpacked {answer['unpacked_bytes']}")
-    row("SHA-256", answer["sha256"])
-    row("runs on this machine", "there is a binary" if answer["runs_here"] else "no binary")
-    findings = ", ".join(f"{n} {level}s" for level, n in answer["findings"].items() if n)
-    row("findings", f"{findings or 'none'} (cosim fmu check)")
-    return table
+            yield binary["file"], _image(image)
+    yield "sources", counted(answer["sources"], "file") if answer["sources"] else "none"
+    yield "documentation", "yes" if answer["documentation"] else "none"
+    yield "size", f"{answer['bytes']} bytes, unpacked {answer['unpacked_bytes']}"
+    yield "SHA-256", answer["sha256"]
+    yield "runs on this machine", "there is a binary" if answer["runs_here"] else "no binary"
+    findings = ", ".join(counted(n, level) for level, n in answer["findings"].items() if n)
+    yield "findings", f"{findings or 'none'} (cosim fmu check)"
 
 
 def _image(image: dict[str, Any]) -> str:

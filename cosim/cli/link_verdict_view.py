@@ -9,10 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from rich.console import Group, RenderableType
-from rich.table import Table
 from rich.text import Text
 
-from cosim.cli.terminal import NONE, plain
+from cosim.cli.terminal import NONE, plain, table
 from cosim.hinf.delay_lti import MeanSquare
 from cosim.recordings import OutageVerdict
 
@@ -47,30 +46,27 @@ def _json(found: OutageVerdict) -> dict[str, Any]:
 
 def verdict_view(file: Path, found: Mapping[str, OutageVerdict]) -> RenderableType:
     """Show a line for each link, and what stands behind it."""
-    table = Table(box=None, pad_edge=False)
-    table.add_column("link")
-    for column in (
-        *("loss", "P(loss|loss)", "longest run", "needed", "in touch", "gamma held", "V at most"),
-        *("mean square: rates", "jumps"),
-    ):
-        table.add_column(column, justify="right")
-    table.add_column("verdict")
-    for name, each in found.items():
-        own, bound = each.statistics, each.bound
-        table.add_row(
+    columns = (
+        *("link", ">loss", ">P(loss|loss)", ">longest run", ">needed", ">in touch", ">gamma held"),
+        *(">V at most", ">mean square: rates", ">jumps", "verdict"),
+    )
+    rows = (
+        (
             plain(name or str(file)),
-            _percent(own.loss),
-            _percent(own.loss_after_loss),
-            str(max(own.runs_of_losses, default=0)),
-            _percent(bound.share_needed),
-            _percent(bound.share_had),
-            _percent(bound.guaranteed_share),
-            _power(bound.greatest_exponent),
+            _percent(each.statistics.loss),
+            _percent(each.statistics.loss_after_loss),
+            str(max(each.statistics.runs_of_losses, default=0)),
+            _percent(each.bound.share_needed),
+            _percent(each.bound.share_had),
+            _percent(each.bound.guaranteed_share),
+            _power(each.bound.greatest_exponent),
             _radius(each.rates),
             _radius(each.jump),
             Text("holds", style="green") if each.holds else Text("not enough", style="red"),
         )
-    lines: list[RenderableType] = [table]
+        for name, each in found.items()
+    )
+    lines: list[RenderableType] = [table(columns, rows)]
     for name, each in found.items():
         label = name or str(file)
         for begin, end in each.bound.suspensions_s[:_MOST_TIMES]:

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from rich.console import Group, RenderableType
-from rich.table import Table
 from rich.text import Text
 
-from cosim.cli.terminal import NONE, facts_table, number, plain
+from cosim.cli.terminal import NONE, facts, number, plain, table
 from cosim.core import counted
 from cosim.network import Recording
-from cosim.recordings import OUTAGE, LinkStatistics, Spread
+from cosim.recordings import OUTAGE, LinkStatistics
 
 _MOST_LINES = 5
 _BINS = ((1, 1), (2, 2), (3, 5), (6, 10), (11, 30), (31, 100), (101, None))
@@ -59,38 +58,34 @@ def show_view(
     """Show the statistics link by link."""
     parts: list[RenderableType] = []
     for name, each in described.items():
-        parts += [Text(name or str(file), style="bold"), _facts(each), _runs(each)]
+        parts += [Text(name or str(file), style="bold"), facts(*_facts(each)), _runs(each)]
         parts += [*_outages(each), Text()]
     if picture is not None:
         parts.append(plain(f"picture: {picture}"))
     return Group(*parts)
 
 
-def _facts(found: LinkStatistics) -> RenderableType:
-    facts = facts_table()
-    sent = "" if found.interval_s is None else f"one each {found.interval_s.median:.4g} s (median)"
-    facts.add_row("messages", str(found.messages), f"in {found.duration_s:.4g} s, {sent}")
+def _facts(found: LinkStatistics) -> Iterator[tuple[str, str, str]]:
+    often = found.interval_s
+    sent = "" if often is None else f", one each {often.median:.4g} s (median)"
+    yield "messages", str(found.messages), f"in {found.duration_s:.4g} s{sent}"
     in_flight = found.messages - found.arrived - found.lost
     also = f"; {in_flight} still in flight at the end" if in_flight else ""
-    facts.add_row("loss", _share(found.loss), f"{found.lost} lost, {found.arrived} arrived{also}")
-    facts.add_row("P(loss | loss)", _share(found.loss_after_loss), "right after a lost message")
-    facts.add_row("P(loss | ok)", _share(found.loss_after_arrival), "right after one that arrived")
-    if found.delay_s is None:
-        facts.add_row("delay", NONE, "no times of arrival")
-    else:
-        facts.add_row("delay", number(found.delay_s.mean, 4, "s"), _spread(found.delay_s))
-        follow = "correlation of each delay with the next"
-        facts.add_row("", number(found.delay_correlation, 2), follow)
-        most = f"on average; at most {number(found.greatest_age_s, 4, 's')}"
-        facts.add_row("age", number(found.mean_age_s, 4, "s"), most)
-    return facts
-
-
-def _spread(spread: Spread) -> str:
-    return (
+    yield "loss", _share(found.loss), f"{found.lost} lost, {found.arrived} arrived{also}"
+    yield "P(loss | loss)", _share(found.loss_after_loss), "right after a lost message"
+    yield "P(loss | ok)", _share(found.loss_after_arrival), "right after one that arrived"
+    spread = found.delay_s
+    if spread is None:
+        yield "delay", NONE, "no times of arrival"
+        return
+    words = (
         f"mean; {spread.least:.4g} to {spread.greatest:.4g} s, half up to {spread.median:.4g} s, "
         f"95 % up to {spread.p95:.4g} s"
     )
+    yield "delay", number(spread.mean, 4, "s"), words
+    yield "", number(found.delay_correlation, 2), "correlation of each delay with the next"
+    most = f"on average; at most {number(found.greatest_age_s, 4, 's')}"
+    yield "age", number(found.mean_age_s, 4, "s"), most
 
 
 def _share(share: float | None) -> str:
@@ -98,22 +93,16 @@ def _share(share: float | None) -> str:
 
 
 def _runs(found: LinkStatistics) -> RenderableType:
-    table = Table(box=None, pad_edge=False)
-    table.add_column("messages in a row", style="bold")
-    for low, high in _BINS:
-        table.add_column(_bin(low, high), justify="right")
-    table.add_column("longest", justify="right")
-    for what, runs in (("lost", found.runs_of_losses), ("arrived", found.runs_of_arrivals)):
-        counts = [
-            sum(
-                n
-                for length, n in runs.items()
-                if low <= length and (high is None or length <= high)
-            )
-            for low, high in _BINS
-        ]
-        table.add_row(what, *(str(n) for n in counts), str(max(runs, default=0)))
-    return table
+    columns = ("*messages in a row", *(f">{_bin(*ends)}" for ends in _BINS), ">longest")
+    rows = (
+        (what, *(_within(runs, *ends) for ends in _BINS), str(max(runs, default=0)))
+        for what, runs in (("lost", found.runs_of_losses), ("arrived", found.runs_of_arrivals))
+    )
+    return table(columns, rows)
+
+
+def _within(runs: Mapping[int, int], low: int, high: int | None) -> str:
+    return str(sum(n for k, n in runs.items() if low <= k and (high is None or k <= high)))
 
 
 def _bin(low: int, high: int | None) -> str:

@@ -5,11 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 from rich.console import Group, RenderableType
-from rich.table import Table
 from rich.text import Text
 
 from cosim.cli.run_view import late_view
-from cosim.cli.terminal import plain
+from cosim.cli.terminal import plain, table
 from cosim.replay import InjectionResult, Rerun
 from cosim.trace import diff_json, diff_verdict
 
@@ -61,17 +60,16 @@ def inject_json(found: InjectionResult) -> dict[str, Any]:
 
 def inject_view(found: InjectionResult) -> RenderableType:
     """Show which inputs were fed with what, what was left out, and the result."""
-    table = Table(box=None, pad_edge=False)
-    table.add_column("input", style="bold")
-    table.add_column("fed with")
-    for name, source in found.sources.items():
-        table.add_row(plain(name), plain(f"{source.topic} {source.column}"))
+    sources = (
+        (plain(name), plain(f"{source.topic} {source.column}"))
+        for name, source in found.sources.items()
+    )
     parts: list[RenderableType] = [
         plain(
             f"{found.fmu.path.name} as {found.name}: {found.status} at t = {found.end_s:g} s, "
             f"{found.points} communication points"
         ),
-        table,
+        table("*input|fed with", sources),
     ]
     for label, names in (
         ("inputs at their start values", found.unmapped_inputs),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
@@ -11,11 +11,14 @@ from rich.table import Table
 from rich.text import Text
 
 from cosim import hinf
-from cosim.cli.terminal import facts_table, number
+from cosim.cli.terminal import NONE, facts, number
 from cosim.core import at_least, at_most
 
 if TYPE_CHECKING:
     from cosim.models import Delay, DelaySystem, Measurement
+
+Row = tuple[str, str, str]
+"""Label, value, and how the value was obtained."""
 
 
 def result_view(
@@ -30,38 +33,49 @@ def result_view(
     nominal : gamma without uncertainty, if it was computed.
     remark : on the size of the gain.
     """
+    remarks = [remark]
+    if result.certificate is not None and result.K.any():
+        remarks.append(hinf.certificate.remark_on_ages(result.certificate))
+    lines = [Text.assemble(("remark", "bold yellow"), f": {text}") for text in remarks if text]
+    rows = facts(
+        *_proved(result, nominal),
+        *_nominal_rows(result),
+        *_feedback_rows(result.system),
+        *_delay_rows(result),
+        *_observer_rows(result),
+        *_greatest_delay_row(greatest),
+    )
+    return Group(_head(name, result), rows, *_gains(name, result), *lines)
+
+
+def _proved(result: hinf.Result, nominal: float | None) -> Iterator[Row]:
+    """Yield what is proved, and by which condition."""
     proof = result.certificate or {"claim": {"property": "", "order": result.order}}
-    facts = facts_table()
     if result.certified:
         gamma = "stability only" if result.gamma is None else at_most(result.gamma)
         whose = (
             "for the gain below" if result.observer is None else "of plant and observer together"
         )
-        facts.add_row("gamma", gamma, f"certified: exact rational proof {whose}")
+        yield "gamma", gamma, f"certified: exact rational proof {whose}"
     if nominal is not None and result.gamma is not None:
-        facts.add_row(
-            "  without uncertainty",
-            at_most(nominal),
-            f"certified, same gain and condition: E and H account for {result.gamma - nominal:.3g}",
-        )
-    facts.add_row("condition", condition_of(proof["claim"]), "")
-    for row in guarantee_rows(result.guarantees):
-        facts.add_row(*row)
+        which = "certified, same gain and condition: E and H account for"
+        yield "  without uncertainty", at_most(nominal), f"{which} {result.gamma - nominal:.3g}"
+    yield "condition", condition_of(proof["claim"]), ""
+    yield from guarantee_rows(result.guarantees)
     if result.damping_reason is not None:
-        facts.add_row("damping ratio", "not proved", result.damping_reason)
-    _nominal_rows(facts, result)
-    _feedback_rows(facts, result.system)
+        yield "damping ratio", "not proved", result.damping_reason
+
+
+def _delay_rows(result: hinf.Result) -> Iterator[Row]:
+    """Yield each delay, and which ages the proof covers."""
     for i, delay in enumerate(result.system.delays):
         scalars = f"; k1 = {result.k1[i]:g}, k2 = {result.k2[i]:g}" if result.k2 else ""
-        facts.add_row(f"delay {i + 1}", f"{delay.d:g} s", _age(delay, result) + scalars)
-    _observer_rows(facts, result)
+        yield f"delay {i + 1}", f"{delay.d:g} s", _age(delay, result) + scalars
+
+
+def _greatest_delay_row(greatest: hinf.GreatestDelay | None) -> Iterator[Row]:
     if greatest is not None and greatest.delay is not None:
-        facts.add_row("greatest delay", f"{at_least(greatest.delay)} s", _end(greatest))
-    remarks = [remark]
-    if result.certificate is not None and result.K.any():
-        remarks.append(hinf.certificate.remark_on_ages(result.certificate))
-    lines = [Text.assemble(("remark", "bold yellow"), f": {text}") for text in remarks if text]
-    return Group(_head(name, result), facts, *_gains(name, result), *lines)
+        yield "greatest delay", f"{at_least(greatest.delay)} s", _end(greatest)
 
 
 def _head(name: str, result: hinf.Result) -> Text:
@@ -87,21 +101,21 @@ def _gains(name: str, result: hinf.Result) -> list[RenderableType]:
     return parts
 
 
-def _observer_rows(facts: Table, result: hinf.Result) -> None:
-    """Add what an observer receives and knows, and what is proved of its peaks."""
+def _observer_rows(result: hinf.Result) -> Iterator[Row]:
+    """Yield what an observer receives and knows, and what is proved of its peaks."""
     if result.observer is None:
         return
     for x in result.measurements:
-        facts.add_row(f"measured: {x.name}", f"{x.d:g} s", _age_of(x))
+        yield f"measured: {x.name}", f"{x.d:g} s", _age_of(x)
     pair = result.observer
     if pair.command_age:
         kind = "any age up to this" if pair.command_any_age else "constant"
-        facts.add_row("command", f"{pair.command_age:g} s", kind)
+        yield "command", f"{pair.command_age:g} s", kind
     known = result.certificate["claim"]["observer"]["known_states"]
     if known:
-        facts.add_row("known states", ", ".join(map(str, known)), "driven by u as it acts")
+        yield "known states", ", ".join(map(str, known)), "driven by u as it acts"
     for key, bound in (peaks_of(result) or {}).items():
-        facts.add_row(f"peak of {key}", at_most(bound), "certified: from offset, with energy")
+        yield f"peak of {key}", at_most(bound), "certified: from offset, with energy"
 
 
 def peaks_of(result: hinf.Result) -> dict[str, float] | None:
@@ -127,7 +141,7 @@ def _matrix(rows: Any) -> Table:
     return table
 
 
-def guarantee_rows(more: hinf.certificate.Guarantees) -> list[tuple[str, str, str]]:
+def guarantee_rows(more: hinf.certificate.Guarantees) -> list[Row]:
     """Return rows for what is proved beside gamma: (figure, value, explanation)."""
     rows = []
     if more.decay is not None:
@@ -199,23 +213,23 @@ def states_text(chosen: Any) -> str:
     return f"state{'s' * (len(numbers) > 1)} {', '.join(numbers)}"
 
 
-def _feedback_rows(facts: Table, system: DelaySystem) -> None:
-    """Add what is fed back, where that is not the whole state alike."""
+def _feedback_rows(system: DelaySystem) -> Iterator[Row]:
+    """Yield what is fed back, where that is not the whole state alike."""
     if not system.is_structured:
         return
     if system.feedback is not None and any(system.feedback):
-        facts.add_row("feedback", states_text(system.feedback), "at once")
+        yield "feedback", states_text(system.feedback), "at once"
     lost = [not own for own in system.measured]
     if any(lost):
-        facts.add_row("not measured", states_text(lost), "K is zero there")
+        yield "not measured", states_text(lost), "K is zero there"
     if system.integrals:
         n = len(system.A)
         last = [j >= n - system.integrals for j in range(n)]
-        facts.add_row("integrals", states_text(last), "kept by the controller; outputs z too")
+        yield "integrals", states_text(last), "kept by the controller; outputs z too"
 
 
-def _nominal_rows(facts: Table, result: hinf.Result) -> None:
-    """Add the figures of the nominal loop, with all delays constant."""
+def _nominal_rows(result: hinf.Result) -> Iterator[Row]:
+    """Yield the figures of the nominal loop, with all delays constant."""
     norm, upper = result.exact_norm, result.exact_norm_upper
     if norm is not None:
         peak = result.norm_frequency
@@ -225,26 +239,24 @@ def _nominal_rows(facts: Table, result: hinf.Result) -> None:
             if result.gamma is None or not norm
             else f"; gamma is {result.gamma / norm:.4g} of it"
         )
-        facts.add_row("exact norm", f"{norm:.6g}", f"computed: nominal loop, peak at {at}{ratio}")
+        yield "exact norm", f"{norm:.6g}", f"computed: nominal loop, peak at {at}{ratio}"
         if upper is not None:
             above = f"norm + {at_most(Fraction(upper) - Fraction(norm), 2)}"
-            facts.add_row("  at most", above, "proved in ball arithmetic, and so is stability")
+            yield "  at most", above, "proved in ball arithmetic, and so is stability"
     if any(delay.sampled for delay in result.system.delays):
-        facts.add_row("  nominal loop", "", "a sampled age stands there with its mean, a constant")
+        yield "  nominal loop", "", "a sampled age stands there with its mean, a constant"
     abscissa = number(result.abscissa, 6, "1/s")
-    facts.add_row("abscissa", abscissa, "computed: rightmost root, nominal loop")
+    yield "abscissa", abscissa, "computed: rightmost root, nominal loop"
     if result.abscissa is not None and result.abscissa < 0.0:
         if result.delay_margin is None:
-            facts.add_row(
-                "delay margin", "–", "not found: a root comes too close to the imaginary axis"
-            )
+            reason = "not found: a root comes too close to the imaginary axis"
+            yield "delay margin", NONE, reason
         for i, margin in enumerate(result.delay_margin or (), 1):
-            facts.add_row(
+            stable, lost = "stable for every value", "the nominal loop loses stability here"
+            yield (
                 f"margin of delay {i}",
                 "none" if margin is None else f"{margin:.6g} s",
-                "computed: stable for every value, the other delays fixed"
-                if margin is None
-                else "computed: the nominal loop loses stability here, the other delays fixed",
+                f"computed: {stable if margin is None else lost}, the other delays fixed",
             )
 
 

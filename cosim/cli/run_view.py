@@ -6,11 +6,11 @@ from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
 from rich.console import Group, RenderableType
-from rich.table import Table
+from rich.table import Column
 from rich.text import Text
 
 from cosim import trace
-from cosim.cli.terminal import NONE, facts_table, number, plain
+from cosim.cli.terminal import NONE, facts, number, plain, table
 from cosim.core import at_most
 from cosim.trace import age_lines, measurement_age_lines
 
@@ -39,15 +39,12 @@ def outcome_view(outcome: Outcome) -> RenderableType:
     if outcome.cause is not None:
         parts.append(Text(f"cause: {outcome.cause.words}"))
     parts += _guarantee(outcome)
-    facts = facts_table()
-    for label, value, how in _figures(outcome):
-        if value != NONE:
-            facts.add_row(label, value, how)
     outages = outcome.metrics.get("outages")
-    for row in () if outages is None else trace.outage_rows(outages):
-        facts.add_row(*row)
     parts += [
-        facts,
+        facts(
+            *(row for row in _figures(outcome) if row[1] != NONE),
+            *(() if outages is None else trace.outage_rows(outages)),
+        ),
         *_cut(outcome.metrics.get("cut_connections", ())),
         *_pace(outcome),
         *_links(outcome.links),
@@ -78,20 +75,20 @@ def late_view(log_after_end: Iterable[Mapping[str, str]]) -> list[RenderableType
 def demo_view(demo: Demo) -> RenderableType:
     """Show both runs of the demo side by side, and what the guarantee of each rests on."""
     outcomes = list(demo.outcomes.values())
-    table = Table(
-        title="One vehicle, one sea, one late link; two designs", title_justify="left", box=None
+    rows: list[Iterable[str | Text]] = [("status", *map(_status, outcomes))]
+    rows += (
+        (figures[0][0], *(value for _, value in figures))
+        for figures in zip(*map(_compared, outcomes), strict=True)
+        if any(value != NONE for _, value in figures)
     )
-    for column in ("", *demo.outcomes):
-        table.add_column(column, justify="left" if not column else "right")
-    table.add_row("status", *(_status(outcome) for outcome in outcomes))
-    for rows in zip(*map(_compared, outcomes), strict=True):
-        if any(value != NONE for _, value in rows):
-            table.add_row(rows[0][0], *(value for _, value in rows))
     for name in outcomes[0].links:
         links = [outcome.links[name] for outcome in outcomes]
         counts = (f"{s['delivered']} of {s['sent']}" for s in links)
-        table.add_row(f"{name}: messages that arrived", *counts)
-    parts: list[RenderableType] = [table]
+        rows.append((f"{name}: messages that arrived", *counts))
+    title = "One vehicle, one sea, one late link; two designs"
+    compared = table(("", *(f">{label}" for label in demo.outcomes)), rows, title)
+    compared.pad_edge = True
+    parts: list[RenderableType] = [compared]
     for label, outcome in demo.outcomes.items():
         parts += [Text(), *_covered(label, outcome)]
     parts.append(
@@ -126,12 +123,11 @@ def _covered(label: str, outcome: Outcome) -> list[RenderableType]:
     checks = trace.assumptions_of(outcome)
     verdict = trace.guarantee_of(outcome, checks)
     lines = [] if verdict is None else [Text(f"{label}: {verdict.what}; {verdict.why}", "bold")]
-    table = Table(box=None, pad_edge=False, show_header=False)
-    for check in checks:
-        good = check.tone == "good"
-        words = Text.assemble(check.what, "\n", (check.why, "dim"))
-        table.add_row(Text("met" if good else "not met", "green" if good else "red"), words)
-    return [*lines, table]
+    rows = (
+        (_tick(check.tone == "good"), Text.assemble(check.what, "\n", (check.why, "dim")))
+        for check in checks
+    )
+    return [*lines, table((), rows)]
 
 
 def _figures(outcome: Outcome) -> list[tuple[str, str, str]]:
@@ -202,24 +198,21 @@ _ON_MEDIUM = ("collided", "receiver_sending", "out_of_range")
 def _links(links: Mapping[str, Mapping[str, Any]]) -> list[RenderableType]:
     if not links:
         return []
-    table = Table(box=None, pad_edge=False)
     buffered = any(s.get("late") is not None for s in links.values())
     late = ("late",) if buffered else ()
     fates = [fate for fate in _ON_MEDIUM if any(s.get(fate) for s in links.values())]
     named = [fate.replace("_", " ") for fate in (*late, *fates)]
-    columns = ("link", "sent", "delivered", "dropped", *named, "mean delay", "max delay", "max age")
-    for column in columns:
-        table.add_column(column, justify="left" if column == "link" else "right")
-    for name, s in links.items():
-        table.add_row(
+    columns = ("sent", "delivered", "dropped", *named, "mean delay", "max delay", "max age")
+    rows = (
+        (
             name,
-            str(s["sent"]),
-            str(s["delivered"]),
-            str(s["dropped"]),
+            *(str(s[key]) for key in ("sent", "delivered", "dropped")),
             *(number(s.get(key), 12) for key in (*late, *fates)),
             *(number(s[key], 4, "s") for key in ("mean_delay_s", "max_delay_s", "max_age_s")),
         )
-    return [table]
+        for name, s in links.items()
+    )
+    return [table(("link", *(f">{column}" for column in columns)), rows)]
 
 
 def _guarantee(outcome: Outcome) -> list[RenderableType]:
@@ -238,20 +231,13 @@ def _assumptions(outcome: Outcome) -> RenderableType:
             "no design: nothing is guaranteed ([design] file in the scenario names one)",
             style="dim",
         )
-    table = Table(
-        box=None,
-        pad_edge=False,
-        title="Assumptions of the guarantee",
-        title_justify="left",
-        show_header=False,
-    )
-    why = outcome.departures
+    rows, why = [], outcome.departures
     for name, met in outcome.assumptions.items():
         words = Text(name.replace("_", " "))
         if name in why:
             words.append(f"\n{trace.departures_text(why[name])}", style="dim")
-        table.add_row(_tick(met), words)
-    return table
+        rows.append((_tick(met), words))
+    return table((), rows, "Assumptions of the guarantee")
 
 
 def _age(metrics: Mapping[str, Any]) -> list[RenderableType]:
@@ -275,36 +261,27 @@ def _assertions(outcome: Outcome) -> list[RenderableType]:
     """Show the assertions and their verdicts."""
     if not outcome.assertions:
         return []
-    table = Table(
-        box=None, pad_edge=False, title="Assertions", title_justify="left", show_header=False
-    )
+    rows = []
     for verdict in outcome.assertions:
         style = "green" if verdict.as_expected else "red"
         at = "" if verdict.at_s is None else f" at {verdict.at_s:g} s"
-        table.add_row(
-            Text(f"{verdict.summary}{at}", style=style),
-            Text(verdict.name or verdict.words),
-        )
-    return [table]
+        rows.append((Text(f"{verdict.summary}{at}", style), verdict.name or verdict.words))
+    return [table((), rows, "Assertions")]
 
 
 def _events(outcome: Outcome) -> list[RenderableType]:
     """Show what happened during the run, and how often."""
     if not outcome.events:
         return []
-    table = Table(
-        box=None, pad_edge=False, title="What happened", title_justify="left", show_header=False
-    )
-    table.add_column(justify="right", no_wrap=True)
-    table.add_column(overflow="fold")
+    rows: list[tuple[str, str | Text]] = []
     for event in outcome.events[:_MOST_EVENTS]:
-        style = _LEVELS.get(event.level, "")
         words = plain(" ".join(event.words.split()))
-        words.stylize(style)
-        table.add_row(f"{event.first_s:g} s", words)
+        words.stylize(_LEVELS.get(event.level, ""))
+        rows.append((f"{event.first_s:g} s", words))
     if len(outcome.events) > _MOST_EVENTS:
-        table.add_row("", f"and {len(outcome.events) - _MOST_EVENTS} more (cosim trace info)")
-    return [table]
+        rows.append(("", f"and {len(outcome.events) - _MOST_EVENTS} more (cosim trace info)"))
+    columns = Column(justify="right", no_wrap=True), Column(overflow="fold")
+    return [table(columns, rows, "What happened")]
 
 
 def _advice(outcome: Outcome) -> list[RenderableType]:

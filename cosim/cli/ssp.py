@@ -21,7 +21,7 @@ from cosim.cli.common import (
 )
 from cosim.cli.help_text import HelpTyper
 from cosim.cli.runs import make_fmu_cache
-from cosim.cli.terminal import console, facts_table
+from cosim.cli.terminal import console, facts
 from cosim.core import CheckFailedError, InputError
 from cosim.fmu import DEFAULT_FLAVOUR
 from cosim.scenario import (
@@ -222,10 +222,10 @@ def _warn(sentences: Sequence[str]) -> None:
 
 def _view(done: SspExport | SspImport, components: Collection[str]) -> RenderableType:
     links = done.links.items() if isinstance(done, SspExport) else dict.fromkeys(done.links).items()
-    facts = facts_table()
-    facts.add_row("components", str(len(components)), ", ".join(components))
-    facts.add_row("connections", str(done.connections), "")
-    for name, form in links:
-        facts.add_row("link", name, f"as {form}" if form else "")
-    facts.add_row("run", f"{done.end_s:g} s", f"in steps of {done.step_s:g} s")
-    return Group(Text.assemble(("written", "bold green"), f": {done.path}"), facts)
+    rows = facts(
+        ("components", str(len(components)), ", ".join(components)),
+        ("connections", str(done.connections)),
+        *(("link", name, f"as {form}" if form else "") for name, form in links),
+        ("run", f"{done.end_s:g} s", f"in steps of {done.step_s:g} s"),
+    )
+    return Group(Text.assemble(("written", "bold green"), f": {done.path}"), rows)

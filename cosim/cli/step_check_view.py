@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from rich.console import Group, RenderableType
-from rich.table import Table
+from rich.table import Column
 from rich.text import Text
 
-from cosim.cli.terminal import NONE, number
+from cosim.cli.terminal import NONE, number, table
 
 if TYPE_CHECKING:
     from cosim.scenario import StepCheck
@@ -35,24 +35,24 @@ def step_check_view(check: StepCheck) -> RenderableType:
     suggested = check.suggested_step_s
     if suggested is not None:
         head.append(f"\na step of about {suggested:.2g} s would meet it")
-    table = Table(box=None, pad_edge=False)
-    table.add_column("signal", no_wrap=True)
-    for column in ("largest difference", "at", "range", "error at h", "of range"):
-        table.add_column(column, justify="right")
-    if observed:
-        table.add_column("order", justify="right")
-    for signal in check.signals[:_ROWS]:
-        relative = signal.relative_error
-        row = [
+    rows = (
+        (
             signal.name,
             number(signal.difference, 3, signal.unit or ""),
             f"{signal.at_s:g} s",
             number(signal.span, 3, signal.unit or ""),
             number(signal.error, 3, signal.unit or ""),
-            NONE if relative is None else f"{100 * relative:.2g} %",
-        ]
-        table.add_row(*row, *[number(signal.observed_order, 3)] * observed)
-    parts: list[RenderableType] = [head, table]
+            NONE if signal.relative_error is None else f"{100 * signal.relative_error:.2g} %",
+            *[number(signal.observed_order, 3)] * observed,
+        )
+        for signal in check.signals[:_ROWS]
+    )
+    columns: tuple[str | Column, ...] = (
+        Column("signal", no_wrap=True),
+        *(">largest difference", ">at", ">range", ">error at h", ">of range"),
+        *[">order"] * observed,
+    )
+    parts: list[RenderableType] = [head, table(columns, rows)]
     if len(check.signals) > _ROWS:
         parts.append(Text(f"{len(check.signals) - _ROWS} more with smaller errors: --json"))
     how = (

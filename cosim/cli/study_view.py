@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 from rich.console import Group, RenderableType
-from rich.table import Table
 from rich.text import Text
 
-from cosim.cli.terminal import NONE, facts_table, number
+from cosim.cli.terminal import NONE, facts, number, table
 from cosim.study import (
     Boundary,
     Group as RunGroup,
@@ -29,17 +28,16 @@ from cosim.study import (
 
 def checked_view(data: dict[str, Any]) -> RenderableType:
     """Show what a study would run: axes, metrics, number of runs."""
-    table = Table(box=None, pad_edge=False)
-    for column in ("axis", "changes", "first run", "last run"):
-        table.add_column(column)
-    for axis, places in data["axes"].items():
-        ends = (str(data[end][axis])[:24] for end in ("first", "last"))
-        table.add_row(axis, "\n".join(places), *ends)
+    rows = (
+        (axis, "\n".join(places), *(str(data[end][axis]) for end in ("first", "last")))
+        for axis, places in data["axes"].items()
+    )
     about = "" if data["runs_are"] == "exactly" else f"{data['runs_are']} "
     head = Text.assemble(
         (data["title"], "bold"), f"\n{about}{data['runs']} runs of the scenario {data['scenario']}"
     )
-    return Group(head, table, Text(f"metrics: {', '.join(data['metrics'])}"))
+    axes = table("axis|changes|first run|last run", rows)
+    return Group(head, axes, Text(f"metrics: {', '.join(data['metrics'])}"))
 
 
 _MOST_REASONS = 5
@@ -50,16 +48,12 @@ def finished_view(name: str, done: StudyResult) -> RenderableType:
 
     `name` : of the study on the command line.
     """
-    facts = facts_table()
     now = f"{done.executed} of them executed now, in {done.seconds:.3g} s"
     of = "" if done.runs == done.count else f" of {done.count}"
-    facts.add_row("runs", f"{done.runs}{of}", now)
-    for status, count in sorted(done.statuses.items()):
-        label = Text(status.replace("_", " "), style="" if status == "finished" else "yellow")
-        facts.add_row(label, str(count), "")
-    if done.retried:
-        facts.add_row("tried again", str(done.retried), "runs, since their worker died")
-    parts: list[RenderableType] = [facts]
+    retried = ("tried again", str(done.retried), "runs, since their worker died")
+    statuses = _statuses(dict(sorted(done.statuses.items())))
+    runs = facts(("runs", f"{done.runs}{of}", now), *statuses, *[retried] * bool(done.retried))
+    parts: list[RenderableType] = [runs]
     for row in done.incomplete[:_MOST_REASONS]:
         reason = (row.reason or "").splitlines() or [""]
         parts.append(Text(f"run {row.run} {row.status.replace('_', ' ')}: {reason[0]}", "yellow"))
@@ -73,25 +67,33 @@ def finished_view(name: str, done: StudyResult) -> RenderableType:
         for run, why in done.traces.items():
             if why is not None:
                 parts.append(Text(f"no trace of run {run}: {why}", style="yellow"))
-    table = str(done.results) if done.runs == done.count else "written when all runs are done"
-    parts.append(Text(f"table:  {table}\nnext:   cosim study show {done.folder}"))
+    where = str(done.results) if done.runs == done.count else "written when all runs are done"
+    parts.append(Text(f"table:  {where}\nnext:   cosim study show {done.folder}"))
     return Group(*parts)
+
+
+def _statuses(counts: Mapping[str, int]) -> Iterator[tuple[Text, str]]:
+    """Yield a row for the runs of each status."""
+    for status, count in counts.items():
+        style = "" if status == "finished" else "yellow"
+        yield Text(status.replace("_", " "), style), str(count)
 
 
 def merged_view(found: MergedStudy) -> RenderableType:
     """Show how many runs are there, which are missing, and where the table is."""
-    facts = facts_table()
     of = "" if found.runs == found.count else f" of {found.count}"
-    facts.add_row("runs", f"{found.runs}{of}", f"{found.twice} of them in several folders")
-    facts.add_row("traces copied", str(found.traces), "")
-    parts: list[RenderableType] = [facts]
+    runs = facts(
+        ("runs", f"{found.runs}{of}", f"{found.twice} of them in several folders"),
+        ("traces copied", str(found.traces)),
+    )
+    parts: list[RenderableType] = [runs]
     if found.without_trace:
-        runs = ", ".join(map(str, found.without_trace[:_MOST_REASONS]))
-        parts.append(Text(f"no trace of run {runs}: the study's own command adds it", "yellow"))
+        some = ", ".join(map(str, found.without_trace[:_MOST_REASONS]))
+        parts.append(Text(f"no trace of run {some}: the study's own command adds it", "yellow"))
     if found.missing:
         parts.append(Text(f"missing: --runs {', --runs '.join(found.missing)}", "yellow"))
-    table = str(found.results) if found.runs == found.count else "written when all runs are there"
-    parts.append(Text(f"table:  {table}\nnext:   cosim study show {found.folder}"))
+    where = str(found.results) if found.runs == found.count else "written when all runs are there"
+    parts.append(Text(f"table:  {where}\nnext:   cosim study show {found.folder}"))
     return Group(*parts)
 
 
@@ -114,30 +116,25 @@ def summary_view(found: Summary, edge: Boundary | None, picture: Path | None) ->
 
 def sensitivity_view(found: Sensitivity) -> RenderableType:
     """Show the indices of each axis."""
-    table = Table(box=None, pad_edge=False)
-    for column in ("axis", "alone", "interval", "with others", "interval"):
-        table.add_column(column, justify="left" if column == "axis" else "right")
-    for axis, first in found.first.items():
-        cells = []
-        for index in (first, found.total[axis]):
-            cells += [f"{index.value:.3f}", f"[{index.low:.3f}, {index.high:.3f}]"]
-        table.add_row(axis, *cells)
+    rows = (
+        (axis, *_index(first), *_index(found.total[axis])) for axis, first in found.first.items()
+    )
     head = Text(
         f"shares of the variance of {found.metric}, {found.samples} samples; "
         f"intervals: {100 * found.confidence:g} %, bootstrap"
     )
-    return Group(head, table)
+    return Group(head, table("axis|>alone|>interval|>with others|>interval", rows))
+
+
+def _index(index: Any) -> tuple[str, str]:
+    return f"{index.value:.3f}", f"[{index.low:.3f}, {index.high:.3f}]"
 
 
 def study_report_view(written: StudyReport) -> RenderableType:
     """Show where the page is, and what is on it."""
-    facts = facts_table()
     of = "" if written.complete else "the study is not finished"
-    facts.add_row("runs", str(written.runs), of)
-    for status, count in written.statuses.items():
-        label = Text(status.replace("_", " "), style="" if status == "finished" else "yellow")
-        facts.add_row(label, str(count), "")
-    parts: list[RenderableType] = [Text(written.title, style="bold"), facts]
+    runs = facts(("runs", str(written.runs), of), *_statuses(written.statuses))
+    parts: list[RenderableType] = [Text(written.title, style="bold"), runs]
     if written.unread:
         parts.append(Text(f"{written.unread} lines of the run log cannot be read", style="yellow"))
     size = f"{written.bytes / 1e6:.2g} MB, {written.metrics} metrics, {written.charts} charts"
@@ -170,19 +167,17 @@ def rare_view(
     name = f"P({event['metric']} {'>' if over else '<'} {bound:g})"
     if found is None:
         return Text(f"the summary is of the first level\n{name}: not finished, {runs} runs")
-    table = Table(box=None, pad_edge=False)
-    for column in ("level", "bound", "share beyond", "moves accepted", "correlation", "deviation"):
-        table.add_column(column, justify="right")
-    for place, level in enumerate(found.levels, 1):
-        at = bound + level.beyond if over else bound - level.beyond
-        table.add_row(
+    rows = (
+        (
             str(place),
-            f"{at:.5g}",
+            f"{bound + level.beyond if over else bound - level.beyond:.5g}",
             f"{100 * level.share:.1f} %",
             NONE if level.acceptance is None else f"{100 * level.acceptance:.0f} %",
             f"{level.correlation:.2f}",
             f"{level.deviation:.3f}",
         )
+        for place, level in enumerate(found.levels, 1)
+    )
     if found.probability is None or found.deviation is None:
         answer = Text(f"{name}: no estimate; {found.reason}", style="yellow")
     else:
@@ -205,7 +200,7 @@ def rare_view(
         searches.append("one region" if found.regions == 1 else f"{found.regions} regions")
     return Group(
         Text("the summary is of the first level, which has the distributions of the axes"),
-        table,
+        table(">level|>bound|>share beyond|>moves accepted|>correlation|>deviation", rows),
         answer,
         *([Text(f"independent searches found {', '.join(searches)}")] if searches else []),
         Text(f"{how}; {runs} runs"),
@@ -213,44 +208,35 @@ def rare_view(
 
 
 def _all_runs(group: RunGroup) -> RenderableType:
-    table = Table(box=None, pad_edge=False)
-    table.add_column("metric")
-    for column in ("mean or share", "interval", "deviation", "min", "median", "max", "runs"):
-        table.add_column(column, justify="right")
-    for name, share in group.shares.items():
-        table.add_row(name, *_share(share), "", "", "", "", f"{share.count} of {share.of}")
+    rows: list[tuple[str, ...]] = [
+        (name, *_share(share), *[""] * 4, f"{share.count} of {share.of}")
+        for name, share in group.shares.items()
+    ]
     for name, found in group.numbers.items():
-        table.add_row(
-            name,
-            *_mean(found),
-            *(number(v, 4) for v in (found.deviation, found.minimum, found.median, found.maximum)),
-            str(found.count) + (f", {found.missing} without" if found.missing else ""),
-        )
-        for one in found.quantiles:
-            table.add_row(f"  {100 * one.share:g} % below", *_quantile(one), *[""] * 5)
-    return table
+        spread = (found.deviation, found.minimum, found.median, found.maximum)
+        without = f", {found.missing} without" if found.missing else ""
+        values = (number(v, 4) for v in spread)
+        rows.append((name, *_mean(found), *values, f"{found.count}{without}"))
+        rows += ((f"  {100 * one.share:g} % below", *_quantile(one)) for one in found.quantiles)
+    columns = "metric|>mean or share|>interval|>deviation|>min|>median|>max|>runs"
+    return table(columns, rows)
 
 
 def _per_group(found: Summary) -> RenderableType:
     shares = list(dict.fromkeys(n for g in found.groups for n in g.shares))
     means = list(dict.fromkeys(n for g in found.groups for n in g.numbers))
-    table = Table(box=None, pad_edge=False)
-    for axis in found.by:
-        table.add_column(axis, style="bold", justify="right")
-    table.add_column("runs", justify="right")
-    for name in (*shares, *means):
-        table.add_column(name, justify="right")
-    for group in found.groups:
-        cells = [_value(group.where[axis]) for axis in found.by]
-        for name in shares:
-            share = group.shares.get(name)
-            cells.append(NONE if share is None else " ".join(_share(share)))
-        for name in means:
-            mean = group.numbers.get(name)
+
+    def row(group: RunGroup) -> Iterator[str]:
+        yield from (_value(group.where[axis]) for axis in found.by)
+        yield str(group.runs)
+        for share in map(group.shares.get, shares):
+            yield NONE if share is None else " ".join(_share(share))
+        for mean in map(group.numbers.get, means):
             parts = [] if mean is None else [_mean(mean), *map(_quantile, mean.quantiles)]
-            cells.append("\n".join(" ".join(part) for part in parts) or NONE)
-        table.add_row(*cells[: len(found.by)], str(group.runs), *cells[len(found.by) :])
-    return table
+            yield "\n".join(map(" ".join, parts)) or NONE
+
+    columns = (*(f">*{axis}" for axis in found.by), *(f">{n}" for n in ("runs", *shares, *means)))
+    return table(columns, map(row, found.groups))
 
 
 def _share(found: Share) -> tuple[str, str]:
@@ -273,26 +259,34 @@ def _value(value: Any) -> str:
 
 
 def _boundary(edge: Boundary) -> RenderableType:
-    table = Table(
-        box=None, pad_edge=False, title="Loss of stability as the delay grows", title_justify="left"
-    )
-    for column in ("loss", "stable up to", "not stable from", "certified up to"):
-        table.add_column(column, justify="right")
-    for each in edge.edges:
-        table.add_row(
+    rows = (
+        (
             number(each.loss, 3),
             *(number(v, 5, "s") for v in (each.stable_to, each.unstable_from, each.certified_to)),
         )
-    facts = facts_table()
-    facts.add_row("exact delay margin", number(edge.exact_margin, 6, "s"), "computed, without loss")
-    facts.add_row(
-        "age that the design allows", number(edge.certified_age, 5, "s"), "certified up to this"
+        for each in edge.edges
     )
-    for label, holds in (
+    answers = (
         ("exact margin inside the measured boundary", edge.agrees),
         ("all certified delays measured stable", edge.certified_inside),
-    ):
-        if holds is not None:
-            word = Text("yes", style="green") if holds else Text("no", style="red")
-            facts.add_row(label, word, "measured")
-    return Group(table, facts)
+    )
+    return Group(
+        table(
+            ">loss|>stable up to|>not stable from|>certified up to",
+            rows,
+            "Loss of stability as the delay grows",
+        ),
+        facts(
+            ("exact delay margin", number(edge.exact_margin, 6, "s"), "computed, without loss"),
+            (
+                "age that the design allows",
+                number(edge.certified_age, 5, "s"),
+                "certified up to this",
+            ),
+            *(
+                (label, Text("yes", "green") if holds else Text("no", "red"), "measured")
+                for label, holds in answers
+                if holds is not None
+            ),
+        ),
+    )

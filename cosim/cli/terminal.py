@@ -6,21 +6,47 @@ from collections.abc import Iterable
 
 from rich.console import Console, ConsoleOptions, RenderableType
 from rich.segment import Segment
-from rich.table import Table
+from rich.table import Column, Table
 from rich.text import Text
 
+from cosim.cli.fit_table import fit_table
 from cosim.core import printable
 
 NONE = "–"
+Cell = str | Text
 
 
-def facts_table() -> Table:
-    """Return an empty table for rows of label, value, and how the value was obtained."""
-    table = Table(show_header=False, box=None, pad_edge=False)
-    table.add_column(style="bold")
-    table.add_column(justify="right")
-    table.add_column(style="dim")
-    return table
+def facts(*rows: Iterable[Cell]) -> Table:
+    """Return a table of label, value, and how the value was obtained."""
+    columns = Column(style="bold"), Column(justify="right"), Column(style="dim")
+    return table(columns, rows)
+
+
+def table(
+    columns: str | Iterable[str | Column], rows: Iterable[Iterable[Cell]], title: str | None = None
+) -> Table:
+    """Return a table without lines.
+
+    columns : headings, in one text with `|` between them or one by one, or none. `>` before a
+        heading: its column stands on the right; `*`, behind this: it is bold.
+    """
+    names = columns.split("|") if isinstance(columns, str) else columns
+    made = [_column(name) if isinstance(name, str) else name for name in names]
+    has_headings = any(column.header for column in made)
+    lines = Table(*made, box=None, pad_edge=False, show_header=has_headings, title=title)
+    lines.title_justify = "left"
+    for row in rows:
+        lines.add_row(*row)
+    return lines
+
+
+def _column(name: str) -> Column:
+    heading = name.removeprefix(">")
+    return Column(
+        heading.removeprefix("*"),
+        style="bold" if heading.startswith("*") else "",
+        justify="right" if name.startswith(">") else "left",
+    )
 
 
 def titles_table(of: str, title: str, rows: list[dict[str, str]]) -> Table:
@@ -34,12 +60,14 @@ def titles_table(of: str, title: str, rows: list[dict[str, str]]) -> Table:
 
 
 class _Terminal(Console):
-    """A console on which nothing that is printed steers the terminal but rich itself."""
+    """A console on which tables are whole, and nothing printed steers it but rich itself."""
 
     def render(
         self, renderable: RenderableType, options: ConsoleOptions | None = None
     ) -> Iterable[Segment]:
         """Yield the parts of what is printed, names of others made harmless."""
+        if isinstance(renderable, Table):
+            renderable = fit_table(renderable, self, options or self.options, super().render)
         for text, style, control in super().render(renderable, options):
             yield Segment(text if control else printable(text), style, control)
 

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 
 import typer
 from rich.console import Group
-from rich.table import Table
+from rich.table import Column, Table
 
 from cosim.cli.common import (
     JsonOption,
@@ -15,6 +15,7 @@ from cosim.cli.common import (
     output_file_or_folder,
     progress,
 )
+from cosim.cli.terminal import table
 from cosim.core import InputError
 from cosim.trace import WrittenBag, WrittenTable, export as write_tables, export_bag
 
@@ -158,22 +159,15 @@ def _bag_json(file: Path, bag: WrittenBag) -> dict[str, Any]:
 
 
 def _bag_view(bag: WrittenBag) -> Group:
-    table = Table(box=None, pad_edge=False)
-    table.add_column("topic", overflow="fold")
-    table.add_column("messages", justify="right")
-    for topic, count in bag.topics.items():
-        table.add_row(topic, str(count))
+    rows = ((topic, str(count)) for topic, count in bag.topics.items())
     lines = [f"bag: {bag.path}"]
     if bag.left_out:
         lines.append(f"left out, no message of ROS 2 for it: {', '.join(bag.left_out)}")
-    return Group(table, *lines)
+    return Group(table((Column("topic", overflow="fold"), ">messages"), rows), *lines)
 
 
 def _view(written: list[WrittenTable]) -> Table:
-    table = Table(box=None, pad_edge=False)
-    table.add_column("file", overflow="fold")
-    table.add_column("rows", justify="right")
-    table.add_column("columns", justify="right")
-    for one in written:
-        table.add_row(str(one.path), str(one.rows), str(len(one.columns)))
-    return table
+    return table(
+        (Column("file", overflow="fold"), ">rows", ">columns"),
+        ((str(one.path), str(one.rows), str(len(one.columns))) for one in written),
+    )

@@ -7,13 +7,14 @@ from typing import Annotated
 
 import typer
 from rich.console import Group
-from rich.table import Table
+from rich.table import Column
 
 from cosim.cli.common import (
     JsonOption,
     answer,
     output_file,
 )
+from cosim.cli.terminal import table
 from cosim.trace import Viewer, WrittenLayout, write_layout
 
 
@@ -48,12 +49,8 @@ def layout(
 
 
 def _view(written: WrittenLayout) -> Group:
-    table = Table(box=None, pad_edge=False)
-    table.add_column("tab", overflow="fold")
-    table.add_column("curves", justify="right")
-    for title, count in written.tabs.items():
-        table.add_row(title, str(count))
+    rows = ((title, str(count)) for title, count in written.tabs.items())
     lines = [f"layout: {written.path}"]
     if written.left_out:
         lines.append(f"left out, for want of room: {written.left_out} curves")
-    return Group(table, *lines)
+    return Group(table((Column("tab", overflow="fold"), ">curves"), rows), *lines)

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from rich.console import Group, RenderableType
-from rich.table import Table
+from rich.table import Column, Table
 from rich.text import Text
 
-from cosim.cli.terminal import NONE, number, plain
+from cosim.cli.terminal import NONE, number, plain, table
 from cosim.trace import (
     RESULT,
     ComparisonReport,
@@ -54,21 +54,23 @@ def _signals(found: Diff) -> list[RenderableType]:
     parts: list[RenderableType] = [Text(head)]
     if not parted:
         return parts
-    table = Table(box=None, pad_edge=False)
-    table.add_column("signal", overflow="fold", min_width=24)
-    for column in ("differs at", "rows", "of", "largest", "relative", "at"):
-        table.add_column(column, justify="right", no_wrap=True)
-    for signal in parted[:_MOST]:
-        table.add_row(
+    columns = (
+        Column("signal", overflow="fold", min_width=24),
+        *(">differs at", ">rows", ">of", ">largest", ">relative", ">at"),
+    )
+    rows = (
+        (
             plain(signal.name),
             number(signal.first_s, 6, "s"),
             str(signal.differing),
             f"{signal.compared}{'*' if signal.sample_and_hold else ''}",
             "unlike" if signal.max_abs is None else number(signal.max_abs, 4, signal.unit or ""),
-            NONE if signal.max_rel is None else number(signal.max_rel, 3),
+            number(signal.max_rel, 3),
             number(signal.max_at_s, 6, "s"),
         )
-    parts.append(table)
+        for signal in parted[:_MOST]
+    )
+    parts.append(table(columns, rows))
     if len(parted) > _MOST:
         parts.append(Text(f"... and {len(parted) - _MOST} more (--json has all)"))
     if any(signal.sample_and_hold for signal in parted):
@@ -81,11 +83,8 @@ def _signals(found: Diff) -> list[RenderableType]:
 def _links(found: Diff) -> list[RenderableType]:
     if not found.links:
         return []
-    table = Table(box=None, pad_edge=False)
-    for column in ("link", "delivered", "dropped", "own", "other times", "by up to", "from"):
-        table.add_column(column, justify="left" if column == "link" else "right")
-    for link in found.links:
-        table.add_row(
+    rows = (
+        (
             plain(link.link),
             _both(link.delivered),
             _both(link.dropped),
@@ -94,7 +93,9 @@ def _links(found: Diff) -> list[RenderableType]:
             number(link.largest_shift_s, 4, "s"),
             number(link.first_s, 6, "s"),
         )
-    return [table]
+        for link in found.links
+    )
+    return [table("link|>delivered|>dropped|>own|>other times|>by up to|>from", rows)]
 
 
 def _both(pair: tuple[int, int]) -> str:
@@ -112,16 +113,12 @@ def _context(found: Diff) -> list[RenderableType]:
                 parts[-1].stylize(colour)  # type: ignore[union-attr]
     entries = [change for change in found.context.entries if change.informative]
     if entries:
-        table = Table(box=None, pad_edge=False)
-        for column in ("entry", "first", "second"):
-            table.add_column(column, overflow="fold")
-        for change in entries[:_MOST]:
-            table.add_row(
-                plain(f"{change.where} {change.key}"),
-                plain(change.a if change.a is not None else NONE),
-                plain(change.b if change.b is not None else NONE),
-            )
-        parts.append(table)
+        rows = (
+            (plain(f"{x.where} {x.key}"), *(plain(NONE if v is None else v) for v in (x.a, x.b)))
+            for x in entries[:_MOST]
+        )
+        columns = (Column(name, overflow="fold") for name in ("entry", "first", "second"))
+        parts.append(table(columns, rows))
     more = len(found.context.entries) + found.context.left_out - min(len(entries), _MOST)
     if more:
         parts.append(Text(f"... and {more} more entries (--json has them)"))

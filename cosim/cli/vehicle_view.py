@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from rich.console import Group, RenderableType
 from rich.padding import Padding
-from rich.table import Table
+from rich.table import Column
 from rich.text import Text
 
-from cosim.cli.terminal import facts_table, number
+from cosim.cli.terminal import facts, number, table
 from cosim.core import PLANT_NOTE, counted
 
 if TYPE_CHECKING:
@@ -41,13 +41,12 @@ def keys_view(tables: Mapping[str, tuple[str, Mapping[str, VehicleKey]]]) -> Ren
     parts: list[RenderableType] = []
     for heading, (purpose, keys) in tables.items():
         parts.append(Text.assemble((heading, "bold"), f"  {purpose}"))
-        table = Table(box=None, pad_edge=False, show_header=False)
-        table.add_column(style="bold", no_wrap=True)
-        table.add_column(overflow="fold")
-        for name, key in keys.items():
-            needed = " (required)" if key.required else ""
-            table.add_row(f"{name}{needed}", Text(f"{key.text} {key.value}"))
-        parts.append(Padding(table, (0, 0, 1, 2)))
+        columns = Column(style="bold", no_wrap=True), Column(overflow="fold")
+        rows = (
+            (f"{name}{' (required)' * key.required}", f"{key.text} {key.value}")
+            for name, key in keys.items()
+        )
+        parts.append(Padding(table(columns, rows), (0, 0, 1, 2)))
     return Group(*parts)
 
 
@@ -58,33 +57,30 @@ def overview_view(found: Overview, picture: str | None, *, parameters: bool) -> 
     parts: list[RenderableType] = [
         Text.assemble((vehicle.name, "bold"), f"  {vehicle.description}"),
         Text(f"source: {source}", style="dim"),
-        _facts(found),
+        facts(*_facts(found)),
         _mass(found),
         _actuators(found),
         _sensors(found),
     ]
     if parameters:
-        table = _table("parameter", "value", "unit", "what it is")
-        for p in vehicle.parameter_table:
-            table.add_row(p.name, f"{p.value:.6g}", p.unit or "", Text(p.text))
-        parts.append(table)
+        rows = ((p.name, f"{p.value:.6g}", p.unit or "", p.text) for p in vehicle.parameter_table)
+        parts.append(table("*parameter|value|unit|what it is", rows))
     if picture is not None:
         parts.append(Text(f"picture: {picture}"))
     return Group(*parts)
 
 
-def _facts(found: Overview) -> RenderableType:
+def _facts(found: Overview) -> Iterator[tuple[str, str, str | Text]]:
     vehicle, trim = found.vehicle, found.trim
-    facts = facts_table()
-    facts.add_row("degrees of freedom", str(vehicle.degrees_of_freedom), vehicle.attitude)
+    yield "degrees of freedom", str(vehicle.degrees_of_freedom), vehicle.attitude
     controlled = ", ".join(vehicle.control.states)
-    facts.add_row("controlled", str(len(vehicle.control.states)), controlled)
+    yield "controlled", str(len(vehicle.control.states)), controlled
     if trim is None:
-        facts.add_row("trim", "none", Text(found.no_trim or ""))
+        yield "trim", "none", found.no_trim or ""
     else:
         steady = {n: v for n, v in trim.state.items() if abs(v) > 1e-9 and n[:6] != "actual"}
         words = ", ".join(f"{name} = {value:.4g}" for name, value in steady.items())
-        facts.add_row("trim", "", words or "at rest, level")
+        yield "trim", "", words or "at rest, level"
     for label, value, how in (
         ("poles at the trim", ", ".join(map(_pole, found.poles)), "1/s, without control"),
         (
@@ -94,14 +90,13 @@ def _facts(found: Overview) -> RenderableType:
         ),
     ):
         if value:
-            facts.add_row(label, "", Text.assemble(value, (f"  {how}", "dim")))
+            yield label, "", Text.assemble(value, (f"  {how}", "dim"))
     for name, share in found.drag.items():
         bound = vehicle.envelope[name]
-        facts.add_row(f"hold {name} = {bound:g}", f"{100 * share:.0f} %", "of the limits")
+        yield f"hold {name} = {bound:g}", f"{100 * share:.0f} %", "of the limits"
     drives = found.power > 0
     words = "the water drives the vehicle" if drives else "drag takes energy at every velocity"
-    facts.add_row("energy", f"{found.power:.3g} W" if drives else "falls", words)
-    return facts
+    yield "energy", f"{found.power:.3g} W" if drives else "falls", words
 
 
 def _pole(s: complex) -> str:
@@ -109,41 +104,41 @@ def _pole(s: complex) -> str:
 
 
 def _mass(found: Overview) -> RenderableType:
-    table = _table("mass matrix", *(name[3:] for name in found.velocities))
-    for name, row in zip(found.velocities, found.mass.tolist(), strict=True):
-        table.add_row(name[3:], *(f"{value:.5g}" if value else "." for value in row))
-    return table
+    names = [name[3:] for name in found.velocities]
+    rows = (
+        (name, *(f"{value:.5g}" if value else "." for value in row))
+        for name, row in zip(names, found.mass.tolist(), strict=True)
+    )
+    return table(("*mass matrix", *names), rows)
 
 
 def _actuators(found: Overview) -> RenderableType:
-    table = _table("actuator", "limit", "at trim", "lag")
-    for a in found.vehicle.actuators:
-        trim = None if found.trim is None else found.trim.commands[a.command]
-        lag = number(a.lag, 3, "s") if a.lag else "at once"
-        table.add_row(a.command, f"{a.limit:g} {a.unit}", number(trim, 3, a.unit), lag)
-    return table
+    trim = {} if found.trim is None else found.trim.commands
+    rows = (
+        (
+            a.command,
+            f"{a.limit:g} {a.unit}",
+            number(trim.get(a.command), 3, a.unit),
+            number(a.lag, 3, "s") if a.lag else "at once",
+        )
+        for a in found.vehicle.actuators
+    )
+    return table("*actuator|limit|at trim|lag", rows)
 
 
 def _sensors(found: Overview) -> RenderableType:
-    table = _table("sensor", "measures", "every", "noise", "oldest", "over")
-    for s in found.vehicle.sensors:
-        noise = sorted(set(s.noise))
-        table.add_row(
+    rows = (
+        (
             s.name,
             ", ".join(s.measures),
             f"{s.interval:g} s",
-            ", ".join(f"{value:g}" for value in noise),
+            ", ".join(f"{value:g}" for value in sorted(set(s.noise))),
             f"{s.age:g} s",
             s.over,
         )
-    return table
-
-
-def _table(*columns: str) -> Table:
-    table = Table(box=None, pad_edge=False)
-    for k, column in enumerate(columns):
-        table.add_column(column, style="bold" if k == 0 else "", overflow="fold")
-    return table
+        for s in found.vehicle.sensors
+    )
+    return table("*sensor|measures|every|noise|oldest|over", rows)
 
 
 def flight_view(flight: Flight, summary: RenderableType) -> RenderableType:
