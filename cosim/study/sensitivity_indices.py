@@ -12,6 +12,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cosim.core import InputError
 from cosim.study.points import Points
@@ -62,7 +63,7 @@ def sensitivity(
     InputError : no such metric; axes of other kinds; runs that are missing or have no finite value;
         or a metric that does not vary.
     """
-    from scipy.stats import sobol_indices  # noqa: PLC0415 - loading it takes half a second
+    from scipy.stats import bootstrap  # noqa: PLC0415 - loading it takes half a second
 
     study = Study.model_validate(manifest["study"])
     if metric not in study.metrics:
@@ -79,20 +80,33 @@ def sensitivity(
     if np.ptp(values) == 0.0:
         raise InputError("the metric does not vary", where=metric, got=f"{values[0]:g} in all runs")
     blocks = values.reshape(study.samples, len(axes) + 2)
-    given: Any = {
-        "f_A": blocks[:, :1].T,
-        "f_B": blocks[:, -1:].T,
-        "f_AB": blocks[:, None, 1:-1].transpose(2, 1, 0),
-    }
-    found = sobol_indices(func=given, n=study.samples, rng=np.random.default_rng(0))
-    bounds = found.bootstrap(confidence_level=confidence)
-    return Sensitivity(
-        metric,
-        study.samples,
-        confidence,
-        _by_axis(axes, found.first_order, bounds.first_order.confidence_interval),
-        _by_axis(axes, found.total_order, bounds.total_order.confidence_interval),
+    blocks = blocks - blocks[:, [0, -1]].mean()  # the products of a large mean lose digits
+    found = _indices(blocks)
+
+    def of_some(numbers: NDArray[np.int64]) -> Any:
+        return _indices(blocks[numbers])
+
+    # always the same draws: a study says the same whenever it is asked
+    numbers, draws = [np.arange(study.samples)], np.random.default_rng(0)
+    made = bootstrap(
+        numbers, of_some, method="BCa", n_resamples=999, confidence_level=confidence, rng=draws
     )
+    low, high = map(np.asarray, made.confidence_interval)
+    first, total = (_by_axis(axes, found[k], low[k], high[k]) for k in range(2))
+    return Sensitivity(metric, study.samples, confidence, first, total)
+
+
+def _indices(blocks: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return first-order and total indices (2, axes), of samples (n, axes + 2): A, AB, ..., B.
+
+    Saltelli et al. (2010), Table 2, (b) and (f); the variance is that of A and B together.
+    """
+    a, mixed, b = blocks[:, :1], blocks[:, 1:-1], blocks[:, -1:]
+    variance = np.var(np.concatenate((a, b)))
+    first = np.mean(b * (mixed - a), axis=0)
+    total = np.mean((a - mixed) ** 2, axis=0) / 2.0
+    found: NDArray[np.float64] = np.stack((first, total)) / variance
+    return found
 
 
 def _values(table: Any, metric: str, count: int) -> Any:
@@ -110,6 +124,6 @@ def _values(table: Any, metric: str, count: int) -> Any:
     return values
 
 
-def _by_axis(axes: list[str], values: Any, interval: Any) -> dict[str, Index]:
-    found = zip(axes, values, interval.low, interval.high, strict=True)
+def _by_axis(axes: list[str], values: Any, low: Any, high: Any) -> dict[str, Index]:
+    found = zip(axes, values, low, high, strict=True)
     return {axis: Index(*map(float, numbers)) for axis, *numbers in found}

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 import pytest
+from scipy.stats import sobol_indices
 from study.deadly import study
 
 from cosim.core import InputError
@@ -51,6 +52,22 @@ def test_indices_are_those_of_ishigami() -> None:
         for name, value in zip(NAMES, truth, strict=True):
             assert indices[name].value == pytest.approx(value, abs=0.02)
             assert indices[name].low - 1e-3 <= value <= indices[name].high + 1e-3
+
+
+def test_a_study_says_the_same_whenever_it_is_asked() -> None:
+    """Its intervals are drawn by one seed; the indices are those of SciPy's estimators."""
+    table, manifest = of(64)
+    found = sensitivity(table, manifest, "y")
+    assert sensitivity(table, manifest, "y") == found
+    blocks = np.array(table["y"]).reshape(64, 5)
+    given: Any = {
+        "f_A": blocks[:, :1].T,
+        "f_B": blocks[:, -1:].T,
+        "f_AB": blocks[:, None, 1:-1].transpose(2, 1, 0),
+    }
+    theirs = sobol_indices(func=given, n=64, rng=np.random.default_rng(0))
+    for mine, other in ((found.first, theirs.first_order), (found.total, theirs.total_order)):
+        assert [mine[name].value for name in NAMES] == pytest.approx(np.ravel(other), abs=1e-12)
 
 
 def test_what_gives_no_indices_is_named() -> None:
