@@ -300,7 +300,10 @@ def _copy_messages(
         stream.message(new, log_ns, publish_ns, sequence, bytes(data))
         counts.messages += 1
         topics[channel.topic] = topics.get(channel.topic, 0) + 1
-    if record.suspect is not None and counts.messages > before:
+    suspect = record.suspect
+    if record.opcode == Opcode.MESSAGE and found.walk.chunked and found.policy == "keep":
+        suspect = found.walk.refuted  # where all others are in chunks, it may be another record
+    if suspect is not None and counts.messages > before:
         counts.suspect_messages += counts.messages - before
         counts.suspect.append(
             {
@@ -308,7 +311,7 @@ def _copy_messages(
                 "topics": topics,
                 "log_ns": [int(heads["log"].min()), int(heads["log"].max())],
                 "byte": record.position,
-                "why": record.suspect,
+                "why": suspect,
             }
         )
 

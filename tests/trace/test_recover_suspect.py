@@ -160,6 +160,34 @@ def test_a_chunk_with_the_opcode_of_another_record_is_found(tmp_path: Path) -> N
             assert result.complete == (opcode == Opcode.CHUNK)
 
 
+def test_a_message_that_may_be_another_record_is_marked(tmp_path: Path) -> None:
+    """A message index with the opcode of a message, where all messages are in chunks."""
+    path = a_trace(tmp_path / "a.mcap")
+    whole, true = bytearray(path.read_bytes()), kept(path)
+    (at, *_) = [r.position for r in records_of(path) if r.opcode == Opcode.MESSAGE_INDEX]
+    whole[at] = Opcode.MESSAGE
+    path.write_bytes(whole)
+    result = recover(path, tmp_path / "b.mcap")
+    found = kept(result.output)
+    assert not true - found
+    assert (found - true).total() == result.suspect_messages == 1
+    assert recover(path, tmp_path / "c.mcap", strict=True).suspect_messages == 0
+
+
+def test_what_is_left_of_a_chunk_is_found_by_a_damaged_summary(tmp_path: Path) -> None:
+    """The head of one chunk, and the size of another's indexes in the summary."""
+    path = a_trace(tmp_path / "a.mcap", compression="zstd")
+    whole, true = bytearray(path.read_bytes()), kept(path)
+    (_, (start, end, count), (other, behind, _), *_) = chunks_of(path)
+    whole[start : start + 30] = bytes(30)
+    whole[whole.rindex(struct.pack("<QQ", other, behind - other)) + 17] ^= 1
+    path.write_bytes(whole)
+    result = recover(path, tmp_path / "b.mcap")
+    assert not true - kept(result.output)
+    assert result.suspect_messages == count
+    assert end < other
+
+
 @pytest.mark.parametrize("what", ["message index", "chunk index", "value"])
 def test_recover_calls_nothing_whole_that_verify_fails(tmp_path: Path, what: str) -> None:
     """With right checksums: false indexes are made anew, a false value is told."""

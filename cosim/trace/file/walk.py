@@ -143,6 +143,7 @@ class Walk:
     damage : in file order, with bytes at the end that are no whole record.
     ended : position of the record that ends the data section; None before it.
     footer : start of the summary, start of its offsets, its checksum; None without a footer.
+    refuted : why what lies outside chunks is not as it was written; None if that is not known.
     proved : whether the summary matches its checksum.
     whole : whether footer and closing magic are there.
     lost : number of messages in damage before the end, by the chunks' indexes; None if unknown.
@@ -158,6 +159,7 @@ class Walk:
         self.size = self.position = 0
         self.damage: list[Damage] = []
         self.ended: int | None = None
+        self.refuted: str | None = None
         self.footer: tuple[int, int, int] | None = None
         self.proved = self.whole = self.chunked = self.summed = False
         self.lost: int | None = 0
@@ -274,6 +276,7 @@ class Walk:
                 reason = "the checksum of the data section does not match"
                 if self._policy == "stop":
                     raise DamageError(f"record at byte {record.position}: {reason}")
+                self.refuted = reason
                 self._lose(record.position, record.position, reason)
 
     def _loose(self, position: int) -> Record:
@@ -389,8 +392,8 @@ class Walk:
     def _index(self) -> dict[int, NamedRecord]:
         """Return where chunks, attachments and metadata lie, as the summary has it, by position.
 
-        Of a summary that its checksum does not prove, where such a record is whole. Read at the
-        first damage.
+        Of a summary that its checksum does not prove, where such a record is whole, or what is left
+        of a chunk. Read at the first damage.
         """
         if self._places is None:
             self._places, places, proved = {}, dict[int, NamedRecord](), False
@@ -399,7 +402,11 @@ class Walk:
                     places[place] = named
                 proved = self._file.proves_summary()
             if not proved:
-                places = {place: one for place, one in places.items() if self._is_at(place, one)}
+                places = {
+                    place: one
+                    for place, one in places.items()
+                    if self._is_at(place, one) or self._is_left(place, one)
+                }
             self._places = places
         return self._places
 
@@ -416,6 +423,13 @@ class Walk:
         finally:
             del self.damage[noted:]
         return True
+
+    def _is_left(self, position: int, named: NamedRecord) -> bool:
+        """Whether what is left of a chunk that an index names lies at a place, up to a record."""
+        opcode, end, _ = named
+        if opcode != Opcode.CHUNK or not len(MAGIC) <= position < end <= self.size:
+            return False
+        return is_chunk(self._file.content(position, end)) and self._file.plausible(end)
 
     def _finish(self) -> None:
         """Check what lies behind the footer, or that it is missing."""
