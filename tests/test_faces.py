@@ -63,8 +63,6 @@ LOWER_ROOMS: dict[str, set[str]] = {
 """Room of `cosim.hinf` -> the rooms that it may import from."""
 
 THROUGH_FACES = (
-    *("cli", "components", "hinf", "models", "network", "paper", "recordings", "replay"),
-    *("trace", "vehicle"),
     *("cli", "components", "fmu", "hinf", "models", "network", "paper", "recordings", "replay"),
     *("scenario", "study", "trace", "vehicle"),
 )
