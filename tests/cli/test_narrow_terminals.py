@@ -12,7 +12,7 @@ from cli.commands import every_command
 from cli.shell import cosim, trace_of
 from fmu.packed import described_as, files_of, pack
 from rich.cells import cell_len
-from shared import copied, fmu_store
+from shared import copied, fmu_store, sampled, spread
 from study.deadly import folder as tiny_study
 
 WIDE = 200
@@ -200,9 +200,7 @@ def letters(text: str) -> Counter[str]:
     return Counter(re.sub(r"[\s\u2500-\u257f]", "", text))
 
 
-@pytest.mark.parametrize(
-    "line", [*LINES, *(pytest.param(line, marks=pytest.mark.slow) for line in SLOW)]
-)
+@pytest.mark.parametrize("line", sampled([*spread(LINES, 3), *SLOW], 17))
 def test_no_figure_and_no_letter_is_lost(line: str, folder: Path) -> None:
     """Each number of the wide output stands whole in the narrow one, and nothing is cut."""
     wide = NOT_REPEATED.sub("", printed(line, WIDE, folder))

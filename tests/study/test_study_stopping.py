@@ -68,6 +68,7 @@ def test_the_interval_of_a_share_covers_it_however_often_it_was_looked(
     assert share_of_misses(manifest, share, draw, 300) <= 0.1
 
 
+@pytest.mark.slow
 def test_the_interval_of_a_mean_covers_it() -> None:
     """Of normal values at most 10 % miss; with an error of 10 % at each look more than that."""
     manifest = asked(0.75, confidence=0.9, first=10)
