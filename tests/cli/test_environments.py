@@ -103,13 +103,13 @@ def test_a_folder_that_cannot_be_written_is_named(line: str, tmp_path: Path) -> 
 )
 def test_other_verbs_need_no_calls_of_posix(line: str, tmp_path: Path) -> None:
     """Without fork, process groups and locks."""
-    fmu = fmu_store() / "python" / "WaveField.fmu"
+    fmu = fmu_store() / "native" / "WaveField.fmu"
     code, text = cosim(*line.format(fmu=fmu).split(), cwd=tmp_path, without=True)
     assert code == 0, text
 
 
 def test_a_check_with_a_run_is_refused_by_name_where_there_is_no_child(tmp_path: Path) -> None:
-    fmu = fmu_store() / "python" / "WaveField.fmu"
+    fmu = fmu_store() / "native" / "WaveField.fmu"
     words = ("fmu", "check", str(fmu), "--run")
     code, text = cosim(*words, cwd=tmp_path, without=True)
     assert (code, "without --run" in text) == (2, True), text
