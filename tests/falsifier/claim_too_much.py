@@ -233,7 +233,7 @@ MUTATIONS: tuple[Mutation, ...] = (
     _of(
         "law_measures",
         "values that were altered on their way",
-        "            (DELIVERED, DeliveryLaw(wiring.feedback_connections(), altered=altered)),\n",
+        "            (DELIVERED, delivery_law(wiring.feedback_connections(), altered=altered)),\n",
         "",
         "any",
         "two",
@@ -256,7 +256,7 @@ MUTATIONS: tuple[Mutation, ...] = (
     _of(
         "law_measures",
         "commands that are not K x",
-        "            self._laws.append((CONTROLLER, FeedbackLaw(loop, design, problem, "
+        "            self._laws.append((CONTROLLER, feedback_law(loop, design, problem, "
         "of_controller)))\n",
         "            pass\n",
         "any",
@@ -265,8 +265,8 @@ MUTATIONS: tuple[Mutation, ...] = (
     _of(
         "law_measures",
         "commands that are not K times the estimate",
-        "            self._laws.append((CONTROLLER, law))\n",
-        "",
+        "self._laws += [(CONTROLLER, law), (CONTROLLER, estimate_law(loop, design))]",
+        "self._laws += [(CONTROLLER, estimate_law(loop, design))]",
         "two",
         "inside",
     ),

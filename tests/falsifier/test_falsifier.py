@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 from falsifier.cells import BROKEN, FALSE, GOOD, QUICK, Case, Cell, broken_cell, drawn, matrix
+from falsifier.claim_too_much import MUTATIONS
 from falsifier.edges import EDGES, Edge, edge_cell
 from falsifier.faults import FAULTS
 from falsifier.flight import Field, Flight, claims
@@ -13,6 +14,7 @@ from falsifier.kinds import LOOPS
 from falsifier.loop import Loop
 from shared import sampled, share_of
 
+ROOT = Path(__file__).resolve().parents[2]
 SEED = 1
 
 
@@ -30,6 +32,12 @@ def words_of(cells: list[Cell]) -> str:
 
 def run_all(cases: list[Case], field: Field) -> list[Cell]:
     return [cell for case in cases if (cell := case(field)) is not None]
+
+
+def test_the_text_of_every_mutation_stands_once_in_the_tree() -> None:
+    """One that stands nowhere would change nothing, and would not be known to be noticed."""
+    counts = {x.name: (ROOT / x.file).read_text("utf-8").count(x.old) for x in MUTATIONS}
+    assert {name: count for name, count in counts.items() if count != 1} == {}
 
 
 @pytest.mark.parametrize("kind", sampled(QUICK, 1))
