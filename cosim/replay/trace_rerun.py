@@ -92,12 +92,10 @@ def rerun(
         outcome = execute_run(prepared, target, progress=progress)
         whole = trace.finished
         made = Trace(target)
-        if not whole:
-            identical = begins_with(made, trace)
-        elif made.row_format == trace.row_format:
-            identical = outcome.content_hash == before
+        if whole:
+            identical = outcome.content_hash == before or same_content(made, trace)
         else:
-            identical = same_content(made, trace)
+            identical = begins_with(made, trace)
         lines = () if identical else tuple(differences(diff(path, target, prefix=not whole)))
         if output is None:
             outcome = replace(outcome, trace=None)

@@ -182,7 +182,7 @@ class RunMeasures(_Figures):
         final = wanted.has("final", "metrics.position_error_m")
         coupled = wanted.has(*OF_COUPLING)
         self._by_place = _ages_by_place(prepared) if aged else {}
-        # events of one instant are counted in this order
+        # events of one instant are logged in this order
         figures: dict[str, Measure[Any] | None] = {
             "saturation": None if part is None else commands.pop(part.controller),
             "largest": _envelope_measure(prepared, self._events.envelope) if envelope else None,

@@ -86,8 +86,8 @@ def _topics(trace: Trace, counts: Mapping[str, int] | None = None) -> dict[str, 
             if not mine.size:
                 continue
             if number in anew:
-                in_order([*anew[number](number, block.part(mine))], by_time=False,
-                         watch=digest.add_records)  # fmt: skip
+                records = [*anew[number](number, block.part(mine))]
+                in_order(records, by_time=False, watch=digest.add_records)
             else:
                 digest.add(block.part(mine))
     return digest.of_topics()
@@ -110,12 +110,11 @@ class _Anew:
 
     def __call__(self, number: int, messages: Messages) -> Iterator[Records]:
         """Yield the records of messages, in their order by rank."""
-        columns = [
-            [*values] if present is None else
-            [value if there else None for value, there in zip(values, present, strict=True)]
+        columns = (
+            values if present is None else np.where(present, values, np.array(None))
             for values, present in self._decode(messages)
-        ]  # fmt: skip
-        rows = [*zip(*columns, strict=True)] if columns else [()] * len(messages)
+        )
+        rows = [*zip(*columns, strict=True)] or [()] * len(messages)
         heads = messages.heads
         for which, lines in self._encode.many(rows, HEAD.size):
             own = heads[which]

@@ -21,7 +21,7 @@ import numpy as np
 from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from google.protobuf.message import DecodeError
 
-from cosim.trace.file.block import LENGTH_BEFORE, Bytes, Integers, Records, put_lines
+from cosim.trace.file.block import LENGTH_BEFORE, Bytes, Integers, Records, lines_in_order
 from cosim.trace.file.declared import Channel
 from cosim.trace.file.messages import Messages
 from cosim.trace.rows.layout import HOST_PREFIX, LOG_TOPIC, SCENE_SCHEMAS
@@ -57,18 +57,19 @@ class ContentDigest:
                     records[part.places + place] = 0
                 self._topics[number].add(len(part), records)
 
-    def add_records(self, parts: Sequence[Records], starts: Sequence[Integers]) -> None:
+    def add_records(self, parts: Sequence[Records], numbers: Sequence[Integers]) -> None:
         """Take the next messages as they are written, before they have the number of a channel.
 
-        `starts` : of each part, where its records begin in the file.
+        `numbers` : of each part, which of all these records its own are.
         """
         of_channel: dict[int, list[tuple[Integers, Bytes]]] = {}
-        for part, places in zip(parts, starts, strict=True):
+        for part, own in zip(parts, numbers, strict=True):
             if part.channel in self._topics:
-                of_channel.setdefault(part.channel, []).append((places, part.lines))
-        for number, found in of_channel.items():
-            count = sum(places.size for places, _ in found)
-            self._topics[number].add(count, _joined_lines(found))
+                of_channel.setdefault(part.channel, []).append((own, part.lines))
+        for channel, found in of_channel.items():
+            order = np.argsort(np.concatenate([own for own, _ in found]), kind="stable")
+            records, _ = lines_in_order([lines for _, lines in found], order)
+            self._topics[channel].add(order.size, records)
 
     def of_topics(self) -> dict[str, list[bytes]]:
         """Return by topic what is known of its messages, as bytes; of those that have any."""
@@ -99,22 +100,6 @@ class _Topic:
     def digest(self) -> bytes:
         """Return what is known of its messages."""
         return self._head + struct.pack("<Q", self.count) + self._messages.digest()
-
-
-def _joined_lines(found: Sequence[tuple[Integers, Bytes]]) -> Bytes:
-    """Return records, uint8 (k, size) of each size, in the order of their places."""
-    if len(found) == 1 and (np.diff(found[0][0]) > 0).all():
-        return found[0][1]
-    places = np.concatenate([places for places, _ in found])
-    sizes = np.concatenate([np.full(own.size, lines.shape[1]) for own, lines in found])
-    order = np.argsort(places, kind="stable")
-    starts = np.empty(places.size, np.int64)
-    starts[order] = np.cumsum(sizes[order]) - sizes[order]
-    out, first = np.empty(int(sizes.sum()), np.uint8), 0
-    for own, lines in found:
-        put_lines(out, starts[first : first + own.size], lines)
-        first += own.size
-    return out
 
 
 def digest_of_channel(channel: Channel) -> bytes:

@@ -6,7 +6,7 @@
 
 The controller shows its estimate, its innovations and the control that it takes to act. So each of
 the three can be compared with the numbers of the design, whatever FMU it is: innovations and
-commands at every point, the estimate step by step as a plant's state is (`StepLaw`).
+commands at every point, the estimate step by step as a plant's state is (`step_law`).
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The equations of a plant of ours, as `StepLaw` compares them with the rows of a run."""
+"""The equations of a plant of ours, as `step_law` compares them with the rows of a run."""
 
 from __future__ import annotations
 

@@ -101,7 +101,7 @@ class Block:
 
 
 Watch = Callable[[Sequence[Records], Sequence[Integers]], None]
-"""Looks at records and their places in a block, int64 (m,) each, before they have a channel."""
+"""Looks at records, and which of a block each will be, int64 (m,), before they have a channel."""
 
 
 def in_order(
@@ -111,24 +111,36 @@ def in_order(
     counts = [part.log_ns.size for part in parts]
     # the times are copied: the caller may use the array again
     log = np.concatenate([part.log_ns for part in parts])
-    sizes = np.repeat([part.lines.shape[1] for part in parts], counts)
     channels = np.repeat([part.channel for part in parts], counts)
     alone = len(parts) == 1 and _is_ordered(parts[0], by_time=by_time)
     order = np.arange(log.size) if alone else _order(parts, log, by_time=by_time)
-    ends = np.cumsum(sizes[order])
-    starts = np.empty(log.size, np.int64)
-    starts[order] = ends - sizes[order]
-    places = np.split(starts, np.cumsum(counts)[:-1])
     if watch is not None:
-        watch(parts, places)
+        numbers = np.empty(log.size, np.int64)
+        numbers[order] = np.arange(log.size)
+        watch(parts, np.split(numbers, np.cumsum(counts)[:-1]))
     for part in parts:
         part.number()
-    if alone:
-        return Block(parts[0].lines.reshape(-1).data, ends, channels, log)
-    data = np.empty(int(ends[-1]) if ends.size else 0, np.uint8)
-    for part, own in zip(parts, places, strict=True):
-        put_lines(data, own, part.lines)
+    data, ends = lines_in_order([part.lines for part in parts], order)
     return Block(data.data, ends, channels[order], log[order])
+
+
+def lines_in_order(parts: Sequence[Bytes], order: Integers) -> tuple[Bytes, Integers]:
+    """Return lines one behind the other, and the end of each, int64 (m,).
+
+    parts : uint8 (k, size) of each size.
+    order : which line comes, counted through all parts, int64 (m,).
+    """
+    counts = [len(lines) for lines in parts]
+    sizes = np.repeat([lines.shape[1] for lines in parts], counts)
+    ends = np.cumsum(sizes[order])
+    if len(parts) == 1 and (np.diff(order) > 0).all():
+        return parts[0].reshape(-1), ends
+    starts = np.empty(sizes.size, np.int64)
+    starts[order] = ends - sizes[order]
+    data = np.empty(int(ends[-1]) if ends.size else 0, np.uint8)
+    for lines, own in zip(parts, np.split(starts, np.cumsum(counts)[:-1]), strict=True):
+        put_lines(data, own, lines)
+    return data, ends
 
 
 def put_lines(data: Bytes, starts: Integers, lines: Bytes) -> None:

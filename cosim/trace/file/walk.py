@@ -402,34 +402,26 @@ class Walk:
                     places[place] = named
                 proved = self._file.proves_summary()
             if not proved:
-                places = {
-                    place: one
-                    for place, one in places.items()
-                    if self._is_at(place, one) or self._is_left(place, one)
-                }
+                places = {place: one for place, one in places.items() if self._is_at(place, one)}
             self._places = places
         return self._places
 
     def _is_at(self, position: int, named: NamedRecord) -> bool:
-        """Whether the record that an index names is at a place, whole, whatever its head says."""
+        """Whether the record that an index names is at a place, whatever its head says.
+
+        It is whole, or what is left of a chunk, up to a record.
+        """
         opcode, end, _ = named
         if not len(MAGIC) <= position < end <= self.size:
             return False
-        noted = len(self.damage)
+        noted, content = len(self.damage), self._file.content(position, end)
         try:
-            self._open(Record(opcode, position, end, self._file.content(position, end)))
+            self._open(Record(opcode, position, end, content))
         except DamageError:
-            return False
+            return opcode == Opcode.CHUNK and is_chunk(content) and self._file.plausible(end)
         finally:
             del self.damage[noted:]
         return True
-
-    def _is_left(self, position: int, named: NamedRecord) -> bool:
-        """Whether what is left of a chunk that an index names lies at a place, up to a record."""
-        opcode, end, _ = named
-        if opcode != Opcode.CHUNK or not len(MAGIC) <= position < end <= self.size:
-            return False
-        return is_chunk(self._file.content(position, end)) and self._file.plausible(end)
 
     def _finish(self) -> None:
         """Check what lies behind the footer, or that it is missing."""

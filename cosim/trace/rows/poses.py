@@ -11,7 +11,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.trace.rows.encode import varint
+from cosim.trace.rows.encode import tag, varint
 
 Reals = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -20,9 +20,9 @@ Bytes = NDArray[np.uint8]
 _SECOND = 10**9
 _WIDTH = 5
 """Bytes of an integer, seven bits each: seconds up to 2**34, which log times in ns do not reach."""
-_STAMP = b"".join(tag + b"\x80" * (_WIDTH - 1) + b"\0" for tag in (b"\x08", b"\x10"))
-_PLACE = b"".join(tag + bytes(8) for tag in (b"\x09", b"\x11", b"\x19"))
-_TURN = b"".join(tag + bytes(8) for tag in (b"\x19", b"\x21"))
+_STAMP = b"".join(tag(n, 0) + b"\x80" * (_WIDTH - 1) + b"\0" for n in (1, 2))
+_PLACE = b"".join(tag(n) + bytes(8) for n in (1, 2, 3))
+_TURN = b"".join(tag(n) + bytes(8) for n in (3, 4))
 """Of messages with every number zero: seconds and nanos; x, y, z; z and w of a quaternion."""
 
 
@@ -41,9 +41,8 @@ def pose_messages(
     """
     pose = _field(1, _PLACE) + _field(2, _TURN)
     parts = [_field(1, _STAMP), _field(2, frame.encode()), _field(3, pose)]
-    turn_behind = len(_PLACE) + 2
-    at = room + len(parts[0]) + len(parts[1]) + 4
-    return _filled(parts, time_ns, position, psi, room, (at, at + turn_behind))
+    at = room + sum(map(len, parts[:2])) + 4
+    return _filled(parts, time_ns, position, psi, room, (at, at + len(_field(1, _PLACE))))
 
 
 def transform_messages(
@@ -61,7 +60,7 @@ def transform_messages(
 
 def _field(number: int, content: bytes) -> bytes:
     """Return a field with a text or a message."""
-    return varint(number << 3 | 2) + varint(len(content)) + content
+    return tag(number, 2) + varint(len(content)) + content
 
 
 def _filled(
