@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from cli.shell import cosim
+from content_hashes import former_hash, in_format_1, plain_hash
 from corpus.files import corpus
 from shared import copied
 
@@ -23,6 +24,7 @@ from cosim.study import read_table
 from cosim.trace import Trace, assumptions_of, guarantee_of, outcome_of
 
 _STORE = ("--fmus", "store")
+_HASH = "content_hash"
 
 
 def _command(*words: str | Path, folder: str = ".") -> tuple[int, dict[str, Any]]:
@@ -40,6 +42,17 @@ def _kept_keys(data: dict[str, Any], *keys: str) -> dict[str, Any]:
 
 def _digest(*parts: bytes) -> str:
     return hashlib.sha256(b"".join(parts)).hexdigest()[:16]
+
+
+def _hash_of(said: dict[str, Any], trace: Path) -> dict[str, Any]:
+    """The content hash that was said, as the version had it that gave the recorded answers.
+
+    That version wrote row format 1, whose hash is another one: so the same rows are written in it.
+    """
+    if said.get(_HASH) is None:
+        return _kept_keys(said, _HASH)
+    assert said[_HASH] == plain_hash(trace), trace
+    return {_HASH: former_hash(in_format_1(trace, trace.with_suffix(".then.mcap")))}
 
 
 def verdict_of(path: Path) -> dict[str, Any]:
@@ -152,7 +165,7 @@ def scenario(name: str, place: Path) -> dict[str, Any]:
     checked, _ = _command("scenario", "check", name, *_STORE)
     code, data = _command("run", name, *_STORE, "--out", out)
     keys = ("status", "reason", "cause", "steps", "simulated_s", "assertions", "links", "final")
-    answer = {"check": checked, "code": code, **_kept_keys(data, *keys, "content_hash")}
+    answer = {"check": checked, "code": code, **_kept_keys(data, *keys), **_hash_of(data, out)}
     metrics = data.get("metrics") or {}
     answer["metrics"] = {key: value for key, value in metrics.items() if key != "assumptions"}
     return {**answer, **(verdict_of(out) if out.exists() else {})}
@@ -165,7 +178,8 @@ def ssp(name: str, place: Path) -> dict[str, Any]:
     code, _ = _command("ssp", "import", name, "--out", imported)
     ended, run = _command("run", imported, *_STORE, "--out", out)
     answer = {**_kept_keys(data, "tools"), "import": code, "code": ended}
-    return {**answer, **_kept_keys(run, "status", "steps", "content_hash"), **verdict_of(out)}
+    answer |= {**_kept_keys(run, "status", "steps"), **_hash_of(run, out)}
+    return {**answer, **verdict_of(out)}
 
 
 def link(name: str, _: Path) -> dict[str, Any]:

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
-import struct
-from collections.abc import Iterator
 from io import BytesIO
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -13,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from content_hashes import former_hash, plain_hash
 from google.protobuf.descriptor_pb2 import (
     FieldDescriptorProto as F,
     FileDescriptorProto,
@@ -21,9 +19,7 @@ from google.protobuf.descriptor_pb2 import (
 from google.protobuf.descriptor_pool import DescriptorPool
 from google.protobuf.message_factory import GetMessageClass
 from hypothesis import given, settings, strategies as st
-from mcap import records
 from mcap.reader import make_reader
-from mcap.stream_reader import StreamReader
 from mcap.writer import CompressionType, IndexType, Writer
 from mcap_files import write_protobuf
 from mcap_protobuf.decoder import DecoderFactory
@@ -266,69 +262,6 @@ def test_files_of_the_official_writer(
     assert (trace.topics["/whole"].count, trace.topics["/whole"].end_ns) == (200, 1990)
     assert trace.metadata == [("theirs", {"x": "y"})]
     assert content_hash(path) == former_hash(path)
-
-
-def uncommented(schema: Any) -> bytes:
-    """Data of a schema, without comments if it is protobuf's."""
-    if schema is None or schema.encoding != "protobuf":
-        return schema.data if schema else b""
-    files = FileDescriptorSet.FromString(schema.data)
-    for file in files.file:
-        file.ClearField("source_code_info")
-    return files.SerializeToString(deterministic=True)
-
-
-def covered(path: Path) -> Iterator[tuple[bytes, records.Message]]:
-    """The messages that count, each with the digest of its channel, by the official reader."""
-
-    def prefixed(parts: list[bytes]) -> bytes:
-        head = struct.pack("<Q", len(parts))
-        return head + b"".join(struct.pack("<Q", len(part)) + part for part in parts)
-
-    def entries(found: dict[str, str]) -> list[bytes]:
-        kept = sorted((k, v) for k, v in found.items() if not k.startswith("host."))
-        return [text.encode() for item in kept for text in item]
-
-    with path.open("rb") as stream:
-        schemas: dict[int, Any] = {}
-        channels: dict[int, Any] = {}
-        for record in StreamReader(stream).records:
-            if isinstance(record, records.Schema):
-                schemas[record.id] = record
-            elif isinstance(record, records.Channel):
-                channels[record.id] = record
-            elif isinstance(record, records.Message):
-                channel = channels[record.channel_id]
-                schema = schemas.get(channel.schema_id)
-                computed = schema and schema.name.startswith(("foxglove.", "cosim.scene.link."))
-                if channel.topic == "/log" or computed:
-                    continue
-                names = [channel.topic, channel.message_encoding]
-                names += [schema.name, schema.encoding] if schema else ["", ""]
-                parts = [n.encode() for n in names] + [uncommented(schema)]
-                yield hashlib.sha256(prefixed(parts + entries(channel.metadata))).digest(), record
-
-
-def plain_hash(path: Path) -> str:
-    """The content hash as its definition reads, a message at a time."""
-    found: dict[bytes, list[bytes]] = {}
-    for channel, one in covered(path):
-        head = 5, 22 + len(one.data), 0, one.sequence, one.log_time, one.publish_time
-        found.setdefault(channel, []).append(struct.pack("<BQHIQQ", *head) + one.data)
-    topics = [
-        channel + struct.pack("<Q", len(of)) + hashlib.sha256(b"".join(of)).digest()
-        for channel, of in found.items()
-    ]
-    return hashlib.sha256(b"auv-cosim content 3" + b"".join(sorted(topics))).hexdigest()
-
-
-def former_hash(path: Path) -> str:
-    """That of files of other tools, and of those that have row format 1."""
-    messages = hashlib.sha256(b"auv-cosim content 2")
-    for channel, one in covered(path):
-        times = one.log_time, one.publish_time, one.sequence, len(one.data)
-        messages.update(channel + struct.pack("<QQIQ", *times) + one.data)
-    return messages.hexdigest()
 
 
 @pytest.mark.parametrize("compression", ["zstd", "none"])

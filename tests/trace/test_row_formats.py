@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from google.protobuf.descriptor_pb2 import FieldDescriptorProto as F, FileDescriptorSet
+from content_hashes import in_format_1
 from mcap.reader import make_reader
 from mcap.writer import Writer
-from mcap_files import message_type, payloads_of, schemas_of, type_of
+from mcap_files import payloads_of, schemas_of, type_of
 
 from cosim.core import InputError
 from cosim.trace import (
@@ -60,40 +60,6 @@ def written(path: Path, values: list[list[Any]], *, at_once: bool = True, **run:
             for k, row in enumerate(rows):
                 writer.write(topic, 10 * k, row, publish_time_ns=k)
         return writer.finish({"status": "finished"})
-
-
-def in_format_1(path: Path, target: Path) -> Path:
-    """The same trace as an earlier version wrote it: by the package's writer and protobuf."""
-    files: dict[str, FileDescriptorSet] = {}
-    for topic, schema in schemas_of(path).items():
-        files[topic] = FileDescriptorSet.FromString(schema.data)
-        for field in files[topic].file[0].message_type[0].field:
-            earlier = {F.TYPE_SFIXED64: F.TYPE_INT64, F.TYPE_FIXED64: F.TYPE_UINT64}
-            field.type = earlier.get(field.type, field.type)
-    with path.open("rb") as source, target.open("wb") as stream:
-        reader, writer = make_reader(source), Writer(stream)
-        writer.start("", "auv-cosim")
-        (run, result) = reader.iter_metadata()
-        writer.add_metadata(run.name, {k: v for k, v in run.metadata.items() if k != "row_format"})
-        numbers: dict[str, tuple[int, Any, Any]] = {}
-        for schema, channel, message in reader.iter_messages(log_time_order=False):
-            assert schema is not None
-            if channel.topic not in numbers:
-                data = files[channel.topic].SerializeToString(deterministic=True)
-                number = writer.register_schema(schema.name, "protobuf", data)
-                of = dict(channel.metadata)
-                number = writer.register_channel(channel.topic, "protobuf", number, of)
-                types = message_type(schema.data, schema.name), message_type(data, schema.name)
-                numbers[channel.topic] = number, *types
-            number, now, then = numbers[channel.topic]
-            row = now.FromString(message.data)
-            fields = {field.name: value for field, value in row.ListFields()}
-            payload = then(**fields).SerializeToString(deterministic=True)
-            times = message.log_time, payload, message.publish_time, message.sequence
-            writer.add_message(number, *times)
-        writer.add_metadata(result.name, result.metadata)
-        writer.finish()
-    return target
 
 
 def test_numbers_of_every_kind_have_one_width(tmp_path: Path) -> None:
