@@ -22,14 +22,12 @@ from cosim.cli.common import (
 from cosim.cli.help_text import HelpTyper
 from cosim.cli.runs import make_fmu_cache
 from cosim.cli.terminal import console, facts
-from cosim.core import CheckFailedError, InputError
+from cosim.core import InputError
 from cosim.fmu import DEFAULT_FLAVOUR
 from cosim.scenario import (
-    SSP_TOOLS,
     SspCheck,
     SspExport,
     SspImport,
-    SspTool,
     SspVersion,
     check_ssp,
     export_ssp,
@@ -38,10 +36,8 @@ from cosim.scenario import (
     prepare,
 )
 
-_MOST_PLACES = 5
-
 ssp_app = HelpTyper(
-    help="Export a scenario as an SSP archive, import an archive, or check it for other tools.",
+    help="Export a scenario as an SSP archive, import an archive, or check one.",
 )
 
 
@@ -91,7 +87,7 @@ def export_verb(
     \b
     cosim ssp export auv-acoustic -o auv.ssp
     cosim ssp export auv-acoustic -o auv.ssp --links fmu
-    cosim ssp check auv.ssp --for omsimulator
+    cosim ssp check auv.ssp
     """
     loaded = load(name)
     path = out or Path(f"{loaded.name}.ssp")
@@ -156,55 +152,36 @@ def check(
     file: Annotated[
         Path, typer.Argument(metavar="FILE.ssp", help="Any archive of SSP 1.0 or 2.0.")
     ],
-    tools: Annotated[
-        list[str] | None,
-        typer.Option("--for", metavar="TOOL", help=f"{', '.join(SSP_TOOLS)}; may be repeated."),
-    ] = None,
     *,
     as_json: JsonOption = False,
 ) -> None:
-    """Say which tools take an archive, why not, and what to do, without having the tools.
+    """Say whether an archive can be imported, and which parts other tools do not carry out.
 
-    Each finding is what one tool refuses, or runs differently from what the archive describes,
-    by rules read from the tools' sources.
+    Events, modes, assertions and links that are annotations of this project come back with an
+    import; other tools ignore them. What each tool makes of the built-in scenarios was found by
+    running it: docs/reference/ssp.md.
 
-    Exit code 0: no tool refuses the archive; 1: one does; 2: the file is not an archive.
+    Exit code 0: it can be imported; 2: it cannot, or is no archive.
 
     \b
     cosim ssp check auv.ssp
-    cosim ssp check theirs.ssp --for omsimulator --for libcosim
+    cosim ssp check theirs.ssp --json
     """
-    found = check_ssp(file, [_tool(name) for name in tools] if tools else SSP_TOOLS)
+    found = check_ssp(file)
     answer(as_json, found.to_json, lambda: _check_view(found))
-    if not all(found.takes(tool) for tool in found.tools):
-        raise typer.Exit(CheckFailedError.exit_code)
-
-
-def _tool(name: str) -> SspTool:
-    for tool in SSP_TOOLS:
-        if name == tool:
-            return tool
-    raise InputError.unknown("tool", name, SSP_TOOLS, where="--for")
 
 
 def _check_view(found: SspCheck) -> RenderableType:
-    """Show each tool's verdict, and its findings with reason and cure once for each rule."""
-    parts: list[RenderableType] = []
-    for tool in found.tools:
-        mine = [f for f in found.findings if f.tool == tool]
-        taken = ("takes it", "bold green") if found.takes(tool) else ("refuses it", "bold red")
-        parts.append(Text.assemble((tool, "bold"), " ", taken))
-        rules = {(f.code, f.effect, f.reason, f.cure): f for f in mine}
-        for code, effect, reason, cure in rules:
-            colour = "red" if effect == "refused" else "yellow"
-            parts.append(Text.assemble("  ", (effect, f"bold {colour}"), f" {code}: {reason}"))
-            places = [f for f in mine if (f.code, f.reason) == (code, reason)]
-            listed = [f"{f.where}: {f.got}" for f in places[:_MOST_PLACES]]
-            if len(places) > _MOST_PLACES:
-                listed.append(f"and {len(places) - _MOST_PLACES} more")
-            parts += [Text(f"    {line}") for line in listed]
-            parts.append(Text(f"    {cure}", style="dim"))
-    return Group(*parts)
+    """Show what the archive has, what other tools do not carry out, and what is unusual."""
+    rows = facts(
+        ("components", str(len(found.components)), ", ".join(found.components)),
+        ("connections", str(found.connections)),
+        *(("link", name, "") for name in found.links),
+    )
+    lines = [Text.assemble(("warning", "bold yellow"), f": {s}") for s in found.only_here]
+    lines += [Text.assemble(("note", "bold"), f": {note}") for note in found.notes]
+    head = Text.assemble(("can be imported", "bold green"), f": {found.path}, SSP {found.version}")
+    return Group(head, rows, *lines)
 
 
 def _not_onto(path: Path, source: Path) -> None:

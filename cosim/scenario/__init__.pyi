@@ -99,10 +99,6 @@ from .ssp.importing import (
     import_ssp as import_ssp,
 )
 from .ssp.names import SspVersion as SspVersion
-from .ssp.tool_rules import (
-    SSP_TOOLS as SSP_TOOLS,
-    SspTool as SspTool,
-)
 from .step_check import (
     StepCheck as StepCheck,
     check_step as check_step,

@@ -44,14 +44,14 @@ def _digest(*parts: bytes) -> str:
     return hashlib.sha256(b"".join(parts)).hexdigest()[:16]
 
 
-def _hash_of(said: dict[str, Any], trace: Path) -> dict[str, Any]:
-    """The content hash that was said, as the version had it that gave the recorded answers.
+def _hash_of(printed: dict[str, Any], trace: Path) -> dict[str, Any]:
+    """The content hash that was printed, as the version had it that gave the recorded answers.
 
     That version wrote row format 1, whose hash is another one: so the same rows are written in it.
     """
-    if said.get(_HASH) is None:
-        return _kept_keys(said, _HASH)
-    assert said[_HASH] == plain_hash(trace), trace
+    if printed.get(_HASH) is None:
+        return _kept_keys(printed, _HASH)
+    assert printed[_HASH] == plain_hash(trace), trace
     return {_HASH: former_hash(in_format_1(trace, trace.with_suffix(".then.mcap")))}
 
 
@@ -172,12 +172,11 @@ def scenario(name: str, place: Path) -> dict[str, Any]:
 
 
 def ssp(name: str, place: Path) -> dict[str, Any]:
-    """Which tools take it, and the run of the scenario that it is imported as."""
-    _, data = _command("ssp", "check", name)
+    """The run of the scenario that it is imported as."""
     imported, out = place / "imported.toml", place / "run.mcap"
     code, _ = _command("ssp", "import", name, "--out", imported)
     ended, run = _command("run", imported, *_STORE, "--out", out)
-    answer = {**_kept_keys(data, "tools"), "import": code, "code": ended}
+    answer = {"import": code, "code": ended}
     answer |= {**_kept_keys(run, "status", "steps"), **_hash_of(run, out)}
     return {**answer, **verdict_of(out)}
 

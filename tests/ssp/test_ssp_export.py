@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from fmpy.ssp.ssd import find_components, read_ssd
 from lxml import etree
-from ssp.archives import LINKED, SSP1, execute_scenario, export, loaded, signals
+from ssp.archives import LINKED, SSP1, Links, execute_scenario, export, loaded, signals
 
 from cosim.core import InputError
 from cosim.fmu import inspect_fmu
@@ -119,13 +119,20 @@ SHARED = (
 )
 
 
+@pytest.mark.parametrize("links", ["annotate", "fmu"])
 def test_links_over_a_medium_come_back_as_annotations_and_are_no_fmus(
-    native_fmus: Path, tmp_path: Path
+    native_fmus: Path, tmp_path: Path, links: Links
 ) -> None:
-    """With the link that is connected to nothing, since it is heard; as FMUs they are refused."""
-    text = SHARED.format(events="align")
-    done = export(text, native_fmus, tmp_path)
-    assert done.links == {"up-link": "annotation", "noise": "annotation", "downlink": "annotation"}
+    """With the link that is connected to nothing, since it is heard; a warning names each."""
+    text = SHARED.format(events="align" if links == "annotate" else "grid")
+    done = export(text, native_fmus, tmp_path, links)
+    down = "FMU" if links == "fmu" else "annotation"
+    assert done.links == {"up-link": "annotation", "noise": "annotation", "downlink": down}
+    if links == "fmu":
+        warned = {w.split("'")[1]: w for w in done.warnings if "and no FMU" in w}
+        assert {*warned} == {"up-link", "noise"}
+        assert "shares the medium 'bay'" in warned["up-link"]
+        assert "other tools connect directly" in warned["up-link"]
     again = import_ssp(done.path, tmp_path / "again.toml")
     one = execute_scenario(loaded(text, tmp_path), native_fmus)
     other = execute_scenario(load(str(again.path)), native_fmus)
@@ -134,8 +141,6 @@ def test_links_over_a_medium_come_back_as_annotations_and_are_no_fmus(
     assert all(np.array_equal(before[name], after[name]) for name in NAMES)
     assert one.statistics == other.statistics
     assert one.statistics["up-link"]["receiver_sending"]
-    with pytest.raises(InputError, match="shares a medium with others"):
-        export(text, native_fmus, tmp_path, "fmu")
 
 
 def test_link_fmus_come_back_as_links(native_fmus: Path, tmp_path: Path) -> None:
@@ -205,6 +210,27 @@ def test_transport_link_without_delay_is_a_wire(native_fmus: Path, tmp_path: Pat
     done = export(text, native_fmus, tmp_path, "fmu")
     assert done.links["downlink"] == "wire"
     assert "downlink" not in done.components
+    assert "downlink" in import_ssp(done.path, tmp_path / "again.toml").links
+
+
+def test_a_link_that_an_assertion_names_comes_back(native_fmus: Path, tmp_path: Path) -> None:
+    """Though nothing is connected over it; so does a link whose delay varies."""
+    assertion = """
+[links.free]
+kind = "packet"
+sample_time = 0.03
+[[assertions]]
+name = "young"
+always = "free.age < 1 s"
+"""
+    varying = "delay = { times = [0.0, 2.0], delays = [0.03, 0.05] }"
+    text = LINKED.format(events="grid").replace("delay = 0.034", varying) + assertion
+    for links, warned in (("annotate", set()), ("fmu", {"free", "downlink"})):
+        done = export(text, native_fmus, tmp_path, links)  # type: ignore[arg-type]
+        assert {w.split("'")[1] for w in done.warnings if "and no FMU" in w} == warned
+        back = load(str(import_ssp(done.path, tmp_path / "again.toml").path))
+        assert {*back.scenario.links} == {"up-link", "downlink", "free"}
+        execute_scenario(back, native_fmus)
 
 
 def test_link_too_fast_for_the_step_is_warned_of(native_fmus: Path, tmp_path: Path) -> None:

@@ -1,91 +1,69 @@
-"""Check which tools take an SSP archive, without having them."""
+"""Check an SSP archive: whether it can be imported, and what other tools do not carry out."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+import tempfile
+from dataclasses import dataclass
 from pathlib import Path
 
 from cosim.scenario.ssp.archive import Archive
-from cosim.scenario.ssp.tool_facts import ArchiveFacts
-from cosim.scenario.ssp.tool_rules import RULES, SSP_TOOLS, Effect, SspTool
-
-
-@dataclass(frozen=True)
-class ToolFinding:
-    """Something in an archive that a tool refuses or does differently.
-
-    Attributes
-    ----------
-    code : the name of the rule.
-    effect : "refused": the tool does not load the archive; "different": it runs another system.
-    where : entry and line.
-    got : what is there.
-    reason, cure : why, and what to do.
-    """
-
-    tool: SspTool
-    code: str
-    effect: Effect
-    where: str
-    got: str
-    reason: str
-    cure: str
+from cosim.scenario.ssp.importing import import_ssp
+from cosim.scenario.ssp.names import ignored_by_others
+from cosim.scenario.ssp.tree import read_description
 
 
 @dataclass(frozen=True)
 class SspCheck:
-    """What other tools make of an archive.
+    """What an archive has, and what of it is for this project alone.
 
     Attributes
     ----------
-    tools : that were asked for.
-    findings : in the order of the tools and of their rules.
-    notes : deviations from the standard.
+    version : of SSP.
+    components : names of the elements that an import has as components.
+    links : that an import has.
+    only_here : sentences about what other tools ignore.
+    notes : deviations from the standard, and what an import leaves out or changes.
     """
 
     path: Path
-    tools: tuple[SspTool, ...]
-    findings: tuple[ToolFinding, ...]
+    version: str
+    components: tuple[str, ...]
+    connections: int
+    links: tuple[str, ...]
+    only_here: tuple[str, ...]
     notes: tuple[str, ...]
-
-    def takes(self, tool: SspTool) -> bool:
-        """Whether no rule says that the tool refuses the archive."""
-        return not any(f.tool == tool and f.effect == "refused" for f in self.findings)
 
     def to_json(self) -> dict[str, object]:
         """Return what `cosim ssp check --json` prints."""
         return {
             "ssp": str(self.path),
-            "tools": {tool: self.takes(tool) for tool in self.tools},
-            "findings": [asdict(finding) for finding in self.findings],
+            "version": self.version,
+            "components": list(self.components),
+            "connections": self.connections,
+            "links": list(self.links),
+            "only_here": list(self.only_here),
             "notes": list(self.notes),
         }
 
 
-def check_ssp(ssp: Path, tools: Sequence[SspTool] = SSP_TOOLS) -> SspCheck:
-    """Say what tools would refuse in an archive, or run differently.
+def check_ssp(ssp: Path) -> SspCheck:
+    """Import an archive, leave nothing behind, and say what other tools do not carry out.
 
     Raises
     ------
-    InputError : not an SSP archive, or a description that cannot be read.
+    InputError : not an SSP archive, or one that cannot be imported.
     """
+    with tempfile.TemporaryDirectory(prefix="ssp-") as folder:
+        imported = import_ssp(ssp, Path(folder) / f"{ssp.stem}.toml")
     with Archive(ssp) as archive:
-        facts = ArchiveFacts(archive)
-        found = {rule: list(rule.find(facts)) for rule in RULES}
-        findings = [
-            ToolFinding(
-                tool=tool,
-                code=rule.code,
-                effect=rule.effects[tool],
-                where=facts.place(element),
-                got=got,
-                reason=rule.reason,
-                cure=rule.cure,
-            )
-            for tool in tools
-            for rule, elements in found.items()
-            if tool in rule.effects
-            for element, got in elements
-        ]
-        return SspCheck(ssp, tuple(tools), tuple(findings), tuple(archive.notes))
+        description = read_description(archive)
+        rest = archive.toml("scenario", description.rest)
+    return SspCheck(
+        path=ssp,
+        version=description.version,
+        components=tuple(imported.names),
+        connections=imported.connections,
+        links=imported.links,
+        only_here=tuple(ignored_by_others(rest, description.links)),
+        notes=imported.unsupported,
+    )

@@ -17,7 +17,7 @@ from cosim.core import InputError
 from cosim.fmu import ComponentSpec, Port, build_fmu, component_module, own_folder
 from cosim.master import Connection, Endpoint, Session, System
 from cosim.network import PacketLink, TransportLink
-from cosim.scenario.ssp.link_fmu import link_spec
+from cosim.scenario.ssp.link_fmu import link_spec, no_link_fmu
 from cosim.scenario.ssp.names import SspVersion
 from cosim.scenario.ssp.structure import TYPES, Connector, Element, Value, Wire, ssp_type
 
@@ -58,13 +58,15 @@ class ArchiveElements:
     ----------
     annotated : TOML of the links that are annotations.
     element_of : link -> name of its element.
-    wired : transport links without delay, which become wires.
+    signals : name of the element that plays paths, time series and disturbances, if one does.
+    wired : transport links without delay, which are wires to other tools.
     """
 
     elements: list[Element] = field(default_factory=list)
     wires: list[Wire] = field(default_factory=list)
     annotated: dict[str, str] = field(default_factory=dict)
     element_of: dict[str, str] = field(default_factory=dict)
+    signals: str | None = None
     wired: set[str] = field(default_factory=set)
     warnings: list[str] = field(default_factory=list)
 
@@ -201,7 +203,7 @@ def _drive(
             got=f"{points.size} points of {len(moving)} signals",
             hint="a shorter run, or a longer step",
         )
-    name = free_name("signals", system.components, system.links)
+    name = built.signals = free_name("signals", system.components, system.links)
     outputs = [(str(end), unit) for end, _, unit in moving]
     rows = np.column_stack([values for _, values, _ in moving])
     spec = _TABLE.table_spec(
@@ -234,10 +236,8 @@ def _annotations(system: System, built: ArchiveElements, tomls: Mapping[str, str
                 hint="--links fmu",
             )
         built.wires.append(Wire(connection.source, connection.target, connection.link))
-    # what shares a medium with others is heard, whether anything is connected over it or not
-    shared = {n for n, x in system.links.items() if isinstance(x, PacketLink) and x.hop is not None}
-    used = sorted({c.link for c in system.connections if c.link is not None} | shared)
-    built.annotated = {name: tomls[name] for name in used}
+    built.annotated = dict(tomls)
+    used = sorted({c.link for c in system.connections if c.link is not None})
     if used:
         built.warnings.append(
             f"other tools ignore the links {', '.join(used)} and connect directly; with "
@@ -251,16 +251,14 @@ def _annotations(system: System, built: ArchiveElements, tomls: Mapping[str, str
 def _link_fmus(
     system: System, resources: Resources, built: ArchiveElements, tomls: Mapping[str, str]
 ) -> None:
+    _keep_others(system, built, tomls)
     over: dict[str, list[Connection]] = {}
     for connection in system.connections:
-        link = None if connection.link is None else system.links[connection.link]
-        if isinstance(link, TransportLink) and link.delay is None and link.delay_ns == 0:
-            built.wired.add(link.name)
-            link = None
-        if link is None:
+        name = connection.link
+        if name is None or name in built.annotated:
             built.wires.append(_plain(system, connection))
         else:
-            over.setdefault(link.name, []).append(connection)
+            over.setdefault(name, []).append(connection)
     firsts = _first_values(system, over)
     for name, connections in over.items():
         element = free_name(name, system.components, [e.name for e in built.elements])
@@ -274,9 +272,28 @@ def _link_fmus(
             built.wires[i] = Wire((built.element_of[sender], state), wire.target)
         elif sender in system.links:
             raise InputError(
-                "the state of a link that carries nothing",
+                "the state of a link can be exported only if the link is an FMU",
                 where=f"connection {'.'.join(wire.source)} -> {'.'.join(wire.target)}",
+                got=f"link {sender!r}: {no_link_fmu(system.links[sender]) or 'it is a wire'}",
             )
+
+
+def _keep_others(system: System, built: ArchiveElements, tomls: Mapping[str, str]) -> None:
+    """Annotate the links that are no FMUs, so that an import has all of them again."""
+    carrying = {connection.link for connection in system.connections}
+    for name, link in system.links.items():
+        why = no_link_fmu(link)
+        if isinstance(link, TransportLink) and link.delay is None and link.delay_ns == 0:
+            built.wired.add(name)
+        elif name not in carrying:
+            why = "nothing is connected over it"
+        elif why is not None:
+            why += "; other tools connect directly"
+        else:
+            continue
+        built.annotated[name] = tomls[name]
+        if why is not None:
+            built.warnings.append(f"link {name!r} is an annotation and no FMU: {why}")
 
 
 def _refuse_mode(system: System, connection: Connection) -> None:
@@ -302,7 +319,7 @@ def _plain(system: System, connection: Connection) -> Wire:
                 expected=", ".join(f"{n} ({t})" for n, t in _STATE.items()),
                 got=f"{source.variable}, to an input of type {TYPES[kind]}",
             )
-    return Wire(source, target)
+    return Wire(source, target, connection.link)
 
 
 def _first_values(system: System, over: Mapping[str, list[Connection]]) -> dict[Endpoint, float]:

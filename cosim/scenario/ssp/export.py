@@ -22,16 +22,19 @@ from cosim.scenario.ssp.elements import (
     archive_elements,
     fold_maps,
 )
-from cosim.scenario.ssp.names import SSD, SspVersion, identifiers
+from cosim.scenario.ssp.names import SSD, SspVersion, identifiers, ignored_by_others
 from cosim.scenario.ssp.structure import Element, Structure, Wire
 from cosim.scenario.ssp.units import units_of
 from cosim.scenario.ssp.write_ssd import ssd_bytes
 
 Links = Literal["annotate", "fmu"]
 
+GIVEN_SIGNALS = ("reference", "inputs")
+"""Tables of a scenario that an element plays, and that an annotation keeps."""
+
 _EXPORTED = {
     *("title", "description", "run", "components", "connections", "connect", "links"),
-    *("reference", "disturbance", "design", "inputs", "computed", "sensors"),
+    *(*GIVEN_SIGNALS, "disturbance", "design", "computed", "sensors"),
 }
 
 
@@ -42,7 +45,7 @@ class SspExport:
     Attributes
     ----------
     components : names of the elements in the archive, which are identifiers.
-    links : by name: "annotation", "FMU", "wire" for a transport link without delay, or "unused".
+    links : by name: "annotation", "FMU", or "wire" for a transport link without delay.
     resources : paths in the archive.
     warnings : sentences about what other tools do differently, or what is left out.
     """
@@ -116,6 +119,7 @@ def export_ssp(
         units=units,
         links=built.annotated,
         run=_toml(scenario.run),
+        signals=_signals(scenario, built, names),
         rest=tomli_w.dumps(
             {key: x for key, x in scenario.to_data().items() if key in _inexpressible(scenario)}
         ),
@@ -139,7 +143,7 @@ def export_ssp(
         path=path,
         components=tuple(e.name for e in structure.elements),
         connections=len(built.wires),
-        links=_link_forms(built, scenario),
+        links=_link_forms(built),
         resources=tuple(sorted(resources.files)),
         step_s=structure.step_s,
         end_s=structure.end_s,
@@ -167,10 +171,7 @@ def _inexpressible(scenario: Scenario) -> list[str]:
 def _left_out(prepared: PreparedScenario, system: System, version: SspVersion) -> list[str]:
     """Return sentences about what the archive does not contain."""
     scenario = prepared.loaded.scenario
-    sentences = [
-        f"[{name}] is an annotation of this project: other tools ignore it"
-        for name in _inexpressible(scenario)
-    ]
+    sentences = list(ignored_by_others(_inexpressible(scenario), ()))
     if scenario.design is not None:
         sentences.append("[design]: its gain is exported as parameters; its proof is left out")
     if system.algorithm != "jacobi":
@@ -212,17 +213,22 @@ def _left_out_of(name: str, component: Component, version: SspVersion) -> Iterat
         )
 
 
-def _link_forms(built: ArchiveElements, scenario: Scenario) -> dict[str, str]:
-    fmus = {e.name for e in built.elements if e.link is not None}
-    words = {}
-    for name in scenario.links:
-        if name in built.annotated:
-            words[name] = "annotation"
-        elif built.element_of.get(name) in fmus:
-            words[name] = "FMU"
-        else:
-            words[name] = "wire" if name in built.wired else "unused"
-    return words
+def _signals(
+    scenario: Scenario, built: ArchiveElements, names: Mapping[str, str]
+) -> tuple[str, str | None]:
+    """Return the tables that an import has again, and the element that plays them.
+
+    It cannot have a disturbance again, which is found from the design.
+    """
+    if scenario.disturbance is not None:
+        return "", None
+    data = {key: x for key, x in scenario.to_data().items() if key in GIVEN_SIGNALS}
+    return tomli_w.dumps(data), names[built.signals] if built.signals is not None else None
+
+
+def _link_forms(built: ArchiveElements) -> dict[str, str]:
+    words = {name: "wire" if name in built.wired else "annotation" for name in built.annotated}
+    return words | dict.fromkeys(built.element_of, "FMU")
 
 
 def _renamed(wire: Wire, names: Mapping[str, str]) -> Wire:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -83,7 +83,7 @@ def import_ssp(
     """
     with Archive(ssp) as archive, _beside(path) as unpacked:
         description = read_description(archive)
-        flat = flatten(archive, description.system)
+        flat = _without(flatten(archive, description.system), description.signals.values())
         channels = {p: part.link for p, part in flat.parts.items() if part.link is not None}
         places = [place for place in flat.parts if place not in channels]
         if not places:
@@ -112,6 +112,8 @@ def import_ssp(
             "links": {name: archive.toml(name, toml) for name, toml in links.items()},
         }
         rest = archive.toml("scenario", description.rest)
+        for toml in description.signals:
+            rest |= archive.toml("signals", toml)
         data |= {key: value for key, value in rest.items() if key not in data}
         by_name = {names[place]: fmu for place, fmu in fmus.items()}
         text, loaded = _parsed(data, path)
@@ -136,6 +138,13 @@ def import_ssp(
         unsupported=tuple(archive.notes),
         keys_set=keys_set,
     )
+
+
+def _without(flat: FlatSystem, elements: Collection[str | None]) -> FlatSystem:
+    """Leave out elements whose signals the scenario gives, with their connections."""
+    gone = {(element,) for element in elements}
+    parts = {place: part for place, part in flat.parts.items() if place not in gone}
+    return FlatSystem(parts, [wire for wire in flat.wires if wire.source[0] not in gone])
 
 
 def _parsed(data: Mapping[str, Any], path: Path) -> tuple[str, LoadedScenario]:

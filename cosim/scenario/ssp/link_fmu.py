@@ -1,4 +1,4 @@
-"""Make link FMUs of links; refuse or name what such an FMU cannot do."""
+"""Make link FMUs of links, and say which links cannot be one."""
 
 from __future__ import annotations
 
@@ -17,14 +17,15 @@ _VARIABLES = component_module("link_channel.variables")
 def link_spec(
     name: str, link: Link, signals: Sequence[Any], step_ns: int
 ) -> tuple[ComponentSpec, list[str]]:
-    """Specify the link FMU `name` of a link; return it with warnings.
+    """Specify the link FMU `name` of a link that can be one; return it with warnings.
 
     Raises
     ------
-    InputError : a link whose delay varies or that shares a medium, or a seed too large for an
-        Integer of FMI.
+    InputError : a name that C cannot have.
     """
-    _refuse(link)
+    if "\0" in link.name:
+        where = f"link {link.name!r}"
+        raise InputError("a name in C has no null character", where=where, got=repr(link.name))
     step = step_ns / 1e9
     if isinstance(link, PacketLink):
         return _VARIABLES.packet_spec(name, link, signals, step), [*_late(link), *_unknown(link)]
@@ -37,43 +38,19 @@ def link_spec(
     return _VARIABLES.transport_spec(name, link, signals, step), warnings
 
 
-def _refuse(link: Link) -> None:
-    where = f"link {link.name!r}"
+def no_link_fmu(link: Link) -> str | None:
+    """Return what of a link its FMU could not do, in words; None: it does all."""
     if link.delay is not None:
-        raise InputError(
-            "a link FMU has a constant delay",
-            where=where,
-            expected="delay as a number",
-            got=type(link.delay).__name__,
-            hint="export it as an annotation: --links annotate",
-        )
+        return "its delay varies"
     if not isinstance(link, PacketLink):
-        return
+        return None
     if link.recording is not None:
-        raise InputError(
-            "a link FMU cannot replay a recording",
-            where=where,
-            expected="delay, jitter and loss as numbers",
-            got=repr(link.recording),
-            hint="export what cosim link fit makes of it, or an annotation: --links annotate",
-        )
+        return "it replays a recording; cosim link fit makes numbers of one"
     if link.hop is not None:
-        raise InputError(
-            "a link FMU has a channel of its own, and this link shares a medium with others",
-            where=where,
-            expected="a link without a medium",
-            got=f"medium {link.hop.medium.name!r}",
-            hint="export it as an annotation: --links annotate",
-        )
+        return f"it shares the medium {link.hop.medium.name!r} with others"
     if link.seed > _VARIABLES.MOST_INTEGER:
-        raise InputError(
-            "the seed is too large for an Integer of FMI",
-            where=where,
-            expected=f"at most {_VARIABLES.MOST_INTEGER}",
-            got=str(link.seed),
-        )
-    if "\0" in link.name:
-        raise InputError("a name in C has no null character", where=where, got=repr(link.name))
+        return f"its seed is above {_VARIABLES.MOST_INTEGER}, the greatest Integer of FMI"
+    return None
 
 
 def _late(link: PacketLink) -> list[str]:

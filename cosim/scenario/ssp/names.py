@@ -8,7 +8,7 @@ reads the first annotation only, which must be its own.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from types import MappingProxyType
 from typing import Literal
 
@@ -46,6 +46,13 @@ Of a Connection: an empty `<link name="...">`, the link that this connection goe
 
 LINK_FMU_ANNOTATION = "auv-cosim.link-fmu"
 """Of the System: a `<link name="..." element="...">` for each element that is a link FMU."""
+
+SIGNALS_ANNOTATION = "auv-cosim.signals"
+"""Of the System: `<signals element="...">`, the paths and time series of the scenario, as TOML.
+
+The element, if there is one, plays those that move in other tools; an import has all again in its
+place.
+"""
 
 LINEAR = "LinearTransformation"
 NAMES_ANNOTATION = "auv-cosim.names"
@@ -89,3 +96,14 @@ def identifiers(names: Iterable[str]) -> dict[str, str]:
 def tag(prefix: str, name: str) -> str:
     """Return a name in a namespace, as lxml writes it."""
     return f"{{{NAMESPACES[prefix]}}}{name}"
+
+
+def ignored_by_others(tables: Iterable[str], links: Iterable[str]) -> Iterator[str]:
+    """Yield sentences about annotations: tables of a scenario, and links between components."""
+    for name in sorted(tables):
+        yield f"[{name}] is an annotation of this project: other tools ignore it"
+    for name in sorted(links):
+        yield (
+            f"link {name!r} is an annotation of this project: other tools ignore it, and connect "
+            "directly what is connected over it"
+        )

@@ -108,6 +108,8 @@ class Structure:
     units : name -> exponents of base units, factor and offset.
     links : TOML of each annotated link by its name.
     run : TOML of [run].
+    signals : TOML of the paths and time series of the scenario, and the element that plays those
+        that move; empty: none.
     rest : TOML of what SSP cannot express; may be empty.
     step_s, start_s, end_s : communication step, start and end [s].
     """
@@ -121,6 +123,7 @@ class Structure:
     units: Mapping[str, Mapping[str, str]]
     links: Mapping[str, str]
     run: str
+    signals: tuple[str, str | None]
     rest: str
     step_s: float
     start_s: float

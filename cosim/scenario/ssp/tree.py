@@ -20,6 +20,7 @@ from cosim.scenario.ssp.names import (
     OWN,
     REST_ANNOTATION,
     RUN_ANNOTATION,
+    SIGNALS_ANNOTATION,
     SSD,
     tag,
 )
@@ -79,20 +80,24 @@ class Description:
 
     Attributes
     ----------
+    version : of SSP.
     links : TOML of annotated links.
     run : TOML of [run], or None.
+    signals : TOML of tables of signals -> element of the outermost system that plays them.
     rest : TOML of what SSP cannot express.
     start_s, stop_s, step_s : from the default experiment and other tools' annotations, or None.
     units : defined by the description.
     names : element of the outermost system -> name in the scenario, where they differ.
     """
 
+    version: str
     name: str
     text: str
     system: SubSystem
     names: Mapping[str, str]
     links: dict[str, str]
     run: str | None
+    signals: Mapping[str, str | None]
     rest: str
     start_s: float | None
     stop_s: float | None
@@ -128,12 +133,14 @@ def read_description(archive: Archive) -> Description:
     names = "".join(e.text or "" for e in _own(system, NAMES_ANNOTATION))
     rest = [*_own(root, REST_ANNOTATION), *_own(system, REST_ANNOTATION)]
     return Description(
+        version=root.get("version", ""),
         name=root.get("name", ""),
         text=system.get("description") or root.get("description") or "",
         system=_system(archive, system, 0, {}),
         names=archive.toml("names", names),
         links=links,
         run=run,
+        signals={e.text or "": e.get("element") for e in _own(system, SIGNALS_ANNOTATION)},
         rest="".join(e.text or "" for e in rest),
         start_s=start,
         stop_s=stop,
