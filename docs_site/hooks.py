@@ -16,6 +16,7 @@ from mkdocs.exceptions import PluginError
 from mkdocs.structure.files import File, Files
 
 ROOT = Path(__file__).parents[1]
+RULES_PAGE = ROOT / "cosim" / "fmu" / "inspect" / "rules.md"
 sys.path.insert(0, str(ROOT))  # `mkdocs` does not put the folder of mkdocs.yml there
 
 from docs_site import (  # noqa: E402
@@ -23,7 +24,6 @@ from docs_site import (  # noqa: E402
     cli_page,
     notebook_pages,
     numbers,
-    rules_page,
     toml_pages,
 )
 from docs_site.formulas import fence  # noqa: E402
@@ -50,7 +50,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     """Add the pages that are generated from the code."""
     pages = {
         "reference/cli.md": cli_page.page(),
-        "reference/fmu-rules.md": rules_page.page(),
+        "reference/fmu-rules.md": RULES_PAGE.read_text("utf-8"),
         **toml_pages.pages(),
         **api_pages.pages(),
     }

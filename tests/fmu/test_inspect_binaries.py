@@ -16,7 +16,6 @@ import pefile
 import pytest
 from elftools.elf.elffile import ELFFile
 from fmu.packed import FMI3, compiled, described, files_of, functions_of_fmi2, pack
-from macholib.ptypes import Structure, p_uint32
 from shared import fmu_folder
 
 from cosim.fmu import inspect_fmu
@@ -71,29 +70,27 @@ def emptied(content: bytes, kind: int, field: int) -> bytes:
     return bytes(data)
 
 
-@pytest.mark.parametrize("spelling", ["datasize", "datassize"])
-def test_exports_of_a_stripped_mach_o_library_come_from_its_trie(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, spelling: str
-) -> None:
-    """The field of the trie's size is read under both spellings that releases of macholib use."""
-
-    class LinkEditData(Structure):  # type: ignore[misc]
-        _fields_ = (("dataoff", p_uint32), (spelling, p_uint32))
-
-    kind = macholib.mach_o.LC_DYLD_EXPORTS_TRIE
-    monkeypatch.setitem(macholib.MachO.LC_REGISTRY, kind, LinkEditData)
-    whole = read(LOGGER, tmp_path)
+def test_the_functions_of_a_stripped_mach_o_library_are_not_checked(tmp_path: Path) -> None:
+    """A note says so, and no error that they are missing."""
+    whole = read_as("x86_64-darwin/New.dylib", LOGGER.read_bytes(), tmp_path)
     assert (whole.damage, whole.unread) == (None, None)
     assert [i.platform.architecture for i in whole.images] == ["x86_64", "aarch64"]
     content = emptied(LOGGER.read_bytes(), macholib.mach_o.LC_SYMTAB, 12)
-    stripped = read_as("x86_64-darwin/logging.dylib", content, tmp_path)
-    assert [i.imports for i in stripped.images] == [frozenset(), frozenset()]
-    for image, bare in zip(whole.images, stripped.images, strict=True):
-        assert "addLoggerProxy" in bare.exports
-        assert bare.exports == image.exports
+    stripped = read_as("x86_64-darwin/New.dylib", content, tmp_path)
+    assert [(i.imports, i.exports) for i in stripped.images] == [(frozenset(), None)] * 2
+    findings = {}
+    for name, data in (("whole", LOGGER.read_bytes()), ("stripped", content)):
+        files = described(FMI3, "documentation/index.html")
+        files["binaries/x86_64-darwin/New.dylib"] = data
+        found = inspect_fmu(pack(files, tmp_path / f"{name}.fmu")).findings
+        findings[name] = {f.code: (f.level, f.what) for f in found}
+    assert "function-missing" in findings["whole"]
+    assert "function-missing" not in findings["stripped"]
+    level, what = findings["stripped"]["binary-unexamined"]
+    assert (level, "stripped" in what) == ("note", True)
 
 
-def test_exports_of_a_mach_o_library_without_a_trie_come_from_its_symbols(tmp_path: Path) -> None:
+def test_exports_of_a_mach_o_library_come_from_its_symbols(tmp_path: Path) -> None:
     """Older linkers write none."""
     content = emptied(LOGGER.read_bytes(), macholib.mach_o.LC_DYLD_EXPORTS_TRIE, 12)
     bare = read_as("x86_64-darwin/logging.dylib", content, tmp_path)

@@ -178,16 +178,6 @@ FMI2_DAMAGE: dict[str, tuple[Damage, str, str]] = {
         "unit-display",
         "warning",  # FMI 2 ignores it
     ),
-    "unit-base": (
-        described_as((r'(<Unit name="N">\s*<BaseUnit )[^/]*/>', r'\1kg="1" m="1" s="-1"/>')),
-        "unit-base",
-        "warning",
-    ),
-    "unit-factor": (
-        described_as((r'(<Unit name="m/s">\s*<BaseUnit )', r'\1factor="1000" ')),
-        "unit-base",
-        "warning",
-    ),
     "unit-open": (
         described_as((r'(<Unit name="N">)\s*<BaseUnit [^/]*/>', r"\1")),
         "unit-open",

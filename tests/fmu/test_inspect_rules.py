@@ -10,7 +10,6 @@ import pytest
 from fmu.packed import example, inspected
 
 from cosim.fmu import GROUPS, RULES
-from docs_site.rules_page import page
 
 WITH_BASE = [code for code, rule in RULES.items() if rule.base]
 
@@ -51,9 +50,3 @@ def test_numbers_are_unique_and_follow_their_groups() -> None:
         assert rule.why
         assert rule.example
         assert all(re.fullmatch(r"\d(\.\d+)*|", section) for section in (rule.fmi2, rule.fmi3))
-
-
-def test_every_rule_is_on_the_page_of_rules() -> None:
-    """With all that --rule says of it."""
-    text = page()
-    assert [code for code in RULES if f"`{code}`" not in text] == []

@@ -162,6 +162,10 @@ def _binary(model: DeclaredModel, binary: Binary, beside: set[str]) -> Iterator[
 
 def _exports(model: DeclaredModel, binary: Binary, image: Image) -> Iterator[Finding]:
     stem = PurePosixPath(binary.name).stem
+    if image.exports is None:
+        what = "its symbols are stripped: its functions were not checked"
+        yield finding("binary-unexamined", binary.name, what)
+        return
     core: set[str] = set()
     others: set[str] = set()
     for interface in model.interfaces:

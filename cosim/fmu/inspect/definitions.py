@@ -12,12 +12,9 @@ from cosim.fmu.inspect.declared_model import (
     DeclaredModel,
     DeclaredType,
     Interface,
-    Unit,
-    integer,
     number,
 )
 from cosim.fmu.inspect.findings import Finding, finding
-from cosim.fmu.inspect.units import BASES, Si, si_of_name
 
 _C_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 _NEEDS = {
@@ -103,7 +100,6 @@ def _units(model: DeclaredModel) -> Iterator[Finding]:
             yield finding("unit-open", unit.where, "the unit has no base exponents")
         else:
             yield from _conversion(unit.where, "the unit", unit.base)
-            yield from _base(unit, si_of_name(unit.name))
 
 
 def _conversion(where: str, what: str, attributes: Mapping[str, str]) -> Iterator[Finding]:
@@ -114,28 +110,6 @@ def _conversion(where: str, what: str, attributes: Mapping[str, str]) -> Iterato
         yield finding("unit-factor", where, f"{what} has the factor {factor:g}")
     if offset is not None and not math.isfinite(offset):
         yield finding("unit-factor", where, f"{what} has the offset {offset:g}")
-
-
-def _base(unit: Unit, meant: Si | None) -> Iterator[Finding]:
-    base = unit.base or {}
-    if meant is None:
-        return
-    declared = tuple(integer(base.get(key, "0")) or 0 for key in BASES)
-    if declared != meant.exponents:
-        defined, named = _power_product(declared), _power_product(meant.exponents)
-        yield finding("unit-base", unit.where, f"defined as {defined}, the name says {named}")
-        return
-    for key, true in (("factor", meant.factor), ("offset", meant.offset)):
-        value = number(base.get(key, "1" if key == "factor" else "0"))
-        # factors are often rounded, and some tools count revolutions or cycles; a wrong power of
-        # ten is off by 10 or more
-        if value is not None and not math.isclose(value, true, rel_tol=1e-3, abs_tol=1e-12):
-            yield finding("unit-base", unit.where, f"{key} {value:g}, the name says {true:g}")
-
-
-def _power_product(exponents: tuple[int, ...]) -> str:
-    powers = zip(BASES, exponents, strict=True)
-    return " ".join(b if e == 1 else f"{b}^{e}" for b, e in powers if e) or "1"
 
 
 def _types(model: DeclaredModel) -> Iterator[Finding]:

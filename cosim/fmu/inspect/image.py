@@ -21,7 +21,7 @@ class Image:
     ----------
     format : ELF, PE or Mach-O.
     platform : what it is built for; the system of an ELF file is taken to be Linux.
-    exports : symbols it defines.
+    exports : symbols it defines; None: its headers do not say.
     imports : symbols it needs from elsewhere (of PE files, from any library).
     libraries : those it needs.
     search : folders where the loader is to look for them.
@@ -31,7 +31,7 @@ class Image:
 
     format: str
     platform: Platform
-    exports: frozenset[str]
+    exports: frozenset[str] | None
     imports: frozenset[str]
     libraries: tuple[str, ...]
     search: tuple[str, ...] = ()
@@ -41,7 +41,7 @@ class Image:
     @property
     def functions(self) -> frozenset[str]:
         """The exported FMI functions: fmi2DoStep, or Model_fmiDoStep in FMI 1."""
-        return frozenset(n for n in self.exports if n.startswith("fmi") or "_fmi" in n)
+        return frozenset(n for n in self.exports or () if n.startswith("fmi") or "_fmi" in n)
 
     @property
     def libc(self) -> tuple[int, ...] | None:

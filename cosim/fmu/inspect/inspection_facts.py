@@ -89,8 +89,10 @@ def _binary(binary: Binary) -> dict[str, Any]:
                 "libraries": list(image.libraries),
                 "glibc": None if image.libc is None else ".".join(map(str, image.libc)),
                 "needs_python": image.needs_python,
-                "fmi_functions": len(image.functions),
-                "other_symbols": len(image.exports - image.functions),
+                "fmi_functions": None if image.exports is None else len(image.functions),
+                "other_symbols": None
+                if image.exports is None
+                else len(image.exports - image.functions),
             }
             for image in binary.images
         ],

@@ -10,7 +10,6 @@ from typing import Any
 from macholib import mach_o
 from macholib.MachO import MachO
 
-from cosim.fmu.inspect.export_trie import exported_names
 from cosim.fmu.inspect.image import MOST_SYMBOLS, Image, NotALibraryError
 from cosim.fmu.inspect.platforms import Platform
 
@@ -46,28 +45,18 @@ def _image(header: Any, stream: io.BytesIO) -> Image:
             f"a Mach-O file of type {int(header.header.filetype)}, not a library"
         )
     libraries, search = [], []
-    trie: tuple[int, int] | None = None
     for load, command, data in header.commands:
         if load.cmd in (mach_o.LC_LOAD_DYLIB, mach_o.LC_LOAD_WEAK_DYLIB, mach_o.LC_REEXPORT_DYLIB):
             libraries.append(_path(data))
         elif load.cmd == mach_o.LC_RPATH:
             # the path starts `path` bytes after the command; macholib has cut 12 of them
             search.append(_path(data[max(0, int(command.path) - 12) :]))
-        elif load.cmd in (mach_o.LC_DYLD_INFO, mach_o.LC_DYLD_INFO_ONLY):
-            trie = int(command.export_off), int(command.export_size)
-        elif load.cmd == mach_o.LC_DYLD_EXPORTS_TRIE:
-            # by position: releases of macholib call the second field datasize or datassize
-            start, size = (int(getattr(command, name)) for name, _ in command._fields_)
-            trie = start, size
     exports, imports = _symbols(header, stream)
-    if trie is not None:
-        stream.seek(header.offset + trie[0])
-        exports |= {name.removeprefix("_") for name in exported_names(stream.read(trie[1]))}
     machine = int(header.header.cputype)
     return Image(
         format="Mach-O",
         platform=Platform("darwin", _MACHINES.get(machine, f"cpu {machine:#x}")),
-        exports=exports,
+        exports=exports or None,
         imports=imports,
         libraries=tuple(libraries),
         search=tuple(search),
@@ -77,7 +66,7 @@ def _image(header: Any, stream: io.BytesIO) -> Image:
 def _symbols(header: Any, stream: io.BytesIO) -> tuple[frozenset[str], frozenset[str]]:
     """Return the defined and the undefined external symbols, without C's leading underscore.
 
-    A stripped library keeps only the undefined ones here; its exports are in the trie.
+    A stripped library keeps only the undefined ones here: it says nothing of what it defines.
     """
     table = header.getSymbolTableCommand()
     if table is None:

@@ -1,33 +1,29 @@
 """Every kind of finding: its number, level, reason, sections of the standards, and an example.
 
-The table is `rules.toml`. An example on a `base` is a change of examples/<base>.xml that breaks
-just this rule; the tests run each.
+The table is `rules.md`, which is also the page of the documentation. An example
+"fmi3: `old` -> `new`" is a change of examples/fmi3.xml that breaks just this rule; the tests make
+each. A backslash stands before a bar and before the n of a line's end.
 """
 
 from __future__ import annotations
 
-import tomllib
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Literal
+from typing import Any, Literal, cast
 
 from cosim.core import InputError
 
 _FOLDER = Path(__file__).parent
+_PAGE = (_FOLDER / "rules.md").read_text("utf-8")
+_ROW = re.compile(r"^\| ([A-Z]\d\d) \| `(.*?)` \| (.*) \|$", re.MULTILINE)
+_CHANGE = re.compile(r"(fmi\d): `(.*)` -> (?:`(.*)`|nothing)")
+Level = Literal["error", "warning", "note"]
+"""How bad a finding is."""
 GROUPS: Mapping[str, str] = MappingProxyType(
-    {
-        "F": "The archive",
-        "X": "XML",
-        "D": "Definitions",
-        "V": "Variables",
-        "C": "Clocks",
-        "S": "Model structure",
-        "T": "Terminals and build descriptions",
-        "B": "Binaries and other files",
-        "R": "Runs (--run)",
-    }
+    dict(re.findall(r"^## ([A-Z]): (.*)$", _PAGE, re.MULTILINE))
 )
 """First letter of a rule's number -> what its rules are about."""
 
@@ -48,7 +44,7 @@ class Rule:
 
     code: str
     number: str
-    level: Literal["error", "warning", "note"]
+    level: Level
     why: str
     fmi2: str = ""
     fmi3: str = ""
@@ -105,13 +101,22 @@ def rule_named(name: str) -> Rule:
     return found
 
 
-def _rules() -> dict[str, Rule]:
-    table = tomllib.loads((_FOLDER / "rules.toml").read_text("utf-8"))
-    return {
-        code: Rule(code, prose=fields.pop("example", ""), **fields)
-        for code, fields in table.items()
-    }
+def _rule(number: str, code: str, rest: str) -> Rule:
+    level, fmi2, fmi3, why, example = re.split(r"(?<!\\) ?\| ", rest)
+    change = _CHANGE.fullmatch(example)
+    parts = ("", "", "") if change is None else change.groups("")
+    base, old, new = map(_plain, parts)
+    prose = "" if base else _plain(example.replace("`", ""))
+    why = _plain(why.replace("`", ""))
+    return Rule(code, number, cast("Level", level), why, fmi2, fmi3, base, old, new, prose)
 
 
-RULES: Mapping[str, Rule] = MappingProxyType(_rules())
+def _plain(cell: str) -> str:
+    """Return the text of a cell or code span."""
+    return re.sub(r"\\(.)", lambda found: "\n" if found[1] == "n" else found[1], cell)
+
+
+RULES: Mapping[str, Rule] = MappingProxyType(
+    {found[1]: _rule(*found) for found in _ROW.findall(_PAGE)}
+)
 """Code -> rule, in the order of their numbers."""
