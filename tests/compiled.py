@@ -26,24 +26,27 @@ def compile_fmu(
     path: Path,
     *flags: str,
     resources: Mapping[str, str] | None = None,
+    files: Mapping[str, str] | None = None,
 ) -> Path:
     """Make the FMU `path` of one file in C or C++ and its model description, and return its path.
 
     flags : of the compiler, beside those that make every warning an error.
     resources : name -> text of the files in the folder of that name.
+    files : path -> text of further files.
 
     The test is skipped without a compiler.
     """
     identifier = re.findall('modelIdentifier="(.*?)"', description)[0]
     platform = fmpy.platform if 'fmiVersion="2.0"' in description else fmpy.platform_tuple
     library = f"binaries/{platform}/{identifier}{fmpy.sharedLibraryExtension}"
-    files: dict[str, str | bytes] = {
+    packed: dict[str, str | bytes] = {
         "modelDescription.xml": description,
         library: _library(source.read_text("utf-8"), source.parent, flags, source.suffix),
         **{f"resources/{name}": text for name, text in (resources or {}).items()},
+        **(files or {}),
     }
     with zipfile.ZipFile(path, "w") as archive:
-        for name, content in files.items():
+        for name, content in packed.items():
             entry = zipfile.ZipInfo(name)  # without the time of day: made again, it is the same FMU
             entry.external_attr = 0o600 << 16
             archive.writestr(entry, content)

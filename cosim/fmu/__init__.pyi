@@ -124,6 +124,7 @@ from .slave import (
     FmuSlave as FmuSlave,
 )
 from .state import FmuState as FmuState
+from .terminal import Terminal as Terminal
 from .unpacking import (
     adopt_folder as adopt_folder,
     own_folder as own_folder,

@@ -24,8 +24,10 @@ from cosim.fmu.inspect.declared_model import XML, read_declared_model
 from cosim.fmu.inspect.definitions import identifier_findings
 from cosim.fmu.inspect.findings import refusal
 from cosim.fmu.inspect.markup import MAX_XML, parse_xml
+from cosim.fmu.inspect.terminals import TERMINALS
 from cosim.fmu.port import FmiVersion, Port
 from cosim.fmu.port_declarations import declared_ports
+from cosim.fmu.terminal import Terminal, declared_terminals
 
 _INTERFACES = {
     "coSimulation": "co-simulation",
@@ -54,6 +56,7 @@ class FmuDescription:
     xml : modelDescription.xml as it stands in the FMU.
     version : of FMI; 3.0.1 counts as 3.0.
     departures : harmless breaks of the standard in the description.
+    terminals : by name.
     lengths : the names of the structural parameters that give lengths of arrays.
     """
 
@@ -64,6 +67,7 @@ class FmuDescription:
     xml: bytes
     version: FmiVersion
     departures: tuple[str, ...] = ()
+    terminals: Mapping[str, Terminal] = field(default_factory=lambda: MappingProxyType({}))
     lengths: frozenset[str] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -233,6 +237,7 @@ def _describe(path: Path, content: bytes, digest: str) -> FmuDescription:
         model, departures = _read_model(content, xml)
         version = _version(model, path)
         ports = declared_ports(read_declared_model(root), version)
+        terminals, broken = _terminals_in(archive)
     except InputError:
         raise
     except Exception as error:  # fmpy and zipfile raise many kinds: all mean this
@@ -244,7 +249,11 @@ def _describe(path: Path, content: bytes, digest: str) -> FmuDescription:
     interface = model.coSimulation or model.scheduledExecution
     for wrong in identifier_findings(interface.modelIdentifier, "co-simulation"):
         raise refusal("its library is not loaded", path, wrong, "a C identifier")
-    return FmuDescription(path, digest, model, MappingProxyType(ports), xml, version, departures)
+    return FmuDescription(
+        *(path, digest, model, MappingProxyType(ports), xml, version),
+        departures=departures + broken,
+        terminals=MappingProxyType(terminals),
+    )
 
 
 def _description_in(archive: CheckedArchive) -> tuple[bytes, Any]:
@@ -254,6 +263,16 @@ def _description_in(archive: CheckedArchive) -> tuple[bytes, Any]:
     for wrong in found:
         raise refusal("not a valid FMU", archive.path, wrong, "XML within limits, without DTD")
     return xml or b"", root
+
+
+def _terminals_in(archive: CheckedArchive) -> tuple[dict[str, Terminal], tuple[str, ...]]:
+    """Return the terminals, and why there are none: the file cannot be read."""
+    if TERMINALS not in archive.entries:
+        return {}, ()
+    root, found = parse_xml(archive.read(TERMINALS, MAX_XML), TERMINALS)
+    if root is None:
+        return {}, tuple(f"{one.where}: {one.what}" for one in found)
+    return declared_terminals(root), ()
 
 
 def _read_model(content: bytes, xml: bytes) -> tuple[Any, tuple[str, ...]]:

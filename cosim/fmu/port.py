@@ -117,6 +117,11 @@ class Port:
         """Number of scalars."""
         return prod(self.shape)
 
+    @property
+    def ticks_by_time(self) -> bool:
+        """Whether it is an input Clock that the master lets tick."""
+        return self.clock is not None and self.clock.time_based and self.causality == "input"
+
     def resized(self, lengths: Mapping[str, int]) -> Port:
         """Return the variable with these values of the structural parameters in its dimensions.
 

@@ -237,7 +237,7 @@ def _check_connection(system: Parts, connection: Connection, where: str) -> None
             got=policy,
             hint='events = "grid"',
         )
-    if source.causality != "output" or target.causality != "input":
+    if not (source.causality == "output" or source.ticks_by_time) or target.causality != "input":
         got = f"{source.causality} -> {target.causality}"
         raise InputError("a connection leads from an output to an input", where=where, got=got)
     _check_types(source, target, where)
@@ -290,7 +290,7 @@ def _check_types(source: Port, target: Port, where: str) -> None:
             expected="a triggered Clock",
             got=f"a {target.clock.variability} one",
         )
-    if source.shape != target.shape:
+    if source.shape != target.shape and not source.size == target.size == 1:
         raise InputError(
             "the arrays at the two ends differ in shape",
             where=where,

@@ -45,7 +45,7 @@ class EventInstance:
         self.slave: FmuSlave = instance.slave
         ports = instance.component.description.ports
         self._ports = ports
-        self._time_based = [p for p in ports.values() if _ticks_by_time(p)]
+        self._time_based = [p for p in ports.values() if p.ticks_by_time]
         self._next: dict[str, Fraction] = {}
         self._intervals: dict[str, Fraction] = {}
         self._given: dict[str, list[Fraction]] = {}
@@ -257,13 +257,21 @@ class EventInstance:
     def _getting(
         self, group: Group, columns: slice, plain: Callable[[Rows], int]
     ) -> Callable[[Rows, int], int]:
+        first = [self._start_of(port) for port in self._ports_of(group) for _ in range(port.size)]
+
         def get(rows: Rows, at: int) -> int:
-            if group.clocks and at > 0 and not self.is_active(group.clocks):
-                rows[at, columns] = rows[at - 1, columns]  # it has no value of its own now
+            if group.clocks and not self.is_active(group.clocks):  # it has no value of its own now
+                rows[at, columns] = rows[at - 1, columns] if at > 0 else first
                 return OK
             return plain(rows[at])
 
         return get
+
+    def _start_of(self, port: Port) -> float:
+        """Return what a clocked output has in the rows before its Clock ticks: its start, or 0."""
+        if port.kind not in ("float", "int", "bool") or port.start is None or port.shape:
+            return 0.0
+        return float(port.start)
 
     def _setting(
         self, group: Group, columns: slice, plain: Callable[[Rows], int]
@@ -282,10 +290,6 @@ class EventInstance:
             return plain(rows[at])
 
         return give
-
-
-def _ticks_by_time(port: Port) -> bool:
-    return port.clock is not None and port.clock.time_based and port.causality == "input"
 
 
 def _by_priority(port: Port) -> tuple[int, int]:

@@ -94,6 +94,11 @@ def _settle(ends: Sequence[_InitialisedComponent], wiring: Wiring, most: int) ->
     )
 
 
+def _has_value(group: Group) -> bool:
+    """Whether variables are exchanged here: clocked ones are while their Clock ticks, later."""
+    return group.getter_type != "Clock" and not group.clocks
+
+
 class _InitialisedComponent:
     """A component during initialisation: its inputs that have a value, and its outputs."""
 
@@ -106,14 +111,11 @@ class _InitialisedComponent:
             has_value = [group.route is None or group.route in numbers for group in groups]
             some = [group for group, has in zip(groups, has_value, strict=True) if has]
             given += [Group.of_all(groups)] if all(has_value) else some
+        sent = (*instance.outputs_without_feedthrough, *instance.outputs_with_feedthrough)
         self.connected_inputs = [
-            exchange_of(instance, group, "set") for group in given if group.getter_type != "Clock"
+            exchange_of(instance, group, "set") for group in given if _has_value(group)
         ]
-        self._gets = [
-            exchange_of(instance, group, "get")
-            for group in (*instance.outputs_without_feedthrough, *instance.outputs_with_feedthrough)
-            if group.getter_type != "Clock"
-        ]
+        self._gets = [exchange_of(instance, group, "get") for group in sent if _has_value(group)]
 
     def is_stale(self) -> bool:
         """Whether other inputs have a value in this run, or its slave is another one."""

@@ -150,6 +150,10 @@ class _Columns:
         """Return the first column of neighbouring variables, 0 for none."""
         return self.of(direction, Endpoint(component, ports[0].name)) if ports else 0
 
+    def of_source(self, system: System, end: Endpoint) -> int:
+        """Return the first column of an output, or of an input Clock that the master lets tick."""
+        return self.of("in" if system.port(end).ticks_by_time else "out", end)
+
     def of(self, direction: str, end: Endpoint) -> int:
         """Return the first column of a variable."""
         return self._first[direction, end]
@@ -197,7 +201,7 @@ def _ticked_by_master(component: Component, connected: Container[str]) -> list[P
         and port.clock is not None
         and port.causality == "input"
         and port.name not in connected
-        and (port.clock.time_based or port.name in component.clocks)
+        and (port.ticks_by_time or port.name in component.clocks)
     ]
 
 
@@ -282,7 +286,7 @@ def _route(
     if route_key.policy == "midpoint":
         check_midpoint(system, route_key, name)
     pairs = [
-        (columns.of("out", c.source) + i, columns.of("in", c.target) + i)
+        (columns.of_source(system, c.source) + i, columns.of("in", c.target) + i)
         for c in sorted(members, key=lambda c: columns.of("in", c.target))
         for i in range(system.port(c.target).size)
     ]

@@ -8,6 +8,7 @@ from typing import Literal
 from cosim.core import InputError
 from cosim.fmu import FmuDescription
 from cosim.master import Connection, Endpoint, Policy
+from cosim.scenario.terminal_rules import Ends, joined_by_terminals
 
 
 def endpoint(text: str) -> Endpoint:
@@ -40,7 +41,9 @@ def matched(
     policy: Policy = "hold",
     components: Iterable[str] = (),
 ) -> list[Connection]:
-    """Make one connection per variable: of two variables, or of two groups with equal members.
+    """Make one connection per variable: of two variables, groups with equal members, or terminals.
+
+    A time-based Clock, which the master lets tick, is a source: a triggered one may follow it.
 
     `components` : names of components that exist, even if their FMUs were not found.
 
@@ -54,33 +57,57 @@ def matched(
             if end.component in components:
                 return []
             raise InputError.unknown("component", end.component, fmus, where=where)
+    ticking = fmus[source.component].ports.get(source.variable)
     sources = members(fmus[source.component], source.variable, "output")
     targets = members(fmus[target.component], target.variable, "input")
-    if "" in sources and "" in targets:
+    if "" in targets and ("" in sources or (ticking is not None and ticking.ticks_by_time)):
         return [Connection(source, target, link, policy)]
-    common = [suffix for suffix in sources if suffix in targets and suffix]
-    if not common:
+    grouped = [_ends(source, target, suffix) for suffix in sources if suffix in targets and suffix]
+    equal = bool(grouped) and set(sources) == set(targets)
+    try:
+        joined = joined_by_terminals(fmus, source, target)
+    except InputError:
+        if not all(_is_group(fmus[end.component], end.variable) for end in (source, target)):
+            raise
+        joined = []  # groups of these names, which may be connected though the terminals are not
+    if not equal and not joined:
+        raise _no_groups(fmus, source, target, sources, targets)
+    found = grouped if set(grouped).issuperset(joined) else joined
+    return [Connection(*ends, link, policy) for ends in found]
+
+
+def _is_group(fmu: FmuDescription, name: str) -> bool:
+    return bool(members(fmu, name, "output") or members(fmu, name, "input"))
+
+
+def _no_groups(
+    fmus: Mapping[str, FmuDescription],
+    source: Endpoint,
+    target: Endpoint,
+    sources: Mapping[str, str],
+    targets: Mapping[str, str],
+) -> InputError:
+    """Make the error for ends that are no variables, and no groups with equal members."""
+    where = f"{source} -> {target}"
+    if not set(sources) & set(targets) - {""}:
         if not sources:
-            raise _no_member(fmus[source.component], source, "output", where)
+            return _no_member(fmus[source.component], source, "output", where)
         if not targets:
-            raise _no_member(fmus[target.component], target, "input", where)
-    if not common or set(sources) != set(targets):
-        raise InputError(
-            "the two groups do not have the same members",
-            where=where,
-            expected=f"{source}: {', '.join(sources) or 'none'}",
-            got=f"{target}: {', '.join(targets) or 'none'}",
-            hint="connect the variables one by one",
-        )
-    return [
-        Connection(
-            Endpoint(source.component, source.variable + suffix),
-            Endpoint(target.component, target.variable + suffix),
-            link,
-            policy,
-        )
-        for suffix in common
-    ]
+            return _no_member(fmus[target.component], target, "input", where)
+    return InputError(
+        "the two groups do not have the same members",
+        where=where,
+        expected=f"{source}: {', '.join(sources) or 'none'}",
+        got=f"{target}: {', '.join(targets) or 'none'}",
+        hint="connect the variables one by one",
+    )
+
+
+def _ends(source: Endpoint, target: Endpoint, suffix: str) -> Ends:
+    return (
+        Endpoint(source.component, source.variable + suffix),
+        Endpoint(target.component, target.variable + suffix),
+    )
 
 
 _Kind = Literal["output", "input"]

@@ -27,7 +27,7 @@ def run(
     trace: Path | str | None = None,
     *,
     settings: Sequence[str] = (),
-    fmus: Path = FMUS,
+    fmus: str | Path = FMUS,
     flavour: str = DEFAULT_FLAVOUR,
     engine: EngineName = "auto",
     pace: Pace | None = None,
@@ -65,7 +65,7 @@ def open_session(
     scenario: str | Path | Scenario,
     *,
     settings: Sequence[str] = (),
-    fmus: Path = FMUS,
+    fmus: str | Path = FMUS,
     flavour: str = DEFAULT_FLAVOUR,
     engine: EngineName = "auto",
     observers: Sequence[Observer] = (),
@@ -105,7 +105,7 @@ def open_session(
 
 
 def _prepared(
-    scenario: str | Path | Scenario, settings: Sequence[str], fmus: Path, flavour: str
+    scenario: str | Path | Scenario, settings: Sequence[str], fmus: str | Path, flavour: str
 ) -> PreparedScenario:
     if isinstance(scenario, Scenario):
         if settings:
@@ -117,4 +117,4 @@ def _prepared(
         loaded = of_scenario(scenario, "scenario")
     else:
         loaded = load(str(scenario), settings)
-    return prepare(loaded, FmuCache(fmus, loaded.folder, flavour=flavour))
+    return prepare(loaded, FmuCache(Path(fmus), loaded.folder, flavour=flavour))

@@ -30,7 +30,7 @@ def run_study(
     scenario: LoadedScenario | None = None,
     workers: int | str = 1,
     scheduler: str | None = None,
-    fmus: Path = FMUS,
+    fmus: str | Path = FMUS,
     flavour: str = DEFAULT_FLAVOUR,
     fresh: bool = False,
     limits: Sequence[str] = (),
@@ -85,7 +85,7 @@ def plan_of(
     base: LoadedScenario,
     place: Place = nowhere,
     *,
-    fmus: Path = FMUS,
+    fmus: str | Path = FMUS,
     flavour: str = DEFAULT_FLAVOUR,
 ) -> Plan:
     """Check a study and its scenario; return the plan of its runs.
@@ -94,7 +94,7 @@ def plan_of(
     ------
     InputError : see `make_plan`; or there is no compiler for native FMUs.
     """
-    folder, root = base.folder.absolute(), fmus.absolute()
+    folder, root = base.folder.absolute(), Path(fmus).absolute()
     of = BaseScenario(base.name, base.scenario, base.text, folder, root, flavour)
     try:
         return make_plan(study, of, place)

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from fmpy import extract, instantiate_fmu, read_model_description
 from shared import fmu_store
 
 from cosim.core import InputError
@@ -56,9 +57,10 @@ def test_clocked_controller_without_event_mode_is_the_sampled_one(
     tmp_path: Path, clocked: Path
 ) -> None:
     """Row by row."""
-    one = rows_of(tmp_path)
+    period = "components.controller.parameters.sample_time=0.04"
+    one = rows_of(tmp_path, period)
     given = (f"components.controller.fmu='{clocked}'", "components.controller.event_mode=false")
-    other = rows_of(tmp_path, *given)
+    other = rows_of(tmp_path, period, *given)
     for topic, rows in one.items():
         assert {n: c.tobytes() for n, c in rows.columns.items()} == {
             n: c.tobytes() for n, c in other[topic].columns.items()
@@ -73,6 +75,29 @@ def test_clock_is_declared_as_the_standard_has_it(clocked: Path) -> None:
     inputs = [p for p in describe_fmu(clocked).ports.values() if p.causality == "input"]
     assert all(p.clocks == ("clock",) for p in inputs if p is not port)
     assert [f for f in inspect_fmu(clocked).findings if f.level == "error"] == []
+
+
+@pytest.mark.parametrize("component", ["PaperController", "HinfController"])
+def test_clocked_controllers_fly_with_their_defaults(tmp_path: Path, component: str) -> None:
+    """Their Clock has a period; another importer may ask whether it ticks."""
+    fmu = build_fmu(component, tmp_path, "native-fmi3", clocked=True)
+    text = f'title = "t"\n[run]\nend = 0.2\nstep = 0.01\n[components.c]\nfmu = "{fmu}"\n'
+    (tmp_path / "t.toml").write_text(text, "utf-8")
+    prepared = prepare(load(str(tmp_path / "t.toml")), FmuCache(tmp_path, tmp_path))
+    path = tmp_path / "t.mcap"
+    assert execute_run(prepared, path).status == "finished"
+    period = describe_fmu(fmu).ports["sample_time"].start
+    rows = Trace(path).read("/c/input")
+    assert rows.log_time_ns[rows["clock"]].tolist() == [
+        round(k * period * 1e9) for k in range(round(0.2 / period) + 1)
+    ]
+    model = read_model_description(str(fmu))
+    clock = next(v for v in model.modelVariables if v.name == "clock").valueReference
+    slave = instantiate_fmu(extract(str(fmu), str(tmp_path / "unpacked")), model, "CoSimulation")
+    slave.enterInitializationMode()
+    slave.exitInitializationMode()
+    assert slave.getClock([clock]) == [False]
+    slave.freeInstance()
 
 
 def test_sample_time_of_zero_is_no_interval(tmp_path: Path, clocked: Path) -> None:

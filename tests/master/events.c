@@ -1,8 +1,8 @@
 /* A slave of FMI 3.0 with events, for events.py, which declares what a test needs of it.
 
    It holds the master to the standard: a Clock that ticks, a discrete input or an update of
-   discrete states outside of event mode, a clocked variable that is read while its Clock does not
-   tick, and a step in event mode are errors.
+   discrete states outside of event mode, a clocked variable that is read or set while its Clock does
+   not tick, be it in the initialisation, and a step in event mode are errors.
 
    `tick` (time-based): ticks counts it, sampled is the input x at it; every second one lets the
    output Clock fired tick. `alarm` (countdown): begins `alarm_after` after each change of u; alarms
@@ -22,7 +22,7 @@
 
 enum { TICK = 1, ALARM, TRIGGER, FIRED };
 enum { TICKS = 10, ALARMS, TRIGGERS, LIMIT, U = 20, Y };
-enum { X = 30, SAMPLED, RAMP, EVENT_AT, ALARM_AFTER, STOP_EARLY, GROWTH, INTERVAL };
+enum { X = 30, SAMPLED, RAMP, EVENT_AT, ALARM_AFTER, STOP_EARLY, GROWTH, INTERVAL, Z };
 enum { MESSAGE = 40, ECHO, N = 50, ROW, DOUBLED };
 enum { LONGEST = 64 };
 
@@ -35,7 +35,7 @@ typedef struct {
     bool event, alarm_new;
     int iterations;
     fmi3Int32 ticks, alarms, triggers, limit, u, seen, y;
-    fmi3Float64 time, x, sampled, event_at, alarm_after, stop_early, growth, interval;
+    fmi3Float64 time, x, z, sampled, event_at, alarm_after, stop_early, growth, interval;
     fmi3UInt64 n;
     fmi3Float64 row[LONGEST];
     size_t size;
@@ -234,13 +234,13 @@ fmi3Status fmi3DoStep(fmi3Instance it, fmi3Float64 time, fmi3Float64 step, fmi3B
 }
 
 static fmi3Status refused(Model *m, unsigned reference) {
-    if (m->initialising || !m->events)
+    if (!m->events)
         return fmi3OK;
     unsigned clock = reference == TICKS || reference == SAMPLED ? TICK
                      : reference == ALARMS                      ? ALARM
                      : reference == TRIGGERS                    ? TRIGGER
                                                                 : 0;
-    if (clock && !m->ticking[clock] && m->time > 0)
+    if (clock && !m->ticking[clock])
         return wrong(m, "a clocked variable is read while its Clock does not tick", reference);
     return fmi3OK;
 }
@@ -282,7 +282,7 @@ fmi3Status fmi3GetFloat64(fmi3Instance it, const fmi3ValueReference v[], size_t 
             for (fmi3UInt64 e = 0; e < m->n; e++)
                 x[j++] = 2 * m->row[e];
         else
-            x[j++] = v[i] == SAMPLED ? m->sampled : v[i] == RAMP ? m->time : m->x;
+            x[j++] = v[i] == SAMPLED ? m->sampled : v[i] == RAMP ? m->time : v[i] == Z ? m->z : m->x;
     }
     return fmi3OK;
 }
@@ -291,6 +291,11 @@ fmi3Status fmi3SetFloat64(fmi3Instance it, const fmi3ValueReference v[], size_t 
     Model *m = it;
     for (size_t i = 0, j = 0; i < n; i++)
         switch (v[i]) {
+        case Z:
+            if (!m->ticking[TRIGGER])
+                return wrong(m, "a clocked variable is set while its Clock does not tick", Z);
+            m->z = x[j++];
+            break;
         case X:
             m->x = x[j++];
             m->sampled = m->ticking[TICK] ? m->x : m->sampled;

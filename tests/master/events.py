@@ -7,6 +7,7 @@ from pathlib import Path
 
 from compiled import compile_fmu
 
+TERMINALS = "terminalsAndIcons/terminalsAndIcons.xml"
 _VARIABLES = {
     "alarm": '<Clock name="alarm" valueReference="2" causality="input" '
     'intervalVariability="countdown"/>',
@@ -24,6 +25,8 @@ _VARIABLES = {
     "x": '<Float64 name="x" valueReference="30" causality="input" start="0"/>',
     "sampled": '<Float64 name="sampled" valueReference="31" causality="output" clocks="1" '
     'variability="discrete"/>',
+    "z": '<Float64 name="z" valueReference="38" causality="input" variability="discrete" '
+    'clocks="3" start="0"/>',
     "ramp": '<Float64 name="ramp" valueReference="32" causality="output" '
     'intermediateUpdate="true"/>',
     "message": '<Binary name="message" valueReference="40" causality="input">'
@@ -74,11 +77,12 @@ def event_fmu(
     state: bool = True,
     scheduled: bool = False,
     types: str = "",
+    terminals: str = "",
 ) -> Path:
     """Make an FMU with these variables; `tick` : attributes of the Clock of that name.
 
     `state` : it can save its state; `scheduled` : it is for scheduled execution; `types` : the
-    types that it defines.
+    types that it defines; `terminals` : its file of terminals.
     """
     chosen = {name: _VARIABLES[name] for name in names}
     if tick:
@@ -106,4 +110,5 @@ def event_fmu(
         f"<ModelStructure>{outputs}</ModelStructure></fmiModelDescription>\n"
     )
     number = len(list(folder.glob("*.fmu")))
-    return compile_fmu(Path(__file__).with_name("events.c"), description, folder / f"e{number}.fmu")
+    source, path = Path(__file__).with_name("events.c"), folder / f"e{number}.fmu"
+    return compile_fmu(source, description, path, files={TERMINALS: terminals} if terminals else {})

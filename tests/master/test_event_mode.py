@@ -190,6 +190,38 @@ def test_ticks_pass_along_a_chain_within_one_instant(tmp_path: Path) -> None:
         assert (run.signal("c", "triggers")[rows - 1] == np.arange(5)).all()
 
 
+@pytest.mark.parametrize("clock", ["tick", "alarm"])
+def test_a_triggered_clock_follows_one_that_the_master_lets_tick(
+    tmp_path: Path, clock: str
+) -> None:
+    """A periodic or a countdown Clock is a source, named before or behind the one that follows."""
+    periodic = PERIODIC if clock == "tick" else ""
+    first = describe_fmu(event_fmu(tmp_path, ["alarm", "alarm_after", "u"], periodic))
+    cause = describe_fmu(event_fmu(tmp_path, ["y", "event_at"]))
+    follower = describe_fmu(event_fmu(tmp_path, ["trigger", "triggers", "z"]))
+    ramp = describe_fmu(event_fmu(tmp_path, ["ramp"]))
+    for order in ("acfr", "frca"):
+        described = {"a": first, "c": cause, "f": follower, "r": ramp}
+        start = {"a": {"alarm_after": 0.125}, "c": {"event_at": 0.3}}
+        components = {n: Component(described[n], start.get(n, {})) for n in order}
+        run = run_of(system_of(components, "c.y a.u", f"a.{clock} f.trigger", "r.ramp f.z"))
+        ticked = instants(run, "a", clock)
+        wanted = [round(k * 0.1 * 1e9) for k in range(11)] if clock == "tick" else [425_000_000]
+        assert ticked == instants(run, "f", "trigger") == wanted
+        assert run.signal("f", "triggers")[-1] == len(wanted)
+
+
+def test_an_array_of_one_element_meets_a_scalar(tmp_path: Path) -> None:
+    """Either way; of two elements it does not."""
+    fmu = describe_fmu(event_fmu(tmp_path, ["x", "ramp", "n", "row", "doubled"]))
+    parts = {"a": Component(fmu, {"n": 1}), "b": Component(fmu, {"n": 1})}
+    run = run_of(system_of(parts, "a.ramp b.row", "b.doubled a.x"))
+    assert (run.signal("b", "row[1]") == run.signal("a", "ramp")).all()
+    assert (run.signal("a", "x") == 2 * run.signal("a", "ramp")).all()
+    with pytest.raises(InputError, match="differ in shape"):
+        system_of({"a": Component(fmu), "b": Component(fmu)}, "a.ramp b.row")
+
+
 def test_ticks_given_by_the_scenario(tmp_path: Path) -> None:
     """A triggered Clock that nothing is connected to ticks at the instants given for it."""
     fmu = describe_fmu(event_fmu(tmp_path, ["trigger", "triggers", "fired"]))

@@ -89,7 +89,7 @@ def test_scenario_built_in_python_runs(fmus: Path, tmp_path: Path) -> None:
     path = tmp_path / "scenario.toml"
     path.write_text(scenario.to_toml())
     built = run(scenario, tmp_path / "a.mcap", fmus=fmus.parent)
-    read = run(path, tmp_path / "b.mcap", fmus=fmus.parent)
+    read = run(str(path), str(tmp_path / "b.mcap"), fmus=str(fmus.parent))
     assert built.content_hash == read.content_hash
     assert built.assertions[0].result == "holds"
     again = cosim("trace", "rerun", "a.mcap", "--json", "--fmus", fmus.parent, cwd=tmp_path)

@@ -37,7 +37,7 @@ def executed(
     if vary is not None:
         axes = [a.model_copy(update=vary.get(a.column)) for a in study.vary]
         study = study.model_copy(update={"vary": axes})
-    execute_study(plan_of(study, base, fmus=native_fmus.parent), out)
+    execute_study(plan_of(study, base, fmus=str(native_fmus.parent)), out)
     return out
 
 

@@ -15,7 +15,7 @@ from cosim.fmu.export.catalogue import CATALOGUE
 from cosim.fmu.export.flavours import DEFAULT_FLAVOUR, FMI_VERSION
 from cosim.fmu.export.identity import kept_guid
 from cosim.fmu.export.native.platforms import Platform, host
-from cosim.fmu.export.spec import ClockVariable, ComponentSpec
+from cosim.fmu.export.spec import ClockVariable, ComponentSpec, Variable
 from cosim.fmu.prebuilt import prebuilt_file, source_digest
 
 
@@ -148,7 +148,16 @@ def _build_clocked(
             expected="flavour native-fmi3, and a sampled controller or a packet link",
             got=f"{flavour}, {spec.name}",
         )
-    return build_native_fmu(replace(spec, clocks=clocks), folder, "3.0", platforms)
+    variables = tuple(_with_period(spec, variable) for variable in spec.variables)
+    clocked = replace(spec, variables=variables, clocks=clocks)
+    return build_native_fmu(clocked, folder, "3.0", platforms)
+
+
+def _with_period(spec: ComponentSpec, variable: Variable) -> Variable:
+    """Return a variable; a sample time of zero starts at the usual step: a Clock needs a period."""
+    if (variable.name, variable.start) != ("sample_time", 0.0):
+        return variable
+    return replace(variable, start=spec.step_size)
 
 
 def _clocks_of(spec: ComponentSpec) -> tuple[ClockVariable, ...]:

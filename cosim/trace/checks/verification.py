@@ -46,7 +46,7 @@ class Verification:
         }
 
 
-def verify(path: Path, fmus: Path | None = None) -> Verification:
+def verify(path: Path, fmus: str | Path | None = None) -> Verification:
     """Check the structure of a file, and the content of a run's trace for consistency.
 
     Parameters
@@ -61,7 +61,7 @@ def verify(path: Path, fmus: Path | None = None) -> Verification:
     found = FileChecks(walk)
     for record in walk:
         found.add(record)
-    return verification_of(path, walk, found, fmus)
+    return verification_of(path, walk, found, None if fmus is None else Path(fmus))
 
 
 def verification_of(

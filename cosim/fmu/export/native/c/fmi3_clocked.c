@@ -11,6 +11,7 @@
 #undef fmi3EnterStepMode
 #undef fmi3UpdateDiscreteStates
 #undef fmi3DoStep
+#undef fmi3GetClock
 #undef fmi3SetClock
 #undef fmi3GetIntervalDecimal
 #undef fmi3GetShiftDecimal
@@ -21,6 +22,7 @@
 #define fmi3EnterStepMode plain_enter_step_mode
 #define fmi3UpdateDiscreteStates plain_update
 #define fmi3DoStep plain_step
+#define fmi3GetClock plain_get_clock
 #define fmi3SetClock plain_set_clock
 #define fmi3GetIntervalDecimal plain_interval
 #define fmi3GetShiftDecimal plain_shift
@@ -32,6 +34,7 @@
 #undef fmi3EnterStepMode
 #undef fmi3UpdateDiscreteStates
 #undef fmi3DoStep
+#undef fmi3GetClock
 #undef fmi3SetClock
 #undef fmi3GetIntervalDecimal
 #undef fmi3GetShiftDecimal
@@ -126,6 +129,14 @@ static fmi3Status of_the_clock(fmi3Instance c, const fmi3ValueReference vr[], si
             return (fmi3Status)instance_refuse(it, "value reference %u is no Clock; %u is", vr[i],
                                                CLOCK);
     return fmi3OK;
+}
+
+fmi3Status fmi3GetClock(fmi3Instance c, const fmi3ValueReference vr[], size_t n,
+                        fmi3Clock values[]) {
+    fmi3Status status = of_the_clock(c, vr, n);
+    for (size_t i = 0; status == fmi3OK && i < n; i++)
+        values[i] = CLOCK_OF(c)->ticking[vr[i] - CLOCK] != 0;
+    return status;
 }
 
 fmi3Status fmi3SetClock(fmi3Instance c, const fmi3ValueReference vr[], size_t n,
