@@ -72,7 +72,7 @@ VERBS = {
     "ssp": Verb(
         "ssp",
         "ssp_app",
-        "Export a scenario as an SSP archive, import an archive, or check it for other tools.",
+        "Export a scenario as an SSP archive, import an archive, or check one.",
     ),
     "vehicle": Verb(
         "vehicle",

@@ -83,11 +83,10 @@ class Binary(NamedTuple):
     @classmethod
     def of(cls, description: FmuDescription, folder: Path) -> Self:
         """Return what a description says."""
-        model = description.model
         return cls(
             description.version,
-            description.interface.modelIdentifier,
-            model.guid if description.version == "2.0" else model.instantiationToken,
+            description.interface.identifier,
+            description.token,
             description.path,
             folder,
             description.scheduled,

@@ -3,45 +3,31 @@
 from __future__ import annotations
 
 import hashlib
-import io
-import re
-import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from fmpy import read_model_description
-from fmpy.model_description import ValidationError
-from lxml import etree
-
 from cosim.core import InputError, similar_files
 from cosim.fmu.export.catalogue import CATALOGUE
 from cosim.fmu.feedthrough import Feedthrough, declared_feedthrough
-from cosim.fmu.inspect.archive import CheckedArchive
-from cosim.fmu.inspect.declared_model import XML, read_declared_model
+from cosim.fmu.inspect.archive import BROKEN_ARCHIVE, CheckedArchive
+from cosim.fmu.inspect.declared_model import XML, DeclaredModel, Interface
 from cosim.fmu.inspect.definitions import identifier_findings
-from cosim.fmu.inspect.findings import refusal
+from cosim.fmu.inspect.described import describe_root
+from cosim.fmu.inspect.findings import Finding, refusal
 from cosim.fmu.inspect.markup import MAX_XML, parse_xml
+from cosim.fmu.inspect.rules import RULES
 from cosim.fmu.inspect.terminals import TERMINALS
 from cosim.fmu.port import FmiVersion, Port
 from cosim.fmu.port_declarations import declared_ports
 from cosim.fmu.terminal import Terminal, declared_terminals
 
-_INTERFACES = {
-    "coSimulation": "co-simulation",
-    "modelExchange": "model exchange",
-    "scheduledExecution": "scheduled execution",
-}
-_HARMLESS = re.compile(
-    r'must have variability != "continuous"|has no start value|provides a start value|'
-    r"^The (display )?unit .* is not defined|dependenciesKind|"
-    r"contains an illegal (carriage|line|tab)|"
-    r"^Exactly one independent variable"
-)
-"""Messages of fmpy about faults of a description that do not keep the FMU from running. PythonFMU
-leaves out the variability of an Integer unless it is given one; "discrete" is meant."""
+_READ_BY_A_RUN = "VC"
+"""Groups of rules about variables and Clocks; a run names in its log which of them are broken."""
+_RUN = ("co-simulation", "scheduled execution", "model exchange")
+"""Kinds of use, the first that there is first; the last one cannot be run."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,18 +37,19 @@ class FmuDescription:
     Attributes
     ----------
     path, sha256 : the file and the hash of its bytes.
-    model : fmpy's model description.
+    model : the model description, as it is written.
     ports : variable name -> Port; FMI 3's aliases are variables of their own.
     xml : modelDescription.xml as it stands in the FMU.
     version : of FMI; 3.0.1 counts as 3.0.
-    departures : harmless breaks of the standard in the description.
+    departures : breaks of the standard by its variables and Clocks that do not keep it from
+        running, a sentence each.
     terminals : by name.
     lengths : the names of the structural parameters that give lengths of arrays.
     """
 
     path: Path
     sha256: str
-    model: Any
+    model: DeclaredModel
     ports: Mapping[str, Port]
     xml: bytes
     version: FmiVersion
@@ -76,58 +63,67 @@ class FmuDescription:
         object.__setattr__(self, "lengths", lengths)
 
     @property
-    def scheduled(self) -> bool:
-        """Whether it is for scheduled execution alone: its Clocks activate all it does (FMI 3)."""
-        return self.model.coSimulation is None
+    def interface(self) -> Interface:
+        """The kind of use that is run: co-simulation where there is one."""
+        return _interface_of(self.model)
 
     @property
-    def interface(self) -> Any:
-        """FMPy's description of the interface that is used: co-simulation where there is one."""
-        return self.model.scheduledExecution if self.scheduled else self.model.coSimulation
+    def scheduled(self) -> bool:
+        """Whether it is for scheduled execution alone: its Clocks activate all it does (FMI 3)."""
+        return self.interface.kind == "scheduled execution"
+
+    @property
+    def token(self) -> str:
+        """What the library compares with its own: guid, or instantiationToken."""
+        return self.model.token or ""
+
+    @property
+    def tool(self) -> str:
+        """The tool that made it; empty where it does not say."""
+        return self.model.attributes.get("generationTool", "")
 
     @property
     def variable_step(self) -> bool:
         """Whether the FMU takes communication steps of changing size."""
-        return self.scheduled or bool(self.interface.canHandleVariableCommunicationStepSize)
+        return self.scheduled or self._can("canHandleVariableCommunicationStepSize")
 
     @property
     def can_get_and_set_state(self) -> bool:
         """Whether its state can be saved and restored."""
-        return bool(self.interface.canGetAndSetFMUstate)
+        return self._can("canGetAndSetFMUstate", "canGetAndSetFMUState")
 
     @property
     def can_serialize_state(self) -> bool:
         """Whether a saved state can be turned into bytes."""
-        return bool(self.interface.canSerializeFMUstate)
+        return self._can("canSerializeFMUstate", "canSerializeFMUState")
 
     @property
     def has_event_mode(self) -> bool:
         """Whether its events can be handled in event mode (FMI 3)."""
-        if self.version != "3.0":
-            return False
-        return self.scheduled or bool(self.interface.hasEventMode)
+        return self.version == "3.0" and (self.scheduled or self._can("hasEventMode"))
 
     @property
     def provides_intermediate_update(self) -> bool:
         """Whether its outputs can be read within a step (FMI 3)."""
-        if self.version != "3.0" or self.scheduled:
-            return False
-        return bool(self.interface.providesIntermediateUpdate)
+        return not self.scheduled and self._can("providesIntermediateUpdate")
 
     @property
     def can_interpolate_inputs(self) -> bool:
         """Whether it takes derivatives of its inputs (FMI 2)."""
-        return not self.scheduled and bool(self.interface.canInterpolateInputs)
+        return not self.scheduled and self._can("canInterpolateInputs")
 
     @property
     def can_be_instantiated_only_once(self) -> bool:
         """Whether there may be only one instance of it in a process at a time."""
-        return bool(self.interface.canBeInstantiatedOnlyOncePerProcess)
+        return self._can("canBeInstantiatedOnlyOncePerProcess")
 
     @property
     def needs_execution_tool(self) -> bool:
         """Whether it only runs with another program, which must be installed."""
-        return bool(self.interface.needsExecutionTool)
+        return self._can("needsExecutionTool")
+
+    def _can(self, *attributes: str) -> bool:
+        return any(map(self.interface.is_true, attributes))
 
     def port(self, name: str, *, where: str) -> Port:
         """Return the variable `name`; an `InputError` lists the nearest names if there is none."""
@@ -234,26 +230,27 @@ def _describe(path: Path, content: bytes, digest: str) -> FmuDescription:
         archive = CheckedArchive(path, content)
         archive.require_sound()
         xml, root = _description_in(archive)
-        model, departures = _read_model(content, xml)
-        version = _version(model, path)
-        ports = declared_ports(read_declared_model(root), version)
+        version = _version(root, path)
+        model, departures = _checked(root, path)
+        ports = declared_ports(model, version)
         terminals, broken = _terminals_in(archive)
-    except InputError:
-        raise
-    except Exception as error:  # fmpy and zipfile raise many kinds: all mean this
+    except (ValueError, *BROKEN_ARCHIVE) as error:
+        if isinstance(error, InputError):
+            raise
         raise InputError(
             "not a valid FMU", where=str(path), expected="an FMU 2.0 or 3.0", got=str(error)
         ) from error
-    if model.coSimulation is None:  # in scheduled execution variables can be read at any time
+    if _interface_of(model).kind != "co-simulation":  # its variables can be read at any time
         ports = {name: replace(port, clocks=()) for name, port in ports.items()}
-    interface = model.coSimulation or model.scheduledExecution
-    for wrong in identifier_findings(interface.modelIdentifier, "co-simulation"):
-        raise refusal("its library is not loaded", path, wrong, "a C identifier")
     return FmuDescription(
         *(path, digest, model, MappingProxyType(ports), xml, version),
         departures=departures + broken,
         terminals=MappingProxyType(terminals),
     )
+
+
+def _interface_of(model: DeclaredModel) -> Interface:
+    return min(model.interfaces, key=lambda one: _RUN.index(one.kind))
 
 
 def _description_in(archive: CheckedArchive) -> tuple[bytes, Any]:
@@ -275,37 +272,10 @@ def _terminals_in(archive: CheckedArchive) -> tuple[dict[str, Terminal], tuple[s
     return declared_terminals(root), ()
 
 
-def _read_model(content: bytes, xml: bytes) -> tuple[Any, tuple[str, ...]]:
-    """Return fmpy's model description and its harmless breaks of the standard."""
-    if b"<ClockType" in xml:
-        content = _without_clock_types(xml)
-    try:
-        return read_model_description(io.BytesIO(content)), ()
-    except ValidationError as error:
-        problems = tuple(str(problem) for problem in error.problems)
-        if not all(_HARMLESS.search(problem) for problem in problems):
-            raise
-    return read_model_description(io.BytesIO(content), validate=False), problems
-
-
-def _without_clock_types(xml: bytes) -> bytes:
-    """Return an archive whose description names no type of a Clock, which fmpy does not know.
-
-    What a type says of its Clocks is read from the XML itself (`declared_ports`).
-    """
-    parser = etree.XMLParser(resolve_entities=False, no_network=True, load_dtd=False)
-    root = etree.fromstring(xml, parser)
-    for clock in root.iter("Clock"):
-        clock.attrib.pop("declaredType", None)
-    stream = io.BytesIO()
-    with zipfile.ZipFile(stream, "w") as archive:
-        archive.writestr(XML, etree.tostring(root, xml_declaration=True, encoding="UTF-8"))
-    return stream.getvalue()
-
-
-def _version(model: Any, path: Path) -> FmiVersion:
+def _version(root: Any, path: Path) -> FmiVersion:
     """Return the FMI version, or refuse an FMU that cannot be run here."""
-    if model.fmiVersion == "1.0":
+    version = root.get("fmiVersion")
+    if version == "1.0":
         raise InputError(
             "an FMU of FMI 1.0 cannot be run",
             where=str(path),
@@ -313,13 +283,43 @@ def _version(model: Any, path: Path) -> FmiVersion:
             got="FMI 1.0",
             hint="export it again: FMI 2.0 replaced FMI 1.0 in 2014",
         )
-    if model.coSimulation is None and getattr(model, "scheduledExecution", None) is None:
-        offered = [words for key, words in _INTERFACES.items() if getattr(model, key, None)]
+    return "2.0" if version == "2.0" else "3.0"
+
+
+def _checked(root: Any, path: Path) -> tuple[DeclaredModel, tuple[str, ...]]:
+    """Return the description and its departures, by the rules of `cosim fmu check`.
+
+    Raises
+    ------
+    InputError : it breaks a rule without which it cannot be run, or is for model exchange only.
+    """
+    model, findings = describe_root(root)
+    errors = [one for one in findings if one.level == "error"]
+    for wrong in errors:
+        if not RULES[wrong.code].runs:
+            raise refusal("not a valid FMU", path, wrong)
+    if model is None:
+        raise InputError("not a valid FMU", where=str(path), got=str(root.tag))
+    if not model.kinds & {*_RUN[:2]}:
         raise InputError(
             "this FMU cannot be run",
             where=str(path),
             expected="co-simulation, where the FMU brings its own solver",
-            got=f"FMI {model.fmiVersion}, {' and '.join(offered) or 'no interface'} only",
+            got=f"FMI {model.version}, {' and '.join(sorted(model.kinds))} only",
             hint="export it for co-simulation",
         )
-    return "2.0" if model.fmiVersion == "2.0" else "3.0"
+    used = _interface_of(model)
+    for wrong in identifier_findings(used.identifier, used.kind):
+        raise refusal("its library is not loaded", path, wrong, "a C identifier")
+    by_rule: dict[str, list[Finding]] = {}
+    for one in errors:
+        if RULES[one.code].number[0] in _READ_BY_A_RUN:
+            by_rule.setdefault(one.code, []).append(one)
+    return model, tuple(_departure(listed) for listed in by_rule.values())
+
+
+def _departure(listed: list[Finding]) -> str:
+    """Say how often a rule is broken, and where first."""
+    first, more = listed[0], len(listed) - 1
+    text = f"{first.where}: {first.what} ({RULES[first.code].number}, {first.code})"
+    return f"{text}, and {more} more" if more else text

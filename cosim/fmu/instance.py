@@ -122,8 +122,8 @@ class Instance:
         except BaseException:
             self.end(terminate=False)
             raise
-        for departure in description.departures:
-            self._log("warning", f"modelDescription.xml: {departure}", "")
+        if description.departures:
+            self._log("warning", f"breaks the standard: {'; '.join(description.departures)}", "")
 
     def _loaded(self, binary: Binary) -> Any:
         if self._process is None:
@@ -133,7 +133,7 @@ class Instance:
         return IsolatedSlave(self._process, binary, self.name, self._where)
 
     def _check_categories(self) -> None:
-        known = {category.name for category in self.description.model.logCategories}
+        known = self.description.model.named["log category"]
         for category in self._categories or ():
             if category not in known:
                 raise InputError.unknown("log category", category, known, where=self._where)
@@ -173,14 +173,13 @@ class Instance:
         except Exception as error:
             if type(error) is not Exception:  # a bare one is FMPy's word for NULL
                 raise
-            model = self.description.model
-            tool = self.description.needs_execution_tool
+            description = self.description
             raise ComponentError(
                 "the FMU refuses to be instantiated",
                 where=self._where,
                 got=self.last_error or "no message",
-                hint=f"it needs a program to run in, made by: {model.generationTool or 'not said'}"
-                if tool
+                hint=f"it needs a program to run in, made by: {description.tool or 'not said'}"
+                if description.needs_execution_tool
                 else None,
             ) from error
         self.last_error = self._logged_error = None

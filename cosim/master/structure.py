@@ -32,7 +32,7 @@ def same_structure(one: Parts, other: Parts) -> bool:
 def can_be_reset(system: Parts) -> bool:
     """Whether every slave of a system can be reset to what a new one is."""
     return system.threads == 1 and all(
-        component.description.model.generationTool == _OWN_TOOL
+        component.description.tool == _OWN_TOOL
         and not component.isolate
         and not component.has_events
         and not component.description.departures  # a new instance logs them

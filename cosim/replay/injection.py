@@ -114,7 +114,7 @@ def inject(
     parameters, not_set = start_values(trace, fmu, request, role, scenario)
     starts = {n: float(parameters.get(n, fmu.ports[n].start or 0.0)) for n in sources}
     input_values = resampled_inputs(trace, direct, linked, link, starts, request.step_ns)
-    name = request.compare or role or identifier(str(fmu.model.modelName))
+    name = request.compare or role or identifier(fmu.model.attributes.get("modelName", ""))
     system = _system(name, fmu, parameters, input_values)
     if request.compare is not None and input_values.shift_ns:
         raise InputError(

@@ -50,12 +50,13 @@ def unit_of(fmu: FmuDescription, port: Port) -> DeclaredUnit | None:
     """Return the unit of a variable as the FMU defines it, else by its name; None without one."""
     if not port.unit:
         return None
-    for unit in fmu.model.unitDefinitions:
-        if unit.name == port.unit and unit.baseUnit is not None:
-            base = unit.baseUnit
-            exponents = tuple(Fraction(int(getattr(base, b) or 0)) for b in _BASES)
+    for unit in fmu.model.units:
+        if unit.name == port.unit and unit.base is not None:
+            base = unit.base
+            exponents = tuple(Fraction(int(base.get(b, "0"))) for b in _BASES)
             measured = Dimension((*exponents, Fraction(0)))
-            return DeclaredUnit(port.unit, measured, float(base.factor), float(base.offset))
+            factor, offset = float(base.get("factor", "1")), float(base.get("offset", "0"))
+            return DeclaredUnit(port.unit, measured, factor, offset)
     try:
         named = parse_quantity(f"1 {port.unit}")
         origin = parse_quantity(f"0 {port.unit}")

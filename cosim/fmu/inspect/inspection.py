@@ -10,21 +10,13 @@ from typing import Any
 from cosim.fmu.inspect.archive import CheckedArchive, open_archive
 from cosim.fmu.inspect.binaries import binary_entries, binary_findings
 from cosim.fmu.inspect.content import SOURCES, content_findings
-from cosim.fmu.inspect.declared_model import XML, DeclaredModel, known_version, read_declared_model
-from cosim.fmu.inspect.definitions import definition_findings
-from cosim.fmu.inspect.findings import Finding, finding, ordered
+from cosim.fmu.inspect.declared_model import XML, DeclaredModel
+from cosim.fmu.inspect.described import describe_root
+from cosim.fmu.inspect.findings import Finding, ordered
 from cosim.fmu.inspect.library import Binary, read_binary
 from cosim.fmu.inspect.markup import MAX_XML, parse_xml, schema_findings
-from cosim.fmu.inspect.references import reference_findings
-from cosim.fmu.inspect.structure import structure_findings
 from cosim.fmu.inspect.terminals import BUILD, TERMINALS, build_findings, terminal_findings
-from cosim.fmu.inspect.variables import variable_findings
 
-_SCHEMAS = {
-    1: "fmi1/fmiModelDescription.xsd",
-    2: "fmi2/fmi2ModelDescription.xsd",
-    3: "fmi3/fmi3ModelDescription.xsd",
-}
 _MOST_BINARY = 512 << 20
 
 
@@ -103,25 +95,6 @@ def inspect_fmu(path: Path) -> Inspection:
         binaries=tuple(binaries),
         findings=tuple(ordered(findings)),
     )
-
-
-def describe_root(root: Any) -> tuple[DeclaredModel | None, list[Finding]]:
-    """Read and check a model description from its root element.
-
-    Returns
-    -------
-    The description, None if it is of no known version, and the findings.
-    """
-    version = root.get("fmiVersion")
-    if root.tag != "fmiModelDescription":
-        return None, [finding("xml-schema", XML, f"the root element is {root.tag!s}")]
-    if not known_version(version):
-        return None, [finding("version-unknown", XML, f"fmiVersion is {version!r}")]
-    model = read_declared_model(root)
-    findings = schema_findings(root, _SCHEMAS[model.major], XML)
-    for check in (definition_findings, variable_findings, reference_findings, structure_findings):
-        findings += check(model)
-    return model, findings
 
 
 def _further(archive: CheckedArchive, model: DeclaredModel) -> tuple[Any, list[Finding]]:

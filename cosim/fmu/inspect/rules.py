@@ -36,6 +36,7 @@ class Rule:
     ----------
     code, number : its names; both stay from one version to the next.
     level : the usual one of its findings.
+    runs : whether an FMU that breaks it can be run: what it means is clear all the same.
     why : why it matters, and what to do.
     fmi2, fmi3 : sections of FMI 2.0.4 and 3.0.2; empty where no standard asks for it.
     base, old, new : an example to run: in examples/<base>.xml, `old` becomes `new`.
@@ -45,6 +46,7 @@ class Rule:
     code: str
     number: str
     level: Level
+    runs: bool
     why: str
     fmi2: str = ""
     fmi3: str = ""
@@ -75,6 +77,7 @@ class Rule:
             "number": self.number,
             "code": self.code,
             "level": self.level,
+            "runs": self.runs,
             "why": self.why,
             "sections": self.sections,
             "example": self.example,
@@ -108,7 +111,9 @@ def _rule(number: str, code: str, rest: str) -> Rule:
     base, old, new = map(_plain, parts)
     prose = "" if base else _plain(example.replace("`", ""))
     why = _plain(why.replace("`", ""))
-    return Rule(code, number, cast("Level", level), why, fmi2, fmi3, base, old, new, prose)
+    level, _, unclear = level.partition(", ")
+    of = cast("Level", level), not unclear
+    return Rule(code, number, *of, why, fmi2, fmi3, base, old, new, prose)
 
 
 def _plain(cell: str) -> str:

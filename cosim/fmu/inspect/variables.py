@@ -90,8 +90,8 @@ def _combination(v: Variable, model: DeclaredModel) -> Iterator[Finding]:
     written = v.attributes.get("initial")
     if v.variability == "continuous" and not v.real:
         yield finding("not-continuous", v.where, f"a continuous variable of type {v.type}")
-        if v.attributes.get("variability") is None:
-            return  # FMI 2's default, which is all that is wrong
+        if v.attributes.get("variability") is None and (v.causality, "discrete") in _COMBINATIONS:
+            return  # FMI 2's default, which is all that is wrong: discrete is meant
     if allowed is None:
         yield finding("combination", v.where, f"{pair} do not go together")
     elif v.initial not in allowed and v.type != "Clock":
@@ -99,7 +99,7 @@ def _combination(v: Variable, model: DeclaredModel) -> Iterator[Finding]:
         what = f"initial is {v.initial}; {pair} allow {options}"
         yield finding("combination", v.where, what.replace("allow None", "allow none"))
     elif v.causality == "input" and written is not None and model.major == 2:
-        yield finding("combination", v.where, f"initial is {written}; an input has none in FMI 2")
+        yield finding("initial-input", v.where, f"initial is {written}")
 
 
 def _type(v: Variable, model: DeclaredModel) -> Iterator[Finding]:

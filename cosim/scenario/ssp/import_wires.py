@@ -100,7 +100,7 @@ def _check(
             )
         ports.append(port)
     one, other = (
-        None if port.unit is None else units_of_fmu(fmus[place].model).get(port.unit)
+        None if port.unit is None else units_of_fmu(fmus[place]).get(port.unit)
         for port, (place, _) in zip(ports, (source, wire.target), strict=True)
     )
     text = f"{end_text(source)} [{ports[0].unit}] -> {end_text(wire.target)} [{ports[1].unit}]"

@@ -235,13 +235,13 @@ def _run(
 ) -> dict[str, Any]:
     table = {} if description.run is None else archive.toml("run", description.run)
     notes = archive.notes
-    experiments = [fmu.model.defaultExperiment for fmu in fmus.values()]
+    experiments = [fmu.model.experiment for fmu in fmus.values()]
     if "end" not in table:
         table["end"] = description.stop_s
         if description.start_s:
             table["start"] = description.start_s
     if end is None and table["end"] is None:
-        stops = [float(e.stopTime) for e in experiments if e is not None and e.stopTime]
+        stops = [float(e["stopTime"]) for e in experiments if e.get("stopTime")]
         if not stops:
             raise archive.wrong(
                 "neither the archive nor its FMUs say when the run ends",
@@ -254,7 +254,7 @@ def _run(
     if end is not None:
         table["end"] = end
     if "step" not in table and step is None:
-        steps = [float(e.stepSize) for e in experiments if e is not None and e.stepSize]
+        steps = [float(e["stepSize"]) for e in experiments if e.get("stepSize")]
         table["step"] = description.step_s
         if table["step"] is None:
             table["step"] = min(steps) if steps else table["end"] / 1000

@@ -262,7 +262,7 @@ def _conversion(
     """Return what converts a value to the unit of the variable."""
     if bound.unit is None or port.unit is None or bound.unit == port.unit:
         return lambda value: value
-    own = units_of_fmu(fmu.model)
+    own = units_of_fmu(fmu)
     of, to = units.get(bound.unit) or own.get(bound.unit), own.get(port.unit)
     reason = "one of the units is not defined"
     if of is not None and to is not None:

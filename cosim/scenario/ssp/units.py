@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from contextlib import suppress
 from typing import Any, NamedTuple
 
-from cosim.fmu import UNITS
+from cosim.fmu import UNITS, FmuDescription
 from cosim.master import System
 from cosim.scenario.ssp.names import tag
 
@@ -20,12 +20,11 @@ def units_of(system: System, warnings: list[str]) -> dict[str, dict[str, str]]:
     }
     used: set[str] = {"s"}
     for component_name, component in system.components.items():
-        model = component.description.model
         used |= {p.unit for p in component.description.ports.values() if p.unit is not None}
-        for unit in getattr(model, "unitDefinitions", None) or ():
-            base = _base(unit)
-            if base is None:
+        for unit in component.description.model.units:
+            if unit.base is None:
                 continue
+            base = _short(unit.base)
             known = found.setdefault(unit.name, base)
             if known != base:
                 warnings.append(
@@ -35,14 +34,11 @@ def units_of(system: System, warnings: list[str]) -> dict[str, dict[str, str]]:
     return {name: found[name] for name in sorted(used & set(found))}
 
 
-def _base(unit: Any) -> dict[str, str] | None:
-    base = unit.baseUnit
-    if base is None:
-        return None
-    exponents = {k: str(int(getattr(base, k) or 0)) for k in _EXPONENTS}
-    found = {k: e for k, e in exponents.items() if e != "0"}
+def _short(base: Mapping[str, str]) -> dict[str, str]:
+    """Return the attributes of a BaseUnit that are not the usual ones."""
+    found = {k: str(int(base[k])) for k in _EXPONENTS if int(base.get(k, "0"))}
     for key, neutral in (("factor", 1.0), ("offset", 0.0)):
-        value = float(getattr(base, key, None) or neutral)
+        value = float(base.get(key, neutral))
         if value != neutral:
             found[key] = repr(value)
     return found
@@ -68,10 +64,9 @@ def units_in(root: Any) -> dict[str, UnitBase]:
     return found
 
 
-def units_of_fmu(model: Any) -> dict[str, UnitBase]:
+def units_of_fmu(fmu: FmuDescription) -> dict[str, UnitBase]:
     """Return the units that an FMU defines."""
-    bases = {u.name: _base(u) for u in getattr(model, "unitDefinitions", None) or ()}
-    return {name: _of_texts(base) for name, base in bases.items() if base is not None}
+    return {u.name: _of_texts(u.base) for u in fmu.model.units if u.base is not None}
 
 
 def _of_texts(base: Mapping[str, str]) -> UnitBase:
