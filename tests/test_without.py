@@ -66,6 +66,31 @@ def test_an_fmu_is_checked_without_readers_of_binaries() -> None:
     assert {code for code, *_ in findings}.isdisjoint({"binary-damaged", "binary-unread"})
 
 
+NO_ROSBAGS = """
+import sys
+sys.modules["rosbags"] = sys.modules["rosbags.typesys"] = None
+from pathlib import Path
+from cosim.core import InputError
+from cosim.trace import TraceWriter, export_bag
+path = Path(sys.argv[1])
+with TraceWriter(path, run={}) as writer:
+    writer.log(0, "info", "a", "b")
+    writer.finish({})
+try:
+    export_bag(path, None)
+except InputError as error:
+    print(error)
+"""
+
+
+def test_a_bag_needs_an_extra_and_says_so(tmp_path: Path) -> None:
+    """No file is left over."""
+    done = python(NO_ROSBAGS, str(tmp_path / "a.mcap"))
+    assert done.returncode == 0, done.stderr.decode()
+    assert "pip install 'auv-cosim[ros2]'" in done.stdout.decode()
+    assert [path.name for path in tmp_path.iterdir()] == ["a.mcap"]
+
+
 def test_an_fmu_is_checked_with_a_handful_of_packages(tmp_path: Path) -> None:
     """Those of docs/how-to/own-fmus.md, and the two that typer brings."""
     allowed = {"cosim", "lazy_loader", "lxml", "pydantic", "rich", "typer"}

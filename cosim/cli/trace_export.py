@@ -28,7 +28,7 @@ def export(
         Format | None,
         typer.Option(
             help="Format of the tables (default: by the end of --out, else csv); parquet needs "
-            "the extra tables. ros2: one bag of messages, no tables."
+            "the extra tables. ros2: one bag of messages, no tables, with the extra ros2."
         ),
     ] = None,
     out: Annotated[

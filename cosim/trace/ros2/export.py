@@ -7,15 +7,18 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cosim.core import InputError, Progress, not_written, silent, written_beside
-from cosim.trace.file.block import Records, in_order
+from cosim.trace.file.block import HEAD, Records, in_order
 from cosim.trace.file.stream import McapStream
 from cosim.trace.reader import Trace
-from cosim.trace.ros2.definitions import definition
+from cosim.trace.ros2.messages import definition, serialised
 from cosim.trace.ros2.topics import Converter, Outgoing, converters
 from cosim.trace.rows.layout import RESULT, RUN
 from cosim.trace.tables.table import Table
+
+Integers = NDArray[np.int64]
 
 _PART_BYTES = 2**22
 _CHUNK_BYTES = 2**20
@@ -123,8 +126,7 @@ def _records(
     for topic, table in tables.items():
         for converter in made[topic]:
             for one in converter(table):
-                if one.rows.size:
-                    yield bag.records(topic, one, table)
+                yield from bag.records(topic, one, table)
 
 
 class _Bag:
@@ -134,23 +136,33 @@ class _Bag:
         self._stream, self._trace = stream, trace
         self._schemas: dict[str, int] = {}
         self._channels: dict[str, int] = {}
-        self._latest: dict[str, tuple[int, int, int]] = {}
+        self._latest: dict[str, tuple[int, ...]] = {}
         self.counts: dict[str, int] = {}
         stream.start("auv-cosim", "ros2")
         stream.metadata(RUN, trace.run)
 
-    def records(self, topic: str, one: Outgoing, table: Table) -> Records:
-        """Return messages as records of their channel."""
-        log_ns = table.log_time_ns[one.rows]
-        publish_ns, sequence = table.publish_time_ns[one.rows], table.sequence[one.rows]
+    def records(self, topic: str, one: Outgoing, table: Table) -> Iterator[Records]:
+        """Yield messages as records of their channel."""
+        if not one.rows.size:
+            return
         self.counts[one.topic] = self.counts.get(one.topic, 0) + one.rows.size
         last = int(np.argmax(table.log_time_ns))
-        self._latest[topic] = (
-            int(table.log_time_ns[last]),
-            int(table.publish_time_ns[last]),
-            int(table.sequence[last]),
-        )
-        return Records(self._channel(one), log_ns, publish_ns, sequence, one.lines, _RANK)
+        columns = table.log_time_ns, table.publish_time_ns, table.sequence
+        self._latest[topic] = tuple(int(column[last]) for column in columns)
+        yield from self._laid_out(one, *(column[one.rows] for column in columns))
+
+    def _laid_out(
+        self, one: Outgoing, log: Integers, sent: Integers, number: Integers
+    ) -> Iterator[Records]:
+        """Yield the records of messages, those of one size together."""
+        channel, found = self._channel(one), [serialised(one.type, x) for x in one.messages]
+        sizes = np.array([len(data) for data in found])
+        for size in np.unique(sizes):
+            mine = np.flatnonzero(sizes == size)
+            lines = np.zeros((mine.size, HEAD.size + size), np.uint8)
+            content = np.frombuffer(b"".join(found[k] for k in mine), np.uint8)
+            lines[:, HEAD.size :] = content.reshape(mine.size, size)
+            yield Records(channel, log[mine], sent[mine], number[mine], lines, _RANK)
 
     def add(self, records: Iterable[Records]) -> None:
         """Write records in order of time."""
@@ -163,8 +175,8 @@ class _Bag:
         for topic, (log_ns, publish_ns, sequence) in self._latest.items():
             for one in (last for converter in made[topic] for last in converter.last()):
                 self.counts[one.topic] = self.counts.get(one.topic, 0) + 1
-                log, sent, number = (np.array([v]) for v in (log_ns, publish_ns, sequence))
-                self.add([Records(self._channel(one), log, sent, number, one.lines, _RANK)])
+                columns = (np.array([value]) for value in (log_ns, publish_ns, sequence))
+                self.add(self._laid_out(one, *columns))
         self._stream.flush()
         if self._trace.result is not None:
             self._stream.metadata(RESULT, self._trace.result)

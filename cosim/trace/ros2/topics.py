@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.core import InputError
-from cosim.trace.ros2.cdr import Bytes, Message
+from cosim.trace.ros2.messages import header, message, pose, pose_stamped, stamp, turn, vector
 from cosim.trace.rows.foxglove_topics import MAP, NED
 from cosim.trace.rows.layout import (
     FIXED_FRAME_TOPIC,
@@ -40,6 +40,8 @@ _ETA = ("eta.x", "eta.y", "eta.z", "eta.psi")
 _NU = ("nu.u", "nu.v", "nu.w", "nu.r")
 _LEVELS = {1: 10, 2: 20, 3: 30, 4: 40, 5: 50}
 """Levels of rcl_interfaces/Log by those of foxglove.Log."""
+_NONE = np.zeros(36)
+"""A covariance of which nothing is known."""
 
 
 class Outgoing(NamedTuple):
@@ -48,14 +50,14 @@ class Outgoing(NamedTuple):
     Attributes
     ----------
     rows : numbers of the rows that they come from, (k,).
-    lines : the messages, uint8 (k, size), with room for a record's head.
+    messages : of the type, one for each row.
     notes : of the topic: name, unit and description of a signal.
     """
 
     topic: str
     type: str
     rows: Numbers
-    lines: Bytes
+    messages: Sequence[Any]
     notes: Mapping[str, str] = {}
 
 
@@ -118,57 +120,49 @@ def _has(info: TopicInfo, names: Sequence[str]) -> bool:
     return set(names) <= {signal.name for signal in info.signals}
 
 
-def _stamps(times_ns: NDArray[np.int64]) -> dict[str, Any]:
-    seconds, nanos = np.divmod(times_ns, _NS)
-    if seconds.size and not -(2**31) <= int(seconds.min()) <= int(seconds.max()) < 2**31:
+def _instants(table: Table) -> list[int]:
+    """Return the times of rows [ns]; an `InputError` where a message has no room for one."""
+    times = table.log_time_ns
+    if times.size and not -(2**31) <= int(times.min()) // _NS <= int(times.max()) // _NS < 2**31:
         raise InputError(
             "an instant does not fit into a ROS 2 message",
             where="trace export --to ros2",
             expected=f"seconds below {2**31}",
-            got=f"{int(np.abs(seconds).max())} s",
+            got=f"{int(np.abs(times).max()) // _NS} s",
         )
-    return {"sec": seconds, "nanosec": nanos}
+    found: list[int] = times.tolist()
+    return found
 
 
-def _groups(*columns: NDArray[Any]) -> Iterator[tuple[tuple[str, ...], Numbers]]:
-    """Yield the distinct texts of rows, and the numbers of the rows that have them."""
-    rows: dict[tuple[str, ...], list[int]] = {}
-    for k, texts in enumerate(zip(*(column.tolist() for column in columns), strict=True)):
-        rows.setdefault(texts, []).append(k)
-    for texts, mine in rows.items():
-        yield texts, np.array(mine, np.intp)
+def _rows(table: Table, *names: str) -> list[tuple[float, ...]]:
+    """Return the values of some columns, row by row."""
+    return list(zip(*(table[name].tolist() for name in names), strict=True))
 
 
 class _Signals(Converter):
     """A topic of rows: every signal is a topic of its own."""
 
-    _TYPES: Mapping[str, tuple[str, str]] = {
-        "float": ("std_msgs/msg/Float64", "d"),
-        "int": ("std_msgs/msg/Int64", "q"),
-        "bool": ("std_msgs/msg/Bool", "B"),
-        "string": ("std_msgs/msg/String", ""),
+    _TYPES: Mapping[str, str] = {
+        "float": "std_msgs/msg/Float64",
+        "int": "std_msgs/msg/Int64",
+        "bool": "std_msgs/msg/Bool",
+        "string": "std_msgs/msg/String",
     }
 
     def __init__(self, info: TopicInfo, names: _Names) -> None:
         fields = field_names([signal.name for signal in info.signals])
         self._topics = {
-            signal: (names.free(f"{info.topic}/{field}"), *self._TYPES[signal.kind])
+            signal: (names.free(f"{info.topic}/{field}"), self._TYPES[signal.kind])
             for signal, field in zip(info.signals, fields, strict=True)
         }
 
     def __call__(self, table: Table) -> Iterator[Outgoing]:
-        for signal, (topic, kind, form) in self._topics.items():
+        for signal, (topic, kind) in self._topics.items():
             there = np.flatnonzero(table.present[signal.name])
-            values = table[signal.name][there]
             known = {"name": signal.name, "unit": signal.unit, "description": signal.description}
             notes = {key: text for key, text in known.items() if text is not None}
-            if form:
-                lines = Message().value(form, column="data").filled(there.size, {"data": values})
-                yield Outgoing(topic, kind, there, lines, notes)
-                continue
-            for (text,), mine in _groups(values):
-                lines = Message().text(text).filled(mine.size, {})
-                yield Outgoing(topic, kind, there[mine], lines, notes)
+            values = table[signal.name][there].tolist()
+            yield Outgoing(topic, kind, there, [message(kind, data=x) for x in values], notes)
 
 
 class _Poses(Converter):
@@ -182,33 +176,28 @@ class _Poses(Converter):
         self._last: tuple[str, int] | None = None
 
     def __call__(self, table: Table) -> Iterator[Outgoing]:
-        columns = {name: table[name] for name in (*_POSITION, *_TURN)}
-        times = _stamps(table.log_time_ns)
-        for (frame,), mine in _groups(table["frame_id"]):
-            message = Message().header(frame).values("d", " ".join(columns))
-            given = {name: values[mine] for name, values in {**times, **columns}.items()}
-            lines = message.filled(mine.size, given)
-            yield Outgoing(self._topic, "geometry_msgs/msg/PoseStamped", mine, lines)
-        if self._path is not None and len(table):
+        times, frames = _instants(table), table["frame_id"].tolist()
+        at = map(pose, _rows(table, *_POSITION), _rows(table, *_TURN))
+        poses = [pose_stamped(*one) for one in zip(times, frames, at, strict=True)]
+        yield Outgoing(self._topic, "geometry_msgs/msg/PoseStamped", _all(table), poses)
+        if self._path is not None and times:
             positions = np.column_stack([table[name] for name in _POSITION])
             for k, points in self._path.add(positions):
-                yield self._message(table["frame_id"][k], int(table.log_time_ns[k]), points, k)
-            self._last = table["frame_id"][-1], int(table.log_time_ns[-1])
+                yield self._of_path(frames[k], times[k], points, k)
+            self._last = frames[-1], times[-1]
 
     def last(self) -> Iterator[Outgoing]:
         if self._path is not None and self._last is not None:
-            yield self._message(*self._last, self._path.points, 0)
+            yield self._of_path(*self._last, self._path.points, 0)
 
-    def _message(self, frame: str, time_ns: int, points: NDArray[Any], row: int) -> Outgoing:
-        seconds, nanos = divmod(time_ns, _NS)
-        message = Message().value("i", seconds).value("I", nanos).text(frame)
-        message.value("I", len(points))
-        for point in points.tolist():
-            message.value("i", seconds).value("I", nanos).text(frame)
-            for value in (*point, 0.0, 0.0, 0.0, 1.0):
-                message.value("d", value)
-        rows = np.array([row], np.intp)
-        return Outgoing(self._path_topic, "nav_msgs/msg/Path", rows, message.filled(1, {}))
+    def _of_path(self, frame: str, time_ns: int, points: NDArray[Any], row: int) -> Outgoing:
+        poses = [
+            pose_stamped(time_ns, frame, pose(point, (0.0, 0.0, 0.0, 1.0)))
+            for point in points.tolist()
+        ]
+        kind = "nav_msgs/msg/Path"
+        one = message(kind, header=header(time_ns, frame), poses=poses)
+        return Outgoing(self._path_topic, kind, np.array([row], np.intp), [one])
 
 
 class _Frames(Converter):
@@ -218,39 +207,66 @@ class _Frames(Converter):
         self._topics = moving, static
 
     def __call__(self, table: Table) -> Iterator[Outgoing]:
-        names = [f"translation.{axis}" for axis in "xyz"] + [f"rotation.{a}" for a in "xyzw"]
-        columns = {**_stamps(table.log_time_ns), **{name: table[name] for name in names}}
-        frames = table["parent_frame_id"], table["child_frame_id"]
-        for (parent, child), mine in _groups(*frames):
-            message = Message().value("I", 1).header(parent).text(child)
-            lines = message.values("d", " ".join(names)).filled(
-                mine.size, {name: values[mine] for name, values in columns.items()}
-            )
-            topic = self._topics[(parent, child) == (MAP, NED)]
-            yield Outgoing(topic, "tf2_msgs/msg/TFMessage", mine, lines)
+        places = _rows(table, *(f"translation.{axis}" for axis in "xyz"))
+        turns = _rows(table, *(f"rotation.{axis}" for axis in "xyzw"))
+        frames = [*zip(table["parent_frame_id"], table["child_frame_id"], strict=True)]
+        messages = [
+            message("tf2_msgs/msg/TFMessage", transforms=[_transform(*one)])
+            for one in zip(_instants(table), frames, places, turns, strict=True)
+        ]
+        is_static = np.array([pair == (MAP, NED) for pair in frames], np.bool_)
+        for static, topic in enumerate(self._topics):
+            mine = np.flatnonzero(is_static == static)
+            chosen = [messages[k] for k in mine]
+            yield Outgoing(topic, "tf2_msgs/msg/TFMessage", mine, chosen)
+
+
+def _transform(time_ns: int, frames: tuple[str, str], xyz: Any, xyzw: Any) -> Any:
+    parent, child = frames
+    moved = message(
+        "geometry_msgs/msg/Transform", translation=vector("Vector3", xyz), rotation=turn(xyzw)
+    )
+    return message(
+        "geometry_msgs/msg/TransformStamped",
+        header=header(time_ns, parent),
+        child_frame_id=child,
+        transform=moved,
+    )
 
 
 class _Odometry(Converter):
     """Pose in the frame of the equations, and speed in the vehicle's; no covariance is known."""
 
     def __init__(self, topic: str, frame: str) -> None:
-        self._topic = topic
-        self._message = Message().header(NED).text(frame).values("d", "x y z qx qy qz qw")
-        self._covariance().values("d", "u v w p q r")
-        self._covariance()
-
-    def _covariance(self) -> Message:
-        for _ in range(36):
-            self._message.value("d", 0.0)
-        return self._message
+        self._topic, self._frame = topic, frame
 
     def __call__(self, table: Table) -> Iterator[Outgoing]:
-        columns = [table[name] for name in (*_ETA, *_NU)]
-        x, y, z, psi, u, v, w, r = columns
-        given = {**dict(zip("xyz", (x, y, z), strict=True)), "u": u, "v": v, "w": w, "r": r}
-        turned = {"qz": np.sin(0.5 * psi), "qw": np.cos(0.5 * psi)}
-        lines = self._message.filled(len(table), {**_stamps(table.log_time_ns), **given, **turned})
-        yield Outgoing(self._topic, "nav_msgs/msg/Odometry", np.arange(len(table)), lines)
+        *place, psi = (table[name] for name in _ETA)
+        turns = np.column_stack([np.sin(0.5 * psi), np.cos(0.5 * psi)]).tolist()
+        speeds = _rows(table, *_NU)
+        messages = [
+            self._message(time_ns, pose(xyz, (0.0, 0.0, *zw)), speed)
+            for time_ns, xyz, zw, speed in zip(
+                _instants(table), np.column_stack(place).tolist(), turns, speeds, strict=True
+            )
+        ]
+        yield Outgoing(self._topic, "nav_msgs/msg/Odometry", _all(table), messages)
+
+    def _message(self, time_ns: int, at: Any, speed: tuple[float, ...]) -> Any:
+        linear, angular = speed[:3], (0.0, 0.0, speed[3])
+        twist = message(
+            "geometry_msgs/msg/Twist",
+            linear=vector("Vector3", linear),
+            angular=vector("Vector3", angular),
+        )
+        parts = {
+            "pose": message("geometry_msgs/msg/PoseWithCovariance", pose=at, covariance=_NONE),
+            "twist": message(
+                "geometry_msgs/msg/TwistWithCovariance", twist=twist, covariance=_NONE
+            ),
+        }
+        of = {"header": header(time_ns, NED), "child_frame_id": self._frame}
+        return message("nav_msgs/msg/Odometry", **of, **parts)
 
 
 class _Log(Converter):
@@ -260,12 +276,25 @@ class _Log(Converter):
         self._topic = topic
 
     def __call__(self, table: Table) -> Iterator[Outgoing]:
-        levels = [_LEVELS.get(level, 0) for level in table["level"].tolist()]
-        columns = {**_stamps(table.log_time_ns), "level": np.array(levels, np.int64)}
-        texts = table["name"], table["message"], table["file"]
-        for (name, message, file), mine in _groups(*texts):
-            line = Message().stamp().value("B", column="level")
-            line.text(name).text(message).text(file).text("").value("I", column="line")
-            given = {**columns, "line": table["line"]}
-            lines = line.filled(mine.size, {key: values[mine] for key, values in given.items()})
-            yield Outgoing(self._topic, "rcl_interfaces/msg/Log", mine, lines)
+        kind, lines = "rcl_interfaces/msg/Log", _rows(table, "level", "name", "message")
+        places = _rows(table, "file", "line")
+        messages = [
+            message(
+                kind,
+                stamp=stamp(time_ns),
+                level=_LEVELS.get(int(level), 0),
+                name=name,
+                msg=text,
+                file=file,
+                function="",
+                line=line,
+            )
+            for time_ns, (level, name, text), (file, line) in zip(
+                _instants(table), lines, places, strict=True
+            )
+        ]
+        yield Outgoing(self._topic, kind, _all(table), messages)
+
+
+def _all(table: Table) -> Numbers:
+    return np.arange(len(table))
