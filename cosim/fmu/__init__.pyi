@@ -21,7 +21,6 @@ from .description import (
     FmuDescription as FmuDescription,
     describe_fmu as describe_fmu,
 )
-from .export.archive import deterministic_zip as deterministic_zip
 from .export.build import (
     build_fmu as build_fmu,
     ensure_all as ensure_all,
@@ -39,6 +38,7 @@ from .export.design_parts import (
     design_parts as design_parts,
     ensure_design_fmu as ensure_design_fmu,
 )
+from .export.deterministic_zip import deterministic_zip as deterministic_zip
 from .export.flavours import (
     DEFAULT_FLAVOUR as DEFAULT_FLAVOUR,
     FMI_VERSION as FMI_VERSION,
@@ -51,15 +51,15 @@ from .export.fmu_file import (
     target_named as target_named,
     write_fmu as write_fmu,
 )
-from .export.native.platforms import (
+from .export.native.tape_package import (
+    KINDS as KINDS,
+    write_binary as write_binary,
+)
+from .export.native.target_platforms import (
     PLATFORMS as PLATFORMS,
     Platform as Platform,
     host as host,
     platforms_named as platforms_named,
-)
-from .export.native.tape_package import (
-    KINDS as KINDS,
-    write_binary as write_binary,
 )
 from .export.page.loop import (
     loop_scenario as loop_scenario,
@@ -80,6 +80,9 @@ from .feedthrough import Feedthrough as Feedthrough
 from .float_mode import (
     restore_function as restore_function,
     saved_float_mode as saved_float_mode,
+)
+from .fmu_slave import (
+    FmuSlave as FmuSlave,
 )
 from .inspect import (
     Inspection as Inspection,
@@ -119,9 +122,6 @@ from .returned import (
     LEAST_INTERVAL as LEAST_INTERVAL,
     Returned as Returned,
     exactly as exactly,
-)
-from .slave import (
-    FmuSlave as FmuSlave,
 )
 from .state import FmuState as FmuState
 from .terminal import Terminal as Terminal

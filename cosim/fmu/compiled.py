@@ -11,7 +11,7 @@ from pathlib import Path
 from cosim.core import cache_folder, once, say_once, write_whole
 from cosim.fmu.export.native.compiler import STANDARD, host_compiler, shared_library
 from cosim.fmu.export.native.link_step import link_step_header
-from cosim.fmu.export.native.platforms import Platform, host
+from cosim.fmu.export.native.target_platforms import Platform, host
 from cosim.fmu.prebuilt import prebuilt_file
 
 _SOURCES = {

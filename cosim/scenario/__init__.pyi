@@ -86,10 +86,6 @@ from .run_limits import (
 from .run_series import RunSeries as RunSeries
 from .scenario_session import ScenarioSession as ScenarioSession
 from .schema import Scenario as Scenario
-from .ssp.check import (
-    SspCheck as SspCheck,
-    check_ssp as check_ssp,
-)
 from .ssp.export import (
     SspExport as SspExport,
     export_ssp as export_ssp,
@@ -99,6 +95,10 @@ from .ssp.importing import (
     import_ssp as import_ssp,
 )
 from .ssp.names import SspVersion as SspVersion
+from .ssp.ssp_check import (
+    SspCheck as SspCheck,
+    check_ssp as check_ssp,
+)
 from .step_check import (
     StepCheck as StepCheck,
     check_step as check_step,

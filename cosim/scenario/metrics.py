@@ -18,7 +18,7 @@ from cosim import hinf
 from cosim.models import total
 from cosim.scenario.age_claim import age_figures, feedback_of, measurement_age_figures
 from cosim.scenario.gain import observes
-from cosim.scenario.guarantee.metrics import guarantee_metrics
+from cosim.scenario.guarantee.guarantee_metrics import guarantee_metrics
 from cosim.scenario.matching import endpoint
 from cosim.scenario.outage_measure import outage_figures
 from cosim.scenario.run_context import RunContext

@@ -3,13 +3,13 @@ from .checks.verification import (
     verify as verify,
 )
 from .citation import cite as cite
+from .comparison.comparison_picture import draw_diff as draw_diff
 from .comparison.format import (
     diff_json as diff_json,
     diff_verdict as diff_verdict,
     differences as differences,
     further_differences as further_differences,
 )
-from .comparison.picture import draw_diff as draw_diff
 from .comparison.signals import (
     Diff as Diff,
     diff as diff,

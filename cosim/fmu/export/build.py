@@ -14,7 +14,7 @@ from cosim.core import InputError, cache_folder, copy_whole
 from cosim.fmu.export.catalogue import CATALOGUE
 from cosim.fmu.export.flavours import DEFAULT_FLAVOUR, FMI_VERSION
 from cosim.fmu.export.identity import kept_guid
-from cosim.fmu.export.native.platforms import Platform, host
+from cosim.fmu.export.native.target_platforms import Platform, host
 from cosim.fmu.export.spec import ClockVariable, ComponentSpec, Variable
 from cosim.fmu.prebuilt import prebuilt_file, source_digest
 
@@ -115,7 +115,7 @@ def build_fmu(
             copy_whole(ready, target)
             return target
     # what packs FMUs is loaded here: a run rarely makes one
-    from cosim.fmu.export.native.package import build_native_fmu  # noqa: PLC0415
+    from cosim.fmu.export.native.native_package import build_native_fmu  # noqa: PLC0415
     from cosim.fmu.export.native.tape_package import (  # noqa: PLC0415
         build_tape_fmu,
         prebuilt_binaries,
@@ -123,7 +123,7 @@ def build_fmu(
 
     spec = CATALOGUE[component] if isinstance(component, str) else component
     if flavour == "python":
-        from cosim.fmu.export.python.package import build_python_fmu  # noqa: PLC0415
+        from cosim.fmu.export.python.python_package import build_python_fmu  # noqa: PLC0415
 
         return build_python_fmu(spec, Path(folder))
     version = FMI_VERSION[flavour]
@@ -137,7 +137,7 @@ def _build_clocked(
     component: str | ComponentSpec, folder: Path, flavour: str, platforms: Sequence[Platform]
 ) -> Path:
     """Build the FMU with Clocks of a sampled controller or a packet link, by a compiler."""
-    from cosim.fmu.export.native.package import build_native_fmu  # noqa: PLC0415
+    from cosim.fmu.export.native.native_package import build_native_fmu  # noqa: PLC0415
 
     spec = CATALOGUE[component] if isinstance(component, str) else component
     clocks = _clocks_of(spec)
@@ -207,10 +207,10 @@ def _guid(name: str, flavour: str) -> str:
 def guid_of(spec: ComponentSpec, flavour: str) -> str:
     """Return the GUID of a component in a flavour."""
     if flavour == "python":
-        from cosim.fmu.export.python.package import guid as python_guid  # noqa: PLC0415
+        from cosim.fmu.export.python.python_package import guid as python_guid  # noqa: PLC0415
 
         return python_guid(spec)
-    from cosim.fmu.export.native.package import guid as native_guid  # noqa: PLC0415
+    from cosim.fmu.export.native.native_package import guid as native_guid  # noqa: PLC0415
 
     return native_guid(spec, FMI_VERSION[flavour])
 

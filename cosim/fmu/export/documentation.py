@@ -10,7 +10,7 @@ from cosim.fmu.export.certificate_section import certified_section
 from cosim.fmu.export.components import components_folder
 from cosim.fmu.export.page.connect import connect_section
 from cosim.fmu.export.page.text import to_html
-from cosim.fmu.export.page.variables import variable_tables
+from cosim.fmu.export.page.variable_tables import variable_tables
 from cosim.fmu.export.spec import CERTIFICATE, ComponentSpec
 
 

@@ -12,7 +12,7 @@ from cosim.fmu.inspect.findings import Finding, finding
 from cosim.fmu.inspect.markup import schema_findings
 from cosim.fmu.inspect.references import reference_findings
 from cosim.fmu.inspect.structure import structure_findings
-from cosim.fmu.inspect.variables import variable_findings
+from cosim.fmu.inspect.variable_rules import variable_findings
 
 _DEPENDENCIES = {"dependent", "constant", "fixed", "tunable", "discrete"}
 _SCHEMAS = {

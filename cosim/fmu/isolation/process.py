@@ -17,7 +17,7 @@ from cosim.fmu.isolation.channel import (
     make_channel,
     reserve,
 )
-from cosim.fmu.isolation.messages import Message, Ready
+from cosim.fmu.isolation.requests import Message, Ready
 
 TICK_S: Final = 0.02
 """Between two looks at whether a process that is waited for still lives."""

@@ -21,7 +21,8 @@ from cosim.core import DEATH_HINTS, ComponentError, FrameError, death_of
 from cosim.fmu.binary import Binary, ClockInterval
 from cosim.fmu.call_watch import calling
 from cosim.fmu.isolation.channel import GONE, channel_library
-from cosim.fmu.isolation.messages import (
+from cosim.fmu.isolation.process import TICK_S, SlaveProcess
+from cosim.fmu.isolation.requests import (
     Answer,
     Asked,
     CallBegun,
@@ -32,7 +33,6 @@ from cosim.fmu.isolation.messages import (
     Refused,
     Returned,
 )
-from cosim.fmu.isolation.process import TICK_S, SlaveProcess
 from cosim.fmu.messages import sink_of
 from cosim.fmu.returned import RawInterval
 

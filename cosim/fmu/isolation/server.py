@@ -14,7 +14,7 @@ from cosim.core import FrameError, Frames, SharedMemory
 from cosim.fmu.binary import Binary, load_slave
 from cosim.fmu.call_watch import watch_calls
 from cosim.fmu.isolation.channel import declared, make_server
-from cosim.fmu.isolation.messages import (
+from cosim.fmu.isolation.requests import (
     Asked,
     CallBegun,
     CallEnded,

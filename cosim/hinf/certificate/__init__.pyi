@@ -68,7 +68,7 @@ from .observer_pair import (
     exact_noise as exact_noise,
     pair_of as pair_of,
 )
-from .outages import (
+from .outage_guarantee import (
     Outages as Outages,
     outage_delay as outage_delay,
     shapes_of_outages as shapes_of_outages,

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from cosim.hinf.certificate.damping import Damping
     from cosim.hinf.certificate.decay import Decay
     from cosim.hinf.certificate.guarantee import Guarantee
-    from cosim.hinf.certificate.outages import Outages
+    from cosim.hinf.certificate.outage_guarantee import Outages
     from cosim.hinf.certificate.state_peaks import StatePeaks
 
 KEY = "guarantees"

@@ -60,7 +60,7 @@ from .norm import (
     hinf_norm as hinf_norm,
     norm_of as norm_of,
 )
-from .norm_proof import (
+from .norm_intervals import (
     norm_certificate as norm_certificate,
     norm_proved as norm_proved,
     norm_proved_of as norm_proved_of,

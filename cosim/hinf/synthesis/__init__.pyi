@@ -58,4 +58,4 @@ from .search import (
 )
 from .stabilisability import unstabilisable_root as unstabilisable_root
 from .structured_gains import descent_design as descent_design
-from .theorem_2 import checked_scalars as checked_scalars
+from .theorem_2_gamma import checked_scalars as checked_scalars

@@ -18,7 +18,7 @@ import numpy as np
 from cosim.core import NotAchievableError
 from cosim.hinf.lmi import GainLmi, Multiplier, scalar_multiplier
 from cosim.hinf.problem import of_any_age
-from cosim.hinf.synthesis import theorem_2
+from cosim.hinf.synthesis import theorem_2_gamma
 from cosim.hinf.synthesis.bessel_legendre_gains import rounded
 from cosim.hinf.synthesis.conditions import MOST_ROWS
 from cosim.hinf.synthesis.result import Result
@@ -43,7 +43,7 @@ def gains_for_shorter_ages(
     """Yield the gains of Theorem 2 for shorter and shorter ages; add to `failures` what fails."""
     for share in _SHARES:
         try:
-            yield theorem_2.design(of_any_age(system, share), k1, k2, search=search).K
+            yield theorem_2_gamma.design(of_any_age(system, share), k1, k2, search=search).K
         except NotAchievableError as error:
             failures.append(f"Theorem 2 at {share:g} of the ages: {error.what}")
 

@@ -10,7 +10,7 @@ Each is an LMI with a least gamma, a greatest margin and an exact proof of the p
 Where a system has many states, those of ages as they are are stated on the support of each delay:
 the states, or the controls, that act through it. Elsewhere about the whole state.
 
-Theorem 2 is a further one, with a gain that it designs (`cosim.hinf.synthesis.theorem_2`).
+Theorem 2 is a further one, with a gain that it designs (`cosim.hinf.synthesis.theorem_2_gamma`).
 """
 
 from __future__ import annotations

@@ -26,12 +26,12 @@ from cosim.hinf.lmi import (
     solver_words,
 )
 from cosim.hinf.problem import DesignConstraints
-from cosim.hinf.synthesis import theorem_2
+from cosim.hinf.synthesis import theorem_2_gamma
 from cosim.hinf.synthesis.decay_search import corner_scalars, proved_decay
 from cosim.hinf.synthesis.level_search import Level, best_level, level_of
 from cosim.hinf.synthesis.result import Result
 from cosim.hinf.synthesis.search import starts
-from cosim.hinf.synthesis.theorem_2 import checked_scalars
+from cosim.hinf.synthesis.theorem_2_gamma import checked_scalars
 from cosim.hinf.theorems import Scalars
 from cosim.models import DelaySystem
 
@@ -168,7 +168,7 @@ class ConstrainedSearch:
         if problem is None:
             return None, not_found(solve_count)
         try:
-            designed = theorem_2.design(
+            designed = theorem_2_gamma.design(
                 self._system,
                 p.k1,
                 p.k2,

@@ -23,7 +23,7 @@ from cosim.hinf.synthesis.analysis import gain_of
 from cosim.hinf.synthesis.designs import check_achievable, rounded_gain
 from cosim.hinf.synthesis.result import Result
 from cosim.hinf.synthesis.search import starts
-from cosim.hinf.synthesis.theorem_2 import checked_scalars, design
+from cosim.hinf.synthesis.theorem_2_gamma import checked_scalars, design
 from cosim.hinf.theorems import minus_omega, positive
 from cosim.models import DelaySystem, Matrix
 

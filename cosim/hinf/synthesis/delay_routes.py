@@ -37,7 +37,7 @@ from cosim.hinf.synthesis.ladder import delays_below, first_proved
 from cosim.hinf.synthesis.not_achievable import hint_after
 from cosim.hinf.synthesis.result import GreatestDelay
 from cosim.hinf.synthesis.stabilisability import unstabilisable_error
-from cosim.hinf.synthesis.theorem_2 import checked_scalars, find_certified_gain
+from cosim.hinf.synthesis.theorem_2_gamma import checked_scalars, find_certified_gain
 from cosim.hinf.theorems import Scalars
 from cosim.models import DelaySystem
 

@@ -2,8 +2,8 @@
 
 Without design constraints, the routes of `cosim.hinf.synthesis.routes` are tried. With them:
 
-1. The gain of least gamma without the constraints (`cosim.hinf.synthesis.theorem_2`) is kept if
-   they can be proved for it.
+1. The gain of least gamma without the constraints (`cosim.hinf.synthesis.theorem_2_gamma`) is kept
+   if they can be proved for it.
 2. Otherwise the gain of least gamma that meets them (`cosim.hinf.synthesis.constrained_search`).
 """
 
@@ -25,7 +25,7 @@ from cosim.hinf.problem import (
     refuse_structure,
     without_uncertainty,
 )
-from cosim.hinf.synthesis import theorem_2
+from cosim.hinf.synthesis import theorem_2_gamma
 from cosim.hinf.synthesis.analysis import Order, analyse
 from cosim.hinf.synthesis.bessel_legendre_gains import bessel_legendre_gains, check_order
 from cosim.hinf.synthesis.constrained_search import (
@@ -165,7 +165,7 @@ def _with_constraints(
     given: bool | None,
 ) -> Result:
     """Design or prove a gain with design constraints; `given`: what was asked of the search."""
-    theorem_2.checked_scalars(asked.system, asked.k1, asked.k2)
+    theorem_2_gamma.checked_scalars(asked.system, asked.k1, asked.k2)
 
     def proved(K: ArrayLike) -> Result:
         return _proved_with_constraints(asked, K, design_constraints, order, search=search)
@@ -208,14 +208,14 @@ def _designed(asked: Request, order: Order | None, solver: str, *, search: bool)
         return cvxpy_design(system, one, two, gamma=gamma, search=search)
     if ages_are_known(system):
         return designed_by_some_route(asked, order if isinstance(order, int) else "auto")
-    theorem_2.checked_scalars(system, one, two)
+    theorem_2_gamma.checked_scalars(system, one, two)
     if order == "auto":
         return designed_by_some_route(asked)
     if order is None:
-        return theorem_2.design(system, one, two, gamma=gamma, search=search)
+        return theorem_2_gamma.design(system, one, two, gamma=gamma, search=search)
     starts = []
     with suppress(NotAchievableError):  # there are other starts as well
-        starts = [theorem_2.design(system, one, two, search=search).K]
+        starts = [theorem_2_gamma.design(system, one, two, search=search).K]
     gains = bessel_legendre_gains(system, order, starts, gamma)
     return proved_by_analysis(system, gains, gamma, order)
 
@@ -236,7 +236,7 @@ def _proved(
         except NotAchievableError:
             if order != "auto":
                 raise
-    return theorem_2.design(system, one, two, gamma=gamma, gain=gain, search=search)
+    return theorem_2_gamma.design(system, one, two, gamma=gamma, gain=gain, search=search)
 
 
 def _check_combination(design_constraints: DesignConstraints, solver: str) -> None:
@@ -262,7 +262,9 @@ def _constrained(
     plain: Result | None = None
     # without a constraint the best gain may be unbounded
     with suppress(NotAchievableError):
-        plain = theorem_2.design(asked.system, asked.k1, asked.k2, gamma=asked.gamma, search=search)
+        plain = theorem_2_gamma.design(
+            asked.system, asked.k1, asked.k2, gamma=asked.gamma, search=search
+        )
     designed = _by_theorem_2(
         asked, plain, design_constraints, order, search=search, may_search=may_search
     )
@@ -280,7 +282,7 @@ def _by_theorem_2(
 ) -> Result:
     """Return the design that meets the constraints: `plain`, or another from k1, k2."""
     system, gamma = asked.system, asked.gamma
-    start = theorem_2.checked_scalars(system, asked.k1, asked.k2)
+    start = theorem_2_gamma.checked_scalars(system, asked.k1, asked.k2)
     if plain is not None:
         start = scalars_of(plain)
         guarantees, _ = prove_constraints(plain, design_constraints, start)
@@ -328,7 +330,7 @@ def _proved_with_constraints(
     """Prove a given gain with the constraints."""
     system = asked.system
     proved = _proved(asked, gain, order, "clarabel", search=search)
-    at = theorem_2.checked_scalars(system, asked.k1, asked.k2)
+    at = theorem_2_gamma.checked_scalars(system, asked.k1, asked.k2)
     at = at if proved.order is not None else scalars_of(proved)
     return constrained(proved, design_constraints, at)
 
@@ -352,4 +354,4 @@ def nominal_gamma(proved: Result) -> float | None:
     nominal = without_uncertainty(proved.system)
     if proved.order is not None:
         return analyse(nominal, proved.K, order=proved.order).gamma
-    return theorem_2.design(nominal, proved.k1, proved.k2, gain=proved.K).gamma
+    return theorem_2_gamma.design(nominal, proved.k1, proved.k2, gain=proved.K).gamma

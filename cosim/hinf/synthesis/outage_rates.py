@@ -1,7 +1,8 @@
 """Find and prove the rates of a loop whose link drops out.
 
 A line search in alpha, each with the least beta by bisection, so that the share of time in touch
-that is needed is least. `cosim.hinf.certificate.outages` has the functional and proves the rates.
+that is needed is least. `cosim.hinf.certificate.outage_guarantee` has the functional and proves
+the rates.
 """
 
 from __future__ import annotations

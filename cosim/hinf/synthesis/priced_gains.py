@@ -21,7 +21,7 @@ from cosim.hinf.delay_lti import nominal_figures_of
 from cosim.hinf.lmi import ROUGH_TOLERANCE, Answer, Problem
 from cosim.hinf.synthesis.gain_size import gain_remark
 from cosim.hinf.synthesis.search import scalars_at
-from cosim.hinf.synthesis.theorem_2 import gain_at
+from cosim.hinf.synthesis.theorem_2_gamma import gain_at
 from cosim.hinf.theorems import Scalars
 from cosim.models import DelaySystem, Matrix
 

@@ -38,7 +38,7 @@ import numpy as np
 from cosim.core import NotAchievableError, report
 from cosim.hinf.delay_lti import nominal_figures_of
 from cosim.hinf.problem import ages_are_known, of_any_age
-from cosim.hinf.synthesis import theorem_2
+from cosim.hinf.synthesis import theorem_2_gamma
 from cosim.hinf.synthesis.ages_gains import (
     gains_for_shorter_ages,
     gains_of_the_ages,
@@ -225,7 +225,7 @@ def _routes(asked: Request) -> Iterator[Route]:
 
     def for_stability(designs: Sequence[Result]) -> Result:
         del designs
-        K = theorem_2.stabilising_gain(s, asked.k1, asked.k2)
+        K = theorem_2_gamma.stabilising_gain(s, asked.k1, asked.k2)
         starts = [] if K is None else [K]
         better: Iterator[Matrix] = iter(())
         if starts and _has_delay(s) and _unknowns(s, 0) <= _MOST_UNKNOWNS:
@@ -306,15 +306,17 @@ def _by_theorem_2(asked: Request, *, search: bool) -> Result:
         search and gamma is None and _has_a_price(s) and not is_small(s)
     ):  # for those order 1 does it
         try:
-            return theorem_2.design(s, asked.k1, asked.k2, search=True, in_proportion=True)
-        except theorem_2.OutOfProportionError as error:
+            return theorem_2_gamma.design(s, asked.k1, asked.k2, search=True, in_proportion=True)
+        except theorem_2_gamma.OutOfProportionError as error:
             with suppress(NotAchievableError):  # then with a gain of whatever size
                 priced = proved_by_analysis(s, priced_gains(s, error.least), None, 0)
             if priced is not None and error.least > _CLOSE * (priced.gamma or 0.0):
                 return _proved_again(priced)
     below = None if priced is None else priced.gamma
     try:
-        return theorem_2.design(s, asked.k1, asked.k2, gamma=gamma, search=search, below=below)
+        return theorem_2_gamma.design(
+            s, asked.k1, asked.k2, gamma=gamma, search=search, below=below
+        )
     except NotAchievableError:
         if priced is None:
             raise

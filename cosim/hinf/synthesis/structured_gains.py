@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from cosim.core import NotAchievableError
 from cosim.hinf.lmi import units_of
 from cosim.hinf.problem import DesignConstraints
-from cosim.hinf.synthesis import theorem_2
+from cosim.hinf.synthesis import theorem_2_gamma
 from cosim.hinf.synthesis.ages_gains import is_past_the_best
 from cosim.hinf.synthesis.analysis import Order
 from cosim.hinf.synthesis.constrained_search import constrained
@@ -155,4 +155,4 @@ def _of_whole_state(system: DelaySystem) -> Iterator[Matrix]:
     unstructured = replace(system, delays=delays, feedback=None)
     k1, k2, _ = initial_scalars(unstructured, None, None, None)
     with suppress(NotAchievableError):
-        yield theorem_2.design(unstructured, k1, k2, search=bool(delays)).K
+        yield theorem_2_gamma.design(unstructured, k1, k2, search=bool(delays)).K

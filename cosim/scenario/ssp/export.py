@@ -23,8 +23,8 @@ from cosim.scenario.ssp.elements import (
     fold_maps,
 )
 from cosim.scenario.ssp.names import SSD, SspVersion, identifiers, ignored_by_others
+from cosim.scenario.ssp.ssp_units import units_of
 from cosim.scenario.ssp.structure import Element, Structure, Wire
-from cosim.scenario.ssp.units import units_of
 from cosim.scenario.ssp.write_ssd import ssd_bytes
 
 Links = Literal["annotate", "fmu"]

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 from cosim.scenario.ssp.archive import Archive
 from cosim.scenario.ssp.names import SSD
-from cosim.scenario.ssp.parameters import BoundValue
+from cosim.scenario.ssp.ssp_parameters import BoundValue
 from cosim.scenario.ssp.tree import InnerConnection, Part, SubSystem
 
 Path = tuple[str, ...]

@@ -10,8 +10,8 @@ from cosim.fmu import FmuDescription
 from cosim.scenario.ssp.archive import Archive
 from cosim.scenario.ssp.flatten import End, FlatSystem, FlatWire, Path as Place, end_text, followed
 from cosim.scenario.ssp.names import SSD
+from cosim.scenario.ssp.ssp_units import units_of_fmu
 from cosim.scenario.ssp.tree import Description
-from cosim.scenario.ssp.units import units_of_fmu
 
 _STATES = ("age", "sequence", "dropped")
 _LANE = re.compile(r"([uy])\[([1-9][0-9]*)\]")

@@ -22,7 +22,7 @@ from cosim.scenario.ssp.archive import Archive
 from cosim.scenario.ssp.flatten import FlatSystem, Path as Place, flatten, scenario_names
 from cosim.scenario.ssp.import_wires import connections_of
 from cosim.scenario.ssp.names import SSD
-from cosim.scenario.ssp.parameters import values_for
+from cosim.scenario.ssp.ssp_parameters import values_for
 from cosim.scenario.ssp.tree import Description, read_description
 
 _MOST_LISTED = 12

@@ -24,8 +24,8 @@ from cosim.scenario.ssp.names import (
     SSD,
     tag,
 )
-from cosim.scenario.ssp.parameters import BoundValue, bound_values, transformations
-from cosim.scenario.ssp.units import UnitBase, units_in
+from cosim.scenario.ssp.ssp_parameters import BoundValue, bound_values, transformations
+from cosim.scenario.ssp.ssp_units import UnitBase, units_in
 
 MAX_DEPTH = 50
 

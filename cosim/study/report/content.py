@@ -37,7 +37,7 @@ from cosim.study.report.run_statuses import (
     tone_of,
 )
 from cosim.study.report.stability_chart import stability_chart
-from cosim.study.report.varied import (
+from cosim.study.report.varied_words import (
     VariedAxis,
     correlations_asked,
     set_everywhere,

@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from dataclasses import asdict
 from typing import Any
 
+from cosim.trace.comparison.compared_rows import SignalDiff
 from cosim.trace.comparison.links import LinkDiff
-from cosim.trace.comparison.rows import SignalDiff
 from cosim.trace.comparison.signals import Diff
 
 

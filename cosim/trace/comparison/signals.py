@@ -13,9 +13,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from os import PathLike
 
+from cosim.trace.comparison.compared_rows import Seen, SignalDiff, TopicDiff, in_step
 from cosim.trace.comparison.context import Context, context_of
 from cosim.trace.comparison.links import LinkDiff, links_of
-from cosim.trace.comparison.rows import Seen, SignalDiff, TopicDiff, in_step
 from cosim.trace.comparison.tolerance import Tolerances
 from cosim.trace.content import content_hash_of, same_content
 from cosim.trace.file.records import LATEST_SIGNED_NS

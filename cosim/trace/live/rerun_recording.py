@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from cosim.trace.report.chart import Chart, Curve
-from cosim.trace.report.content import Content, Section
+from cosim.trace.report.page_content import Content, Section
 from cosim.trace.report.series import Reals
 
 APPLICATION = "auv-cosim"

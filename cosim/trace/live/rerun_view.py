@@ -14,7 +14,7 @@ from typing import Any
 from cosim.core import InputError, not_written, optional, write_whole
 from cosim.trace.live.rerun_recording import recording_of
 from cosim.trace.reader import Trace
-from cosim.trace.report.content import content_of
+from cosim.trace.report.page_content import content_of
 from cosim.trace.report.series import Reals, Recording
 from cosim.trace.report.vehicle import vehicle_of
 

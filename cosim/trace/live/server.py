@@ -3,6 +3,7 @@
 Any web page that a browser on this machine shows can reach a port of this machine. So a client
 must know the token, which is new in each run; its `Origin`, which a browser always sends, must be
 on the list; and `Host` must name the loopback interface, so that no other name leads here.
+The server of foxglove-sdk (0.30) asks for neither a token nor an `Origin`: it is not used.
 
 Protocol: `foxglove.sdk.v1`, https://github.com/foxglove/ws-protocol, with playback control.
 """

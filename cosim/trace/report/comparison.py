@@ -9,15 +9,15 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.trace.comparison.rows import SignalDiff
+from cosim.trace.comparison.compared_rows import SignalDiff
 from cosim.trace.comparison.signals import Diff, diff
 from cosim.trace.outcome.verdict import Check
 from cosim.trace.report.chart import Chart, Curve, curve_of
-from cosim.trace.report.content import Content, content_of
 from cosim.trace.report.generic import is_constant
 from cosim.trace.report.link_record import Line
+from cosim.trace.report.page_content import Content, content_of
 from cosim.trace.report.series import Reals, Series
-from cosim.trace.report.traffic import LinkFigures
+from cosim.trace.report.traffic_rows import LinkFigures
 from cosim.trace.rows.layout import signal_name
 from cosim.trace.traces import leaves
 

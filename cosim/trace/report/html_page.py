@@ -9,7 +9,7 @@ from cosim.page import render_page
 from cosim.trace.comparison.format import diff_verdict, further_differences
 from cosim.trace.report.chart import Chart
 from cosim.trace.report.comparison import Comparison
-from cosim.trace.report.content import MAX_ROWS, Content
+from cosim.trace.report.page_content import MAX_ROWS, Content
 
 
 def page(content: Content) -> str:

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.core import InputError
-from cosim.trace.ros2.messages import header, message, pose, pose_stamped, stamp, turn, vector
+from cosim.trace.ros2.ros_messages import header, message, pose, pose_stamped, stamp, turn, vector
 from cosim.trace.rows.foxglove_topics import MAP, NED
 from cosim.trace.rows.layout import (
     FIXED_FRAME_TOPIC,

@@ -16,7 +16,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from cosim.core import InputError
-from cosim.fmu.export.native.platforms import Platform
+from cosim.fmu.export.native.target_platforms import Platform
 from cosim.fmu.prebuilt import why_none_prebuilt
 from cosim.fmu.unpacking import own_folder
 

@@ -8,14 +8,14 @@ from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
-from cosim.fmu.export.archive import deterministic_zip
 from cosim.fmu.export.components import component_module
+from cosim.fmu.export.deterministic_zip import deterministic_zip
 from cosim.fmu.export.native.c_model import ModelWriter
 from cosim.fmu.export.native.compiler import STANDARD, shared_library
 from cosim.fmu.export.native.kinds import recorded_model, shared_headers
-from cosim.fmu.export.native.package import fmu_files, hand_written
-from cosim.fmu.export.native.platforms import PLATFORMS, Platform
+from cosim.fmu.export.native.native_package import fmu_files, hand_written
 from cosim.fmu.export.native.tape_model import model_data, model_header
+from cosim.fmu.export.native.target_platforms import PLATFORMS, Platform
 from cosim.fmu.export.spec import ComponentSpec
 from cosim.fmu.prebuilt import prebuilt_file, why_none_prebuilt
 from cosim.network import PacketLink, TransportLink

@@ -14,7 +14,7 @@ from cosim.trace.info import description_of
 from cosim.trace.outcome import verdict
 from cosim.trace.outcome.run_outcome import RunOutcome, outcome_of
 from cosim.trace.reader import Trace
-from cosim.trace.report import generic, traffic, vehicle
+from cosim.trace.report import generic, traffic_rows, vehicle
 from cosim.trace.report.chart import Chart
 from cosim.trace.report.parameters import Change, Settings
 from cosim.trace.report.series import Recording, Series
@@ -75,7 +75,7 @@ class Content:
     bars: list[tuple[str, float, float, str]]
     timeline: list[TimelineEntry]
     log: list[Line]
-    links: list[traffic.LinkFigures]
+    links: list[traffic_rows.LinkFigures]
     path: dict[str, Any] | None
     sections: list[Section]
     changes: list[Change]
@@ -102,7 +102,7 @@ def content_of(path: Path) -> Content:
     found = outcome_of(trace.result)
     outcome = found or RunOutcome(version=0)
     metrics = outcome.metrics
-    links = traffic.figures(recording, outcome.links)
+    links = traffic_rows.figures(recording, outcome.links)
     log = log_of(recording)
     assumptions = verdict.assumptions_of(outcome)
     craft = vehicle.vehicle_of(recording)
@@ -146,7 +146,7 @@ def _sections(
     if craft is not None:
         charted = vehicle.drawn(craft)
         yield Section("vehicle", "The vehicle", list(vehicle.charts_of(craft, recording, settings)))
-    age = traffic.chart_of(recording, metrics)
+    age = traffic_rows.chart_of(recording, metrics)
     if age is not None and age.curves:
         yield Section("age", "The links", [age])
     rest = list(generic.charts_of(recording, charted))

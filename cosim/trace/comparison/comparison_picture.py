@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from cosim.trace.comparison.rows import SignalDiff
+from cosim.trace.comparison.compared_rows import SignalDiff
 from cosim.trace.comparison.signals import Diff
 from cosim.trace.picture import pyplot, save_picture
 from cosim.trace.reader import Trace

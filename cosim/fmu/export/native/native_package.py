@@ -10,14 +10,14 @@ from importlib.resources import files
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
-from cosim.fmu.export.archive import deterministic_zip
+from cosim.fmu.export.deterministic_zip import deterministic_zip
 from cosim.fmu.export.documentation import documentation_files
 from cosim.fmu.export.model_description import as_bytes, fmi2_xml, fmi3_xml
 from cosim.fmu.export.native.compiler import STANDARD, shared_library
 from cosim.fmu.export.native.kinds import COMMON, model_files
-from cosim.fmu.export.native.platforms import Platform, host
+from cosim.fmu.export.native.target_platforms import Platform, host
 from cosim.fmu.export.spec import ComponentSpec
-from cosim.fmu.export.terminals import terminal_files
+from cosim.fmu.export.terminal_file import terminal_files
 
 _TOOL = "auv-cosim"
 _COMPILERS = {

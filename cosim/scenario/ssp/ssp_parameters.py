@@ -13,8 +13,8 @@ from lxml import etree
 from cosim.fmu import FmuDescription, Port
 from cosim.scenario.ssp.archive import Archive
 from cosim.scenario.ssp.names import LINEAR, NAMESPACES, tag
+from cosim.scenario.ssp.ssp_units import UnitBase, converted, units_of_fmu
 from cosim.scenario.ssp.structure import FLOATS, INTEGERS
-from cosim.scenario.ssp.units import UnitBase, converted, units_of_fmu
 
 _SET = "application/x-ssp-parameter-set"
 _MAPPING = "application/x-ssp-parameter-mapping"

@@ -13,7 +13,7 @@ from cosim.core import InputError, Progress, not_written, silent, written_beside
 from cosim.trace.file.block import HEAD, Records, in_order
 from cosim.trace.file.stream import McapStream
 from cosim.trace.reader import Trace
-from cosim.trace.ros2.messages import definition, serialised
+from cosim.trace.ros2.ros_messages import definition, serialised
 from cosim.trace.ros2.topics import Converter, Outgoing, converters
 from cosim.trace.rows.layout import RESULT, RUN
 from cosim.trace.tables.table import Table

@@ -10,8 +10,8 @@ from cosim.page import write_page
 from cosim.trace.comparison.format import diff_verdict
 from cosim.trace.outcome.verdict import Check
 from cosim.trace.report.comparison import comparison_of
-from cosim.trace.report.content import content_of
 from cosim.trace.report.html_page import comparison_page, page
+from cosim.trace.report.page_content import content_of
 
 
 @dataclass(frozen=True)
