@@ -42,7 +42,7 @@ def rule_view(rule: Rule) -> RenderableType:
     """Explain a rule of the check."""
     rows = {
         "rule": f"{rule.number} {rule.code}",
-        "usually": rule.level,
+        "usually": rule.level if rule.runs else f"{rule.level}; no run takes the FMU",
         "why": rule.why,
         "standard": rule.sections or "none asks for it",
         "breaks it": rule.example,

@@ -67,6 +67,10 @@ def test_check_explains_a_rule_by_number_and_by_name(tmp_path: Path) -> None:
     by_number = cosim("fmu", "check", "--rule", explained.json["number"].lower(), cwd=tmp_path)
     assert by_number.code == 0
     assert "start-missing" in by_number.out
+    assert explained.json["runs"] is True
+    assert "no run takes the FMU" not in by_number.out
+    unclear = cosim("fmu", "check", "--rule", "name-twice", cwd=tmp_path)
+    assert "error; no run takes the FMU" in unclear.out
     unknown = cosim("fmu", "check", "--rule", "start-mising", cwd=tmp_path)
     assert unknown.code == 2
     assert "start-missing" in unknown.err

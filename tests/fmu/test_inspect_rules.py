@@ -7,9 +7,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from fmu.packed import example, inspected
+from fmu.packed import example, inspected, pack
 
-from cosim.fmu import GROUPS, RULES
+from cosim.core import InputError
+from cosim.fmu import GROUPS, RULES, describe_fmu, inspect_fmu
 
 WITH_BASE = [code for code, rule in RULES.items() if rule.base]
 
@@ -50,3 +51,25 @@ def test_numbers_are_unique_and_follow_their_groups() -> None:
         assert rule.why
         assert rule.example
         assert all(re.fullmatch(r"\d(\.\d+)*|", section) for section in (rule.fmi2, rule.fmi3))
+
+
+@pytest.mark.parametrize("code", WITH_BASE)
+def test_a_run_takes_an_fmu_unless_the_rule_says_that_it_does_not(
+    code: str, tmp_path: Path
+) -> None:
+    """What it breaks by a variable or a Clock stands in its log."""
+    rule = RULES[code]
+    fmu = pack({"modelDescription.xml": rule.broken().encode()}, tmp_path / "Example.fmu")
+    if not rule.runs or code in UNREADABLE:
+        with pytest.raises(InputError, match=r"not a valid FMU|cannot be run") as caught:
+            describe_fmu(fmu)
+        assert caught.value.where is not None
+        return
+    departures = describe_fmu(fmu).departures
+    named = any(f"({rule.number}, {code})" in one for one in departures)
+    levels = [f.level for f in inspect_fmu(fmu).findings if f.code == code]
+    assert named == ("error" in levels and rule.number[0] in "VC")
+
+
+UNREADABLE = ("kind-none", "type-name")
+"""Their examples break another rule as well: that there is nothing to run, or no such type."""

@@ -1,4 +1,4 @@
-"""What each tool does with each of our FMUs, from runs: the page docs/compatibility.md.
+"""What each tool does with our FMUs and SSP archives, from runs: the page docs/compatibility.md.
 
     python -m tests.toolchains.compatibility docs/compatibility.md
 
@@ -12,7 +12,7 @@ import importlib.metadata
 import shutil
 import sys
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
@@ -24,11 +24,13 @@ HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE.parent))
 
 from shared import fmu_folder, share_below  # noqa: E402 - the folder of tests is on the path now
-from toolchains import test_c_host, test_toolchains as runs  # noqa: E402
+from toolchains import test_c_host, test_ssp_peers, test_toolchains as runs  # noqa: E402
 from toolchains.peer_run import TOOLS, Part, PeerRun, Tool, run_peer  # noqa: E402
+from toolchains.ssp_peer_run import PEERS, Peer  # noqa: E402
 
 from cosim.fmu import CATALOGUE, FMI_VERSION, inspect_fmu, run_findings  # noqa: E402
 
+ARCHIVES = ("no links", "link FMUs", "a vehicle over link FMUs")
 COLUMNS = ("load", "loop", "state", "reset", "two instances")
 _STEP_NS, _STEPS = 20_000_000, 25
 _TITLES = {
@@ -51,8 +53,8 @@ NOT_TRIED = {
 _HEAD = """\
 # Compatibility
 
-What each tool does with each FMU of this project. This page is made from runs, by
-`python -m tests.toolchains.compatibility docs/compatibility.md` (extra `toolchains`).
+What each tool does with each FMU of this project, and with its archives. This page is made from
+runs, by `python -m tests.toolchains.compatibility docs/compatibility.md` (extra `toolchains`).
 
 - **load**: the tool loads the FMU and steps it; its outputs are those of our own master to 1e-9.
 - **loop**: so are those of the closed loop that the FMU belongs to: section 5 of the paper, or the
@@ -61,7 +63,17 @@ What each tool does with each FMU of this project. This page is made from runs, 
 - **reset**: after a reset the same run gives the same figures.
 - **two instances**: two of it in one run, with different parameters, do not disturb each other.
 
-A dash has its reason below the table.
+A dash has its reason below the tables.
+"""
+
+
+_ARCHIVES_HEAD = """\
+## SSP archives
+
+What each tool does with archives of `cosim ssp export`, unedited: section 5 of the paper, the same
+over links that lose, delay and quantize as FMUs, and the vehicle with its designed gain, a sea, a
+path to follow and two lossy links. "yes": its outputs are those of our own master to 1e-9 of their
+size.
 """
 
 
@@ -91,6 +103,27 @@ def rows() -> Iterator[Row]:
         for name in CATALOGUE:
             cells = _alone(_arm_host(name))
             yield Row("C program on aarch64", "qemu-user", "native", name, cells)
+
+
+def archive_rows() -> Iterator[tuple[str, ...]]:
+    """Run every tool with every archive: tool, version, and a cell for each."""
+    for key, peer in PEERS.items():
+        title, package = _TITLES[key]
+        with suppress(importlib.metadata.PackageNotFoundError):
+            cells = (_archive(peer, archive) for archive in ARCHIVES)
+            yield (title, importlib.metadata.version(package), *cells)
+
+
+def _archive(peer: Peer, archive: str) -> str:
+    of_vehicle = archive == ARCHIVES[-1]
+    if of_vehicle and not peer.bound:
+        return "it sets no parameters of an archive"
+    with tempfile.TemporaryDirectory() as folder:
+        given = fmu_folder("native"), Path(folder), peer
+        if of_vehicle:
+            run = test_ssp_peers.test_vehicle_over_its_acoustic_links_runs_elsewhere_as_here
+            return _outcome(lambda: run(*given))
+        return _outcome(lambda: test_ssp_peers.test_archive_runs_elsewhere_as_here(*given, archive))
 
 
 def _alone(outcome: str) -> tuple[str, ...]:
@@ -200,13 +233,20 @@ def page() -> str:
     lines = ["| tool | version | flavour | FMU | " + " | ".join(COLUMNS) + " |"]
     lines.append("|---" * (4 + len(COLUMNS)) + "|")
     tried = set()
+
+    def line(head: Iterable[str], cells: Iterable[str]) -> str:
+        short = (
+            cell if cell == "yes" else f"– ({reasons.setdefault(cell, len(reasons) + 1)})"
+            for cell in cells
+        )
+        return "| " + " | ".join((*head, *short)) + " |"
+
     for row in rows():
         tried.add(row.tool)
-        cells = [
-            cell if cell == "yes" else f"– ({reasons.setdefault(cell, len(reasons) + 1)})"
-            for cell in row.cells
-        ]
-        lines.append("| " + " | ".join((*row[:4], *cells)) + " |")
+        lines.append(line(row[:4], row.cells))
+    lines += ["", _ARCHIVES_HEAD, "| tool | version | " + " | ".join(ARCHIVES) + " |"]
+    lines += ["|---" * (2 + len(ARCHIVES)) + "|"]
+    lines += [line(row[:2], row[2:]) for row in archive_rows()]
     missing = {title: "it is not installed" for title, _ in _TITLES.values()} | NOT_TRIED
     if "C program on aarch64" not in tried:
         missing["aarch64 binaries"] = "qemu-user is not at hand where this page was made"

@@ -21,6 +21,8 @@ def test_the_page_has_every_tool_with_every_fmu_of_every_flavour() -> None:
     rows = {(cells[0].removeprefix("| "), *cells[2:4]) for cells in lines if len(cells) > 4}
     tools = [title for title, _ in compatibility._TITLES.values()]
     assert set(product(tools, FMI_VERSION, CATALOGUE)) <= rows
+    archives = PAGE.read_text("utf-8").partition("## SSP archives")[2].partition("\n1. ")[0]
+    assert [tool for tool in tools if f"\n| {tool} | " not in archives] == []
 
 
 def test_reasons_are_numbered_once(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -28,10 +30,13 @@ def test_reasons_are_numbered_once(monkeypatch: pytest.MonkeyPatch) -> None:
     cells = ("yes", "it crashes", "no such call", "no such call", "yes")
     made = [Row("FMPy", "1.0", "native", name, cells) for name in ("A", "B")]
     monkeypatch.setattr(compatibility, "rows", lambda: iter(made))
+    archives = [("Ecos", "2.0", "yes", "no such call", "yes")]
+    monkeypatch.setattr(compatibility, "archive_rows", lambda: iter(archives))
     text = compatibility.page()
     row = "| FMPy | 1.0 | native | B | yes | – (1) | – (2) | – (2) | yes |"
     assert row in text
     assert "1. it crashes\n2. no such call\n" in text
+    assert "| Ecos | 2.0 | yes | – (2) | yes |" in text
     assert "| Ecos | it is not installed |" in text
     assert "| FMPy | it is" not in text
 
