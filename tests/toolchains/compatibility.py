@@ -73,7 +73,7 @@ _ARCHIVES_HEAD = """\
 What each tool does with archives of `cosim ssp export`, unedited: section 5 of the paper, the same
 over links that lose, delay and quantize as FMUs, and the vehicle with its designed gain, a sea, a
 path to follow and two lossy links. "yes": its outputs are those of our own master to 1e-9 of their
-size.
+size. (FMPy sets all inputs to zero in the first step, which is another run of the vehicle.)
 """
 
 

@@ -114,7 +114,9 @@ def assert_equal(
     assert any(np.abs(row).max() > 1e-3 for row in expected.values())
     for name, row in expected.items():
         scale = max(1.0, float(np.abs(row).max()))
-        assert np.abs(found[name] - row).max() <= TOLERANCE * scale, name
+        most = float(np.abs(found[name] - row).max())
+        found_wrong = f"{name} differs by {most:.2g}, and is {scale:.3g} at most"
+        assert most <= TOLERANCE * scale, found_wrong
 
 
 @pytest.mark.parametrize("links", ["no links", "link FMUs"])
