@@ -32,7 +32,7 @@ _KINDS = {
     "gain_limit": ("control_limits", "GainLimit"),
     "peak_control": ("control_limits", "PeakControl"),
     "state_peaks": ("state_peaks", "StatePeaks"),
-    "outages": ("outages", "Outages"),
+    "outages": ("outage_guarantee", "Outages"),
 }
 """Module and class of each, loaded for one that a file has."""
 

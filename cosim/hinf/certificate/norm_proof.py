@@ -1,6 +1,6 @@
 """Proof that the nominal loop is stable and that no frequency has a gain above a level.
 
-Symbols as in `delay_lti.norm`; `delay_lti.norm_proof` finds the intervals. The
+Symbols as in `delay_lti.norm`; `delay_lti.norm_intervals` finds the intervals. The
 doubles of the system and of K are taken exactly, A + B K is formed in rationals, and everything
 after that is ball arithmetic (`flint.arb`), which encloses its own rounding. Stability is part of
 the proof, not an assumption.
