@@ -158,8 +158,8 @@ def check(
     """Say whether an archive can be imported, and which parts other tools do not carry out.
 
     Events, modes, assertions and links that are annotations of this project come back with an
-    import; other tools ignore them. What each tool makes of the built-in scenarios was found by
-    running it: docs/reference/ssp.md.
+    import; other tools ignore them. What each tool makes of archives was found by running them
+    there: docs/compatibility.md.
 
     Exit code 0: it can be imported; 2: it cannot, or is no archive.
 

@@ -234,9 +234,9 @@ def _describe(path: Path, content: bytes, digest: str) -> FmuDescription:
         model, departures = _checked(root, path)
         ports = declared_ports(model, version)
         terminals, broken = _terminals_in(archive)
-    except (ValueError, *BROKEN_ARCHIVE) as error:
-        if isinstance(error, InputError):
-            raise
+    except InputError:
+        raise
+    except BROKEN_ARCHIVE as error:
         raise InputError(
             "not a valid FMU", where=str(path), expected="an FMU 2.0 or 3.0", got=str(error)
         ) from error

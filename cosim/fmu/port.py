@@ -122,6 +122,11 @@ class Port:
         """Whether it is an input Clock that the master lets tick."""
         return self.clock is not None and self.clock.time_based and self.causality == "input"
 
+    @property
+    def is_source(self) -> bool:
+        """Whether a connection may begin at it: an output, or a Clock that the master lets tick."""
+        return self.causality == "output" or self.ticks_by_time
+
     def resized(self, lengths: Mapping[str, int]) -> Port:
         """Return the variable with these values of the structural parameters in its dimensions.
 

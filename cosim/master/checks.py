@@ -237,7 +237,7 @@ def _check_connection(system: Parts, connection: Connection, where: str) -> None
             got=policy,
             hint='events = "grid"',
         )
-    if not (source.causality == "output" or source.ticks_by_time) or target.causality != "input":
+    if not source.is_source or target.causality != "input":
         got = f"{source.causality} -> {target.causality}"
         raise InputError("a connection leads from an output to an input", where=where, got=got)
     _check_types(source, target, where)

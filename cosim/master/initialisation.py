@@ -94,7 +94,7 @@ def _settle(ends: Sequence[_InitialisedComponent], wiring: Wiring, most: int) ->
     )
 
 
-def _has_value(group: Group) -> bool:
+def _is_exchanged(group: Group) -> bool:
     """Whether variables are exchanged here: clocked ones are while their Clock ticks, later."""
     return group.getter_type != "Clock" and not group.clocks
 
@@ -113,9 +113,9 @@ class _InitialisedComponent:
             given += [Group.of_all(groups)] if all(has_value) else some
         sent = (*instance.outputs_without_feedthrough, *instance.outputs_with_feedthrough)
         self.connected_inputs = [
-            exchange_of(instance, group, "set") for group in given if _has_value(group)
+            exchange_of(instance, group, "set") for group in given if _is_exchanged(group)
         ]
-        self._gets = [exchange_of(instance, group, "get") for group in sent if _has_value(group)]
+        self._gets = [exchange_of(instance, group, "get") for group in sent if _is_exchanged(group)]
 
     def is_stale(self) -> bool:
         """Whether other inputs have a value in this run, or its slave is another one."""

@@ -198,8 +198,6 @@ def _ticked_by_master(component: Component, connected: Container[str]) -> list[P
         port
         for port in component.description.ports.values()
         if port.kind == "clock"
-        and port.clock is not None
-        and port.causality == "input"
         and port.name not in connected
         and (port.ticks_by_time or port.name in component.clocks)
     ]

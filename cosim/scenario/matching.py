@@ -57,10 +57,10 @@ def matched(
             if end.component in components:
                 return []
             raise InputError.unknown("component", end.component, fmus, where=where)
-    ticking = fmus[source.component].ports.get(source.variable)
+    port = fmus[source.component].ports.get(source.variable)
     sources = members(fmus[source.component], source.variable, "output")
     targets = members(fmus[target.component], target.variable, "input")
-    if "" in targets and ("" in sources or (ticking is not None and ticking.ticks_by_time)):
+    if "" in targets and port is not None and port.is_source:
         return [Connection(source, target, link, policy)]
     grouped = [_ends(source, target, suffix) for suffix in sources if suffix in targets and suffix]
     equal = bool(grouped) and set(sources) == set(targets)

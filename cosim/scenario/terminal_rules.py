@@ -62,11 +62,11 @@ def joined_by_terminals(
 
 
 def _sends(port: Port | None) -> bool:
-    return port is not None and (port.causality == "output" or port.ticks_by_time)
+    return port is not None and port.is_source
 
 
 def _receives(port: Port | None) -> bool:
-    return port is not None and port.causality == "input" and not port.ticks_by_time
+    return port is not None and port.causality == "input" and not port.is_source
 
 
 def _pairs(mine: Terminal, theirs: Terminal, where: str) -> list[tuple[str, str]]:

@@ -317,3 +317,16 @@ def test_signals_of_a_scenario_come_back(native_fmus: Path, tmp_path: Path, link
     before, after = signals(one, *NAMES), signals(other, *NAMES)
     assert all(np.array_equal(before[name], after[name]) for name in NAMES)
     assert np.ptp(before["controller.u[1]"]) > 0.1
+
+
+def test_the_state_of_a_link_that_is_no_fmu_is_refused_with_the_reason(
+    native_fmus: Path, tmp_path: Path
+) -> None:
+    text = (
+        'title = "t"\n[run]\nend = 1.0\nstep = 0.1\n[components.controller]\n'
+        'fmu = "PaperController"\n[[connections]]\nfrom = "free.age"\nto = "controller.x[1]"\n'
+        '[links.free]\nkind = "packet"\nsample_time = 0.03\n'
+    )
+    with pytest.raises(InputError, match="only if the link is an FMU") as caught:
+        export(text, native_fmus, tmp_path, "fmu")
+    assert caught.value.got == "link 'free': nothing is connected over it"

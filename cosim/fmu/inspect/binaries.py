@@ -8,11 +8,12 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import PurePosixPath
 
 from cosim.fmu.inspect.declared_model import DeclaredModel
-from cosim.fmu.inspect.findings import Finding, Level, finding, first_few
+from cosim.fmu.inspect.findings import Finding, finding, first_few
 from cosim.fmu.inspect.fmi_functions import functions
 from cosim.fmu.inspect.image import Image
 from cosim.fmu.inspect.library import Binary
 from cosim.fmu.inspect.platforms import FMI2, Platform, named_by_tuple, this_libc, this_machine
+from cosim.fmu.inspect.rules import Level
 
 ROOT = "binaries/"
 _SUFFIXES = (".so", ".dll", ".dylib")

@@ -5,12 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Literal
 
 from cosim.core import InputError
-from cosim.fmu.inspect.rules import RULES
+from cosim.fmu.inspect.rules import RULES, Level
 
-Level = Literal["error", "warning", "note"]
 LEVELS: tuple[Level, ...] = ("error", "warning", "note")
 """Levels of a finding, the gravest first."""
 

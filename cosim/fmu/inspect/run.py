@@ -19,10 +19,11 @@ from cosim.fmu.inspect.archive import open_archive
 from cosim.fmu.inspect.binaries import ROOT, missing_binary, platform_of
 from cosim.fmu.inspect.declared_model import DeclaredModel, Interface, Variable, integer, number
 from cosim.fmu.inspect.definitions import identifier_findings
-from cosim.fmu.inspect.findings import Finding, Level, finding
+from cosim.fmu.inspect.findings import Finding, finding
 from cosim.fmu.inspect.inspection import Inspection
 from cosim.fmu.inspect.platforms import this_machine
 from cosim.fmu.inspect.probe import Event
+from cosim.fmu.inspect.rules import Level
 from cosim.fmu.port import TYPE_MAPPINGS
 from cosim.fmu.unpacking import own_folder
 

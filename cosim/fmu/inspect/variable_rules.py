@@ -8,7 +8,8 @@ from collections import Counter
 from collections.abc import Container, Iterator, Mapping
 
 from cosim.fmu.inspect.declared_model import XML, DeclaredModel, Variable, integer, number
-from cosim.fmu.inspect.findings import Finding, Level, finding, first_few
+from cosim.fmu.inspect.findings import Finding, finding, first_few
+from cosim.fmu.inspect.rules import Level
 
 # FMI 2.0.4 and 3.0.2, 2.2.9 / 2.4.7.5.1: the grammar of structured names; linear in its length
 _Q = r"'(?:[A-Za-z0-9_!#$%&()*+,\-./:;<>=?@\[\]^{}|~ ]|\\['\"?\\abfnrtv])+'"

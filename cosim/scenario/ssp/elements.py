@@ -23,6 +23,7 @@ from cosim.scenario.ssp.structure import TYPES, Connector, Element, Value, Wire,
 
 _TABLE = component_module("signal_table.variables")
 _LINK = component_module("link_channel.variables")
+_A_WIRE = "it delays nothing, and is a wire"
 _STATE = {"age": "Real", "sequence": "Integer", "dropped": "Integer"}
 
 
@@ -274,26 +275,32 @@ def _link_fmus(
             raise InputError(
                 "the state of a link can be exported only if the link is an FMU",
                 where=f"connection {'.'.join(wire.source)} -> {'.'.join(wire.target)}",
-                got=f"link {sender!r}: {no_link_fmu(system.links[sender]) or 'it is a wire'}",
+                got=f"link {sender!r}: {_why_no_fmu(system, sender)}",
             )
 
 
 def _keep_others(system: System, built: ArchiveElements, tomls: Mapping[str, str]) -> None:
     """Annotate the links that are no FMUs, so that an import has all of them again."""
-    carrying = {connection.link for connection in system.connections}
-    for name, link in system.links.items():
-        why = no_link_fmu(link)
-        if isinstance(link, TransportLink) and link.delay is None and link.delay_ns == 0:
-            built.wired.add(name)
-        elif name not in carrying:
-            why = "nothing is connected over it"
-        elif why is not None:
-            why += "; other tools connect directly"
-        else:
+    for name in system.links:
+        why = _why_no_fmu(system, name)
+        if why is None:
             continue
         built.annotated[name] = tomls[name]
-        if why is not None:
+        if why == _A_WIRE:
+            built.wired.add(name)
+        else:
             built.warnings.append(f"link {name!r} is an annotation and no FMU: {why}")
+
+
+def _why_no_fmu(system: System, name: str) -> str | None:
+    """Return why a link is no FMU, in words; None: it is one."""
+    link = system.links[name]
+    if isinstance(link, TransportLink) and link.delay is None and link.delay_ns == 0:
+        return _A_WIRE
+    if all(connection.link != name for connection in system.connections):
+        return "nothing is connected over it"
+    why = no_link_fmu(link)
+    return None if why is None else f"{why}; other tools connect directly"
 
 
 def _refuse_mode(system: System, connection: Connection) -> None:

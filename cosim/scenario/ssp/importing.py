@@ -21,7 +21,7 @@ from cosim.scenario.schema import Scenario
 from cosim.scenario.ssp.archive import Archive
 from cosim.scenario.ssp.flatten import FlatSystem, Path as Place, flatten, scenario_names
 from cosim.scenario.ssp.import_wires import connections_of
-from cosim.scenario.ssp.names import SSD
+from cosim.scenario.ssp.names import SSD, ignored_by_others
 from cosim.scenario.ssp.ssp_parameters import values_for
 from cosim.scenario.ssp.tree import Description, read_description
 
@@ -34,14 +34,17 @@ class SspImport:
 
     Attributes
     ----------
+    version : of SSP.
     names : element of the archive -> component of the scenario.
     links : from annotations and from link FMUs of this project.
     keys_set : keys of the scenario that the archive does not contain and that it needs to run,
         with their values; the description of the scenario and `unsupported` say why.
     unsupported : sentences about what was left out or changed.
+    only_here : sentences about what other tools ignore of the archive.
     """
 
     path: Path
+    version: str
     names: Mapping[str, str]
     connections: int
     links: tuple[str, ...]
@@ -49,6 +52,7 @@ class SspImport:
     step_s: float
     end_s: float
     unsupported: tuple[str, ...]
+    only_here: tuple[str, ...]
     keys_set: Mapping[str, str] = field(default_factory=dict)
 
     def to_json(self) -> dict[str, object]:
@@ -83,7 +87,7 @@ def import_ssp(
     """
     with Archive(ssp) as archive, _beside(path) as unpacked:
         description = read_description(archive)
-        flat = _without(flatten(archive, description.system), description.signals.values())
+        flat = _without(flatten(archive, description.system), description.players)
         channels = {p: part.link for p, part in flat.parts.items() if part.link is not None}
         places = [place for place in flat.parts if place not in channels]
         if not places:
@@ -112,9 +116,8 @@ def import_ssp(
             "links": {name: archive.toml(name, toml) for name, toml in links.items()},
         }
         rest = archive.toml("scenario", description.rest)
-        for toml in description.signals:
-            rest |= archive.toml("signals", toml)
-        data |= {key: value for key, value in rest.items() if key not in data}
+        given = rest | archive.toml("signals", description.signals)
+        data |= {key: value for key, value in given.items() if key not in data}
         by_name = {names[place]: fmu for place, fmu in fmus.items()}
         text, loaded = _parsed(data, path)
         keys_set = _cut_loops(data, loaded.scenario, by_name, archive.notes)
@@ -129,6 +132,7 @@ def import_ssp(
             raise _unwritten(path, error) from error
     return SspImport(
         path=path,
+        version=description.version,
         names={".".join(place): name for place, name in names.items()},
         connections=len(data["connections"]),
         links=tuple(loaded.scenario.links),
@@ -136,11 +140,12 @@ def import_ssp(
         step_s=loaded.scenario.run.step,
         end_s=loaded.scenario.run.end,
         unsupported=tuple(archive.notes),
+        only_here=tuple(ignored_by_others(rest, description.links)),
         keys_set=keys_set,
     )
 
 
-def _without(flat: FlatSystem, elements: Collection[str | None]) -> FlatSystem:
+def _without(flat: FlatSystem, elements: Collection[str]) -> FlatSystem:
     """Leave out elements whose signals the scenario gives, with their connections."""
     gone = {(element,) for element in elements}
     parts = {place: part for place, part in flat.parts.items() if place not in gone}

@@ -6,10 +6,7 @@ import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
-from cosim.scenario.ssp.archive import Archive
 from cosim.scenario.ssp.importing import import_ssp
-from cosim.scenario.ssp.names import ignored_by_others
-from cosim.scenario.ssp.tree import read_description
 
 
 @dataclass(frozen=True)
@@ -55,15 +52,12 @@ def check_ssp(ssp: Path) -> SspCheck:
     """
     with tempfile.TemporaryDirectory(prefix="ssp-") as folder:
         imported = import_ssp(ssp, Path(folder) / f"{ssp.stem}.toml")
-    with Archive(ssp) as archive:
-        description = read_description(archive)
-        rest = archive.toml("scenario", description.rest)
     return SspCheck(
         path=ssp,
-        version=description.version,
+        version=imported.version,
         components=tuple(imported.names),
         connections=imported.connections,
         links=imported.links,
-        only_here=tuple(ignored_by_others(rest, description.links)),
+        only_here=imported.only_here,
         notes=imported.unsupported,
     )

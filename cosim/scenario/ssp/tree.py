@@ -83,7 +83,8 @@ class Description:
     version : of SSP.
     links : TOML of annotated links.
     run : TOML of [run], or None.
-    signals : TOML of tables of signals -> element of the outermost system that plays them.
+    signals : TOML of paths and time series.
+    players : elements of the outermost system that play them.
     rest : TOML of what SSP cannot express.
     start_s, stop_s, step_s : from the default experiment and other tools' annotations, or None.
     units : defined by the description.
@@ -97,7 +98,8 @@ class Description:
     names: Mapping[str, str]
     links: dict[str, str]
     run: str | None
-    signals: Mapping[str, str | None]
+    signals: str
+    players: tuple[str, ...]
     rest: str
     start_s: float | None
     stop_s: float | None
@@ -131,6 +133,7 @@ def read_description(archive: Archive) -> Description:
         run = runs[0].text if runs else None
     links = {e.get("name", ""): e.text or "" for e in _own(system, LINK_ANNOTATION)}
     names = "".join(e.text or "" for e in _own(system, NAMES_ANNOTATION))
+    signals = _own(system, SIGNALS_ANNOTATION)
     rest = [*_own(root, REST_ANNOTATION), *_own(system, REST_ANNOTATION)]
     return Description(
         version=root.get("version", ""),
@@ -140,7 +143,8 @@ def read_description(archive: Archive) -> Description:
         names=archive.toml("names", names),
         links=links,
         run=run,
-        signals={e.text or "": e.get("element") for e in _own(system, SIGNALS_ANNOTATION)},
+        signals="".join(e.text or "" for e in signals),
+        players=tuple(e.get("element") for e in signals if e.get("element")),
         rest="".join(e.text or "" for e in rest),
         start_s=start,
         stop_s=stop,

@@ -173,15 +173,15 @@ def _annotations(annotations: Any, structure: Structure) -> None:
     _openmodelica(annotations, structure)
     for name, toml in structure.links.items():
         _own(annotations, LINK_ANNOTATION, "link", toml, name=name)
-    for made in structure.elements:
-        if made.link is not None:
-            name, toml = made.link
-            _own(annotations, LINK_FMU_ANNOTATION, "link", toml, name=name, element=made.name)
+    for element in structure.elements:
+        if element.link is not None:
+            name, toml = element.link
+            _own(annotations, LINK_FMU_ANNOTATION, "link", toml, name=name, element=element.name)
     if structure.labels:
         _own(annotations, NAMES_ANNOTATION, "names", tomli_w.dumps(structure.labels))
-    toml, element = structure.signals
+    toml, player = structure.signals
     if toml:
-        of = {} if element is None else {"element": element}
+        of = {} if player is None else {"element": player}
         _own(annotations, SIGNALS_ANNOTATION, "signals", toml, **of)
     if structure.rest:
         _own(annotations, REST_ANNOTATION, "scenario", structure.rest)
