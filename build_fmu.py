@@ -58,7 +58,7 @@ def build_prebuilt(folder: Path, asked: str | None) -> None:
             write_binary(kind, FMI_VERSION[flavour], folder, target)
 
         with ThreadPoolExecutor(os.cpu_count()) as pool:
-            list(pool.map(build_binary, product(NATIVE, KINDS.values(), targets)))
+            list(pool.map(build_binary, product(NATIVE, KINDS, targets)))
         for target in targets:
             write_library("kernel", library_source("kernel"), folder, target)
             if target.suffix != ".dll":

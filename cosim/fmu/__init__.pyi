@@ -51,7 +51,7 @@ from .export.fmu_file import (
     target_named as target_named,
     write_fmu as write_fmu,
 )
-from .export.native.tape_package import (
+from .export.native.native_package import (
     KINDS as KINDS,
     write_binary as write_binary,
 )

@@ -42,7 +42,7 @@ def kernel() -> dict[str, bytes]:
 def wheel(tmp_path: Path) -> Path:
     """An installed package for this machine: native FMUs, a library, a binary of a kind."""
     fmus = {f"native/{path.name}": path.read_bytes() for path in fmu_folder("native").glob("*.fmu")}
-    return installed(tmp_path / "site", {**fmus, **kernel(), **binary_of("feedback")})
+    return installed(tmp_path / "site", {**fmus, **kernel(), **binary_of("sampled")})
 
 
 def found_by(wheel: Path, code: str, own: Path | None = None, **environment: str) -> Any:
@@ -93,7 +93,7 @@ found = [
 ]
 """
     path, refused = found_by(wheel, code, tmp_path)
-    (binary,) = binary_of("feedback").values()
+    (binary,) = binary_of("sampled").values()
     with zipfile.ZipFile(path) as archive:
         assert [archive.read(n) for n in archive.namelist() if n.startswith("binaries/")] == [
             binary

@@ -92,8 +92,8 @@ KINDS = {
     "AuvPlant": "plant",
     "DelayedPlant": "plant",
     "TwoDelays": "plant",
-    "HinfController": "feedback",
-    "PaperController": "feedback",
+    "HinfController": "sampled",
+    "PaperController": "sampled",
     "packet": "packet_link",
     "transport": "transport_link",
 }

@@ -54,7 +54,7 @@ def test_commands_are_those_without_a_watch_and_all_flavours_agree(
     assert own.v["assumption.met"] == 0
     paths = [
         native,
-        tape_fmu(SPEC, "watched_feedback", tmp_path),
+        tape_fmu(SPEC, "sampled_watched", tmp_path),
         build_fmu(SPEC, tmp_path / "python", "python"),
     ]
     for path in paths:

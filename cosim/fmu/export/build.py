@@ -115,9 +115,8 @@ def build_fmu(
             copy_whole(ready, target)
             return target
     # what packs FMUs is loaded here: a run rarely makes one
-    from cosim.fmu.export.native.native_package import build_native_fmu  # noqa: PLC0415
-    from cosim.fmu.export.native.tape_package import (  # noqa: PLC0415
-        build_tape_fmu,
+    from cosim.fmu.export.native.native_package import (  # noqa: PLC0415
+        build_native_fmu,
         prebuilt_binaries,
     )
 
@@ -128,9 +127,7 @@ def build_fmu(
         return build_python_fmu(spec, Path(folder))
     version = FMI_VERSION[flavour]
     binaries = prebuilt_binaries(spec, version) if prebuilt and not platforms else {}
-    if binaries:
-        return build_tape_fmu(spec, Path(folder), version, binaries)
-    return build_native_fmu(spec, Path(folder), version, platforms)
+    return build_native_fmu(spec, Path(folder), version, platforms, binaries)
 
 
 def _build_clocked(

@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator
 from functools import cache
 from typing import Any, get_args, get_type_hints
 
-from cosim.network import stepping
+from cosim.network import Order, stepping
 
 _HEAD = """/* What becomes of a message of a link: the sender's queue, the channel, the receiver.
    Translated, statement by statement, from cosim/network/stepping.py. */
@@ -47,6 +47,10 @@ def link_step_header() -> str:
     functions = [_function(step, shapes) for step in (stepping.send, stepping.receive)]
     codes = {name: value for name, value in vars(stepping).items() if isinstance(value, int)}
     lines = [_HEAD, *(f"#define LINK_{name} INT64_C({code})" for name, code in codes.items())]
+    lines += [
+        f"#define ORDER_{order.upper().replace('-', '_')} {number}"
+        for number, order in enumerate(get_args(Order))
+    ]
     for name, of in shapes.items():
         lines.append(f"\ntypedef struct {{\n    int64_t {', '.join(of._fields)};\n}} Link{name};")
         if of._field_defaults:

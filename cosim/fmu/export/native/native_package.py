@@ -1,11 +1,17 @@
-"""Build the native FMU of a component: C of its equations, binaries, the archive."""
+"""Build the native FMU of a component: its body, as C or as data, its binaries, the archive.
+
+A body is the hand-written C of its kind and the model: compiled for it, or, without a compiler, as
+data that a prebuilt binary of its kind reads.
+"""
 
 from __future__ import annotations
 
 import functools
 import os
+import re
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
 from xml.etree import ElementTree as ET
@@ -14,11 +20,19 @@ from cosim.fmu.export.deterministic_zip import deterministic_zip
 from cosim.fmu.export.documentation import documentation_files
 from cosim.fmu.export.model_description import as_bytes, fmi2_xml, fmi3_xml
 from cosim.fmu.export.native.compiler import STANDARD, shared_library
-from cosim.fmu.export.native.kinds import COMMON, model_files
-from cosim.fmu.export.native.target_platforms import Platform, host
+from cosim.fmu.export.native.kinds import FILES, record
+from cosim.fmu.export.native.link_step import link_step_header
+from cosim.fmu.export.native.model import NativeModel
+from cosim.fmu.export.native.model_c import c_files
+from cosim.fmu.export.native.model_data import data_header, model_data
+from cosim.fmu.export.native.target_platforms import PLATFORMS, Platform, host
 from cosim.fmu.export.spec import ComponentSpec
 from cosim.fmu.export.terminal_file import terminal_files
+from cosim.fmu.prebuilt import prebuilt_file, why_none_prebuilt
 
+KINDS = tuple(kind for kind in FILES if kind != "waves")
+"""The kinds of behaviour of which a binary reads its model."""
+_MODEL = "resources/model.bin"
 _TOOL = "auv-cosim"
 _COMPILERS = {
     None: "gcc",
@@ -29,87 +43,33 @@ _COMPILERS = {
 """Platform of a build configuration -> compiler."""
 _VISUAL_C = ("/std:c11", "/O2", "/fp:strict")
 """Strict: without contraction, and in the order of the source, as `STANDARD` has it."""
-_HEADERS = {
-    "2.0": ("fmi2Functions.h", "fmi2FunctionTypes.h", "fmi2TypesPlatform.h"),
-    "3.0": ("fmi3Functions.h", "fmi3FunctionTypes.h", "fmi3PlatformTypes.h"),
-}
-_HEADERS_OF = (
-    ("delay_line.c", "delay_line.h"),
-    ("vehicle.c", "plant.c"),
-    ("draws.c", "draws.h"),
-    ("packet_link.c", "clock.h"),
-    ("transport_link.c", "clock.h"),
-    ("table.c", "clock.h"),
-    ("tape.c", "tape.h"),
-    ("sampled_clocked.c", "sampled.c"),
-    ("sampled_clocked.c", "clocked.h"),
-    ("packet_link_clocked.c", "packet_link.c"),
-    ("packet_link_clocked.c", "clocked.h"),
-    ("packet_link_clocked.c", "clock.h"),
-    ("fmi3_clocked.c", "fmi3.c"),
-    ("observer.c", "delay_line.c"),
-    ("observer.c", "delay_line.h"),
-    ("observer.c", "plant.c"),
-    ("observer.c", "watch.h"),
-    ("instance_watched.c", "instance.c"),
-    ("sampled_watched.c", "sampled.c"),
-    ("sampled_watched.c", "watch.h"),
-)
-"""C file of a kind of behaviour -> file that it includes beside `_OWN_HEADERS`."""
-_OWN_HEADERS = ("arithmetic.h", "behaviour.h", "instance.h", "message.h", "variable.h")
+_COMMON = ("message.c", "instance.c", "saved.c")
+_INCLUDED = re.compile(rb'^#include "(.+)"', re.MULTILINE)
+_NAMED = re.compile(rb"\bV_\w+")
 
 
-@functools.cache
-def _shell(name: str) -> bytes:
-    folder = files("cosim.fmu.export.native") / "c"
-    foreign = folder / "headers" / name
-    path = foreign if foreign.is_file() else folder / name
-    return path.read_bytes().replace(b"\r\n", b"\n")
+@dataclass(frozen=True)
+class _Body:
+    """What a binary is compiled from, and what it reads.
 
-
-def sources(spec: ComponentSpec, version: str, identity: str) -> tuple[dict[str, bytes], list[str]]:
-    """Return the files of sources/ by name, and those of them to compile.
-
-    Parameters
+    Attributes
     ----------
-    version : of FMI, "2.0" or "3.0".
-    identity : GUID or instantiation token, which the binary checks.
+    sources : the files of sources/ by name.
+    compiled : those of them to compile.
+    resources : what the binary reads, by path in the archive.
     """
-    generated, own = model_files(spec, identity)
-    found, compiled = hand_written(own, version)
-    found |= {name: text.encode() for name, text in generated.items()}
-    return found, sorted([*compiled, "model.c"])
 
-
-def hand_written(own: Sequence[str], version: str) -> tuple[dict[str, bytes], list[str]]:
-    """Return the hand-written files of sources/ by name, and those of them to compile.
-
-    Parameters
-    ----------
-    own : C files beside `COMMON`.
-    version : of FMI, "2.0" or "3.0".
-    """
-    shell = "fmi2.c" if version == "2.0" else "fmi3.c"
-    if any(name.endswith("_clocked.c") for name in own):
-        shell = "fmi3_clocked.c"
-    # one that ends so includes the file without it
-    common = [name for name in COMMON if f"{name.removesuffix('.c')}_watched.c" not in own]
-    compiled = [*common, *own, shell]
-    headers = [*_OWN_HEADERS, *_HEADERS[version]]
-    headers += [header for source, header in _HEADERS_OF if source in compiled]
-    return {name: _shell(name) for name in (*compiled, *headers)}, sorted(compiled)
-
-
-def guid(spec: ComponentSpec, version: str) -> str:
-    """Return the hash that shows whether a built FMU is up to date; the binary checks it too."""
-    content, _ = sources(spec, version, "")
-    options = " ".join(STANDARD).encode()
-    archive = fmu_files(spec, version, "", _to_compile(content))
-    return spec.guid({**content, **archive, "options": options})
+    sources: dict[str, bytes]
+    compiled: list[str]
+    resources: dict[str, bytes]
 
 
 def build_native_fmu(
-    spec: ComponentSpec, destination: Path, version: str, platforms: Sequence[Platform] = ()
+    spec: ComponentSpec,
+    destination: Path,
+    version: str,
+    platforms: Sequence[Platform] = (),
+    binaries: Mapping[Platform, bytes] | None = None,
 ) -> Path:
     """Write `destination`/NAME.fmu and return its path; two builds give the same bytes.
 
@@ -117,37 +77,140 @@ def build_native_fmu(
     ----------
     version : of FMI, "2.0" or "3.0".
     platforms : to cross-compile for; none: this machine, by its own compiler.
+    binaries : those of its kind, which read the model: nothing is compiled.
 
     Raises
     ------
-    InputError : no compiler.
+    InputError : no compiler, or a component that is too large for a binary that reads it.
     """
-    identity = guid(spec, version)
-    content, compiled = sources(spec, version, identity)
-    archive = fmu_files(spec, version, identity, compiled)
-    archive.update({f"sources/{name}": text for name, text in content.items()})
-    targets = platforms or [host()]
+    model = record(spec)
+    identity = _guid(model, version, as_data=bool(binaries))
+    body = _body(model, version, identity, as_data=bool(binaries))
+    archive = {**_fmu_files(spec, version, identity, body.compiled), **body.resources}
+    archive.update({f"sources/{name}": text for name, text in body.sources.items()})
+    if not binaries:
+        targets = platforms or [host()]
 
-    def binary(target: Platform) -> bytes:
-        return shared_library(spec.name, content, compiled, target, cross=bool(platforms))
+        def binary(target: Platform) -> bytes:
+            return shared_library(
+                spec.name, body.sources, body.compiled, target, cross=bool(platforms)
+            )
 
-    with ThreadPoolExecutor(min(len(targets), os.cpu_count() or 1)) as pool:
-        for target, library in zip(targets, pool.map(binary, targets), strict=True):
-            path = f"binaries/{target.folder(version)}/{spec.name}{target.suffix}"
-            archive[path] = library
+        with ThreadPoolExecutor(min(len(targets), os.cpu_count() or 1)) as pool:
+            binaries = dict(zip(targets, pool.map(binary, targets), strict=True))
+    for target, library in binaries.items():
+        archive[f"binaries/{target.folder(version)}/{spec.name}{target.suffix}"] = library
     return deterministic_zip(archive, destination / f"{spec.name}.fmu")
 
 
-def _to_compile(content: Mapping[str, bytes]) -> list[str]:
-    return sorted(name for name in content if name.endswith(".c"))
+def guid(spec: ComponentSpec, version: str) -> str:
+    """Return the hash that shows whether a compiled FMU is up to date; the binary checks it too."""
+    return _guid(record(spec), version, as_data=False)
 
 
-def fmu_files(
+def prebuilt_binaries(spec: ComponentSpec, version: str) -> dict[Platform, bytes]:
+    """Return the prebuilt binaries for a component; none if there are none for its kind."""
+    if why_none_prebuilt() is not None:
+        return {}
+    kind = record(spec).kind
+    found = {
+        target: prebuilt_file(_binary_path(kind, version, target)) for target in PLATFORMS.values()
+    }
+    return {target: file.read_bytes() for target, file in found.items() if file is not None}
+
+
+def write_binary(kind: str, version: str, folder: Path, target: Platform) -> None:
+    """Cross-compile the binary of a kind to where it is looked for below the folder of a wheel.
+
+    Raises
+    ------
+    InputError : no cross compiler.
+    """
+    sources, compiled = _sources_of_data(kind, version)
+    path = folder / _binary_path(kind, version, target)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_bytes(shared_library(kind, sources, compiled, target, cross=True))
+
+
+def _binary_path(kind: str, version: str, target: Platform) -> str:
+    """Return where the binary of a kind lies below the folder of what is prebuilt."""
+    return f"binaries/fmi{version[0]}/{target.tuple_name}/{kind}{target.suffix}"
+
+
+def _guid(model: NativeModel, version: str, *, as_data: bool) -> str:
+    body = _body(model, version, "", as_data=as_data)
+    archive = _fmu_files(model.spec, version, "", body.compiled)
+    options = " ".join(STANDARD).encode()
+    return model.spec.guid({**body.sources, **body.resources, **archive, "options": options})
+
+
+def _body(model: NativeModel, version: str, identity: str, *, as_data: bool) -> _Body:
+    """Return the body of a component; `identity` : GUID or instantiation token, which it checks."""
+    if as_data:
+        sources, compiled = _sources_of_data(model.kind, version)
+        data = model_data(model, _named_in_c(model.kind), identity)
+        return _Body(sources, compiled, {_MODEL: data})
+    compiled = [*_to_compile(model.kind, version, clocked=bool(model.spec.clocks)), "model.c"]
+    written = {name: text.encode() for name, text in c_files(model, identity).items()}
+    return _Body(_with_headers(compiled, written), sorted(compiled), {})
+
+
+def _sources_of_data(kind: str, version: str) -> tuple[dict[str, bytes], list[str]]:
+    """Return the sources of the binary of a kind by name, and those of them to compile."""
+    compiled = [*_to_compile(kind, version, clocked=False), "tape.c"]
+    header = data_header(_named_in_c(kind)).encode()
+    return _with_headers(compiled, {"model.h": header}), sorted(compiled)
+
+
+def _to_compile(kind: str, version: str, *, clocked: bool) -> list[str]:
+    """Return the hand-written C files of a kind of behaviour."""
+    own = FILES[kind]
+    shell = f"fmi{version[0]}"
+    if clocked:
+        own = (*own[:-1], own[-1].replace(".c", "_clocked.c"))
+        shell += "_clocked"
+    # one that ends so includes the file without it
+    common = [name for name in _COMMON if name.replace(".c", "_watched.c") not in own]
+    return [*common, *own, f"{shell}.c"]
+
+
+@functools.cache
+def _named_in_c(kind: str) -> tuple[str, ...]:
+    """Return the value references that the C of a kind names, for `model_data`."""
+    compiled = _to_compile(kind, "2.0", clocked=False)
+    texts = _with_headers(compiled, {"model.h": b""}).values()
+    return tuple(sorted({name.decode() for text in texts for name in _NAMED.findall(text)}))
+
+
+def _with_headers(compiled: Sequence[str], written: Mapping[str, bytes]) -> dict[str, bytes]:
+    """Return files by name, with all that they include; `written` : those made for a component."""
+    found: dict[str, bytes] = {}
+    ahead = [*compiled]
+    while ahead:
+        name = ahead.pop()
+        if name not in found:
+            found[name] = written[name] if name in written else _hand_written(name)
+            ahead += [included.decode() for included in _INCLUDED.findall(found[name])]
+    return found
+
+
+@functools.cache
+def _hand_written(name: str) -> bytes:
+    """Return a file of c/, or the one header that is made of Python."""
+    if name == "link_step.h":
+        return link_step_header().encode()
+    folder = files("cosim.fmu.export.native") / "c"
+    foreign = folder / "headers" / name
+    path = foreign if foreign.is_file() else folder / name
+    return path.read_bytes().replace(b"\r\n", b"\n")
+
+
+def _fmu_files(
     spec: ComponentSpec, version: str, identity: str, compiled: Sequence[str]
 ) -> dict[str, bytes]:
     """Return the archive without sources and binaries; `compiled` : the sources to compile."""
     archive = {**documentation_files(spec), **spec.resource_files()}
-    archive["documentation/licenses/fmi-headers.txt"] = _shell("license.txt")
+    archive["documentation/licenses/fmi-headers.txt"] = _hand_written("license.txt")
     archive |= terminal_files(spec)
     if version == "2.0":
         archive["modelDescription.xml"] = fmi2_xml(

@@ -43,6 +43,11 @@ static inline double power(double x, double y) {
 static inline double lesser(double a, double b) { return b < a ? b : a; }
 static inline double greater(double a, double b) { return b > a ? b : a; }
 
+/* Comparisons of expressions: 1 or 0. */
+static inline double less(double a, double b) { return a < b; }
+static inline double less_equal(double a, double b) { return a <= b; }
+static inline double equal(double a, double b) { return a == b; }
+
 /* Distance from |x| to the next double, Python's math.ulp; x is finite. */
 static inline double spacing(double x) {
     double here = fabs(x), next;

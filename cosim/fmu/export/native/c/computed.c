@@ -24,7 +24,7 @@ Behaviour *behaviour_new(void) { return calloc(1, sizeof(Behaviour)); }
 void behaviour_free(Behaviour *b) { free(b); }
 
 static int all_finite(const double *out, double t, Message *why) {
-    const char *text = model_link_name; /* of the expressions, a line for each output */
+    const char *text = model_text; /* of the expressions, a line for each output */
     for (size_t i = 0; i < OUTPUTS; i++) {
         size_t length = strcspn(text, "\n");
         if (!isfinite(out[i]))

@@ -220,7 +220,7 @@ static void notice(Observer *it, const double *v, double end, int late) {
 
 static int command(Observer *it, double *v, double end, int late, const double *found,
                    Message *why) {
-    double period = v[MODEL_SAMPLE_TIME], samples = it->samples;
+    double period = v[V_sample_time], samples = it->samples;
     int due = 1, both = COMMANDS + ACTING;
     if (period > 0.0) {
         /* an instant that rounding alone puts after `end` belongs to this point */

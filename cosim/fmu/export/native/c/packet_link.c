@@ -18,7 +18,7 @@
 #include "model.h"
 #include "variable.h"
 
-#define LANES ((size_t)MODEL_LANES)
+#define LANES ((size_t)MODEL_INPUTS)
 
 #define MOST_MESSAGES 50000000
 #define LONGEST 9007199.254740992 /* s: 2^53 ns, up to which doubles count them exactly */
@@ -26,7 +26,7 @@
 typedef struct {
     int64_t arrival;
     LinkArrival is;
-    double value[MOST_LANES];
+    double value[MOST_INPUTS];
 } Entry;
 
 typedef struct {
@@ -82,7 +82,7 @@ static int settle(Settings *is, const double *v, Message *why) {
     if (rate > 0.0 && size / rate > LONGEST)
         return say(why, "frame_size / data_rate must be at most %s s", shortest(LONGEST).text);
     is->source.seed = (uint64_t)v[V_seed];
-    is->source.name = model_link_name;
+    is->source.name = model_text;
     is->period = nanoseconds(v[V_sample_time]);
     is->offset = nanoseconds(v[V_offset]);
     is->delay = nanoseconds(v[V_delay]);

@@ -10,13 +10,13 @@
 #include "model.h"
 #include "variable.h"
 
-#define LANES ((size_t)MODEL_LANES)
+#define LANES ((size_t)MODEL_INPUTS)
 #define MOST_SAMPLES 0x1p53
 
 struct Behaviour {
     double start, time;
     double samples, steps; /* samples of the instants before, communication points so far */
-    double kept[MOST_LANES]; /* the values of the instant before */
+    double kept[MOST_INPUTS]; /* the values of the instant before */
 };
 
 #define SAVED (4 + LANES)
@@ -51,7 +51,7 @@ static int values(const Behaviour *b, const double *v, double *out, Message *why
         memcpy(out, b->kept, sizeof(double) * LANES);
         return 1;
     }
-    Source source = {(uint64_t)v[V_seed], model_link_name};
+    Source source = {(uint64_t)v[V_seed], model_text};
     for (size_t i = 0; i < LANES; i++) {
         double noise = v[model_others[i]], step = v[model_watched[i]];
         double x = v[model_inputs[i]] + v[model_initials[i]] + v[model_states[i]] * (t - b->start);
@@ -72,7 +72,7 @@ static int values(const Behaviour *b, const double *v, double *out, Message *why
 }
 
 static int publish(const Behaviour *b, double *v, Message *why) {
-    double out[MOST_LANES];
+    double out[MOST_INPUTS];
     if (!values(b, v, out, why)) return 0;
     for (size_t i = 0; i < LANES; i++) v[model_outputs[i]] = out[i];
     return 1;

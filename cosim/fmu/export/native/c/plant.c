@@ -42,7 +42,7 @@ static int prepare(Behaviour *b, const double *v, double start, Message *why) {
     for (int i = 0; i < STATES; i++) initial[i] = v[model_initials[i]];
     for (int k = 0; k < DELAYS; k++) delay[k] = v[model_delays[k]];
     b->stepped = 0;
-    return delay_line_start(&b->line, initial, delay, v[MODEL_STEP], start, why);
+    return delay_line_start(&b->line, initial, delay, v[V_solver_step], start, why);
 }
 
 static int others(const Behaviour *b, double *v, Message *why) {

@@ -12,16 +12,10 @@ struct Behaviour {
     double constants[MOST_CONSTANTS > 0 ? MOST_CONSTANTS : 1];
     double start;
     double samples; /* taken so far */
-#ifdef MODEL_INTEGRALS
     double time; /* where the last step ended */
-#endif
 };
 
-#ifdef MODEL_INTEGRALS
 #define SAVED 3
-#else
-#define SAVED 2
-#endif
 
 Behaviour *behaviour_new(void) { return calloc(1, sizeof(Behaviour)); }
 
@@ -32,19 +26,15 @@ int behaviour_initialise(Behaviour *b, double *v, double start, Message *why) {
     model_constants(v, b->constants);
     b->start = start;
     b->samples = 0.0;
-#ifdef MODEL_INTEGRALS
     b->time = start;
-#endif
     for (size_t i = 0; i < (size_t)MODEL_OUTPUTS; i++) v[model_outputs[i]] = 0.0;
     return 1;
 }
 
 int behaviour_advance(Behaviour *b, double *v, double end, Message *why) {
-    double period = v[MODEL_SAMPLE_TIME], samples = b->samples;
+    double period = v[V_sample_time], samples = b->samples;
     int due = 1;
-#ifdef MODEL_INTEGRALS
     double elapsed = end - b->time; /* for which the sample is held */
-#endif
     if (period > 0.0) {
         /* an instant that rounding alone puts before `end` belongs to the next step */
         double near = greater(1e-9 * greater(period, 1e-3), 16.0 * spacing(end));
@@ -53,27 +43,19 @@ int behaviour_advance(Behaviour *b, double *v, double end, Message *why) {
             return say(why, "samples %s s apart cannot be counted up to t = %s s",
                        shortest(period).text, shortest(end).text);
         due = taken > samples;
-#ifdef MODEL_INTEGRALS
         elapsed = (taken - samples) * period;
-#endif
         samples = greater(taken, samples);
     }
     if (due) {
         double out[MOST_OUTPUTS];
-#ifdef MODEL_INTEGRALS
         model_law(elapsed, v, b->constants, out);
-#else
-        model_law(v, b->constants, out);
-#endif
         for (size_t i = 0; i < (size_t)MODEL_OUTPUTS; i++)
             if (!isfinite(out[i]))
                 return say(why, "%s is not finite", model_variables[model_outputs[i]].name);
         for (size_t i = 0; i < (size_t)MODEL_OUTPUTS; i++) v[model_outputs[i]] = out[i];
     }
     b->samples = samples;
-#ifdef MODEL_INTEGRALS
     b->time = end;
-#endif
     return 1;
 }
 
@@ -94,9 +76,7 @@ size_t behaviour_size(const Behaviour *b) {
 void behaviour_save(const Behaviour *b, double *to) {
     to[0] = b->start;
     to[1] = b->samples;
-#ifdef MODEL_INTEGRALS
     to[2] = b->time;
-#endif
 }
 
 int behaviour_restore(Behaviour *b, const double *v, const double *from, size_t count,
@@ -108,8 +88,6 @@ int behaviour_restore(Behaviour *b, const double *v, const double *from, size_t 
     model_constants(v, b->constants);
     b->start = from[0];
     b->samples = from[1];
-#ifdef MODEL_INTEGRALS
     b->time = from[2];
-#endif
     return 1;
 }

@@ -26,7 +26,7 @@ ClockState *behaviour_clock(Behaviour *b) { return &((Clocked *)b)->clock; }
 
 int behaviour_advance(Behaviour *b, double *v, double end, Message *why) {
     ClockState *clock = behaviour_clock(b);
-    double period = v[MODEL_SAMPLE_TIME];
+    double period = v[V_sample_time];
     if (clock->used) { /* count as many samples as there are, but for one if the Clock has ticked */
         double near = greater(1e-9 * greater(period, 1e-3), 16.0 * spacing(end));
         b->samples = ceil((end - near - b->start) / period) - (clock->due ? 1.0 : 0.0);
@@ -61,7 +61,7 @@ int behaviour_update(Behaviour *b, double *v, Message *why) {
 
 int behaviour_interval(Behaviour *b, const double *v, int clock, int first, double *interval) {
     (void)b, (void)clock;
-    *interval = v[MODEL_SAMPLE_TIME];
+    *interval = v[V_sample_time];
     return first ? 2 : 1; /* changed, unchanged */
 }
 

@@ -55,7 +55,7 @@ int behaviour_advance(Behaviour *b, double *v, double end, Message *why) {
     v[model_measured[AGE]] = age;
     v[model_watched[0]] = share;
     v[model_watched[1]] = use[0];
-    if (v[MODEL_SAMPLE_TIME] == 0.0 || b->samples > before) v[model_watched[2]] = use[1];
+    if (v[V_sample_time] == 0.0 || b->samples > before) v[model_watched[2]] = use[1];
     watch(v);
     return 1;
 }

@@ -10,7 +10,7 @@
 #include "model.h"
 #include "variable.h"
 
-#define LANES ((size_t)MODEL_LANES)
+#define LANES ((size_t)MODEL_INPUTS)
 #define MOST_SAMPLES 0x1p53
 
 struct Behaviour {
@@ -45,8 +45,8 @@ int behaviour_advance(Behaviour *b, double *v, double end, Message *why) {
         return say(why, "samples %s s apart cannot be counted up to t = %s s",
                    shortest(period).text, shortest(end).text);
     if (taken > b->samples) {
-        Source source = {(uint64_t)v[V_seed], model_link_name};
-        double out[MOST_LANES];
+        Source source = {(uint64_t)v[V_seed], model_text};
+        double out[MOST_INPUTS];
         for (size_t i = 0; i < LANES; i++) {
             double deviation = v[model_others[i]];
             out[i] = v[model_inputs[i]] + v[model_initials[i]];

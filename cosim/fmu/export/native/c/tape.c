@@ -182,9 +182,9 @@ static int read_model(Reader *r) {
                                               MOST_OTHERS, MOST_REFERENCES, MOST_OUTPUTS,
                                               MOST_INPUTS, MOST_DECIDED};
     take_one(r, INT64_C(0x4c45444f4d565541), INT64_C(0x4c45444f4d565541)); /* AUVMODEL */
-    take_one(r, 1, 1);
+    take_one(r, 2, 2); /* its version */
     model.guid = take_text(r);
-    model.link = take_text(r);
+    model.text = take_text(r);
     model.variables = (size_t)take_one(r, 1, MOST_VARIABLES);
     model.variable = calloc(model.variables ? model.variables : 1, sizeof *model.variable);
     if (!model.variable) return 0;
@@ -216,8 +216,7 @@ static int read_model(Reader *r) {
     model.instant = take(r, rows, INT32_MAX);
     model.table = (const double *)take(r, rows * width, INT64_MAX);
     const int64_t *n = model.number;
-    return r->sound && r->next == r->end && n[STEP] < (int64_t)model.variables &&
-           n[SAMPLE_TIME] < (int64_t)model.variables && n[RUN_CONSTANTS] <= MOST_CONSTANTS &&
+    return r->sound && r->next == r->end && n[RUN_CONSTANTS] <= MOST_CONSTANTS &&
            n[LATE_TO] <= (int64_t)model.count[TO_STATES];
 }
 

@@ -9,6 +9,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "equations.h"
 #include "message.h"
 
 #define MODEL_IS_READ
@@ -21,7 +22,6 @@
 #define MOST_OUTPUTS 128
 #define MOST_OTHERS 128
 #define MOST_CONSTANTS 1024
-#define MOST_LANES 64
 #define MOST_REFERENCES 128
 #define MOST_MEASURED MOST_REFERENCES
 #define MOST_DECIDED (2 * (MOST_OUTPUTS + MOST_REFERENCES) + 2)
@@ -42,10 +42,10 @@ enum { CONSTANTS_OF_A_RUN, RATES, OUTPUT_VALUES, OUTPUT_CHANGES, CONDITIONS, LAW
        DECIDED, PROGRAMS };
 enum { TO_INPUTS, TO_OUTPUTS, TO_STATES, TO_INITIALS, TO_DELAYS, TO_OTHERS, TO_NAMED,
        TO_MEASURED, TO_ACTING, TO_WATCHED, TO_PLAY, TABLES };
-enum { STEP, SAMPLE_TIME, LATE_FROM, LATE_TO, RUN_CONSTANTS, ROWS_OF_TABLE, NUMBERS };
+enum { LATE_FROM, LATE_TO, RUN_CONSTANTS, ROWS_OF_TABLE, NUMBERS };
 
 typedef struct {
-    const char *guid, *link;
+    const char *guid, *text;
     size_t variables;
     Variable *variable;
     int64_t number[NUMBERS];
@@ -73,16 +73,12 @@ void model_leave(void);
 #define MODEL_OUTPUTS (model.count[TO_OUTPUTS])
 #define MODEL_OTHERS (model.count[TO_OTHERS])
 #define MODEL_DELAYS (model.count[TO_DELAYS])
-#define MODEL_LANES (model.count[TO_INPUTS])
 #define MODEL_MEASURED (model.count[TO_MEASURED])
 #define MODEL_ACTING (model.count[TO_ACTING])
 #define MODEL_WATCHED (model.count[TO_WATCHED])
 #define MODEL_PLAY (model.count[TO_PLAY])
 #define MODEL_CONSTANTS (model.number[RUN_CONSTANTS])
 #define MODEL_ROWS (model.number[ROWS_OF_TABLE])
-#define MODEL_STEP (model.number[STEP])
-#define MODEL_SAMPLE_TIME (model.number[SAMPLE_TIME])
-#define MODEL_INTEGRALS
 #define LATE_BEGIN ((size_t)model.number[LATE_FROM])
 #define LATE_END ((size_t)model.number[LATE_TO])
 
@@ -97,19 +93,8 @@ void model_leave(void);
 #define model_acting (model.reference[TO_ACTING])
 #define model_watched (model.reference[TO_WATCHED])
 #define model_play (model.reference[TO_PLAY])
-#define model_link_name (model.link)
+#define model_text (model.text)
 #define model_instants (model.instant)
 #define model_table (model.table)
-
-void model_constants(const double *v, double *c);
-const char *model_objection(const double *v);
-void model_rates(double t, const double *x, const double *late, const double *v, const double *c,
-                 double *dx);
-void model_other_outputs(const double *x, const double *v, const double *c, double *out);
-void model_outputs_change(const double *x, const double *v, const double *c,
-                          const double *change, double *out);
-void model_law(double elapsed, const double *v, const double *c, double *out);
-void model_compared(const double *x, const double *v, const double *c, double *out);
-void model_decided(const double *x, const double *v, const double *c, double *out);
 
 #endif

@@ -12,11 +12,11 @@
 #include "model.h"
 #include "variable.h"
 
-#define LANES ((size_t)MODEL_LANES)
+#define LANES ((size_t)MODEL_INPUTS)
 
 typedef struct {
     int64_t time; /* ns */
-    double value[MOST_LANES];
+    double value[MOST_INPUTS];
 } Row;
 
 struct Behaviour {

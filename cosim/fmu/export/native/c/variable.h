@@ -20,6 +20,7 @@ static inline unsigned place(unsigned reference) { return reference - 1u; }
 /* Greatest sizes of arrays: those of the model, unless it is read when an instance is made. */
 #ifndef MODEL_IS_READ
 extern const Variable model_variables[];
+extern const char model_text[];
 #define MOST_VARIABLES MODEL_VARIABLES
 #define MOST_STATES MODEL_STATES
 #define MOST_DELAYS MODEL_DELAYS
@@ -27,7 +28,6 @@ extern const Variable model_variables[];
 #define MOST_OUTPUTS MODEL_OUTPUTS
 #define MOST_OTHERS MODEL_OTHERS
 #define MOST_CONSTANTS MODEL_CONSTANTS
-#define MOST_LANES MODEL_LANES
 #endif
 
 #endif

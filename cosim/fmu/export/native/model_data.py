@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import re
 import struct
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 from cosim.core import InputError
-from cosim.fmu.export.native.c_model import ModelWriter, enumerator
+from cosim.fmu.export.native.model import NativeModel, enumerator
 from cosim.tape import OPERATIONS, Scalar, required_places
 
 _ARRAYS = {"slots": 0, "v": 1, "c": 2, "x": 3, "late": 4, "change": 5, "t": 6, "elapsed": 6}
@@ -25,23 +25,24 @@ _TABLES = (
     *("model_others", "named", "model_measured", "model_acting", "model_watched", "model_play"),
 )
 _MOST_TABLE = dict.fromkeys(_TABLES, 128) | {"model_states": 64, "model_delays": 8}
-_MOST_VARIABLES, _MOST_CONSTANTS, _MOST_SLOTS, _MOST_LANES = 4096, 1024, 2048, 64
+_MOST_VARIABLES, _MOST_CONSTANTS, _MOST_SLOTS = 4096, 1024, 2048
 """As in c/tape.h."""
-_LISTED = re.compile(r"(u|y|initial|bias|noise|loss\.state|loss\.move)\[[\d,]+\]")
+_NUMBERS = ("LATE_BEGIN", "LATE_END")
 
 
-def model_data(writer: ModelWriter, identity: str) -> bytes:
+def model_data(model: NativeModel, named: Sequence[str], identity: str) -> bytes:
     """Return the content of resources/model.bin.
+
+    named : the value references, as C has them, that the C of the kind names.
+    identity : what the binary checks.
 
     Raises
     ------
     InputError : a component that is too large for a binary that reads its model.
     """
-    spec = writer.spec
+    spec = model.spec
     place = {enumerator(v.name): i for i, v in enumerate(spec.variables)}
-    texts = "\n".join(spec.constants.get("texts", ()))
-    named = spec.constants.get("link", spec.constants.get("sensor", texts))
-    words = [b"AUVMODEL", _integers(1), _text(identity), _text(str(named))]
+    words = [b"AUVMODEL", _integers(2), _text(identity), _text(model.text)]
     _refuse_beyond(_MOST_VARIABLES, len(spec.variables), "variables", spec.name)
     words.append(_integers(len(spec.variables)))
     for v in spec.variables:
@@ -50,75 +51,58 @@ def model_data(writer: ModelWriter, identity: str) -> bytes:
         low = float("-inf") if v.minimum is None else v.minimum
         high = float("inf") if v.maximum is None else v.maximum
         words += [_text(v.name), _integers(causality, kind), _doubles([v.start, low, high])]
-    defined = writer.defined
-    references = [place.get(str(defined.get(n)), 0) for n in ("MODEL_STEP", "MODEL_SAMPLE_TIME")]
-    numbers = [defined.get(n, 0) for n in ("LATE_BEGIN", "LATE_END", "MODEL_CONSTANTS")]
-    instants, rows = writer.rows
-    words.append(_integers(*references, *(int(str(n)) for n in numbers), len(instants)))
-    tables = {**writer.tables, "named": [*named_variables(writer)]}
+    instants, rows = model.rows
+    numbers = [int(model.numbers.get(name, 0)) for name in _NUMBERS]
+    words.append(_integers(*numbers, len(model.known), len(instants)))
+    absent = dict.fromkeys(map(enumerator, model.absent), 0)
+    tables = {name: [*map(enumerator, listed)] for name, listed in model.tables.items()}
     for name in _TABLES:
-        listed = [place[enumerator(variable)] for variable in tables.get(name, ())]
-        most = _MOST_LANES if "MODEL_LANES" in defined else _MOST_TABLE[name]
-        _refuse_beyond(most, len(listed), name.removeprefix("model_"), spec.name)
-        words.append(_integers(len(listed), *listed))
+        listed = [*named] if name == "named" else tables.get(name, [])
+        _refuse_beyond(_MOST_TABLE[name], len(listed), name.removeprefix("model_"), spec.name)
+        words.append(_integers(len(listed), *((place | absent)[one] for one in listed)))
     pool: dict[str, int] = {}
-    programs = b"".join(_programs(writer, place, pool))
+    programs = b"".join(_programs(model, place, pool))
     words += [_integers(len(pool)), _doubles(map(float, pool)), programs]
-    words += [_text(text) for _, text in writer.conditions]
+    words += [_text(text) for _, text in model.conditions]
     words += [_integers(*instants), _doubles(value for row in rows for value in row)]
     return b"".join(words)
 
 
-def named_variables(writer: ModelWriter) -> Iterable[str]:
-    """Yield the variables that the C of a link or sensor names: all but those of tables."""
-    if "named" in writer.spec.constants:
-        yield from writer.spec.constants["named"]
-    elif "MODEL_LANES" in writer.defined:
-        yield from (v.name for v in writer.spec.variables if not _LISTED.fullmatch(v.name))
-
-
-def model_header(writer: ModelWriter) -> str:
-    """Return model.h for the binary; it is the same for every component of a kind."""
-    named = "".join(
-        f"#define {enumerator(name)} (model.reference[TO_NAMED][{i}])\n"
-        for i, name in enumerate(named_variables(writer))
-    )
-    orders = "".join(
-        f"#define {name} {value}\n"
-        for name, value in writer.defined.items()
-        if name.startswith("ORDER_")
+def data_header(named: Sequence[str]) -> str:
+    """Return model.h for the binary of a kind, the same for every component of it."""
+    listed = "".join(
+        f"#define {name} (model.reference[TO_NAMED][{i}])\n" for i, name in enumerate(named)
     )
     return (
         "/* The model is read from the resources when the first instance is made. */\n\n"
-        f'#ifndef MODEL_H\n#define MODEL_H\n\n#include "tape.h"\n\n{named}{orders}\n#endif\n'
+        f'#ifndef MODEL_H\n#define MODEL_H\n\n#include "tape.h"\n\n{listed}\n#endif\n'
     )
 
 
 def _programs(
-    writer: ModelWriter, place: Mapping[str, int], pool: dict[str, int]
-) -> Iterable[bytes]:
+    model: NativeModel, place: Mapping[str, int], pool: dict[str, int]
+) -> Iterator[bytes]:
     """Yield the words of each program; numbers of the equations are added to `pool`."""
-    programs = {**writer.programs}
-    programs["model_objection"] = [("", value) for value, _ in writer.conditions]
-    hoisted = {scalar.place: i for i, (_, scalar) in enumerate(programs.get("model_constants", ()))}
-    _refuse_beyond(_MOST_CONSTANTS, len(hoisted), "constants of a run", writer.spec.name)
+    results = {
+        name: [scalar for _, scalar in program.targets] for name, program in model.programs.items()
+    }
+    results["model_objection"] = [value for value, _ in model.conditions]
+    _refuse_beyond(_MOST_CONSTANTS, len(model.known), "constants of a run", model.spec.name)
     for name in _PROGRAMS:
-        known = {} if name in ("model_constants", "model_objection") else hoisted
-        roots = [scalar for _, scalar in programs.get(name, ())]
-        yield _program(writer, roots, known, place, pool)
+        known = {} if name in ("model_constants", "model_objection") else model.known
+        yield _program(model, results.get(name, []), known, place, pool)
 
 
 def _program(
-    writer: ModelWriter,
+    model: NativeModel,
     roots: Sequence[Scalar],
     known: Mapping[int, int],
     place: Mapping[str, int],
     pool: dict[str, int],
 ) -> bytes:
     """Return the words of a program that computes `roots`; values share slots where they can."""
-    recorded = writer.tape.operations
-    here = dict.fromkeys(known, "c")
-    needed = required_places(writer.tape, [root.place for root in roots], here)
+    recorded = model.tape.operations
+    needed = required_places(model.tape, [root.place for root in roots], known)
     last = {p: i for i, at in enumerate(needed) if at not in known for p in recorded[at].operands}
     last |= {root.place: len(needed) for root in roots}
     operand: dict[int, int] = {}
@@ -139,7 +123,7 @@ def _program(
             slots = max(slots, slot + 1)
             operand[at] = slot
             operations.append((OPERATIONS.index(one.name), a, b, slot))
-    _refuse_beyond(_MOST_SLOTS, slots, "values at a time", writer.spec.name)
+    _refuse_beyond(_MOST_SLOTS, slots, "values at a time", model.spec.name)
     results = [operand[root.place] for root in roots]
     flat = [word for operation in operations for word in operation]
     return _integers(len(operations), *flat, len(results), *results)
