@@ -22,7 +22,8 @@ from itertools import product
 from pathlib import Path
 
 from cosim.core import CosimError
-from cosim.fmu import (
+from cosim.fmu.compiled import is_current, library_source, write_library, write_manifest
+from cosim.fmu.export import (
     CATALOGUE,
     FMI_VERSION,
     KINDS,
@@ -30,12 +31,8 @@ from cosim.fmu import (
     Platform,
     ensure_all,
     host,
-    is_current,
-    library_source,
     platforms_named,
     write_binary,
-    write_library,
-    write_manifest,
 )
 
 NATIVE = ("native", "native-fmi3")

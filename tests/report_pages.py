@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.trace import write_report
+from cosim.trace.report import write_report
 
 Reals = NDArray[np.float64]
 

@@ -79,7 +79,8 @@ def fmu_store(*flavours: str) -> Path:
     The flavours named are there and native, the default of every command, each built once per
     session; native ones also of the designs that built-in scenarios name.
     """
-    from cosim.fmu import CATALOGUE, build_fmu  # noqa: PLC0415 - most tests need no FMU
+    from cosim.fmu import build_fmu  # noqa: PLC0415 - most tests need no FMU
+    from cosim.fmu.export import CATALOGUE  # noqa: PLC0415 - most tests need no FMU
 
     def build(folder: Path, flavour: str) -> None:
         for spec in CATALOGUE.values():

@@ -15,7 +15,6 @@ from types import ModuleType
 import pytest
 
 import cosim
-from cosim import hinf
 
 ROOT = Path(cosim.__file__).parents[1]
 FRONT_DOOR = {
@@ -62,6 +61,16 @@ LOWER_ROOMS: dict[str, set[str]] = {
 }
 """Room of `cosim.hinf` -> the rooms that it may import from."""
 
+ROOMS_WITH_FACES = {
+    "hinf": tuple(LOWER_ROOMS),
+    "trace": (
+        *("outcome", "rows", "tables", "comparison", "exports", "report", "live", "ros2"),
+        "viewers",
+    ),
+    "fmu": ("compiled", "export", "inspect"),
+}
+"""Package -> its rooms that have a face of their own, for other packages and tests."""
+
 THROUGH_FACES = (
     *("cli", "components", "fmu", "hinf", "models", "network", "paper", "recordings", "replay"),
     *("scenario", "study", "trace", "vehicle"),
@@ -101,8 +110,8 @@ def imported(path: Path) -> list[tuple[int, str]]:
 
 
 def packages() -> list[str]:
-    """Every package with a face, the front door first."""
-    rooms = (f"cosim.hinf.{room}" for room in LOWER_ROOMS)
+    """Every package and room with a face, the front door first."""
+    rooms = (f"cosim.{name}.{room}" for name, all_ in ROOMS_WITH_FACES.items() for room in all_)
     return ["cosim", *(f"cosim.{name}" for name in LOWER), *rooms]
 
 
@@ -157,11 +166,25 @@ def is_past_a_face(name: str) -> bool:
     return name.rpartition(".")[0] not in faces and name not in faces
 
 
-def test_the_first_face_of_hinf_is_short() -> None:
-    """What a user needs who proves a loop; all else is in the faces of its rooms."""
-    offered = {name for name in hinf.__all__ if not isinstance(getattr(hinf, name), ModuleType)}
+@pytest.mark.parametrize("package", ROOMS_WITH_FACES)
+def test_the_first_face_of_a_package_with_rooms_is_short(package: str) -> None:
+    """What most users need; all else is in the faces of its rooms."""
+    face = importlib.import_module(f"cosim.{package}")
+    offered = {name for name in face.__all__ if not isinstance(getattr(face, name), ModuleType)}
     assert len(offered) <= 30
-    assert set(hinf.__all__) - offered < set(LOWER_ROOMS)
+    assert set(face.__all__) - offered <= set(ROOMS_WITH_FACES[package])
+
+
+@pytest.mark.parametrize("package", ["trace", "fmu"])
+def test_no_two_classes_of_a_package_have_one_name(package: str) -> None:
+    """Whoever reads a name in a message or in a module knows which class it is."""
+    found: dict[str, list[str]] = {}
+    for path in ROOT.glob(f"cosim/{package}/**/*.py"):
+        for node in ast.parse(path.read_text("utf-8")).body:
+            if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
+                found.setdefault(node.name, []).append(path.name)
+    assert len(found) > 50
+    assert {name: where for name, where in found.items() if len(where) > 1} == {}
 
 
 def test_imports_point_one_way() -> None:

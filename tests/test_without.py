@@ -20,7 +20,8 @@ from shared import fmu_store
 from wheel import installed, python
 
 from cosim.core import InputError, notices
-from cosim.fmu import ensure_fmu, own_folder
+from cosim.fmu import own_folder
+from cosim.fmu.export import ensure_fmu
 from cosim.scenario import FmuCache, demo, fmu_cache
 
 
@@ -49,7 +50,7 @@ import json, sys
 for name in ("elftools", "pefile", "macholib"):
     sys.modules[name] = None
 from pathlib import Path
-from cosim.fmu import inspect_fmu
+from cosim.fmu.inspect import inspect_fmu
 found = inspect_fmu(Path(sys.argv[1]))
 print(json.dumps([found.valid, [(f.code, f.level, f.why) for f in found.findings]]))
 """
@@ -71,7 +72,8 @@ import sys
 sys.modules["rosbags"] = sys.modules["rosbags.typesys"] = None
 from pathlib import Path
 from cosim.core import InputError
-from cosim.trace import TraceWriter, export_bag
+from cosim.trace import TraceWriter
+from cosim.trace.ros2 import export_bag
 path = Path(sys.argv[1])
 with TraceWriter(path, run={}) as writer:
     writer.log(0, "info", "a", "b")
@@ -130,7 +132,8 @@ def _distributed() -> set[str]:
 
 TWO_LIBRARIES = """
 from pathlib import Path
-from cosim.fmu import compiled_library, own_folder
+from cosim.fmu import own_folder
+from cosim.fmu.compiled import compiled_library
 source = b'__attribute__((visibility("default"))) int seven(void) { return 7; }\\n'
 for extra in (b"", b"int eight(void) { return 8; }\\n"):
     library = compiled_library("seven", source + extra)
@@ -193,7 +196,7 @@ def test_a_command_goes_on_without_home_and_cache(tmp_path: Path) -> None:
 UP_TO_DATE = """
 import sys
 from pathlib import Path
-from cosim.fmu import ensure_fmu
+from cosim.fmu.export import ensure_fmu
 print(*(ensure_fmu(name, Path(sys.argv[1]), flavour="python").new for name in sys.argv[2:]))
 print("markdown_it" in sys.modules)
 """

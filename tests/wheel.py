@@ -17,7 +17,8 @@ from pathlib import Path
 from c_compiler import c_compiler
 from shared import made_once
 
-from cosim.fmu import ComponentSpec, host, write_manifest
+from cosim.fmu.compiled import write_manifest
+from cosim.fmu.export import ComponentSpec, host
 
 ROOT = Path(__file__).parents[1]
 NO_COMPILER = {"CC": "no-such-compiler"}
@@ -32,7 +33,8 @@ os.execvp({command!r}, [*{words!r}, *words[:at], *words[at + 2:]])
 _BUILD = """\
 import pickle, sys
 from cosim.core import CosimError
-from cosim.fmu import build_fmu, component_module
+from cosim.fmu import build_fmu
+from cosim.fmu.export import component_module
 component_module("hinf_controller.variables")  # what is pickled names modules of components
 spec, folder, flavour = pickle.load(sys.stdin.buffer)
 try:
@@ -85,7 +87,7 @@ def cross_compiled(code: str, folder: Path) -> None:
 
 def binary_of(kind: str, version: str = "2.0") -> dict[str, bytes]:
     """The binary of a kind of behaviour and a version of FMI, by its place among the prebuilt."""
-    code = "from cosim.fmu import host, write_binary\n"
+    code = "from cosim.fmu.export import host, write_binary\n"
     code += f"write_binary({kind!r}, {version!r}, folder, host())"
     return _files(made_once(f"wheel/{version}/{kind}", lambda it: cross_compiled(code, it)))
 

@@ -8,7 +8,7 @@ from typing import Annotated, Any, get_args
 
 import typer
 
-from cosim import hinf, trace
+from cosim import core, hinf
 from cosim.cli.age_view import age_json, age_view, draw_ages
 from cosim.cli.arguments import gain_from, named_problem, numbers
 from cosim.cli.common import (
@@ -113,7 +113,7 @@ def age(
     cosim age auv --bit-rate 5000 --packet 64 --range 600 --slot 0.5 --loss 0.05
     """
     if picture is not None:
-        trace.pyplot()
+        core.pyplot()
     named, own_gain = named_problem(name)
     modem = _modem(bit_rate, packet, distance, slot, loss, losses, other, sound_speed)
     chosen: Any = assumption or (None if modem is None else "sampled")

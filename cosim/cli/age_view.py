@@ -12,7 +12,7 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from cosim import hinf, trace
+from cosim import core, hinf
 from cosim.cli.terminal import NONE, facts, number
 from cosim.core import at_least, at_most
 
@@ -158,7 +158,7 @@ def draw_ages(name: str, found: hinf.MessageAges, target: Path) -> Path:
     ------
     InputError : matplotlib is not installed, or the file cannot be written.
     """
-    plt = trace.pyplot()
+    plt = core.pyplot()
     with plt.rc_context({"font.size": 9, "axes.grid": True, "grid.alpha": 0.3}):
         figure, (above, below) = plt.subplots(
             2, 1, figsize=(8.4, 6.2), layout="constrained", sharex=True, height_ratios=(1.7, 1)
@@ -191,6 +191,6 @@ def draw_ages(name: str, found: hinf.MessageAges, target: Path) -> Path:
                     ha="left" if exact else "right",
                 )  # fmt: skip
         try:
-            return trace.save_picture(figure, target)
+            return core.save_picture(figure, target)
         finally:
             plt.close(figure)

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from cosim import fmu as fmus, replay, vehicle as vehicles
+from cosim import replay, vehicle as vehicles
 from cosim.cli.arguments import numbers
 from cosim.cli.common import (
     JsonOption,
@@ -19,7 +19,8 @@ from cosim.cli.fmu_view import check_view, info_view, rule_view
 from cosim.cli.help_text import HelpTyper
 from cosim.cli.packed_view import packed_view, plant_view, vehicle_plant_view
 from cosim.core import CheckFailedError, InputError
-from cosim.fmu import DEFAULT_FLAVOUR, Flavour
+from cosim.fmu import export as exports, inspect
+from cosim.fmu.export import DEFAULT_FLAVOUR, Flavour
 
 fmu_app = HelpTyper(
     help="Export a plant or a controller as an FMU; inspect or check any FMU.",
@@ -65,7 +66,7 @@ def info(file: FileArgument, *, as_json: JsonOption = False) -> None:
     \b
     cosim fmu info my-plant.fmu
     """
-    found = fmus.inspect_fmu(file)
+    found = inspect.inspect_fmu(file)
     if found.model is None:
         first = found.findings[0]
         raise InputError(
@@ -74,7 +75,7 @@ def info(file: FileArgument, *, as_json: JsonOption = False) -> None:
             got=f"{first.where}: {first.what}",
             hint=f"cosim fmu check {file}",
         )
-    answer(as_json, lambda: fmus.fmu_facts(found), lambda: info_view(fmus.fmu_facts(found)))
+    answer(as_json, lambda: inspect.fmu_facts(found), lambda: info_view(inspect.fmu_facts(found)))
 
 
 @fmu_app.command()
@@ -114,14 +115,14 @@ def check(
     cosim fmu check --rule start-missing
     """
     if rule is not None:
-        explained = fmus.rule_named(rule)
+        explained = inspect.rule_named(rule)
         answer(as_json, explained.to_json, lambda: rule_view(explained))
         return
     if file is None:
         raise InputError("no FMU to check", expected="cosim fmu check FILE, or --rule NAME")
-    found = fmus.inspect_fmu(file)
+    found = inspect.inspect_fmu(file)
     if run:
-        found = found.with_findings(fmus.run_findings(found, time))
+        found = found.with_findings(inspect.run_findings(found, time))
     answer(
         as_json,
         lambda: {
@@ -177,7 +178,7 @@ def build(
     file = Path(system)
     target = _target(file, out)
     start = None if initial is None else numbers("--initial", initial)
-    kind = fmus.target_named(flavour, platforms)
+    kind = exports.target_named(flavour, platforms)
     if (vehicle := vehicles.named_vehicle(system)) is not None:
         if start is not None:
             raise InputError(
@@ -188,7 +189,7 @@ def build(
         made = vehicles.export_vehicle(vehicle, target, kind=kind, name=name)
         answer(as_json, made.to_json, lambda: vehicle_plant_view(made))
         return
-    packed = fmus.export_plant(system, target, kind=kind, name=name, initial=start)
+    packed = exports.export_plant(system, target, kind=kind, name=name, initial=start)
     n, m = packed.system.B.shape
     p, q = packed.system.D1.shape
     answer(
@@ -271,7 +272,7 @@ def controller(
     cosim fmu controller gain.json -o sampled.fmu --sample-time 0.05 --limits 2
     cosim fmu controller gain.json -o watched.fmu --watch
     """
-    kind = replace(fmus.target_named(flavour, platforms), clocked=clocked)
+    kind = replace(exports.target_named(flavour, platforms), clocked=clocked)
     found = replay.certificate_in(file)
     if found.mismatch is not None:
         raise InputError(
@@ -280,7 +281,7 @@ def controller(
             got=found.mismatch,
         )
     bounds = None if limits is None else numbers("--limits", limits)
-    packed = fmus.export_controller(
+    packed = exports.export_controller(
         found.data,
         _target(file, out),
         where=str(file),

@@ -11,7 +11,7 @@ from rich.text import Text
 
 from cosim.cli.terminal import table
 from cosim.core import counted
-from cosim.fmu import LEVELS, RULES, Inspection, Rule, printable
+from cosim.fmu.inspect import LEVELS, RULES, Inspection, Rule, printable
 
 _COLOURS = {"error": "red", "warning": "yellow", "note": "cyan"}
 

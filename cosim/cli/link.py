@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from cosim import hinf, recordings, trace
+from cosim import core, hinf, recordings
 from cosim.cli.arguments import write
 from cosim.cli.common import (
     JsonOption,
@@ -209,7 +209,7 @@ def chosen(file: Path, node: str | None, picture: Path | None) -> dict[str, Reco
     InputError : as `read_recordings`, an unknown node, or no matplotlib for the picture.
     """
     if picture is not None:
-        trace.pyplot()
+        core.pyplot()
     found = recordings.read_recordings(file)
     if node is not None:
         if node not in found:

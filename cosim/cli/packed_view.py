@@ -11,7 +11,7 @@ from cosim.cli.terminal import facts
 from cosim.core import at_most
 
 if TYPE_CHECKING:  # `cosim fmu check` needs neither
-    from cosim.fmu import ControllerFmu, PlantFmu
+    from cosim.fmu.export import ControllerFmu, PlantFmu
     from cosim.vehicle import VehicleFmu
 
 

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from cosim import trace
+from cosim import core
 from cosim.cli.arguments import write
 from cosim.cli.common import (
     JsonOption,
@@ -40,7 +40,7 @@ def paper(
     from cosim.paper import page, paper_view, reproduce  # noqa: PLC0415
 
     if html is not None:
-        trace.pyplot()  # before the long computation begins
+        core.pyplot()  # before the long computation begins
     with progress() as report_progress:
         report = reproduce(report_progress)
     if html is not None:

@@ -10,7 +10,7 @@ from rich.text import Text
 from cosim.cli.run_view import late_view
 from cosim.cli.terminal import plain, table
 from cosim.replay import InjectionResult, Rerun
-from cosim.trace import diff_json, diff_verdict
+from cosim.trace.comparison import diff_json, diff_verdict
 
 
 def rerun_view(result: Rerun) -> RenderableType:

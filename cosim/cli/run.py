@@ -26,7 +26,7 @@ from cosim.cli.run_view import demo_view
 from cosim.cli.runs import interruptions_reported, make_fmu_cache, report_outcome
 from cosim.cli.step_check_view import step_check_view
 from cosim.core import CheckFailedError, InputError, check_output
-from cosim.fmu import DEFAULT_FLAVOUR
+from cosim.fmu.export import DEFAULT_FLAVOUR
 
 
 def demo(

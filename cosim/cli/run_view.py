@@ -9,10 +9,10 @@ from rich.console import Group, RenderableType
 from rich.table import Column
 from rich.text import Text
 
-from cosim import trace
 from cosim.cli.terminal import NONE, facts, number, plain, table
 from cosim.core import at_most
-from cosim.trace import age_lines, measurement_age_lines
+from cosim.trace import outcome as outcomes
+from cosim.trace.outcome import age_lines, measurement_age_lines
 
 if TYPE_CHECKING:
     from cosim.scenario import Demo, Outcome
@@ -43,7 +43,7 @@ def outcome_view(outcome: Outcome) -> RenderableType:
     parts += [
         facts(
             *(row for row in _figures(outcome) if row[1] != NONE),
-            *(() if outages is None else trace.outage_rows(outages)),
+            *(() if outages is None else outcomes.outage_rows(outages)),
         ),
         *_cut(outcome.metrics.get("cut_connections", ())),
         *_pace(outcome),
@@ -120,8 +120,8 @@ def _compared(outcome: Outcome) -> list[tuple[str, str]]:
 
 def _covered(label: str, outcome: Outcome) -> list[RenderableType]:
     """Say whether the guarantee of a run holds, and for each assumption what it rests on."""
-    checks = trace.assumptions_of(outcome)
-    verdict = trace.guarantee_of(outcome, checks)
+    checks = outcomes.assumptions_of(outcome)
+    verdict = outcomes.guarantee_of(outcome, checks)
     lines = [] if verdict is None else [Text(f"{label}: {verdict.what}; {verdict.why}", "bold")]
     rows = (
         (_tick(check.tone == "good"), Text.assemble(check.what, "\n", (check.why, "dim")))
@@ -217,11 +217,11 @@ def _links(links: Mapping[str, Mapping[str, Any]]) -> list[RenderableType]:
 
 def _guarantee(outcome: Outcome) -> list[RenderableType]:
     """Say whether the guarantee is claimed."""
-    found = trace.guarantee_of(outcome, trace.assumptions_of(outcome))
+    found = outcomes.guarantee_of(outcome, outcomes.assumptions_of(outcome))
     if found is None:
         return []
     verdict = Text(f"{found.what}: {found.why}", style=_COLOURS[found.tone])
-    return [verdict, *(Text(f"{label}: {words}") for label, words, _ in trace.facts_of(outcome))]
+    return [verdict, *(Text(f"{label}: {words}") for label, words, _ in outcomes.facts_of(outcome))]
 
 
 def _assumptions(outcome: Outcome) -> RenderableType:
@@ -235,7 +235,7 @@ def _assumptions(outcome: Outcome) -> RenderableType:
     for name, met in outcome.assumptions.items():
         words = Text(name.replace("_", " "))
         if name in why:
-            words.append(f"\n{trace.departures_text(why[name])}", style="dim")
+            words.append(f"\n{outcomes.departures_text(why[name])}", style="dim")
         rows.append((_tick(met), words))
     return table((), rows, "Assumptions of the guarantee")
 
@@ -253,7 +253,7 @@ def _outages(outages: Mapping[str, Any] | None) -> list[RenderableType]:
     """Show what holds across outages in place of gamma."""
     if outages is None:
         return []
-    tone, words, numbers = trace.outage_verdict(outages)
+    tone, words, numbers = outcomes.outage_verdict(outages)
     return [Text(f"{words}: {numbers}", style=_COLOURS[tone])]
 
 

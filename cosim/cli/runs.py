@@ -18,7 +18,7 @@ from cosim.core import (
     StoppedError,
     TerminatedError,
 )
-from cosim.fmu import DEFAULT_FLAVOUR
+from cosim.fmu.export import DEFAULT_FLAVOUR
 
 
 @contextmanager

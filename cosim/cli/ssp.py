@@ -23,7 +23,7 @@ from cosim.cli.help_text import HelpTyper
 from cosim.cli.runs import make_fmu_cache
 from cosim.cli.terminal import console, facts
 from cosim.core import InputError
-from cosim.fmu import DEFAULT_FLAVOUR
+from cosim.fmu.export import DEFAULT_FLAVOUR
 from cosim.scenario import (
     SspCheck,
     SspExport,

@@ -41,7 +41,7 @@ from cosim.cli.study_view import (
 )
 from cosim.cli.terminal import titles_table
 from cosim.core import InputError, LossError, StoppedError, check_output
-from cosim.fmu import DEFAULT_FLAVOUR
+from cosim.fmu.export import DEFAULT_FLAVOUR
 
 STUDIES = Path("studies")
 

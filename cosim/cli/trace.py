@@ -27,17 +27,9 @@ from cosim.cli.trace_layout import layout
 from cosim.cli.trace_view import comparison_view, recovery_view, report_view, verification_view
 from cosim.cli.verbs import TraceVerbs
 from cosim.core import CheckFailedError, LossError, printable
-from cosim.trace import (
-    Player,
-    cite,
-    describe,
-    recover as recover_trace,
-    render,
-    verify as verify_trace,
-    view_in_rerun,
-    write_comparison,
-    write_report,
-)
+from cosim.trace import cite, describe, recover as recover_trace, render, verify as verify_trace
+from cosim.trace.live import Player, view_in_rerun
+from cosim.trace.report import write_comparison, write_report
 
 trace_app = HelpTyper(
     cls=TraceVerbs,

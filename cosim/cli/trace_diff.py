@@ -15,7 +15,8 @@ from cosim.cli.common import (
 )
 from cosim.cli.trace_view import diff_view
 from cosim.core import CheckFailedError, InputError
-from cosim.trace import Tolerance, Tolerances, diff as compare, diff_json, draw_diff
+from cosim.trace import Tolerances, diff as compare
+from cosim.trace.comparison import Tolerance, diff_json, draw_diff
 
 
 def diff(

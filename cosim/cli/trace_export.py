@@ -17,7 +17,9 @@ from cosim.cli.common import (
 )
 from cosim.cli.terminal import table
 from cosim.core import InputError
-from cosim.trace import WrittenBag, WrittenTable, export as write_tables, export_bag
+from cosim.trace import export as write_tables
+from cosim.trace.exports import WrittenTable
+from cosim.trace.ros2 import WrittenBag, export_bag
 
 Format = Literal["csv", "parquet", "mat", "ros2"]
 

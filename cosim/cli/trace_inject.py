@@ -21,11 +21,13 @@ from cosim.cli.common import (
 from cosim.cli.replay_view import inject_json, inject_view
 from cosim.cli.runs import make_fmu_cache
 from cosim.core import CheckFailedError, ComponentError, InputError, check_output
-from cosim.fmu import DEFAULT_FLAVOUR, FmuDescription
+from cosim.fmu import FmuDescription
+from cosim.fmu.export import DEFAULT_FLAVOUR
 from cosim.network import Jitter, PacketLink, TransportLink
 from cosim.replay import InjectionRequest, SignalMapping, inject as run_injection
 from cosim.scenario import link_of, load, nanoseconds
-from cosim.trace import Tolerance, Tolerances
+from cosim.trace import Tolerances
+from cosim.trace.comparison import Tolerance
 
 
 def inject(

@@ -15,7 +15,7 @@ from cosim.cli.common import (
     output_file,
 )
 from cosim.cli.terminal import table
-from cosim.trace import Viewer, WrittenLayout, write_layout
+from cosim.trace.viewers import Viewer, WrittenLayout, write_layout
 
 
 def layout(

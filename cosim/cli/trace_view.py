@@ -7,16 +7,10 @@ from rich.table import Column, Table
 from rich.text import Text
 
 from cosim.cli.terminal import NONE, number, plain, table
-from cosim.trace import (
-    RESULT,
-    ComparisonReport,
-    Diff,
-    Recovery,
-    Report,
-    Verification,
-    diff_verdict,
-    further_differences,
-)
+from cosim.trace import Diff, Recovery, Verification
+from cosim.trace.comparison import diff_verdict, further_differences
+from cosim.trace.report import ComparisonReport, Report
+from cosim.trace.rows import RESULT
 
 _MOST, _MOST_DAMAGE = 25, 20
 _TONES = {"good": "green", "bad": "red", "open": "yellow"}

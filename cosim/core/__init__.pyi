@@ -83,6 +83,10 @@ from .part import (
     Positive as Positive,
     Text as Text,
 )
+from .pictures import (
+    pyplot as pyplot,
+    save_picture as save_picture,
+)
 from .processes import (
     DEATH_HINTS as DEATH_HINTS,
     death_of as death_of,

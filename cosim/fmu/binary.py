@@ -63,7 +63,7 @@ _callbacks: Final[deque[list[Any]]] = deque(maxlen=1000)
 earlier instance."""
 
 
-class Binary(NamedTuple):
+class Loadable(NamedTuple):
     """What it takes to load an FMU.
 
     Attributes
@@ -146,7 +146,7 @@ class CheckedCalls:
     dll: Any
     _functions: dict[str, Any]
 
-    def __init__(self, library: CDLL, binary: Binary, name: str) -> None:
+    def __init__(self, library: CDLL, binary: Loadable, name: str) -> None:
         """Set the attributes that FMPy's methods use; its own `__init__` loads a library."""
         self.dll, self.component, self.callbacks = library, None, None
         self.guid, self.modelIdentifier = binary.token, binary.identifier
@@ -431,7 +431,7 @@ def _prototype(method: Any) -> tuple[list[Any], Any]:
 
 
 @contextmanager
-def _cannot_be_loaded(binary: Binary, where: str) -> Iterator[None]:
+def _cannot_be_loaded(binary: Loadable, where: str) -> Iterator[None]:
     try:
         yield
     except OSError as error:
@@ -446,7 +446,7 @@ def _cannot_be_loaded(binary: Binary, where: str) -> Iterator[None]:
         ) from error
 
 
-def require_library(binary: Binary, component: str) -> None:
+def require_library(binary: Loadable, component: str) -> None:
     """Check that there is a library for this machine; nothing is loaded.
 
     Raises
@@ -457,11 +457,11 @@ def require_library(binary: Binary, component: str) -> None:
         _library_of(binary)
 
 
-def _place(binary: Binary, component: str) -> str:
+def _place(binary: Loadable, component: str) -> str:
     return f"component {component!r} ({binary.path})"
 
 
-def load_slave(binary: Binary, component: str, where: str) -> Any:
+def load_slave(binary: Loadable, component: str, where: str) -> Any:
     """Return FMPy's slave of an FMU; it is not instantiated yet.
 
     Raises
@@ -516,7 +516,7 @@ def _searched(folder: Path) -> Iterator[None]:
         yield
 
 
-def _library_of(binary: Binary) -> Path:
+def _library_of(binary: Loadable) -> Path:
     """Return the library for this machine, or raise an `OSError` that lists what there is."""
     identifier, here = binary.identifier, this_machine()
     tuple_name = f"{here.architecture}-{here.system}"

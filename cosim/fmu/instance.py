@@ -17,7 +17,7 @@ from cosim.core import ComponentError, InputError
 from cosim.fmu.binary import (
     ACCEPTED_STATUSES,
     NO_OPTIONS,
-    Binary,
+    Loadable,
     SlaveOptions,
     load_slave,
     require_library,
@@ -66,7 +66,7 @@ def require_loadable(description: FmuDescription, component: str) -> None:
     InputError : it cannot be unpacked.
     ComponentError : it has no library for this machine.
     """
-    require_library(Binary.of(description, unpack_fmu(description)), component)
+    require_library(Loadable.of(description, unpack_fmu(description)), component)
 
 
 class Instance:
@@ -116,7 +116,7 @@ class Instance:
         try:
             folder = unpack_fmu(description)
             self._of_pythonfmu = (folder / "resources" / _PYTHONFMU).is_file()
-            self._fmu = self._loaded(Binary.of(description, folder))
+            self._fmu = self._loaded(Loadable.of(description, folder))
             self._environment = register_sink(name, self._on_message)
             self._instantiate()
         except BaseException:
@@ -125,7 +125,7 @@ class Instance:
         if description.departures:
             self._log("warning", f"breaks the standard: {'; '.join(description.departures)}", "")
 
-    def _loaded(self, binary: Binary) -> Any:
+    def _loaded(self, binary: Loadable) -> Any:
         if self._process is None:
             return load_slave(binary, self.name, self._where)
         from cosim.fmu.isolation.proxy import IsolatedSlave  # noqa: PLC0415 - few are isolated

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator
 from math import prod
 
 from cosim.fmu.clock import declared_clock
-from cosim.fmu.inspect.declared_model import DeclaredModel, Variable, integer, usual_initial
+from cosim.fmu.inspect.declared_model import DeclaredModel, DeclaredVariable, integer, usual_initial
 from cosim.fmu.port import (
     TYPE_MAPPINGS,
     FmiVersion,
@@ -74,7 +74,7 @@ def declared_ports(model: DeclaredModel, version: FmiVersion) -> dict[str, Port]
     return ports
 
 
-def _named(model: DeclaredModel) -> Iterator[tuple[Variable, str, str | None]]:
+def _named(model: DeclaredModel) -> Iterator[tuple[DeclaredVariable, str, str | None]]:
     """Give each variable with its name and description, then each alias."""
     for v in model.variables:
         yield v, v.name, v.attributes.get("description")
@@ -83,7 +83,9 @@ def _named(model: DeclaredModel) -> Iterator[tuple[Variable, str, str | None]]:
             yield v, name, description or v.attributes.get("description")
 
 
-def _known(variables: dict[int | None, Variable], reference: int | None, at: Variable) -> Variable:
+def _known(
+    variables: dict[int | None, DeclaredVariable], reference: int | None, at: DeclaredVariable
+) -> DeclaredVariable:
     """Return the variable that another one refers to."""
     found = variables.get(reference)
     if found is None:
@@ -91,7 +93,9 @@ def _known(variables: dict[int | None, Variable], reference: int | None, at: Var
     return found
 
 
-def _sizes(variable: Variable, variables: dict[int | None, Variable]) -> Iterator[int]:
+def _sizes(
+    variable: DeclaredVariable, variables: dict[int | None, DeclaredVariable]
+) -> Iterator[int]:
     """Give the sizes of an array at the start."""
     for size, reference in variable.dimensions:
         extent = size
@@ -120,7 +124,7 @@ def _feedthrough(model: DeclaredModel) -> tuple[set[int], set[int]]:
         if variable.causality == "output":
             target = variable.index if model.major == 2 else variable.reference
             dependencies = declared.get(target)
-            given: Iterable[Variable | None] = model.variables
+            given: Iterable[DeclaredVariable | None] = model.variables
             if dependencies is not None:
                 given = [by_target.get(number) for number in dependencies]
             if any(v is None for v in given):
@@ -132,7 +136,7 @@ def _feedthrough(model: DeclaredModel) -> tuple[set[int], set[int]]:
     return found, undeclared
 
 
-def _is_time_based(variable: Variable) -> bool:
+def _is_time_based(variable: DeclaredVariable) -> bool:
     """Whether a variable is a Clock that ticks by the time (of FMI 3.0)."""
     kind = variable.attributes.get("intervalVariability")
     return variable.type == "Clock" and kind != "triggered"

@@ -6,7 +6,7 @@ import ctypes
 from functools import cache
 
 from cosim.core import InputError
-from cosim.fmu import compiled_library, library_source
+from cosim.fmu.compiled import compiled_library, library_source
 from cosim.network import CompiledDelivery
 
 

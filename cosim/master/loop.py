@@ -44,7 +44,7 @@ from cosim.master.system import System
 from cosim.master.table import ROW_SUM, EarlyStop, make_table
 from cosim.master.unreceived_inputs import fill_unreceived_inputs
 from cosim.master.wiring import Wiring
-from cosim.trace import Cause
+from cosim.trace.outcome import Cause
 
 _SEGMENT_S = 0.05
 _LONGEST = 1 << 16

@@ -15,20 +15,16 @@ from cosim.master.component_instance import MOST_EXACT, Column, ComponentInstanc
 from cosim.master.observers import Observer
 from cosim.master.system import System
 from cosim.network import DELIVERED, LOST, REASONS, Arrivals, PacketLink
-from cosim.trace import (
+from cosim.trace import Lines, Poses, Rows, Signal, TraceWriter
+from cosim.trace.outcome import RunEvent
+from cosim.trace.rows import (
     COMPUTED,
     GREATEST_AGE,
     LINK_STATE_SCHEMA,
     LINK_STATE_SIGNALS,
     MODE_SIGNALS,
     VEHICLE,
-    Lines,
-    Poses,
-    Rows,
-    RunEvent,
-    Signal,
     Thinned,
-    TraceWriter,
     input_topic,
     link_state_topic,
     link_topic,

@@ -17,7 +17,7 @@ from cosim.master.exchange import TOO_LARGE
 from cosim.master.table import EarlyStop
 from cosim.master.wiring import Wiring
 from cosim.network import Delivery
-from cosim.trace import Cause, CauseKind
+from cosim.trace.outcome import Cause, CauseKind
 
 RunStatus = Literal["finished", "stopped", "diverged", "failed"]
 """How a run ended; see `Run`."""

@@ -55,7 +55,7 @@ from cosim.master.system import System
 from cosim.master.wire import wire
 from cosim.master.wiring import Wiring
 from cosim.network import LinkState
-from cosim.trace import Cause
+from cosim.trace.outcome import Cause
 
 if TYPE_CHECKING:
     from cosim.fmu import SlaveProcess

@@ -11,7 +11,7 @@ from typing import ClassVar, Concatenate, Literal, ParamSpec, TypeVar
 from cosim.core import ComponentError, InputError
 from cosim.master.run import RunStatus
 from cosim.master.system import System
-from cosim.trace import Cause
+from cosim.trace.outcome import Cause
 
 _PARTS = ("kind", "component", "call", "detail")
 """What an error has of the cause of a run."""

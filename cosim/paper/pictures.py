@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
+from cosim.core import pyplot
 from cosim.hinf.delay_lti import close, gain_at
 from cosim.models import TABLE_1, paper_example as example
 from cosim.paper.example import peak_of
 from cosim.paper.figures import Curves
 from cosim.paper.greatest_delays import Entry
-from cosim.trace import pyplot
 
 BLUE, RED, GREEN, GREY = "#0b6e99", "#d1495b", "#5f7a3d", "#6b7280"
 _STYLE = {

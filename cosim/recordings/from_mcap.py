@@ -12,7 +12,9 @@ from numpy.typing import NDArray
 from cosim.core import InputError
 from cosim.network import IN_FLIGHT_NS, NOT_RECEIVED, REASONS, Recording
 from cosim.recordings.lost_messages import with_due
-from cosim.trace import Trace, link_names, link_topic
+from cosim.trace import Trace
+from cosim.trace.rows import link_topic
+from cosim.trace.tables import link_names
 
 _MAGIC = b"\x89MCAP"
 _MISSED = tuple(REASONS[status] for status in NOT_RECEIVED)

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from cosim.core import pyplot, save_picture
 from cosim.network import Recording
 from cosim.recordings.statistics import LinkStatistics, delays_of, statistics_of
-from cosim.trace import pyplot, save_picture
 
 _BLUE, _RED = "#0b6e99", "#d1495b"
 _WINDOW = 30

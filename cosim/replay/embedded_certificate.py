@@ -14,7 +14,8 @@ from typing import Any
 from cosim.core import InputError, unreadable
 from cosim.fmu import certificate_in_fmu
 from cosim.hinf.certificate import certificate_from_bytes, certificate_hash, read_certificate
-from cosim.trace import CERTIFICATE_ATTACHMENT, CERTIFICATE_HASH, DESIGN_ATTACHMENT, Trace
+from cosim.trace import Trace
+from cosim.trace.rows import CERTIFICATE_ATTACHMENT, CERTIFICATE_HASH, DESIGN_ATTACHMENT
 
 _ZIP, _MCAP = b"PK\x03\x04", b"\x89MCAP"
 

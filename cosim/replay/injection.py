@@ -30,17 +30,8 @@ from cosim.replay.input_values import InputValues, Link, resampled_inputs
 from cosim.replay.mapping import Source, as_delivered, as_sent, mapped, role_of, unmapped_inputs
 from cosim.replay.trace_attachments import scenario_in
 from cosim.scenario import LoadedScenario, link_of, run_system
-from cosim.trace import (
-    SCENARIO_ATTACHMENT,
-    Attachment,
-    Diff,
-    RunOutcome,
-    Table,
-    Trace,
-    TraceWriter,
-    diff,
-    output_topic,
-)
+from cosim.trace import Attachment, Diff, RunOutcome, Table, Trace, TraceWriter, diff
+from cosim.trace.rows import SCENARIO_ATTACHMENT, output_topic
 
 _DIVERGENCE = 1e300
 

@@ -11,7 +11,9 @@ from numpy.typing import NDArray
 from cosim.core import InputError, distinct
 from cosim.network import SUBSTITUTE, PacketLink, TransportLink, deliver
 from cosim.replay.mapping import Source
-from cosim.trace import Table, Trace, component_of, rows_in_force, series_of
+from cosim.trace import Table, Trace
+from cosim.trace.rows import component_of, rows_in_force
+from cosim.trace.tables import series_of
 
 Integers = NDArray[np.int64]
 Link = PacketLink | TransportLink

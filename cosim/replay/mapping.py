@@ -8,15 +8,9 @@ from dataclasses import dataclass
 from cosim.core import InputError
 from cosim.fmu import FmuDescription
 from cosim.scenario import Scenario
-from cosim.trace import (
-    GREATEST_AGE,
-    Trace,
-    component_of,
-    input_topic,
-    link_names,
-    link_topic,
-    output_topic,
-)
+from cosim.trace import Trace
+from cosim.trace.rows import GREATEST_AGE, component_of, input_topic, link_topic, output_topic
+from cosim.trace.tables import link_names
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,7 +11,8 @@ from cosim.core import InputError
 from cosim.hinf.certificate import certificate_from_bytes
 from cosim.hinf.delay_lti import WorstCase, worst_case_from_json
 from cosim.scenario import LoadedScenario, parse
-from cosim.trace import DESIGN_ATTACHMENT, SCENARIO_ATTACHMENT, Trace
+from cosim.trace import Trace
+from cosim.trace.rows import DESIGN_ATTACHMENT, SCENARIO_ATTACHMENT
 
 
 def attachment(trace: Trace, name: str, digest: str) -> bytes:

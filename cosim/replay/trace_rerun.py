@@ -14,7 +14,8 @@ from pathlib import Path
 from typing import Any
 
 from cosim.core import CosimError, InputError, Progress
-from cosim.fmu import CATALOGUE, FMI_VERSION, ensure_fmu, own_folder
+from cosim.fmu import own_folder
+from cosim.fmu.export import CATALOGUE, FMI_VERSION, ensure_fmu
 from cosim.hinf import design_from_json
 from cosim.replay.trace_attachments import design_in, scenario_in, worst_case_in
 from cosim.scenario import (
@@ -26,15 +27,9 @@ from cosim.scenario import (
     prepare,
     problem_about,
 )
-from cosim.trace import (
-    DESIGN_ATTACHMENT,
-    Trace,
-    begins_with,
-    content_hash,
-    diff,
-    differences,
-    same_content,
-)
+from cosim.trace import Trace, begins_with, content_hash, diff, same_content
+from cosim.trace.comparison import differences
+from cosim.trace.rows import DESIGN_ATTACHMENT
 
 
 @dataclass(frozen=True)

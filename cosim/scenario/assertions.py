@@ -17,7 +17,7 @@ from cosim.scenario.run_events import EventCollector
 from cosim.scenario.schema import Scenario
 from cosim.scenario.scope import RunScope, ValueReader
 from cosim.scenario.script import bind_condition, changed_by
-from cosim.trace import AssertionResult, Result, RunEvent
+from cosim.trace.outcome import AssertionResult, Result, RunEvent
 
 _Truths = NDArray[np.bool_]
 _Seconds = NDArray[np.float64]

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-from cosim.fmu import FmuDescription, is_prebuilt, library_source, prebuilt_folder
+from cosim.fmu import FmuDescription
+from cosim.fmu.compiled import is_prebuilt, library_source, prebuilt_folder
 from cosim.master import EngineChoice
 
 

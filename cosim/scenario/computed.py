@@ -10,7 +10,7 @@ from collections.abc import Callable, Collection, Mapping
 from typing import Any
 
 from cosim.core import InputError
-from cosim.fmu import UNITS, ComponentSpec, component_module
+from cosim.fmu.export import UNITS, ComponentSpec, component_module
 from cosim.scenario.binding import BoundExpression, Meaning, Scope, bind
 from cosim.scenario.expression import Expression
 from cosim.scenario.quantity import Dimension, dimension

@@ -6,13 +6,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from cosim.core import InputError, Progress, check_output_folder, silent
+from cosim.core import InputError, Progress, check_output_folder, pyplot, silent
 from cosim.scenario.execute import execute_run
 from cosim.scenario.fmu_cache import FmuCache
 from cosim.scenario.outcome import Outcome
 from cosim.scenario.preparation import prepare
 from cosim.scenario.read import load
-from cosim.trace import LabelledTrace, compare_runs, pyplot
+from cosim.trace import LabelledTrace, compare_runs
 
 DEMO_RUNS = (("auv-survey", "delay-aware"), ("auv-survey-naive", "naive"))
 """Scenario and label; the first is designed for the link."""

@@ -27,7 +27,7 @@ from cosim.scenario.binding import BoundExpression
 from cosim.scenario.link_keys import nanoseconds
 from cosim.scenario.scope import RunScope, ValueReader
 from cosim.scenario.script import Action, Event, Machine
-from cosim.trace import Cause
+from cosim.trace.outcome import Cause
 
 LINK_SETTINGS = ("delay", "loss")
 """What conditions change of a link: its traffic, not what components say."""

@@ -41,7 +41,8 @@ from cosim.scenario.script import Event, Machine, changed_by, script_of
 from cosim.scenario.supervision import Supervision, raise_if_interrupted, supervision_of
 from cosim.scenario.system_run import run_system
 from cosim.scenario.wanted import ALL_FIGURES, Wanted
-from cosim.trace import Cause, RunOutcome, TraceWriter
+from cosim.trace import RunOutcome, TraceWriter
+from cosim.trace.outcome import Cause
 
 
 def execute_run(

@@ -10,16 +10,14 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from cosim.core import InputError, cache_folder, say_once
-from cosim.fmu import (
+from cosim.fmu import FmuDescription, describe_fmu, own_folder
+from cosim.fmu.export import (
     CATALOGUE,
     DEFAULT_FLAVOUR,
     ComponentSpec,
-    FmuDescription,
-    describe_fmu,
     ensure_design_fmu,
     ensure_fmu,
     ensure_made,
-    own_folder,
 )
 from cosim.scenario.design_files import design_content
 

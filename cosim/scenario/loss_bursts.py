@@ -9,7 +9,7 @@ from cosim.master import System
 from cosim.network import DELIVERED, NOT_RECEIVED, PacketLink
 from cosim.scenario.measure import Fold, MeasuredRun, measure
 from cosim.scenario.run_events import EventCollector
-from cosim.trace import RunEvent
+from cosim.trace.outcome import RunEvent
 
 FEWEST = 3
 """Messages in a row that make a burst: one or two may be lost at any time."""

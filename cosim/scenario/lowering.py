@@ -19,7 +19,8 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 from cosim.core import Findings, InputError, KeyPath
-from cosim.fmu import ComponentSpec, FmuDescription, Port, component_module
+from cosim.fmu import FmuDescription, Port
+from cosim.fmu.export import ComponentSpec, component_module
 from cosim.master import Connection, Endpoint
 from cosim.scenario.binding import Meaning, check_name
 from cosim.scenario.computed import ComputedTable, unit_named
@@ -32,7 +33,7 @@ from cosim.scenario.script import changed_by
 from cosim.scenario.signal_parts import SensorPart, Setting
 from cosim.scenario.units import in_own_unit, in_unit_of, unit_of
 from cosim.scenario.values import parse_value
-from cosim.trace import link_topic
+from cosim.trace.rows import link_topic
 
 _SENSOR = component_module("plain_sensor.variables")
 _SETTINGS = ("noise", "bias", "drift", "resolution", "least", "greatest")

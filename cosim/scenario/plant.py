@@ -13,7 +13,8 @@ import numpy as np
 
 from cosim import hinf
 from cosim.core import InputError
-from cosim.fmu import FmuDescription, component_module
+from cosim.fmu import FmuDescription
+from cosim.fmu.export import component_module
 from cosim.models import TABLE_1, DelaySystem, inertia, thrust_map
 from cosim.scenario.schema import DesignPart, Scenario
 from cosim.scenario.values import parse_value

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from cosim.core import InputError, default_method, say_once
-from cosim.fmu import DEFAULT_FLAVOUR
+from cosim.fmu.export import DEFAULT_FLAVOUR
 from cosim.master import EngineName, Observer, Pace
 from cosim.scenario.execute import assembled_system, execute_run
 from cosim.scenario.fmu_cache import FmuCache

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.trace import EventCount, EventKind, RunEvent
+from cosim.trace.outcome import EventCount, EventKind, RunEvent
 
 Integers = NDArray[np.int64]
 

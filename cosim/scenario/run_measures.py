@@ -32,7 +32,7 @@ from cosim.scenario.performance import MeasuredGain, measured_gain
 from cosim.scenario.preparation import PreparedScenario
 from cosim.scenario.run_events import EventCollector
 from cosim.scenario.wanted import ALL_FIGURES, Wanted
-from cosim.trace import SERIOUS, AssertionResult, EventCount, EventKind, RunEvent
+from cosim.trace.outcome import SERIOUS, AssertionResult, EventCount, EventKind, RunEvent
 
 OF_GUARANTEE = tuple(
     f"metrics.{name}"

@@ -18,11 +18,11 @@ from cosim.master import CommunicationSchedule, Link, System, receiving_order
 from cosim.network import DelayProfile, Hop, PacketLink, Recording, keys_of
 from cosim.scenario.gain import starts_with
 from cosim.scenario.preparation import PreparedScenario
-from cosim.trace import (
+from cosim.trace import Attachment
+from cosim.trace.rows import (
     CERTIFICATE_ATTACHMENT,
     DESIGN_ATTACHMENT,
     SCENARIO_ATTACHMENT,
-    Attachment,
     certificate_entries,
 )
 

@@ -42,7 +42,7 @@ from cosim.network import LinkState
 from cosim.scenario.interrupt import DeferredInterrupt
 from cosim.scenario.scenario_session import ScenarioSession
 from cosim.scenario.script import Event, Machine
-from cosim.trace import Cause
+from cosim.trace.outcome import Cause
 
 Condition = Callable[["SupervisedSession"], bool]
 P = ParamSpec("P")

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cosim.core import InputError
+from cosim.core import InputError, pyplot, save_picture
 from cosim.study.association import groups_of, rank_correlations
 from cosim.study.columns import Column, StudyColumns, columns_of
 from cosim.study.convergence import convergence_of
@@ -19,7 +19,6 @@ from cosim.study.pictures import BLUE, DPI, GREY, RED, STYLE, draw
 from cosim.study.schema import SampledAxis
 from cosim.study.sensitivity_indices import sensitivity
 from cosim.study.stability_picture import draw_stability
-from cosim.trace import pyplot, save_picture
 
 _MOST_NUMBERS = 14
 

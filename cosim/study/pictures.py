@@ -8,10 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.core import InputError
+from cosim.core import InputError, pyplot, save_picture
 from cosim.study.schema import Study
 from cosim.study.summary import mean_of, share
-from cosim.trace import pyplot, save_picture
 
 BLUE, RED, GREEN, GREY = "#0b6e99", "#d1495b", "#5f7a3d", "#666666"
 _COLOURS = (BLUE, RED, GREEN, "#8a5a9e", "#b8860b", "#4f6d7a")

@@ -9,7 +9,7 @@ from functools import partial
 from pathlib import Path
 
 from cosim.core import InputError, Progress
-from cosim.fmu import DEFAULT_FLAVOUR
+from cosim.fmu.export import DEFAULT_FLAVOUR
 from cosim.scenario import LoadedScenario, load
 from cosim.study.consistency import Place, changed_error, nowhere
 from cosim.study.execution import StudyResult, execute_study

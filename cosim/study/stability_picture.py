@@ -7,12 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from cosim.core import InputError, at_least
+from cosim.core import InputError, at_least, pyplot, save_picture
 from cosim.study.consistency import certified_metric
 from cosim.study.pictures import BLUE, DPI, GREEN, GREY, RED, edges, grid_of, numbers
 from cosim.study.schema import StabilityPart, Study
 from cosim.study.stability_boundary import Boundary, boundary
-from cosim.trace import pyplot, save_picture
 
 _LOST, _DARK = "#ec7a63", "#7a0f1a"
 _STYLE = {"font.size": 9, "axes.axisbelow": True, "hatch.linewidth": 0.7}

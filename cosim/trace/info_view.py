@@ -15,7 +15,7 @@ from cosim.trace.outcome.feedback_age import age_lines, measurement_age_lines
 from cosim.trace.outcome.outages import outage_rows, outage_verdict
 from cosim.trace.outcome.run_outcome import RunOutcome
 from cosim.trace.outcome.verdict import (
-    Check,
+    Statement,
     assumptions_of,
     departures_text,
     facts_of,
@@ -105,7 +105,7 @@ def _identity(
     yield "content hash", description["content_hash"] or none
 
 
-def _ended(state: Check, outcome: RunOutcome) -> Iterator[tuple[str, object]]:
+def _ended(state: Statement, outcome: RunOutcome) -> Iterator[tuple[str, object]]:
     """Yield how the run ended and why, its assertions, and its events."""
     yield "state", state.what
     if state.why:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.core import InputError, not_written, optional, written_beside
+from cosim.core import InputError, pyplot, save_picture
 from cosim.trace.reader import Trace
 from cosim.trace.tables.table import Table
 from cosim.trace.tables.traffic import deliveries, link_names, loop_age
@@ -74,29 +74,6 @@ def compare_runs(runs: Sequence[LabelledTrace], target: Path) -> Path:
         _label_axes(panels, found)
         save_picture(figure, target)
         plt.close(figure)
-    return target
-
-
-def pyplot() -> Any:
-    """Import matplotlib's pyplot for use without a display; `InputError` if not installed."""
-    needed = {"extra": "plot", "what": "pictures need matplotlib"}
-    optional("matplotlib", **needed).use("Agg")
-    return optional("matplotlib.pyplot", **needed)
-
-
-def save_picture(figure: Any, target: Path, dpi: int = 110) -> Path:
-    """Write a figure to a file, and the folders it needs.
-
-    Raises
-    ------
-    InputError : it cannot be written, or its format is not known.
-    """
-    expected = "a .png, .svg or .pdf file in a folder that can be written"
-    with (
-        not_written("the picture", target, faults=(OSError, ValueError), expected=expected),
-        written_beside(target) as partial,
-    ):
-        figure.savefig(partial, dpi=dpi, format=target.suffix[1:] or None)
     return target
 
 

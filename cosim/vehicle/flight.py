@@ -12,17 +12,18 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cosim import fmu as fmus, hinf, scenario
+from cosim import hinf, scenario
 from cosim.core import (
     DESIGN_FILE,
     PLANT_NOTE,
     InputError,
     Progress,
     check_output_folder,
+    pyplot,
     silent,
     write_whole,
 )
-from cosim.trace import pyplot
+from cosim.fmu import export as exports
 from cosim.vehicle.crossing import Crossing, crossing_lines, crossing_title, crossings
 from cosim.vehicle.design_model import as_designed_for, flight_model
 from cosim.vehicle.flight_design import (
@@ -285,7 +286,7 @@ def plant_note(model: LinearModel) -> scenario.DesignedPlant:
             for name, bound in model.disturbance.items()
         ),
         source=vehicle.text,
-        model=fmus.component_module("vehicle_plant.variables").plant_record(vehicle),
+        model=exports.component_module("vehicle_plant.variables").plant_record(vehicle),
         thrust_map=tuple(map(tuple, actuation.thrust_map.tolist())),
         envelope_share=_share_of_envelope(model),
     )
@@ -324,16 +325,16 @@ def _write_fmus(
     model: LinearModel, mission: Mission, design: hinf.Result, folder: Path
 ) -> list[str]:
     """Write the FMUs of a flight; return their names."""
-    kind = fmus.target_named(fmus.DEFAULT_FLAVOUR, "prebuilt")
+    kind = exports.target_named(exports.DEFAULT_FLAVOUR, "prebuilt")
     data = hinf.design_to_json(design)
-    parts = fmus.design_parts(data)
-    specs = {part: fmus.design_part_spec(data, part, name=part) for part in parts}
+    parts = exports.design_parts(data)
+    specs = {part: exports.design_part_spec(data, part, name=part) for part in parts}
     if mission.set_points:
         points = [(f"set-point of {model.states[i - 1]}", None) for i in mission.set_points]
-        sensor_fmu = fmus.component_module("sensor.variables")
+        sensor_fmu = exports.component_module("sensor.variables")
         specs["ship"] = sensor_fmu.sensor_spec("ship", points)
     for name, spec in specs.items():
-        fmus.write_fmu(spec, folder / f"{name}.fmu", kind)
+        exports.write_fmu(spec, folder / f"{name}.fmu", kind)
     return [f"{name}.fmu" for name in specs]
 
 

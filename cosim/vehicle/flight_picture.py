@@ -11,7 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.trace import Trace, assumptions_of, outcome_of, pyplot, save_picture
+from cosim.core import pyplot, save_picture
+from cosim.trace import Trace
+from cosim.trace.outcome import assumptions_of, outcome_of
 
 Reals = NDArray[np.float64]
 

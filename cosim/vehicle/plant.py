@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from cosim.core import VEHICLE_FILE, CosimError, InputError, kind_by_keys, parse_toml
-from cosim.fmu import (
+from cosim.fmu.export import (
     ComponentSpec,
     FmuTarget,
     checked_name,

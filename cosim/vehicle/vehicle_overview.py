@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.core import CosimError
-from cosim.trace import pyplot, save_picture
+from cosim.core import CosimError, pyplot, save_picture
 from cosim.vehicle.diagnosis import drag_shares, greatest_power, mass_matrix, poles
 from cosim.vehicle.trim import Trim, find_trim
 from cosim.vehicle.vehicle import Vehicle

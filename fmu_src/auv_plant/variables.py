@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from cosim.fmu import ComponentSpec, Variable, solver_step
+from cosim.fmu.export import ComponentSpec, Variable, solver_step
 from cosim.models import STATE, TABLE_1
 
 STATE_UNITS = ("m", "m", "m", "rad", "m/s", "m/s", "m/s", "rad/s")

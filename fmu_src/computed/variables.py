@@ -6,7 +6,7 @@ from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import Any
 
-from cosim.fmu import UNITS, ComponentSpec, Variable
+from cosim.fmu.export import UNITS, ComponentSpec, Variable
 
 Named = tuple[str, str | None, str]
 """Name, unit (None: without one) and description of a variable."""

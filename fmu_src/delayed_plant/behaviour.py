@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from cosim.fmu import DelayPlant
+from cosim.fmu.export import DelayPlant
 from cosim.models import linear_derivatives, linear_output
 
 

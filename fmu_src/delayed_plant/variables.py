@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from cosim.fmu import ComponentSpec, Variable, loop_scenario, round_below, solver_step
+from cosim.fmu.export import ComponentSpec, Variable, loop_scenario, round_below, solver_step
 from cosim.models import Delay, DelaySystem, paper_example, product
 
 from .page import notes

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from cosim.core import InputError
-from cosim.fmu import ComponentSpec, Variable, component_module, loop_scenario
+from cosim.fmu.export import ComponentSpec, Variable, component_module, loop_scenario
 from cosim.models import STATE, TABLE_1, inertia
 
 _VEHICLE = component_module("auv_plant.variables")

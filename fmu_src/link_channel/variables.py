@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from cosim.fmu import UNITS, ComponentSpec, Variable
+from cosim.fmu.export import UNITS, ComponentSpec, Variable
 from cosim.network import (
     MAX_NS,
     ChoiceKey,

@@ -12,7 +12,7 @@ import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-from cosim.fmu import DelayPlant
+from cosim.fmu.export import DelayPlant
 from cosim.models import (
     EstimateLine,
     acting_control,

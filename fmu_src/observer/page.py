@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from cosim.fmu import round_below
+from cosim.fmu.export import round_below
 
 _MOST_VALUES = 4  # of the built-in Sensor
 

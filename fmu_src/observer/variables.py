@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from cosim.core import InputError
-from cosim.fmu import ComponentSpec, Variable, component_module, solver_step
+from cosim.fmu.export import ComponentSpec, Variable, component_module, solver_step
 
 from .allocation import maps_between
 from .page import notes, scenario_of

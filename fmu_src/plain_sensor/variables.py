@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from cosim.fmu import UNITS, ComponentSpec, Variable
+from cosim.fmu.export import UNITS, ComponentSpec, Variable
 
 MOST_VALUES = 64
 """Greatest number of values of one sensor."""

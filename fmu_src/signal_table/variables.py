@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from cosim.fmu import UNITS, ComponentSpec, Variable
+from cosim.fmu.export import UNITS, ComponentSpec, Variable
 
 MOST_NUMBERS = 2_000_000
 """Greatest number of values in a table: they are part of the FMU's C source."""

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from cosim.fmu import DelayPlant
+from cosim.fmu.export import DelayPlant
 from cosim.models import DelayLine, FloatFunctions, VehicleEquations
 
 LEAST_COSINE = 0.05

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cosim.fmu import ComponentSpec, Variable, round_below, solver_step
+from cosim.fmu.export import ComponentSpec, Variable, round_below, solver_step
 from cosim.models import FloatFunctions, VehicleEquations
 
 _LONGEST, _SHORTEST, _SHARE = 0.05, 1e-4, 0.2

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from cosim.fmu import ComponentSpec, Variable
+from cosim.fmu.export import ComponentSpec, Variable
 from cosim.models import GRAVITY, accelerations, at_depth, gains, sea
 
 SLOTS = 8

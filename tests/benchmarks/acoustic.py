@@ -23,7 +23,8 @@ import numpy as np
 from numpy.typing import NDArray
 from rich.table import Table
 
-from cosim.fmu import FmuSlave, compiled_library
+from cosim.fmu import FmuSlave
+from cosim.fmu.compiled import compiled_library
 from cosim.master import EngineName, Run, Session, System
 from cosim.scenario import FmuCache, assembled_system, load, prepare
 from tests.benchmarks._show import show

@@ -26,7 +26,7 @@ from lxml import etree
 from rich.console import Console
 from rich.table import Table
 
-from cosim.fmu import ensure_fmu, host
+from cosim.fmu.export import ensure_fmu, host
 from tests.c_compiler import c_compiler
 
 NAME, STEP, DELAY, STEPS = "AuvPlant", 0.05, 0.5, 1000

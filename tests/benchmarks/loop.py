@@ -38,7 +38,8 @@ import fmpy
 from fmpy.fmi2 import FMU2Slave
 from rich.table import Table
 
-from cosim.fmu import describe_fmu, library_source
+from cosim.fmu import describe_fmu
+from cosim.fmu.compiled import library_source
 from cosim.master import (
     Component,
     ComponentInstance,

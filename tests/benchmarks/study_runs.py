@@ -32,7 +32,8 @@ from fmpy.fmi2 import FMU2Slave
 from rich.table import Table
 
 from cosim.core import LossError
-from cosim.fmu import FmuDescription, compiled_library
+from cosim.fmu import FmuDescription
+from cosim.fmu.compiled import compiled_library
 from cosim.hinf.delay_lti import one_thread
 from cosim.master import Component, Session
 from cosim.scenario import assembled_system

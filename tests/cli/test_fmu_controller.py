@@ -14,7 +14,7 @@ from fmpy import read_model_description, simulate_fmu
 from fmpy.validation import validate_fmu
 from shared import fmu_store
 
-from cosim.fmu import component_module
+from cosim.fmu.export import component_module
 from cosim.hinf import design, design_to_json
 from cosim.hinf.certificate import certificate_bytes
 from cosim.models import Delay, DelaySystem

@@ -13,7 +13,8 @@ from cli.shell import cosim
 from fmpy import read_model_description
 from fmpy.validation import validate_fmu
 
-from cosim.fmu import build_fmu, component_module, deterministic_zip
+from cosim.fmu import build_fmu
+from cosim.fmu.export import component_module, deterministic_zip
 from cosim.hinf import analyse
 from cosim.hinf.certificate import (
     certificate_bytes,

@@ -21,7 +21,7 @@ from fmpy.validation import validate_fmu
 from shared import copied, made_once, sampled
 from truth.dde import Hold, Solution, solve
 
-from cosim.fmu import component_module
+from cosim.fmu.export import component_module
 from cosim.trace import Trace
 
 SYSTEM = """

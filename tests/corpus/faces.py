@@ -21,7 +21,8 @@ from cosim.hinf import check_certificate, system_by_name
 from cosim.hinf.certificate import read_certificate, standalone
 from cosim.hinf.certificate.standalone import RefusedError
 from cosim.study import read_table
-from cosim.trace import Trace, assumptions_of, guarantee_of, outcome_of
+from cosim.trace import Trace
+from cosim.trace.outcome import assumptions_of, guarantee_of, outcome_of
 
 _STORE = ("--fmus", "store")
 _HASH = "content_hash"

@@ -28,7 +28,8 @@ from vehicle.vehicle_files import EVERY_TERM
 from cosim.fmu import build_fmu
 from cosim.master import TraceRecorder
 from cosim.scenario import FmuCache, ScenarioSession, assembled_system, load, prepare
-from cosim.trace import TraceWriter, result_of_link
+from cosim.trace import TraceWriter
+from cosim.trace.rows import result_of_link
 
 LIBRARY = HERE.parents[1] / "cosim" / "scenario" / "library" / "designs"
 DESIGNED = (

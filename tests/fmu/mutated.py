@@ -24,7 +24,7 @@ from lxml import etree
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from fmu.packed import XML, example, inspected
 
-from cosim.fmu import GROUPS, RULES
+from cosim.fmu.inspect import GROUPS, RULES
 
 
 class Mutation(NamedTuple):

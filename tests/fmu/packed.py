@@ -12,7 +12,7 @@ from pathlib import Path
 import fmpy
 import pytest
 
-from cosim.fmu import RULES, Inspection, inspect_fmu
+from cosim.fmu.inspect import RULES, Inspection, inspect_fmu
 
 XML = "modelDescription.xml"
 Files = dict[str, bytes]

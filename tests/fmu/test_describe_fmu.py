@@ -10,7 +10,9 @@ from typing import TYPE_CHECKING
 import pytest
 
 from cosim.core import InputError
-from cosim.fmu import CATALOGUE, describe_fmu, inspect_fmu
+from cosim.fmu import describe_fmu
+from cosim.fmu.export import CATALOGUE
+from cosim.fmu.inspect import inspect_fmu
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -18,7 +18,7 @@ from elftools.elf.elffile import ELFFile
 from fmu.packed import FMI3, compiled, described, files_of, functions_of_fmi2, pack
 from shared import fmu_folder
 
-from cosim.fmu import inspect_fmu
+from cosim.fmu.inspect import inspect_fmu
 
 SHIPPED = Path(fmpy.__file__).parent
 FOREIGN = [

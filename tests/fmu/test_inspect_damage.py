@@ -24,7 +24,8 @@ from fmu.packed import (
 from shared import sampled, spread
 
 from cosim.core import InputError
-from cosim.fmu import CATALOGUE, RULES, inspect_fmu
+from cosim.fmu.export import CATALOGUE
+from cosim.fmu.inspect import RULES, inspect_fmu
 
 CONTAINER = Path(fmpy.__file__).parent / "container_fmu" / "binaries"
 SO, DLL = "binaries/linux64/AuvPlant.so", "binaries/win64/AuvPlant.dll"

@@ -11,7 +11,7 @@ from fmu.packed import FMI1, FMI3, XML, described, files_of, pack
 from hypothesis import HealthCheck, given, settings, strategies as st
 
 from cosim.core import InputError
-from cosim.fmu import fmu_facts, inspect_fmu
+from cosim.fmu.inspect import fmu_facts, inspect_fmu
 
 CONTAINER = Path(fmpy.__file__).parent / "container_fmu" / "binaries"
 FLIPS = st.lists(st.tuples(st.floats(0, 1, exclude_max=True), st.integers(1, 255)), max_size=12)

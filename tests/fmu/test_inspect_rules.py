@@ -10,7 +10,8 @@ import pytest
 from fmu.packed import example, inspected, pack
 
 from cosim.core import InputError
-from cosim.fmu import GROUPS, RULES, describe_fmu, inspect_fmu
+from cosim.fmu import describe_fmu
+from cosim.fmu.inspect import GROUPS, RULES, inspect_fmu
 
 WITH_BASE = [code for code, rule in RULES.items() if rule.base]
 

@@ -10,7 +10,8 @@ import pytest
 from fmu.packed import compiled, files_of, functions_of_fmi2, pack, with_file
 from shared import sampled
 
-from cosim.fmu import CATALOGUE, host, inspect_fmu, run_findings
+from cosim.fmu.export import CATALOGUE, host
+from cosim.fmu.inspect import inspect_fmu, run_findings
 
 XML = """<?xml version="1.0" encoding="UTF-8"?>
 <fmiModelDescription fmiVersion="2.0" modelName="Tiny" guid="{1}">

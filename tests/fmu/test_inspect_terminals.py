@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from fmu.packed import described, example, pack
 
-from cosim.fmu import inspect_fmu
+from cosim.fmu.inspect import inspect_fmu
 
 TERMINALS = "terminalsAndIcons/terminalsAndIcons.xml"
 BUILD = "sources/buildDescription.xml"

@@ -18,6 +18,8 @@ import json, sys
 from pathlib import Path
 from cosim.core import InputError
 from cosim.fmu import *
+from cosim.fmu.compiled import *
+from cosim.fmu.export import *
 wheel, own = Path(sys.argv[1], "cosim", "prebuilt"), Path(sys.argv[2])
 def refused(call, *given, **named):
     try:
@@ -26,7 +28,8 @@ def refused(call, *given, **named):
         return error.text()
 """
 KERNEL = """\
-from cosim.fmu import host, library_source, write_library
+from cosim.fmu.compiled import library_source, write_library
+from cosim.fmu.export import host
 write_library("kernel", library_source("kernel"), folder, host())
 """
 

@@ -6,7 +6,7 @@ import re
 
 import pytest
 
-from cosim.fmu import UNITS
+from cosim.fmu.export import UNITS
 
 pint = pytest.importorskip("pint", reason="the other side of the comparison")
 BASES = {"kg": "kilogram", "m": "meter", "s": "second", "rad": "radian"}

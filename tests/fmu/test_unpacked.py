@@ -15,14 +15,8 @@ from foreign.c_fmu import c_fmu, talker
 from packed import files_of, pack
 
 from cosim.core import InputError
-from cosim.fmu import (
-    CheckedArchive,
-    FmuDescription,
-    FmuSlave,
-    describe_fmu,
-    own_folder,
-    unpack_fmu,
-)
+from cosim.fmu import FmuDescription, FmuSlave, describe_fmu, own_folder, unpack_fmu
+from cosim.fmu.inspect import CheckedArchive
 
 
 @pytest.fixture(scope="module")

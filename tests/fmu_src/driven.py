@@ -12,7 +12,7 @@ from raw_fmu import RawFmu
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from cosim.fmu import ComponentSpec
+    from cosim.fmu.export import ComponentSpec
 
 DRIVE = {
     "AuvPlant": ("force.x", lambda t: 400 * math.sin(t), {"initial.nu.r": 0.05}),

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from raw_fmu import RawFmu
 
-from cosim.fmu import build_fmu, component_module
+from cosim.fmu import build_fmu
+from cosim.fmu.export import component_module
 from cosim.network import LinkState, PacketLink, TransportLink, deliver
 
 VARIABLES = component_module("link_channel.variables")

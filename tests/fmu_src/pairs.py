@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING, Any
 
 from driven import behaviour_of
 
-from cosim.fmu import component_module
+from cosim.fmu.export import component_module
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
     from raw_fmu import RawFmu
 
-    from cosim.fmu import ComponentSpec
+    from cosim.fmu.export import ComponentSpec
 
 VARIABLES = component_module("observer.variables")
 

@@ -13,7 +13,8 @@ import certified_gains
 import numpy as np
 import pytest
 
-from cosim.fmu import CATALOGUE, build_fmu
+from cosim.fmu import build_fmu
+from cosim.fmu.export import CATALOGUE
 from cosim.hinf import characteristic_roots, check_certificate, hinf_norm, system_by_name
 from cosim.hinf.certificate import certificate_bytes, system_from_json
 from cosim.hinf.delay_lti import close

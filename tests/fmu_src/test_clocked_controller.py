@@ -10,7 +10,8 @@ from fmpy import extract, instantiate_fmu, read_model_description
 from shared import fmu_store
 
 from cosim.core import InputError
-from cosim.fmu import build_fmu, describe_fmu, inspect_fmu
+from cosim.fmu import build_fmu, describe_fmu
+from cosim.fmu.inspect import inspect_fmu
 from cosim.scenario import FmuCache, execute_run, load, prepare
 from cosim.trace import Table, Trace
 

@@ -10,7 +10,8 @@ import pytest
 from link_runs import VARIABLES, LinkSignal
 from master.events import event_fmu
 
-from cosim.fmu import build_fmu, describe_fmu, inspect_fmu
+from cosim.fmu import build_fmu, describe_fmu
+from cosim.fmu.inspect import inspect_fmu
 from cosim.master import Component, Connection, Endpoint, Session, System, make_schedule
 from cosim.network import Jitter, PacketLink
 

@@ -13,14 +13,14 @@ import pytest
 
 import cosim
 from cosim.core import InputError
-from cosim.fmu import CATALOGUE, component_module
+from cosim.fmu.export import CATALOGUE, component_module
 
 ROOT = Path(cosim.__file__).parents[1]
 SCRIPT = """
 import sys
 from pathlib import Path
 import cosim
-from cosim.fmu import component_module
+from cosim.fmu.export import component_module
 print(Path(component_module("auv_plant.variables").__file__).parents[1])
 for flavour in ("native", "python"):
     print(cosim.build_fmu("HinfController", Path(sys.argv[1], flavour), flavour))

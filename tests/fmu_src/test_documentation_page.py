@@ -15,7 +15,8 @@ from cli.shell import cosim
 from lxml import etree
 from shared import fmu_folder
 
-from cosim.fmu import CATALOGUE, build_fmu
+from cosim.fmu import build_fmu
+from cosim.fmu.export import CATALOGUE
 
 NAMES = sorted(CATALOGUE)
 MATHML = "{http://www.w3.org/1998/Math/MathML}"

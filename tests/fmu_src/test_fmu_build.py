@@ -16,12 +16,13 @@ import pytest
 from fmpy import read_model_description
 from fmpy.validation import validate_fmu
 
-from cosim.fmu import CATALOGUE, UNITS, Variable, build_fmu, ensure_fmu
+from cosim.fmu import build_fmu
+from cosim.fmu.export import CATALOGUE, UNITS, Variable, ensure_fmu
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from cosim.fmu import ComponentSpec
+    from cosim.fmu.export import ComponentSpec
 
 NAMES = sorted(CATALOGUE)
 PAPER = CATALOGUE["PaperController"]

@@ -18,7 +18,7 @@ from raw_fmu import RawFmu, matrices
 from shared import slow_share_of
 from truth.dde import Hold, solve
 
-from cosim.fmu import CATALOGUE
+from cosim.fmu.export import CATALOGUE
 from cosim.models import TABLE_1
 
 NAMES = sorted(CATALOGUE)

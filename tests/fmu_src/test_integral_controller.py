@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from cosim import Trace, run
-from cosim.fmu import FmuTarget, export_controller, export_plant
+from cosim.fmu.export import FmuTarget, export_controller, export_plant
 from cosim.hinf import design, design_to_json, system_by_name
 from cosim.hinf.problem import with_integral
 

@@ -16,7 +16,8 @@ from raw_fmu import RawFmu
 from shared import sampled
 from truth.dde import Hold, solve
 
-from cosim.fmu import CATALOGUE, ComponentSpec, build_fmu
+from cosim.fmu import build_fmu
+from cosim.fmu.export import CATALOGUE, ComponentSpec
 
 NAMES = sorted(CATALOGUE)
 

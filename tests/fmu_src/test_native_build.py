@@ -20,7 +20,8 @@ from fmpy.validation import validate_fmu
 from shared import copied, sampled, slow_share_of
 
 from cosim.core import InputError
-from cosim.fmu import CATALOGUE, deterministic_zip, ensure_fmu, host, inspect_fmu
+from cosim.fmu.export import CATALOGUE, deterministic_zip, ensure_fmu, host
+from cosim.fmu.inspect import inspect_fmu
 
 NAMES = sorted(CATALOGUE)
 ROOT = Path(__file__).resolve().parents[2]

@@ -16,7 +16,7 @@ from driven import DRIVE, drive, started
 from fmpy import fmi3, read_model_description, simulate_fmu
 from fmpy.fmi1 import FMICallException
 
-from cosim.fmu import CATALOGUE
+from cosim.fmu.export import CATALOGUE
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -10,7 +10,7 @@ import pytest
 from driven import DRIVE, drive, started
 from raw_fmu import RawFmu
 
-from cosim.fmu import CATALOGUE
+from cosim.fmu.export import CATALOGUE
 
 NAMES = sorted(CATALOGUE)
 

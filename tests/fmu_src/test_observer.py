@@ -21,7 +21,8 @@ from shared import made_once
 from wheel import tape_fmu
 
 from cosim.core import InputError
-from cosim.fmu import build_fmu, inspect_fmu
+from cosim.fmu import build_fmu
+from cosim.fmu.inspect import inspect_fmu
 
 SPEC = pairs.spec_of()
 

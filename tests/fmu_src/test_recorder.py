@@ -18,7 +18,8 @@ from fmpy.fmi1 import FMICallException
 from hypothesis import given, strategies as st
 from raw_fmu import RawFmu
 
-from cosim.fmu import Variable, build_fmu
+from cosim.fmu import build_fmu
+from cosim.fmu.export import Variable
 from cosim.models import auv
 from cosim.tape import FIXED, Functions, Tape, run_constants, statements, tangents
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from cosim.fmu import component_module
+from cosim.fmu.export import component_module
 
 StateFeedback = component_module("hinf_controller.behaviour").StateFeedback
 PAPER_SPEC = component_module("hinf_controller.variables").PAPER_SPEC

@@ -12,7 +12,8 @@ from raw_fmu import RawFmu
 from scipy import stats
 from test_native_agrees import STEPS, differing
 
-from cosim.fmu import CATALOGUE, build_fmu, component_module
+from cosim.fmu import build_fmu
+from cosim.fmu.export import CATALOGUE, component_module
 from cosim.network import draws, single_log, single_uniform, standard_normal
 
 VARIABLES = component_module("sensor.variables")

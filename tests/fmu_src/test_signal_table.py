@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from raw_fmu import RawFmu
 
-from cosim.fmu import build_fmu, component_module
+from cosim.fmu import build_fmu
+from cosim.fmu.export import component_module
 
 MOST_NUMBERS = component_module("signal_table.variables").MOST_NUMBERS
 table_spec = component_module("signal_table.variables").table_spec

@@ -17,7 +17,8 @@ from raw_fmu import RawFmu
 from shared import sampled
 from wheel import prebuilt_fmu, tape_fmu
 
-from cosim.fmu import CATALOGUE, ComponentSpec, build_fmu, component_module, deterministic_zip
+from cosim.fmu import build_fmu
+from cosim.fmu.export import CATALOGUE, ComponentSpec, component_module, deterministic_zip
 from cosim.models import Delay, DelaySystem
 from cosim.network import Jitter, LossChain, PacketLink, TransportLink
 from cosim.scenario import formula

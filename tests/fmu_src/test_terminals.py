@@ -14,7 +14,8 @@ from fmpy import read_model_description
 from fmpy.model_description import read_build_description
 from lxml import etree
 
-from cosim.fmu import CATALOGUE, build_fmu, component_module
+from cosim.fmu import build_fmu
+from cosim.fmu.export import CATALOGUE, component_module
 from cosim.network import PacketLink
 
 PATH = "terminalsAndIcons/terminalsAndIcons.xml"

@@ -15,7 +15,8 @@ from shared import made_once, sampled
 from test_native_agrees import differing
 from wheel import tape_fmu
 
-from cosim.fmu import ComponentSpec, build_fmu
+from cosim.fmu import build_fmu
+from cosim.fmu.export import ComponentSpec
 from cosim.vehicle import plant_spec
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "vehicle"))

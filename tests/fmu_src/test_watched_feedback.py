@@ -15,7 +15,8 @@ from shared import made_once
 from wheel import tape_fmu
 
 from cosim.core import InputError
-from cosim.fmu import CATALOGUE, build_fmu, component_module
+from cosim.fmu import build_fmu
+from cosim.fmu.export import CATALOGUE, component_module
 
 VARIABLES = component_module("hinf_controller.variables")
 PLAIN = CATALOGUE["HinfController"]

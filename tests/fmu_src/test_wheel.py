@@ -18,7 +18,7 @@ from fmpy.validation import validate_fmu
 from raw_fmu import RawFmu
 from shared import made_once, share_of
 
-from cosim.fmu import CATALOGUE, PLATFORMS
+from cosim.fmu.export import CATALOGUE, PLATFORMS
 
 pytestmark = pytest.mark.slow
 ROOT = Path(__file__).resolve().parents[2]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from cosim.fmu import ComponentSpec, DelayPlant, Variable
+from cosim.fmu.export import ComponentSpec, DelayPlant, Variable
 from cosim.models import auv
 
 

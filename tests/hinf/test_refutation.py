@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from solver_points import benchmark, random_system
 
 from cosim.core import InputError, NotAchievableError
-from cosim.fmu import export_controller
+from cosim.fmu.export import export_controller
 from cosim.hinf import auv_system, check_certificate, design, greatest_delay
 from cosim.hinf.certificate import Place, conditions, fixed_at, gamma_floor
 from cosim.hinf.exact import exact, exact_matrix

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from cosim.core import InputError
-from cosim.fmu import FmuTarget, export_controller
+from cosim.fmu.export import FmuTarget, export_controller
 from cosim.hinf import Delay, DelaySystem, analyse, check_certificate, design, hinf_norm
 from cosim.hinf.certificate import (
     differences,

@@ -37,7 +37,7 @@ from cosim.master import (
     make_schedule,
     simulate,
 )
-from cosim.trace import Cause
+from cosim.trace.outcome import Cause
 
 
 @pytest.fixture(autouse=True)

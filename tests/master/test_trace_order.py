@@ -29,7 +29,8 @@ from cosim.master import (
     make_schedule,
 )
 from cosim.network import PacketLink
-from cosim.trace import RunEvent, Trace, TraceWriter, verify
+from cosim.trace import Trace, TraceWriter, verify
+from cosim.trace.outcome import RunEvent
 
 _VARIABLES = "".join(
     f'<ScalarVariable name="{name}" valueReference="{i}" causality="{causality}" '

@@ -17,7 +17,8 @@ from c_compiler import compile_c
 from shared import sampled, share_of
 from test_link_exact import Case, draw_case
 
-from cosim.fmu import build_fmu, component_module, host
+from cosim.fmu import build_fmu
+from cosim.fmu.export import component_module, host
 from cosim.network import DELIVERED, REASONS, SUBSTITUTE, PacketLink, stepping
 
 Arrival = stepping.Arrival
@@ -218,7 +219,7 @@ def test_steps_in_c_are_exact_on_ten_thousand(core: Core, part: int) -> None:
 
 
 OTHER_STEPS = """
-from cosim.fmu import library_source
+from cosim.fmu.compiled import library_source
 from cosim.network import stepping
 from cosim.network.stepping import Arrival, Rules
 

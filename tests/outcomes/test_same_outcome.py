@@ -10,7 +10,8 @@ import pytest
 from cli.shell import cosim
 from outcomes.ways import WAYS, departures, found
 
-from cosim.trace import RunOutcome, Trace, outcome_of, verify
+from cosim.trace import RunOutcome, Trace, verify
+from cosim.trace.outcome import outcome_of
 
 _WAYS = [
     pytest.param(name, marks=() if way.sent is None else pytest.mark.slow)

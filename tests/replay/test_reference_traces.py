@@ -18,7 +18,8 @@ from cosim.hinf.certificate import certificate_from_bytes
 from cosim.hinf.delay_lti import worst_case_from_json
 from cosim.replay import rerun
 from cosim.scenario import FmuCache, execute_run, parse, prepare, problem_of
-from cosim.trace import DESIGN_ATTACHMENT, SCENARIO_ATTACHMENT, Trace
+from cosim.trace import Trace
+from cosim.trace.rows import DESIGN_ATTACHMENT, SCENARIO_ATTACHMENT
 
 KEPT = sorted(Path(__file__).parents[2].joinpath("traces", "reference").glob("*.mcap"))
 MOST_BYTES = 1_000_000

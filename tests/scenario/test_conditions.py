@@ -21,7 +21,8 @@ from hypothesis import given as drawn, strategies as st
 from master.coupled import rewritten
 
 from cosim.core import InputError
-from cosim.fmu import build_fmu, component_module
+from cosim.fmu import build_fmu
+from cosim.fmu.export import component_module
 from cosim.scenario import (
     ExpressionError,
     FmuCache,

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from cli.shell import cosim
 
-from cosim.fmu import FmuTarget, export_controller, export_plant
+from cosim.fmu.export import FmuTarget, export_controller, export_plant
 from cosim.hinf import design, system_by_name
 from cosim.scenario import FmuCache, PreparedScenario, load, prepare
 

@@ -49,7 +49,8 @@ from cosim.scenario import (
     prepare,
     problem_of,
 )
-from cosim.trace import assumptions_of, describe, render
+from cosim.trace import describe, render
+from cosim.trace.outcome import assumptions_of
 
 STEP = ns(0.05)
 UP = [("plant.eta.x", "controller.eta.x"), ("plant.nu.u", "controller.nu.u")]

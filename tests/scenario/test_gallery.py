@@ -12,7 +12,9 @@ from outcomes.ways import log_of
 from shared import fmu_store, made_once
 
 from cosim.scenario import builtin_names, load
-from cosim.trace import CONCLUSION, Trace, describe, verify, write_report
+from cosim.trace import Trace, describe, verify
+from cosim.trace.outcome import CONCLUSION
+from cosim.trace.report import write_report
 
 GALLERY = sorted(set(builtin_names()) - set(BUILT_IN))
 

@@ -29,7 +29,8 @@ from cosim.scenario import (
     prepare,
     supervision_of,
 )
-from cosim.trace import RunOutcome, assumptions_of, describe, guarantee_of
+from cosim.trace import RunOutcome, describe
+from cosim.trace.outcome import assumptions_of, guarantee_of
 
 ROOT = Path(hinf.__file__).parents[2]
 Fly = Callable[..., Any]

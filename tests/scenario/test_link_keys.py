@@ -12,7 +12,7 @@ from pydantic import ValidationError
 
 import cosim
 from cosim.core import InputError
-from cosim.fmu import component_module
+from cosim.fmu.export import component_module
 from cosim.network import (
     ChoiceKey,
     CountKey,

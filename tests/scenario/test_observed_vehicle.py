@@ -13,13 +13,8 @@ from cli.shell import cosim
 from shared import fmu_store
 
 from cosim.core import InputError
-from cosim.fmu import (
-    FmuTarget,
-    describe_fmu,
-    design_part_spec,
-    design_parts,
-    export_controller,
-)
+from cosim.fmu import describe_fmu
+from cosim.fmu.export import FmuTarget, design_part_spec, design_parts, export_controller
 from cosim.hinf.certificate import constant_ages_claimed, first_difference, pair_from_json
 from cosim.scenario import FmuCache, execute_unrecorded, load, prepare
 from cosim.trace import Trace

@@ -16,7 +16,7 @@ from shared import sampled, spread
 
 from cosim import hinf
 from cosim.core import InputError
-from cosim.fmu import CATALOGUE
+from cosim.fmu.export import CATALOGUE
 from cosim.hinf import check_certificate, design_from_json, system_by_name
 from cosim.hinf.certificate import certificate_bytes
 from cosim.scenario import (

@@ -20,7 +20,8 @@ from cosim.scenario import (
     prepare,
     supervision_of,
 )
-from cosim.trace import EventCount, Trace, verify
+from cosim.trace import Trace, verify
+from cosim.trace.outcome import EventCount
 
 STEP_NS = 100_000_000
 AXES = {"force.x": "x", "force.y": "y", "force.z": "z", "moment.z": "psi"}

@@ -12,7 +12,8 @@ import tomli_w
 from numpy.typing import NDArray
 
 from cosim.core import InputError
-from cosim.fmu import build_fmu, component_module
+from cosim.fmu import build_fmu
+from cosim.fmu.export import component_module
 from cosim.master import Run
 from cosim.network import standard_normal
 from cosim.scenario import FmuCache, execute_unrecorded, parse, prepare

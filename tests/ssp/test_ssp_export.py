@@ -13,7 +13,7 @@ from lxml import etree
 from ssp.archives import LINKED, SSP1, Links, execute_scenario, export, loaded, signals
 
 from cosim.core import InputError
-from cosim.fmu import inspect_fmu
+from cosim.fmu.inspect import inspect_fmu
 from cosim.scenario import import_ssp, load
 
 OWN = "urn:auv-cosim:ssp:1"

@@ -23,7 +23,7 @@ from ssp.archives import (
 )
 
 from cosim.core import InputError
-from cosim.fmu import CATALOGUE
+from cosim.fmu.export import CATALOGUE
 from cosim.scenario import FmuCache, export_ssp, import_ssp, load, prepare
 
 END = '<ssd:DefaultExperiment stopTime="1.5"/>'

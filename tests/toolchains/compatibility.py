@@ -28,7 +28,8 @@ from toolchains import test_c_host, test_ssp_peers, test_toolchains as runs  # n
 from toolchains.peer_run import TOOLS, Part, PeerRun, Tool, run_peer  # noqa: E402
 from toolchains.ssp_peer_run import PEERS, Peer  # noqa: E402
 
-from cosim.fmu import CATALOGUE, FMI_VERSION, inspect_fmu, run_findings  # noqa: E402
+from cosim.fmu.export import CATALOGUE, FMI_VERSION  # noqa: E402
+from cosim.fmu.inspect import inspect_fmu, run_findings  # noqa: E402
 
 ARCHIVES = ("no links", "link FMUs", "a vehicle over link FMUs")
 COLUMNS = ("load", "loop", "state", "reset", "two instances")

@@ -16,7 +16,8 @@ from c_compiler import c_compiler, compile_c
 from fmpy import read_model_description
 from shared import fmu_folder, sampled
 
-from cosim.fmu import CATALOGUE, PLATFORMS, Platform, build_fmu, host
+from cosim.fmu import build_fmu
+from cosim.fmu.export import CATALOGUE, PLATFORMS, Platform, host
 
 HERE = Path(__file__).resolve().parent
 NAMES = sorted(CATALOGUE)

@@ -10,7 +10,7 @@ import pytest
 from toolchains import compatibility
 from toolchains.compatibility import COLUMNS, Row
 
-from cosim.fmu import CATALOGUE, FMI_VERSION
+from cosim.fmu.export import CATALOGUE, FMI_VERSION
 
 PAGE = Path(__file__).parents[2] / "docs" / "compatibility.md"
 

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from outcomes.ways import found
 
 from cosim.core import InputError
-from cosim.trace import Trace, view_in_rerun
+from cosim.trace import Trace
+from cosim.trace.live import view_in_rerun
 
 chunk = pytest.importorskip("rerun.chunk", reason="rerun-sdk is not installed")
 

@@ -12,7 +12,9 @@ from shared import fmu_folder, sampled
 from toolchains import ecos_program
 from toolchains.peer_run import TOOLS, Part, PeerRun, Tool, label, run_peer
 
-from cosim.fmu import CATALOGUE, FMI_VERSION, describe_fmu, inspect_fmu
+from cosim.fmu import describe_fmu
+from cosim.fmu.export import CATALOGUE, FMI_VERSION
+from cosim.fmu.inspect import inspect_fmu
 from cosim.master import Component, Connection, Endpoint, System, make_schedule, simulate
 
 TOLERANCE = 1e-9

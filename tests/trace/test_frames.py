@@ -14,16 +14,8 @@ from network.fates import entries
 
 from cosim.core import InputError
 from cosim.network import GilbertElliott, Jitter, PacketLink, deliver
-from cosim.trace import (
-    DROPPED_SIGNALS,
-    Rows,
-    Signal,
-    Table,
-    Trace,
-    Traces,
-    TraceWriter,
-    rows_in_force,
-)
+from cosim.trace import Rows, Signal, Table, Trace, Traces, TraceWriter
+from cosim.trace.rows import DROPPED_SIGNALS, rows_in_force
 
 S = 10**9
 

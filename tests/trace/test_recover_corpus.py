@@ -23,7 +23,8 @@ from shared import sampled, slow_share_of
 from test_trace_recover import a_trace
 
 from cosim.core import InputError
-from cosim.trace import describe, recover, verify, write_report
+from cosim.trace import describe, recover, verify
+from cosim.trace.report import write_report
 
 REFERENCE = Path(__file__).parents[2] / "traces" / "reference"
 Messages = Counter[tuple[str, int, int, int, bytes]]

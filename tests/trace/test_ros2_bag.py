@@ -19,7 +19,8 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from scene_run import scene_run
 
 from cosim.core import InputError
-from cosim.trace import Signal, Trace, TraceWriter, WrittenBag, export_bag
+from cosim.trace import Signal, Trace, TraceWriter
+from cosim.trace.ros2 import WrittenBag, export_bag
 
 Bag = dict[str, list[tuple[int, Any]]]
 ROS = get_typestore(Stores.ROS2_JAZZY)

@@ -18,16 +18,8 @@ from mcap_protobuf.decoder import DecoderFactory
 from scene_run import scene_run
 
 from cosim.models import TABLE_1
-from cosim.trace import (
-    Poses,
-    Signal,
-    Trace,
-    TraceWriter,
-    begins_with,
-    content_hash,
-    diff,
-    write_report,
-)
+from cosim.trace import Poses, Signal, Trace, TraceWriter, begins_with, content_hash, diff
+from cosim.trace.report import write_report
 
 S = 10**9
 MOST_POINTS = 256

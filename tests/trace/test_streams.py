@@ -19,7 +19,6 @@ from mcap.writer import CompressionType, Writer
 from recorded_runs import write_run, write_topics
 
 from cosim.trace import (
-    Player,
     Rows,
     Signal,
     Table,
@@ -28,10 +27,11 @@ from cosim.trace import (
     content_hash,
     describe,
     diff,
-    diff_json,
     export,
     verify,
 )
+from cosim.trace.comparison import diff_json
+from cosim.trace.live import Player
 
 STEP = 10_000_000
 

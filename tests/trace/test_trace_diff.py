@@ -15,19 +15,9 @@ from mcap.writer import Writer
 from written import ETA, write
 
 from cosim.core import InputError
-from cosim.trace import (
-    DROPPED_SIGNALS,
-    Attachment,
-    Rows,
-    Signal,
-    Tolerance,
-    Tolerances,
-    TraceWriter,
-    diff,
-    diff_json,
-    diff_verdict,
-    differences,
-)
+from cosim.trace import Attachment, Rows, Signal, Tolerances, TraceWriter, diff
+from cosim.trace.comparison import Tolerance, diff_json, diff_verdict, differences
+from cosim.trace.rows import DROPPED_SIGNALS
 
 S = 10**9
 

@@ -30,8 +30,8 @@ from cosim.trace import (
     content_hash,
     describe,
     render,
-    result_of_link,
 )
+from cosim.trace.rows import result_of_link
 
 
 def test_read_back(tmp_path: Path) -> None:

@@ -22,7 +22,8 @@ from test_trace_recover import foreign
 
 from cosim.core import InputError
 from cosim.network import Jitter, PacketLink, deliver
-from cosim.trace import Attachment, Signal, Trace, TraceWriter, result_of_link, verify
+from cosim.trace import Attachment, Signal, Trace, TraceWriter, verify
+from cosim.trace.rows import result_of_link
 
 END = 2000
 LINK = PacketLink(

@@ -20,15 +20,8 @@ from network.fates import entries
 
 from cosim.core import InputError
 from cosim.network import Jitter, PacketLink, deliver
-from cosim.trace import (
-    DROPPED_SIGNALS,
-    Attachment,
-    Signal,
-    Trace,
-    TraceWriter,
-    dropped_topic,
-    link_topic,
-)
+from cosim.trace import Attachment, Signal, Trace, TraceWriter
+from cosim.trace.rows import DROPPED_SIGNALS, dropped_topic, link_topic
 
 ETA = [
     Signal("eta.x", 1, "m", hold="continuous", description="north"),

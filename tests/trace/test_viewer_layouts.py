@@ -15,7 +15,8 @@ from recorded_runs import write_topics
 from scene_run import scene_run
 
 from cosim.core import InputError
-from cosim.trace import Signal, TraceWriter, write_layout
+from cosim.trace import Signal, TraceWriter
+from cosim.trace.viewers import write_layout
 
 
 def numbers_of(path: Path) -> dict[str, set[str]]:

@@ -13,7 +13,8 @@ from vehicle import axis_flight as axis
 from cosim.core import InputError
 from cosim.hinf import check_certificate
 from cosim.scenario import FmuCache, Outcome, execute_run, execute_unrecorded, parse, prepare
-from cosim.trace import Trace, assumptions_of, outcome_of
+from cosim.trace import Trace
+from cosim.trace.outcome import assumptions_of, outcome_of
 
 UNMET = {"limits_not_reached"}
 """Of the usual run, which starts far away."""

@@ -11,12 +11,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from cosim.core import InputError, cache_folder, copy_whole
+from cosim.fmu.compiled.prebuilt import prebuilt_file, source_digest
 from cosim.fmu.export.catalogue import CATALOGUE
 from cosim.fmu.export.flavours import DEFAULT_FLAVOUR, FMI_VERSION
 from cosim.fmu.export.identity import kept_guid
 from cosim.fmu.export.native.target_platforms import Platform, host
 from cosim.fmu.export.spec import ClockVariable, ComponentSpec, Variable
-from cosim.fmu.prebuilt import prebuilt_file, source_digest
 
 
 @dataclass(frozen=True)

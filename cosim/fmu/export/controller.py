@@ -12,8 +12,8 @@ import numpy as np
 
 from cosim.core import InputError, counted
 from cosim.fmu.export.components import component_module
-from cosim.fmu.export.design_parts import vehicle_settings
 from cosim.fmu.export.fmu_file import FmuTarget, checked_name, model_name, write_fmu
+from cosim.fmu.export.parts_of_design import vehicle_settings
 from cosim.fmu.export.spec import ComponentSpec
 from cosim.hinf import auv_system, check_certificate
 from cosim.hinf.certificate import certificate_bytes, certificate_hash, system_from_json

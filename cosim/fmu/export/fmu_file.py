@@ -10,11 +10,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from cosim.core import InputError, copy_whole, not_written
+from cosim.fmu.compiled.prebuilt import why_none_prebuilt
 from cosim.fmu.export.build import build_fmu
 from cosim.fmu.export.flavours import FMI_VERSION, Flavour
 from cosim.fmu.export.native.target_platforms import Platform, platforms_named
 from cosim.fmu.export.spec import ComponentSpec
-from cosim.fmu.prebuilt import why_none_prebuilt
 from cosim.fmu.unpacking import own_folder
 
 LONGEST_NAME = 80

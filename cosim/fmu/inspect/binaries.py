@@ -12,7 +12,7 @@ from cosim.fmu.inspect.findings import Finding, finding, first_few
 from cosim.fmu.inspect.fmi_functions import functions
 from cosim.fmu.inspect.image import Image
 from cosim.fmu.inspect.library import Binary
-from cosim.fmu.inspect.platforms import FMI2, Platform, named_by_tuple, this_libc, this_machine
+from cosim.fmu.inspect.platforms import FMI2, Machine, named_by_tuple, this_libc, this_machine
 from cosim.fmu.inspect.rules import Level
 
 ROOT = "binaries/"
@@ -64,7 +64,7 @@ def binary_entries(names: Iterable[str]) -> list[tuple[str, str]]:
     return found
 
 
-def platform_of(folder: str) -> Platform | None:
+def platform_of(folder: str) -> Machine | None:
     """Return the platform of a folder named as in FMI 1 and 2 or as in FMI 3."""
     return FMI2.get(folder) or named_by_tuple(folder)
 

@@ -31,7 +31,7 @@ _NAMED = {"log category": "LogCategories/Category", "annotation": "VendorAnnotat
 
 
 @dataclass(slots=True)
-class Variable:
+class DeclaredVariable:
     """A variable as written in the XML; None for missing attributes.
 
     Attributes
@@ -169,7 +169,7 @@ class DeclaredModel:
     types: list[DeclaredType] = field(default_factory=list)
     types_by_name: dict[str, DeclaredType] = field(default_factory=dict)
     named: dict[str, list[str]] = field(default_factory=dict)
-    variables: list[Variable] = field(default_factory=list)
+    variables: list[DeclaredVariable] = field(default_factory=list)
     structure: list[Unknown] = field(default_factory=list)
     states: frozenset[int] = frozenset()
     experiment: Mapping[str, str] = field(default_factory=dict)
@@ -189,7 +189,7 @@ class DeclaredModel:
         """The kinds of use that it offers."""
         return frozenset(interface.kind for interface in self.interfaces)
 
-    def variables_by_target(self) -> Mapping[int, Variable]:
+    def variables_by_target(self) -> Mapping[int, DeclaredVariable]:
         """Return variables by number in ModelStructure: index in FMI 2, reference in FMI 3."""
         if self.major == 2:
             return {v.index: v for v in self.variables}
@@ -278,7 +278,7 @@ def _types(root: Any, major: int) -> Iterator[DeclaredType]:
         yield DeclaredType(name, element.sourceline or 0, kind, dict(inner.attrib), items)
 
 
-def _variable(element: Any, index: int, model: DeclaredModel) -> Variable:
+def _variable(element: Any, index: int, model: DeclaredModel) -> DeclaredVariable:
     value = element
     if model.major < 3:
         value = next((child for child in element.iterchildren(*_TYPES)), None)
@@ -305,7 +305,7 @@ def _variable(element: Any, index: int, model: DeclaredModel) -> Variable:
         starts = tuple(values) if values and None not in values else None
     elif start is not None and model.major == 3:
         starts = tuple(start.split())
-    return Variable(
+    return DeclaredVariable(
         index=index,
         line=element.sourceline or 0,
         name=element.get("name", ""),

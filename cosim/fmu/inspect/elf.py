@@ -12,7 +12,7 @@ from elftools.elf.gnuversions import GNUVerNeedSection
 from elftools.elf.sections import SymbolTableSection
 
 from cosim.fmu.inspect.image import MOST_SYMBOLS, Image, NotALibraryError, version_key
-from cosim.fmu.inspect.platforms import Platform
+from cosim.fmu.inspect.platforms import Machine
 
 _MACHINES = {
     ("EM_X86_64", 64): "x86_64",
@@ -50,7 +50,7 @@ def read_elf(stream: io.BytesIO) -> list[Image]:
     return [
         Image(
             format="ELF",
-            platform=Platform("linux", architecture),
+            platform=Machine("linux", architecture),
             exports=exports,
             imports=imports,
             libraries=libraries,

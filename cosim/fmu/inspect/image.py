@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from cosim.fmu.inspect.platforms import Platform
+from cosim.fmu.inspect.platforms import Machine
 
 MOST_SYMBOLS = 500_000
 
@@ -30,7 +30,7 @@ class Image:
     """
 
     format: str
-    platform: Platform
+    platform: Machine
     exports: frozenset[str] | None
     imports: frozenset[str]
     libraries: tuple[str, ...]

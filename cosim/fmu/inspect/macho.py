@@ -11,7 +11,7 @@ from macholib import mach_o
 from macholib.MachO import MachO
 
 from cosim.fmu.inspect.image import MOST_SYMBOLS, Image, NotALibraryError
-from cosim.fmu.inspect.platforms import Platform
+from cosim.fmu.inspect.platforms import Machine
 
 _MACHINES = MappingProxyType({0x01000007: "x86_64", 7: "x86", 0x0100000C: "aarch64"})
 _N_STAB, _N_TYPE, _N_EXT = 0xE0, 0x0E, 0x01
@@ -55,7 +55,7 @@ def _image(header: Any, stream: io.BytesIO) -> Image:
     machine = int(header.header.cputype)
     return Image(
         format="Mach-O",
-        platform=Platform("darwin", _MACHINES.get(machine, f"cpu {machine:#x}")),
+        platform=Machine("darwin", _MACHINES.get(machine, f"cpu {machine:#x}")),
         exports=exports or None,
         imports=imports,
         libraries=tuple(libraries),

@@ -9,7 +9,7 @@ from typing import Any
 import pefile
 
 from cosim.fmu.inspect.image import Image, NotALibraryError
-from cosim.fmu.inspect.platforms import Platform
+from cosim.fmu.inspect.platforms import Machine
 
 _MACHINES = MappingProxyType({0x8664: "x86_64", 0x014C: "x86", 0xAA64: "aarch64"})
 _IS_DLL = 0x2000
@@ -34,7 +34,7 @@ def read_pe(stream: io.BytesIO) -> list[Image]:
         return [
             Image(
                 format="PE",
-                platform=Platform("windows", machine),
+                platform=Machine("windows", machine),
                 exports=frozenset(_text(s.name) for s in (exported.symbols if exported else ())),
                 imports=frozenset(_text(s.name) for library in imported for s in library.imports),
                 libraries=tuple(_text(library.dll) for library in imported),

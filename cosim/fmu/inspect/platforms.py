@@ -9,7 +9,7 @@ from types import MappingProxyType
 from typing import NamedTuple
 
 
-class Platform(NamedTuple):
+class Machine(NamedTuple):
     """A system and an architecture, named as in FMI 3."""
 
     system: str
@@ -23,12 +23,12 @@ class Platform(NamedTuple):
 
 FMI2 = MappingProxyType(
     {
-        "linux32": Platform("linux", "x86"),
-        "linux64": Platform("linux", "x86_64"),
-        "win32": Platform("windows", "x86"),
-        "win64": Platform("windows", "x86_64"),
-        "darwin32": Platform("darwin", "x86"),
-        "darwin64": Platform("darwin", "x86_64"),
+        "linux32": Machine("linux", "x86"),
+        "linux64": Machine("linux", "x86_64"),
+        "win32": Machine("windows", "x86"),
+        "win64": Machine("windows", "x86_64"),
+        "darwin32": Machine("darwin", "x86"),
+        "darwin64": Machine("darwin", "x86_64"),
     }
 )
 """Folder of FMI 1 and 2 -> platform."""
@@ -43,10 +43,10 @@ _MACHINES = MappingProxyType(
 """Name in Python -> name in FMI 3, where they differ."""
 
 
-def named_by_tuple(folder: str) -> Platform | None:
+def named_by_tuple(folder: str) -> Machine | None:
     """Return the platform of a folder named as in FMI 3: <arch>-<sys>[-<abi>]."""
     found = _TUPLE.fullmatch(folder)
-    return Platform(found["sys"], found["arch"]) if found else None
+    return Machine(found["sys"], found["arch"]) if found else None
 
 
 def this_libc() -> tuple[int, ...] | None:
@@ -56,8 +56,8 @@ def this_libc() -> tuple[int, ...] | None:
     return tuple(map(int, numbers)) if name == "glibc" and all(map(str.isdigit, numbers)) else None
 
 
-def this_machine() -> Platform:
+def this_machine() -> Machine:
     """Return the platform that this interpreter runs on."""
     system = {"win32": "windows", "darwin": "darwin"}.get(sys.platform, "linux")
     machine = platform.machine().lower()
-    return Platform(system, _MACHINES.get(machine, machine))
+    return Machine(system, _MACHINES.get(machine, machine))

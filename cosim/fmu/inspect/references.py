@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Iterator, Mapping
 
-from cosim.fmu.inspect.declared_model import XML, DeclaredModel, Variable, integer, number
+from cosim.fmu.inspect.declared_model import XML, DeclaredModel, DeclaredVariable, integer, number
 from cosim.fmu.inspect.findings import Finding, finding
 
 _SETTABLE = ("input", "parameter", "structuralParameter")
@@ -62,7 +62,7 @@ def _shared_references(model: DeclaredModel) -> Iterator[Finding]:
         yield finding("reference-types", XML, what)
 
 
-def _alias_set(aliases: list[Variable]) -> Iterator[Finding]:
+def _alias_set(aliases: list[DeclaredVariable]) -> Iterator[Finding]:
     where, names = aliases[1].where, ", ".join(v.name for v in aliases[:5])
     units = sorted({v.unit if v.unit is not None else "none" for v in aliases})
     if len(units) > 1 and aliases[0].type == "Real":
@@ -85,7 +85,7 @@ def _alias_set(aliases: list[Variable]) -> Iterator[Finding]:
         yield finding("alias-settable", where, f"{settable[0]} is an alias of the time")
 
 
-def _array(v: Variable, by_target: Mapping[int, Variable]) -> Iterator[Finding]:
+def _array(v: DeclaredVariable, by_target: Mapping[int, DeclaredVariable]) -> Iterator[Finding]:
     length: int | None = 1
     if v.dimensions and v.causality == "structuralParameter":
         yield finding("dimension", v.where, "a structural parameter is an array")
@@ -111,7 +111,7 @@ def _array(v: Variable, by_target: Mapping[int, Variable]) -> Iterator[Finding]:
         yield finding("start-length", v.where, f"{len(v.starts)} starts for {elements}")
 
 
-def _is_size(v: Variable) -> bool:
+def _is_size(v: DeclaredVariable) -> bool:
     """Whether the standard lets a variable give the size of a dimension."""
     return v.type == "UInt64" and (
         v.causality == "structuralParameter" or v.variability == "constant"
@@ -119,7 +119,7 @@ def _is_size(v: Variable) -> bool:
 
 
 def _derivative(
-    v: Variable, model: DeclaredModel, by_target: Mapping[int, Variable]
+    v: DeclaredVariable, model: DeclaredModel, by_target: Mapping[int, DeclaredVariable]
 ) -> Iterator[Finding]:
     if v.derivative is None:
         return
@@ -143,7 +143,7 @@ def _derivative(
             yield finding("state", v.where, what)
 
 
-def _previous(v: Variable, by_target: Mapping[int, Variable]) -> Iterator[Finding]:
+def _previous(v: DeclaredVariable, by_target: Mapping[int, DeclaredVariable]) -> Iterator[Finding]:
     before = by_target.get(v.previous or 0)
     if before is None:
         yield finding("previous", v.where, f"previous={v.previous} is not a variable")
@@ -163,7 +163,7 @@ def _previous(v: Variable, by_target: Mapping[int, Variable]) -> Iterator[Findin
             yield finding("previous", v.where, what)
 
 
-def _clocked(v: Variable, by_target: Mapping[int, Variable]) -> Iterator[Finding]:
+def _clocked(v: DeclaredVariable, by_target: Mapping[int, DeclaredVariable]) -> Iterator[Finding]:
     if v.clocks is None:
         return
     if not v.clocks:
@@ -178,7 +178,7 @@ def _clocked(v: Variable, by_target: Mapping[int, Variable]) -> Iterator[Finding
         yield finding("clock", v.where, f"a clocked variable is {v.variability}")
 
 
-def _clock(v: Variable, model: DeclaredModel) -> Iterator[Finding]:
+def _clock(v: DeclaredVariable, model: DeclaredModel) -> Iterator[Finding]:
     """Check the attributes of a clock, which it may have from its type."""
     declared = model.types_by_name.get(v.declared_type or "")
     given = {**(declared.attributes if declared is not None else {}), **v.attributes}
@@ -197,7 +197,7 @@ def _clock(v: Variable, model: DeclaredModel) -> Iterator[Finding]:
     yield from _interval(v, kind, given)
 
 
-def _interval(v: Variable, kind: str, given: Mapping[str, str]) -> Iterator[Finding]:
+def _interval(v: DeclaredVariable, kind: str, given: Mapping[str, str]) -> Iterator[Finding]:
     fraction = given.get("supportsFraction") in ("true", "1")
     interval, counter = number(given.get("intervalDecimal")), number(given.get("intervalCounter"))
     resolution, shift = number(given.get("resolution")), number(given.get("shiftDecimal"))

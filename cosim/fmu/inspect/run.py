@@ -17,7 +17,13 @@ from typing import Any
 from cosim.core import FrameError, Output, Waiting, Worker
 from cosim.fmu.inspect.archive import open_archive
 from cosim.fmu.inspect.binaries import ROOT, missing_binary, platform_of
-from cosim.fmu.inspect.declared_model import DeclaredModel, Interface, Variable, integer, number
+from cosim.fmu.inspect.declared_model import (
+    DeclaredModel,
+    DeclaredVariable,
+    Interface,
+    integer,
+    number,
+)
 from cosim.fmu.inspect.definitions import identifier_findings
 from cosim.fmu.inspect.findings import Finding, finding
 from cosim.fmu.inspect.inspection import Inspection
@@ -124,7 +130,7 @@ def request(model: DeclaredModel, interface: Interface, library: Path) -> dict[s
     }
 
 
-def _getter_type(v: Variable, model: DeclaredModel) -> str | None:
+def _getter_type(v: DeclaredVariable, model: DeclaredModel) -> str | None:
     """Return the type in the name of the function that reads a number; None if none does."""
     types = TYPE_MAPPINGS["3.0" if model.major == 3 else "2.0"]  # FMI 1 has those of FMI 2
     found = types.get(v.type)
@@ -132,7 +138,7 @@ def _getter_type(v: Variable, model: DeclaredModel) -> str | None:
     return found.getter_type if found is not None and readable else None
 
 
-def _size(v: Variable, model: DeclaredModel) -> int:
+def _size(v: DeclaredVariable, model: DeclaredModel) -> int:
     """Return the number of elements at the start."""
     sizes = {w.reference: integer(w.start) for w in model.variables} if v.dimensions else {}
     size = 1

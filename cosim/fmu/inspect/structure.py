@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Mapping
 
-from cosim.fmu.inspect.declared_model import XML, DeclaredModel, Unknown, Variable
+from cosim.fmu.inspect.declared_model import XML, DeclaredModel, DeclaredVariable, Unknown
 from cosim.fmu.inspect.findings import Finding, finding, first_few
 
 _KNOWNS = ("input", "independent")
@@ -50,7 +50,7 @@ def structure_findings(model: DeclaredModel) -> Iterator[Finding]:
         yield finding("dependency-open", XML, what)
 
 
-def _entry(unknown: Unknown, target: Variable, where: str) -> Iterator[Finding]:
+def _entry(unknown: Unknown, target: DeclaredVariable, where: str) -> Iterator[Finding]:
     """Check that a variable is what the list is for."""
     wrong: dict[str, bool] = {}
     code = f"structure-{unknown.role}s".replace(" ", "-")
@@ -97,7 +97,9 @@ def _complete(model: DeclaredModel) -> Iterator[Finding]:
             yield finding("structure-clocked-states", v.where, what)
 
 
-def _initial_unknowns(model: DeclaredModel, by_target: Mapping[int, Variable]) -> Iterator[Finding]:
+def _initial_unknowns(
+    model: DeclaredModel, by_target: Mapping[int, DeclaredVariable]
+) -> Iterator[Finding]:
     """Compare InitialUnknowns with the variables that the standard asks for."""
     listed = [u.target for u in model.structure if u.role == "initial" and u.target is not None]
     derivatives = {u.target for u in model.structure if u.role == "derivative"}
@@ -126,11 +128,11 @@ def _initial_unknowns(model: DeclaredModel, by_target: Mapping[int, Variable]) -
         yield finding("structure-order", XML, what)
 
 
-def _target(v: Variable, model: DeclaredModel) -> int | None:
+def _target(v: DeclaredVariable, model: DeclaredModel) -> int | None:
     return v.index if model.major == 2 else v.reference
 
 
-def _kinds(unknown: Unknown, target: Variable | None, where: str) -> Iterator[Finding]:
+def _kinds(unknown: Unknown, target: DeclaredVariable | None, where: str) -> Iterator[Finding]:
     given, kinds = unknown.dependencies, unknown.kinds
     if kinds is None:
         return
@@ -148,7 +150,7 @@ def _kinds(unknown: Unknown, target: Variable | None, where: str) -> Iterator[Fi
 
 
 def _dependencies(
-    unknown: Unknown, where: str, by_target: Mapping[int, Variable], states: set[int]
+    unknown: Unknown, where: str, by_target: Mapping[int, DeclaredVariable], states: set[int]
 ) -> Iterator[Finding]:
     for number in unknown.dependencies or ():
         known = by_target.get(number)

@@ -7,7 +7,7 @@ import re
 from collections import Counter
 from collections.abc import Container, Iterator, Mapping
 
-from cosim.fmu.inspect.declared_model import XML, DeclaredModel, Variable, integer, number
+from cosim.fmu.inspect.declared_model import XML, DeclaredModel, DeclaredVariable, integer, number
 from cosim.fmu.inspect.findings import Finding, finding, first_few
 from cosim.fmu.inspect.rules import Level
 
@@ -85,7 +85,7 @@ def _names(model: DeclaredModel) -> Iterator[Finding]:
             yield finding("name-structure", where, f"{name!r} is not a structured name")
 
 
-def _combination(v: Variable, model: DeclaredModel) -> Iterator[Finding]:
+def _combination(v: DeclaredVariable, model: DeclaredModel) -> Iterator[Finding]:
     allowed = _COMBINATIONS.get((v.causality, v.variability))
     pair = f"causality {v.causality} and variability {v.variability}"
     written = v.attributes.get("initial")
@@ -103,7 +103,7 @@ def _combination(v: Variable, model: DeclaredModel) -> Iterator[Finding]:
         yield finding("initial-input", v.where, f"initial is {written}")
 
 
-def _type(v: Variable, model: DeclaredModel) -> Iterator[Finding]:
+def _type(v: DeclaredVariable, model: DeclaredModel) -> Iterator[Finding]:
     if v.declared_type is None:
         return
     declared = model.types_by_name.get(v.declared_type)
@@ -114,7 +114,7 @@ def _type(v: Variable, model: DeclaredModel) -> Iterator[Finding]:
         yield finding("type-kind", v.where, what)
 
 
-def _range(v: Variable) -> Iterator[Finding]:
+def _range(v: DeclaredVariable) -> Iterator[Finding]:
     low, high = number(v.minimum), number(v.maximum)
     if low is not None and high is not None and low > high:
         yield finding("range-empty", v.where, f"min {v.minimum} is greater than max {v.maximum}")
@@ -123,7 +123,7 @@ def _range(v: Variable) -> Iterator[Finding]:
         yield finding("nominal", v.where, f"nominal is {nominal:g}")
 
 
-def _has_start(v: Variable) -> Iterator[Finding]:
+def _has_start(v: DeclaredVariable) -> Iterator[Finding]:
     if v.type in ("Clock", ""):
         return
     needed = v.initial in ("exact", "approx") and v.causality != "independent"
@@ -136,7 +136,7 @@ def _has_start(v: Variable) -> Iterator[Finding]:
         yield finding("start-superfluous", v.where, what)
 
 
-def _start(v: Variable, model: DeclaredModel) -> Iterator[Finding]:
+def _start(v: DeclaredVariable, model: DeclaredModel) -> Iterator[Finding]:
     if v.starts is None or v.type in _UNTYPED_STARTS:
         return
     low, high = number(v.minimum), number(v.maximum)
@@ -156,7 +156,9 @@ def _start(v: Variable, model: DeclaredModel) -> Iterator[Finding]:
             yield finding("start-item", v.where, f"start {word} is not one of {', '.join(items)}")
 
 
-def _unit(v: Variable, units: Mapping[str, Container[str | None]], major: int) -> Iterator[Finding]:
+def _unit(
+    v: DeclaredVariable, units: Mapping[str, Container[str | None]], major: int
+) -> Iterator[Finding]:
     """Check that the unit and display units are defined; FMI 2 ignores undefined display units."""
     if v.unit is not None and v.unit not in units:
         yield finding("unit-undefined", v.where, f"unit {v.unit!r} is not defined")
@@ -172,7 +174,7 @@ def _unit(v: Variable, units: Mapping[str, Container[str | None]], major: int) -
             yield finding("unit-display", v.where, what, level=level)
 
 
-def _flags(v: Variable, model: DeclaredModel) -> Iterator[Finding]:
+def _flags(v: DeclaredVariable, model: DeclaredModel) -> Iterator[Finding]:
     """Check attributes that only some variables may have."""
     exchange = "model exchange" in model.kinds
     once = v.attributes.get("canHandleMultipleSetPerTimeInstant")

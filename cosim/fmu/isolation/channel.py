@@ -9,7 +9,7 @@ from functools import cache
 from typing import Any, Final
 
 from cosim.core import InputError, SharedMemory
-from cosim.fmu.compiled import compiled_library, library_source
+from cosim.fmu.compiled.own_library import compiled_library, library_source
 
 GONE: Final = -2147483647
 """The status of a proxy whose slave cannot answer; no status of FMI."""

@@ -18,7 +18,7 @@ from _cffi_backend import FFI  # reads C types itself: no parser of C has to be 
 from fmpy.fmi1 import FMICallException
 
 from cosim.core import DEATH_HINTS, ComponentError, FrameError, death_of
-from cosim.fmu.binary import Binary, ClockInterval
+from cosim.fmu.binary import ClockInterval, Loadable
 from cosim.fmu.call_watch import calling
 from cosim.fmu.isolation.channel import GONE, channel_library
 from cosim.fmu.isolation.process import TICK_S, SlaveProcess
@@ -28,10 +28,10 @@ from cosim.fmu.isolation.requests import (
     CallBegun,
     CallEnded,
     Line,
+    MethodReturned,
     Null,
     Raised,
     Refused,
-    Returned,
 )
 from cosim.fmu.messages import sink_of
 from cosim.fmu.returned import RawInterval
@@ -140,7 +140,7 @@ class IsolatedSlave:
     false_text : why a String of the last exchange is not believed.
     """
 
-    def __init__(self, process: SlaveProcess, binary: Binary, component: str, where: str) -> None:
+    def __init__(self, process: SlaveProcess, binary: Loadable, component: str, where: str) -> None:
         self.where, self.instanceName = where, component
         self.death: Death | None = None
         self.false_text: ComponentError | None = None
@@ -240,7 +240,7 @@ class IsolatedSlave:
         if answer is None or self.death is not None:
             assert self.death is not None  # noqa: S101 - without an answer it is dead
             raise self.death.error()
-        if isinstance(answer, Returned):
+        if isinstance(answer, MethodReturned):
             return self._checked(method, answer.result)
         raised = answer.exception()
         if isinstance(raised, ComponentError):
@@ -272,7 +272,7 @@ class IsolatedSlave:
                     self._call = message.call if isinstance(message, CallBegun) else None
                     if relayed:
                         stop = stop or self._relayed(begins=self._call is not None)
-                case Returned() | Refused() | Null() | Raised() if message.number == number:
+                case MethodReturned() | Refused() | Null() | Raised() if message.number == number:
                     if stop is not None:  # the call was under way already
                         raise stop
                     return message

@@ -70,7 +70,7 @@ class CallEnded(FromSlave):
     """It has returned."""
 
 
-class Returned(FromSlave):
+class MethodReturned(FromSlave):
     """The result of a method."""
 
     number: int
@@ -122,5 +122,5 @@ def failure(number: int, error: Exception) -> Refused | Null | Raised:
     return Raised(number, RaisedError.of(error))
 
 
-Answer = Returned | Refused | Null | Raised
-Message = Ready | Line | CallBegun | CallEnded | Returned | Refused | Null | Raised
+Answer = MethodReturned | Refused | Null | Raised
+Message = Ready | Line | CallBegun | CallEnded | MethodReturned | Refused | Null | Raised

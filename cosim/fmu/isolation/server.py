@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from typing import Any, Final
 
 from cosim.core import FrameError, Frames, SharedMemory
-from cosim.fmu.binary import Binary, load_slave
+from cosim.fmu.binary import Loadable, load_slave
 from cosim.fmu.call_watch import watch_calls
 from cosim.fmu.isolation.channel import declared, make_server
 from cosim.fmu.isolation.requests import (
@@ -20,8 +20,8 @@ from cosim.fmu.isolation.requests import (
     CallEnded,
     FromSlave,
     Line,
+    MethodReturned,
     Ready,
-    Returned,
     failure,
 )
 from cosim.fmu.messages import register_sink
@@ -75,7 +75,7 @@ class _Servant:
             number, method, arguments, options = asked.parts()
             try:
                 do = getattr(self if method in _OWN else self._slave, method)
-                self._send(Returned(number, do(*arguments, **options)))
+                self._send(MethodReturned(number, do(*arguments, **options)))
             except Exception as error:  # noqa: BLE001 - raised in the other process
                 self._send(failure(number, error))
 
@@ -87,7 +87,7 @@ class _Servant:
         """Tell that it has returned."""
         self._send(CallEnded())
 
-    def load(self, binary: Binary, component: str, where: str) -> None:
+    def load(self, binary: Loadable, component: str, where: str) -> None:
         """Load the FMU, from the folder where the master has unpacked it."""
         adopt_folder(binary.folder.parent)
         self._slave = load_slave(binary, component, where)

@@ -8,7 +8,7 @@ from typing import Final, NamedTuple
 
 from cosim.core import DEATH_HINTS, ComponentError
 from cosim.master.system import System
-from cosim.trace import Cause, CauseKind
+from cosim.trace.outcome import Cause, CauseKind
 
 
 class BrokenOffError(Exception):

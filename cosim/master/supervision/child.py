@@ -44,7 +44,7 @@ from cosim.master.supervision.messages import (
 from cosim.master.supervision.shared import SharedRun
 from cosim.master.wire import wire
 from cosim.master.wiring import Wiring
-from cosim.trace import Cause
+from cosim.trace.outcome import Cause
 
 CUT_OFF = 75
 """The exit code of a child that has lost its connection."""

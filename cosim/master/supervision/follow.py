@@ -45,7 +45,7 @@ from cosim.master.supervision.taken_rows import TakenRows
 from cosim.master.supervision.wired import Wired
 from cosim.master.system import System
 from cosim.master.table import Move, Set, make_table
-from cosim.trace import Cause, CauseKind
+from cosim.trace.outcome import Cause, CauseKind
 
 _TICK_S: Final = 0.02
 GRACE_S: Final = 1.0

@@ -17,7 +17,7 @@ from cosim.master.supervision.broken_off import BrokenOffError
 from cosim.master.supervision.follow import FollowedRun
 from cosim.master.supervision.messages import Answer, Raised, Request, SessionState
 from cosim.network import LinkState
-from cosim.trace import Cause
+from cosim.trace.outcome import Cause
 
 
 class AskedError(Exception):

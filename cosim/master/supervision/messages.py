@@ -23,7 +23,7 @@ from cosim.master.session import Session
 from cosim.master.supervision.shared import SharedRun
 from cosim.master.system import System
 from cosim.master.wiring import Wiring
-from cosim.trace import Cause
+from cosim.trace.outcome import Cause
 
 
 class Command(msgspec.Struct, array_like=True):

@@ -19,7 +19,7 @@ from cosim.master.supervision.limits import Limits, most_memory
 from cosim.master.supervision.messages import Message
 from cosim.master.supervision.wired import Wired
 from cosim.master.system import System
-from cosim.trace import Cause
+from cosim.trace.outcome import Cause
 
 _PATIENCE_S = 1.0
 F = TypeVar("F", bound=FollowedRun)

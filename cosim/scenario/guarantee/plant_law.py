@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim import hinf
-from cosim.fmu import component_module
+from cosim.fmu.export import component_module
 from cosim.master import ComponentInstance
 from cosim.models import VehicleEquations
 from cosim.scenario.designed_plant import DesignedPlant

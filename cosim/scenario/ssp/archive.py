@@ -15,7 +15,7 @@ from urllib.parse import unquote, urlsplit
 from lxml import etree
 
 from cosim.core import InputError
-from cosim.fmu import BROKEN_ARCHIVE, MAX_XML, CheckedArchive
+from cosim.fmu.inspect import BROKEN_ARCHIVE, MAX_XML, CheckedArchive
 from cosim.scenario.ssp.names import SSD, tag
 from cosim.scenario.ssp.write_ssd import check_schema
 

@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.core import InputError
-from cosim.fmu import ComponentSpec, Port, build_fmu, component_module, own_folder
+from cosim.fmu import Port, build_fmu, own_folder
+from cosim.fmu.export import ComponentSpec, component_module
 from cosim.master import Connection, Endpoint, Session, System
 from cosim.network import PacketLink, TransportLink
 from cosim.scenario.ssp.link_fmu import link_spec, no_link_fmu

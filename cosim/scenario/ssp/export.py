@@ -10,7 +10,7 @@ from typing import Literal
 import tomli_w
 
 from cosim.core import InputError, not_written
-from cosim.fmu import deterministic_zip
+from cosim.fmu.export import deterministic_zip
 from cosim.master import Component, System
 from cosim.scenario.assembly import assemble
 from cosim.scenario.fields import Part

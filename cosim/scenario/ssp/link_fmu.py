@@ -7,7 +7,7 @@ from dataclasses import fields
 from typing import Any
 
 from cosim.core import InputError
-from cosim.fmu import ComponentSpec, component_module
+from cosim.fmu.export import ComponentSpec, component_module
 from cosim.master import Link
 from cosim.network import PacketLink, keys_of
 

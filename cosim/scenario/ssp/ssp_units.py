@@ -6,7 +6,8 @@ from collections.abc import Mapping
 from contextlib import suppress
 from typing import Any, NamedTuple
 
-from cosim.fmu import UNITS, FmuDescription
+from cosim.fmu import FmuDescription
+from cosim.fmu.export import UNITS
 from cosim.master import System
 from cosim.scenario.ssp.names import tag
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from cosim.core import InputError
-from cosim.fmu import DEFAULT_FLAVOUR
+from cosim.fmu.export import DEFAULT_FLAVOUR
 from cosim.page import packed
 from cosim.study.association import Groups, cells_of, groups_of, rank_correlations
 from cosim.study.columns import Column, StudyColumns, columns_of

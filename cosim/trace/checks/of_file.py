@@ -20,7 +20,7 @@ from mcap.records import (
     SummaryOffset,
 )
 
-from cosim.trace.checks.results import Check, Verdict, check_result
+from cosim.trace.checks.results import CheckResult, Verdict, check_result
 from cosim.trace.file.declared import DamagedDeclarations
 from cosim.trace.file.messages import Messages, entries_of
 from cosim.trace.file.records import DamageError, chunk_head, parsed
@@ -123,11 +123,11 @@ class FileChecks:
         return self._kinds[Opcode.ATTACHMENT]
 
     @functools.cached_property
-    def results(self) -> tuple[Check, ...]:
+    def results(self) -> tuple[CheckResult, ...]:
         """The checks, after the walk."""
         return tuple(self._results())
 
-    def _results(self) -> Iterator[Check]:
+    def _results(self) -> Iterator[CheckResult]:
         walk = self._walk
         # what the summary says of the data, now that all of them are known
         if walk.proved:
@@ -286,7 +286,7 @@ class FileChecks:
                 f"an index of {index.name!r} leads to another record, at byte {index.offset}"
             )
 
-    def _check_records(self) -> Check:
+    def _check_records(self) -> CheckResult:
         """Report damage; what is cut off at the end is no damage but an end that is missing."""
         walk = self._walk
         damage = [d for d in walk.damage if d.length]
@@ -295,7 +295,7 @@ class FileChecks:
         problems = [f"byte {d.position}, {d.length} bytes: {d.reason}" for d in damage]
         return check_result("records", problems, f"{self._records} whole records")
 
-    def _check_checksums(self) -> Check:
+    def _check_checksums(self) -> CheckResult:
         walk, chunks = self._walk, self._kinds[Opcode.CHUNK]
         problems = [d.reason for d in walk.damage if "checksum" in d.reason]
         covered = []
@@ -306,23 +306,23 @@ class FileChecks:
         if walk.proved:
             covered.append("the summary")
         if not covered and not problems:
-            return Check("checksums", "not checked", "the file has none")
+            return CheckResult("checksums", "not checked", "the file has none")
         return check_result("checksums", problems, "of " + ", ".join(covered))
 
-    def _check_indexes(self) -> Check:
+    def _check_indexes(self) -> CheckResult:
         problems = self._indexes
         if self._walk.ended is not None:
             problems = problems + self._unindexed
         if not self._indexed and not problems:
-            return Check("message indexes", "not checked", "the file has none")
+            return CheckResult("message indexes", "not checked", "the file has none")
         fine = f"of {self._indexed} chunks: every entry leads to its message, every message has one"
         return check_result("message indexes", problems, fine)
 
-    def _check_summary(self) -> Check:
+    def _check_summary(self) -> CheckResult:
         walk, problems = self._walk, self._summary
         if walk.footer is None or not self._runs:
             verdict: Verdict = "not checked" if walk.whole else "incomplete"
-            return Check("summary", verdict, "the file has none")
+            return CheckResult("summary", verdict, "the file has none")
         start, offsets, _ = walk.footer
         if start != self._runs[0][1]:
             problems.append(f"the footer says that the summary begins at byte {start}")
@@ -367,12 +367,14 @@ def _is_indexed(record: Record) -> bool:
     )
 
 
-def _end_of_file(walk: Walk) -> Check:
+def _end_of_file(walk: Walk) -> CheckResult:
     if walk.whole:
-        return Check("end of file", "ok", "data end, summary, footer and closing magic are there")
+        return CheckResult(
+            "end of file", "ok", "data end, summary, footer and closing magic are there"
+        )
     missing = "the end of the data" if walk.ended is None else "the footer"
     if walk.footer is not None:
         missing = "the closing magic"
-    return Check(
+    return CheckResult(
         "end of file", "incomplete", f"{missing} is not there: cut after {walk.size} bytes"
     )

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.trace.checks.results import Check, check_result
+from cosim.trace.checks.results import CheckResult, check_result
 from cosim.trace.reader import Table
 from cosim.trace.rows.layout import output_topic
 from cosim.trace.tables.topic_info import TopicInfo
@@ -270,10 +270,10 @@ _FINE = {
 }
 
 
-def checks_of_links(links: Sequence[Link], *, whole: bool) -> Iterator[Check]:
+def checks_of_links(links: Sequence[Link], *, whole: bool) -> Iterator[CheckResult]:
     """Yield one check of each kind for all links together; counts only of a `whole` run."""
     if not links:
-        yield Check("links", "not checked", "the run has none")
+        yield CheckResult("links", "not checked", "the run has none")
         return
     names = ", ".join(link.name for link in links)
     found = {link.name: link.problems() for link in links}

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from cosim.core import CosimError, InputError
 from cosim.trace.checks.of_file import FileChecks
 from cosim.trace.checks.of_links import Link, Sender, checks_of_links, sender_of
-from cosim.trace.checks.results import Check, check_result, with_missing
+from cosim.trace.checks.results import CheckResult, check_result, with_missing
 from cosim.trace.file.walk import Walk
 from cosim.trace.reader import Table, Trace
 from cosim.trace.recovered import Recovered
@@ -30,7 +30,7 @@ _HASHED = {
 
 def checks_of_run(
     walk: Walk, found: FileChecks, path: Path, fmus: Path | None
-) -> list[Check] | None:
+) -> list[CheckResult] | None:
     """Make the checks of a run; None if the file has no `cosim.run`.
 
     `InputError` if there is no folder `fmus`.
@@ -45,7 +45,7 @@ def checks_of_run(
     recovered = Recovered.of(found.metadata)
     if recovered is not None and recovered.marked:
         kept = "messages of damaged chunks were kept: cosim.recovered names them"
-        checks.append(Check("suspect", "failed", kept))
+        checks.append(CheckResult("suspect", "failed", kept))
     checks.append(_certificate(run, found, cut=cut))
     try:
         # of a file without damage, the summary is enough to find its messages
@@ -56,13 +56,13 @@ def checks_of_run(
             points.add(tables)
             links.add(tables)
     except CosimError as error:
-        return [*checks, Check("rows", "failed", error.text().replace("\n", ";"))]
+        return [*checks, CheckResult("rows", "failed", error.text().replace("\n", ";"))]
     checks += [order, points.check(run, result)]
     checks += checks_of_links(links.finished(), whole=result is not None)
     return checks
 
 
-def _beginning(found: FileChecks, run: Mapping[str, str], *, cut: bool) -> Check:
+def _beginning(found: FileChecks, run: Mapping[str, str], *, cut: bool) -> CheckResult:
     """Check that cosim.run comes first, and that attached files have the hashes it names."""
     problems: list[str] = []
     if found.first != Opcode.METADATA or found.metadata[0][0] != layout.RUN:
@@ -80,7 +80,7 @@ def _beginning(found: FileChecks, run: Mapping[str, str], *, cut: bool) -> Check
 
 def _fmus(
     run: Mapping[str, str], attached: Mapping[str, str], folder: Path | None, *, cut: bool
-) -> Iterator[Check]:
+) -> Iterator[CheckResult]:
     suffix = ".sha256"
     hashes = {
         key.removeprefix("fmu.").removesuffix(suffix): value
@@ -100,7 +100,7 @@ def _fmus(
         if f"{name}.modelDescription.xml" not in attached
     ]
     if not hashes and not problems:
-        yield Check("FMUs", "not checked", "cosim.run names none")
+        yield CheckResult("FMUs", "not checked", "cosim.run names none")
         return
     check = check_result("FMUs", problems, f"{', '.join(hashes)}: named by SHA-256, described")
     yield with_missing(check, missing, cut=cut)
@@ -118,38 +118,42 @@ def _fmus(
     yield check_result("FMU files", absent, found)
 
 
-def _certificate(run: Mapping[str, str], found: FileChecks, *, cut: bool) -> Check:
+def _certificate(run: Mapping[str, str], found: FileChecks, *, cut: bool) -> CheckResult:
     certificate = layout.certificate_of(run)
     if certificate is None:
-        return Check("certificate", "not checked", "cosim.run names none")
+        return CheckResult("certificate", "not checked", "cosim.run names none")
     data = found.certificate
     if data is None:
         missing = [f"{layout.CERTIFICATE_ATTACHMENT} is not attached"]
         return with_missing(check_result("certificate", [], ""), missing, cut=cut)
     if found.attached[layout.CERTIFICATE_ATTACHMENT] != certificate["sha256"]:
         other = "it is not the file of the SHA-256 that cosim.run names"
-        return Check("certificate", "failed", other)
+        return CheckResult("certificate", "failed", other)
     try:
         claim = json.loads(data)["claim"]
     except (ValueError, KeyError, TypeError, RecursionError):
-        return Check("certificate", "failed", "it makes no claim")
+        return CheckResult("certificate", "failed", "it makes no claim")
     if claim != certificate["claim"]:
-        return Check("certificate", "failed", "it claims something else than cosim.run says")
-    return Check("certificate", "ok", "the file named; its proof: cosim certificate check")
+        return CheckResult("certificate", "failed", "it claims something else than cosim.run says")
+    return CheckResult("certificate", "ok", "the file named; its proof: cosim certificate check")
 
 
-def _result(metadata: list[tuple[str, dict[str, str]]], result: Mapping[str, str] | None) -> Check:
+def _result(
+    metadata: list[tuple[str, dict[str, str]]], result: Mapping[str, str] | None
+) -> CheckResult:
     if result is None:
-        return Check("result", "incomplete", "no cosim.result: the run did not finish")
+        return CheckResult("result", "incomplete", "no cosim.result: the run did not finish")
     names = [name for name, _ in metadata]
     if names.count(layout.RESULT) > 1 or names.count(layout.RUN) > 1:
-        return Check("result", "failed", "more than one cosim.run or cosim.result")
+        return CheckResult("result", "failed", "more than one cosim.run or cosim.result")
     if names[-1] != layout.RESULT:
-        return Check("result", "failed", f"{names[-1]} comes after cosim.result")
-    return Check("result", "ok", f"cosim.result last; status {result.get('status', 'not named')}")
+        return CheckResult("result", "failed", f"{names[-1]} comes after cosim.result")
+    return CheckResult(
+        "result", "ok", f"cosim.result last; status {result.get('status', 'not named')}"
+    )
 
 
-def _order(trace: Trace) -> tuple[Check, int]:
+def _order(trace: Trace) -> tuple[CheckResult, int]:
     """Check the order of delivery; and return the longest time of a message on its way [ns]."""
     last, count, longest = 0, 0, 0
     found = None
@@ -166,12 +170,12 @@ def _order(trace: Trace) -> tuple[Check, int]:
             what = f"{topic}: delivered at {log[i]} ns, sent at {publish[i]} ns"
             if back[i]:
                 what = f"{topic} at {log[i]} ns comes after {int(log[i - 1]) if i else last} ns"
-            found = Check("order", "failed", what)
+            found = CheckResult("order", "failed", what)
         count, last = count + log.size, int(log[-1])
         ahead = log > publish
         longest = max(longest, int((log - publish)[ahead].max(initial=0)))
     fine = f"{count} messages in order of delivery, none before it was sent"
-    return found or Check("order", "ok", fine), longest
+    return found or CheckResult("order", "ok", fine), longest
 
 
 class _Points:
@@ -185,11 +189,11 @@ class _Points:
             if topic.endswith(("/output", "/input")) and len(table):
                 self._topics.setdefault(topic, _Instants()).add(table.log_time_ns)
 
-    def check(self, run: Mapping[str, str], result: Mapping[str, str] | None) -> Check:
+    def check(self, run: Mapping[str, str], result: Mapping[str, str] | None) -> CheckResult:
         """Check that every component has a row at each communication point, or each of its own."""
         topics = self._topics
         if not topics:
-            return Check("rows", "not checked", "no component has rows")
+            return CheckResult("rows", "not checked", "no component has rows")
         # with events the points of one instant follow each other: (t, 0), (t, 1), ...
         problems = [
             f"{t}: two rows at one instant"

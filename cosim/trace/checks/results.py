@@ -12,7 +12,7 @@ _MOST_REPORTED = 3
 
 
 @dataclass(frozen=True)
-class Check:
+class CheckResult:
     """The result of one check.
 
     Attributes
@@ -28,17 +28,17 @@ class Check:
     detail: str
 
 
-def check_result(name: str, problems: Sequence[str], fine: str) -> Check:
+def check_result(name: str, problems: Sequence[str], fine: str) -> CheckResult:
     """Return a check that failed if there are problems, with the first of them as its detail."""
     if not problems:
-        return Check(name, "ok", fine)
+        return CheckResult(name, "ok", fine)
     more = f"; and {len(problems) - _MOST_REPORTED} more" if len(problems) > _MOST_REPORTED else ""
-    return Check(name, "failed", "; ".join(problems[:_MOST_REPORTED]) + more)
+    return CheckResult(name, "failed", "; ".join(problems[:_MOST_REPORTED]) + more)
 
 
-def with_missing(check: Check, missing: Sequence[str], *, cut: bool) -> Check:
+def with_missing(check: CheckResult, missing: Sequence[str], *, cut: bool) -> CheckResult:
     """Add missing parts to a check: it failed, or is incomplete if the file is cut short."""
     if not missing or check.verdict == "failed":
         return check
     reported = check_result(check.name, missing, "")
-    return Check(check.name, "incomplete", reported.detail) if cut else reported
+    return CheckResult(check.name, "incomplete", reported.detail) if cut else reported

@@ -8,7 +8,7 @@ from typing import Any
 
 from cosim.trace.checks.of_file import FileChecks
 from cosim.trace.checks.of_run import checks_of_run
-from cosim.trace.checks.results import Check, Verdict
+from cosim.trace.checks.results import CheckResult, Verdict
 from cosim.trace.file.walk import Walk
 
 
@@ -25,7 +25,7 @@ class Verification:
 
     path: Path
     ours: bool
-    checks: tuple[Check, ...]
+    checks: tuple[CheckResult, ...]
 
     @property
     def verdict(self) -> Verdict:
@@ -71,5 +71,5 @@ def verification_of(
     checks = list(found.results)
     run = checks_of_run(walk, found, path, fmus)
     nothing = "no record cosim.run: of another tool's file only the structure is checked"
-    checks += [Check("run", "not checked", nothing)] if run is None else run
+    checks += [CheckResult("run", "not checked", nothing)] if run is None else run
     return Verification(path, ours=run is not None, checks=tuple(checks))

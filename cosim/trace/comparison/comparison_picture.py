@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from cosim.core import pyplot, save_picture
 from cosim.trace.comparison.compared_rows import SignalDiff
 from cosim.trace.comparison.signals import Diff
-from cosim.trace.picture import pyplot, save_picture
 from cosim.trace.reader import Trace
 from cosim.trace.rows.hold import rows_in_force, sample_and_hold
 from cosim.trace.tables.table import Series

@@ -18,7 +18,7 @@ _LONGEST = 100
 
 
 @dataclass(frozen=True, slots=True)
-class Change:
+class ChangedEntry:
     """An entry that differs; a value is None where the entry is absent."""
 
     where: str
@@ -45,7 +45,7 @@ class Context:
     """
 
     texts: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-    entries: tuple[Change, ...] = ()
+    entries: tuple[ChangedEntry, ...] = ()
     left_out: int = 0
 
 
@@ -62,7 +62,7 @@ def context_of(a: Trace, b: Trace) -> Context:
             continue
         if one is None or two is None:
             sizes = (None if data is None else f"{len(data)} bytes" for data in (one, two))
-            changes.append(Change("attachment", name, *sizes))
+            changes.append(ChangedEntry("attachment", name, *sizes))
         elif name.endswith(".json"):
             changes += _json_changes(name, one, two)
         else:
@@ -97,12 +97,12 @@ def _parsed(data: bytes) -> Any:
         return None
 
 
-def _json_changes(name: str, one: bytes, two: bytes) -> list[Change]:
+def _json_changes(name: str, one: bytes, two: bytes) -> list[ChangedEntry]:
     found = list(_changes(name, _parsed(one), _parsed(two)))
-    return found or [Change(name, "bytes", f"{len(one)} bytes", f"{len(two)} other bytes")]
+    return found or [ChangedEntry(name, "bytes", f"{len(one)} bytes", f"{len(two)} other bytes")]
 
 
-def _changes(where: str, a: Any, b: Any, path: str = "") -> Iterator[Change]:
+def _changes(where: str, a: Any, b: Any, path: str = "") -> Iterator[ChangedEntry]:
     if isinstance(a, dict) and isinstance(b, dict):
         for key in [*a, *(key for key in b if key not in a)]:
             inner = f"{path}.{key}" if path else str(key)
@@ -111,7 +111,7 @@ def _changes(where: str, a: Any, b: Any, path: str = "") -> Iterator[Change]:
         for i, (x, y) in enumerate(zip(a, b, strict=True)):
             yield from _changes(where, x, y, f"{path}[{i}]")
     elif a != b:
-        yield Change(where, path, _short(a), _short(b))
+        yield ChangedEntry(where, path, _short(a), _short(b))
 
 
 def _short(value: Any) -> str | None:

@@ -1,6 +1,5 @@
 """Show traces in other tools: play them to Foxglove, open them in Rerun."""
 
-from cosim.trace.live.player import Player
-from cosim.trace.live.rerun_view import ViewResult, view_in_rerun
+import lazy_loader as _lazy
 
-__all__ = ["Player", "ViewResult", "view_in_rerun"]
+__getattr__, __dir__, __all__ = _lazy.attach_stub(__name__, __file__)

@@ -17,7 +17,7 @@ _SITES = {"u": "surge", "v": "sway", "w": "heave", "r": "yaw rate", "psi": "head
 
 
 @dataclass(frozen=True)
-class Check:
+class Statement:
     """A statement about the run: its tone (good, bad, open), and the numbers behind it.
 
     Attributes
@@ -32,7 +32,7 @@ class Check:
     kind: str = ""
 
 
-def status_of(info: Mapping[str, Any], outcome: RunOutcome | None) -> Check:
+def status_of(info: Mapping[str, Any], outcome: RunOutcome | None) -> Statement:
     """Return how the run ended; `info` : what `describe` says of the file."""
     found = _status_of(info, outcome)
     recovered = info["recovered"]
@@ -41,19 +41,23 @@ def status_of(info: Mapping[str, Any], outcome: RunOutcome | None) -> Check:
     return replace(found, why=f"{found.why} {recovered['words']}".strip())
 
 
-def _status_of(info: Mapping[str, Any], outcome: RunOutcome | None) -> Check:
+def _status_of(info: Mapping[str, Any], outcome: RunOutcome | None) -> Statement:
     if not info["complete"]:
-        return Check(BAD, "cut short", f"The file ends early or is damaged: {info['damage']}.")
+        return Statement(BAD, "cut short", f"The file ends early or is damaged: {info['damage']}.")
     if outcome is None:
         if not info["run"]:
-            return Check(OPEN, "recording", "Not a run of this project: signals without a verdict.")
-        return Check(BAD, "did not finish", "There is no result: the run stopped before its end.")
-    return Check(outcome.tone, outcome.headline, outcome.explanation)
+            return Statement(
+                OPEN, "recording", "Not a run of this project: signals without a verdict."
+            )
+        return Statement(
+            BAD, "did not finish", "There is no result: the run stopped before its end."
+        )
+    return Statement(outcome.tone, outcome.headline, outcome.explanation)
 
 
 def guarantee_of(
-    outcome: RunOutcome, checks: list[Check], verified: Mapping[str, Any] | None = None
-) -> Check | None:
+    outcome: RunOutcome, checks: list[Statement], verified: Mapping[str, Any] | None = None
+) -> Statement | None:
     """Judge whether the certified bound may be claimed; None where nothing was certified.
 
     checks : the assumptions, as from `assumptions_of`.
@@ -64,27 +68,27 @@ def guarantee_of(
         return None
     if verified is not None and verified["verdict"] == "failed":
         why = f"the file fails its own check: {'; '.join(verified['failed'][:1])}"
-        return Check(BAD, "The guarantee is not claimed", why)
+        return Statement(BAD, "The guarantee is not claimed", why)
     if outcome.contradiction is not None:
         words = CONTRADICTION.format(outcome.contradiction)
-        return Check(BAD, "The run contradicts its guarantee", words)
+        return Statement(BAD, "The run contradicts its guarantee", words)
     gain, gamma = _number(outcome.metrics, "gain"), _number(outcome.metrics, "gamma")
     measured = "no gain was measured"
     if gain is not None and gamma is not None:
         measured = f"measured gain {gain:.4g}, certified bound γ = {at_most(gamma, 5)}"
         if gain > gamma:
-            return Check(BAD, "The measured gain is above γ", measured)
+            return Statement(BAD, "The measured gain is above γ", measured)
     broken = [check for check in checks if check.tone == BAD]
     if broken:
         return _not_claimed(outcome, checks, broken, measured)
     if gain is None and gamma is not None and outcome.metrics.get("disturbed") is False:
         measured = f"no disturbance acted: the bound γ = {at_most(gamma, 5)} was not exercised"
-    return Check(GOOD, "The guarantee holds for this run", f"every assumption met; {measured}")
+    return Statement(GOOD, "The guarantee holds for this run", f"every assumption met; {measured}")
 
 
 def _not_claimed(
-    outcome: RunOutcome, checks: list[Check], broken: list[Check], measured: str
-) -> Check:
+    outcome: RunOutcome, checks: list[Statement], broken: list[Statement], measured: str
+) -> Statement:
     """Return what holds where assumptions were not met: the bounds across outages, or nothing."""
     outages = outcome.metrics.get("outages")
     by_age = [
@@ -93,9 +97,9 @@ def _not_claimed(
         if check.tone == BAD and name == "message_age_within_design"
     ]
     if isinstance(outages, Mapping) and broken == by_age:
-        return Check(*outage_verdict(outages))
+        return Statement(*outage_verdict(outages))
     count = f"{len(broken)} of {len(checks)} assumptions"
-    return Check(BAD, "The guarantee is not claimed", f"{count} not met; {measured}")
+    return Statement(BAD, "The guarantee is not claimed", f"{count} not met; {measured}")
 
 
 def facts_of(
@@ -109,11 +113,11 @@ def facts_of(
         yield "this file", words.get(verified["verdict"], verified["verdict"]), "verified now"
 
 
-def assumptions_of(outcome: RunOutcome) -> list[Check]:
+def assumptions_of(outcome: RunOutcome) -> list[Statement]:
     """Return the certificate's assumptions, each with the numbers behind it."""
     metrics = outcome.metrics
     return [
-        Check(
+        Statement(
             GOOD if met is True else BAD if met is False else OPEN,
             *_with_departures(outcome.departures.get(name, ()), name, *_words(name, met, metrics)),
         )
@@ -150,10 +154,10 @@ def _with_departures(
     return what, departures_text(departures)
 
 
-def assertions_of(outcome: RunOutcome) -> list[Check]:
+def assertions_of(outcome: RunOutcome) -> list[Statement]:
     """Return the scenario's assertions, failed ones first."""
     return [
-        Check(
+        Statement(
             OPEN if each.result == "undecided" else GOOD if each.as_expected else BAD,
             each.name or each.words,
             each.summary,

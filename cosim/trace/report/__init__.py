@@ -1,5 +1,5 @@
 """Report a trace as one HTML file: verdict, path, signals, links; or two side by side."""
 
-from cosim.trace.report.write_report import ComparisonReport, Report, write_comparison, write_report
+import lazy_loader as _lazy
 
-__all__ = ["ComparisonReport", "Report", "write_comparison", "write_report"]
+__getattr__, __dir__, __all__ = _lazy.attach_stub(__name__, __file__)

@@ -13,7 +13,7 @@ import numpy as np
 
 from cosim.page import packed_times, packed_values, plain
 from cosim.trace.report.decimation import decimated
-from cosim.trace.report.series import Reals, Series
+from cosim.trace.report.series import DrawnSeries, Reals
 
 _DASHES = ("solid", "dash", "dot", "dashdot")
 PALETTE = 7
@@ -128,7 +128,9 @@ class Chart:
         ]
 
 
-def curve_of(series: Series, role: int | str, label: str = "", *, hidden: bool = False) -> Curve:
+def curve_of(
+    series: DrawnSeries, role: int | str, label: str = "", *, hidden: bool = False
+) -> Curve:
     """Return the curve of a signal."""
     return Curve(
         label or series.full_name,

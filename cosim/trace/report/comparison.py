@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 
 from cosim.trace.comparison.compared_rows import SignalDiff
 from cosim.trace.comparison.signals import Diff, diff
-from cosim.trace.outcome.verdict import Check
+from cosim.trace.outcome.verdict import Statement
 from cosim.trace.report.chart import Chart, Curve, curve_of
 from cosim.trace.report.generic import is_constant
-from cosim.trace.report.link_record import Line
+from cosim.trace.report.link_record import Points
 from cosim.trace.report.page_content import Content, content_of
-from cosim.trace.report.series import Reals, Series
+from cosim.trace.report.series import DrawnSeries, Reals
 from cosim.trace.report.traffic_rows import LinkFigures
 from cosim.trace.rows.layout import signal_name
 from cosim.trace.traces import leaves
@@ -70,8 +70,8 @@ class Comparison:
     found: Diff
     bars: list[tuple[str, str, list[tuple[float | None, float]]]]
     metrics: list[Ratio]
-    assertions: list[tuple[str, Check | None, Check | None]]
-    assumptions: list[tuple[str, Check | None, Check | None]]
+    assertions: list[tuple[str, Statement | None, Statement | None]]
+    assumptions: list[tuple[str, Statement | None, Statement | None]]
     parted: list[SignalDiff]
     apart: list[tuple[Chart, Chart]]
     alike: list[Chart]
@@ -98,7 +98,7 @@ def comparison_of(a: Path, b: Path) -> Comparison:
     InputError : a file is no trace.
     LossError : a trace is damaged.
     """
-    differences: dict[_Key, Line] = {}
+    differences: dict[_Key, Points] = {}
     first, second = content_of(a), content_of(b)
     length = max(first.span[1] - first.span[0], second.span[1] - second.span[0])
 
@@ -106,7 +106,7 @@ def comparison_of(a: Path, b: Path) -> Comparison:
         if instants.size:
             share = float(instants[-1] - instants[0]) / max(length * 1e9, 1.0)
             segments = 1 + int(_SEGMENTS * min(share, 1.0))
-            differences.setdefault((topic, name), Line()).add(instants, values, segments)
+            differences.setdefault((topic, name), Points()).add(instants, values, segments)
 
     found = diff(a, b, seen=seen)
     names = (a.name, b.name) if a.name != b.name else (str(a), str(b))
@@ -154,7 +154,7 @@ def comparison_of(a: Path, b: Path) -> Comparison:
     )
 
 
-def _by_key(content: Content) -> dict[_Key, Series]:
+def _by_key(content: Content) -> dict[_Key, DrawnSeries]:
     """Return the signals by topic, and the name that a comparison uses."""
     return {(s.topic, signal_name(s.topic, s.name)): s for s in content.series}
 
@@ -165,13 +165,13 @@ def _outputs_first(signal: SignalDiff) -> tuple[bool, float]:
     return not signal.topic.endswith("/output"), -most
 
 
-def _difference(content: Content, line: Line) -> tuple[Reals, Reals]:
+def _difference(content: Content, line: Points) -> tuple[Reals, Reals]:
     t_ns, values = line.points()
     return (t_ns - content.origin_ns) / 1e9, values
 
 
 def _pair(
-    number: int, signal: SignalDiff, a: Series, b: Series, difference: tuple[Reals, Reals]
+    number: int, signal: SignalDiff, a: DrawnSeries, b: DrawnSeries, difference: tuple[Reals, Reals]
 ) -> tuple[Chart, Chart]:
     """Chart both curves of a signal, and their difference."""
     unit = a.unit or b.unit or ""
@@ -189,7 +189,7 @@ def _pair(
     )
 
 
-def _alike(a: Series, b: Series) -> list[Curve]:
+def _alike(a: DrawnSeries, b: DrawnSeries) -> list[Curve]:
     """Draw one curve for both, and two where one ends before the other."""
     if a.t[-1] == b.t[-1]:
         return [curve_of(a, 0, "both")]
@@ -227,7 +227,9 @@ def _ratios(a: Content, b: Content) -> Iterator[Ratio]:
             yield Ratio(name, figures[0].get(name), figures[1].get(name))
 
 
-def _side_by_side(a: list[Check], b: list[Check]) -> list[tuple[str, Check | None, Check | None]]:
+def _side_by_side(
+    a: list[Statement], b: list[Statement]
+) -> list[tuple[str, Statement | None, Statement | None]]:
     """Put the statements of both runs side by side, by their words."""
     one, two = ({check.what: check for check in checks} for checks in (a, b))
     return [(what, one.get(what), two.get(what)) for what in dict.fromkeys([*one, *two])]

@@ -7,7 +7,7 @@ from collections.abc import Collection, Iterator
 import numpy as np
 
 from cosim.trace.report.chart import PALETTE, Chart, curve_of
-from cosim.trace.report.series import Recording, Series
+from cosim.trace.report.series import DrawnSeries, Recording
 
 MAX_CHARTS = 48
 
@@ -18,7 +18,7 @@ def charts_of(recording: Recording, drawn: Collection[str]) -> Iterator[Chart]:
     A link's signals are left out where the sender's outputs are in the trace.
     """
     sent = {s.full_name for s in recording.series if s.direction == "output"}
-    groups: dict[tuple[str, str, str], list[Series]] = {}
+    groups: dict[tuple[str, str, str], list[DrawnSeries]] = {}
     order = {"output": 0, "": 1, "link": 2, "input": 3}
     for series in sorted(recording.series, key=lambda s: order.get(s.direction, 1)):
         if f"{series.topic} {series.name}" in drawn or is_constant(series):
@@ -37,7 +37,7 @@ def charts_of(recording: Recording, drawn: Collection[str]) -> Iterator[Chart]:
         yield Chart(f"signals-{number}", f"{component} {direction}".strip(), unit, curves)
 
 
-def is_constant(series: Series) -> bool:
+def is_constant(series: DrawnSeries) -> bool:
     """Whether a signal never changes."""
     values = series.values
     return bool(np.all((values == values[:1]) | (np.isnan(values) & np.isnan(values[:1]))))

@@ -15,7 +15,7 @@ Integers = NDArray[np.int64]
 Reals = NDArray[np.float64]
 
 
-class Line:
+class Points:
     """Points over time [ns], collected part by part, and thinned in each part if that is asked."""
 
     def __init__(self) -> None:
@@ -52,11 +52,11 @@ class LinkRecord:
         self.reasons: Counter[str] = Counter()
         self.delay_ns = self.largest_delay_ns = self.largest_age_ns = self.silence_ns = 0
         self.dropped: list[tuple[Integers, list[str]]] = []
-        self._age = Line()
+        self._age = Points()
         self._last: tuple[int, int] | None = None
 
     def add(self, delivered: Table | None, dropped: Table | None, segments: int | None) -> None:
-        """Take the next messages; segments : see `Line.add`."""
+        """Take the next messages; segments : see `Points.add`."""
         if dropped is not None and len(dropped):
             self._add_dropped(dropped, segments)
         if delivered is None or not len(delivered):
@@ -119,7 +119,7 @@ class LoopRecord:
 
     def __init__(self, step_ns: int, span_ns: tuple[int, int]) -> None:
         self._step_ns, self._span_ns = step_ns, span_ns
-        self._age = Line()
+        self._age = Points()
         self._up: Table | None = None
         self._down: Table | None = None
 

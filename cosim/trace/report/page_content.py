@@ -16,9 +16,9 @@ from cosim.trace.outcome.run_outcome import RunOutcome, outcome_of
 from cosim.trace.reader import Trace
 from cosim.trace.report import generic, traffic_rows, vehicle
 from cosim.trace.report.chart import Chart
-from cosim.trace.report.parameters import Change, Settings
-from cosim.trace.report.series import Recording, Series
-from cosim.trace.report.timeline import Line, TimelineEntry, log_of, timeline_of
+from cosim.trace.report.parameters import ChangedParameter, Settings
+from cosim.trace.report.series import DrawnSeries, Recording
+from cosim.trace.report.timeline import LogLine, TimelineEntry, log_of, timeline_of
 from cosim.trace.rows.layout import HOST_PREFIX
 
 MAX_ROWS = 400
@@ -67,22 +67,22 @@ class Content:
     info: dict[str, Any]
     outcome: RunOutcome
     name: str
-    status: verdict.Check
-    guarantee: verdict.Check | None
-    assumptions: list[verdict.Check]
-    assertions: list[verdict.Check]
+    status: verdict.Statement
+    guarantee: verdict.Statement | None
+    assumptions: list[verdict.Statement]
+    assertions: list[verdict.Statement]
     figures: list[tuple[str, str, str]]
     bars: list[tuple[str, float, float, str]]
     timeline: list[TimelineEntry]
-    log: list[Line]
+    log: list[LogLine]
     links: list[traffic_rows.LinkFigures]
     path: dict[str, Any] | None
     sections: list[Section]
-    changes: list[Change]
+    changes: list[ChangedParameter]
     components: list[dict[str, str]]
     provenance: list[tuple[str, str]]
     rows: list[Row]
-    series: list[Series]
+    series: list[DrawnSeries]
     span: tuple[float, float]
     origin_ns: int
     left_out: list[tuple[str, str]]
@@ -207,7 +207,7 @@ def _provenance(info: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         yield "attached", f"{item['name']} ({item['media_type']}, {item['bytes']:,} bytes)"
 
 
-def _row(series: Series) -> Row:
+def _row(series: DrawnSeries) -> Row:
     values = series.values
     finite = values[np.isfinite(values)]
     first, last = (float(v) if np.isfinite(v) else None for v in values[[0, -1]])

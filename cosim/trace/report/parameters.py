@@ -32,7 +32,7 @@ class Parameter:
 
 
 @dataclass(frozen=True)
-class Change:
+class ChangedParameter:
     """A parameter that differs from its model description; `by` is "scenario" or "design"."""
 
     component: str
@@ -76,20 +76,22 @@ class Settings:
         shared = command.partition(".")[0]
         return self.value(component, f"limit.{shared if shared in _SHARED else command}")
 
-    def changes(self) -> Iterator[Change]:
+    def changes(self) -> Iterator[ChangedParameter]:
         """Yield the parameters that differ from the model descriptions."""
         for component, values in self.set.items():
             yield from self._changed(component, values, "scenario")
         for component, values in self._gain.items():
             yield from self._changed(component, values, "design")
 
-    def _changed(self, component: str, values: Mapping[str, Any], by: str) -> Iterator[Change]:
+    def _changed(
+        self, component: str, values: Mapping[str, Any], by: str
+    ) -> Iterator[ChangedParameter]:
         declared = self.declared.get(component, {})
         for name, value in values.items():
             known = declared.get(name, Parameter(None, "", ""))
             if not _same(value, known.start):
                 start = "–" if known.start is None else known.start
-                yield Change(component, name, _formatted(value), start, known.unit, by)
+                yield ChangedParameter(component, name, _formatted(value), start, known.unit, by)
 
 
 def _same(value: Any, start: str | None) -> bool:

@@ -41,7 +41,7 @@ _STAMP = ("timestamp.", "header.stamp.", "stamp.")
 
 
 @dataclass(frozen=True)
-class Series:
+class DrawnSeries:
     """One signal over time.
 
     Attributes
@@ -118,7 +118,7 @@ class Recording:
         """Convert log times [ns] to the times shown [s]."""
         return (time_ns - self.origin_ns) / 1e9
 
-    def of(self, component: str, direction: str) -> dict[str, Series]:
+    def of(self, component: str, direction: str) -> dict[str, DrawnSeries]:
         """Return the signals of one topic of a component, by name."""
         return {
             s.name: s for s in self.series if s.component == component and s.direction == direction
@@ -242,13 +242,13 @@ class _Signal:
         self._gaps += t.size - int(np.isfinite(values).sum())
         self._parts.append((t[kept], values[kept]))
 
-    def series(self, seconds: Callable[[NDArray[np.int64]], Reals]) -> Series:
+    def series(self, seconds: Callable[[NDArray[np.int64]], Reals]) -> DrawnSeries:
         times, values = (np.concatenate(each) for each in zip(*self._parts, strict=True))
         if (np.diff(times) < 0).any():
             order = np.argsort(times, kind="stable")
             times, values = times[order], values[order]
         t = seconds(times)
-        return Series(*self._place, t, values, self._stepwise, self.count, self._gaps)
+        return DrawnSeries(*self._place, t, values, self._stepwise, self.count, self._gaps)
 
 
 def _link_names(topics: Iterable[str]) -> list[str]:

@@ -16,7 +16,7 @@ _LEVELS = {number: word for word, number in foxglove.LEVELS.items()}
 
 
 @dataclass(frozen=True)
-class Line:
+class LogLine:
     """A line of the log."""
 
     t: float
@@ -34,14 +34,14 @@ class TimelineEntry:
     what: str
 
 
-def log_of(recording: Recording) -> list[Line]:
+def log_of(recording: Recording) -> list[LogLine]:
     """Return the lines of the log, oldest first."""
     table = recording.log
     if table is None or not {"level", "name", "message"} <= set(table.columns):
         return []
     t = recording.seconds(table.log_time_ns)
     return [
-        Line(
+        LogLine(
             float(t[i]),
             _LEVELS.get(int(table["level"][i]), "unknown"),
             str(table["name"][i]),
@@ -52,7 +52,7 @@ def log_of(recording: Recording) -> list[Line]:
 
 
 def timeline_of(
-    recording: Recording, outcome: RunOutcome, log: Sequence[Line]
+    recording: Recording, outcome: RunOutcome, log: Sequence[LogLine]
 ) -> list[TimelineEntry]:
     """List the events of the run, and values that are not finite.
 

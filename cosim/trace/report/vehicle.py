@@ -12,7 +12,7 @@ from cosim.page import packed_values
 from cosim.trace.report.chart import Chart, curve_of
 from cosim.trace.report.decimation import decimated
 from cosim.trace.report.parameters import Settings
-from cosim.trace.report.series import Reals, Recording, Series
+from cosim.trace.report.series import DrawnSeries, Reals, Recording
 
 _POSE = ("eta.x", "eta.y", "eta.z", "eta.psi")
 _TITLES = {
@@ -43,9 +43,9 @@ class Vehicle:
     """
 
     name: str
-    pose: Mapping[str, Series]
+    pose: Mapping[str, DrawnSeries]
     steering: str | None
-    reference: Mapping[str, Series]
+    reference: Mapping[str, DrawnSeries]
 
 
 def vehicle_of(recording: Recording) -> Vehicle | None:
@@ -117,8 +117,8 @@ def _speeds(vehicle: Vehicle, recording: Recording) -> Iterator[Chart]:
         yield Chart(f"{vehicle.name}-nu.r", "Yaw rate", curve.unit, [curve])
 
 
-def _disturbances(vehicle: Vehicle, received: Mapping[str, Series]) -> Iterator[Chart]:
-    by_unit: dict[str, list[Series]] = {}
+def _disturbances(vehicle: Vehicle, received: Mapping[str, DrawnSeries]) -> Iterator[Chart]:
+    by_unit: dict[str, list[DrawnSeries]] = {}
     for name, series in received.items():
         if name.startswith("disturbance."):
             by_unit.setdefault(series.unit or "", []).append(series)

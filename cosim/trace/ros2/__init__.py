@@ -1,5 +1,5 @@
 """A trace as a bag of ROS 2: MCAP with messages in CDR and schemas as ros2msg."""
 
-from cosim.trace.ros2.bag import WrittenBag, export_bag
+import lazy_loader as _lazy
 
-__all__ = ["WrittenBag", "export_bag"]
+__getattr__, __dir__, __all__ = _lazy.attach_stub(__name__, __file__)

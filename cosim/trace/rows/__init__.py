@@ -1,1 +1,5 @@
 """Rows of signals and the messages they are: layout of topics, encoding and decoding."""
+
+import lazy_loader as _lazy
+
+__getattr__, __dir__, __all__ = _lazy.attach_stub(__name__, __file__)

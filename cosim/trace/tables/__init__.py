@@ -1,1 +1,5 @@
 """Tables of rows: gathered per topic, joined, and as the frames of other packages."""
+
+import lazy_loader as _lazy
+
+__getattr__, __dir__, __all__ = _lazy.attach_stub(__name__, __file__)

@@ -1,5 +1,5 @@
 """Layouts for viewers of traces, made from the topics of one: Lichtblick and PlotJuggler."""
 
-from cosim.trace.viewers.write_layout import Viewer, WrittenLayout, write_layout
+import lazy_loader as _lazy
 
-__all__ = ["Viewer", "WrittenLayout", "write_layout"]
+__getattr__, __dir__, __all__ = _lazy.attach_stub(__name__, __file__)

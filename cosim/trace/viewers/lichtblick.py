@@ -16,7 +16,7 @@ from typing import Any
 from cosim.trace.rows.foxglove_topics import MAP
 from cosim.trace.rows.layout import LOG_TOPIC
 from cosim.trace.tables.topic_info import TopicInfo
-from cosim.trace.viewers.plots import Curve, Plot, Tab
+from cosim.trace.viewers.plots import Plot, PlotSignal, Tab
 
 _IN_3D = ("foxglove.PoseInFrame", "foxglove.SceneUpdate")
 _REFERENCE_COLOR = "#e8590cff"
@@ -53,7 +53,7 @@ def layout(topics: dict[str, TopicInfo], tabs: Sequence[Tab]) -> str:
     return json.dumps(whole, indent=2, allow_nan=False) + "\n"
 
 
-def message_path(curve: Curve) -> str:
+def message_path(curve: PlotSignal) -> str:
     """Return where a curve is, in the language of message paths: `/plant/output.eta_x`."""
     plain = re.fullmatch(r"(/[A-Za-z0-9_-]*)+", curve.topic)
     topic = curve.topic if plain else json.dumps(curve.topic, ensure_ascii=False)

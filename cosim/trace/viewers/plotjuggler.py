@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from xml.etree import ElementTree as ET
 
 from cosim.trace.tables.topic_info import TopicInfo
-from cosim.trace.viewers.plots import Curve, Plot, Tab
+from cosim.trace.viewers.plots import Plot, PlotSignal, Tab
 
 _COLORS = (
     *("#1f77b4", "#d62728", "#2ca02c", "#ff7f0e", "#9467bd", "#17becf"),
@@ -37,7 +37,7 @@ def layout(topics: dict[str, TopicInfo], tabs: Sequence[Tab]) -> str:
     return ET.tostring(root, encoding="unicode", xml_declaration=True) + "\n"
 
 
-def series_name(curve: Curve) -> str:
+def series_name(curve: PlotSignal) -> str:
     """Return the name that PlotJuggler gives to a curve: `/plant/output/eta_x`."""
     return f"{curve.topic}/{curve.field.replace('.', '/')}"
 

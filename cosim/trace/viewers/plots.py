@@ -24,7 +24,7 @@ _PLACE, _REFERENCE = "eta", "reference"
 
 
 @dataclass(frozen=True, slots=True)
-class Curve:
+class PlotSignal:
     """One signal of a plot.
 
     Attributes
@@ -46,7 +46,7 @@ class Plot:
 
     title: str
     unit: str | None
-    curves: list[Curve]
+    curves: list[PlotSignal]
 
 
 @dataclass(slots=True)
@@ -121,12 +121,12 @@ def _others(topics: dict[str, TopicInfo]) -> Iterator[Tab]:
             yield Tab(topic, list(_plots(topic, _curves(info, None))))
 
 
-def _plots(title: str, curves: list[Curve]) -> Iterator[Plot]:
+def _plots(title: str, curves: list[PlotSignal]) -> Iterator[Plot]:
     for unit in dict.fromkeys(curve.unit for curve in curves):
         yield Plot(title, unit, [curve for curve in curves if curve.unit == unit])
 
 
-def _curves(info: TopicInfo, groups: set[str] | None) -> list[Curve]:
+def _curves(info: TopicInfo, groups: set[str] | None) -> list[PlotSignal]:
     """Return the curves of the numbers of a topic: of some groups, or of all."""
     if info.encoding != "protobuf" or not info.count:
         return []
@@ -136,7 +136,7 @@ def _curves(info: TopicInfo, groups: set[str] | None) -> list[Curve]:
         if key.endswith(".name")
     }
     return [
-        Curve(
+        PlotSignal(
             info.topic,
             fields.get(signal.name, signal.name),
             _label(info.topic, signal),

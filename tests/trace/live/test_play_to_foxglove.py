@@ -20,7 +20,7 @@ from mcap_files import message_type
 from recorded_runs import write_run
 
 from cosim.core import InputError
-from cosim.trace import Player
+from cosim.trace.live import Player
 
 S = 10**9
 

@@ -14,7 +14,7 @@ import pytest
 from foxglove_client import PAUSE, PLAY, Client, client
 from mcap.writer import Writer
 
-from cosim.trace import Player
+from cosim.trace.live import Player
 
 MS = 10**6
 FIRST = 10**10

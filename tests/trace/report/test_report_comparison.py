@@ -13,7 +13,9 @@ from report_pages import Chart, Curve, ReportPage, words
 from shared import copied
 
 from cosim.page import packed_values
-from cosim.trace import Trace, diff, rows_in_force, write_comparison
+from cosim.trace import Trace, diff
+from cosim.trace.report import write_comparison
+from cosim.trace.rows import rows_in_force
 
 PAIR = ("auv-acoustic", "auv-acoustic-naive")
 

@@ -15,7 +15,7 @@ from report_browser import Page, browser, needs_chromium
 from report_files import foreign
 from shared import sampled
 
-from cosim.trace import write_comparison, write_report
+from cosim.trace.report import write_comparison, write_report
 
 pytestmark = needs_chromium
 

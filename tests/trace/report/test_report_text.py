@@ -19,7 +19,9 @@ from shared import copied
 
 from cosim.core import InputError
 from cosim.page import MAX_BYTES
-from cosim.trace import RunOutcome, Trace, assumptions_of, outcome_of, write_report
+from cosim.trace import RunOutcome, Trace
+from cosim.trace.outcome import assumptions_of, outcome_of
+from cosim.trace.report import write_report
 
 
 @pytest.fixture(scope="module")

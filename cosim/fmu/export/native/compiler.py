@@ -16,8 +16,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from cosim.core import InputError
+from cosim.fmu.compiled.prebuilt import why_none_prebuilt
 from cosim.fmu.export.native.target_platforms import Platform
-from cosim.fmu.prebuilt import why_none_prebuilt
 from cosim.fmu.unpacking import own_folder
 
 STANDARD = ("-std=c99", "-O3", "-ffp-contract=off", "-fvisibility=hidden")

@@ -16,7 +16,7 @@ from importlib.resources import files
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
-from cosim.fmu.export.deterministic_zip import deterministic_zip
+from cosim.fmu.compiled.prebuilt import prebuilt_file, why_none_prebuilt
 from cosim.fmu.export.documentation import documentation_files
 from cosim.fmu.export.model_description import as_bytes, fmi2_xml, fmi3_xml
 from cosim.fmu.export.native.compiler import STANDARD, shared_library
@@ -28,7 +28,7 @@ from cosim.fmu.export.native.model_data import data_header, model_data
 from cosim.fmu.export.native.target_platforms import PLATFORMS, Platform, host
 from cosim.fmu.export.spec import ComponentSpec
 from cosim.fmu.export.terminal_file import terminal_files
-from cosim.fmu.prebuilt import prebuilt_file, why_none_prebuilt
+from cosim.fmu.export.zip_file import deterministic_zip
 
 KINDS = tuple(kind for kind in FILES if kind != "waves")
 """The kinds of behaviour of which a binary reads its model."""

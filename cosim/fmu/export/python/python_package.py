@@ -22,11 +22,11 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from cosim.fmu.export.deterministic_zip import deterministic_zip
 from cosim.fmu.export.documentation import documentation_files
 from cosim.fmu.export.model_description import fmi2_xml
 from cosim.fmu.export.spec import SLAVE, ComponentSpec
 from cosim.fmu.export.terminal_file import terminal_files
+from cosim.fmu.export.zip_file import deterministic_zip
 from cosim.fmu.unpacking import own_folder
 
 _IMPORT = re.compile(

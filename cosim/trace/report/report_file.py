@@ -8,7 +8,7 @@ from typing import Any
 
 from cosim.page import write_page
 from cosim.trace.comparison.format import diff_verdict
-from cosim.trace.outcome.verdict import Check
+from cosim.trace.outcome.verdict import Statement
 from cosim.trace.report.comparison import comparison_of
 from cosim.trace.report.html_page import comparison_page, page
 from cosim.trace.report.page_content import content_of
@@ -29,8 +29,8 @@ class Report:
     output: Path
     bytes: int
     status: str
-    guarantee: Check | None
-    assertions: tuple[Check, ...]
+    guarantee: Statement | None
+    assertions: tuple[Statement, ...]
     charts: int
 
     def to_json(self) -> dict[str, Any]:

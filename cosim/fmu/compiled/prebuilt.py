@@ -20,7 +20,7 @@ from cosim.fmu.export.components import components_folder
 from cosim.fmu.inspect.platforms import this_libc, this_machine
 
 MANIFEST = "manifest.json"
-_PACKAGE = Path(__file__).parents[1]
+_PACKAGE = Path(__file__).parents[2]
 _SOURCES = (
     *("fmu/export", "fmu/isolation/channel.c", "master/kernel.c", "models", "network"),
     "scenario/library/designs",

@@ -9,10 +9,10 @@ import shlex
 from pathlib import Path
 
 from cosim.core import cache_folder, once, say_once, write_whole
+from cosim.fmu.compiled.prebuilt import prebuilt_file
 from cosim.fmu.export.native.compiler import STANDARD, host_compiler, shared_library
 from cosim.fmu.export.native.link_step import link_step_header
 from cosim.fmu.export.native.target_platforms import Platform, host
-from cosim.fmu.prebuilt import prebuilt_file
 
 _SOURCES = {
     "kernel": ("fmu/export/native/c/arithmetic.h", "network/delivery.c", "master/kernel.c"),
@@ -26,7 +26,7 @@ def library_source(name: str, *, futex: bool = True) -> bytes:
 
     `futex`: whether the channel sleeps on a futex, which Linux has.
     """
-    package = Path(__file__).parents[1]
+    package = Path(__file__).parents[2]
     source = b"".join(package.joinpath(file).read_bytes() for file in _SOURCES[name])
     if name == "kernel":
         source = link_step_header().encode() + source

@@ -1,0 +1,30 @@
+from .assertions import (
+    AssertionResult as AssertionResult,
+    Result as Result,
+)
+from .cause import (
+    Cause as Cause,
+    CauseKind as CauseKind,
+)
+from .feedback_age import (
+    age_lines as age_lines,
+    measurement_age_lines as measurement_age_lines,
+)
+from .outages import (
+    outage_rows as outage_rows,
+    outage_verdict as outage_verdict,
+)
+from .run_events import (
+    CONCLUSION as CONCLUSION,
+    SERIOUS as SERIOUS,
+    EventCount as EventCount,
+    EventKind as EventKind,
+    RunEvent as RunEvent,
+)
+from .run_outcome import outcome_of as outcome_of
+from .verdict import (
+    assumptions_of as assumptions_of,
+    departures_text as departures_text,
+    facts_of as facts_of,
+    guarantee_of as guarantee_of,
+)

@@ -1,0 +1,25 @@
+from .hold import rows_in_force as rows_in_force
+from .layout import (
+    CERTIFICATE_ATTACHMENT as CERTIFICATE_ATTACHMENT,
+    CERTIFICATE_HASH as CERTIFICATE_HASH,
+    COMPUTED as COMPUTED,
+    DESIGN_ATTACHMENT as DESIGN_ATTACHMENT,
+    DROPPED_SIGNALS as DROPPED_SIGNALS,
+    GREATEST_AGE as GREATEST_AGE,
+    LINK_STATE_SCHEMA as LINK_STATE_SCHEMA,
+    LINK_STATE_SIGNALS as LINK_STATE_SIGNALS,
+    MODE_SIGNALS as MODE_SIGNALS,
+    RESULT as RESULT,
+    SCENARIO_ATTACHMENT as SCENARIO_ATTACHMENT,
+    VEHICLE as VEHICLE,
+    certificate_entries as certificate_entries,
+    component_of as component_of,
+    dropped_topic as dropped_topic,
+    input_topic as input_topic,
+    link_state_topic as link_state_topic,
+    link_topic as link_topic,
+    modes_topic as modes_topic,
+    output_topic as output_topic,
+    result_of_link as result_of_link,
+)
+from .scene import Thinned as Thinned
