@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any, Literal, get_args
+from typing import Annotated, Literal
+
+from pydantic import Field, computed_field
+from pydantic.dataclasses import dataclass
+
+from cosim.trace.outcome.read_json import as_text, by_either_name, or_else
 
 Result = Literal["holds", "fails", "undecided"]
 """How an assertion came out."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, config=by_either_name)
 class AssertionResult:
     """The result of one assertion.
 
@@ -25,12 +28,13 @@ class AssertionResult:
         `eventually`, or from which a `within` was not fulfilled in time; else None.
     """
 
-    words: str
-    name: str | None
+    words: Annotated[str, as_text(), Field(alias="assertion")]
+    name: Annotated[str | None, as_text()]
     result: Result
-    expected: Literal["holds", "fails"]
-    at_s: float | None
+    expected: Annotated[Literal["holds", "fails"], or_else("holds")] = "holds"
+    at_s: Annotated[float | None, Field(allow_inf_nan=False), or_else(None)] = None
 
+    @computed_field  # type: ignore[prop-decorator] # as pydantic has it
     @property
     def as_expected(self) -> bool:
         """Whether the result is the expected one, or undecided."""
@@ -45,32 +49,6 @@ class AssertionResult:
             passed = "passed: it fails, as expected"
             return passed if self.as_expected else "failed: it holds, but was expected to fail"
         return "passed" if self.as_expected else "failed"
-
-    def to_json(self) -> dict[str, Any]:
-        """Return all fields as JSON values, for `--json` and the trace."""
-        return {
-            "assertion": self.words,
-            "name": self.name,
-            "result": self.result,
-            "expected": self.expected,
-            "as_expected": self.as_expected,
-            "at_s": self.at_s,
-        }
-
-
-def assertions_in(listed: Any) -> list[AssertionResult]:
-    """Read a JSON list of `AssertionResult.to_json`; entries of another form are left out."""
-    return [
-        AssertionResult(
-            words=str(entry.get("assertion")),
-            name=None if entry.get("name") is None else str(entry["name"]),
-            result=entry["result"],
-            expected="fails" if entry.get("expected") == "fails" else "holds",
-            at_s=at if isinstance(at := entry.get("at_s"), float) and math.isfinite(at) else None,
-        )
-        for entry in (listed if isinstance(listed, list) else ())
-        if isinstance(entry, dict) and entry.get("result") in get_args(Result)
-    ]
 
 
 def failed_in(assertions: Sequence[AssertionResult]) -> str:

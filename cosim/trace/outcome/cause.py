@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any, Final, Literal, Self, cast, get_args
+from typing import Annotated, Final, Literal, Self, cast
+
+from pydantic import StrictFloat
+from pydantic.dataclasses import dataclass
 
 from cosim.core import ComponentError
+from cosim.trace.outcome.read_json import as_text, or_else
 
 CauseKind = Literal[
     "refused",
@@ -24,9 +27,6 @@ CauseKind = Literal[
 ]
 """What ended a run, as a word that programs compare."""
 
-VERSION: Final = 1
-"""Of what `Cause.to_json` returns; it grows when a key changes its meaning."""
-_KINDS: Final = frozenset(get_args(CauseKind))
 _FAILURES: Final = frozenset(
     {
         *("refused", "crashed", "exited", "timed-out", "memory", "not-finite", "delay"),
@@ -51,30 +51,21 @@ class Cause:
     component, call : the component and the FMI call in progress; None where there is none.
     time_s : simulated time of the call [s]; None before the slaves are initialised.
     detail : in words.
+    version : of these keys; it grows when one changes its meaning.
     """
 
     kind: CauseKind
-    component: str | None = None
-    call: str | None = None
-    time_s: float | None = None
-    detail: str | None = None
+    component: Annotated[str | None, as_text()] = None
+    call: Annotated[str | None, as_text()] = None
+    time_s: Annotated[StrictFloat | None, or_else(None)] = None
+    detail: Annotated[str | None, as_text()] = None
+    version: Annotated[int, or_else(1)] = 1
 
     @classmethod
     def of_error(cls, error: ComponentError, time_s: float | None) -> Self:
         """Return the cause that an error of a component is, at a time [s]."""
         kind = cast("CauseKind", error.kind or "refused")
         return cls(kind, error.component, error.call, time_s, error.detail or error.text())
-
-    @classmethod
-    def from_json(cls, data: Any) -> Self | None:
-        """Return the cause of a JSON object, as `to_json` makes it; None for anything else."""
-        if not isinstance(data, dict) or data.get("kind") not in _KINDS:
-            return None
-        texts = (data.get(key) for key in ("component", "call", "detail"))
-        component, call, detail = (None if text is None else str(text) for text in texts)
-        at = data.get("time_s")
-        time_s = float(at) if isinstance(at, int | float) and not isinstance(at, bool) else None
-        return cls(cast("CauseKind", data["kind"]), component, call, time_s, detail)
 
     @property
     def words(self) -> str:
@@ -89,14 +80,3 @@ class Cause:
     def failure(self) -> bool:
         """Whether something failed, so that the command exits with 4."""
         return self.kind in _FAILURES
-
-    def to_json(self) -> dict[str, Any]:
-        """Return a JSON object with a version."""
-        return {
-            "version": VERSION,
-            "kind": self.kind,
-            "component": self.component,
-            "call": self.call,
-            "time_s": self.time_s,
-            "detail": self.detail,
-        }

@@ -4,7 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any, Literal, get_args
+from typing import Annotated, Literal
+
+from pydantic import StrictFloat, StrictInt
+from pydantic.dataclasses import dataclass as validated
+
+from cosim.trace.outcome.read_json import as_text, or_else
 
 EventKind = Literal[
     "saturation",
@@ -20,7 +25,6 @@ EventKind = Literal[
 ]
 """What kind of thing happened in a run."""
 
-_KINDS = frozenset(get_args(EventKind))
 SERIOUS = frozenset({"warning", "error", "fatal"})
 """Levels of what a reader of the log must not miss."""
 CONCLUSION = "run"
@@ -51,7 +55,7 @@ class RunEvent:
     message: str
 
 
-@dataclass(frozen=True, slots=True)
+@validated(frozen=True, slots=True)
 class EventCount:
     """How often an event happened to a subject.
 
@@ -63,13 +67,13 @@ class EventCount:
     total_s : how long in all [s]; None for what has no duration.
     """
 
-    kind: str
-    subject: str
-    level: str
-    message: str
-    count: int
-    first_s: float
-    total_s: float | None = None
+    kind: EventKind
+    subject: Annotated[str, as_text()]
+    level: Annotated[str, as_text()]
+    message: Annotated[str, as_text()]
+    count: StrictInt
+    first_s: StrictFloat
+    total_s: Annotated[StrictFloat | None, or_else(None)] = None
 
     @property
     def serious(self) -> bool:
@@ -84,30 +88,6 @@ class EventCount:
         long += " in all" if often and long else ""
         extent = ", ".join(filter(None, (often, long)))
         return f"{self.subject}: {self.message}" + (f" ({extent})" if extent else "")
-
-    def to_json(self) -> dict[str, Any]:
-        """Return all fields as JSON values."""
-        return {
-            "kind": self.kind,
-            "subject": self.subject,
-            "level": self.level,
-            "message": self.message,
-            "count": self.count,
-            "first_s": self.first_s,
-            "total_s": self.total_s,
-        }
-
-    @classmethod
-    def from_json(cls, data: Any) -> EventCount | None:
-        """Return what a JSON object of `to_json` says; None for anything else."""
-        if not isinstance(data, dict) or data.get("kind") not in _KINDS:
-            return None
-        first, count, total = (data.get(key) for key in ("first_s", "count", "total_s"))
-        if not isinstance(first, float) or not isinstance(count, int):
-            return None
-        subject, level, message = (str(data.get(k)) for k in ("subject", "level", "message"))
-        lasted = total if isinstance(total, float) else None
-        return cls(data["kind"], subject, level, message, count, first, lasted)
 
 
 def counted(lines: Iterable[tuple[float, str, str, str]]) -> list[EventCount]:

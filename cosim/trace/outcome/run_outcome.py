@@ -9,12 +9,16 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Final
+from dataclasses import field
+from typing import TYPE_CHECKING, Annotated, Any, Final
+
+from pydantic import StrictFloat, StrictInt, TypeAdapter
+from pydantic.dataclasses import dataclass
 
 from cosim.core import Fact
-from cosim.trace.outcome.assertions import AssertionResult, assertions_in, failed_in
+from cosim.trace.outcome.assertions import AssertionResult, failed_in
 from cosim.trace.outcome.cause import Cause
+from cosim.trace.outcome.read_json import FROM_FILE, as_text, each_valid, or_else
 from cosim.trace.outcome.run_events import CONCLUSION, EventCount
 from cosim.trace.rows.layout import HOST_PREFIX, parsed_json, result_of_link
 
@@ -45,6 +49,9 @@ GREATEST_GROWTH = 100.0
 _LINK = "link."
 _STRUCTURES = ("metrics", "final", "cause", "assertions", "events")
 
+Figures = Annotated[Mapping[str, Any], or_else({})]
+"""JSON-safe values by name."""
+
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class RunOutcome:
@@ -64,17 +71,17 @@ class RunOutcome:
         `final` the last value of every output by `component.variable`.
     """
 
-    status: str = "finished"
-    reason: str | None = None
-    cause: Cause | None = None
-    steps: int | None = None
-    simulated_s: float | None = None
-    assertions: tuple[AssertionResult, ...] = ()
-    events: tuple[EventCount, ...] = ()
-    metrics: Mapping[str, Any] = field(default_factory=dict)
-    links: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
-    final: Mapping[str, float | None] = field(default_factory=dict)
-    version: int = OUTCOME_VERSION
+    status: Annotated[str, as_text()] = "finished"
+    reason: Annotated[str | None, as_text()] = None
+    cause: Annotated[Cause | None, or_else(None)] = None
+    steps: Annotated[StrictInt | None, or_else(None)] = None
+    simulated_s: Annotated[StrictFloat | None, or_else(None)] = None
+    assertions: Annotated[tuple[AssertionResult, ...], each_valid(AssertionResult)] = ()
+    events: Annotated[tuple[EventCount, ...], each_valid(EventCount)] = ()
+    metrics: Figures = field(default_factory=dict)
+    links: Annotated[Mapping[str, Figures], or_else({})] = field(default_factory=dict)
+    final: Figures = field(default_factory=dict)
+    version: Annotated[StrictInt, or_else(1)] = OUTCOME_VERSION
 
     def __repr__(self) -> str:
         at = "" if self.simulated_s is None else f" at {self.simulated_s:g} s"
@@ -184,20 +191,7 @@ class RunOutcome:
 
     def to_json(self) -> dict[str, Any]:
         """Return everything as JSON values."""
-        return {
-            "version": self.version,
-            "status": self.status,
-            "headline": self.headline,
-            "reason": self.reason,
-            "cause": None if self.cause is None else self.cause.to_json(),
-            "steps": self.steps,
-            "simulated_s": self.simulated_s,
-            "assertions": [each.to_json() for each in self.assertions],
-            "events": [each.to_json() for each in self.events],
-            "metrics": dict(self.metrics),
-            "links": {name: dict(figures) for name, figures in self.links.items()},
-            "final": dict(self.final),
-        }
+        return {**self._fields(), "headline": self.headline}
 
     @classmethod
     def from_json(cls, data: Mapping[str, Any]) -> RunOutcome:
@@ -206,48 +200,26 @@ class RunOutcome:
         What is absent or of another form, as in files of older versions and other tools, has its
         default.
         """
-        events, reason = data.get("events"), data.get("reason")
-        steps, simulated = data.get("steps"), data.get("simulated_s")
-        links = _object(data.get("links"))
-        return RunOutcome(
-            status=str(data.get("status", "finished")),
-            reason=None if reason is None else str(reason),
-            cause=Cause.from_json(data.get("cause")),
-            steps=steps if isinstance(steps, int) else None,
-            simulated_s=float(simulated) if isinstance(simulated, int | float) else None,
-            assertions=tuple(assertions_in(data.get("assertions"))),
-            events=tuple(
-                each
-                for item in (events if isinstance(events, list) else ())
-                if (each := EventCount.from_json(item)) is not None
-            ),
-            metrics=_object(data.get("metrics")),
-            links={name: _object(figures) for name, figures in links.items()},
-            final=_object(data.get("final")),
-            version=version if isinstance(version := data.get("version"), int) else 1,
-        )
+        return _ADAPTER.validate_python({"version": 1, **data}, context=FROM_FILE)
+
+    def _fields(self) -> dict[str, Any]:
+        found: dict[str, Any] = _ADAPTER.dump_python(self, mode="json", by_alias=True)
+        return found
 
     def entries(self, **host: str) -> dict[str, str]:
         """Return the entries of `cosim.result`; `host` : those of this machine, by name."""
-        found = {
-            "version": str(self.version),
-            "status": self.status,
-            "metrics": _json(self.metrics),
-            "final": _json(self.final),
-        }
-        optional = {
-            "steps": self.steps,
-            "simulated_s": self.simulated_s,
-            "reason": self.reason,
-            "cause": None if self.cause is None else _json(self.cause.to_json()),
-        }
-        found |= {k: str(v) for k, v in optional.items() if v is not None}
-        for key, listed in (("assertions", self.assertions), ("events", self.events)):
-            if listed:
-                found[key] = _json([each.to_json() for each in listed])
+        found: dict[str, str] = {}
+        for key, value in self._fields().items():
+            if key in _STRUCTURES:
+                found |= {key: _json(value)} if value or key in ("metrics", "final") else {}
+            elif key != "links" and value is not None:
+                found[key] = str(value)
         for name, figures in self.links.items():
             found |= result_of_link(name, figures)
         return found | {f"{HOST_PREFIX}{name}": value for name, value in host.items()}
+
+
+_ADAPTER: Final = TypeAdapter(RunOutcome)
 
 
 def outcome_of(result: Mapping[str, str] | None) -> RunOutcome | None:
@@ -291,10 +263,6 @@ def _older(differences: Any) -> list[dict[str, Any]]:
         for each in (differences if isinstance(differences, list) else ())
         if isinstance(each, dict)
     ]
-
-
-def _object(value: Any) -> dict[str, Any]:
-    return value if isinstance(value, dict) else {}
 
 
 def _number(text: str) -> int | float | str:
