@@ -120,6 +120,7 @@ WORDINGS: Final[Mapping[str, tuple[str, Numbers]]] = {
             "the exact check fails",
         ),
     ),
+    "claim_known": ("Every word of the claim has a rule", _plain("met", "a word is not known")),
     "observer_knows_commands": (
         "The observer knew the commands that acted",
         _plain(
