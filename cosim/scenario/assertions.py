@@ -135,7 +135,13 @@ class _Watched:
 
     def _result(self, rest: Result, last_s: float, *, whole: bool) -> AssertionResult:
         part, verdict = self._part, self._verdict.result(last_s, rest, whole=whole)
-        return AssertionResult(part.words, part.name, verdict, part.expected, self._verdict.at)
+        return AssertionResult(
+            words=part.words,
+            name=part.name,
+            result=verdict,
+            expected=part.expected,
+            at_s=self._verdict.at,
+        )
 
     def _announce(self, time_ns: int, result: AssertionResult) -> None:
         """Make an event of an assertion that is decided, unless it holds as it should."""

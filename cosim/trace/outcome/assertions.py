@@ -14,7 +14,7 @@ Result = Literal["holds", "fails", "undecided"]
 """How an assertion came out."""
 
 
-@dataclass(frozen=True, config=by_either_name)
+@dataclass(frozen=True, kw_only=True, config=by_either_name)
 class AssertionResult:
     """The result of one assertion.
 
@@ -29,7 +29,7 @@ class AssertionResult:
     """
 
     words: Annotated[str, as_text(), Field(alias="assertion")]
-    name: Annotated[str | None, as_text()]
+    name: Annotated[str | None, as_text()] = None
     result: Result
     expected: Annotated[Literal["holds", "fails"], or_else("holds")] = "holds"
     at_s: Annotated[float | None, Field(allow_inf_nan=False), or_else(None)] = None
