@@ -15,7 +15,8 @@ from typing import Any, cast
 
 import tomli_w
 
-from cosim import fmu, run
+from cosim import run
+from cosim.fmu import export as fmu
 
 HERE = Path(__file__).parent
 SYSTEMS, DESIGNS = HERE / "systems", HERE / "designs"

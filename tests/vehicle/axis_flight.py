@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from cosim import fmu as fmus
 from cosim.core import DESIGN_FILE
+from cosim.fmu import export as fmus
 from cosim.hinf import Delay, DelaySystem, Result, design_output_feedback, design_to_json
 from cosim.models import Measurement
 
