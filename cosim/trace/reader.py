@@ -38,8 +38,8 @@ from cosim.trace.tables.topic_info import TopicInfo
 PART_BYTES = 2**23
 """Payload of the rows that a stream holds at once [bytes]."""
 
-_MANY_TOPICS, _TOGETHER_BYTES = 64, 2**22
-"""Of more topics, chunks have few messages each: so many bytes of them are gathered together."""
+_TOGETHER_BYTES = 2**20
+"""Bytes of chunks of which each topic is taken together: in one it has few messages."""
 
 __all__ = ["Series", "Table", "TopicInfo", "Trace"]
 
@@ -311,7 +311,8 @@ class Trace(Framed):
         gathered = {topic: self._gathered(topic) for topic in topics}
         counts = dict.fromkeys(topics, 0)
         filled, touched = 0, dict[str, None]()
-        for topic, size in self._collect(gathered, *window_ns(start, end)):
+        together_bytes = min(_TOGETHER_BYTES, part_bytes // 8)
+        for topic, size in self._collect(gathered, *window_ns(start, end), together_bytes):
             if topic is not None:
                 filled += size
                 touched[topic] = None
@@ -364,7 +365,11 @@ class Trace(Framed):
         return self._gathered(topic).table()
 
     def _collect(
-        self, gathered: Mapping[str, TopicRows], first: int, last: int
+        self,
+        gathered: Mapping[str, TopicRows],
+        first: int,
+        last: int,
+        together_bytes: int = _TOGETHER_BYTES,
     ) -> Iterator[tuple[str | None, int]]:
         """Add messages to the rows of their topics; yield topic and bytes, None after a block."""
         places = np.full(2**16, -1, np.int32)
@@ -372,10 +377,8 @@ class Trace(Framed):
             places[list(each.channels)] = place
         names = list(gathered)
         wanted = {number for each in gathered.values() for number in each.channels}
-        blocks = self._segments(wanted, first, last)
-        if len(gathered) > _MANY_TOPICS:
-            blocks = together(blocks, _TOGETHER_BYTES)
-        for block in blocks:
+        # one chunk at a time costs half as much again: each topic is taken out of each block
+        for block in together(self._segments(wanted, first, last), together_bytes):
             messages, place = block, places[block.heads["channel"]]
             inside = place >= 0
             if first > 0 or last < LATEST_NS:
