@@ -79,7 +79,7 @@ THROUGH_FACES = (
 
 ROOMS_OF_TRACE = (
     *("file", "rows", "outcome", "tables", "digest", "former_digest", "writer", "info_view"),
-    "reader",
+    *("recorded_rows", "rows_in_memory", "reader"),
     *("recovered", "checks", "content", "picture", "traces", "ros2", "viewers"),
     *("info", "citation", "recovery", "comparison", "exports", "report", "live"),
 )

@@ -151,14 +151,20 @@ class ComponentInstance:
             for j, column in enumerate(columns):
                 if column.name == variable:
                     return first + j, column
-        known = [c.name for c in (*self.output_columns, *self.input_columns)]
-        raise InputError.unknown(kind, variable, known, where=f"component {self.name!r}")
+        raise InputError.unknown(
+            kind, variable, self.column_names, where=f"component {self.name!r}"
+        )
 
     @property
     def inputs(self) -> Rows:
         """Its connected inputs, (points, inputs), a view of the rows."""
         first = self.input_column
         return self.rows[:, first : first + len(self.input_columns)]
+
+    @property
+    def column_names(self) -> list[str]:
+        """The names of its outputs and connected inputs, elements of arrays one by one."""
+        return [column.name for column in (*self.output_columns, *self.input_columns)]
 
     def with_rows(self, rows: Rows) -> ComponentInstance:
         """Return the instance with a copy of all of its rows so far, (points, columns)."""

@@ -15,7 +15,7 @@ from cosim.master.component_instance import MOST_EXACT, Column, ComponentInstanc
 from cosim.master.observers import Observer
 from cosim.master.system import System
 from cosim.network import DELIVERED, LOST, REASONS, Arrivals, PacketLink
-from cosim.trace import Lines, Poses, Rows, Signal, TraceWriter
+from cosim.trace import Lines, Poses, Rows, RowsInMemory, Signal, TraceWriter
 from cosim.trace.outcome import RunEvent
 from cosim.trace.rows import (
     COMPUTED,
@@ -61,7 +61,7 @@ class TraceRecorder(Observer):
 
     def __init__(
         self,
-        writer: TraceWriter,
+        writer: TraceWriter | RowsInMemory,
         system: System,
         events: Callable[[int], Sequence[RunEvent]] | None = None,
     ) -> None:
@@ -351,7 +351,7 @@ class _Traffic:
 
     def __init__(
         self,
-        writer: TraceWriter,
+        writer: TraceWriter | RowsInMemory,
         system: System,
         link: PacketLink,
         comm_points: CommunicationPoints,

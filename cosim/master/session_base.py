@@ -5,10 +5,13 @@ from __future__ import annotations
 import functools
 import threading
 from abc import ABC, abstractmethod
-from collections.abc import Callable
-from typing import ClassVar, Concatenate, Literal, ParamSpec, TypeVar
+from collections.abc import Callable, Sequence
+from typing import Any, ClassVar, Concatenate, Literal, ParamSpec, TypeVar
+
+import numpy as np
 
 from cosim.core import ComponentError, InputError
+from cosim.master.component_instance import ComponentInstance
 from cosim.master.run import RunStatus
 from cosim.master.system import System
 from cosim.trace.outcome import Cause
@@ -92,6 +95,99 @@ class SessionBase(ABC):
     @abstractmethod
     def end_failure(self) -> ComponentError | None:
         """What ended the process of a component as it was terminated or freed."""
+
+    @property
+    @abstractmethod
+    def instances(self) -> Sequence[ComponentInstance]:
+        """The components of the run."""
+
+    @abstractmethod
+    def read(self, component: str, variable: str) -> Any:
+        """Return the present value of any variable, read from the slave."""
+
+    @abstractmethod
+    def value(self, component: str, variable: str) -> Any:
+        """Return the value of an output or connected input."""
+
+    @abstractmethod
+    def set(self, component: str, variable: str, value: Any) -> None:
+        """Set a tunable parameter, or an input that is not connected."""
+
+    @abstractmethod
+    def override(self, component: str, variable: str, value: float) -> None:
+        """Replace an output or connected input by `value`, until it is released."""
+
+    def __getitem__(self, name: str) -> Any:
+        """Return the present value of a variable, `plant.x[1]`, or of a group, `plant.x`.
+
+        Of a group, and of an array, an array of doubles, (signals,).
+
+        Raises
+        ------
+        InputError : no such component or variable.
+        """
+        component, members, single = self._named(name)
+        instance = self._instance_named(component)
+        exchanged = instance.column_names
+        values = [
+            self.value(component, one) if one in exchanged else self.read(component, one)
+            for one in members
+        ]
+        return values[0] if single else np.array(values, np.float64)
+
+    def __setitem__(self, name: str, value: Any) -> None:
+        """Set an input or a tunable parameter, or each of a group from a sequence.
+
+        An output or a connected input is replaced from now on, as by `override`.
+
+        Raises
+        ------
+        InputError : as of `set` and `override`; a sequence of another length.
+        """
+        component, members, single = self._named(name)
+        values = [value] if single else list(value)
+        if len(values) != len(members):
+            raise InputError(
+                "values and signals do not match",
+                where=name,
+                expected=f"{len(members)} values: {', '.join(members[:8])}",
+                got=str(len(values)),
+            )
+        exchanged = self._instance_named(component).column_names
+        for one, each in zip(members, values, strict=True):
+            if one in exchanged:
+                self.override(component, one, float(each))
+            else:
+                self.set(component, one, each)
+
+    def _instance_named(self, component: str) -> ComponentInstance:
+        self.check_open()
+        return next(one for one in self.instances if one.name == component)
+
+    def _named(self, name: str) -> tuple[str, list[str], bool]:
+        """Return the component, its variables, and whether it is a single one."""
+        component, _, variable = name.partition(".")
+        if component not in self.system.components:
+            raise InputError.unknown("component", component, self.system.components, where=name)
+        columns = self._instance_named(component).column_names
+        ports = self.system.components[component].description.ports
+        if not variable:
+            raise InputError(
+                "a component, not a variable",
+                where=name,
+                expected=f"as in {name}.{next(iter(columns or ports), 'x')}",
+            )
+        if variable in columns or (variable in ports and not ports[variable].dimensions):
+            return component, [variable], True
+        group = (f"{variable}.", f"{variable}[")
+        members = [one for one in columns if one.startswith(group)]
+        members += [one for one in ports if one.startswith(group) and one not in columns]
+        if not members and variable in ports:
+            return component, [variable], True
+        if not members:
+            known = [*columns, *ports]
+            raise InputError.unknown("variable", variable, known, where=f"component {component!r}")
+        return component, members, False
 
     @property
     def time_s(self) -> float:

@@ -83,6 +83,7 @@ from .run_limits import (
     parse_limits as parse_limits,
     time_limit as time_limit,
 )
+from .run_result import RunResult as RunResult
 from .run_series import RunSeries as RunSeries
 from .scenario_session import ScenarioSession as ScenarioSession
 from .schema import Scenario as Scenario

@@ -41,7 +41,7 @@ from cosim.scenario.script import Event, Machine, changed_by, script_of
 from cosim.scenario.supervision import Supervision, raise_if_interrupted, supervision_of
 from cosim.scenario.system_run import run_system
 from cosim.scenario.wanted import ALL_FIGURES, Wanted
-from cosim.trace import RunOutcome, TraceWriter
+from cosim.trace import RowsInMemory, RunOutcome, TraceWriter
 from cosim.trace.outcome import Cause
 
 
@@ -94,7 +94,7 @@ def execute_run(
 
 def execute_recorded(
     prepared: PreparedScenario,
-    trace: Path,
+    trace: Path | RowsInMemory,
     *,
     progress: Progress | None = None,
     engine: EngineName = "auto",
@@ -103,8 +103,11 @@ def execute_recorded(
     supervision: Supervision,
     zero_state_run: bool = True,
     keep: bool = False,
+    observers: Sequence[Observer] = (),
 ) -> tuple[Outcome, Outcome, Run]:
     """Run the scenario with a trace; return its outcome, that of `execute_unrecorded`, its rows.
+
+    trace : its file, or what keeps the rows in memory. `observers` : take the rows as well.
 
     The second outcome is what the run without a trace has with the same `zero_state_run`, so that
     the figures of a run do not depend on whether its trace is kept.
@@ -115,14 +118,13 @@ def execute_recorded(
     """
     began = time.perf_counter()
     system, events = assembled_system(prepared)
-    check_output(trace)
-    entries, attachments = run_metadata_of(prepared, system)
+    path = trace if isinstance(trace, Path) else None
+    if path is not None:
+        check_output(path)
     with (
         supervision.open(system, list(prepared.fmus.values()), engine) as supervisor,
         ExitStack() as living,
-        TraceWriter(
-            trace, run=entries, attachments=attachments, fsync=fsync, content_hash=True
-        ) as writer,
+        _opened(trace, prepared, system, fsync=fsync) as writer,
     ):
         events_found = EventCollector(system.comm_schedule.start_ns)
         recorder = TraceRecorder(writer, system, events_found.take)
@@ -132,7 +134,7 @@ def execute_recorded(
             collector=events_found,
         )
         try:
-            run = made.run(recorder, keep=keep)
+            run = made.run(recorder, *observers, keep=keep)
         except ComponentError as error:
             cause = Cause.of_error(error, None)
             refused = RunOutcome(
@@ -146,7 +148,7 @@ def execute_recorded(
             recorder.run_ended = True
             living.close()
             supervisor.let_go()
-        outcome = made.outcome(trace, began)
+        outcome = made.outcome(path, began)
         unrecorded = made.outcome(None, began, zero_state_run=zero_state_run)
         recorder.conclude(round(outcome.simulated_s * 1e9), outcome.conclusion)
         writer.finish(result_entries(outcome))
@@ -154,6 +156,16 @@ def execute_recorded(
     outcome = replace(outcome, log_after_end=tuple(recorder.log_after_end))
     raise_if_interrupted(outcome, supervisor)
     return outcome, unrecorded, run
+
+
+def _opened(
+    trace: Path | RowsInMemory, prepared: PreparedScenario, system: System, *, fsync: bool
+) -> TraceWriter | RowsInMemory:
+    """Return what takes the rows of a run."""
+    if isinstance(trace, RowsInMemory):
+        return trace
+    entries, attachments = run_metadata_of(prepared, system)
+    return TraceWriter(trace, run=entries, attachments=attachments, fsync=fsync, content_hash=True)
 
 
 def execute_unrecorded(
@@ -168,6 +180,7 @@ def execute_unrecorded(
     series: RunSeries | None = None,
     wanted: Wanted = ALL_FIGURES,
     keep: bool = True,
+    observers: Sequence[Observer] = (),
 ) -> tuple[Outcome, Run]:
     """Run the scenario without a trace; return its outcome and its rows.
 
@@ -176,7 +189,7 @@ def execute_unrecorded(
     supervision : None: in this process, or by `supervisor`, which is open already.
     series : the run is one of these, in this process.
     wanted : the outcome has these figures and lacks others, beside status and assertions.
-    keep : whether the run returned keeps its rows.
+    keep : whether the run returned keeps its rows. `observers` : take them as they come.
 
     Raises
     ------
@@ -194,7 +207,7 @@ def execute_unrecorded(
             series=series,
             wanted=wanted,
         )
-        run = made.run(keep=keep, zero_state_run=zero_state_run)
+        run = made.run(*observers, keep=keep, zero_state_run=zero_state_run)
         made.run_from_zero_state()
         living.close()
         outcome = made.outcome(None, began)

@@ -2,22 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
-from cosim.core import InputError, default_method, say_once
+from cosim.core import InputError, Progress, default_method, say_once
 from cosim.fmu.export import DEFAULT_FLAVOUR
 from cosim.master import EngineName, Observer, Pace
-from cosim.scenario.execute import assembled_system, execute_run
+from cosim.scenario.execute import assembled_system, execute_recorded, execute_unrecorded
 from cosim.scenario.fmu_cache import FmuCache
-from cosim.scenario.outcome import Outcome
 from cosim.scenario.preparation import PreparedScenario, prepare
 from cosim.scenario.read import load, of_scenario
+from cosim.scenario.row_observer import Row, RowObserver
+from cosim.scenario.run_result import RunResult
 from cosim.scenario.scenario_session import ScenarioSession
 from cosim.scenario.schema import Scenario
 from cosim.scenario.supervised_session import SupervisedSession
 from cosim.scenario.supervision import supervision_of
+from cosim.trace import RowsInMemory
 
 FMUS = Path("fmus")
 
@@ -33,31 +35,55 @@ def run(
     pace: Pace | None = None,
     supervise: bool | None = None,
     limits: Sequence[str] = (),
-) -> Outcome:
-    """Run a scenario, as `cosim run` does.
+    keep: bool = True,
+    on_row: Callable[[Row], object] | None = None,
+    progress: Progress | None = None,
+) -> RunResult:
+    """Run a scenario, as `cosim run` does; return its outcome with its rows.
 
     Parameters
     ----------
     scenario : a built-in name, a file, or one that was built in Python.
-    trace : file of the trace; None: write none.
+    trace : file of the trace, from which the rows are then read; None: write none.
     settings : as `--set`, "links.uplink.delay='400 ms'".
     fmus : folder of the FMUs; missing ones are built there.
     flavour, engine, pace, limits : as the options of `cosim run`.
     supervise : run the components in a child process; None: as the scenario says, by default
         true.
+    keep : keep the rows in memory, where no trace is written.
+    on_row : called with each row as it becomes complete.
+    progress : called as the run goes on, with the phase, and what is done of how much.
 
     Raises
     ------
     InputError, ComponentError, NotAchievableError, LossError : see `prepare` and `execute_run`.
     """
     prepared = _prepared(scenario, settings, fmus, flavour)
-    return execute_run(
-        prepared,
-        None if trace is None else Path(trace),
-        engine=engine,
-        pace=pace,
-        supervision=supervision_of(prepared.loaded.scenario, limits, supervise=supervise),
-    )
+    supervision = supervision_of(prepared.loaded.scenario, limits, supervise=supervise)
+    rows = RowsInMemory(prepared.loaded.name) if keep and trace is None else None
+    into = rows if trace is None else Path(trace)
+    observers = () if on_row is None else (RowObserver(on_row),)
+    if into is None:
+        outcome = execute_unrecorded(
+            prepared,
+            progress=progress,
+            engine=engine,
+            pace=pace,
+            supervision=supervision,
+            keep=False,
+            observers=observers,
+        )[0]
+    else:
+        outcome = execute_recorded(
+            prepared,
+            into,
+            progress=progress,
+            engine=engine,
+            pace=pace,
+            supervision=supervision,
+            observers=observers,
+        )[0]
+    return RunResult.of(outcome, rows)
 
 
 @contextmanager

@@ -22,6 +22,7 @@ from .picture import (
     compare_runs as compare_runs,
 )
 from .reader import Trace as Trace
+from .recorded_rows import Recorded as Recorded
 from .recovery import (
     Recovery as Recovery,
     recover as recover,
@@ -32,7 +33,12 @@ from .rows.rows import (
     Poses as Poses,
     Rows as Rows,
 )
-from .tables.table import Table as Table
+from .rows_in_memory import RowsInMemory as RowsInMemory
+from .tables.table import (
+    Series as Series,
+    Table as Table,
+)
+from .tables.topic_info import TopicInfo as TopicInfo
 from .traces import Traces as Traces
 from .writer import (
     Attachment as Attachment,

@@ -9,13 +9,11 @@ from __future__ import annotations
 import functools
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from html import escape
 from os import PathLike
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cosim.core import InputError, LossError
 from cosim.trace.file.contents import Segment
@@ -26,13 +24,11 @@ from cosim.trace.file.messages import Messages, groups, on_channels, together
 from cosim.trace.file.records import LATEST_NS, DamageError, open_trace
 from cosim.trace.file.summary import from_summary
 from cosim.trace.outcome.run_outcome import RunOutcome, outcome_of
+from cosim.trace.recorded_rows import Recorded
 from cosim.trace.rows import layout
-from cosim.trace.rows.layout import Signal
-from cosim.trace.tables import traffic
-from cosim.trace.tables.frames import Align, Between, Framed, Joined
 from cosim.trace.tables.gather import TopicRows
-from cosim.trace.tables.join import joined, window_ns
-from cosim.trace.tables.table import Series, Table, series_of
+from cosim.trace.tables.join import window_ns
+from cosim.trace.tables.table import Series, Table
 from cosim.trace.tables.topic_info import TopicInfo
 
 PART_BYTES = 2**23
@@ -44,7 +40,7 @@ _TOGETHER_BYTES = 2**20
 __all__ = ["Series", "Table", "TopicInfo", "Trace"]
 
 
-class Trace(Framed):
+class Trace(Recorded):
     """A trace file: a recorded run, or any MCAP file.
 
     As a data frame, an Arrow table or a dataset: see `cosim.trace.tables.frames.Framed`.
@@ -103,7 +99,14 @@ class Trace(Framed):
             if channel.topic in self.topics:  # foreign files have several channels on a topic
                 self.topics[channel.topic].count += count
             else:
-                self.topics[channel.topic] = TopicInfo(channel, count, lambda: self.spans)
+                self.topics[channel.topic] = TopicInfo.of_channel(
+                    channel, count, lambda: self.spans
+                )
+
+    @property
+    def where(self) -> str:
+        """The path of the file."""
+        return str(self.path)
 
     @property
     def row_format(self) -> int:
@@ -131,23 +134,16 @@ class Trace(Framed):
         """The version of its content hash, which has changed with the format of the rows."""
         return self.row_format + 1
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Return how it is opened again, in another process too."""
+        return functools.partial(Trace, incomplete=not self.complete), (self.path,)
+
     def __repr__(self) -> str:
         status = "not finished" if self.outcome is None else self.outcome.headline
         messages = sum(info.count for info in self.topics.values())
         name = self.run.get("scenario", "")
         state = f"{name}, {status}" if name else "no run of this project"
         return f"<Trace {self.path}: {state}, {len(self.topics)} topics, {messages} messages>"
-
-    def _repr_html_(self) -> str:
-        """Return the line of `repr` and a table of the topics, as notebooks show it."""
-        rows = []
-        for topic, info in self.topics.items():
-            signals = ", ".join(f"{s.name} [{s.unit}]" if s.unit else s.name for s in info.signals)
-            cells = (topic, info.count, signals or f"{info.schema} ({info.encoding})")
-            rows.append("".join(f"<td>{escape(str(cell))}</td>" for cell in cells))
-        head = "".join(f"<th>{name}</th>" for name in ("topic", "messages", "signals"))
-        body = "".join(f"<tr>{row}</tr>" for row in rows)
-        return f"<p>{escape(repr(self)[1:-1])}</p><table><tr>{head}</tr>{body}</table>"
 
     @property
     def finished(self) -> bool:
@@ -187,85 +183,6 @@ class Trace(Framed):
             before = found.get(topic, (low, high))
             found[topic] = min(low, before[0]), max(high, before[1])
         return found
-
-    @functools.cached_property
-    def signals(self) -> dict[str, tuple[str, Signal]]:
-        """Topic and description of every protobuf signal, by the name `signal` takes.
-
-        `component.variable` for outputs and inputs of components, `TOPIC:name` for the rest, and
-        for an input of the same name as an output.
-        """
-        found: dict[str, tuple[str, Signal]] = {}
-        for topic, info in self.topics.items():
-            for signal in info.signals:
-                name = layout.signal_name(topic, signal.name)
-                found[f"{topic}:{signal.name}" if name in found else name] = topic, signal
-        return found
-
-    def place(self, name: str) -> tuple[str, str]:
-        """Return the topic of a signal, and its name within the topic.
-
-        Raises
-        ------
-        InputError : no such signal.
-        """
-        if name in self.signals:
-            topic, signal = self.signals[name]
-            return topic, signal.name
-        topic, colon, own = name.partition(":")
-        if colon and topic in self.topics:
-            return topic, own
-        raise InputError.unknown("signal", name, self.signals, where=str(self.path))
-
-    def members(self, name: str) -> list[str]:
-        """Return the signals of a group (`plant.eta`, `plant`), or the one of this name.
-
-        Raises
-        ------
-        InputError : no such signal or group.
-        """
-        inside = (f"{name}.", f"{name}[")
-        found = [one for one in self.signals if one == name or one.startswith(inside)]
-        if not found:
-            self.place(name)  # a column of a topic without a description of its signals
-        return found or [name]
-
-    def signal(self, name: str, *, start: float | None = None, end: float | None = None) -> Series:
-        """Read one signal over time: `plant.eta.x`, or `/link/uplink:plant.eta.x`.
-
-        start, end : as in `read`.
-
-        Raises
-        ------
-        InputError, LossError : no such signal, or a group of several, and as `read`.
-        """
-        members = self.members(name)
-        if members != [name]:
-            raise InputError(
-                "a group, not a signal",
-                where=str(self.path),
-                expected=f"one of {', '.join(members[:8])}",
-                got=name,
-                hint=f"to_pandas({name!r}), to_arrow and to_xarray read groups",
-            )
-        topic, own = self.place(name)
-        return series_of(self.read(topic, start=start, end=end), own)
-
-    def __getitem__(self, name: str) -> Series:
-        """Read one signal over time, as `signal(name)`."""
-        return self.signal(name)
-
-    def read(self, topic: str, *, start: float | None = None, end: float | None = None) -> Table:
-        """Read the rows of one topic.
-
-        start, end : least and greatest time of delivery [s]; all by default.
-
-        Raises
-        ------
-        InputError : no such topic, or its encoding is neither protobuf nor JSON.
-        LossError : the file is damaged, or a row does not fit its schema.
-        """
-        return self.read_all([topic], start=start, end=end)[topic]
 
     def read_all(
         self,
@@ -391,46 +308,6 @@ class Trace(Framed):
                 gathered[names[number]].add(part)
                 yield names[number], int(part.sizes.sum()) + 64 * mine.size
             yield None, 0
-
-    def _joined(
-        self,
-        what: str | Sequence[str] | None,
-        align: Align,
-        between: Between,
-        start: float | None,
-        end: float | None,
-    ) -> tuple[Mapping[str, Sequence[Any]], Sequence[Joined]]:
-        """See `Framed`."""
-        if what is None:
-            what = [t for t in self.topics if layout.component_of(t)] or [
-                topic for topic, info in self.topics.items() if info.signals
-            ]
-        elif isinstance(what, str):
-            if what in self.topics and isinstance(align, str) and align == "union":
-                rows = self.read(what, start=start, end=end)
-                return rows._joined(None, align, between, None, None)  # noqa: SLF001 - the same
-            what = [what]
-        wanted: list[tuple[str, str | None]] = []
-        for name in what:
-            if name in self.topics:
-                wanted.append((name, None))
-            else:
-                wanted += map(self.place, self.members(name))
-        needed = dict.fromkeys(topic for topic, _ in wanted)
-        if isinstance(align, str) and align in self.topics:
-            needed[align] = None
-        tables = self.read_all(list(needed), start=start, end=end)
-        return {}, [joined(str(self.path), wanted, self.signals, tables, align, between)]
-
-    def age(
-        self, link: str, at: NDArray[np.float64] | None = None
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return instants [s] and the age [s] of the message in use (see `tables.traffic`)."""
-        return traffic.age(self, link, at)
-
-    def dropped(self, link: str) -> Table:
-        """Read the messages that a link dropped, with the reason (see `tables.traffic`)."""
-        return traffic.dropped(self, link)
 
     def messages(
         self, topics: Sequence[str] | None = None

@@ -18,7 +18,7 @@ from cosim.trace.tables.frames import Align, Between, Column, Joined
 _MOST_POINTS = 100_000_000
 
 
-class Recorded(Protocol):
+class Joinable(Protocol):
     """The part of a `Table` that is joined."""
 
     @property
@@ -51,7 +51,7 @@ class Recorded(Protocol):
 
     def __len__(self) -> int: ...
 
-    def part(self, which: NDArray[Any]) -> Recorded:
+    def part(self, which: NDArray[Any]) -> Joinable:
         """See `Table`."""
 
 
@@ -59,7 +59,7 @@ def joined(
     where: str,
     wanted: Sequence[tuple[str, str | None]],
     names: Mapping[str, tuple[str, Signal]],
-    tables: Mapping[str, Recorded],
+    tables: Mapping[str, Joinable],
     align: Align,
     between: Between,
 ) -> Joined:
@@ -81,7 +81,7 @@ def joined(
 
 
 def joined_table(
-    table: Recorded,
+    table: Joinable,
     what: str | Sequence[str] | None,
     align: Align,
     between: Between,
@@ -102,7 +102,7 @@ def joined_table(
     return Joined(where, base, columns)
 
 
-def _recorded(table: Recorded, what: str | Sequence[str] | None) -> Iterator[Column]:
+def _recorded(table: Joinable, what: str | Sequence[str] | None) -> Iterator[Column]:
     everywhere = np.ones(len(table), np.bool_)
     if what is None and (table.log_time_ns != table.publish_time_ns).any():
         yield Column("sent_s", "s", "time of sending", table.sent, everywhere)
@@ -113,7 +113,7 @@ def _recorded(table: Recorded, what: str | Sequence[str] | None) -> Iterator[Col
         )
 
 
-def _members(table: Recorded, what: str | Sequence[str] | None) -> list[str]:
+def _members(table: Joinable, what: str | Sequence[str] | None) -> list[str]:
     """Return the columns wanted: by name, or all of a group."""
     if what is None:
         return list(table.columns)
@@ -126,7 +126,7 @@ def _members(table: Recorded, what: str | Sequence[str] | None) -> list[str]:
     return list(found)
 
 
-def _on(base: NDArray[np.int64], name: str, table: Recorded, own: str, between: Between) -> Column:
+def _on(base: NDArray[np.int64], name: str, table: Joinable, own: str, between: Between) -> Column:
     """Return the values of a column at instants [ns]."""
     _check(between)
     if own not in table.columns:
@@ -146,7 +146,7 @@ def _check(between: Between) -> None:
 
 
 def _base(
-    align: Align, tables: Mapping[str, Recorded], chosen: Sequence[Recorded]
+    align: Align, tables: Mapping[str, Joinable], chosen: Sequence[Joinable]
 ) -> NDArray[np.int64]:
     """Return the instants of the time base [ns], increasing."""
     every = np.unique(np.concatenate([t.log_time_ns for t in chosen] or [np.zeros(0, np.int64)]))

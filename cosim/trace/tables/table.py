@@ -120,15 +120,16 @@ class Table(Framed):
 
 @dataclass(frozen=True, slots=True, repr=False)
 class Series:
-    """One signal over time.
+    """One signal over time, or a group of them at the same instants.
 
     Attributes
     ----------
-    name : FMI name, `eta.x`.
+    name : FMI name, `eta.x`; of a group the name as it was asked for.
     topic : the topic it was recorded on.
     unit, description : as in the model description; None if there is none.
     hold : the value between two messages, "continuous" or "discrete" (FMI's variability).
-    values : float64, int64, bool, or object (str), (m,).
+    values : float64, int64, bool, or object (str), (m,); of a group doubles, (m, signals), with
+        NaN where there is none.
     delivered_ns, sent_ns : log and publish times [ns], int64 (m,).
     """
 
@@ -177,4 +178,34 @@ def series_of(table: Table, name: str) -> Series:
         values, log, sent = values[there], log[there], sent[there]
     return Series(
         name, table.topic, signal.unit, signal.description, signal.hold, values, log, sent
+    )
+
+
+def group_of(table: Table, group: str, names: Sequence[str]) -> Series:
+    """Take several columns of numbers of a table as one series, in this order.
+
+    Raises
+    ------
+    InputError : a column of texts.
+    """
+    texts = [name for name in names if table[name].dtype.kind == "O"]
+    if texts:
+        raise InputError(
+            "texts and numbers have no common series",
+            where=f"topic {table.topic}, {group}",
+            expected="a group of numbers",
+            got=f"{texts[0]} is a text",
+        )
+    columns = [np.where(table.present[name], table[name], np.nan) for name in names]
+    units = {table.signals[name].unit for name in names}
+    holds = {table.signals[name].hold for name in names}
+    return Series(
+        group,
+        table.topic,
+        units.pop() if len(units) == 1 else None,
+        ", ".join(names),
+        holds.pop() if len(holds) == 1 else "discrete",
+        np.column_stack(columns),
+        table.log_time_ns,
+        table.publish_time_ns,
     )

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from pathlib import Path
-from typing import Protocol
+from typing import Protocol, Self
 
 from cosim.trace.file.declared import Channel
 from cosim.trace.rows.layout import COMPUTED, Signal
@@ -27,17 +26,34 @@ class TopicInfo:
     count : number of messages.
     """
 
-    def __init__(self, channel: Channel, count: int, spans: Callable[[], Spans]) -> None:
+    def __init__(
+        self,
+        topic: str,
+        signals: Sequence[Signal],
+        metadata: Mapping[str, str],
+        count: int,
+        spans: Callable[[], Spans],
+        schema: str = "",
+        encoding: str = "protobuf",
+    ) -> None:
         self._spans = spans
-        self.topic = channel.topic
-        self.schema = channel.schema.name
-        self.encoding = channel.encoding
-        self.metadata = dict(channel.metadata)
+        self.topic, self.schema, self.encoding = topic, schema, encoding
+        self.metadata = dict(metadata)
         self.count = count
-        self.signals: tuple[Signal, ...] = ()
+        self.signals = tuple(signals)
+
+    @classmethod
+    def of_channel(cls, channel: Channel, count: int, spans: Callable[[], Spans]) -> Self:
+        """Return what a channel of a file declares."""
+        signals: Sequence[Signal] = ()
         if channel.encoding == channel.schema.encoding == "protobuf":
             with suppress(ValueError):  # `read` reports what is wrong with the schema
-                self.signals = decoder_of(channel).signals
+                signals = decoder_of(channel).signals
+        return cls(
+            *(channel.topic, signals, channel.metadata, count, spans),
+            schema=channel.schema.name,
+            encoding=channel.encoding,
+        )
 
     def __repr__(self) -> str:
         kind = f"{self.schema} ({self.encoding})"
@@ -64,8 +80,11 @@ class TopicInfo:
 class Readable(Protocol):
     """The part of `Trace` that data frames and links need: its topics, read one by one."""
 
-    path: Path
     topics: dict[str, TopicInfo]
+
+    @property
+    def where(self) -> str:
+        """What it is read from, for messages."""
 
     @property
     def signals(self) -> dict[str, tuple[str, Signal]]:

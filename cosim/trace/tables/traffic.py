@@ -127,5 +127,5 @@ def _substituted(
 
 def _known(trace: Readable, link: str, topic: str) -> str:
     if topic not in trace.topics:
-        raise InputError.unknown("link", link, link_names(trace), where=str(trace.path))
+        raise InputError.unknown("link", link, link_names(trace), where=trace.where)
     return topic

@@ -1,0 +1,70 @@
+"""What `run` returns: the outcome of a run, and its rows, read as those of a trace."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from typing import Self
+
+from cosim.core import InputError
+from cosim.scenario.outcome import Outcome
+from cosim.trace import Recorded, Table, TopicInfo, Trace
+
+
+@dataclass(frozen=True, kw_only=True, repr=False, eq=False)
+class RunResult(Outcome, Recorded):
+    """The outcome of a run with its rows, in memory or in the file of its trace.
+
+        r = cosim.run("paper-example")
+        r.status, r.metrics["gain"]
+        r["plant.x"].values             # of a group, a column for each signal
+        r.to_pandas("plant.x", align=0.1)
+
+    Attributes
+    ----------
+    rows : the rows: kept in memory, or the `Trace` that was written; None with `keep=False`.
+    """
+
+    rows: Recorded | None = None
+
+    @classmethod
+    def of(cls, outcome: Outcome, rows: Recorded | None) -> Self:
+        """Return an outcome with rows; without them those of its trace, if one was written."""
+        if rows is None and outcome.trace is not None:
+            rows = Trace(outcome.trace)
+        known = {one.name: getattr(outcome, one.name) for one in fields(outcome)}
+        return cls(**known, rows=rows)
+
+    def __repr__(self) -> str:
+        signals = "no rows" if self.rows is None else f"{len(self.rows.signals)} signals"
+        return f"<RunResult {self.scenario}: {self.headline} at {self.simulated_s:g} s, {signals}>"
+
+    @property
+    def where(self) -> str:
+        """The name of the scenario."""
+        return self.scenario
+
+    @property
+    def topics(self) -> dict[str, TopicInfo]:  # type: ignore[override]
+        """The description of every topic, by its name."""
+        return self._kept().topics
+
+    def read_all(
+        self,
+        topics: Sequence[str] | None = None,
+        *,
+        start: float | None = None,
+        end: float | None = None,
+    ) -> dict[str, Table]:
+        """Read several topics, as `Trace.read_all`."""
+        return self._kept().read_all(topics, start=start, end=end)
+
+    def _kept(self) -> Recorded:
+        if self.rows is None:
+            raise InputError(
+                "the rows of this run were not kept",
+                where=self.scenario,
+                expected="keep=True, or a trace",
+                hint=f"cosim.run({self.scenario!r})",
+            )
+        return self.rows

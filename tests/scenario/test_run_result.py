@@ -1,0 +1,126 @@
+"""What `run` returns: rows in memory, equal to those of a trace; rows as they come."""
+
+from __future__ import annotations
+
+import pickle
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from shared import fmu_store
+
+from cosim import run
+from cosim.core import InputError
+from cosim.scenario import RunResult
+from cosim.trace import RowsInMemory, Trace
+
+LINKED = "auv-acoustic"
+SETTINGS = ["run.end=12"]
+
+
+def flown(name: str = LINKED, trace: Path | None = None, **more: Any) -> RunResult:
+    return run(name, trace, settings=SETTINGS, fmus=fmu_store("native"), **more)
+
+
+@pytest.fixture(scope="module")
+def in_memory() -> RunResult:
+    return flown()
+
+
+@pytest.fixture(scope="module")
+def in_file(tmp_path_factory: pytest.TempPathFactory) -> RunResult:
+    return flown(trace=tmp_path_factory.mktemp("run") / "a.mcap")
+
+
+@pytest.mark.parametrize("supervise", [False, True])
+@pytest.mark.parametrize("name", [LINKED, "slots-against-random-access"])
+def test_rows_in_memory_are_those_of_the_trace(name: str, supervise: bool, tmp_path: Path) -> None:  # noqa: FBT001
+    """Every topic of components and links, to the last bit; the figures too."""
+    mine = flown(name, supervise=supervise)
+    file = flown(name, tmp_path / "a.mcap")
+    assert isinstance(mine.rows, RowsInMemory)
+    assert isinstance(file.rows, Trace)
+    found, expected = mine.read_all(), file.read_all()
+    recorded = {t for t, info in file.topics.items() if not info.is_computed and t != "/log"}
+    assert recorded <= set(found)
+    for topic, table in found.items():
+        other = expected[topic]
+        assert np.array_equal(table.log_time_ns, other.log_time_ns)
+        assert np.array_equal(table.publish_time_ns, other.publish_time_ns)
+        assert np.array_equal(table.sequence, other.sequence)
+        for column, values in table.columns.items():
+            assert values.dtype == other[column].dtype
+            same = np.array_equal(values, other[column], equal_nan=values.dtype.kind == "f")
+            assert same, (topic, column)
+    assert (mine.metrics, mine.links) == (file.metrics, file.links)
+
+
+def test_signals_and_groups_are_read_by_their_names(in_memory: RunResult) -> None:
+    """As a connection names them; a group has a column for each signal."""
+    found = in_memory
+    group = found["plant.eta"]
+    assert group.values.shape == (len(found["plant.eta.x"]), 4)
+    assert np.array_equal(group.values[:, 0], found["plant.eta.x"].values)
+    assert group.delivered[-1] == 12.0
+    assert "plant.eta" in found
+    assert "plant.eta.x" in list(found)
+    assert "plant.etta" not in found
+    with pytest.raises(InputError, match=r"plant\.etta"):
+        found["plant.etta"]
+    with pytest.raises(InputError, match="a group of several topics"):
+        found["controller"]
+    frame = found.to_pandas(["plant.eta", "controller.force"], align=0.5)
+    assert frame.shape == (25, 7)
+
+
+def test_ages_and_losses_of_links_are_those_of_the_trace(
+    in_memory: RunResult, in_file: RunResult
+) -> None:
+    for a, b in zip(in_memory.age("uplink"), in_file.age("uplink"), strict=True):
+        assert np.array_equal(a, b, equal_nan=True)
+    assert len(in_memory.dropped("uplink")) == len(in_file.dropped("uplink")) > 0
+
+
+def test_a_result_is_pickled_with_its_rows(in_memory: RunResult, in_file: RunResult) -> None:
+    """To another process, in memory and as a file."""
+    for found in (in_memory, in_file):
+        again = pickle.loads(pickle.dumps(found))  # noqa: S301 - our own
+        assert np.array_equal(again["plant.eta"].values, found["plant.eta"].values)
+        assert again.status == found.status == "finished"
+
+
+@pytest.mark.parametrize("keep", [False, True])
+def test_each_row_is_handed_on_as_it_becomes_complete(keep: bool) -> None:  # noqa: FBT001
+    seen: list[tuple[float, float, float]] = []
+    found = flown(
+        keep=keep,
+        on_row=lambda row: seen.append((row.t, row["plant.eta.x"], *row["plant.eta"][:1])),
+    )
+    assert seen[-1][0] == 12.0
+    assert [t for t, *_ in seen] == sorted(t for t, *_ in seen)
+    assert all(x == y for _, x, y in seen)
+    if keep:
+        assert [x for _, x, _ in seen] == found["plant.eta.x"].values.tolist()
+
+
+def test_a_function_for_rows_that_raises_ends_the_run() -> None:
+    def refuse(row: Any) -> None:
+        if row.t >= 3.0:
+            raise RuntimeError("enough")
+
+    with pytest.raises(RuntimeError, match="enough"):
+        flown(on_row=refuse)
+
+
+def test_without_rows_it_says_so() -> None:
+    found = flown(keep=False)
+    assert found.status == "finished"
+    with pytest.raises(InputError, match="were not kept"):
+        found["plant.eta.x"]
+
+
+def test_it_shows_itself_in_a_line_and_in_a_table(in_memory: RunResult) -> None:
+    found = in_memory
+    assert repr(found) == f"<RunResult {LINKED}: {found.headline} at 12 s, 62 signals>"
+    assert "/plant/output" in found._repr_html_()
