@@ -68,7 +68,7 @@ def pinned(name: str) -> Any:
     """Return a design of the scenarios, such as "auv-1.25s"."""
     folder = ROOT / "cosim" / "scenario" / "library" / "designs"
     path = folder / f"{name}.json"
-    return hinf.design_from_json(hinf.certificate.read_certificate(path), where=path.name)
+    return hinf.Result.from_json(hinf.certificate.read_certificate(path), where=path.name)
 
 
 def vehicle(state_any_age: bool = True, **loop_age: Any) -> DelaySystem:  # noqa: FBT001, FBT002

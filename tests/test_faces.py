@@ -19,7 +19,7 @@ import cosim
 ROOT = Path(cosim.__file__).parents[1]
 FRONT_DOOR = {
     *("run", "open_session", "Scenario", "design", "analyse", "check_certificate", "DelaySystem"),
-    *("Delay", "Trace", "Traces", "run_study", "build_fmu", "CosimError", "__version__"),
+    *("Delay", "Trace", "Traces", "run_study", "build_fmu", "pack", "CosimError", "__version__"),
 }
 LOWER = {
     "core": set(),

@@ -144,10 +144,10 @@ def prove(
     asked = order_of(order, AUTO) or 0  # never None: Theorem 2 is no word here
     with progress() as report_progress:
         report_progress(f"proof of {file}", 0.0)
-        before = hinf.synthesis.design_from_certificate(data, where=str(file))
+        before = hinf.synthesis.Result.from_certificate(data, where=str(file))
         found = hinf.synthesis.proved_again(before, hold=hold, order=asked)
     if save is not None:
-        write_json(save, DESIGN_FILE.stamped(hinf.design_to_json(found)))
+        write_json(save, DESIGN_FILE.stamped(found.to_json()))
     lost = [
         name
         for name in before.certificate["claim"].get("guarantees", {})

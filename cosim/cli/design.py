@@ -314,7 +314,7 @@ def design(
             found = hinf.synthesis.with_outages(found)
         nominal = hinf.synthesis.nominal_gamma(found) if price else None
     if save is not None:
-        write_json(save, DESIGN_FILE.stamped(hinf.design_to_json(found)))
+        write_json(save, DESIGN_FILE.stamped(found.to_json()))
     refutation = None if greatest is None else greatest.refutation
     kept = None if refutation is None else save_refutation
     if kept is not None:

@@ -188,7 +188,7 @@ def certified(path: Path) -> hinf.Result:
     ------
     InputError : no such file, no proof, or one that does not hold.
     """
-    found = hinf.synthesis.design_from_certificate(
+    found = hinf.synthesis.Result.from_certificate(
         hinf.certificate.read_certificate(path), where=str(path)
     )
     if found.observer is not None:

@@ -59,7 +59,7 @@ def answer_output_feedback(
             report_progress("commands that are held", 0.0)
             found = hinf.synthesis.for_any_command(found, most=options["gamma"] or named.gamma)
     if save is not None:
-        write_json(save, DESIGN_FILE.stamped(hinf.design_to_json(found)))
+        write_json(save, DESIGN_FILE.stamped(found.to_json()))
     answer(
         options["as_json"],
         lambda: result_json(name, found, save),

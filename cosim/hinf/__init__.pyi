@@ -31,9 +31,7 @@ from .synthesis import (
     as_cvxpy as as_cvxpy,
     certified_delay as certified_delay,
     design as design,
-    design_from_json as design_from_json,
     design_output_feedback as design_output_feedback,
-    design_to_json as design_to_json,
     greatest_delay as greatest_delay,
     message_ages as message_ages,
 )

@@ -16,7 +16,7 @@ from typing import Any
 from cosim.core import CosimError, InputError, Progress
 from cosim.fmu import own_folder
 from cosim.fmu.export import CATALOGUE, FMI_VERSION, ensure_fmu
-from cosim.hinf import design_from_json
+from cosim.hinf import Result
 from cosim.replay.trace_attachments import design_in, scenario_in, worst_case_in
 from cosim.scenario import (
     FmuCache,
@@ -110,7 +110,7 @@ def _prepared(
     saved = worst_case = None
     if loaded.scenario.design is not None:
         where = f"{path}: {DESIGN_ATTACHMENT}"
-        found = design_from_json(design_in(trace), where=where)
+        found = Result.from_json(design_in(trace), where=where)
         plant = parameters_of_plant(loaded.scenario)
         saved = problem_about(loaded.scenario.design, found, where, None, plant), found
         worst_case = worst_case_in(trace, found.system.C.shape[1])

@@ -18,9 +18,8 @@ from typing import Any
 
 from cosim import hinf
 from cosim.core import DESIGN_FILE, InputError, write_whole
-from cosim.hinf import Result, design_from_json, design_to_json
+from cosim.hinf import Result
 from cosim.hinf.certificate import certificate_from_bytes, first_difference, read_certificate
-from cosim.hinf.synthesis import design_from_certificate
 from cosim.scenario.age_claim import age_in_words, feedback_of
 from cosim.scenario.design_files import design_content
 from cosim.scenario.feedback_age import FeedbackAge
@@ -83,7 +82,7 @@ def named_design(
 @lru_cache(maxsize=16)
 def _proved(content: bytes, where: str, *, in_fmu: bool) -> Result:
     """Return the design in a file, its proof checked: once for the same bytes."""
-    read = design_from_certificate if in_fmu else design_from_json
+    read = Result.from_certificate if in_fmu else Result.from_json
     return read(certificate_from_bytes(content, where), where=where)
 
 
@@ -121,7 +120,7 @@ def kept_or_made(
         why, ours = "a setting changes [design]", False
     if not ours:
         return made, _in_trace(why)
-    data = DESIGN_FILE.stamped({**design_to_json(made), _MADE_FOR: made_for})
+    data = DESIGN_FILE.stamped({**made.to_json(), _MADE_FOR: made_for})
     text = json.dumps(data, indent=1, allow_nan=False)
     try:
         write_whole(path, f"{text}\n".encode())
@@ -171,7 +170,7 @@ def _kept(
     if mark.get("question") != made_for["question"] or "measurements" in data:
         return None, "the one kept before answers another question", True
     try:
-        found = design_from_json(data, where=str(path))
+        found = Result.from_json(data, where=str(path))
     except InputError as error:
         return None, f"the one kept before is refused: {error.what}", True
     if observes(found):

@@ -72,7 +72,7 @@ def run_metadata_of(
         entries[f"fmu.{name}.sha256"] = fmu.sha256
         attachments.append(Attachment(f"{name}.modelDescription.xml", "text/xml", fmu.xml))
     if prepared.design is not None:
-        data = json.dumps(hinf.design_to_json(prepared.design), allow_nan=False).encode()
+        data = json.dumps(prepared.design.to_json(), allow_nan=False).encode()
         entries["design.sha256"] = hashlib.sha256(data).hexdigest()
         attachments.append(Attachment(DESIGN_ATTACHMENT, "application/json", data))
         named, proof = _certificate(prepared, prepared.design)

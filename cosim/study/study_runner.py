@@ -18,7 +18,7 @@ from typing import Any
 
 from cosim.core import CosimError, InputError, NotAchievableError, default_method
 from cosim.fmu import FmuDescription
-from cosim.hinf import Result, design_from_json, design_to_json
+from cosim.hinf import Result
 from cosim.master import BROKEN, OVERDUE, Calls, Run, Supervisor
 from cosim.scenario import (
     ALL_FIGURES,
@@ -243,7 +243,7 @@ class StudyRunner:
     def designs_made(self) -> dict[str, str]:
         """Return the designs made so far, as JSON by their [design] keys, for other runners."""
         return {
-            key: json.dumps(design_to_json(made[1]), allow_nan=False)
+            key: json.dumps(made[1].to_json(), allow_nan=False)
             for key, made in self._designs.items()
             if not isinstance(made, NotAchievableError)
         }
@@ -282,7 +282,7 @@ class StudyRunner:
         key = json.dumps(part.model_dump(), sort_keys=True)
         if key in self._given and key not in self._designs:
             where = "the study's design"
-            found = design_from_json(json.loads(self._given[key]), where=where)
+            found = Result.from_json(json.loads(self._given[key]), where=where)
             self._keep(
                 key, (problem_about(part, found, where, self.base.folder, self._plant), found)
             )

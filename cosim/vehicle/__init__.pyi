@@ -48,7 +48,6 @@ from .plant import (
     VehicleFmu as VehicleFmu,
     export_vehicle as export_vehicle,
     named_vehicle as named_vehicle,
-    plant_spec as plant_spec,
 )
 from .read import (
     VEHICLES as VEHICLES,

@@ -317,7 +317,7 @@ def _mission(model: LinearModel, design: hinf.Result, settings: FlightSettings) 
 
 
 def _save(design: hinf.Result, path: Path) -> None:
-    data = DESIGN_FILE.stamped(hinf.design_to_json(design))
+    data = DESIGN_FILE.stamped(design.to_json())
     write_whole(path, f"{json.dumps(data, indent=1, allow_nan=False)}\n".encode())
 
 
@@ -326,7 +326,7 @@ def _write_fmus(
 ) -> list[str]:
     """Write the FMUs of a flight; return their names."""
     kind = exports.target_named(exports.DEFAULT_FLAVOUR, "prebuilt")
-    data = hinf.design_to_json(design)
+    data = design.to_json()
     parts = exports.design_parts(data)
     specs = {part: exports.design_part_spec(data, part, name=part) for part in parts}
     if mission.set_points:

@@ -180,7 +180,7 @@ def made_before(
     data = hinf.certificate.certificate_from_bytes(content, str(place))
     if not _same_question(data, model, measured):
         return None
-    designed = hinf.design_from_json(data, where=str(place))
+    designed = hinf.Result.from_json(data, where=str(place))
     if designed.observer is None:
         return None
     pair = designed.pair

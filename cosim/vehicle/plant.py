@@ -10,10 +10,8 @@ from typing import Any
 
 from cosim.core import VEHICLE_FILE, CosimError, InputError, kind_by_keys, parse_toml
 from cosim.fmu.export import (
-    ComponentSpec,
     FmuTarget,
     checked_name,
-    component_module,
     model_name,
     write_fmu,
 )
@@ -41,7 +39,7 @@ class VehicleFmu:
     @cached_property
     def step(self) -> float:
         """Start value of `solver.step` [s]."""
-        return plant_spec(self.vehicle, name=self.name).variables[-1].start
+        return self.vehicle.fmu_spec(self.name).variables[-1].start
 
     def to_json(self) -> dict[str, Any]:
         """Return what was exported, as `--json` prints it."""
@@ -59,17 +57,6 @@ class VehicleFmu:
         }
 
 
-def plant_spec(vehicle: Vehicle, *, name: str) -> ComponentSpec:
-    """Specify the plant FMU of a vehicle, for `cosim.build_fmu`.
-
-    name : of the model.
-    """
-    spec: ComponentSpec = component_module("vehicle_plant.variables").vehicle_plant_spec(
-        vehicle, name=name
-    )
-    return spec
-
-
 def export_vehicle(
     vehicle: Vehicle, path: Path, *, kind: FmuTarget, name: str | None = None
 ) -> VehicleFmu:
@@ -82,7 +69,7 @@ def export_vehicle(
     InputError : no model name, no compiler, or a file that cannot be written.
     """
     chosen = model_name(path) if name is None else checked_name(name)
-    write_fmu(plant_spec(vehicle, name=chosen), path, kind)
+    write_fmu(vehicle.fmu_spec(chosen), path, kind)
     return VehicleFmu(path, chosen, kind, vehicle)
 
 

@@ -8,6 +8,7 @@ from functools import cached_property
 from types import MappingProxyType
 from typing import Any, Literal
 
+from cosim.fmu.export import ComponentSpec, component_module
 from cosim.models import FloatFunctions, VehicleEquations
 from cosim.vehicle.parameters import Parameter
 
@@ -168,6 +169,13 @@ class Vehicle:
             self._constants if parameters is None else self.equations.constants(parameters, ns)
         )
         return self.equations.rates(x, delayed, u, constants, ns)
+
+    def fmu_spec(self, name: str) -> ComponentSpec:
+        """Specify the plant FMU, for `cosim.pack` and `cosim.build_fmu`; `name` : of the model."""
+        found: ComponentSpec = component_module("vehicle_plant.variables").vehicle_plant_spec(
+            self, name=name
+        )
+        return found
 
     @cached_property
     def _constants(self) -> Mapping[str, Any]:

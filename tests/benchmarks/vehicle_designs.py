@@ -79,7 +79,7 @@ def designed(name: str, kept: dict[str, Any] | None = None) -> dict[str, Any]:
         **gains,
     )
     noted = replace(found, certificate={**found.certificate, PLANT_NOTE: note})
-    return DESIGN_FILE.stamped(hinf.design_to_json(noted))
+    return DESIGN_FILE.stamped(noted.to_json())
 
 
 def main() -> None:
@@ -90,7 +90,7 @@ def main() -> None:
         began, path = time.process_time(), DESIGNS / f"{name}.json"
         kept = json.loads(path.read_bytes())
         made = designed(name, kept if "--keep" in sys.argv else None)
-        gammas = [hinf.design_from_json(data, where=name).gamma for data in (kept, made)]
+        gammas = [hinf.Result.from_json(data, where=name).gamma for data in (kept, made)]
         seconds = time.process_time() - began
         rows.append({"design": name, "stored": gammas[0], "made": gammas[1], "cpu_s": seconds})
         if "--write" in sys.argv:

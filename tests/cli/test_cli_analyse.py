@@ -10,7 +10,7 @@ from cli.shell import cosim
 from shared import sampled
 
 from cosim.core import InputError
-from cosim.hinf import design_from_json
+from cosim.hinf import Result
 
 BENCHMARK = """
 [system]
@@ -128,7 +128,7 @@ def test_an_analysis_is_no_design(folder: Path) -> None:
     data = json.loads((folder / "a.json").read_text("utf-8"))
     data["figures"] = {}
     with pytest.raises(InputError, match="not a design"):
-        design_from_json(data, where="a.json")
+        Result.from_json(data, where="a.json")
 
 
 NETWORKED = """

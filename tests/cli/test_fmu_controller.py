@@ -15,7 +15,7 @@ from fmpy.validation import validate_fmu
 from shared import fmu_store
 
 from cosim.fmu.export import component_module
-from cosim.hinf import design, design_to_json
+from cosim.hinf import design
 from cosim.hinf.certificate import certificate_bytes
 from cosim.models import Delay, DelaySystem
 from cosim.trace import Trace
@@ -37,7 +37,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         name='"""\nimport os',
     )
     found = design(system, (-1.0,), (1.0,))
-    (folder / "three.json").write_text(json.dumps(design_to_json(found)), "utf-8")
+    (folder / "three.json").write_text(json.dumps(found.to_json()), "utf-8")
     (folder / "vehicle.json").write_bytes(SPEC.certificate or b"")
     return folder
 

@@ -11,7 +11,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from cosim.hinf import analyse, design, design_to_json, system_by_name
+from cosim.hinf import analyse, design, system_by_name
 from cosim.hinf.certificate import certificate_bytes
 from cosim.models import paper_example
 
@@ -25,7 +25,7 @@ def vehicle() -> dict[str, Any]:
     The gain is that of the file: solvers differ in its last digits, and it decides what flies.
     """
     pinned = json.loads((ROOT / VEHICLE).read_bytes())
-    return design_to_json(design(system_by_name("auv").system, gain=pinned["K"]))
+    return (design(system_by_name("auv").system, gain=pinned["K"])).to_json()
 
 
 def paper() -> dict[str, Any]:

@@ -10,7 +10,7 @@ import pytest
 
 from cosim import Trace, run
 from cosim.fmu.export import FmuTarget, export_controller, export_plant
-from cosim.hinf import design, design_to_json, system_by_name
+from cosim.hinf import design, system_by_name
 from cosim.hinf.problem import with_integral
 
 SYSTEM = """
@@ -59,7 +59,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (made / "axis.toml").write_text(SYSTEM)
     system = system_by_name(str(made / "axis.toml")).system
     gain = [[-0.5436, -1.2316, -0.0656]]
-    data = design_to_json(design(with_integral(system, [0]), gain=gain, order=1))
+    data = (design(with_integral(system, [0]), gain=gain, order=1)).to_json()
     export_plant(str(made / "axis.toml"), made / "plant.fmu", kind=FmuTarget("native"), name="P")
     for flavour in ("native", "python"):
         export_controller(

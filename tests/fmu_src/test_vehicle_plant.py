@@ -17,7 +17,7 @@ from wheel import tape_fmu
 
 from cosim.fmu import build_fmu
 from cosim.fmu.export import ComponentSpec
-from cosim.vehicle import plant_spec
+from cosim.vehicle import 
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "vehicle"))
 from vehicle_files import every_term, free
@@ -27,7 +27,7 @@ START = {"initial.nu.u": 0.7, "initial.nu.r": 0.1, "initial.actual.rudder": 0.1}
 
 
 def spec_of(attitude: str) -> ComponentSpec:
-    return plant_spec(every_term(attitude), name=f"Every_{attitude}")
+    return every_term(attitude).fmu_spec(f"Every_{attitude}")
 
 
 def compiled(name: str) -> Path:
@@ -78,7 +78,7 @@ def test_a_binary_that_reads_its_model_and_a_python_slave_compute_the_same(
 @pytest.mark.parametrize("flavour", ["tape", "python"])
 def test_a_run_ends_by_name_where_euler_angles_have_no_rates(flavour: str, tmp_path: Path) -> None:
     """A vehicle that pitches up without end; what it was before the step can still be read."""
-    spec = plant_spec(free(), name="Free")
+    spec = free().fmu_spec("Free")
     if flavour == "tape":
         path = tape_fmu(spec, "vehicle", tmp_path)
     else:

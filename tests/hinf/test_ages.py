@@ -18,13 +18,12 @@ from truth_of_loops import loop_of, norm
 import cosim
 from cosim.core import InputError, NotAchievableError
 from cosim.hinf import (
+    Result,
     analyse,
     auv_system,
     certified_delay,
     check_certificate,
     design,
-    design_from_json,
-    design_to_json,
     greatest_delay,
 )
 from cosim.hinf.certificate import system_from_json, system_to_json
@@ -472,9 +471,9 @@ def test_a_gain_is_designed_for_the_ages(age: dict[str, Any], d: float, best: fl
     assert found.gamma is not None
     assert found.gamma < best
     assert found.certificate["kind"] == "ages"
-    data = json.loads(json.dumps(design_to_json(found)))
+    data = json.loads(json.dumps(found.to_json()))
     assert check_certificate(data).valid
-    again = design_from_json(data, where="file")
+    again = Result.from_json(data, where="file")
     assert (again.gamma, again.K.tolist()) == (found.gamma, found.K.tolist())
     assert again.system.delays[0].sampled is delay.sampled
     given = design(system, gain=found.K, gamma=1.01 * found.gamma)

@@ -13,11 +13,10 @@ from truth_of_loops import first_loss, loop_of, norm
 
 from cosim.core import InputError, NotAchievableError
 from cosim.hinf import (
+    Result,
     auv_system,
     check_certificate,
     design,
-    design_from_json,
-    design_to_json,
     greatest_delay,
     spectral_abscissa,
 )
@@ -176,14 +175,14 @@ def test_stability_alone_and_a_given_gamma_or_gain() -> None:
 def test_a_design_of_an_order_comes_back_from_its_file() -> None:
     """JSON there and back; a changed gain is refused."""
     found = design(LINK, [-0.5], [1.0], order=1)
-    data = json.loads(json.dumps(design_to_json(found)))
-    back = design_from_json(data, where="design.json")
+    data = json.loads(json.dumps(found.to_json()))
+    back = Result.from_json(data, where="design.json")
     assert np.array_equal(back.K, found.K)
     assert (back.order, back.gamma, back.k1, back.k2) == (1, found.gamma, (), ())
     assert back.certificate == found.certificate
     data["K"][0][0] *= 2
     with pytest.raises(InputError, match="does not hold"):
-        design_from_json(data, where="design.json")
+        Result.from_json(data, where="design.json")
 
 
 def test_the_same_system_gives_the_same_design() -> None:

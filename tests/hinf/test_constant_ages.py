@@ -13,16 +13,7 @@ import pytest
 from cli.shell import cosim
 
 from cosim.core import PLANT_NOTE, InputError, NotAchievableError
-from cosim.hinf import (
-    Delay,
-    DelaySystem,
-    Result,
-    check_certificate,
-    design,
-    design_from_json,
-    design_output_feedback,
-    design_to_json,
-)
+from cosim.hinf import Delay, DelaySystem, Result, check_certificate, design, design_output_feedback
 from cosim.hinf.certificate import (
     constant_ages_claimed,
     remark_on_ages,
@@ -139,7 +130,7 @@ def test_ages_of_a_pair_are_named_by_measurement_and_command() -> None:
 def test_an_old_pair_is_proved_again_with_its_own_gains() -> None:
     """K, L, the plant and its delay stay; commands get any age; both checkers prove it."""
     old = old_claim()
-    before = json.dumps(design_to_json(old))
+    before = json.dumps(old.to_json())
     assert constant_ages_claimed(old.certificate) == {"commands": 0.0}
     with pytest.raises(InputError, match="commands"):
         proved_again(old)
@@ -159,7 +150,7 @@ def test_an_old_pair_is_proved_again_with_its_own_gains() -> None:
     assert check_certificate(own).valid
     assert standalone.check(json.dumps(own).encode())["observer"]["command_any_age"] is True
     assert check_certificate(old.certificate).valid  # the old claim is true, and read as ever
-    assert json.dumps(design_to_json(old)) == before
+    assert json.dumps(old.to_json()) == before
 
 
 def test_gains_that_need_an_old_measurement_are_not_proved_for_a_younger_one() -> None:
@@ -189,7 +180,7 @@ def test_the_command_of_a_certificate_proves_it_again(tmp_path: Path) -> None:
     assert answer.json["gamma_before"] == pytest.approx(1.2185, abs=1e-3)
     assert answer.json["constant_ages_claimed"] == {}
     assert answer.json["K"] == data["K"]
-    found = design_from_json(json.loads(path.read_bytes()), where="late.json")
+    found = Result.from_json(json.loads(path.read_bytes()), where="late.json")
     assert reproving_command(found.certificate, "late.json") is None
     missing = cosim("certificate", "prove", "my late.json", cwd=tmp_path)
     assert missing.code == 0, "nothing acts at once any more"
@@ -197,7 +188,7 @@ def test_the_command_of_a_certificate_proves_it_again(tmp_path: Path) -> None:
 
 def test_the_command_replaces_no_fmu_and_no_kept_design() -> None:
     """These hold more than a design, or belong to a scenario."""
-    data = design_to_json(old_claim())
+    data = old_claim().to_json()
     words = "cosim certificate prove {} --hold SECONDS --save {}"
     for where, target in (
         ("out/gain.json", "out/gain.json"),

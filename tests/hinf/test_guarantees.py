@@ -13,16 +13,7 @@ import pytest
 from changed_json import changed, leaves, refused
 
 from cosim.core import InputError
-from cosim.hinf import (
-    Delay,
-    DelaySystem,
-    Result,
-    analyse,
-    check_certificate,
-    design,
-    design_from_json,
-    design_to_json,
-)
+from cosim.hinf import Delay, DelaySystem, Result, analyse, check_certificate, design
 from cosim.hinf.certificate import standalone
 from cosim.models import paper_example
 
@@ -47,7 +38,7 @@ def found() -> Result:
 @pytest.fixture(scope="module")
 def saved(found: Result) -> Any:
     """Its file's content."""
-    return json.loads(json.dumps(design_to_json(found)))
+    return json.loads(json.dumps(found.to_json()))
 
 
 def _worse(value: Any) -> Any:
@@ -61,8 +52,8 @@ def test_a_design_with_guarantees_survives_its_file(found: Result, saved: Any) -
     """Read back it is the same, proofs and all; its claim lists what is proved."""
     assert check_certificate(saved).valid
     assert set(saved["claim"]["guarantees"]) == {"decay", "damping", "gain_limit", "peak_control"}
-    again = design_from_json(saved, where="file")
-    assert design_to_json(again) == design_to_json(found)
+    again = Result.from_json(saved, where="file")
+    assert again.to_json() == found.to_json()
     assert again.guarantees.decay is not None
     assert float(again.guarantees.decay.rate) == 1.0
 
@@ -163,7 +154,7 @@ def test_an_unknown_guarantee_is_named(saved: Any) -> None:
 def test_guarantees_of_another_gain_are_refused(saved: Any) -> None:
     """Put into the file of another design, claim and all: they are proved for its own gain."""
     other = analyse(paper_example.system(), [paper_example.PRINTED_K], order=0)
-    data = json.loads(json.dumps(design_to_json(other)))
+    data = json.loads(json.dumps(other.to_json()))
     data["guarantees"] = saved["guarantees"]
     data["claim"]["guarantees"] = saved["claim"]["guarantees"]
     data["theorem"] += saved["theorem"][-4:]
@@ -190,10 +181,10 @@ def test_guarantees_stand_beside_any_proof_of_gamma(age: dict[str, Any], order: 
     assert np.linalg.norm(found.K, 2) <= 8.0
     assert found.abscissa is not None
     assert found.abscissa < -0.3
-    saved = json.loads(json.dumps(design_to_json(found)))
-    again = design_from_json(saved, where="file")
+    saved = json.loads(json.dumps(found.to_json()))
+    again = Result.from_json(saved, where="file")
     assert again.certificate["claim"]["guarantees"].keys() == {"decay", "gain_limit"}
-    assert design_to_json(again) == saved
+    assert again.to_json() == saved
     content = json.dumps(again.certificate).encode()
     assert standalone.check(content)["guarantees"] == saved["claim"]["guarantees"]
     saved["guarantees"]["decay"]["rate"] = "1/2"

@@ -10,15 +10,7 @@ import numpy as np
 import pytest
 
 from cosim.core import InputError
-from cosim.hinf import (
-    Result,
-    analyse,
-    characteristic_roots,
-    design,
-    design_from_json,
-    design_to_json,
-    spectral_abscissa,
-)
+from cosim.hinf import Result, analyse, characteristic_roots, design, spectral_abscissa
 from cosim.hinf.delay_lti import close, nominal_figures_of
 from cosim.hinf.problem import without_uncertainty
 from cosim.hinf.synthesis import nominal_gamma
@@ -125,13 +117,13 @@ def test_figures_are_computed_when_they_are_read_and_once() -> None:
 
 def test_a_design_comes_back_from_its_file(paper: Result) -> None:
     """All figures, through the text of JSON; and without those an older file does not have."""
-    data = json.loads(json.dumps(design_to_json(paper)))
-    back = design_from_json(data, where="a.json")
-    assert design_to_json(back) == data
+    data = json.loads(json.dumps(paper.to_json()))
+    back = Result.from_json(data, where="a.json")
+    assert back.to_json() == data
     assert back.exact_norm_upper == paper.exact_norm_upper
     assert back.delay_margin == (None,)
     del data["figures"]["exact_norm_upper"], data["figures"]["delay_margin"]
-    older = design_from_json(data, where="a.json")
+    older = Result.from_json(data, where="a.json")
     assert (older.exact_norm_upper, older.delay_margin) == (None, None)
     assert older.exact_norm == paper.exact_norm
 
@@ -151,17 +143,17 @@ def test_a_file_with_wrong_figures_is_refused(
     paper: Result, key: str, value: object, message: str
 ) -> None:
     """By name, with what was expected."""
-    data = json.loads(json.dumps(design_to_json(paper)))
+    data = json.loads(json.dumps(paper.to_json()))
     data["figures"][key] = value
     with pytest.raises(InputError, match=message):
-        design_from_json(data, where="a.json")
+        Result.from_json(data, where="a.json")
 
 
 def test_a_file_without_its_figures_is_refused(paper: Result) -> None:
-    data = json.loads(json.dumps(design_to_json(paper)))
+    data = json.loads(json.dumps(paper.to_json()))
     del data["figures"]["exact_norm"]
     with pytest.raises(InputError, match="figures"):
-        design_from_json(data, where="a.json")
+        Result.from_json(data, where="a.json")
 
 
 def test_nominal_gamma_is_less_than_the_certified_one(paper: Result) -> None:

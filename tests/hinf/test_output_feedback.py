@@ -15,12 +15,11 @@ from cosim.core import InputError, NotAchievableError
 from cosim.hinf import (
     Delay,
     DelaySystem,
+    Result,
     analyse,
     auv_system,
     check_certificate,
-    design_from_json,
     design_output_feedback,
-    design_to_json,
     hinf_norm,
 )
 from cosim.hinf.certificate import pair_of, standalone
@@ -99,15 +98,15 @@ def test_a_design_is_certified_and_has_less_gamma_than_other_gains(designed: Any
 
 def test_a_saved_output_feedback_is_read_with_its_figures(designed: Any) -> None:
     """Through JSON; the proof is checked again, and a changed one refused."""
-    data = json.loads(json.dumps(design_to_json(designed)))
-    again = design_from_json(data, where="file")
+    data = json.loads(json.dumps(designed.to_json()))
+    again = Result.from_json(data, where="file")
     assert again.gamma == designed.gamma
     assert again.exact_norm == designed.exact_norm
     np.testing.assert_array_equal(again.L[0], designed.L[0])
-    assert check_certificate(design_to_json(again)).valid
+    assert check_certificate(again.to_json()).valid
     data["K"][0][0] *= 1.5
     with pytest.raises(InputError, match="the proof of this design does not hold"):
-        design_from_json(data, where="file")
+        Result.from_json(data, where="file")
 
 
 @pytest.mark.slow
@@ -134,13 +133,13 @@ def test_peaks_with_the_initial_error_are_proved_and_not_exceeded() -> None:
     other = design_output_feedback(
         *(AXIS, [fixes]), **gains, order=0, offset=[1, 0], initial_error=[0.5, 0.25]
     )
-    data = json.loads(json.dumps(design_to_json(zero)))
+    data = json.loads(json.dumps(zero.to_json()))
     check: Any = standalone.check
     assert check_certificate(data).valid
     assert check(json.dumps(data).encode())["guarantees"]["state_peaks"]["energy"] == "0"
     assert zero.guarantees.state_peaks is not None
     assert other.guarantees.state_peaks is not None
-    again = design_from_json(data, where="file").guarantees.state_peaks
+    again = Result.from_json(data, where="file").guarantees.state_peaks
     assert again is not None
     assert again.bounds == zero.guarantees.state_peaks.bounds
     data["pair"]["guarantees"]["state_peaks"]["bounds"][1] = "1"
@@ -170,7 +169,7 @@ def test_the_vehicle_is_certified_with_positions_alone_of_any_age() -> None:
     """Eight states, the envelope's whole uncertainty, fixes of any age up to 1.5 s; random F."""
     fixes = Measurement("eta", np.eye(4, 8), 1.5, any_age=True)
     found = design_output_feedback(onboard(), [fixes])
-    assert check_certificate(design_to_json(found)).valid
+    assert check_certificate(found.to_json()).valid
     seeded, system, norms = np.random.default_rng(1), found.pair.system, []
     for _ in range(6):
         left, _, right = np.linalg.svd(seeded.normal(size=(6, 6)))
@@ -188,7 +187,7 @@ def test_the_vehicle_is_certified_with_positions_alone_of_any_age() -> None:
 def test_auto_means_what_it_means_in_an_analysis() -> None:
     """The vehicle over slow links, 16 states: gamma of its pair is that of `analyse`, not 3.4."""
     path = Path(str(files("cosim.scenario"))) / "library" / "designs" / "auv-survey.json"
-    pair = design_from_json(json.loads(path.read_bytes()), where=str(path)).pair
+    pair = Result.from_json(json.loads(path.read_bytes()), where=str(path)).pair
     found = design_output_feedback(
         *(pair.plant, pair.measurements),
         gain=pair.K,

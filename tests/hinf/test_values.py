@@ -32,7 +32,7 @@ def data_of(name: str) -> Any:
 
 def read(name: str) -> Any:
     """The same, read."""
-    return hinf.design_from_json(copy.deepcopy(data_of(name)), where=name)
+    return hinf.Result.from_json(copy.deepcopy(data_of(name)), where=name)
 
 
 def arrays_in(value: Any, seen: set[int] | None = None) -> list[np.ndarray[Any, Any]]:
@@ -82,7 +82,7 @@ def test_designs_of_one_file_are_equal(name: str) -> None:
     assert one.system == two.system
     assert hash(one.system) == hash(again.system)
     assert (one.guarantees, one.observer) == (two.guarantees, two.observer)
-    assert hinf.design_to_json(one) == {k: x for k, x in data_of(name).items() if k != "schema"}
+    assert one.to_json() == {k: x for k, x in data_of(name).items() if k != "schema"}
     assert all(one != read(other) for other in NAMES if other != name)
     assert one.certified
 

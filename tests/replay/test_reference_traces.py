@@ -13,7 +13,7 @@ import pytest
 from cli.shell import BUILT_IN, cosim
 from shared import fmu_store
 
-from cosim.hinf import design_from_json
+from cosim.hinf import Result
 from cosim.hinf.certificate import certificate_from_bytes
 from cosim.hinf.delay_lti import worst_case_from_json
 from cosim.replay import rerun
@@ -41,7 +41,7 @@ def executed_again(path: Path, target: Path) -> bool:
     loaded = parse(text, name=path.stem, where=path.name, folder=target.parent)
     part = loaded.scenario.design
     assert part is not None
-    gain = design_from_json(json.loads(kept.attachments[DESIGN_ATTACHMENT]), where=path.name)
+    gain = Result.from_json(json.loads(kept.attachments[DESIGN_ATTACHMENT]), where=path.name)
     saved, worst_case = (problem_of(part, target.parent), gain), None
     if (recorded := kept.run.get("disturbance")) is not None:
         data = certificate_from_bytes(recorded.encode(), path.name)  # it has all digits

@@ -71,7 +71,7 @@ file = "gain.json"
 def fill(folder: Path) -> None:
     """Make a design, a plant and a controller, once per session."""
     found = hinf.synthesis.with_outages(hinf.design(SYSTEM, gain=K, order=0), alpha=0.05)
-    data = DESIGN_FILE.stamped(hinf.design_to_json(found))
+    data = DESIGN_FILE.stamped(found.to_json())
     (folder / "gain.json").write_text(json.dumps(data), "utf-8")
     (folder / "axis.toml").write_text(TOML, "utf-8")
     for words in (
@@ -144,7 +144,7 @@ def test_a_hold_on_age_is_refused_with_the_reason(folder: Path) -> None:
 
 
 def test_a_design_without_the_proof_is_refused_where_outages_are_asked_for(folder: Path) -> None:
-    data = DESIGN_FILE.stamped(hinf.design_to_json(hinf.design(SYSTEM, gain=K, order=0)))
+    data = DESIGN_FILE.stamped(hinf.design(SYSTEM, gain=K, order=0).to_json())
     (folder / "gain.json").write_text(json.dumps(data), "utf-8")
     text = SCENARIO.replace("WATCHDOG", "") + "outages = true\n"
     (folder / "s.toml").write_text(text, "utf-8")

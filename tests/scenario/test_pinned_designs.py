@@ -17,7 +17,7 @@ from shared import sampled, spread
 from cosim import hinf
 from cosim.core import InputError
 from cosim.fmu.export import CATALOGUE
-from cosim.hinf import check_certificate, design_from_json, system_by_name
+from cosim.hinf import Result, check_certificate, system_by_name
 from cosim.hinf.certificate import certificate_bytes
 from cosim.scenario import (
     FmuCache,
@@ -105,7 +105,7 @@ def test_a_shipped_design_is_proved_and_holds_what_is_printed(path: Path) -> Non
     """Exactly, from the file alone, with its figures and a worst case of six digits."""
     data = json.loads(path.read_bytes())
     assert check_certificate(data).valid
-    found = design_from_json(data, where=path.name)
+    found = Result.from_json(data, where=path.name)
     assert found.exact_norm is not None
     assert found.worst_case is not None
     numbers = (found.worst_case.gain, found.worst_case.omega)
@@ -190,8 +190,8 @@ def test_a_design_that_was_saved_before_its_worst_case_was_kept_is_read(native_f
     """Then it is found again, to six digits."""
     before = shipped("paper-printed-gain")
     del before["figures"]["worst_case"]
-    old = design_from_json(before, where="old")
-    new = design_from_json(shipped("paper-printed-gain"), where="new")
+    old = Result.from_json(before, where="old")
+    new = Result.from_json(shipped("paper-printed-gain"), where="new")
     assert old.worst_case is None
     cache = FmuCache(native_fmus.parent, Path.cwd(), flavour="native")
 

@@ -160,7 +160,7 @@ def test_a_design_made_for_a_plant_may_be_named(
     """The file of a design for this plant is as good as the design made for the run."""
     assert own.design is not None
     path = tmp_path / "own.json"
-    path.write_text(json.dumps(hinf.design_to_json(own.design)))
+    path.write_text(json.dumps(own.design.to_json()))
     design = f'[design]\nsystem = "auv"\nfile = "{path}"\n{BOX}'
     found = prepare(loaded(TOML, design=design), fmu_cache)
     assert found.problem is not None

@@ -9,7 +9,7 @@ import numpy as np
 
 from cosim.core import DESIGN_FILE
 from cosim.fmu import export as fmus
-from cosim.hinf import Delay, DelaySystem, Result, design_output_feedback, design_to_json
+from cosim.hinf import Delay, DelaySystem, Result, design_output_feedback
 from cosim.models import Measurement
 
 A, LATE = np.array([[0.0, 1.0], [-8.0, -4.0]]), np.array([[0.0, 0.0], [0.0, -0.2]])
@@ -90,7 +90,7 @@ def axis_design(command_age: float = 0.0) -> Result:
 def write_axis(folder: Path, *, command_age: float = 0.0) -> Path:
     """Write the FMUs of the axis and its design; return the folder."""
     found = axis_design(command_age)
-    data = json.dumps(DESIGN_FILE.stamped(design_to_json(found)))
+    data = json.dumps(DESIGN_FILE.stamped(found.to_json()))
     folder.joinpath("design.json").write_text(data, "utf-8")
     module = fmus.component_module
     specs = {

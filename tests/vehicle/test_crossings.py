@@ -113,7 +113,7 @@ def test_a_design_of_an_older_flight_keeps_its_gains_and_is_proved_for_late_comm
         "injections": [[[0.125], [0.5]], [[0.125], [0.0078125]]],  # exact with the noise
     }
     old = hinf.design_output_feedback(PLANT, measured, **gains, order=0, quick=True)
-    (tmp_path / DESIGN).write_text(json.dumps(hinf.design_to_json(old)), "utf-8")
+    (tmp_path / DESIGN).write_text(json.dumps(old.to_json()), "utf-8")
     words: list[str] = []
     found = made_before(model, measured, 0.06, tmp_path, words.append)
     assert found is not None
@@ -124,7 +124,7 @@ def test_a_design_of_an_older_flight_keeps_its_gains_and_is_proved_for_late_comm
     assert "any age up to 0.06 s" in words[0]
     assert made_before(model, measured, 60.0, tmp_path, words.append) is None
     assert "not proved" in words[1]
-    (tmp_path / DESIGN).write_text(json.dumps(hinf.design_to_json(found)), "utf-8")
+    (tmp_path / DESIGN).write_text(json.dumps(found.to_json()), "utf-8")
     again = made_before(model, measured, 0.06, tmp_path, words.append)
     assert again is not None
     assert again.certificate == found.certificate

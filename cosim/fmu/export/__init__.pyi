@@ -31,6 +31,10 @@ from .native.target_platforms import (
     host as host,
     platforms_named as platforms_named,
 )
+from .packed import (
+    pack as pack,
+    spec_of as spec_of,
+)
 from .page.loop import (
     loop_scenario as loop_scenario,
     round_below as round_below,

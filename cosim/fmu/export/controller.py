@@ -15,7 +15,7 @@ from cosim.fmu.export.components import component_module
 from cosim.fmu.export.fmu_file import FmuTarget, checked_name, model_name, write_fmu
 from cosim.fmu.export.parts_of_design import vehicle_settings
 from cosim.fmu.export.spec import ComponentSpec
-from cosim.hinf import auv_system, check_certificate
+from cosim.hinf import Result, auv_system, check_certificate
 from cosim.hinf.certificate import certificate_bytes, certificate_hash, system_from_json
 from cosim.hinf.problem import DEFAULT_ENVELOPE, AuvDesignSettings
 from cosim.models import STATE, DelaySystem
@@ -55,23 +55,51 @@ def export_controller(
     data: Any,
     path: Path,
     *,
-    where: str,
-    kind: FmuTarget,
+    where: str = "the design",
+    kind: FmuTarget | None = None,
     name: str | None = None,
-    sample_time: float | None = None,
-    limits: Sequence[float] | None = None,
-    observer: bool = False,
-    watch: bool = False,
-    envelope: Sequence[float] | None = None,
+    **settings: Any,
 ) -> ControllerFmu:
     """Write the FMU of a gain after checking its proof.
 
     Parameters
     ----------
-    data : a design or certificate, as JSON values.
+    data : a design, or a design or certificate as JSON values.
     path : the FMU to write.
     where : the origin of `data`, for messages.
     name : of the model; by default the stem of `path`.
+    settings : as of `controller_spec`.
+
+    Raises
+    ------
+    InputError : as `controller_spec`; no compiler, or a file that cannot be written.
+    """
+    chosen = model_name(path) if name is None else checked_name(name)
+    kind = kind or FmuTarget()
+    spec, form, proved = controller_spec(data, chosen, where=where, **settings)
+    write_fmu(spec, path, kind)
+    sha256 = certificate_hash(proved)
+    return ControllerFmu(path, spec.name, kind, form, proved["K"], proved["claim"], sha256)
+
+
+def controller_spec(
+    data: Any,
+    name: str,
+    *,
+    where: str = "the design",
+    sample_time: float | None = None,
+    limits: Sequence[float] | None = None,
+    observer: bool = False,
+    watch: bool = False,
+    envelope: Sequence[float] | None = None,
+) -> tuple[ComponentSpec, Form, dict[str, Any]]:
+    """Specify the controller of a gain, after checking its proof; return its form and proof too.
+
+    Parameters
+    ----------
+    data : a design, or a design or certificate as JSON values.
+    name : of the model.
+    where : the origin of `data`, for messages.
     sample_time : start value [s]; by default 0.05 for the vehicle and 0 (every communication
         point) for any other system.
     limits : for the vehicle, of each thrust [N] and of the moment [N m]; otherwise one per
@@ -85,8 +113,9 @@ def export_controller(
     Raises
     ------
     InputError : no certificate, a proof that does not hold, no control input, a sample time or
-        limits that do not fit, no compiler, or a file that cannot be written.
+        limits that do not fit.
     """
+    data = data.to_json() if isinstance(data, Result) else data
     proof = check_certificate(data)
     if not proof.valid:
         raise InputError("the proof of this design does not hold", where=where, got=proof.reason)
@@ -114,7 +143,6 @@ def export_controller(
     form: Form = "vehicle" if is_vehicle(system) else "system"
     if observed:
         form = "observer" if observer else "output-feedback"
-    chosen = model_name(path) if name is None else checked_name(name)
     own = vehicle_settings(data) if observed else {}
     settings = _settings(sample_time, limits, form, len(own["outputs"]) if own else m)
     bounds = _bounds(envelope, len(system.A) - system.integrals)
@@ -122,13 +150,10 @@ def export_controller(
         raise InputError("an envelope is only watched", where="--envelope", hint="--watch")
     given = {"envelope": bounds} if bounds or not own else {}
     given |= {key: x for key, x in settings.items() if limits is not None or key != "limits"}
-    spec = _spec(form, chosen, certificate_bytes(data), {**own, **given}, settings)
+    spec = _spec(form, name, certificate_bytes(data), {**own, **given}, settings)
     if watch and not observed:
         spec = _watched(spec, system, form, bounds)
-    write_fmu(spec, path, kind)
-    return ControllerFmu(
-        path, spec.name, kind, form, data["K"], proof.claim, certificate_hash(data)
-    )
+    return spec, form, {**data, "claim": proof.claim}
 
 
 def _spec(

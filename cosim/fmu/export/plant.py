@@ -10,6 +10,7 @@ from pathlib import Path
 from cosim.core import InputError, counted
 from cosim.fmu.export.components import component_module
 from cosim.fmu.export.fmu_file import FmuTarget, checked_name, model_name, write_fmu
+from cosim.fmu.export.spec import ComponentSpec
 from cosim.hinf import system_by_name
 from cosim.models import DelaySystem, paper_example
 
@@ -39,10 +40,10 @@ class PlantFmu:
 
 
 def export_plant(
-    system: str,
+    system: str | DelaySystem,
     path: Path,
     *,
-    kind: FmuTarget,
+    kind: FmuTarget | None = None,
     name: str | None = None,
     initial: Sequence[float] | None = None,
 ) -> PlantFmu:
@@ -50,20 +51,46 @@ def export_plant(
 
     Parameters
     ----------
-    system : a built-in name, or a `.toml` file.
+    system : a system, a built-in name, or a `.toml` file.
     path : the FMU to write.
     name : of the model; by default the stem of `path`.
     initial : x(t) for t <= start; by default zero, for `paper` the state of its section 5.
 
     Raises
     ------
-    InputError : no such system, a file without one, an initial state that does not fit, no
-        compiler, or a file that cannot be written.
+    InputError : as `plant_spec`; no compiler, or a file that cannot be written.
     """
     chosen = model_name(path) if name is None else checked_name(name)
-    named = system_by_name(system)
-    # filters and integrals are no part of the plant
-    given = named.plant or named.system
+    kind = kind or FmuTarget()
+    spec, given = plant_spec(system, chosen, initial=initial)
+    write_fmu(spec, path, kind)
+    delays = _VARIABLES.plant_delays(given)
+    lengths = zip(_VARIABLES.delay_names(len(delays)), (delay.d for delay in delays), strict=True)
+    return PlantFmu(path, chosen, kind, given, dict(lengths), spec.step_size)
+
+
+def plant_spec(
+    system: str | DelaySystem, name: str, *, initial: Sequence[float] | None = None
+) -> tuple[ComponentSpec, DelaySystem]:
+    """Specify the plant of a system; return the system that it is as well.
+
+    Parameters
+    ----------
+    system, initial : as of `export_plant`.
+    name : of the model.
+
+    Raises
+    ------
+    InputError : no such system, a file without one, or an initial state that does not fit.
+    """
+    if isinstance(system, str):
+        named = system_by_name(system)
+        # filters and integrals are no part of the plant
+        given = named.plant or named.system
+        of_file = system.endswith(".toml")
+        origin = "the system's file" if of_file else f"the system `{system}`"
+    else:
+        given, origin = system, f"the system `{system.name}`" if system.name else "a system"
     paper = system == "paper"
     usual = paper_example.INITIAL_STATE if paper else (0.0,) * given.A.shape[0]
     start = usual if initial is None else tuple(initial)
@@ -74,16 +101,11 @@ def export_plant(
             expected=f"{counted(len(usual), 'finite number')}, one per state",
             got=", ".join(map(repr, start)),
         )
-    spec = _VARIABLES.delayed_plant_spec(
+    spec: ComponentSpec = _VARIABLES.delayed_plant_spec(
         given,
-        name=chosen,
+        name=name,
         initial=start,
         F=_PAPER_F if paper else (0.0, 1.0),
-        origin=f"The start values are those of the system `{system}`."
-        if not system.endswith(".toml")
-        else "The start values are those of the system's file.",
+        origin=f"The start values are those of {origin}.",
     )
-    write_fmu(spec, path, kind)
-    delays = _VARIABLES.plant_delays(given)
-    lengths = zip(_VARIABLES.delay_names(len(delays)), (delay.d for delay in delays), strict=True)
-    return PlantFmu(path, chosen, kind, given, dict(lengths), spec.step_size)
+    return spec, given

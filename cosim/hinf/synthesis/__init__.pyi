@@ -17,13 +17,9 @@ from .cvxpy_lmi import (
 )
 from .damped_gains import greatest_ratio as greatest_ratio
 from .decay_search import proved_decay as proved_decay
+from .delay_result import GreatestDelay as GreatestDelay
 from .delay_routes import delay_by_theorem_2 as delay_by_theorem_2
 from .descent import proposals as proposals
-from .design_file import (
-    design_from_certificate as design_from_certificate,
-    design_from_json as design_from_json,
-    design_to_json as design_to_json,
-)
 from .designs import quickly_proved as quickly_proved
 from .gain_design import (
     design as design,
@@ -48,10 +44,7 @@ from .output_feedback import (
     design_output_feedback as design_output_feedback,
 )
 from .pair_gain import PairGain as PairGain
-from .result import (
-    GreatestDelay as GreatestDelay,
-    Result as Result,
-)
+from .result import Result as Result
 from .search import (
     least_gamma as least_gamma,
     starts as starts,

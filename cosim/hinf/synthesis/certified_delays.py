@@ -33,8 +33,9 @@ from cosim.hinf.synthesis.conditions import (
     prove,
     widened,
 )
+from cosim.hinf.synthesis.delay_result import GreatestDelay
 from cosim.hinf.synthesis.delay_routes import check_delay
-from cosim.hinf.synthesis.result import GreatestDelay, Result
+from cosim.hinf.synthesis.result import Result
 from cosim.models import DelaySystem
 
 _STEP = 1.1

@@ -31,11 +31,11 @@ from cosim.hinf.lmi import (
 )
 from cosim.hinf.problem import DELAY_LIMIT, with_delay
 from cosim.hinf.synthesis.bessel_legendre_gains import Gain, Loop, check_order, continue_gain
+from cosim.hinf.synthesis.delay_result import GreatestDelay
 from cosim.hinf.synthesis.delay_search import search_greatest_delay
 from cosim.hinf.synthesis.designs import check_achievable, design_of_theorem_2, given_gain_design
 from cosim.hinf.synthesis.ladder import delays_below, first_proved
 from cosim.hinf.synthesis.not_achievable import hint_after
-from cosim.hinf.synthesis.result import GreatestDelay
 from cosim.hinf.synthesis.stabilisability import unstabilisable_error
 from cosim.hinf.synthesis.theorem_2_gamma import checked_scalars, find_certified_gain
 from cosim.hinf.theorems import Scalars

@@ -9,11 +9,12 @@ from cosim.core import NotAchievableError
 from cosim.hinf.delay_lti import checked_system
 from cosim.hinf.problem import DELAY_LIMIT, ages_are_known, of_any_age, refuse_structure
 from cosim.hinf.synthesis.analysis import Order
+from cosim.hinf.synthesis.delay_result import GreatestDelay
 from cosim.hinf.synthesis.delay_routes import delay_by_order, delay_by_theorem_2
 from cosim.hinf.synthesis.designs import check_achievable
 from cosim.hinf.synthesis.improved_delays import improved_delay
 from cosim.hinf.synthesis.not_achievable import none_succeeded
-from cosim.hinf.synthesis.result import GreatestDelay, Result
+from cosim.hinf.synthesis.result import Result
 from cosim.hinf.synthesis.routes import Request, designed_by_some_route, is_small
 from cosim.hinf.synthesis.search import initial_scalars
 from cosim.hinf.synthesis.stabilisability import NoGainError

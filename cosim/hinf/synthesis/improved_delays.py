@@ -13,7 +13,8 @@ from cosim.core import InputError, NotAchievableError
 from cosim.hinf.problem import ages_are_known, with_delay
 from cosim.hinf.synthesis.analysis import Order
 from cosim.hinf.synthesis.certified_delays import certified_delay
-from cosim.hinf.synthesis.result import GreatestDelay, Result
+from cosim.hinf.synthesis.delay_result import GreatestDelay
+from cosim.hinf.synthesis.result import Result
 from cosim.models import DelaySystem, Matrix
 
 _ROUNDS = 3

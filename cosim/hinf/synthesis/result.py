@@ -7,18 +7,31 @@ that.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import cached_property
-from typing import Any, Literal
+from os import PathLike
+from pathlib import Path
+from typing import Any, Literal, Self
 
 import numpy as np
 
-from cosim.core import InputError, html_table, matrix_text
+from cosim.core import (
+    DESIGN_FILE,
+    InputError,
+    format_value,
+    html_table,
+    matrix_text,
+    not_written,
+    write_whole,
+)
 from cosim.hinf import delay_lti
 from cosim.hinf.certificate import (
+    KEY,
     Certificate,
+    CertificateCheck,
     Guarantees,
     ObserverPair,
     check_certificate,
@@ -27,9 +40,20 @@ from cosim.hinf.certificate import (
     gain_from_json,
     guarantees_from_json,
     pair_from_json,
+    read_certificate,
     system_from_json,
 )
+from cosim.hinf.synthesis.figures_json import (
+    FIGURES,
+    LATER_FIGURES,
+    figures_from_json,
+    figures_to_json,
+    has_figures,
+)
 from cosim.models import DelaySystem, Matrix, Measurement, Value
+
+_OF_A_GAIN = ("kind", "theorem", "claim", "system", "variables", "K", KEY)
+"""What is kept of a file about a gain: its proof, and no note beside it."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -97,8 +121,7 @@ class Result(delay_lti.HasFigures, Value):
                 where="the certificate of this result",
                 expected="the system, the gain and the bound of the proof",
                 got=first,
-                hint="analyse(system, K) proves another gain; design_from_json reads a design "
-                "again",
+                hint="analyse(system, K) proves another gain; Result.load reads a design again",
             )
 
     def _unlike(self, proved: Mapping[str, Any]) -> Iterator[str]:
@@ -187,6 +210,105 @@ class Result(delay_lti.HasFigures, Value):
             if of in term
         )
 
+    def to_json(self) -> dict[str, Any]:
+        """Return JSON values: `claim`, `system`, `variables`, `K` of the proof, and `figures`.
+
+        Raises
+        ------
+        InputError : nothing is proved.
+        """
+        if self.certificate is None:
+            raise InputError(
+                "nothing is proved, and so there is nothing to save", got=self.reason or ""
+            )
+        return {**self.certificate, "figures": figures_to_json(self.least_gamma, self.figures)}
+
+    def save(self, path: str | PathLike[str]) -> Path:
+        """Write the design to a JSON file, as `cosim design --save`; return its path.
+
+        Raises
+        ------
+        InputError : nothing is proved, or the file cannot be written.
+        """
+        text = json.dumps(DESIGN_FILE.stamped(self.to_json()), indent=1, allow_nan=False)
+        with not_written("the design", Path(path)):
+            write_whole(Path(path), f"{text}\n".encode())
+        return Path(path)
+
+    @classmethod
+    def load(cls, path: str | PathLike[str]) -> Self:
+        """Read a design from its file, and check its proof again.
+
+        Raises
+        ------
+        InputError : no such file, not a design, or one whose proof does not hold.
+        """
+        return cls.from_json(read_certificate(Path(path)), where=str(path))
+
+    @classmethod
+    def from_json(cls, data: Any, *, where: str) -> Self:
+        """Read a design from its JSON, and check its proof again.
+
+        Raises
+        ------
+        InputError : not a design, or one whose proof does not hold.
+        """
+        observes = _observes(data)
+        _require_proof(data, where)
+        figures = data.get("figures")
+        if not observes and not has_figures(figures):
+            if "kind" in data:
+                got = "an analysis, without figures"
+                raise InputError("not a design", where=where, got=got)
+            raise InputError(
+                "this design has not the figures of a design",
+                where=where,
+                expected=f"figures: {', '.join(FIGURES)}, optionally {', '.join(LATER_FIGURES)}",
+                got=format_value(sorted(figures) if isinstance(figures, dict) else figures),
+            )
+        if observes and not (has_figures(figures) and "delay_margin" in figures):
+            return cls.from_certificate(data, where=where)  # older files have not all of them
+        facts = proved_facts(data)
+        least, kept = figures_from_json(figures, where, *_loop_of(facts))
+        return cls(**facts, figures=kept, certificate=_kept(data), least_gamma=least)
+
+    @classmethod
+    def from_certificate(cls, data: Any, *, where: str) -> Self:
+        """Read a design from its certificate alone, as a controller FMU carries it.
+
+        The figures of the nominal loop, which no claim depends on, are computed.
+
+        Raises
+        ------
+        InputError : a proof that does not hold, or that is not about a gain.
+        """
+        _require_proof(data, where)
+        K, variables = data.get("K"), data.get("variables")
+        if not _observes(data) and (
+            not K or not K[0] or not isinstance(variables, dict) or "gamma" not in variables
+        ):
+            got = f"a certificate of kind {data['kind']}" if "kind" in data else "no gain K"
+            raise InputError("not a design", where=where, expected="the proof of a gain", got=got)
+        facts = proved_facts(data)
+        figures, _ = delay_lti.figures_if_known(*_loop_of(facts))
+        return cls(**facts, figures=figures, certificate=_kept(data))
+
+    def check(self) -> CertificateCheck:
+        """Check the proof again, in rational arithmetic and without a solver.
+
+        Raises
+        ------
+        InputError : nothing is proved.
+        """
+        return check_certificate(self.to_json())
+
+    @cached_property
+    def loop(self) -> delay_lti.DelayLTI:
+        """The nominal closed loop from w to z, for responses, margins and plots."""
+        pair = self.observer
+        system, K = (self.system, self.K) if pair is None else (pair.system, pair.gain)
+        return delay_lti.lti(system, gain=K)
+
     def __repr__(self) -> str:
         name = f" {self.system.name!r}" if self.system.name else ""
         what = f"K = {matrix_text(self.K)}" if self.K.any() else "u = 0"
@@ -228,46 +350,6 @@ class Result(delay_lti.HasFigures, Value):
         )
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class GreatestDelay:
-    """The greatest delay that is certified, of a gain that is designed for it or of a given one.
-
-    Attributes
-    ----------
-    delay_index : index of the delay in `system.delays`; the others are kept.
-    delay : the greatest certified delay [s]; None if no delay is certified.
-    result : the gain and its proof at that delay; of the system as given if none is certified.
-    limit_reached : whether it is the limit of the search; nothing is known beyond.
-    not_certified_at : a delay [s] just above it without a proof; None where none was tried.
-    refuted_at : a delay [s] just above it from which on the LMI is proved to have no solution at
-        the result's k1, k2; None: no proof of that.
-    refutation : that proof as JSON values, for `check_certificate`.
-    """
-
-    delay_index: int
-    delay: float | None
-    result: Result
-    limit_reached: bool
-    not_certified_at: float | None = None
-    refuted_at: float | None = None
-    refutation: dict[str, Any] | None = None
-
-    def __post_init__(self) -> None:
-        if self.refutation is not None:
-            object.__setattr__(self, "refutation", Certificate(self.refutation))
-
-    def __repr__(self) -> str:
-        if self.delay is None:
-            return f"<GreatestDelay: none, {self.result!r}>"
-        end = ""
-        if self.limit_reached:
-            end = ", the limit of the search"
-        elif self.refuted_at is not None:
-            end = f", refuted from {self.refuted_at:.6g} s on"
-        which = f"delay {self.delay_index + 1} up to {self.delay:.6g} s"
-        return f"<GreatestDelay: {which}{end}, {self.result!r}>"
-
-
 def proved_facts(certificate: Mapping[str, Any]) -> dict[str, Any]:
     """Return what a certificate of a gain or of an observer proves, as attributes of a `Result`.
 
@@ -295,3 +377,26 @@ def proved_facts(certificate: Mapping[str, Any]) -> dict[str, Any]:
 
 def _numbers(variables: Mapping[str, Any], key: str) -> tuple[float, ...]:
     return tuple(float(Fraction(x)) for x in variables[key]) if key in variables else ()
+
+
+def _observes(data: Any) -> bool:
+    return isinstance(data, dict) and data.get("kind") == "output-feedback"
+
+
+def _require_proof(data: Any, where: str) -> None:
+    proof = check_certificate(data)
+    if not proof.valid:
+        raise InputError("the proof of this design does not hold", where=where, got=proof.reason)
+
+
+def _loop_of(facts: dict[str, Any]) -> tuple[DelaySystem, Matrix]:
+    """Return the system and the gain of the loop that a proof is about."""
+    pair = facts["observer"]
+    return (facts["system"], facts["K"]) if pair is None else (pair.system, pair.gain)
+
+
+def _kept(data: dict[str, Any]) -> dict[str, Any]:
+    """Return the certificate in a file."""
+    if _observes(data):
+        return {key: value for key, value in data.items() if key not in ("figures", "schema")}
+    return {key: data[key] for key in _OF_A_GAIN if key in data}
