@@ -17,7 +17,6 @@ from wheel import tape_fmu
 
 from cosim.fmu import build_fmu
 from cosim.fmu.export import ComponentSpec
-from cosim.vehicle import 
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "vehicle"))
 from vehicle_files import every_term, free
