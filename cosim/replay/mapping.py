@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from cosim.core import InputError
 from cosim.fmu import FmuDescription
-from cosim.scenario import Scenario
+from cosim.scenario import ScenarioPart
 from cosim.trace import Trace
 from cosim.trace.rows import GREATEST_AGE, component_of, input_topic, link_topic, output_topic
 from cosim.trace.tables import link_names
@@ -181,7 +181,7 @@ def as_delivered(trace: Trace, source: Source) -> Source:
     return Source(source.name, link, source.name)
 
 
-def as_sent(trace: Trace, source: Source, scenario: Scenario | None) -> tuple[Source, bool]:
+def as_sent(trace: Trace, source: Source, scenario: ScenarioPart | None) -> tuple[Source, bool]:
     """Return the source as sent, and whether it has a sender: a reference has none.
 
     scenario : of the run; its connections name the senders.

@@ -47,6 +47,7 @@ from .gain import (
     problem_of as problem_of,
 )
 from .guarantee.claim import certified_age as certified_age
+from .in_python import Scenario as Scenario
 from .interrupt import (
     InterruptedRun as InterruptedRun,
     TerminatedRun as TerminatedRun,
@@ -86,7 +87,7 @@ from .run_limits import (
 from .run_result import RunResult as RunResult
 from .run_series import RunSeries as RunSeries
 from .scenario_session import ScenarioSession as ScenarioSession
-from .schema import Scenario as Scenario
+from .schema import ScenarioPart as ScenarioPart
 from .ssp.export import (
     SspExport as SspExport,
     export_ssp as export_ssp,

@@ -33,7 +33,7 @@ from cosim.scenario.link_keys import nanoseconds
 from cosim.scenario.links import PacketPart
 from cosim.scenario.matching import endpoint, matched
 from cosim.scenario.media import media_of, position_sources
-from cosim.scenario.schema import ComponentLogPart, ComponentPart, RunPart, Scenario
+from cosim.scenario.schema import ComponentLogPart, ComponentPart, RunPart, ScenarioPart
 from cosim.scenario.script import adjusted_links, changes_of, instants_ns
 from cosim.scenario.signals import Signals, along_path, reference_inputs, worst_case_inputs
 from cosim.scenario.units import numbers_of
@@ -44,7 +44,7 @@ _AT_ONCE = 1 << 16
 
 
 def find_fmus(
-    scenario: Scenario, fmu_cache: FmuCache, findings: Findings | None = None
+    scenario: ScenarioPart, fmu_cache: FmuCache, findings: Findings | None = None
 ) -> dict[str, FmuDescription]:
     """Find the FMU of every component; build missing ones of the catalogue."""
     findings = findings or Findings()
@@ -81,14 +81,14 @@ class Assembled:
     parameters : of components, beside those of the scenario.
     """
 
-    scenario: Scenario
+    scenario: ScenarioPart
     fmus: Mapping[str, FmuDescription]
     parameters: Mapping[str, Mapping[str, float]]
     parts: SystemParts
     system: System
 
     def has_component(
-        self, name: str, scenario: Scenario, fmus: Mapping[str, FmuDescription]
+        self, name: str, scenario: ScenarioPart, fmus: Mapping[str, FmuDescription]
     ) -> bool:
         """Whether a component and its FMU are the same in another scenario."""
         same = self.scenario.components.get(name) is scenario.components[name]
@@ -112,7 +112,7 @@ class Assembled:
             if variable in own and before.get(variable) is value
         }
 
-    def has_points(self, scenario: Scenario) -> bool:
+    def has_points(self, scenario: ScenarioPart) -> bool:
         """Whether another scenario has the same communication points but for those of messages."""
         mine, other = self.scenario, scenario
         steps = [part.step for part in mine.components.values()]
@@ -127,7 +127,7 @@ class Assembled:
         mine = self.scenario.run
         return mine is run or mine.model_copy(update={"seed": run.seed}) == run
 
-    def has_wires(self, scenario: Scenario, shaped: Mapping[str, FmuDescription]) -> bool:
+    def has_wires(self, scenario: ScenarioPart, shaped: Mapping[str, FmuDescription]) -> bool:
         """Whether the connections are the same in another scenario with these FMUs."""
         mine, before = self.scenario, self.parts.shaped
         same = mine.connections is scenario.connections and mine.connect is scenario.connect
@@ -136,7 +136,7 @@ class Assembled:
 
 
 def assemble(
-    scenario: Scenario,
+    scenario: ScenarioPart,
     fmus: Mapping[str, FmuDescription],
     *,
     parameters: Mapping[str, Mapping[str, float]],
@@ -177,7 +177,7 @@ def assemble(
 
 
 def parts_of(
-    scenario: Scenario,
+    scenario: ScenarioPart,
     fmus: Mapping[str, FmuDescription],
     findings: Findings,
     *,
@@ -230,7 +230,7 @@ def parts_of(
 
 
 def _own_parameters(
-    scenario: Scenario,
+    scenario: ScenarioPart,
     fmus: Mapping[str, FmuDescription],
     findings: Findings,
     like: Assembled | None,
@@ -259,7 +259,7 @@ def _at_rest(fmu: FmuDescription, name: str, connected: set[Endpoint]) -> dict[s
     }
 
 
-def _wanted_log(scenario: Scenario, component: str) -> tuple[LogLevel, list[str] | None]:
+def _wanted_log(scenario: ScenarioPart, component: str) -> tuple[LogLevel, list[str] | None]:
     """Return the lowest level at which a component is logged, and its log categories."""
     if scenario.log is None:
         return "debug", None
@@ -268,7 +268,7 @@ def _wanted_log(scenario: Scenario, component: str) -> tuple[LogLevel, list[str]
 
 
 def _links(
-    scenario: Scenario, findings: Findings, like: Assembled | None
+    scenario: ScenarioPart, findings: Findings, like: Assembled | None
 ) -> tuple[dict[str, Link], dict[str, tuple[Any, ...]]]:
     """Return `links` and `links_of` of `SystemParts`."""
     links: dict[str, Link] = {}
@@ -291,7 +291,7 @@ def _links(
 
 
 def _comm_schedule(
-    scenario: Scenario, links: Mapping[str, Link], findings: Findings, like: Assembled | None
+    scenario: ScenarioPart, links: Mapping[str, Link], findings: Findings, like: Assembled | None
 ) -> CommunicationSchedule:
     run = scenario.run
     transport = all(isinstance(link, TransportLink) for link in links.values())
@@ -306,7 +306,7 @@ def _comm_schedule(
     return CommunicationSchedule(1_000_000_000, 1_000_000_000, "grid")
 
 
-def _wires(scenario: Scenario, fmus: Mapping[str, FmuDescription], findings: Findings) -> Wires:
+def _wires(scenario: ScenarioPart, fmus: Mapping[str, FmuDescription], findings: Findings) -> Wires:
     wires: Wires = []
     for path, part in scenario.wires():
         with findings.at(*path):
@@ -324,7 +324,7 @@ def _wires(scenario: Scenario, fmus: Mapping[str, FmuDescription], findings: Fin
 
 
 def _driven(
-    scenario: Scenario,
+    scenario: ScenarioPart,
     fmus: Mapping[str, FmuDescription],
     comm_schedule: CommunicationSchedule,
     worst_case: hinf.delay_lti.WorstCase | None,
@@ -359,7 +359,7 @@ def _add(driven: Signals, found: Signals) -> None:
 
 
 def system_of(
-    scenario: Scenario, parts: SystemParts, findings: Findings, like: Assembled | None = None
+    scenario: ScenarioPart, parts: SystemParts, findings: Findings, like: Assembled | None = None
 ) -> System:
     """Make the system; an error of it is located at the part of the scenario it names.
 
@@ -397,7 +397,7 @@ def system_of(
     return system
 
 
-def modes_of(scenario: Scenario) -> dict[str, Modes]:
+def modes_of(scenario: ScenarioPart) -> dict[str, Modes]:
     """Return the mode machines by name."""
     return {
         name: Modes(tuple(part.states), list(part.states).index(part.first))
@@ -405,7 +405,7 @@ def modes_of(scenario: Scenario) -> dict[str, Modes]:
     }
 
 
-def delay_sources(scenario: Scenario) -> dict[str, DelaySource | PositionSource]:
+def delay_sources(scenario: ScenarioPart) -> dict[str, DelaySource | PositionSource]:
     """Return the delay sources of live links, and the position sources of media that they share."""
     found = {name: delay_source(part) for name, part in scenario.links.items()}
     shared = {part.medium for part in scenario.links.values() if isinstance(part, PacketPart)}
@@ -414,7 +414,7 @@ def delay_sources(scenario: Scenario) -> dict[str, DelaySource | PositionSource]
     return {**live, **position_sources(media)}
 
 
-def _blamed(error: InputError, wires: Wires, scenario: Scenario) -> KeyPath:
+def _blamed(error: InputError, wires: Wires, scenario: ScenarioPart) -> KeyPath:
     where = error.where or ""
     # an algebraic loop lists its connections as what it got
     listed = f", {where.removeprefix('connection ')}, {error.got}, "

@@ -14,7 +14,7 @@ from cosim.scenario.binding import BoundExpression
 from cosim.scenario.events import AssertionPart
 from cosim.scenario.measure import Fold, MeasuredRun, measure
 from cosim.scenario.run_events import EventCollector
-from cosim.scenario.schema import Scenario
+from cosim.scenario.schema import ScenarioPart
 from cosim.scenario.scope import RunScope, ValueReader
 from cosim.scenario.script import bind_condition, changed_by
 from cosim.trace.outcome import AssertionResult, Result, RunEvent
@@ -36,7 +36,7 @@ class BoundAssertion(NamedTuple):
 
 
 def bind_assertions(
-    scenario: Scenario, system: System, findings: Findings
+    scenario: ScenarioPart, system: System, findings: Findings
 ) -> tuple[RunScope, list[BoundAssertion]]:
     """Check every assertion against the system; return those that are valid, and their scope.
 
@@ -65,7 +65,7 @@ def bind_assertions(
 @measure
 def assertion_results(
     run: MeasuredRun,
-    scenario: Scenario,
+    scenario: ScenarioPart,
     system: System,
     findings: Findings,
     collector: EventCollector | None = None,

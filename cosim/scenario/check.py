@@ -31,7 +31,7 @@ from cosim.scenario.pinned import named_design
 from cosim.scenario.plant import parameters_of_plant, require_vehicle_of
 from cosim.scenario.preparation import check_disturbance, check_own_numbers, check_roles
 from cosim.scenario.read import LoadedScenario, loaded_of
-from cosim.scenario.schema import Scenario
+from cosim.scenario.schema import ScenarioPart
 from cosim.scenario.script import script_of
 from cosim.scenario.signals import no_disturbance
 
@@ -65,9 +65,9 @@ def schema_problems(source: Source) -> list[InputError]:
     except InputError as error:
         return [error]
     try:
-        Scenario.model_validate(data)
+        ScenarioPart.model_validate(data)
     except ValidationError as error:
-        return refusals(Scenario, error, data, origin)
+        return refusals(ScenarioPart, error, data, origin)
     return []
 
 
@@ -134,7 +134,7 @@ def _not_loadable(
             yield error
 
 
-def _has_wrong_delays(scenario: Scenario, parts: SystemParts, findings: Findings) -> bool:
+def _has_wrong_delays(scenario: ScenarioPart, parts: SystemParts, findings: Findings) -> bool:
     """Find a signal that decides a delay and cannot; each connection would repeat the error."""
     try:
         system_of(scenario, replace(parts, wires=[], driven={}), findings)
@@ -145,7 +145,7 @@ def _has_wrong_delays(scenario: Scenario, parts: SystemParts, findings: Findings
     return False
 
 
-def _good_wires(scenario: Scenario, parts: SystemParts, findings: Findings) -> Wires:
+def _good_wires(scenario: ScenarioPart, parts: SystemParts, findings: Findings) -> Wires:
     """Return the valid connections, each checked alone; of two into one input, the first."""
     good: Wires = []
     for wire in parts.wires:

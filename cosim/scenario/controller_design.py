@@ -20,7 +20,7 @@ from cosim.scenario.gain import Problem, controller_parameters
 from cosim.scenario.pinned import DesignSource, named_design
 from cosim.scenario.plant import parameters_of_plant, require_vehicle_of
 from cosim.scenario.read import LoadedScenario
-from cosim.scenario.schema import DesignPart, Scenario
+from cosim.scenario.schema import DesignPart, ScenarioPart
 
 if TYPE_CHECKING:
     from cosim.hinf import Result
@@ -86,7 +86,7 @@ def with_design_of_controller(
     return ControllerDesign(named, (problem, design), source)
 
 
-def _require_own_vehicle(scenario: Scenario) -> None:
+def _require_own_vehicle(scenario: ScenarioPart) -> None:
     """Refuse the built-in controller, with its own gain and thrust map, at another vehicle."""
     for name, component in scenario.components.items():
         changed = any(key.startswith(("K[", "thrust_map[")) for key in component.parameters)
@@ -98,7 +98,7 @@ def _require_own_vehicle(scenario: Scenario) -> None:
                 require_vehicle_of(AuvDesignSettings(), scenario, part)
 
 
-def _plants(scenario: Scenario, controller: str) -> list[str]:
+def _plants(scenario: ScenarioPart, controller: str) -> list[str]:
     """Return the components that a controller commands; if several, those that it measures."""
     ends = [
         (wire.source.partition(".")[0], wire.target.partition(".")[0])

@@ -11,10 +11,10 @@ from cosim.scenario.links import (
     RangeDelayPart,
     SignalDelayPart,
 )
-from cosim.scenario.schema import ConnectionPart, Scenario
+from cosim.scenario.schema import ConnectionPart, ScenarioPart
 
 
-def as_text(scenario: Scenario) -> str:
+def as_text(scenario: ScenarioPart) -> str:
     """Return components, links and connections, one per line."""
     lines = ["components"]
     wide = max(map(len, scenario.components))
@@ -51,7 +51,7 @@ def _ways(part: ConnectionPart) -> list[str]:
     return sensor + ([f"({part.link})"] if part.link else [])
 
 
-def as_mermaid(scenario: Scenario) -> str:
+def as_mermaid(scenario: ScenarioPart) -> str:
     """Return a Mermaid flowchart."""
     lines = ["flowchart LR"]
     made = {

@@ -7,14 +7,14 @@ from typing import Any
 from cosim.core import SCENARIO_FILE, SCHEMA
 from cosim.scenario.built_in import builtin_names
 from cosim.scenario.copies import MOST, NAMED
-from cosim.scenario.schema import Scenario
+from cosim.scenario.schema import ScenarioPart
 
 _LOOSE = "In_extension_"
 
 
 def json_schema() -> dict[str, Any]:
     """Return the schema of a scenario file; with `extends`, or copies, no other key is needed."""
-    whole = Scenario.model_json_schema(by_alias=True)
+    whole = ScenarioPart.model_json_schema(by_alias=True)
     parts = whole.pop("$defs")
     for name in _COPIED:
         parts[name]["properties"] |= _COPIES

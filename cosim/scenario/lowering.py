@@ -27,7 +27,7 @@ from cosim.scenario.computed import ComputedTable, unit_named
 from cosim.scenario.fmu_cache import FmuCache
 from cosim.scenario.matching import endpoint, matched
 from cosim.scenario.quantity import NUMBER_ONLY, TIME, QuantityError
-from cosim.scenario.schema import ComponentPart, ConnectionPart, Scenario
+from cosim.scenario.schema import ComponentPart, ConnectionPart, ScenarioPart
 from cosim.scenario.scope import meaning_of_state
 from cosim.scenario.script import changed_by
 from cosim.scenario.signal_parts import SensorPart, Setting
@@ -54,18 +54,18 @@ class Lowered(NamedTuple):
     maps : the components that are a linear map and nothing else, by name.
     """
 
-    scenario: Scenario
+    scenario: ScenarioPart
     fmus: dict[str, FmuDescription]
     maps: dict[str, LinearMap]
 
 
-def has_signal_parts(scenario: Scenario) -> bool:
+def has_signal_parts(scenario: ScenarioPart) -> bool:
     """Whether a scenario has parts that become components here."""
     return bool(scenario.computed or scenario.sensors) or any(map(_has_map, scenario.connections))
 
 
 def lowered(
-    scenario: Scenario,
+    scenario: ScenarioPart,
     fmus: Mapping[str, FmuDescription],
     fmu_cache: FmuCache,
     findings: Findings,
@@ -100,7 +100,7 @@ class _Mapped:
 class _Lowering:
     def __init__(
         self,
-        scenario: Scenario,
+        scenario: ScenarioPart,
         fmus: dict[str, FmuDescription],
         cache: FmuCache,
         findings: Findings,

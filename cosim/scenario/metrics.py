@@ -23,7 +23,7 @@ from cosim.scenario.matching import endpoint
 from cosim.scenario.outage_measure import outage_figures
 from cosim.scenario.run_context import RunContext
 from cosim.scenario.run_measures import OF_COUPLING, OF_GUARANTEE, RunFigures
-from cosim.scenario.schema import PathPart, Scenario
+from cosim.scenario.schema import PathPart, ScenarioPart
 from cosim.scenario.wanted import ALL_FIGURES, Wanted
 
 _POSITION = ("eta.x", "eta.y", "eta.z")
@@ -151,7 +151,7 @@ def _position_error(context: RunContext) -> float | None:
     return size if np.isfinite(size) else None
 
 
-def _path_to(component: str, scenario: Scenario) -> PathPart | None:
+def _path_to(component: str, scenario: ScenarioPart) -> PathPart | None:
     """Return the path that a component follows; where there is one path only, that one."""
     paths = [path for _, path in scenario.paths()]
     mine = [path for path in paths if endpoint(path.target).component == component]

@@ -16,7 +16,7 @@ from cosim.core import InputError
 from cosim.fmu import FmuDescription
 from cosim.fmu.export import component_module
 from cosim.models import TABLE_1, DelaySystem, inertia, thrust_map
-from cosim.scenario.schema import DesignPart, Scenario
+from cosim.scenario.schema import DesignPart, ScenarioPart
 from cosim.scenario.values import parse_value
 
 _PLANT = component_module("delayed_plant.variables")
@@ -29,7 +29,7 @@ NO_PARAMETERS: Mapping[str, float] = MappingProxyType({})
 """Of a plant that has none of its own: it is the vehicle of Table 1."""
 
 
-def parameters_of_plant(scenario: Scenario, part: DesignPart | None = None) -> dict[str, float]:
+def parameters_of_plant(scenario: ScenarioPart, part: DesignPart | None = None) -> dict[str, float]:
     """Return the parameters of the vehicle that a scenario gives its plant, in SI units.
 
     What is no number, or has a wrong unit, is refused where the plant is made; here it is left
@@ -98,7 +98,7 @@ def _thrust_map(design: hinf.problem.AuvDesignSettings) -> dict[str, float]:
 
 
 def require_vehicle_of(
-    design: hinf.problem.AuvDesignSettings, scenario: Scenario, part: DesignPart
+    design: hinf.problem.AuvDesignSettings, scenario: ScenarioPart, part: DesignPart
 ) -> None:
     """Refuse a plant that the design named by `part.file` is not for: quite another vehicle.
 

@@ -31,7 +31,7 @@ from cosim.scenario.plant import (
     thrust_map_parameters,
 )
 from cosim.scenario.read import LoadedScenario
-from cosim.scenario.schema import Scenario
+from cosim.scenario.schema import ScenarioPart
 from cosim.scenario.signals import no_disturbance, reference_inputs, worst_case_of
 
 if TYPE_CHECKING:
@@ -120,7 +120,7 @@ class PreparedScenario:
 
 
 def check_own_numbers(
-    scenario: Scenario,
+    scenario: ScenarioPart,
     fmu: FmuDescription,
     controller: str,
     design: Result | None,

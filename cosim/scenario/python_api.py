@@ -11,12 +11,13 @@ from cosim.fmu.export import DEFAULT_FLAVOUR
 from cosim.master import EngineName, Observer, Pace
 from cosim.scenario.execute import assembled_system, execute_recorded, execute_unrecorded
 from cosim.scenario.fmu_cache import FmuCache
+from cosim.scenario.in_python import Scenario
 from cosim.scenario.preparation import PreparedScenario, prepare
-from cosim.scenario.read import load, of_scenario
+from cosim.scenario.read import load, loaded_of, of_scenario, with_settings
 from cosim.scenario.row_observer import Row, RowObserver
 from cosim.scenario.run_result import RunResult
 from cosim.scenario.scenario_session import ScenarioSession
-from cosim.scenario.schema import Scenario
+from cosim.scenario.schema import ScenarioPart
 from cosim.scenario.supervised_session import SupervisedSession
 from cosim.scenario.supervision import supervision_of
 from cosim.trace import RowsInMemory
@@ -25,7 +26,7 @@ FMUS = Path("fmus")
 
 
 def run(
-    scenario: str | Path | Scenario,
+    scenario: str | Path | Scenario | ScenarioPart,
     trace: Path | str | None = None,
     *,
     settings: Sequence[str] = (),
@@ -88,7 +89,7 @@ def run(
 
 @contextmanager
 def open_session(
-    scenario: str | Path | Scenario,
+    scenario: str | Path | Scenario | ScenarioPart,
     *,
     settings: Sequence[str] = (),
     fmus: str | Path = FMUS,
@@ -131,9 +132,12 @@ def open_session(
 
 
 def _prepared(
-    scenario: str | Path | Scenario, settings: Sequence[str], fmus: str | Path, flavour: str
+    scenario: str | Path | Scenario | ScenarioPart,
+    settings: Sequence[str],
+    fmus: str | Path,
+    flavour: str,
 ) -> PreparedScenario:
-    if isinstance(scenario, Scenario):
+    if isinstance(scenario, ScenarioPart):
         if settings:
             raise InputError(
                 "settings apply to scenarios that are read from a file or by name",
@@ -141,6 +145,8 @@ def _prepared(
                 hint="scenario.model_copy(update=...)",
             )
         loaded = of_scenario(scenario, "scenario")
+    elif isinstance(scenario, Scenario):
+        loaded = loaded_of(with_settings(scenario.source(flavour), settings))
     else:
         loaded = load(str(scenario), settings)
     return prepare(loaded, FmuCache(Path(fmus), loaded.folder, flavour=flavour))

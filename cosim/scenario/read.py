@@ -28,7 +28,7 @@ from cosim.scenario.links import (
     RecordingFilePart,
     RecordingPart,
 )
-from cosim.scenario.schema import Scenario
+from cosim.scenario.schema import ScenarioPart
 
 __all__ = [
     "LoadedScenario",
@@ -53,7 +53,7 @@ class LoadedScenario:
     """
 
     name: str
-    scenario: Scenario
+    scenario: ScenarioPart
     text: str
     folder: Path
     origin: Origin = NOWHERE
@@ -84,7 +84,7 @@ def parse(text: str, *, name: str, where: str, folder: Path) -> LoadedScenario:
     return loaded_of(source_of(text, name=name, where=where, folder=folder))
 
 
-def of_scenario(scenario: Scenario, name: str, folder: Path | None = None) -> LoadedScenario:
+def of_scenario(scenario: ScenarioPart, name: str, folder: Path | None = None) -> LoadedScenario:
     """Load a scenario that was built in Python."""
     text = scenario.to_toml()
     origin = Origin((Layer(f"{name}.toml", text),))
@@ -121,7 +121,7 @@ def loaded_of(source: Source) -> LoadedScenario:
     InputError : it breaks the schema, or a file cannot be read.
     """
     data, origin = source.written_out()
-    found = valid(Scenario, data, origin)
+    found = valid(ScenarioPart, data, origin)
     scenario = with_files(found, source.folder, Findings(origin))
     text, digest = [layer.text for layer in source.layers if layer.path is None][-1], None
     if len(source.layers) > 1 or scenario is not found or origin.copies:
@@ -129,7 +129,7 @@ def loaded_of(source: Source) -> LoadedScenario:
     return LoadedScenario(source.name, scenario, text, source.folder, origin, digest, source.file)
 
 
-def with_files(scenario: Scenario, folder: Path, findings: Findings) -> Scenario:
+def with_files(scenario: ScenarioPart, folder: Path, findings: Findings) -> ScenarioPart:
     """Replace what is in files by its values: the scenario then needs no other file."""
     links = dict(scenario.links)
     for name, part in scenario.links.items():

@@ -19,7 +19,7 @@ from cosim.scenario.guarantee.verdict import (
     LoopOfRun,
 )
 from cosim.scenario.run_measures import RunFigures, ZeroStateFigures
-from cosim.scenario.schema import Scenario
+from cosim.scenario.schema import ScenarioPart
 
 if TYPE_CHECKING:
     from cosim.hinf import Result
@@ -38,7 +38,7 @@ class RunContext:
     laws : what was measured of the law of the run, and of its zero-state run if that is another.
     """
 
-    scenario: Scenario
+    scenario: ScenarioPart
     problem: Problem | None
     design: Result | None
     system: System

@@ -415,7 +415,7 @@ class LogPart(Part):
     """Settings of single components, by name."""
 
 
-class Scenario(Part):
+class ScenarioPart(Part):
     """A whole scenario."""
 
     lists_faults: ClassVar[str | None] = "cosim scenario check"

@@ -19,7 +19,7 @@ from cosim.scenario.link_keys import nanoseconds
 from cosim.scenario.matching import endpoint
 from cosim.scenario.modes import ModesPart
 from cosim.scenario.quantity import unit_in
-from cosim.scenario.schema import Scenario
+from cosim.scenario.schema import ScenarioPart
 from cosim.scenario.scope import RunScope
 from cosim.scenario.units import in_own_unit
 
@@ -116,13 +116,13 @@ Script = tuple[Event | Machine, ...]
 """The events of a scenario, then its mode machines."""
 
 
-def adjusted_links(scenario: Scenario) -> set[str]:
+def adjusted_links(scenario: ScenarioPart) -> set[str]:
     """Return the links whose delay or loss is changed by conditions or in modes."""
     parts = [part for part in _all_actions(scenario) if getattr(part, "at", None) is None]
     return {name for part in parts for name in (*part.delay, *part.loss)}
 
 
-def _all_actions(scenario: Scenario) -> Iterator[ActionsPart]:
+def _all_actions(scenario: ScenarioPart) -> Iterator[ActionsPart]:
     """Yield what events do, then what is done in the states of modes."""
     yield from scenario.events
     states = (state for machine in scenario.modes.values() for state in machine.states.values())
@@ -130,7 +130,7 @@ def _all_actions(scenario: Scenario) -> Iterator[ActionsPart]:
         yield from (each for each in (state.enter, state.exit, state.during) if each is not None)
 
 
-def changes_of(scenario: Scenario, findings: Findings) -> dict[str, list[Change]]:
+def changes_of(scenario: ScenarioPart, findings: Findings) -> dict[str, list[Change]]:
     """Return the changes of each link by events at a time; they are known before the run."""
     found: dict[str, list[Change]] = {}
     end, begin = scenario.run.lasts_ns, scenario.run.start_ns
@@ -150,7 +150,7 @@ def changes_of(scenario: Scenario, findings: Findings) -> dict[str, list[Change]
     return found
 
 
-def instants_ns(scenario: Scenario) -> list[int]:
+def instants_ns(scenario: ScenarioPart) -> list[int]:
     """Return when events at a time begin and end: these become communication points."""
     found = set()
     for event in scenario.events:
@@ -168,7 +168,7 @@ def _lasts_ns(event: EventPart) -> int | None:
     return None
 
 
-def script_of(scenario: Scenario, system: System, findings: Findings) -> Script:
+def script_of(scenario: ScenarioPart, system: System, findings: Findings) -> Script:
     """Check every event and mode machine of a scenario; errors go to `findings`."""
     scope = RunScope(system, changed_by(scenario))
     events: list[Event | Machine] = []
@@ -217,7 +217,7 @@ def _stop_of(part: ActionsPart) -> str | None:
     return None if part.stop is None else "" if part.stop is True else part.stop
 
 
-def changed_by(scenario: Scenario) -> list[Endpoint]:
+def changed_by(scenario: ScenarioPart) -> list[Endpoint]:
     """Return the variables that are set during the run."""
     return [endpoint(target) for part in _all_actions(scenario) for target in part.set]
 
@@ -275,7 +275,7 @@ def bind_condition(
     return None
 
 
-def _check_time(part: EventPart, scenario: Scenario) -> None:
+def _check_time(part: EventPart, scenario: ScenarioPart) -> None:
     if part.at is not None and part.at < scenario.run.start:
         raise InputError(
             "this event is before the start of the run",

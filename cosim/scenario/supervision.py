@@ -12,7 +12,7 @@ from cosim.master import EngineName, Limits, Supervisor, System, load_kernel
 from cosim.scenario.interrupt import DeferredInterrupt, InterruptedRun, TerminatedRun
 from cosim.scenario.outcome import Outcome
 from cosim.scenario.run_limits import LimitsPart, parse_limits
-from cosim.scenario.schema import Scenario
+from cosim.scenario.schema import ScenarioPart
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ class Supervision:
 
 
 def supervision_of(
-    scenario: Scenario, limits: Sequence[str] = (), *, supervise: bool | None = None
+    scenario: ScenarioPart, limits: Sequence[str] = (), *, supervise: bool | None = None
 ) -> Supervision:
     """Return what a scenario says of supervision and limits.
 

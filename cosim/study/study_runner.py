@@ -29,7 +29,7 @@ from cosim.scenario import (
     PreparedScenario,
     Problem,
     RunSeries,
-    Scenario,
+    ScenarioPart,
     Supervision,
     Wanted,
     execute_recorded,
@@ -59,7 +59,7 @@ class BaseScenario:
     """The scenario that is varied (as in `LoadedScenario`), and its FMUs (as in `FmuCache`)."""
 
     name: str
-    scenario: Scenario
+    scenario: ScenarioPart
     text: str
     folder: Path
     fmus: Path
@@ -119,7 +119,7 @@ class StudyRunner:
         self._calls: Calls | None = None
         self._overdue = False
         self._series: RunSeries | None = None
-        self._last: tuple[Scenario, PreparedScenario] | None = None
+        self._last: tuple[ScenarioPart, PreparedScenario] | None = None
         self._given = designs or {}
         # one design serves the study: it is for the plant of its scenario
         self._plant = parameters_of_plant(base.scenario)
@@ -194,7 +194,7 @@ class StudyRunner:
         self._overdue = False
 
     @cached_property
-    def _first_scenario(self) -> Scenario:
+    def _first_scenario(self) -> ScenarioPart:
         """The scenario of the first run; the unchanged one where that is not valid."""
         try:
             return self.variations.scenario(self.points[0])
@@ -223,7 +223,7 @@ class StudyRunner:
             keep=keep,
         )
 
-    def _supervision(self, scenario: Scenario) -> Supervision:
+    def _supervision(self, scenario: ScenarioPart) -> Supervision:
         """Return how runs of a scenario are supervised, within which limits."""
         found = supervision_of(scenario, self.limits)
         given = scenario.limits is not None and "run" in scenario.limits.model_fields_set
@@ -320,7 +320,7 @@ class StudyRunner:
             )
 
 
-def _differ_in_numbers(one: Scenario, other: Scenario) -> bool:
+def _differ_in_numbers(one: ScenarioPart, other: ScenarioPart) -> bool:
     """Whether FMUs and design of one scenario are those of the other.
 
     `Variations` gives parts that do not differ as the same objects.

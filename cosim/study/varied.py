@@ -12,7 +12,7 @@ from pydantic import BaseModel, ValidationError
 
 from cosim.core import InputError
 from cosim.fmu import FmuDescription
-from cosim.scenario import Scenario, give_way, put, split
+from cosim.scenario import ScenarioPart, give_way, put, split
 from cosim.study.consistency import Place, nowhere
 from cosim.study.schema import Axis, GridAxis, Study, of_x
 
@@ -30,7 +30,7 @@ class Variations:
     InputError : a path of `set` does not exist, or its value does not fit.
     """
 
-    def __init__(self, study: Study, base: Scenario, where: Place = nowhere) -> None:
+    def __init__(self, study: Study, base: ScenarioPart, where: Place = nowhere) -> None:
         self._axes = study.vary
         self._expressions = [
             {place: of_x(text) for place, text in (axis.apply or {}).items()} for axis in study.vary
@@ -44,7 +44,7 @@ class Variations:
             put(data, split(place), copy.deepcopy(value), place)
         # entries that an axis adds are not there yet: they are checked with the first run's values
         self._data = data
-        self._first: Scenario | None = None
+        self._first: ScenarioPart | None = None
         self._touched: dict[tuple[str, ...], list[int]] = {}
         for number, axis in enumerate(study.vary):
             for place in axis.places:
@@ -53,7 +53,7 @@ class Variations:
                     axes.append(number)
         self._parts: dict[tuple[str, ...], dict[str, Any]] = {path: {} for path in self._touched}
 
-    def scenario(self, values: Sequence[Any]) -> Scenario:
+    def scenario(self, values: Sequence[Any]) -> ScenarioPart:
         """Return the scenario with these values of the axes, validated.
 
         Parts that no axis touches, or that had the same values before, are the same objects.
@@ -75,7 +75,7 @@ class Variations:
         return first.model_copy(update=update) if update else first
 
     def _part(
-        self, first: Scenario, path: tuple[str, ...], axes: Sequence[int], values: Sequence[Any]
+        self, first: ScenarioPart, path: tuple[str, ...], axes: Sequence[int], values: Sequence[Any]
     ) -> Any:
         """Return a part of the scenario with these values, validated by itself where it can be."""
         known = self._parts[path]
@@ -122,12 +122,12 @@ class Variations:
                         place,
                     )
 
-    def _validated(self, values: Sequence[Any]) -> Scenario:
+    def _validated(self, values: Sequence[Any]) -> ScenarioPart:
         data = copy.deepcopy(self._data)
         give_way(data, self._asked)
         self._put(data, values)
         try:
-            return Scenario.model_validate(data)
+            return ScenarioPart.model_validate(data)
         except ValidationError as error:
             first = error.errors(include_url=False)[0]
             where = ".".join(str(part) for part in first["loc"])
@@ -168,7 +168,7 @@ def _part_of(place: str) -> tuple[str, ...]:
     return tuple(str(key) for key in way[: 2 if way[0] in _FREE else 1])
 
 
-def _at(scenario: Scenario, path: tuple[str, ...]) -> Any:
+def _at(scenario: ScenarioPart, path: tuple[str, ...]) -> Any:
     """Return the part at a path."""
     found = getattr(scenario, path[0])
     return found[path[1]] if len(path) > 1 else found

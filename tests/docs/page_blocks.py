@@ -32,7 +32,7 @@ from typing import Any
 
 from cli.shell import cosim
 
-from cosim.scenario import Scenario
+from cosim.scenario import ScenarioPart
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
@@ -181,7 +181,7 @@ class Reader:
             part.setdefault("fmu", "x.fmu")
         run = {"end": 1.0, "step": 0.1, **tables.pop("run", {})}
         data = {"title": "a part", "components": {"x": {"fmu": "x.fmu"}}, **tables, "run": run}
-        Scenario.model_validate(data)
+        ScenarioPart.model_validate(data)
 
 
 def checked_by_name(line: str) -> None:

@@ -24,7 +24,7 @@ from hostile.expected import RUN_CALLS, Row, at
 from hostile.hostile_fmu import counts_in, hostile_fmu
 
 import cosim
-from cosim.scenario import Scenario
+from cosim.scenario import ScenarioPart
 from cosim.trace import Trace, recover, verify
 
 STEP_S, STEPS = 0.05, 40
@@ -218,7 +218,7 @@ def _write_scenario(row: Row, home: Path, counts: Path, *, limits: bool, isolate
     hostile_fmu(home, other, "s")
     given = {"end": STEP_S * STEPS, "step": STEP_S, "decay": DECAY, "x0": X0}
     text = _SCENARIO.format(isolate=str(isolate).lower(), **given)
-    may_limit = limits and "limits" in Scenario.model_fields
+    may_limit = limits and "limits" in ScenarioPart.model_fields
     (home / "s.toml").write_text(text + (_LIMITS if may_limit else ""))
 
 

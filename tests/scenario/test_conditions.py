@@ -27,7 +27,7 @@ from cosim.scenario import (
     ExpressionError,
     FmuCache,
     Outcome,
-    Scenario,
+    ScenarioPart,
     assembled_system,
     execute_unrecorded,
     formula,
@@ -263,7 +263,9 @@ def test_a_parameter_is_a_quantity_of_its_unit(
 def step_of(text: str) -> float:
     """The step of a run that a scenario says with this text."""
     data = {"title": "t", "components": {"a": {"fmu": "A"}}}
-    return float(Scenario.model_validate({**data, "run": {"end": 100.0, "step": text}}).run.step)
+    return float(
+        ScenarioPart.model_validate({**data, "run": {"end": 100.0, "step": text}}).run.step
+    )
 
 
 @pytest.mark.parametrize(

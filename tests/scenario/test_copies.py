@@ -10,7 +10,7 @@ import pytest
 import tomli_w
 from cli.shell import SCENARIOS
 
-from cosim import Scenario
+from cosim import ScenarioPart
 from cosim.core import InputError, Origin
 from cosim.scenario import load, open_source
 from cosim.study import Study, plan_of
@@ -54,8 +54,8 @@ def test_copies_are_the_scenario_written_out() -> None:
         "abs(bravo.eta.z - 10 m) < 3 m",
     ]
     # what stands in the trace reads back as the same, and so does the data in Python
-    assert Scenario.model_validate(tomllib.loads(found.text)) == found.scenario
-    assert Scenario.model_validate(tomllib.loads(TEXT)) == found.scenario
+    assert ScenarioPart.model_validate(tomllib.loads(found.text)) == found.scenario
+    assert ScenarioPart.model_validate(tomllib.loads(TEXT)) == found.scenario
 
 
 def test_setting_changes_one_copy_or_their_number(tmp_path: Path) -> None:

@@ -38,7 +38,7 @@ from cosim.network import (
 from cosim.scenario import (
     FmuCache,
     PreparedScenario,
-    Scenario,
+    ScenarioPart,
     Wanted,
     assembled_system,
     execute_run,
@@ -449,7 +449,7 @@ def test_playout_scenario_keeps_to_its_proof(native_fmus: Path, tmp_path: Path) 
 def design_part(**keys: Any) -> Any:
     """The table [design] of a scenario."""
     data = {"title": "t", "run": {"end": 1.0, "step": 0.1}, "components": {"a": {"fmu": "A"}}}
-    return Scenario.model_validate({**data, "design": keys}).design
+    return ScenarioPart.model_validate({**data, "design": keys}).design
 
 
 def test_design_takes_the_keys_of_ages(tmp_path: Path) -> None:

@@ -24,7 +24,7 @@ from cosim.master import Limits
 from cosim.scenario import (
     FmuCache,
     Outcome,
-    Scenario,
+    ScenarioPart,
     Supervision,
     execute_run,
     json_schema,
@@ -110,7 +110,7 @@ def test_key_is_checked_and_in_the_schema() -> None:
     assert (part["type"], part["default"]) == ("boolean", False)
     parts = {"a": {"fmu": "a.fmu", "isolate": True}}
     given = {"title": "t", "run": {"end": 1.0, "step": 0.1}, "components": parts}
-    assert Scenario.model_validate(given).to_data()["components"] == parts
+    assert ScenarioPart.model_validate(given).to_data()["components"] == parts
 
 
 ISOLATE = ("--set", "components.pump.isolate=true")

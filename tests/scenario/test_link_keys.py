@@ -33,7 +33,7 @@ from cosim.network import (
     WordOrNumberKey,
     keys_of,
 )
-from cosim.scenario import Scenario, json_schema, link_of
+from cosim.scenario import ScenarioPart, json_schema, link_of
 
 VARIABLES = component_module("link_channel.variables")
 DOCS = Path(cosim.__file__).parents[1] / "docs" / "reference" / "links.md"
@@ -112,7 +112,9 @@ def in_network(found: DeclaredKey, value: Any) -> PacketLink | str:
 def read_link(table: dict[str, Any]) -> Any:
     """The link of [links.up] with these keys; a ValidationError where one is refused."""
     data = {"title": "t", "run": {"end": 1.0, "step": 0.1}, "links": {"up": table}}
-    part = Scenario.model_validate({**data, "components": {"a": {"fmu": "WaveField"}}}).links["up"]
+    part = ScenarioPart.model_validate({**data, "components": {"a": {"fmu": "WaveField"}}}).links[
+        "up"
+    ]
     return link_of("up", part, 0)  # a value that the table lets through makes a link
 
 

@@ -10,7 +10,7 @@ import pytest
 from cli.shell import Result, cosim
 from master.scalar import scalar_fmu
 
-from cosim.scenario import Scenario, run
+from cosim.scenario import ScenarioPart, run
 from cosim.trace import Trace
 
 LOOP = """\
@@ -161,9 +161,9 @@ def test_the_same_in_python(folder: Path, tmp_path: Path) -> None:
         },
         "connections": [{"from": "p.y", "to": "q.u"}, {"from": "q.y", "to": "p.u"}],
     }
-    scenario = Scenario.model_validate(parts)
+    scenario = ScenarioPart.model_validate(parts)
     outcome = run(scenario, tmp_path / "t.mcap", fmus=folder)
     # what q declares is not cut
     cut = [{"from": "p.y", "to": "q.u", "delay_s": pytest.approx(0.1)}]
     assert outcome.metrics["cut_connections"] == cut
-    assert Scenario.model_validate(scenario.to_data()) == scenario
+    assert ScenarioPart.model_validate(scenario.to_data()) == scenario

@@ -18,7 +18,7 @@ from hypothesis import HealthCheck, given, settings, strategies as st
 from cosim.core import CosimError, InputError
 from cosim.scenario import (
     FmuCache,
-    Scenario,
+    ScenarioPart,
     builtin_names,
     json_schema,
     load,
@@ -41,7 +41,7 @@ def test_written_scenario_reads_back_equal(name: str, tmp_path: Path) -> None:
     assert again == scenario
     assert again.to_toml() == text
     data = json.loads(json.dumps(scenario.model_dump(by_alias=True, exclude_none=True)))
-    assert Scenario.model_validate(data) == scenario
+    assert ScenarioPart.model_validate(data) == scenario
 
 
 @cache
@@ -73,7 +73,7 @@ def test_json_schema_refuses_invalid_files() -> None:
 
 def test_scenario_built_in_python_runs(fmus: Path, tmp_path: Path) -> None:
     """The same scenario as objects: same content hash as from its file, and rerun."""
-    scenario = Scenario.model_validate(
+    scenario = ScenarioPart.model_validate(
         {
             "title": "built",
             "run": {"end": 1.0, "step": "100 ms"},

@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from cosim.scenario import ExpressionError, Scenario, formula
+from cosim.scenario import ExpressionError, ScenarioPart, formula
 
 pint = pytest.importorskip("pint", reason="the other side of the comparison")
 
@@ -122,7 +122,7 @@ def test_an_inch_is_a_length_where_a_word_is_none() -> None:
     """In a value "in" is a unit, in an expression it is not."""
     medium = {"nodes": {"a": [0.0], "b": ["1 in"]}, "data_rate": 1000}
     data = {"title": "t", "run": {"end": 1.0, "step": 0.1}, "components": {"a": {"fmu": "A"}}}
-    read = Scenario.model_validate({**data, "medium": {"bay": medium}}).medium["bay"]
+    read = ScenarioPart.model_validate({**data, "medium": {"bay": medium}}).medium["bay"]
     assert read.nodes["b"] == [0.0254]
     with pytest.raises(ExpressionError):
         formula("1 in")

@@ -15,7 +15,7 @@ from cosim.master import Component, System
 from cosim.scenario.assembly import assemble
 from cosim.scenario.fields import Part
 from cosim.scenario.preparation import PreparedScenario
-from cosim.scenario.schema import Scenario
+from cosim.scenario.schema import ScenarioPart
 from cosim.scenario.ssp.elements import (
     ArchiveElements,
     Resources,
@@ -151,7 +151,7 @@ def export_ssp(
     )
 
 
-def system_of(prepared: PreparedScenario, scenario: Scenario) -> System:
+def system_of(prepared: PreparedScenario, scenario: ScenarioPart) -> System:
     """Assemble the system that the master would run, with the designed gain as parameters."""
     worst_case = prepared.worst_case
     made = assemble(scenario, prepared.fmus, parameters=prepared.gain, worst_case=worst_case)
@@ -163,7 +163,7 @@ def _toml(part: Part) -> str:
     return tomli_w.dumps(part.model_dump(by_alias=True, exclude_none=True))
 
 
-def _inexpressible(scenario: Scenario) -> list[str]:
+def _inexpressible(scenario: ScenarioPart) -> list[str]:
     """Return the parts that SSP cannot express."""
     return sorted(name for name in scenario.model_fields_set - _EXPORTED if getattr(scenario, name))
 
@@ -214,7 +214,7 @@ def _left_out_of(name: str, component: Component, version: SspVersion) -> Iterat
 
 
 def _signals(
-    scenario: Scenario, built: ArchiveElements, names: Mapping[str, str]
+    scenario: ScenarioPart, built: ArchiveElements, names: Mapping[str, str]
 ) -> tuple[str, str | None]:
     """Return the tables that an import has again, and the element that plays them.
 

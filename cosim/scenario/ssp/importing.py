@@ -17,7 +17,7 @@ from cosim.fmu import FmuDescription, describe_fmu
 from cosim.master import receiving_order
 from cosim.scenario.assembly import assemble
 from cosim.scenario.read import LoadedScenario, parse
-from cosim.scenario.schema import Scenario
+from cosim.scenario.schema import ScenarioPart
 from cosim.scenario.ssp.archive import Archive
 from cosim.scenario.ssp.flatten import FlatSystem, Path as Place, flatten, scenario_names
 from cosim.scenario.ssp.import_wires import connections_of
@@ -160,7 +160,10 @@ def _parsed(data: Mapping[str, Any], path: Path) -> tuple[str, LoadedScenario]:
 
 
 def _cut_loops(
-    data: dict[str, Any], scenario: Scenario, fmus: Mapping[str, FmuDescription], notes: list[str]
+    data: dict[str, Any],
+    scenario: ScenarioPart,
+    fmus: Mapping[str, FmuDescription],
+    notes: list[str],
 ) -> dict[str, str]:
     """Cut loops whose FMUs do not declare dependencies, as the tools do that write such archives.
 

@@ -1,0 +1,276 @@
+"""A scenario made in Python: parts are added one by one, and may be objects.
+
+It is the same as the TOML: `save` writes it, `Scenario.load` reads it, and what is wrong is said
+in the same words.
+"""
+
+from __future__ import annotations
+
+import copy
+import hashlib
+import json
+from collections.abc import Mapping
+from os import PathLike
+from pathlib import Path
+from typing import Any, Self
+
+import tomli_w
+
+from cosim.core import DESIGN_FILE, InputError, Layer, cache_folder, not_written, write_whole
+from cosim.fmu.export import DEFAULT_FLAVOUR, Flavour, pack, spec_of
+from cosim.hinf import Result
+from cosim.models import DelaySystem
+from cosim.scenario.extend import Source, open_source
+from cosim.scenario.fmu_cache import FmuCache
+from cosim.scenario.key_paths import put, split
+from cosim.scenario.schema import ComponentPart, RunPart
+
+_OF_COMPONENT = tuple(name for name in ComponentPart.model_fields if name != "fmu")
+
+
+class Scenario:
+    """A run as data: what flies, over which links, what happens, and what must hold.
+
+        s = (
+            Scenario(step=0.01, until=60)
+            .add("plant", design.system, initial=[1.0, 0.0])
+            .add("controller", design)
+            .link("up", sample_time=0.1, delay=0.2, loss=0.1)
+            .connect("plant.x", "controller.x", over="up")
+            .connect("controller.u", "plant.u")
+            .at(20, lasts=3, outage=["up"])
+        )
+        result = cosim.run(s)
+
+    It cannot be changed: every method returns another scenario. Keys, units and defaults are those
+    of the TOML (docs/reference/scenario.md); `until` is `run.end`.
+
+    Parameters
+    ----------
+    step, until : communication step and end of the run [s], or texts with a unit.
+    title : one line that says what is run.
+    name : what it is called in outcomes and traces.
+    run : further keys of [run]: `seed`, `start`, `algorithm`, ...
+
+    Raises
+    ------
+    InputError : by each method, where a key is none; by `check` and `cosim.run`, where parts do
+        not fit.
+    """
+
+    def __init__(
+        self,
+        *,
+        step: float | str,
+        until: float | str,
+        title: str = "A scenario",
+        name: str = "scenario",
+        **run: Any,
+    ) -> None:
+        _known("run", run, [key for key in RunPart.model_fields if key not in ("step", "end")])
+        self._name, self._folder = name, Path.cwd()
+        self._data: dict[str, Any] = {"title": title, "run": {"end": until, "step": step, **run}}
+        self._objects: dict[str, tuple[Any, dict[str, Any]]] = {}
+
+    @classmethod
+    def load(cls, name_or_path: str | PathLike[str]) -> Self:
+        """Read a built-in scenario by name, or a TOML file.
+
+        Raises
+        ------
+        InputError : no such scenario, or malformed TOML.
+        """
+        source = open_source(str(name_or_path))
+        data, _ = source.written_out()
+        empty = cls(step=0, until=0, name=source.name)
+        vars(empty).update(_data=data, _folder=source.folder)
+        return empty
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Scenario):
+            return NotImplemented
+        return (self._data, self._objects) == (other._data, other._objects)
+
+    __hash__ = None  # type: ignore[assignment] # compared by what is in it
+
+    def __repr__(self) -> str:
+        components = ", ".join(self._data.get("components", {}))
+        links = ", ".join(self._data.get("links", {})) or "no links"
+        return f"<Scenario {self._name}: {components or 'no components'}; {links}>"
+
+    def add(
+        self,
+        name: str,
+        what: Any,
+        *,
+        parameters: Mapping[str, Any] | None = None,
+        **settings: Any,
+    ) -> Self:
+        """Add a component.
+
+        Parameters
+        ----------
+        name : of the component.
+        what : a built-in FMU by name or any `.fmu` by its path, as in TOML; or what `cosim.pack`
+            takes: a system (its plant), a design (its controller), a vehicle. With the system of
+            the design as another component, the run is judged by its proof.
+        parameters : start values and parameters by FMI name.
+        settings : further keys of [components.NAME] (`step`, `event_mode`, ...), and those of
+            `cosim.pack` (`initial` of a system; `sample_time`, `limits` of a design).
+        """
+        data, objects = self.to_data(), dict(self._objects)
+        part = {key: settings.pop(key) for key in _OF_COMPONENT if key in settings}
+        if parameters:
+            part["parameters"] = dict(parameters)
+        if isinstance(what, str | PathLike) and not isinstance(what, DelaySystem):
+            _known(f"components.{name}", settings, _OF_COMPONENT)
+            part["fmu"] = str(what)
+        else:
+            spec_of(what, "checked", **settings)  # what cannot be packed is refused here
+            objects[name] = what, settings
+        data.setdefault("components", {})[name] = part
+        return self._with(data, objects)
+
+    def connect(self, source: str, target: str, *, over: str | None = None, **keys: Any) -> Self:
+        """Connect an output to an input, or a group to a group, over a link.
+
+        keys : of [[connections]]: `gain`, `offset`, `matrix`, `sensor`, `add`, `policy`.
+        """
+        link = {} if over is None else {"link": over}
+        return self._listed("connections", {"from": source, "to": target, **link, **keys})
+
+    def link(self, name: str, *, kind: str = "packet", **keys: Any) -> Self:
+        """Add a link; keys as of [links.NAME]: `sample_time`, `delay`, `loss`, `jitter`, ...
+
+        kind : "packet", or "transport" for a continuous signal that is delayed.
+        """
+        return self.set(f"links.{name}", {"kind": kind, **keys})
+
+    def at(self, time: float | str, *, lasts: float | str | None = None, **actions: Any) -> Self:
+        """Let something happen at a time [s]; what it does is undone when it is over.
+
+        lasts : how long [s]; None: to the end.
+        actions : of [[events]]: `set`, `override`, `bias`, `outage`, `delay`, `loss`, `stop`, ...
+        """
+        during = {} if lasts is None else {"for": lasts}
+        return self._listed("events", {"at": time, **during, **actions})
+
+    def when(self, condition: str, *, lasts: float | str | None = None, **actions: Any) -> Self:
+        """Let something happen when a condition becomes true, as "plant.x[1] > 2"."""
+        during = {} if lasts is None else {"for": lasts}
+        return self._listed("events", {"when": condition, **during, **actions})
+
+    def require(self, always: str | None = None, **keys: Any) -> Self:
+        """Say what must hold: `always`, or another key of [[assertions]], as `eventually`."""
+        given = {} if always is None else {"always": always}
+        return self._listed("assertions", {**given, **keys})
+
+    def set(self, key: str, value: Any) -> Self:
+        """Set a key by its dotted path, as `--set`: "links.up.delay", "run.seed", "modes.mission".
+
+        Raises
+        ------
+        InputError : a path through what is no table.
+        """
+        data, objects = self.to_data(), dict(self._objects)
+        path = split(key)
+        put(data, path, _plain(value), f"set({key!r})")
+        if path[0] == "components" and path[2:] == ("fmu",):
+            objects.pop(str(path[1]), None)
+        return self._with(data, objects)
+
+    def to_data(self) -> dict[str, Any]:
+        """Return the tables, as TOML has them; components that are objects without `fmu`."""
+        return copy.deepcopy(self._data)
+
+    def save(self, path: str | PathLike[str], *, flavour: Flavour = DEFAULT_FLAVOUR) -> Path:
+        """Write the scenario as TOML; objects become files beside it. Return its path.
+
+        Raises
+        ------
+        InputError : parts that do not fit, or a file that cannot be written.
+        """
+        target = Path(path)
+        data = self.to_data()
+        for name, (what, settings) in self._objects.items():
+            packed = pack(what, target.parent / f"{name}.fmu", flavour=flavour, **settings)
+            data["components"][name]["fmu"] = packed.name
+        if (found := self._judged()) is not None:
+            controller, plant, design = found
+            file = design.save(target.parent / f"{controller}.json")
+            data["design"] = {"file": file.name, "controller": controller, "plant": plant}
+        with not_written("the scenario", target):
+            write_whole(target, tomli_w.dumps(data).encode())
+        return target
+
+    def source(self, flavour: str = DEFAULT_FLAVOUR) -> Source:
+        """Return what is read of a file: objects are FMUs, and a design a file, in the cache.
+
+        Raises
+        ------
+        InputError : an object that cannot be packed.
+        """
+        data = self.to_data()
+        cache = FmuCache(Path("fmus"), self._folder, flavour=flavour)
+        for name, (what, settings) in self._objects.items():
+            made = cache.made(spec_of(what, name, **settings), f"components.{name}")
+            data["components"][name]["fmu"] = str(made.path)
+        if (found := self._judged()) is not None:
+            controller, plant, design = found
+            file = str(_kept_design(design))
+            data["design"] = {"file": file, "controller": controller, "plant": plant}
+        text = tomli_w.dumps(data)
+        return Source(self._name, data, (Layer(f"{self._name}.toml", text),), self._folder)
+
+    def _judged(self) -> tuple[str, str, Result] | None:
+        """Return controller, plant and design of a loop whose proof judges the run.
+
+        There is one where a design is added and its own system is another component, unless
+        [design] says something else.
+        """
+        if "design" in self._data:
+            return None
+        for name, (design, settings) in self._objects.items():
+            if isinstance(design, Result) and not settings.get("observer"):
+                for other, (what, _) in self._objects.items():
+                    if isinstance(what, DelaySystem) and what == design.system:
+                        return name, other, design
+        return None
+
+    def _with(self, data: dict[str, Any], objects: dict[str, tuple[Any, dict[str, Any]]]) -> Self:
+        made = copy.copy(self)
+        vars(made).update(_data=data, _objects=objects)
+        return made
+
+    def _listed(self, key: str, part: dict[str, Any]) -> Self:
+        data = self.to_data()
+        data.setdefault(key, []).append(_plain(part))
+        return self._with(data, self._objects)
+
+
+def _kept_design(design: Result) -> Path:
+    """Return the file of a design in the user's cache, by its content."""
+    text = json.dumps(DESIGN_FILE.stamped(design.to_json()), sort_keys=True, allow_nan=False)
+    digest = hashlib.sha256(text.encode()).hexdigest()[:16]
+    path = cache_folder() / "designs" / f"{digest}.json"
+    if not path.is_file():
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_whole(path, text.encode())
+    return path
+
+
+def _plain(value: Any) -> Any:
+    """Return a value as TOML has it: arrays as lists, numbers of NumPy as Python's."""
+    if isinstance(value, Mapping):
+        return {str(key): _plain(one) for key, one in value.items()}
+    if hasattr(value, "tolist"):
+        return value.tolist()
+    if isinstance(value, list | tuple):
+        return [_plain(one) for one in value]
+    return value
+
+
+def _known(where: str, given: Mapping[str, Any], known: Any) -> None:
+    other = [key for key in given if key not in known]
+    if other:
+        raise InputError.unknown("key", other[0], known, where=where)
