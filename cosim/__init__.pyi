@@ -5,16 +5,21 @@ from .fmu.export import pack as pack
 from .hinf import (
     Delay as Delay,
     DelaySystem as DelaySystem,
+    Result as Result,
     analyse as analyse,
     check_certificate as check_certificate,
     design as design,
 )
+from .models import link as link
 from .scenario import (
     Scenario as Scenario,
     open_session as open_session,
     run as run,
 )
-from .study import run_study as run_study
+from .study import (
+    run_study as run_study,
+    sweep as sweep,
+)
 from .trace import (
     Trace as Trace,
     Traces as Traces,

@@ -19,7 +19,18 @@ import cosim
 ROOT = Path(cosim.__file__).parents[1]
 FRONT_DOOR = {
     *("run", "open_session", "Scenario", "design", "analyse", "check_certificate", "DelaySystem"),
-    *("Delay", "Trace", "Traces", "run_study", "build_fmu", "pack", "CosimError", "__version__"),
+    *(
+        "Delay",
+        "Trace",
+        "Traces",
+        "run_study",
+        "build_fmu",
+        "pack",
+        "link",
+        "Result",
+        "CosimError",
+        "__version__",
+    ),
 }
 LOWER = {
     "core": set(),

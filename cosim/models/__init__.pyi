@@ -24,6 +24,7 @@ from .delay_system import (
     DelaySystem as DelaySystem,
     Feedback as Feedback,
     Matrix as Matrix,
+    link as link,
 )
 from .delayed_linear import (
     linear_derivatives as linear_derivatives,

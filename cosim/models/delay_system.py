@@ -129,7 +129,7 @@ class Delay(Value):
     Parameters
     ----------
     d : the delay [s], finite and not negative.
-    A : (n, n) the matrix of x(t-d).
+    A : (n, n) the matrix of x(t-d); None: zero, as where the control alone acts through the delay.
     H : (r, n) the right factor of the uncertainty for this delay; None: no uncertainty.
     feedback : the control acts through this delay, u = K x(t-d). One truth value per state
         where only some are fed back through it; a row of them per control where entries of K
@@ -160,7 +160,7 @@ class Delay(Value):
     def __init__(
         self,
         d: float,
-        A: ArrayLike,
+        A: ArrayLike | None = None,
         H: ArrayLike | None = None,
         feedback: bool | Sequence[bool] | Sequence[Sequence[bool]] = False,  # noqa: FBT001, FBT002 - fields of a record
         any_age: bool = False,  # noqa: FBT001, FBT002
@@ -185,8 +185,9 @@ class Delay(Value):
             raise ValueError(f"rate: expected a finite bound of |tau'|, >= 0, got {rate}")
         if rate is not None and sampled:
             raise ValueError("rate: expected none with sampled (the age jumps), got both")
-        matrix = read_only_matrix("A of a delay", A, None, None)
-        n = matrix.shape[0]
+        if A is None:  # of no states yet: the system says how many
+            A = np.zeros((n := _states_of(H, feedback), n))
+        n = read_only_matrix("A of a delay", A, None, None).shape[0]
         object.__setattr__(self, "d", float(d))
         object.__setattr__(self, "A", read_only_matrix("A of a delay", A, n, n))
         right = np.zeros((0, n)) if H is None else H
@@ -198,7 +199,14 @@ class Delay(Value):
         object.__setattr__(self, "sampled", bool(sampled))
 
     def __repr__(self) -> str:
-        return f"<Delay: {self.description}, of {self.A.shape[0]} states>"
+        states = f", of {len(self.A)} states" if len(self.A) else ""
+        return f"<Delay: {self.description}{states}>"
+
+    def of_states(self, n: int) -> Delay:
+        """Return the delay in a system of n states: without a matrix of its own with a zero one."""
+        return (
+            self if len(self.A) or n == 0 else replace(self, A=np.zeros((n, n)), H=np.zeros((0, n)))
+        )
 
     def _repr_html_(self) -> str:
         """Return what is known of it and its matrix, as notebooks show it."""
@@ -239,6 +247,23 @@ class Delay(Value):
         A sampled age cannot stay at d, and a loop may be stable that is not with d for ever.
         """
         return (self.least_age + self.d) / 2 if self.sampled else self.d
+
+
+def _states_of(H: ArrayLike | None, feedback: Any) -> int:
+    """Return the number of states that a delay without a matrix names; 0 where it names none."""
+    if H is not None:
+        return int(np.shape(H)[-1])
+    return 0 if isinstance(feedback, bool) else int(np.shape(feedback)[-1])
+
+
+def link(d: float, **ages: Any) -> Delay:
+    """Return the delay of a link: the control acts through it, at any age up to d [s].
+
+        DelaySystem(A, B, C=C, D=D, D2=D2, delays=[link(2.0)])
+
+    ages : as of `Delay`: `least_age`, `rate`, `sampled`; `any_age=False` for a constant delay.
+    """
+    return Delay(d, feedback=True, **{"any_age": True, **ages})
 
 
 def _fed_back_at_once(
@@ -352,6 +377,7 @@ class DelaySystem(Value):
             raise ValueError(f"B: expected shape {(n, m)} beside D2, which weighs u; got no B")
         q = size("disturbances (columns of C, D1)", 1, "C", "D1")
         p = size("performance outputs (rows of D, D1, D2)", 0, "D", "D1", "D2")
+        delays = [delay.of_states(n) for delay in delays]
         for i, delay in enumerate(delays, 1):
             if delay.A.shape != (n, n):
                 raise ValueError(f"A of delay {i}: expected {(n, n)}, got {delay.A.shape}")
@@ -380,6 +406,13 @@ class DelaySystem(Value):
                 f"integrals: expected fewer than {n} states, the last, without B and C, "
                 f"got {integrals}"
             )
+
+    def with_(self, **changes: Any) -> DelaySystem:
+        """Return the system with other values of these parameters.
+
+        [design(system.with_(delays=[link(age)])).gamma for age in (0.5, 1.0, 2.0)]
+        """
+        return replace(self, **changes)
 
     @classmethod
     def from_state_space(

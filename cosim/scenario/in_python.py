@@ -9,7 +9,7 @@ from __future__ import annotations
 import copy
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from os import PathLike
 from pathlib import Path
 from typing import Any, Self
@@ -23,6 +23,7 @@ from cosim.models import DelaySystem
 from cosim.scenario.extend import Source, open_source
 from cosim.scenario.fmu_cache import FmuCache
 from cosim.scenario.key_paths import put, split
+from cosim.scenario.read import LoadedScenario, loaded_of, with_settings
 from cosim.scenario.schema import ComponentPart, RunPart
 
 _OF_COMPONENT = tuple(name for name in ComponentPart.model_fields if name != "fmu")
@@ -221,6 +222,17 @@ class Scenario:
             data["design"] = {"file": file, "controller": controller, "plant": plant}
         text = tomli_w.dumps(data)
         return Source(self._name, data, (Layer(f"{self._name}.toml", text),), self._folder)
+
+    def loaded(
+        self, flavour: str = DEFAULT_FLAVOUR, settings: Sequence[str] = ()
+    ) -> LoadedScenario:
+        """Return the scenario as it is read and validated, with KEY=VALUE settings.
+
+        Raises
+        ------
+        InputError : it breaks the schema, with the place in its TOML.
+        """
+        return loaded_of(with_settings(self.source(flavour), settings))
 
     def _judged(self) -> tuple[str, str, Result] | None:
         """Return controller, plant and design of a loop whose proof judges the run.

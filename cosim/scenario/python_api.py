@@ -13,7 +13,7 @@ from cosim.scenario.execute import assembled_system, execute_recorded, execute_u
 from cosim.scenario.fmu_cache import FmuCache
 from cosim.scenario.in_python import Scenario
 from cosim.scenario.preparation import PreparedScenario, prepare
-from cosim.scenario.read import load, loaded_of, of_scenario, with_settings
+from cosim.scenario.read import load, of_scenario
 from cosim.scenario.row_observer import Row, RowObserver
 from cosim.scenario.run_result import RunResult
 from cosim.scenario.scenario_session import ScenarioSession
@@ -146,7 +146,7 @@ def _prepared(
             )
         loaded = of_scenario(scenario, "scenario")
     elif isinstance(scenario, Scenario):
-        loaded = loaded_of(with_settings(scenario.source(flavour), settings))
+        loaded = scenario.loaded(flavour, settings)
     else:
         loaded = load(str(scenario), settings)
     return prepare(loaded, FmuCache(Path(fmus), loaded.folder, flavour=flavour))

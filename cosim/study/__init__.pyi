@@ -3,6 +3,7 @@ from .execution import (
     execute_study as execute_study,
 )
 from .folder import read_rows as read_rows
+from .grid_runs import sweep as sweep
 from .importance import importance_sampling as importance_sampling
 from .merge import (
     MergedStudy as MergedStudy,

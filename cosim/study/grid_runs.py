@@ -1,0 +1,108 @@
+"""Many runs of a scenario on a grid, from Python: a study whose table comes back as one frame."""
+
+from __future__ import annotations
+
+import re
+import tempfile
+from collections.abc import Iterable, Mapping
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+from cosim.core import InputError, Layer, Origin, Progress, optional, valid
+from cosim.fmu.export import DEFAULT_FLAVOUR
+from cosim.scenario import LoadedScenario, Scenario, load
+from cosim.study.running import FMUS, run_study
+from cosim.study.schema import Study
+from cosim.study.table import read_table
+
+METRICS = {"headline": "headline", "gain": "metrics.gain", "gamma": "metrics.gamma"}
+"""Figures that are kept unless others are named."""
+
+
+def sweep(
+    scenario: str | PathLike[str] | Scenario,
+    grid: Mapping[str, Iterable[Any]],
+    metrics: Mapping[str, Any] | None = None,
+    *,
+    workers: int | str = 1,
+    out: str | PathLike[str] | None = None,
+    fmus: str | PathLike[str] = FMUS,
+    flavour: str = DEFAULT_FLAVOUR,
+    limits: Iterable[str] = (),
+    progress: Progress | None = None,
+) -> Any:
+    """Run a scenario at every point of a grid; return one row per run as a pandas DataFrame.
+
+        sweep(s, {"links.up.delay": [0.1, 0.2], "run.seed": range(20)}, workers="all",
+              metrics={"error": {"signal": "plant.x[1]", "reduce": "rms"}})
+
+    Parameters
+    ----------
+    scenario : a built-in name, a file, or one that was made in Python.
+    grid : values by the dotted path of a key, as of `--set`; every combination is run.
+    metrics : figures by the name of their column, as [metrics] of a study has them: a path into
+        what `cosim run --json` prints, or a signal that is reduced. By default headline, gain and
+        gamma.
+    workers : number of processes on this machine; "all": one per core.
+    out : folder of the study, which the same call continues; None: a temporary one.
+    fmus, flavour, limits, progress : as of `run_study`.
+
+    Returns
+    -------
+    frame : the columns of the grid, `status`, and the metrics; in order of the grid, the last key
+        varying fastest.
+
+    Raises
+    ------
+    InputError : an empty grid, a path or metric that is none, or pandas is not installed.
+    CosimError : as `run_study`.
+    """
+    optional("pandas", extra="tables", what="the frame of a sweep needs pandas")
+    loaded = scenario.loaded(flavour) if isinstance(scenario, Scenario) else load(str(scenario))
+    names = {re.sub(r"\W+", "_", path).strip("_"): path for path in grid}
+    if not grid or len(names) != len(grid):
+        got = "no key" if not grid else "two keys with one name of a column"
+        raise InputError("not a grid", where="grid", expected="keys that differ", got=got)
+    vary = [
+        {"name": name, "kind": "grid", "values": [*grid[path]], "path": path}
+        for name, path in names.items()
+    ]
+    data = {
+        "title": f"a sweep of {loaded.name}",
+        "scenario": loaded.name,
+        "vary": vary,
+        "metrics": dict(metrics or METRICS),
+    }
+    study = valid(Study, data, Origin((Layer("sweep", ""),)))
+    if out is not None:
+        return _frame(study, loaded, Path(out), names, workers, fmus, flavour, limits, progress)
+    with tempfile.TemporaryDirectory(prefix="sweep-") as folder:
+        place = Path(folder, "study")
+        return _frame(study, loaded, place, names, workers, fmus, flavour, limits, progress)
+
+
+def _frame(
+    study: Study,
+    loaded: LoadedScenario,
+    out: Path,
+    names: Mapping[str, str],
+    workers: int | str,
+    fmus: str | PathLike[str],
+    flavour: str,
+    limits: Iterable[str],
+    progress: Progress | None,
+) -> Any:
+    """Run the study and return its table, the axes under the paths of the grid."""
+    run_study(
+        *(study, out),
+        scenario=loaded,
+        workers=workers,
+        fmus=Path(fmus),
+        flavour=flavour,
+        limits=[*limits],
+        progress=progress,
+    )
+    frame = read_table(out)[0].to_pandas()
+    kept = [*names, "status", *study.metrics]
+    return frame[kept].rename(columns=dict(names))
