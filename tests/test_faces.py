@@ -19,18 +19,8 @@ import cosim
 ROOT = Path(cosim.__file__).parents[1]
 FRONT_DOOR = {
     *("run", "open_session", "Scenario", "design", "analyse", "check_certificate", "DelaySystem"),
-    *(
-        "Delay",
-        "Trace",
-        "Traces",
-        "run_study",
-        "build_fmu",
-        "pack",
-        "link",
-        "Result",
-        "CosimError",
-        "__version__",
-    ),
+    *("Delay", "link", "Result", "pack", "build_fmu", "Trace", "Traces", "run_study", "sweep"),
+    *("CosimError", "__version__"),
 }
 LOWER = {
     "core": set(),

@@ -135,7 +135,7 @@ def changes_of(scenario: ScenarioPart, findings: Findings) -> dict[str, list[Cha
     found: dict[str, list[Change]] = {}
     end, begin = scenario.run.lasts_ns, scenario.run.start_ns
     for i, event in enumerate(scenario.events):
-        if event.at is None:
+        if event.at is None or event.at > scenario.run.end:  # `script_of` refuses it
             continue
         start, lasts = nanoseconds(event.at) - begin, _lasts_ns(event)
         until = end + 1 if lasts is None else start + lasts

@@ -172,10 +172,10 @@ class Vehicle:
 
     def fmu_spec(self, name: str) -> ComponentSpec:
         """Specify the plant FMU, for `cosim.pack` and `cosim.build_fmu`; `name` : of the model."""
-        found: ComponentSpec = component_module("vehicle_plant.variables").vehicle_plant_spec(
+        spec: ComponentSpec = component_module("vehicle_plant.variables").vehicle_plant_spec(
             self, name=name
         )
-        return found
+        return spec
 
     @cached_property
     def _constants(self) -> Mapping[str, Any]:

@@ -181,7 +181,7 @@ def test_unwritable_page_is_refused_before_the_computation(
         result = command("paper", "--html", place, "--json", cwd=tmp_path)
         assert result.code == 2
         assert words in result.error["what"]
-    monkeypatch.setattr(cosim.trace, "pyplot", missing)
+    monkeypatch.setattr(cosim.core, "pyplot", missing)
     result = command("paper", "--html", "page.html", "--json", cwd=tmp_path)
     assert result.code == 2
     assert "plot" in result.error["hint"]

@@ -19,26 +19,26 @@ LINKED = "auv-acoustic"
 SETTINGS = ["run.end=12"]
 
 
-def flown(name: str = LINKED, trace: Path | None = None, **more: Any) -> RunResult:
+def fly(name: str = LINKED, trace: Path | None = None, **more: Any) -> RunResult:
     return run(name, trace, settings=SETTINGS, fmus=fmu_store("native"), **more)
 
 
 @pytest.fixture(scope="module")
 def in_memory() -> RunResult:
-    return flown()
+    return fly()
 
 
 @pytest.fixture(scope="module")
 def in_file(tmp_path_factory: pytest.TempPathFactory) -> RunResult:
-    return flown(trace=tmp_path_factory.mktemp("run") / "a.mcap")
+    return fly(trace=tmp_path_factory.mktemp("run") / "a.mcap")
 
 
 @pytest.mark.parametrize("supervise", [False, True])
 @pytest.mark.parametrize("name", [LINKED, "slots-against-random-access"])
 def test_rows_in_memory_are_those_of_the_trace(name: str, supervise: bool, tmp_path: Path) -> None:  # noqa: FBT001
     """Every topic of components and links, to the last bit; the figures too."""
-    mine = flown(name, supervise=supervise)
-    file = flown(name, tmp_path / "a.mcap")
+    mine = fly(name, supervise=supervise)
+    file = fly(name, tmp_path / "a.mcap")
     assert isinstance(mine.rows, RowsInMemory)
     assert isinstance(file.rows, Trace)
     found, expected = mine.read_all(), file.read_all()
@@ -93,7 +93,7 @@ def test_a_result_is_pickled_with_its_rows(in_memory: RunResult, in_file: RunRes
 @pytest.mark.parametrize("keep", [False, True])
 def test_each_row_is_handed_on_as_it_becomes_complete(keep: bool) -> None:  # noqa: FBT001
     seen: list[tuple[float, float, float]] = []
-    found = flown(
+    found = fly(
         keep=keep,
         on_row=lambda row: seen.append((row.t, row["plant.eta.x"], *row["plant.eta"][:1])),
     )
@@ -110,11 +110,11 @@ def test_a_function_for_rows_that_raises_ends_the_run() -> None:
             raise RuntimeError("enough")
 
     with pytest.raises(RuntimeError, match="enough"):
-        flown(on_row=refuse)
+        fly(on_row=refuse)
 
 
 def test_without_rows_it_says_so() -> None:
-    found = flown(keep=False)
+    found = fly(keep=False)
     assert found.status == "finished"
     with pytest.raises(InputError, match="were not kept"):
         found["plant.eta.x"]

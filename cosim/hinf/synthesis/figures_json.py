@@ -23,16 +23,16 @@ LATER_FIGURES = ("exact_norm_upper", "delay_margin", "worst_case")
 def figures_to_json(least_gamma: float | None, figures: NominalFigures) -> dict[str, Any]:
     """Return the solver's least gamma and the figures as JSON values."""
     names = (*FIGURES[1:], "exact_norm_upper")
-    found: dict[str, Any] = {"least_gamma": least_gamma}
-    found |= {name: getattr(figures, name) for name in names}
+    values: dict[str, Any] = {"least_gamma": least_gamma}
+    values |= {name: getattr(figures, name) for name in names}
     margin = figures.delay_margin
-    found["delay_margin"] = None if margin is None else list(margin)
+    values["delay_margin"] = None if margin is None else list(margin)
     if figures.worst_case is not None:  # else left out: a design that is read is written as it was
-        found["worst_case"] = {
+        values["worst_case"] = {
             key: list(value) if isinstance(value, tuple) else value
             for key, value in asdict(figures.worst_case).items()
         }
-    return found
+    return values
 
 
 def has_figures(figures: Any) -> bool:
