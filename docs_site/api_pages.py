@@ -16,6 +16,9 @@ FACES = (
     *("cosim.hinf", "cosim.hinf.problem", "cosim.hinf.synthesis", "cosim.hinf.delay_lti"),
     "cosim.hinf.certificate",
     *("cosim.vehicle", "cosim.scenario", "cosim.trace", "cosim.study", "cosim.fmu"),
+    *("cosim.fmu.export", "cosim.fmu.inspect", "cosim.fmu.compiled", "cosim.trace.outcome"),
+    *("cosim.trace.rows", "cosim.trace.tables", "cosim.trace.comparison", "cosim.trace.exports"),
+    *("cosim.trace.report", "cosim.trace.live", "cosim.trace.ros2", "cosim.trace.viewers"),
     *("cosim.network", "cosim.recordings", "cosim.master", "cosim.replay", "cosim.models"),
     *("cosim.tape", "cosim.core", "cosim.paper"),
 )
