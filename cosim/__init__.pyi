@@ -13,6 +13,7 @@ from .hinf import (
 from .models import link as link
 from .scenario import (
     Scenario as Scenario,
+    env as env,
     open_session as open_session,
     run as run,
 )

@@ -126,7 +126,7 @@ class SessionBase(ABC):
         ------
         InputError : no such component or variable.
         """
-        component, members, single = self._named(name)
+        component, members, single = self.named(name)
         instance = self._instance_named(component)
         exchanged = instance.column_names
         values = [
@@ -144,7 +144,7 @@ class SessionBase(ABC):
         ------
         InputError : as of `set` and `override`; a sequence of another length.
         """
-        component, members, single = self._named(name)
+        component, members, single = self.named(name)
         values = [value] if single else list(value)
         if len(values) != len(members):
             raise InputError(
@@ -164,7 +164,7 @@ class SessionBase(ABC):
         self.check_open()
         return next(one for one in self.instances if one.name == component)
 
-    def _named(self, name: str) -> tuple[str, list[str], bool]:
+    def named(self, name: str) -> tuple[str, list[str], bool]:
         """Return the component, its variables, and whether it is a single one."""
         component, _, variable = name.partition(".")
         if component not in self.system.components:

@@ -22,6 +22,7 @@ from .diagram import (
     as_text as as_text,
 )
 from .editor_schema import json_schema as json_schema
+from .environments import env as env
 from .execute import (
     assembled_system as assembled_system,
     execute_recorded as execute_recorded,

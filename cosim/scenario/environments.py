@@ -1,0 +1,49 @@
+"""Environments for reinforcement learning; without gymnasium, the extra that is missing."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from cosim.core import optional
+from cosim.fmu.export import DEFAULT_FLAVOUR
+from cosim.scenario.in_python import Scenario
+from cosim.scenario.python_api import FMUS
+
+if TYPE_CHECKING:
+    from cosim.scenario.gym_environment import ScenarioEnvironment
+
+
+def env(
+    scenario: str | Path | Scenario,
+    *,
+    act: Sequence[str],
+    observe: Sequence[str],
+    reward: Callable[[Any, Any], float],
+    points: int = 1,
+    fmus: str | Path = FMUS,
+    flavour: str = DEFAULT_FLAVOUR,
+) -> ScenarioEnvironment:
+    """Open a scenario as an environment of gymnasium: reset, step, close.
+
+        e = env(s, act=["plant.u"], observe=["plant.x"], reward=lambda x, u: -float(x @ x))
+
+    Several side by side: `gymnasium.vector.SyncVectorEnv([lambda: env(...)] * 4)`.
+
+    Parameters
+    ----------
+    scenario, fmus, flavour : as of `run`.
+    act, observe : signals or groups that an action replaces, and that are observed.
+    reward : takes observation and action, arrays of doubles.
+    points : communication points for which an action is held.
+
+    Raises
+    ------
+    InputError : as `open_session`; no such signal, or gymnasium is not installed.
+    """
+    optional("gymnasium", extra="gym", what="environments need gymnasium")
+    # an extra: it is loaded by whoever asks for it
+    from cosim.scenario.gym_environment import ScenarioEnvironment  # noqa: PLC0415
+
+    return ScenarioEnvironment(scenario, act, observe, reward, points, fmus, flavour)
