@@ -1,6 +1,9 @@
 from .core import CosimError as CosimError
 from .core.version import __version__ as __version__
-from .fmu import build_fmu as build_fmu
+from .fmu import (
+    Component as Component,
+    build_fmu as build_fmu,
+)
 from .fmu.export import pack as pack
 from .hinf import (
     Delay as Delay,

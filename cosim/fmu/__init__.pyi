@@ -30,6 +30,10 @@ from .port import (
     describe_settable as describe_settable,
     may_be_set as may_be_set,
 )
+from .python_code import (
+    Component as Component,
+    code_of as code_of,
+)
 from .returned import (
     LEAST_INTERVAL as LEAST_INTERVAL,
     Returned as Returned,

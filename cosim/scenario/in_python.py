@@ -16,8 +16,24 @@ from typing import Any, Self
 
 import tomli_w
 
-from cosim.core import DESIGN_FILE, InputError, Layer, cache_folder, not_written, write_whole
-from cosim.fmu.export import DEFAULT_FLAVOUR, Flavour, pack, spec_of
+from cosim.core import (
+    DESIGN_FILE,
+    InputError,
+    Layer,
+    cache_folder,
+    default_method,
+    not_written,
+    write_whole,
+)
+from cosim.fmu import Component, code_of
+from cosim.fmu.export import (
+    DEFAULT_FLAVOUR,
+    ComponentSpec,
+    Flavour,
+    component_module,
+    pack,
+    spec_of,
+)
 from cosim.hinf import Result
 from cosim.models import DelaySystem
 from cosim.scenario.extend import Source, open_source
@@ -114,7 +130,8 @@ class Scenario:
         name : of the component.
         what : a built-in FMU by name or any `.fmu` by its path, as in TOML; or what `cosim.pack`
             takes: a system (its plant), a design (its controller), a vehicle. With the system of
-            the design as another component, the run is judged by its proof.
+            the design as another component, the run is judged by its proof. Or a `Component` in
+            Python, an object or its class.
         parameters : start values and parameters by FMI name.
         settings : further keys of [components.NAME] (`step`, `event_mode`, ...), and those of
             `cosim.pack` (`initial` of a system; `sample_time`, `limits` of a design).
@@ -127,7 +144,9 @@ class Scenario:
             _known(f"components.{name}", settings, _OF_COMPONENT)
             part["fmu"] = str(what)
         else:
-            spec_of(what, "checked", **settings)  # what cannot be packed is refused here
+            if isinstance(what, type) and issubclass(what, Component):
+                what = what()
+            _spec(what, "checked", settings)  # what cannot fly is refused here
             objects[name] = what, settings
         data.setdefault("components", {})[name] = part
         return self._with(data, objects)
@@ -194,6 +213,13 @@ class Scenario:
         target = Path(path)
         data = self.to_data()
         for name, (what, settings) in self._objects.items():
+            if isinstance(what, Component):
+                raise InputError(
+                    "Python code has no file",
+                    where=f"components.{name}",
+                    expected="a scenario of FMUs, systems and designs",
+                    got=type(what).__name__,
+                )
             packed = pack(what, target.parent / f"{name}.fmu", flavour=flavour, **settings)
             data["components"][name]["fmu"] = packed.name
         if (found := self._judged()) is not None:
@@ -214,14 +240,30 @@ class Scenario:
         data = self.to_data()
         cache = FmuCache(Path("fmus"), self._folder, flavour=flavour)
         for name, (what, settings) in self._objects.items():
-            made = cache.made(spec_of(what, name, **settings), f"components.{name}")
+            made = cache.made(_spec(what, name, settings), f"components.{name}")
             data["components"][name]["fmu"] = str(made.path)
+            if isinstance(what, Component):
+                data["components"][name].setdefault("parameters", {}).update(
+                    code_of(what).parameters
+                )
         if (found := self._judged()) is not None:
             controller, plant, design = found
             file = str(_kept_design(design))
             data["design"] = {"file": file, "controller": controller, "plant": plant}
+        if self.has_code and not self.may_be_forked:
+            data["run"]["supervise"] = False
         text = tomli_w.dumps(data)
         return Source(self._name, data, (Layer(f"{self._name}.toml", text),), self._folder)
+
+    @property
+    def has_code(self) -> bool:
+        """Whether a component is Python code, which flies in this process or in a fork of it."""
+        return any(isinstance(what, Component) for what, _ in self._objects.values())
+
+    @property
+    def may_be_forked(self) -> bool:
+        """Whether a child process of this one, here and now, would have the code."""
+        return default_method() == "fork"
 
     def loaded(
         self, flavour: str = DEFAULT_FLAVOUR, settings: Sequence[str] = ()
@@ -258,6 +300,18 @@ class Scenario:
         data = self.to_data()
         data.setdefault(key, []).append(_plain(part))
         return self._with(data, self._objects)
+
+
+def _spec(what: Any, name: str, settings: dict[str, Any]) -> ComponentSpec:
+    """Specify the FMU of an object; of a component in Python, the shell that calls it."""
+    if not isinstance(what, Component):
+        return spec_of(what, name, **settings)
+    _known(f"components.{name}", settings, _OF_COMPONENT)
+    code_of(what)
+    shell: ComponentSpec = component_module("python_code.variables").python_code_spec(
+        name, what.inputs, what.outputs
+    )
+    return shell
 
 
 def _kept_design(design: Result) -> Path:

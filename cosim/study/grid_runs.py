@@ -58,6 +58,14 @@ def sweep(
     InputError : an empty grid, a path or metric that is none, or pandas is not installed.
     CosimError : as `run_study`.
     """
+    alone = isinstance(scenario, Scenario) and scenario.has_code and not scenario.may_be_forked
+    if alone and workers != 1:
+        raise InputError(
+            "worker processes would not have the Python code of this scenario",
+            where="workers",
+            expected="workers=1, or a process that can be forked",
+            got="one with other threads or with libraries of FMUs, or a system without fork",
+        )
     optional("pandas", extra="tables", what="the frame of a sweep needs pandas")
     loaded = scenario.loaded(flavour) if isinstance(scenario, Scenario) else load(str(scenario))
     names = {re.sub(r"\W+", "_", path).strip("_"): path for path in grid}

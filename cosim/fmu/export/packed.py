@@ -13,6 +13,7 @@ from cosim.fmu.export.flavours import FMI_VERSION, Flavour
 from cosim.fmu.export.fmu_file import FmuTarget, checked_name, model_name, write_fmu
 from cosim.fmu.export.plant import plant_spec
 from cosim.fmu.export.spec import ComponentSpec
+from cosim.fmu.python_code import Component
 from cosim.hinf import Result
 from cosim.models import DelaySystem
 
@@ -41,6 +42,13 @@ def spec_of(what: Any, name: str, **settings: Any) -> ComponentSpec:
     InputError : nothing that can be packed, settings that it has not, or as `plant_spec` and
         `controller_spec`.
     """
+    if isinstance(what, Component):
+        raise InputError(
+            "a component in Python flies in its own process alone",
+            where=type(what).__name__,
+            expected="a system, a design, a vehicle or a component in C",
+            hint="Scenario(...).add(name, component), or pythonfmu for other tools",
+        )
     known: tuple[str, ...] = ()
     if isinstance(what, DelaySystem) or (isinstance(what, str) and what not in CATALOGUE):
         known = ("initial",)

@@ -18,6 +18,7 @@ Computed: Any = component_module("computed.behaviour").Computed
 PlainSensor: Any = component_module("plain_sensor.behaviour").PlainSensor
 Sensor: Any = component_module("sensor.behaviour").Sensor
 SignalTable: Any = component_module("signal_table.behaviour").SignalTable
+PythonCode: Any = component_module("python_code.behaviour").PythonCode
 Observer: Any = component_module("observer.behaviour").Observer
 VehiclePlant: Any = component_module("vehicle_plant.behaviour").VehiclePlant
 WatchedFeedback: Any = component_module("hinf_controller.watched").WatchedFeedback
@@ -36,6 +37,7 @@ FILES = {
     "plain_sensor": ("draws.c", "plain_sensor.c"),
     "computed": ("computed.c",),
     "table": ("table.c",),
+    "python_code": ("python_code.c",),
     "waves": ("waves.c",),
 }
 """Kind of behaviour -> the hand-written C that it alone has."""
@@ -215,6 +217,12 @@ def _record_table(model: NativeModel, behaviour: Any) -> str:
     return "table"
 
 
+def _record_python_code(model: NativeModel, behaviour: Any) -> str:
+    """Name the signals of Python code; its steps are not recorded."""
+    model.tables |= {"model_inputs": behaviour.inputs, "model_outputs": behaviour.outputs}
+    return "python_code"
+
+
 _RECORDERS: dict[Any, Callable[[NativeModel, Any], str]] = {
     DelayPlant: _record_delay_plant,
     StateFeedback: _record_sampled,
@@ -223,6 +231,7 @@ _RECORDERS: dict[Any, Callable[[NativeModel, Any], str]] = {
     Sensor: _record_sensor,
     PlainSensor: _record_plain_sensor,
     Computed: _record_computed,
+    PythonCode: _record_python_code,
     SignalTable: _record_table,
 }
 """Class of behaviour -> what records it and says of which kind it is."""
