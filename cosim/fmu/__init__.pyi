@@ -6,11 +6,6 @@ from .call_watch import (
     calling as calling,
     watch_calls as watch_calls,
 )
-from .certificate import (
-    carries_certificate as carries_certificate,
-    certificate_in_fmu as certificate_in_fmu,
-    certified_values as certified_values,
-)
 from .description import (
     FmuDescription as FmuDescription,
     describe_fmu as describe_fmu,

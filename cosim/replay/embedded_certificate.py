@@ -1,6 +1,6 @@
 """Read the certificate in a JSON file, an FMU or a trace, and compare its gain with theirs.
 
-A certificate proves its own K. An FMU must start with that K (`cosim.fmu.certificate`); a trace
+A certificate proves its own K. An FMU must start with that K (`cosim.fmu.inspect`); a trace
 must name the SHA-256 of the certificate whose gain was used.
 """
 
@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from cosim.core import InputError, unreadable
-from cosim.fmu import certificate_in_fmu
+from cosim.fmu.inspect import certificate_in_fmu
 from cosim.hinf.certificate import certificate_from_bytes, certificate_hash, read_certificate
 from cosim.trace import Trace
 from cosim.trace.rows import CERTIFICATE_ATTACHMENT, CERTIFICATE_HASH, DESIGN_ATTACHMENT

@@ -14,7 +14,8 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
 from cosim.core import CosimError
-from cosim.fmu import FmuDescription, carries_certificate
+from cosim.fmu import FmuDescription
+from cosim.fmu.inspect import carries_certificate
 from cosim.hinf.problem import AuvDesignSettings
 from cosim.scenario.gain import Problem, controller_parameters
 from cosim.scenario.pinned import DesignSource, named_design

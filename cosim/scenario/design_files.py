@@ -6,7 +6,7 @@ from importlib.resources import files
 from pathlib import Path
 
 from cosim.core import InputError, unreadable
-from cosim.fmu import certificate_in_fmu
+from cosim.fmu.inspect import certificate_in_fmu
 
 
 def design_content(name: str, folder: Path) -> tuple[str, bytes]:

@@ -11,7 +11,8 @@ import numpy as np
 
 from cosim import hinf
 from cosim.core import PLANT_NOTE, InputError, NotAchievableError
-from cosim.fmu import FmuDescription, certified_values
+from cosim.fmu import FmuDescription
+from cosim.fmu.inspect import certified_values
 from cosim.models import Delay, DelaySystem
 from cosim.scenario.age_claim import feedback_of
 from cosim.scenario.designed_plant import DesignedPlant

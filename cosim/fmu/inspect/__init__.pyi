@@ -6,6 +6,11 @@ from .findings import (
     LEVELS as LEVELS,
     printable as printable,
 )
+from .fmu_certificate import (
+    carries_certificate as carries_certificate,
+    certificate_in_fmu as certificate_in_fmu,
+    certified_values as certified_values,
+)
 from .inspection import (
     Inspection as Inspection,
     inspect_fmu as inspect_fmu,
