@@ -43,7 +43,8 @@ def matched(
 ) -> list[Connection]:
     """Make one connection per variable: of two variables, groups with equal members, or terminals.
 
-    A time-based Clock, which the master lets tick, is a source: a triggered one may follow it.
+    A group of one element meets a variable. A time-based Clock, which the master lets tick, is a
+    source: a triggered one may follow it.
 
     `components` : names of components that exist, even if their FMUs were not found.
 
@@ -62,6 +63,13 @@ def matched(
     targets = members(fmus[target.component], target.variable, "input")
     if "" in targets and port is not None and port.is_source:
         return [Connection(source, target, link, policy)]
+    if [*sources, *targets] in (["", "[1]"], ["[1]", ""]):  # a variable, and a group of one
+        (mine,), (theirs,) = sources, targets
+        ends = (
+            Endpoint(source.component, source.variable + mine),
+            Endpoint(target.component, target.variable + theirs),
+        )
+        return [Connection(*ends, link, policy)]
     grouped = [_ends(source, target, suffix) for suffix in sources if suffix in targets and suffix]
     equal = bool(grouped) and set(sources) == set(targets)
     try:

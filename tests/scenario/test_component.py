@@ -15,6 +15,7 @@ from fmpy.fmi1 import FMICallException
 
 from cosim import Component, Scenario, open_session, pack, run, sweep
 from cosim.core import ComponentError, InputError
+from cosim.hinf import system_by_name
 from cosim.trace import Trace
 
 
@@ -74,6 +75,22 @@ def test_it_steps_with_the_inputs_of_the_beginning_of_each_step() -> None:
     assert sizes.tolist() == pytest.approx([0.01] * 300)
 
 
+def test_a_variable_meets_a_group_of_one() -> None:
+    """Either way round: the plant's input is u[1], the law's output u."""
+
+    class One(Component):
+        inputs, outputs = {"u": 1}, {"u": 1}
+
+        def step(self, t: float, dt: float, u: Any) -> Any:
+            return {"u": 0.25}
+
+    loop = Scenario(step=0.01, until=0.1).add("plant", system_by_name("paper").system)
+    found = run(loop.add("law", One).connect("law.u", "plant.u"), supervise=False)
+    assert found["plant.u[1]"].values[-1] == 0.25
+    other = loop.add("law", One).connect("plant.x[1]", "law.u")
+    assert run(other, supervise=False)["law.u"].values[-1] == 0.25
+
+
 def test_each_run_has_a_copy_of_the_object() -> None:
     scenario = plain()
     first = run(scenario, supervise=False)
@@ -82,7 +99,7 @@ def test_each_run_has_a_copy_of_the_object() -> None:
         Scenario(step=0.1, until=1)
         .add("a", tank := Tank())
         .add("b", tank)
-        .at(0.5, override={"a.q": 2.0} if False else {"a.h": 9.0})
+        .at(0.5, override={"a.h": 9.0})
     )
     found = run(two, supervise=False)
     assert found["b.h"].values[-1] < 1.0
