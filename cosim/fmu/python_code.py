@@ -12,6 +12,7 @@ import ctypes
 import itertools
 import math
 import pickle
+import re
 import secrets
 import struct
 import traceback
@@ -34,6 +35,8 @@ _SIZE = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_int64, _Text)
 _SAVE = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_int64, _Doubles, _Text)
 _RESTORE = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_int64, _Doubles, ctypes.c_int64, _Text)
 _END = ctypes.CFUNCTYPE(None, ctypes.c_int64)
+_NAME = re.compile(r"(?!code\.)[A-Za-z]\w*(\.[A-Za-z]\w*)*", re.ASCII)
+"""Of a signal; `code.` is of the shell."""
 _LONGEST = 500
 """Bytes of a reason; as of `Message` in C, with room."""
 
@@ -250,3 +253,12 @@ def _check(component: Component) -> None:
             )
     if not component.outputs:
         raise InputError("a component without outputs", where=name, expected="outputs")
+    names = [*component.inputs, *component.outputs]
+    wrong = [one for one in names if not _NAME.fullmatch(one) or names.count(one) > 1]
+    if wrong:
+        raise InputError(
+            "these are no names of inputs and outputs",
+            where=name,
+            expected="ASCII letters, digits, _ and dots, a letter first; each once",
+            got=", ".join(dict.fromkeys(wrong)),
+        )

@@ -79,7 +79,7 @@ def test_a_variable_meets_a_group_of_one() -> None:
     """Either way round: the plant's input is u[1], the law's output u."""
 
     class One(Component):
-        inputs, outputs = {"u": 1}, {"u": 1}
+        inputs, outputs = {"v": 1}, {"u": 1}
 
         def step(self, t: float, dt: float, u: Any) -> Any:
             return {"u": 0.25}
@@ -87,7 +87,7 @@ def test_a_variable_meets_a_group_of_one() -> None:
     loop = Scenario(step=0.01, until=0.1).add("plant", system_by_name("paper").system)
     found = run(loop.add("law", One).connect("law.u", "plant.u"), supervise=False)
     assert found["plant.u[1]"].values[-1] == 0.25
-    other = loop.add("law", One).connect("plant.x[1]", "law.u")
+    other = loop.add("law", One).connect("plant.x[1]", "law.v")
     assert run(other, supervise=False)["law.u"].values[-1] == 0.25
 
 
@@ -200,6 +200,9 @@ def test_attributes_that_cannot_be_saved_are_named_when_they_are_missed() -> Non
         (Component(), "without outputs"),
         (type("Odd", (Component,), {"outputs": ["y"]})(), "have no numbers"),
         (type("Odd", (Component,), {"outputs": {"y": 0}})(), "have no numbers"),
+        (type("Odd", (Component,), {"inputs": {"y": 1}, "outputs": {"y": 1}})(), "no names"),
+        (type("Odd", (Component,), {"outputs": {"y[1]": 1}})(), "no names"),
+        (type("Odd", (Component,), {"outputs": {"code.mark": 1}})(), "no names"),
     ],
 )
 def test_what_is_no_component_is_refused_when_it_is_added(component: Any, message: str) -> None:
