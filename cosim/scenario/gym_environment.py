@@ -57,8 +57,9 @@ class ScenarioEnvironment(gym.Env[Reals, Reals]):
     ) -> tuple[Reals, dict[str, Any]]:
         """Return to the start; a seed draws the messages of the links anew."""
         super().reset(seed=seed)
-        if seed is not None and seed != self._seed:
-            self._seed = seed
+        other = seed is not None and seed != self._seed
+        if other or self._session.status == "failed":  # one that failed cannot go back
+            self._seed = seed if other else self._seed
             self._open()
         else:
             self._session.restore(self._start)
@@ -81,7 +82,9 @@ class ScenarioEnvironment(gym.Env[Reals, Reals]):
         for name, value in zip(self._act, given.tolist(), strict=True):
             self._session[name] = value
         self._session.go_on(most=self._points)
-        observed, status = self._observed(), self._session.status
+        status = self._session.status
+        # a session that failed has no values any more: those before count
+        observed = self._last if status == "failed" else self._observed()
         over = status not in ("running", "finished")
         about = {"t": self._session.time_s, "status": status, "reason": self._session.reason}
         reward = float(self._reward(observed, given))
@@ -108,7 +111,8 @@ class ScenarioEnvironment(gym.Env[Reals, Reals]):
         return members
 
     def _observed(self) -> Reals:
-        return np.array([self._session[name] for name in self._observe], np.float64)
+        self._last = np.array([self._session[name] for name in self._observe], np.float64)
+        return self._last
 
     def _box(self, names: Sequence[str]) -> gym.spaces.Space[Reals]:
         ranges = []

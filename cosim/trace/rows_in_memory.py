@@ -31,6 +31,10 @@ class _Topic:
     metadata: Mapping[str, str]
     parts: list[Rows] = field(default_factory=list)
 
+    @property
+    def count(self) -> int:
+        return sum(part.log_ns.size for part in self.parts)
+
 
 class RowsInMemory(Recorded):
     """The rows of components and links of a run, kept in memory.
@@ -58,7 +62,7 @@ class RowsInMemory(Recorded):
         self.ended = True
 
     def __repr__(self) -> str:
-        rows = sum(part.log_ns.size for topic in self._topics for part in topic.parts)
+        rows = sum(map(self._count, self._topics))
         return f"<RowsInMemory {self._name}: {len(self._topics)} topics, {rows} rows>"
 
     @property
@@ -91,9 +95,9 @@ class RowsInMemory(Recorded):
             elif isinstance(part, Rows) and part.log_ns.size:
                 values = part.values
                 own = values.copy() if isinstance(values, np.ndarray) else [*values]
-                self._topics[part.topic_id].parts.append(
-                    Rows(part.topic_id, part.log_ns.copy(), own, part.publish_ns, part.sequence)
-                )
+                heads = (part.publish_ns.copy(), part.sequence.copy())  # of a child, perhaps
+                kept = Rows(part.topic_id, part.log_ns.copy(), own, *heads)
+                self._topics[part.topic_id].parts.append(kept)
 
     def log(self, time_ns: int, level: str, name: str, message: str) -> None:
         """Take a line of the log."""
@@ -118,7 +122,7 @@ class RowsInMemory(Recorded):
                 topic.name,
                 topic.signals,
                 topic.metadata,
-                sum(part.log_ns.size for part in topic.parts),
+                self._count(topic),
                 self._spans,
             )
             for topic in self._topics
@@ -144,14 +148,21 @@ class RowsInMemory(Recorded):
         for name in known if topics is None else topics:
             if name not in known:
                 raise InputError.unknown("topic", name, known, where=self.where)
-            if name not in self._tables or not self.ended:
-                self._tables[name] = _table(known[name])
-            table = self._tables[name]
+            table = self._tables.get(name)
+            if table is None:
+                table = _table(known[name])
+                if self.ended:  # once, in place of its parts
+                    self._tables[name] = table
+                    known[name].parts.clear()
             if start is not None or end is not None:
                 low, high = window_ns(start, end)
                 table = table.part((table.log_time_ns >= low) & (table.log_time_ns <= high))
             found[name] = table
         return found
+
+    def _count(self, topic: _Topic) -> int:
+        table = self._tables.get(topic.name)
+        return topic.count if table is None else len(table)
 
     def _spans(self) -> dict[str, tuple[int, int]]:
         tables = self.read_all()

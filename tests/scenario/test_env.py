@@ -11,7 +11,7 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 from shared import fmu_store
 
-from cosim import Scenario, env
+from cosim import Component, Scenario, env
 from cosim.core import InputError
 
 LOSSY = Scenario.load("auv-acoustic").set("run.end", 2.0)
@@ -94,3 +94,22 @@ def test_what_is_no_signal_or_no_action_is_refused(environment: Any) -> None:
     environment.reset()
     with pytest.raises(InputError, match="an action of another size"):
         environment.step(np.zeros(2))
+
+
+def test_a_run_that_failed_begins_again() -> None:
+    """A component in Python that breaks: the next episode is opened anew."""
+
+    class Breaks(Component):
+        inputs, outputs = {"u": 1}, {"y": 1}
+
+        def step(self, t: float, dt: float, u: Any) -> Any:  # noqa: ARG002
+            return {"y": 1.0 / (u["u"][0] - 1.0)}
+
+    made = opened(Scenario(step=0.1, until=1).add("it", Breaks), act=["it.u"], observe=["it.y"])
+    made.reset()
+    assert made.step([3.0])[0].tolist() == [0.5]
+    *_, terminated, _, about = made.step([1.0])
+    assert (terminated, about["status"]) == (True, "failed")
+    assert made.reset()[0].tolist() == [0.0]
+    assert made.step([3.0])[0].tolist() == [0.5]
+    made.close()
