@@ -14,6 +14,7 @@ from .hinf import (
     design as design,
 )
 from .models import link as link
+from .replay import scenario_of as scenario_of
 from .scenario import (
     Scenario as Scenario,
     env as env,

@@ -8,6 +8,7 @@ from .injection import (
 )
 from .injection_request import InjectionRequest as InjectionRequest
 from .mapping import SignalMapping as SignalMapping
+from .scenario_of_trace import scenario_of as scenario_of
 from .trace_rerun import (
     Rerun as Rerun,
     rerun as rerun,

@@ -40,7 +40,7 @@ from cosim.scenario.extend import Source, open_source
 from cosim.scenario.fmu_cache import FmuCache
 from cosim.scenario.key_paths import put, split
 from cosim.scenario.read import LoadedScenario, loaded_of, with_settings
-from cosim.scenario.schema import ComponentPart, RunPart
+from cosim.scenario.schema import MADE_WITH, ComponentPart, RunPart
 
 _OF_COMPONENT = tuple(name for name in ComponentPart.model_fields if name != "fmu")
 
@@ -99,8 +99,17 @@ class Scenario:
         """
         source = open_source(str(name_or_path))
         data, _ = source.written_out()
-        empty = cls(step=0, until=0, name=source.name)
-        vars(empty).update(_data=data, _folder=source.folder)
+        return cls.of_data(data, name=source.name, folder=source.folder)
+
+    @classmethod
+    def of_data(cls, data: Mapping[str, Any], *, name: str, folder: Path | None = None) -> Self:
+        """Return a scenario of tables, as TOML has them.
+
+        folder : where relative paths begin; None: where the process is.
+        """
+        empty = cls(step=0, until=0, name=name)
+        vars(empty).update(_data=copy.deepcopy(dict(data)))
+        vars(empty).update({} if folder is None else {"_folder": folder})
         return empty
 
     def __eq__(self, other: object) -> bool:
@@ -198,6 +207,13 @@ class Scenario:
         if path[0] == "components" and path[2:] == ("fmu",):
             objects.pop(str(path[1]), None)
         return self._with(data, objects)
+
+    def with_design(self, design: Result) -> Self:
+        """Let [design] be a design that there is, in place of how one is made or found."""
+        data = self.to_data()
+        part = {key: x for key, x in data.get("design", {}).items() if key not in MADE_WITH}
+        data["design"] = {**part, "file": str(_kept_design(design))}
+        return self._with(data, self._objects)
 
     def to_data(self) -> dict[str, Any]:
         """Return the tables, as TOML has them; components that are objects without `fmu`."""

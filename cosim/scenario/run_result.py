@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
+from os import PathLike
+from pathlib import Path
 from typing import Self
 
 from cosim.core import InputError
 from cosim.scenario.outcome import Outcome
-from cosim.trace import Recorded, Table, TopicInfo, Trace
+from cosim.trace import Diff, Recorded, Table, TopicInfo, Trace, diff
 
 
 @dataclass(frozen=True, kw_only=True, repr=False, eq=False)
@@ -59,6 +61,16 @@ class RunResult(Outcome, Recorded):
         """Read several topics, as `Trace.read_all`."""
         return self._kept().read_all(topics, start=start, end=end)
 
+    def diff(self, other: str | PathLike[str] | RunResult) -> Diff:
+        """Compare the trace of this run with another one; see `cosim.trace.diff`.
+
+        Raises
+        ------
+        InputError : one of the runs wrote no trace.
+        """
+        a, b = (_file(x) if isinstance(x, RunResult) else x for x in (self, other))
+        return diff(a, b)
+
     def _kept(self) -> Recorded:
         if self.rows is None:
             raise InputError(
@@ -68,3 +80,14 @@ class RunResult(Outcome, Recorded):
                 hint=f"cosim.run({self.scenario!r})",
             )
         return self.rows
+
+
+def _file(result: RunResult) -> Path:
+    if result.trace is None:
+        raise InputError(
+            "this run wrote no trace, and traces are compared",
+            where=result.scenario,
+            expected="a trace",
+            hint=f'cosim.run({result.scenario!r}, "a.mcap")',
+        )
+    return result.trace

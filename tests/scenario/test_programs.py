@@ -12,6 +12,8 @@ import pytest
 from fmpy import simulate_fmu
 
 from cosim import (
+    Component,
+    CosimError,
     Delay,
     DelaySystem,
     Result,
@@ -23,6 +25,7 @@ from cosim import (
     open_session,
     pack,
     run,
+    scenario_of,
     sweep,
 )
 from cosim.hinf.delay_lti import dead_time
@@ -124,6 +127,32 @@ def test_a_trace_is_the_same_on_disk(s: Scenario, tmp_path: Path) -> None:
     assert np.array_equal(r["plant.x"], t["plant.x"])
     heavier = s.set("components.plant.parameters.B[2,1]", 0.5)
     assert not np.array_equal(run(heavier)["plant.x"], t["plant.x"])
+
+
+def test_replay(s: Scenario, tmp_path: Path) -> None:
+    """The scenario of a trace, as it was and with another plant."""
+    r = run(s, tmp_path / "r.mcap")
+    again = scenario_of(tmp_path / "r.mcap")
+    assert run(again, tmp_path / "again.mcap").diff(r).identical
+    heavier = again.set("components.plant.parameters.B[2,1]", 0.5)
+    assert not run(heavier, tmp_path / "heavier.mcap").diff(tmp_path / "r.mcap").equal
+    with pytest.raises(CosimError, match="wrote no trace"):
+        run(s).diff(r)
+
+
+def test_own_equations_in_python() -> None:
+    class Tank(Component):
+        inputs, outputs = {"q": 1}, {"h": 1}
+
+        def start(self, t):  # type: ignore[no-untyped-def] # noqa: ANN001, ANN202, ARG002
+            self.h = 1.0
+
+        def step(self, t, dt, u):  # type: ignore[no-untyped-def] # noqa: ANN001, ANN202, ARG002
+            self.h += dt * (u["q"][0] - 0.5 * self.h**0.5)
+            return {"h": [self.h]}
+
+    r = run(Scenario(step=0.1, until=60).add("tank", Tank, parameters={"q": 0.5}))
+    assert r["tank.h"].values[-1] == pytest.approx(1.0)
 
 
 def test_live(s: Scenario) -> None:
