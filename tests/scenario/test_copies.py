@@ -10,9 +10,8 @@ import pytest
 import tomli_w
 from cli.shell import SCENARIOS
 
-from cosim import ScenarioPart
 from cosim.core import InputError, Origin
-from cosim.scenario import load, open_source
+from cosim.scenario import ScenarioPart, load, open_source
 from cosim.study import Study, plan_of
 
 TEXT = (SCENARIOS / "valid" / "copies.toml").read_text("utf-8")
