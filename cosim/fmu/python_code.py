@@ -106,9 +106,10 @@ class _Flying:
         if count == 0:
             raise InputError("its attributes could not be saved", got=self.unsaved)
 
-    def publish(self, values: Values | None) -> None:
-        if values is None:
-            return
+    def publish(self, values: Values) -> None:
+        if not isinstance(values, Mapping):
+            got = type(values).__name__
+            raise TypeError(f"outputs by name are expected, as in {{'y': 1.0}}, not {got}")
         for name, value in values.items():
             if name not in self.outputs:
                 known = ", ".join(self.outputs) or "none"
@@ -147,7 +148,8 @@ class PythonCode:
             flying = _Flying(self.component, u, y)
             for view in flying.outputs.values():
                 view[:] = 0.0
-            flying.publish(flying.of.start(t))
+            first = flying.of.start(t)
+            flying.publish({} if first is None else first)
         except BaseException as error:  # noqa: BLE001 - C cannot pass it on
             return _refused(error, why, "start")
         number = next(self._numbers)
@@ -231,7 +233,9 @@ def _refused(error: BaseException, why: Any, what: str) -> int:
     """Write the reason where C says it, with the line of the code; return -1."""
     frames = traceback.extract_tb(error.__traceback__)
     place = f" ({frames[-1].filename}, line {frames[-1].lineno})" if len(frames) > 1 else ""
-    text = f"{what} raises {type(error).__name__}: {error}{place}".encode()[:_LONGEST]
+    text = f"{what} raises {type(error).__name__}: {error}{place}".encode("utf-8", "replace")[
+        :_LONGEST
+    ]
     ctypes.memmove(why, text + b"\0", len(text) + 1)
     return -1
 

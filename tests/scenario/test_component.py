@@ -167,6 +167,7 @@ def test_what_raises_ends_the_run_with_its_line() -> None:
         ({"y": [1.0, 2.0]}, "ValueError"),
         ({"y": float("nan")}, "y is not finite"),
         ({"y": "text"}, "ValueError"),
+        (3.5, "outputs by name are expected"),
     ],
 )
 def test_what_is_no_value_of_an_output_is_refused(values: Any, message: str) -> None:
@@ -178,6 +179,20 @@ def test_what_is_no_value_of_an_output_is_refused(values: Any, message: str) -> 
 
     with pytest.raises(ComponentError, match=message):
         run(Scenario(step=0.1, until=1).add("wrong", Wrong), supervise=False)
+
+
+def test_a_step_that_returns_nothing_is_a_fault() -> None:
+    """As where `return` is forgotten: the values before are not taken for its own."""
+
+    class Silent(Component):
+        outputs = {"y": 1}
+
+        def step(self, t: float, dt: float, u: Any) -> Any:
+            pass
+
+    found = run(Scenario(step=0.1, until=1).add("silent", Silent), supervise=False)
+    assert (found.status, found.simulated_s) == ("failed", 0.0)
+    assert "outputs by name are expected" in str(found.reason)
 
 
 def test_attributes_that_cannot_be_saved_are_named_when_they_are_missed() -> None:
