@@ -18,8 +18,9 @@ import numpy as np
 from rich.table import Table
 
 from cosim.hinf import Delay, DelaySystem, analyse
-from cosim.hinf.certificate import standalone, supports_of
+from cosim.hinf.certificate import standalone
 from cosim.hinf.lmi import Condition
+from cosim.hinf.theorems import supports_of
 from tests.benchmarks._cpu import cpu_s
 from tests.benchmarks._show import show
 

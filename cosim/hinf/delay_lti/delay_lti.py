@@ -1,6 +1,6 @@
 """`DelayLTI`, a linear system with delays to compute with, and the functions that make one.
 
-    from cosim.hinf import dead_time, lti
+    from cosim.hinf.delay_lti import dead_time, lti
     L = 2 * lti(control.tf(1, [1, 1])) * dead_time(0.5)
     T = L.feedback()
     t, y = T.step_response()
