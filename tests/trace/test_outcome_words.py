@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from cosim.trace import RunOutcome
-from cosim.trace.outcome import assumptions_of
+from cosim.trace.outcome import AssertionResult, Cause, EventCount, assumptions_of
 
 NAMES = (
     *("certificate_verified", "claim_known", "observer_knows_commands", "loop_as_designed"),
@@ -50,3 +50,20 @@ def test_what_this_program_makes_is_validated_and_not_mended() -> None:
     """A default in place of a wrong value would hide a fault of ours."""
     with pytest.raises(ValueError, match="steps"):
         RunOutcome(steps="many")  # type: ignore[arg-type]
+
+
+def test_each_part_of_an_outcome_is_json_of_its_own() -> None:
+    """As in the whole, which is read again from it."""
+    whole = RunOutcome(
+        cause=Cause("refused", "plant", "fmi2DoStep", 1.5, "no"),
+        assertions=(AssertionResult(words="x < 1", name="near", result="fails", at_s=2.0),),
+        events=(EventCount("loss", "up", "warning", "3 lost", 3, 1.5, 0.5),),
+    )
+    written = whole.to_json()
+    assert whole.cause is not None
+    assert whole.cause.to_json() == written["cause"]
+    assert [each.to_json() for each in whole.assertions] == written["assertions"]
+    assert [each.to_json() for each in whole.events] == written["events"]
+    assert written["assertions"][0]["assertion"] == "x < 1"
+    assert written["assertions"][0]["as_expected"] is False
+    assert RunOutcome.from_json(written) == whole

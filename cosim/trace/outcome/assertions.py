@@ -8,14 +8,14 @@ from typing import Annotated, Literal
 from pydantic import Field, computed_field
 from pydantic.dataclasses import dataclass
 
-from cosim.trace.outcome.read_json import as_text, by_either_name, or_else
+from cosim.trace.outcome.read_json import AsJson, as_text, by_either_name, or_else
 
 Result = Literal["holds", "fails", "undecided"]
 """How an assertion came out."""
 
 
 @dataclass(frozen=True, kw_only=True, config=by_either_name)
-class AssertionResult:
+class AssertionResult(AsJson):
     """The result of one assertion.
 
     Attributes

@@ -8,7 +8,7 @@ from pydantic import StrictFloat
 from pydantic.dataclasses import dataclass
 
 from cosim.core import ComponentError
-from cosim.trace.outcome.read_json import as_text, or_else
+from cosim.trace.outcome.read_json import AsJson, as_text, or_else
 
 CauseKind = Literal[
     "refused",
@@ -36,7 +36,7 @@ _FAILURES: Final = frozenset(
 
 
 @dataclass(frozen=True)
-class Cause:
+class Cause(AsJson):
     """Why a run ended before its end, or what failed after it.
 
     Attributes

@@ -17,6 +17,7 @@ from pydantic import (
     ValidatorFunctionWrapHandler,
     WrapValidator,
 )
+from pydantic_core import to_jsonable_python
 
 by_either_name: Final = ConfigDict(populate_by_name=True)
 """Of a class with a field that has another name in files."""
@@ -63,3 +64,14 @@ def each_valid(of: type) -> BeforeValidator:
         return tuple(found)
 
     return BeforeValidator(read)
+
+
+class AsJson:
+    """Base of the parts of an outcome: each is an object of JSON values."""
+
+    __slots__ = ()
+
+    def to_json(self) -> dict[str, Any]:
+        """Return all fields as JSON values, by their names in files."""
+        found: dict[str, Any] = to_jsonable_python(self, by_alias=True)
+        return found

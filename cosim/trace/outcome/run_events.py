@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 from pydantic import StrictFloat, StrictInt
 from pydantic.dataclasses import dataclass as validated
 
-from cosim.trace.outcome.read_json import as_text, or_else
+from cosim.trace.outcome.read_json import AsJson, as_text, or_else
 
 EventKind = Literal[
     "saturation",
@@ -56,7 +56,7 @@ class RunEvent:
 
 
 @validated(frozen=True, slots=True)
-class EventCount:
+class EventCount(AsJson):
     """How often an event happened to a subject.
 
     Attributes
